@@ -1,0 +1,25 @@
+"""The exception tree: whatever the user can mend is a :class:`ForcecalError`.
+
+The command line and the nodes turn each of these into one line on stderr or in the log; anything
+else that escapes is a defect of this package.
+"""
+
+
+class ForcecalError(Exception):
+    """Base of all errors a user can act on; the message names the cause, the numbers, the remedy."""
+
+
+class DataError(ForcecalError):
+    """A recording, a table or a message stream cannot answer the question asked of it."""
+
+
+class ConfigError(ForcecalError):
+    """A configuration value, file or argument is missing, malformed or contradictory."""
+
+
+class UnobservableError(ForcecalError):
+    """The data or the sensors at hand do not determine a quantity that was asked for."""
+
+
+class MotionError(ForcecalError):
+    """A motion was refused before it began, or stopped on its way."""

@@ -1,0 +1,145 @@
+"""Rotations, cross products and wrench transport, in the conventions of this package.
+
+A rotation ``R_a_b`` maps coordinates in frame b to frame a; inside the package rotations are
+(3, 3) matrices, at its edges xyzw quaternions as in ROS messages.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+STANDARD_GRAVITY = 9.80665
+"""Magnitude of gravity where nothing else is stated [m/s^2]."""
+
+
+def skew(v: ArrayLike) -> Array:
+    """
+    Matrix of the cross product: ``skew(v) @ w == np.cross(v, w)``.
+
+    Parameters
+    ----------
+    v : array_like, shape (..., 3)
+        Any unit.
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+    """
+    v = np.asarray(v, dtype=float)
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
+    return out
+
+
+def rotation_about(axis: str, angle: float) -> Array:
+    """
+    Elementary rotation, as ``Rot(Y, angle)`` of the paper [Gamez2005] Eq. 9.
+
+    Parameters
+    ----------
+    axis : str
+        One of ``x``, ``y``, ``z``.
+    angle : float
+        [rad]
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+    """
+    return np.asarray(Rotation.from_euler(axis, angle).as_matrix())
+
+
+def matrix_from_quaternion(xyzw: ArrayLike) -> Array:
+    """
+    Rotation matrices of xyzw quaternions, which need not be exactly normalised.
+
+    Parameters
+    ----------
+    xyzw : array_like, shape (..., 4)
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+
+    Raises
+    ------
+    ValueError
+        A quaternion has zero norm.
+    """
+    return np.asarray(Rotation.from_quat(np.asarray(xyzw, dtype=float)).as_matrix())
+
+
+def quaternion_from_matrix(rotation: ArrayLike) -> Array:
+    """
+    Return xyzw quaternions of rotation matrices.
+
+    Parameters
+    ----------
+    rotation : array_like, shape (..., 3, 3)
+
+    Returns
+    -------
+    ndarray, shape (..., 4)
+    """
+    return np.asarray(Rotation.from_matrix(np.asarray(rotation, dtype=float)).as_quat())
+
+
+def rotation_vector(rotation: ArrayLike) -> Array:
+    """
+    Logarithm on SO(3): the rotation vector of each matrix.
+
+    Parameters
+    ----------
+    rotation : array_like, shape (..., 3, 3)
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        [rad], of norm at most pi.
+    """
+    return np.asarray(Rotation.from_matrix(np.asarray(rotation, dtype=float)).as_rotvec())
+
+
+def rotation_from_vector(vector: ArrayLike) -> Array:
+    """
+    Exponential on SO(3): the matrix of each rotation vector.
+
+    Parameters
+    ----------
+    vector : array_like, shape (..., 3)
+        [rad]
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+    """
+    return np.asarray(Rotation.from_rotvec(np.asarray(vector, dtype=float)).as_matrix())
+
+
+def transport_wrench(wrench: ArrayLike, R_to_from: ArrayLike, origin_from: ArrayLike) -> Array:
+    """
+    Express a wrench in another frame and about that frame's origin.
+
+    Parameters
+    ----------
+    wrench : array_like, shape (..., 6)
+        Force [N], torque [N m], in frame ``from`` about its origin.
+    R_to_from : array_like, shape (3, 3)
+        Maps ``from`` coordinates to ``to`` coordinates.
+    origin_from : array_like, shape (3,)
+        Origin of ``from``, in ``to`` coordinates [m].
+
+    Returns
+    -------
+    ndarray, shape (..., 6)
+        The same wrench in frame ``to`` about its origin.
+    """
+    wrench = np.asarray(wrench, dtype=float)
+    R_to_from = np.asarray(R_to_from, dtype=float)
+    force = wrench[..., :3] @ R_to_from.T
+    torque = wrench[..., 3:] @ R_to_from.T + np.cross(np.asarray(origin_from, dtype=float), force)
+    return np.concatenate([force, torque], axis=-1)

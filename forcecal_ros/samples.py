@@ -1,0 +1,184 @@
+"""Recorded or live signals as arrays: what bags and topics become before anything is computed.
+
+Time comes first: streams are sorted by header stamp and counted in seconds from
+``Recording.start_ns``, so that a float keeps well below a microsecond over days.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array
+
+PHASES = (
+    'idle', 'settle', 'move', 'measure', 'step', 'sweep', 'reverse', 'approach', 'contact',
+    'retract', 'done', 'aborted',
+)
+"""The words a sequencer says; see ``sequencer/phase``."""
+
+
+def _frozen(values: object) -> Array:
+    array = np.array(values, dtype=float)
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True)
+class Stream:
+    """
+    One signal over time.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Header stamps, strictly increasing [s] since the recording's start.
+    values : ndarray, shape (n, k)
+        One row a sample; unit and frame as the owner says.
+    frame : str
+        frame_id of the messages.
+    """
+
+    t: Array
+    values: Array
+    frame: str = ''
+
+    def __post_init__(self) -> None:
+        t, values = _frozen(self.t), _frozen(self.values)
+        if t.ndim != 1 or values.ndim != 2 or len(t) != len(values):
+            raise ValueError(f'expected t (n,) and values (n, k), got {t.shape}, {values.shape}')
+        object.__setattr__(self, 't', t)
+        object.__setattr__(self, 'values', values)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def rate(self) -> float:
+        """Median rate of the samples [Hz]."""
+        return float(1.0 / np.median(np.diff(self.t))) if len(self.t) > 1 else float('nan')
+
+    def between(self, start: float, end: float) -> 'Stream':
+        """Return the samples with ``start <= t < end`` [s]."""
+        i, j = np.searchsorted(self.t, [start, end])
+        return replace(self, t=self.t[i:j], values=self.values[i:j])
+
+    def at(self, t: Array) -> Array:
+        """
+        Return the values at other times, linearly interpolated, held beyond the ends.
+
+        Parameters
+        ----------
+        t : ndarray, shape (m,)
+            [s]
+
+        Returns
+        -------
+        ndarray, shape (m, k)
+        """
+        if not len(self.t):
+            raise DataError('cannot interpolate an empty stream')
+        return np.stack([np.interp(t, self.t, column) for column in self.values.T], axis=1)
+
+
+@dataclass(frozen=True)
+class PoseStream:
+    """
+    The sensor's pose in base over time, measured or commanded.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Header stamps, strictly increasing [s] since the recording's start.
+    position : ndarray, shape (n, 3)
+        Origin of ft_sensor in base [m]; NaN where only the orientation is known.
+    R_base_sensor : ndarray, shape (n, 3, 3)
+        Maps sensor coordinates to base coordinates.
+    frame : str
+        frame_id of the messages.
+    """
+
+    t: Array
+    position: Array
+    R_base_sensor: Array
+    frame: str = 'base'
+
+    def __post_init__(self) -> None:
+        t, p, R = _frozen(self.t), _frozen(self.position), _frozen(self.R_base_sensor)
+        n = len(t)
+        if t.ndim != 1 or p.shape != (n, 3) or R.shape != (n, 3, 3):
+            raise ValueError(
+                f'expected t (n,), position (n, 3), R_base_sensor (n, 3, 3), '
+                f'got {t.shape}, {p.shape}, {R.shape}')
+        object.__setattr__(self, 't', t)
+        object.__setattr__(self, 'position', p)
+        object.__setattr__(self, 'R_base_sensor', R)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def has_position(self) -> bool:
+        """Whether every position is known, not the orientation alone."""
+        return len(self.t) > 0 and bool(np.isfinite(self.position).all())
+
+    def between(self, start: float, end: float) -> 'PoseStream':
+        """Return the samples with ``start <= t < end`` [s]."""
+        i, j = np.searchsorted(self.t, [start, end])
+        return replace(self, t=self.t[i:j], position=self.position[i:j],
+                       R_base_sensor=self.R_base_sensor[i:j])
+
+
+@dataclass(frozen=True)
+class Phase:
+    """One phase of the sequence: ``name`` from ``start`` up to ``end`` [s]."""
+
+    name: str
+    start: float
+    end: float
+
+
+@dataclass(frozen=True)
+class Recording:
+    """
+    Everything one recording holds, whatever it came from.
+
+    Attributes
+    ----------
+    wrench : Stream or None
+        (n, 6) force [N] and torque [N m] in ft_sensor, as on the wire: environment on tool,
+        bias included.
+    accelerometer : Stream or None
+        (n, 3) in ``accelerometer_unit``: volts of each axis, or specific force (REP-145).
+    accelerometer_unit : str
+        ``V`` or ``m/s^2``.
+    pose, target : PoseStream or None
+        Measured and commanded pose of ft_sensor.
+    optidrive : Stream or None
+        (n, 1) displacement of a compliant tool along x of ft_sensor [m].
+    contact_truth : Stream or None
+        (n, 6) true contact wrench, which only a simulator knows.
+    angular_velocity : Stream or None
+        (n, 3) of an IMU's gyro, in its frame [rad/s].
+    phases : tuple of Phase
+        In order, without gaps or overlaps; empty where none was recorded.
+    start_ns : int
+        Stamp that t = 0 stands for [ns since the epoch].
+    source : str
+        Where it came from, for messages to the user.
+    notes : tuple of str
+        What reading had to leave out or mend, one plain sentence each.
+    """
+
+    wrench: Stream | None = None
+    accelerometer: Stream | None = None
+    accelerometer_unit: str = 'V'
+    pose: PoseStream | None = None
+    target: PoseStream | None = None
+    optidrive: Stream | None = None
+    contact_truth: Stream | None = None
+    angular_velocity: Stream | None = None
+    phases: tuple[Phase, ...] = ()
+    start_ns: int = 0
+    source: str = ''
+    notes: tuple[str, ...] = field(default=())
