@@ -51,6 +51,11 @@ class Estimate:
     def __float__(self) -> float:
         return float(self.value)
 
+    def unit_of(self, index: int) -> str:
+        """Unit of one element: a wrench's ``N, N m`` is N for the first three, then N m."""
+        units = self.unit.split(', ')
+        return units[index * len(units) // max(self.value.size, 1)]
+
 
 @dataclass(frozen=True)
 class Accelerometer:

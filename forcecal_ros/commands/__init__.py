@@ -1,0 +1,1 @@
+"""One module a command of ``forcecal``: ``add_parser`` declares it, ``run`` carries it out."""

@@ -1,0 +1,76 @@
+"""Arguments and output that several commands share."""
+
+import argparse
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from forcecal_ros.errors import ConfigError
+
+
+class Formatter(argparse.RawDescriptionHelpFormatter, argparse.ArgumentDefaultsHelpFormatter):
+    """Help with defaults shown and the example kept as it was written."""
+
+
+def new_parser(
+        subparsers: Any, name: str, *, summary: str, example: str) -> argparse.ArgumentParser:
+    """
+    Add a command with its one-line summary and an example.
+
+    Parameters
+    ----------
+    subparsers : argparse subparsers action
+    name, summary, example : str
+
+    Returns
+    -------
+    argparse.ArgumentParser
+    """
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        name, help=summary, description=summary[0].upper() + summary[1:] + '.',
+        epilog=f'example:\n  {example}', formatter_class=Formatter)
+    return parser
+
+
+def add_bag(parser: argparse.ArgumentParser) -> None:
+    """Add the recording to read, and how its topics are called."""
+    parser.add_argument('bag', metavar='BAG', help='rosbag2 folder or file (mcap, sqlite3)')
+    add_topics(parser)
+
+
+def add_topics(parser: argparse.ArgumentParser) -> None:
+    """Add ``--topic role=name`` and the sign of the wrench."""
+    parser.add_argument(
+        '--topic', metavar='ROLE=NAME', action='append', default=[],
+        help='name of a topic by its role, e.g. wrench=/ft/data; may be repeated')
+    parser.add_argument(
+        '--wrench-sign', type=int, choices=(1, -1), default=1,
+        help='-1 for a driver that reports the wrench of the tool on its environment')
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Add ``--json``."""
+    parser.add_argument('--json', action='store_true', help='print the result as JSON')
+
+
+def topic_names(args: argparse.Namespace) -> dict[str, str]:
+    """
+    Return what ``--topic`` said, role to name.
+
+    Raises
+    ------
+    ConfigError
+        An entry is not of the form ROLE=NAME.
+    """
+    names: dict[str, str] = {}
+    for entry in args.topic:
+        role, equals, name = entry.partition('=')
+        if not (role and equals and name):
+            raise ConfigError(f'--topic {entry}: expected ROLE=NAME, e.g. wrench=/ft/data')
+        names[role] = name
+    return names
+
+
+def print_json(document: Mapping[str, Any]) -> None:
+    """Print one JSON document, without NaN or infinity."""
+    print(json.dumps(document, indent=2, allow_nan=False))

@@ -1,0 +1,96 @@
+"""The report of a calibration as one HTML page."""
+
+import base64
+from collections.abc import Mapping
+from io import BytesIO
+from typing import Any
+
+import jinja2
+from matplotlib.figure import Figure
+
+from forcecal_ros.calibration import Calibration
+from forcecal_ros.geometry import Array
+from forcecal_ros.report import figures
+from forcecal_ros.report.rows import Row, table
+from forcecal_ros.samples import Recording, Stream
+
+
+def render(recording: Recording, calibration: Calibration, contact: Stream | None = None,
+           truth: Mapping[str, Array] | None = None) -> str:
+    """
+    Return a calibration report: warnings first, then numbers, then pictures.
+
+    Parameters
+    ----------
+    recording : Recording
+        What was identified from.
+    calibration : Calibration
+    contact : Stream, optional
+        (n, 6) contact wrench by the observer over the same recording [N, N m].
+    truth : mapping of str to ndarray, optional
+        True values by key, where a simulator knows them.
+
+    Returns
+    -------
+    str
+        HTML, one file without network; everything from the recording is escaped.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader('forcecal_ros', 'report'), autoescape=True,
+        trim_blocks=True, undefined=jinja2.StrictUndefined)
+    rows = table(calibration, truth)
+    source = calibration.source
+    return environment.get_template('calibration.html.j2').render(
+        title='Calibration report',
+        origin=' · '.join(str(source[k]) for k in ('recording', 'created') if k in source),
+        warnings=calibration.quality.get('warnings', ()),
+        with_truth=any(row.truth is not None for row in rows),
+        rows=[_cells(row) for row in rows],
+        figures=list(_pictures(recording, calibration, contact)),
+        quality=sorted(_flat(calibration.quality)))
+
+
+def _cells(row: Row) -> dict[str, str]:
+    half = 1.96 * row.std
+    return {
+        'name': row.name, 'unit': row.unit, 'value': f'{row.value:.6g}',
+        'interval': f'{row.value - half:.6g} … {row.value + half:.6g}' if half > 0 else '–',
+        'truth': '' if row.truth is None else f'{row.truth:.6g}',
+        'off': '' if row.sigmas is None else f'{row.sigmas:+.1f} σ',
+    }
+
+
+def _pictures(recording: Recording, calibration: Calibration,
+              contact: Stream | None) -> Any:
+    drawn: list[tuple[str, str, Figure | None]] = [
+        ('Poses', 'The weight of the tool in each orientation, and what the calibration leaves.',
+         figures.pose_means(recording, calibration)),
+        ('Step', 'The inertial force of the step motion that the accelerometer has to explain.',
+         figures.step_fit(recording, calibration)),
+        ('Accelerometer', 'The slope is the gain, free of the delay between the two sensors.',
+         figures.accelerometer_regression(recording, calibration)),
+    ]
+    if contact is not None:
+        drawn += [
+            ('Observer', 'Weight and inertia are gone from the contact force.',
+             figures.observer_output(recording, calibration, contact)),
+            ('Spectra', 'What the observer takes off the noise of sensor and accelerometer.',
+             figures.spectra(recording, calibration, contact)),
+        ]
+    for title, words, figure in drawn:
+        if figure is not None:
+            yield {'title': title, 'words': words, 'png': _png(figure)}
+
+
+def _png(figure: Figure) -> str:
+    buffer = BytesIO()
+    figure.savefig(buffer, format='png', dpi=130)
+    return base64.b64encode(buffer.getvalue()).decode()
+
+
+def _flat(quality: Mapping[str, Any], prefix: str = '') -> Any:
+    for key, value in quality.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f'{prefix}{key}.')
+        elif key != 'warnings':
+            yield f'{prefix}{key}', f'{value:.6g}' if isinstance(value, float) else str(value)

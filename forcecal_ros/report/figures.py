@@ -1,0 +1,164 @@
+"""The pictures of a calibration report, each a function of a recording and its calibration."""
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy import signal
+
+from forcecal_ros.calibration import Calibration
+from forcecal_ros.geometry import Array
+from forcecal_ros.samples import Phase, PoseStream, Recording, Stream
+
+MEASURED, ESTIMATED, TRUE = '#0072B2', '#D55E00', '#555555'
+WIDTH = 8.0
+
+
+def gravity_in_sensor(pose: PoseStream, t: Array, gravity: float) -> Array:
+    """Return gravity in ft_sensor at the pose samples nearest to ``t``, shape (n, 3) [m/s^2]."""
+    nearest = np.clip(np.searchsorted(pose.t, t), 0, len(pose) - 1)
+    return -gravity * pose.R_base_sensor[nearest][:, 2, :]
+
+
+def specific_force(recording: Recording, calibration: Calibration) -> Stream | None:
+    """Return what the calibrated accelerometer says, delay removed, in ft_sensor [m/s^2]."""
+    raw, sensor = recording.accelerometer, calibration.accelerometer
+    if raw is None or sensor is None:
+        return None
+    f = np.linalg.solve(sensor.matrix, (raw.values - sensor.offset.value).T).T
+    return Stream(raw.t - float(sensor.delay), f, raw.frame)
+
+
+def step_phase(recording: Recording) -> Phase | None:
+    """Return the step motion of the sequence with the ringing that follows it."""
+    return next((phase for phase in recording.phases if phase.name == 'step'), None)
+
+
+def pose_means(recording: Recording, calibration: Calibration) -> Figure | None:
+    """Draw the mean wrench of every pose against what the calibration predicts there."""
+    wrench, pose = recording.wrench, recording.pose
+    spans = [p for p in recording.phases if p.name == 'measure']
+    if wrench is None or pose is None or not spans:
+        return None
+    means, predicted = [], []
+    for span in spans:
+        part = wrench.between(span.start, span.end)
+        if len(part):
+            middle = np.array([(span.start + span.end) / 2])
+            means.append(part.values[:, :3].mean(axis=0))
+            predicted.append(float(calibration.mass) * gravity_in_sensor(
+                pose, middle, calibration.gravity)[0] + calibration.wrench_bias.value[:3])
+    figure, (left, right) = _axes(1, 2, height=3.0)
+    x = np.arange(1, len(means) + 1)
+    residual = np.array(means) - np.array(predicted)
+    for axis, mark in enumerate('os^'):
+        left.plot(x, np.array(means)[:, axis], mark, label=f'measured {"xyz"[axis]}')
+        right.plot(x, residual[:, axis], mark, label='xyz'[axis])
+    left.plot(x, np.array(predicted), '_', color=TRUE, markersize=14,
+              label=['predicted', None, None])
+    left.set(title='Mean force at rest', xlabel='pose', ylabel='force [N]')
+    right.set(title='Measured less predicted', xlabel='pose', ylabel='force [N]')
+    right.axhline(0, color=TRUE, linewidth=0.8)
+    for axes in (left, right):
+        axes.set_xticks(x)
+        axes.legend(fontsize=7, ncols=2)
+    return figure
+
+
+def step_fit(recording: Recording, calibration: Calibration) -> Figure | None:
+    """Draw the step: sensor force along x, what mass times acceleration says, what is left."""
+    force, f, span = recording.wrench, specific_force(recording, calibration), \
+        step_phase(recording)
+    if force is None or f is None or span is None:
+        return None
+    part = force.between(span.start, span.end)
+    if len(part) < 2:
+        return None
+    measured = part.values[:, 0] - calibration.wrench_bias.value[0]
+    predicted = -float(calibration.mass) * f.at(part.t)[:, 0]
+    offset = (measured - predicted).mean()
+    figure, (top, bottom) = _axes(2, 1, height=4.2, sharex=True)
+    t = part.t - span.start
+    top.plot(t, measured, color=MEASURED, linewidth=1, label='sensor, bias removed')
+    top.plot(t, predicted + offset, color=ESTIMATED, linewidth=1, label='mass x acceleration')
+    top.set(title='Step along x', ylabel='force [N]')
+    top.legend(fontsize=8)
+    bottom.plot(t, measured - predicted - offset, color=TRUE, linewidth=0.7)
+    bottom.set(xlabel='time since the step [s]', ylabel='residual [N]')
+    return figure
+
+
+def accelerometer_regression(recording: Recording, calibration: Calibration) -> Figure | None:
+    """Draw voltage against specific force from the wrench, [Gamez2005] Eq. 17 as a picture."""
+    wrench, raw, sensor = recording.wrench, recording.accelerometer, calibration.accelerometer
+    if wrench is None or raw is None or sensor is None or step_phase(recording) is None:
+        return None
+    span = step_phase(recording)
+    assert span is not None
+    part = raw.between(span.start, span.end)
+    axis = int(np.argmax(np.abs(sensor.map.value[:, 0])))
+    f = -(wrench.at(part.t - float(sensor.delay))[:, 0]
+          - calibration.wrench_bias.value[0]) / float(calibration.mass)
+    figure, (axes,) = _axes(1, 1, height=3.4)
+    axes.plot(f, part.values[:, axis], '.', markersize=2, color=MEASURED, label='samples')
+    line = np.array([f.min(), f.max()])
+    slope = sensor.matrix[axis, 0]
+    middle = part.values[:, axis].mean() - slope * f.mean()
+    axes.plot(line, middle + slope * line, color=ESTIMATED, label=f'gain {slope:.4f}')
+    axes.set(title='Accelerometer against force over mass, during the step',
+             xlabel='specific force from the wrench [m/s²]', ylabel=f'reading [{sensor.unit}]')
+    axes.legend(fontsize=8)
+    return figure
+
+
+def observer_output(recording: Recording, calibration: Calibration, contact: Stream,
+                    axis: int = 0) -> Figure | None:
+    """Draw sensor and observer over the whole recording, as [Gamez2005] Fig. 5."""
+    if recording.wrench is None:
+        return None
+    figure, (axes,) = _axes(1, 1, height=3.6)
+    every = max(1, len(recording.wrench) // 6000)
+    sensor = recording.wrench.values[::every, axis] - calibration.wrench_bias.value[axis]
+    axes.plot(recording.wrench.t[::every], sensor, color=MEASURED, linewidth=0.8,
+              label='sensor, bias removed')
+    axes.plot(contact.t[::every], contact.values[::every, axis], color=ESTIMATED, linewidth=1,
+              label='observer: contact force')
+    if recording.contact_truth is not None:
+        truth = recording.contact_truth
+        axes.plot(truth.t[::every], truth.values[::every, axis], '--', color=TRUE, linewidth=1,
+                  label='true contact force')
+    axes.set(title=f'Force along {"xyz"[axis]} of the sensor', xlabel='time [s]',
+             ylabel='force [N]')
+    axes.legend(fontsize=8)
+    return figure
+
+
+def spectra(recording: Recording, calibration: Calibration, contact: Stream) -> Figure | None:
+    """Draw the power spectra of u - m a and of the observer, as [Gamez2005] Fig. 6."""
+    f = specific_force(recording, calibration)
+    span = step_phase(recording)
+    if recording.wrench is None or f is None or span is None:
+        return None
+    wrench = recording.wrench.between(span.start, span.end)
+    output = contact.between(span.start, span.end)
+    if min(len(wrench), len(output)) < 256:
+        return None
+    direct = wrench.values[:, 0] + float(calibration.mass) * f.at(wrench.t)[:, 0]
+    figure, (axes,) = _axes(1, 1, height=3.4)
+    for values, rate, colour, label in (
+            (direct, wrench.rate, MEASURED, 'u - m a'),
+            (output.values[:, 0], output.rate, ESTIMATED, 'observer')):
+        frequency, power = signal.welch(values, rate, nperseg=min(512, len(values)))
+        axes.semilogy(frequency[1:], power[1:], color=colour, linewidth=1, label=label)
+    axes.set(title='Power spectra during the step', xlabel='frequency [Hz]',
+             ylabel='power [N²/Hz]')
+    axes.legend(fontsize=8)
+    return figure
+
+
+def _axes(rows: int, columns: int, *, height: float, sharex: bool = False
+          ) -> tuple[Figure, list]:
+    figure = Figure(figsize=(WIDTH, height), layout='constrained')
+    axes = figure.subplots(rows, columns, squeeze=False, sharex=sharex)
+    for one in axes.flat:
+        one.grid(alpha=0.25)
+        one.spines[['top', 'right']].set_visible(False)
+    return figure, list(axes.flat)

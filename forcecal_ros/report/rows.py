@@ -1,0 +1,134 @@
+"""Estimates as rows of a table: one number a row, with its standard error and the truth."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from forcecal_ros.calibration import Calibration, Estimate
+from forcecal_ros.geometry import Array
+
+AXES = ('x', 'y', 'z')
+WRENCH_AXES = ('force x', 'force y', 'force z', 'torque x', 'torque y', 'torque z')
+
+
+@dataclass(frozen=True)
+class Row:
+    """
+    One identified number.
+
+    Attributes
+    ----------
+    name, key, unit : str
+        Words for people, key in ``calibration.yaml``, SI unit.
+    value, std : float
+    truth : float or None
+        Known in simulation only.
+    """
+
+    name: str
+    key: str
+    unit: str
+    value: float
+    std: float
+    truth: float | None = None
+
+    @property
+    def sigmas(self) -> float | None:
+        """Distance from the truth in standard errors; None where either is not known."""
+        if self.truth is None or not self.std > 0:
+            return None
+        return (self.value - self.truth) / self.std
+
+
+def estimates(calibration: Calibration) -> Iterator[tuple[str, str, Estimate, tuple[str, ...]]]:
+    """
+    Yield every physical estimate of a calibration.
+
+    Yields
+    ------
+    name, key, estimate, labels : str, str, Estimate, tuple of str
+        One label an element, empty for scalars.
+    """
+    c = calibration
+    yield 'tool mass', 'mass', c.mass, ()
+    yield 'centre of mass', 'com', c.com, AXES
+    yield 'bias', 'wrench_bias', c.wrench_bias, WRENCH_AXES
+    if c.inertia:
+        yield 'inertia', 'inertia', c.inertia, tuple(a + b for a in AXES for b in AXES)
+    if c.accelerometer:
+        a = c.accelerometer
+        yield 'accelerometer offset', 'accelerometer.offset', a.offset, AXES
+        yield 'accelerometer gain', 'accelerometer.gain', a.gain, AXES
+        yield 'accelerometer map', 'accelerometer.map', a.map, tuple(
+            f'{i}{j}' for i in AXES for j in AXES)
+        yield 'accelerometer delay', 'accelerometer.delay', a.delay, ()
+    if c.tool:
+        yield 'tool stiffness', 'tool.stiffness', c.tool.stiffness, ()
+        yield 'tool damping', 'tool.damping', c.tool.damping, ()
+
+
+def table(calibration: Calibration, truth: Mapping[str, Array] | None = None) -> list[Row]:
+    """
+    Return every estimate as rows.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    truth : mapping of str to ndarray, optional
+        By key, as ``mass`` or ``accelerometer.gain``, where it is known.
+
+    Returns
+    -------
+    list of Row
+    """
+    rows = []
+    for name, key, estimate, labels in estimates(calibration):
+        values, stds = estimate.value.ravel(), estimate.std.ravel()
+        known = np.asarray(truth[key], dtype=float).ravel() if truth and key in truth else None
+        for i, label in enumerate(labels or ('',)):
+            axis = '.' + label.replace(' ', '.') if label else ''
+            rows.append(Row(
+                name=f'{name} {label}'.strip(), key=key + axis, unit=estimate.unit_of(i),
+                value=float(values[i]), std=float(stds[i]),
+                truth=None if known is None else float(known[i])))
+    return rows
+
+
+def as_text(rows: list[Row]) -> str:
+    """
+    Return the rows as a table for a terminal.
+
+    Parameters
+    ----------
+    rows : list of Row
+
+    Returns
+    -------
+    str
+        Truth and its distance appear where at least one truth is known.
+    """
+    with_truth = any(row.truth is not None for row in rows)
+    head = ['estimate', 'value', 'std. error', 'unit'] + ['truth', 'off by'] * with_truth
+    body = []
+    for row in rows:
+        cells = [row.name, *_digits(row.value, row.std), row.unit]
+        if with_truth:
+            sigmas = row.sigmas
+            cells += ['' if row.truth is None else f'{row.truth:.6g}',
+                      '' if sigmas is None else f'{sigmas:+.1f} sigma']
+        body.append(cells)
+    widths = [max(len(line[i]) for line in [head, *body]) for i in range(len(head))]
+    rule = ['-' * width for width in widths]
+    return '\n'.join(
+        '  '.join(cell.ljust(width) if i in (0, 3) else cell.rjust(width)
+                  for i, (cell, width) in enumerate(zip(line, widths))).rstrip()
+        for line in [head, rule, *body])
+
+
+def _digits(value: float, std: float) -> tuple[str, str]:
+    """Value and standard error to the digits that the standard error warrants."""
+    if not np.isfinite(std) or std <= 0:
+        return f'{value:.6g}', '-'
+    decimals = max(0, 1 - int(np.floor(np.log10(std))))
+    return f'{value:.{decimals}f}', f'{std:.{decimals}f}'
