@@ -1,0 +1,1 @@
+"""Motion, sequences and contact control: what the robot is told, without knowing how."""

@@ -1,0 +1,105 @@
+"""Motion of joint vectors, for robots that are told joints: the same quintic and the same stop."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from forcecal_ros.control.motion import (
+    PEAK_ACCELERATION, PEAK_SPEED, SHORTEST_MOVE, Limits, Pace, peak_rates, quintic)
+from forcecal_ros.errors import MotionError
+from forcecal_ros.geometry import Array
+
+
+class JointSetpoint(NamedTuple):
+    """Joint positions [rad] or [m] and their rates [1/s], shape (n,), commanded at one instant."""
+
+    positions: Array
+    velocities: Array
+
+    @property
+    def moving(self) -> bool:
+        """Whether any velocity is commanded."""
+        return bool(self.velocities.any())
+
+
+def hold_joints(positions: Array) -> JointSetpoint:
+    """Return the setpoint that stays where it is."""
+    return JointSetpoint(positions, np.zeros(len(positions)))
+
+
+@dataclass(frozen=True)
+class JointMove:
+    """
+    From one joint vector to another in a given time.
+
+    Attributes
+    ----------
+    start, goal : ndarray, shape (n,)
+        [rad] or [m]
+    duration : float
+        [s]
+    """
+
+    start: Array
+    goal: Array
+    duration: float
+
+    @cached_property
+    def way(self) -> Array:
+        """From start to goal, shape (n,)."""
+        return self.goal - self.start
+
+    def at(self, t: float, rate: float = 1.0) -> JointSetpoint:
+        """
+        Setpoint at one time.
+
+        Parameters
+        ----------
+        t : float
+            Since the start [s]; held beyond the ends.
+        rate : float
+            Of the path's time, below 1 while stopping.
+
+        Returns
+        -------
+        JointSetpoint
+        """
+        s, ds, _ = (float(v) for v in quintic(t / self.duration))
+        return JointSetpoint(self.start + s * self.way, self.way * (ds / self.duration * rate))
+
+
+def shortest_joint_duration(start: Array, goal: Array, pace: Pace) -> float:
+    """Return the time of the quintic that keeps to the angular pace on every joint [s]."""
+    way = float(np.abs(goal - start).max())
+    return max(SHORTEST_MOVE, PEAK_SPEED * way / pace.angular_speed,
+               float(np.sqrt(PEAK_ACCELERATION * way / pace.angular_acceleration)))
+
+
+def check_joint_move(move: JointMove, limits: Limits, name: str) -> None:
+    """
+    Refuse a move that would pass a joint's limit, a stop at any instant of it included.
+
+    Parameters
+    ----------
+    move : JointMove
+    limits : Limits
+    name : str
+        What to call it in the message.
+
+    Raises
+    ------
+    MotionError
+        With the joint, the number, the limit and its key.
+    """
+    rate, acceleration = peak_rates(move.duration, limits.stop_duration)
+    joint = int(np.argmax(np.abs(move.way)))
+    way = float(np.abs(move.way[joint]))
+    for key, planned, limit, unit in (
+            ('joint_speed', way * rate, limits.joint_speed, 'rad/s'),
+            ('joint_acceleration', way * acceleration, limits.joint_acceleration, 'rad/s^2')):
+        if not planned <= limit:
+            raise MotionError(f'{name} needs {planned:.4g} {unit} of joint {joint + 1}, '
+                              f'limits.{key} is {limit:g} {unit}; give it more time or a '
+                              'shorter way')

@@ -1,0 +1,367 @@
+"""Motion from rest to rest: quintic profiles, the stop that keeps to their path, and limits.
+
+Position goes along a straight line, orientation along the geodesic, both with the same
+minimum-jerk fraction s(t). A stop slows the time that the path is followed in, so every pose
+commanded on the way to rest lies on the path that was checked.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from forcecal_ros.errors import ConfigError, MotionError
+from forcecal_ros.geometry import Array, rotation_from_vector, rotation_vector
+
+PEAK_SPEED = 15 / 8
+"""Peak of ds/dt of the quintic, times its duration."""
+
+PEAK_ACCELERATION = 10 / np.sqrt(3)
+"""Peak of d2s/dt2 of the quintic, times its duration squared."""
+
+PEAK_STOP = 1.5
+"""Peak deceleration of a stop, times its duration, of unit speed."""
+
+SHORTEST_MOVE = 0.1
+"""A move lasts at least that long [s]."""
+
+LARGEST_ROTATION = np.radians(175.0)
+"""Above it noise would choose the way round [rad]."""
+
+
+class Pose(NamedTuple):
+    """Position [m] of ft_sensor in base, shape (3,), and ``R_base_sensor``, shape (3, 3)."""
+
+    position: Array
+    R_base_sensor: Array
+
+
+class Setpoint(NamedTuple):
+    """
+    What is commanded at one instant.
+
+    Attributes
+    ----------
+    pose : Pose
+    velocity : ndarray, shape (3,)
+        Of the origin of ft_sensor, in base [m/s].
+    angular_velocity : ndarray, shape (3,)
+        In base [rad/s].
+    """
+
+    pose: Pose
+    velocity: Array
+    angular_velocity: Array
+
+    @property
+    def moving(self) -> bool:
+        """Whether any velocity is commanded."""
+        return bool(self.velocity.any() or self.angular_velocity.any())
+
+
+def hold(pose: Pose) -> Setpoint:
+    """Return the setpoint that stays where it is."""
+    return Setpoint(pose, np.zeros(3), np.zeros(3))
+
+
+def quintic(tau: Array | float) -> tuple[Array, Array, Array]:
+    """
+    Minimum-jerk fraction from rest to rest.
+
+    Parameters
+    ----------
+    tau : array_like
+        Time in units of the duration; held beyond 0 and 1.
+
+    Returns
+    -------
+    tuple of ndarray
+        s, ds/dtau, d2s/dtau2.
+    """
+    x = np.clip(np.asarray(tau, dtype=float), 0.0, 1.0)
+    return (x**3 * (10 - 15 * x + 6 * x**2),
+            30 * (x * (1 - x))**2,
+            60 * x * (1 - x) * (1 - 2 * x))
+
+
+def stop_time(tau: Array | float) -> tuple[Array, Array, Array]:
+    """
+    Path time while a stop is under way: it runs at unit rate before and rests after.
+
+    Parameters
+    ----------
+    tau : array_like
+        Time since the stop began, in units of its duration; held beyond 0 and 1.
+
+    Returns
+    -------
+    tuple of ndarray
+        Path time since the stop began, in units of the duration; its first and second derivative.
+    """
+    x = np.clip(np.asarray(tau, dtype=float), 0.0, 1.0)
+    return x - x**3 + x**4 / 2, 1 - x**2 * (3 - 2 * x), -6 * x * (1 - x)
+
+
+@dataclass(frozen=True)
+class Move:
+    """
+    From one pose to another in a given time.
+
+    Attributes
+    ----------
+    start, goal : Pose
+    duration : float
+        [s]
+    """
+
+    start: Pose
+    goal: Pose
+    duration: float
+
+    @cached_property
+    def line(self) -> Array:
+        """From start to goal in base, shape (3,) [m]."""
+        return self.goal.position - self.start.position
+
+    @cached_property
+    def turn(self) -> Array:
+        """
+        Rotation vector from start to goal in the sensor's frame, shape (3,) [rad].
+
+        Raises
+        ------
+        MotionError
+            The rotation is so close to half a turn that noise would choose the way round.
+        """
+        turn = rotation_vector(self.start.R_base_sensor.T @ self.goal.R_base_sensor)
+        angle = float(np.linalg.norm(turn))
+        if angle > LARGEST_ROTATION:
+            raise MotionError(f'a rotation by {np.degrees(angle):.1f} deg has no clear way round '
+                              f'(at most {np.degrees(LARGEST_ROTATION):.0f} deg); put a pose '
+                              'between the two')
+        return turn
+
+    @cached_property
+    def distance(self) -> float:
+        """Length of the line [m]."""
+        return float(np.linalg.norm(self.line))
+
+    @cached_property
+    def angle(self) -> float:
+        """Angle of the rotation [rad]."""
+        return float(np.linalg.norm(self.turn))
+
+    @cached_property
+    def peak_acceleration(self) -> float:
+        """Peak acceleration of the line [m/s^2]."""
+        return float(self.distance * PEAK_ACCELERATION / self.duration**2)
+
+    def at(self, t: float, rate: float = 1.0) -> Setpoint:
+        """
+        Setpoint at one time.
+
+        Parameters
+        ----------
+        t : float
+            Since the start [s]; held beyond the ends.
+        rate : float
+            Of the path's time, below 1 while stopping.
+
+        Returns
+        -------
+        Setpoint
+        """
+        s, ds, _ = (float(v) for v in quintic(t / self.duration))
+        speed = ds / self.duration * rate
+        start = self.start
+        if s == 1.0:
+            pose = self.goal
+        else:
+            pose = Pose(start.position + s * self.line,
+                        start.R_base_sensor @ rotation_from_vector(s * self.turn))
+        return Setpoint(pose, self.line * speed, start.R_base_sensor @ self.turn * speed)
+
+    def poses(self, n: int = 101) -> tuple[Array, Array]:
+        """Return ``n`` poses along the path, ends included: (n, 3) [m] and (n, 3, 3)."""
+        s = np.linspace(0.0, 1.0, n)[:, None]
+        return (self.start.position + s * self.line,
+                self.start.R_base_sensor @ rotation_from_vector(s * self.turn))
+
+
+@dataclass(frozen=True)
+class Limits:
+    """
+    What neither a plan nor a measured motion may exceed; the names are the parameters' keys.
+
+    Attributes
+    ----------
+    speed, acceleration : float
+        Of the origin of ft_sensor [m/s], [m/s^2].
+    angular_speed, angular_acceleration : float
+        [rad/s], [rad/s^2]
+    joint_speed, joint_acceleration : float
+        Of each joint, where joints are commanded [rad/s], [rad/s^2].
+    workspace_min, workspace_max : ndarray, shape (3,)
+        Box in base that the origin of ft_sensor and the tool's tip stay in [m].
+    tip : ndarray, shape (3,)
+        The tool's foremost point in ft_sensor [m].
+    force, torque : float
+        Norms of the wrench as it is read, weight and bias included [N], [N m].
+    tracking_error, tracking_angle : float
+        Measured against commanded pose [m], [rad].
+    overspeed : float
+        Measured speeds may exceed ``speed`` and ``angular_speed`` by this factor.
+    stop_duration : float
+        From a stop's first command to rest [s].
+    """
+
+    speed: float = 0.25
+    acceleration: float = 8.0
+    angular_speed: float = 1.5
+    angular_acceleration: float = 60.0
+    joint_speed: float = 1.5
+    joint_acceleration: float = 60.0
+    workspace_min: Array = (0.6, -0.4, 0.6)  # type: ignore[assignment]
+    workspace_max: Array = (1.25, 0.4, 1.4)  # type: ignore[assignment]
+    tip: Array = (0.2, 0.0, 0.1)  # type: ignore[assignment]
+    force: float = 250.0
+    torque: float = 60.0
+    tracking_error: float = 0.02
+    tracking_angle: float = 0.2
+    overspeed: float = 1.5
+    stop_duration: float = 0.045
+
+    def __post_init__(self) -> None:
+        for name in ('workspace_min', 'workspace_max', 'tip'):
+            value = np.array(getattr(self, name), dtype=float)
+            if value.shape != (3,) or not np.isfinite(value).all():
+                raise ConfigError(f'limits.{name} wants three finite numbers, got {value}')
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+        if (self.workspace_min >= self.workspace_max).any():
+            raise ConfigError(
+                f'limits.workspace_min {self.workspace_min.tolist()} m is not below '
+                f'limits.workspace_max {self.workspace_max.tolist()} m on every axis')
+        for name in ('speed', 'angular_speed', 'joint_speed'):
+            self._check_can_stop(name, name.replace('speed', 'acceleration'))
+
+    def _check_can_stop(self, speed: str, acceleration: str) -> None:
+        needed = PEAK_STOP * getattr(self, speed) / self.stop_duration
+        if needed > getattr(self, acceleration) * 1.05:
+            raise ConfigError(
+                f'limits.{speed} {getattr(self, speed):g} stops within limits.stop_duration '
+                f'{self.stop_duration:g} s at {needed:.3g}, above limits.{acceleration} '
+                f'{getattr(self, acceleration):g}; lower the one or raise the other')
+
+
+class Pace(NamedTuple):
+    """Peaks a planned move makes use of, below the limits: SI units as in :class:`Limits`."""
+
+    speed: float = 0.2
+    acceleration: float = 2.0
+    angular_speed: float = 1.4
+    angular_acceleration: float = 8.0
+
+
+def shortest_duration(start: Pose, goal: Pose, pace: Pace) -> float:
+    """
+    Time of the quintic that keeps to the pace.
+
+    Parameters
+    ----------
+    start, goal : Pose
+    pace : Pace
+
+    Returns
+    -------
+    float
+        [s], at least ``SHORTEST_MOVE``.
+    """
+    move = Move(start, goal, 1.0)
+    return max(SHORTEST_MOVE,
+               PEAK_SPEED * move.distance / pace.speed,
+               PEAK_SPEED * move.angle / pace.angular_speed,
+               float(np.sqrt(PEAK_ACCELERATION * move.distance / pace.acceleration)),
+               float(np.sqrt(PEAK_ACCELERATION * move.angle / pace.angular_acceleration)))
+
+
+def peak_rates(duration: float, stop_duration: float) -> tuple[float, float]:
+    """
+    Worst rates of a quintic's fraction, a stop at any instant of it included.
+
+    Parameters
+    ----------
+    duration, stop_duration : float
+        [s]
+
+    Returns
+    -------
+    tuple of float
+        Peak |ds/dt| [1/s] and |d2s/dt2| [1/s^2].
+    """
+    begin = np.linspace(0.0, duration, 201)[:, None]
+    u, du, ddu = stop_time(np.linspace(0.0, 1.0, 101))
+    _, ds, dds = quintic((begin + u * stop_duration) / duration)
+    rate = ds / duration
+    acceleration = dds / duration**2 * du**2 + rate * ddu / stop_duration
+    return float(rate.max()), max(float(np.abs(acceleration).max()),
+                                  float(PEAK_ACCELERATION) / duration**2)
+
+
+def check_move(move: Move, limits: Limits, name: str = 'the move') -> None:
+    """
+    Refuse a move that would pass a limit, a stop at any instant of it included.
+
+    Parameters
+    ----------
+    move : Move
+    limits : Limits
+    name : str
+        What to call it in the message.
+
+    Raises
+    ------
+    MotionError
+        With the number, the limit and its key.
+    """
+    rate, acceleration = peak_rates(move.duration, limits.stop_duration)
+    for key, planned, limit, unit in (
+            ('speed', move.distance * rate, limits.speed, 'm/s'),
+            ('acceleration', move.distance * acceleration, limits.acceleration, 'm/s^2'),
+            ('angular_speed', move.angle * rate, limits.angular_speed, 'rad/s'),
+            ('angular_acceleration', move.angle * acceleration, limits.angular_acceleration,
+             'rad/s^2')):
+        if not planned <= limit:
+            raise MotionError(f'{name} needs {planned:.4g} {unit}, limits.{key} is {limit:g} '
+                              f'{unit}; give it more time or a shorter way')
+    positions, rotations = move.poses()
+    check_workspace(positions, limits, f'{name}: the sensor')
+    check_workspace(positions + rotations @ limits.tip, limits, f'{name}: the tip')
+
+
+def check_workspace(points: Array, limits: Limits, name: str) -> None:
+    """
+    Refuse points outside the box.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        In base [m].
+    limits : Limits
+    name : str
+        What to call them in the message.
+
+    Raises
+    ------
+    MotionError
+        With the farthest point, the face and its key.
+    """
+    for key, bound, beyond in (
+            ('workspace_min', limits.workspace_min, limits.workspace_min - points),
+            ('workspace_max', limits.workspace_max, points - limits.workspace_max)):
+        i, axis = np.unravel_index(np.argmax(beyond), beyond.shape)
+        if not beyond[i, axis] <= 0:
+            raise MotionError(
+                f'{name} would reach {"xyz"[axis]} = {points[i, axis]:.4f} m, '
+                f'limits.{key} is {bound[axis]:g} m there; move the pose or widen the box')

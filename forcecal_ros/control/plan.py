@@ -1,0 +1,287 @@
+"""Sequences as data: which poses, how long, and the phase word each part is recorded under."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from forcecal_ros.control.joints import JointMove, check_joint_move, shortest_joint_duration
+from forcecal_ros.control.motion import (
+    Limits, Move, Pace, Pose, check_move, check_workspace, shortest_duration)
+from forcecal_ros.errors import ConfigError, MotionError
+from forcecal_ros.geometry import (
+    STANDARD_GRAVITY, Array, matrix_from_quaternion, quaternion_from_matrix, rotation_about)
+
+POSE_LENGTH = 7
+"""Numbers of a pose in a flat list: x y z [m], qx qy qz qw."""
+
+Goal = Pose | Array
+"""A pose, or a joint vector where joints are commanded."""
+
+
+class Segment(NamedTuple):
+    """
+    One part of a sequence.
+
+    Attributes
+    ----------
+    phase : str
+        Word it is announced and recorded under.
+    label : str
+        What it is for, in words of the user.
+    goal : Pose, ndarray or None
+        Go to that pose or joint vector. None: hold.
+    duration : float or None
+        Of the move or the hold [s]. None: by the pace, or until the tool is still.
+    """
+
+    phase: str
+    label: str
+    goal: Goal | None = None
+    duration: float | None = None
+
+
+class Part(NamedTuple):
+    """A segment made ready: a move from where the one before ended, or a hold there."""
+
+    segment: Segment
+    move: Move | JointMove | None
+    goal: Goal
+
+    @property
+    def duration(self) -> float | None:
+        """Length [s]; None: until the tool is still."""
+        return self.move.duration if self.move else self.segment.duration
+
+
+@dataclass(frozen=True)
+class Timing:
+    """
+    How long the parts of a calibration take and how far its step goes.
+
+    Attributes
+    ----------
+    measure : float
+        In each pose [s].
+    step_distance : float
+        Along x of ft_sensor [m].
+    step_duration : float
+        Of the step's quintic [s].
+    ring : float
+        Held after each step for the tool to ring [s].
+    """
+
+    measure: float = 2.0
+    step_distance: float = 0.01
+    step_duration: float = 0.1
+    ring: float = 1.0
+
+
+def orientation(alpha: float, delta: float, theta: float = 0.0) -> Array:
+    """
+    Orientation of ft_sensor in base, [Gamez2005] Eq. 9 and, for alpha = 0, Eq. 12.
+
+    Parameters
+    ----------
+    alpha, delta, theta : float
+        About Y, X and Z [rad].
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        R_base_sensor.
+    """
+    return rotation_about('y', alpha) @ rotation_about('x', delta) @ rotation_about('z', theta)
+
+
+def nominal_poses() -> dict[str, Pose]:
+    """
+    Poses of the nominal rig: the paper's two and one that spans the third direction of gravity.
+
+    Returns
+    -------
+    dict of str to Pose
+        ``v`` (x horizontal, home), ``h`` (x vertical) and ``tilt``, all at one place.
+    """
+    place = np.array([1.0, 0.0, 1.0])
+    quarter = np.pi / 2
+    return {'v': Pose(place, orientation(0.0, 2 * quarter)),
+            'h': Pose(place, orientation(quarter, 2 * quarter)),
+            'tilt': Pose(place, orientation(quarter / 2, 1.5 * quarter))}
+
+
+def flatten_poses(poses: Mapping[str, Pose]) -> list[float]:
+    """Return poses as one flat list, ``POSE_LENGTH`` numbers each."""
+    return [float(x) for pose in poses.values()
+            for x in (*pose.position, *quaternion_from_matrix(pose.R_base_sensor))]
+
+
+def read_poses(names: Sequence[str], numbers: ArrayLike) -> dict[str, Pose]:
+    """
+    Poses of a flat list, as ROS parameters hold them.
+
+    Parameters
+    ----------
+    names : sequence of str
+    numbers : array_like, shape (7 n,)
+        x y z qx qy qz qw of each pose [m]; a position may be NaN, see :func:`anchor`.
+
+    Returns
+    -------
+    dict of str to Pose
+
+    Raises
+    ------
+    ConfigError
+        Names and numbers do not match, a name comes twice, or a quaternion is not of unit norm.
+    """
+    flat = np.asarray(numbers, dtype=float).reshape(-1)
+    if len(flat) != POSE_LENGTH * len(names) or len(set(names)) != len(names) or not len(names):
+        raise ConfigError(
+            f'{len(names)} pose names ({", ".join(names)}) want as many different ones and '
+            f'{POSE_LENGTH} numbers each (x y z qx qy qz qw), got {len(flat)} numbers')
+    poses = {}
+    for name, row in zip(names, flat.reshape(-1, POSE_LENGTH)):
+        norm = float(np.linalg.norm(row[3:]))
+        if not abs(norm - 1) < 1e-3:
+            raise ConfigError(f'pose {name}: its quaternion has norm {norm:.4g}, not 1')
+        poses[name] = Pose(row[:3].copy(), matrix_from_quaternion(row[3:]))
+    return poses
+
+
+def anchor(poses: Mapping[str, Pose], place: Array) -> dict[str, Pose]:
+    """Return the poses with ``place`` (3,) [m] where they leave a position open (NaN)."""
+    return {name: Pose(np.where(np.isfinite(pose.position), pose.position, place),
+                       pose.R_base_sensor) for name, pose in poses.items()}
+
+
+def step_goal(home: Pose, distance: float) -> Pose:
+    """Return the pose ``distance`` [m] along x of ft_sensor from ``home``."""
+    return Pose(home.position + distance * home.R_base_sensor[:, 0], home.R_base_sensor)
+
+
+def calibration_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing
+                     ) -> tuple[Segment, ...]:
+    """
+    Sequence of the procedure in III-A of [Gamez2005], with as many poses as are listed.
+
+    Parameters
+    ----------
+    goals : mapping of str to Pose or ndarray
+        The first is where the step is made.
+    away : Pose or ndarray
+        Where the step goes to.
+    timing : Timing
+
+    Returns
+    -------
+    tuple of Segment
+    """
+    names = list(goals)
+    home = goals[names[0]]
+    plan = []
+    for name in names:
+        plan += [Segment('move', f'to {name}', goals[name]),
+                 Segment('settle', name),
+                 Segment('measure', name, duration=timing.measure)]
+    if len(names) > 1:
+        plan += [Segment('move', f'to {names[0]}', home), Segment('settle', names[0])]
+    plan += [Segment('step', 'out', away, timing.step_duration),
+             Segment('step', 'ring', duration=timing.ring),
+             Segment('step', 'back', home, timing.step_duration),
+             Segment('step', 'ring', duration=timing.ring)]
+    return tuple(plan)
+
+
+SEQUENCES: dict[str, Callable[[Mapping[str, Goal], Goal, Timing], tuple[Segment, ...]]] = {
+    'calibrate': calibration_plan,
+}
+"""What the sequencer can run, by the name its parameter takes."""
+
+
+def prepare(plan: Sequence[Segment], start: Goal, pace: Pace, limits: Limits
+            ) -> tuple[Part, ...]:
+    """
+    Chain a plan from where the robot stands, and check all of it before anything moves.
+
+    Parameters
+    ----------
+    plan : sequence of Segment
+    start : Pose or ndarray
+        Measured; of the kind of the plan's goals.
+    pace : Pace
+        For moves without a duration.
+    limits : Limits
+
+    Returns
+    -------
+    tuple of Part
+
+    Raises
+    ------
+    MotionError
+        The start or a move passes a limit; with the number, the limit and its key.
+    """
+    if isinstance(start, Pose):
+        check_workspace(start.position[None], limits, 'the robot stands where the sensor')
+    parts: list[Part] = []
+    here = start
+    for segment in plan:
+        move: Move | JointMove | None = None
+        name = f'{segment.phase} {segment.label}'
+        if isinstance(segment.goal, Pose) and isinstance(here, Pose):
+            move = Move(here, segment.goal, segment.duration
+                        or shortest_duration(here, segment.goal, pace))
+            check_move(move, limits, name)
+        elif isinstance(segment.goal, np.ndarray) and isinstance(here, np.ndarray):
+            move = JointMove(here, segment.goal, segment.duration
+                             or shortest_joint_duration(here, segment.goal, pace))
+            check_joint_move(move, limits, name)
+        elif segment.goal is not None:
+            raise MotionError(f'{name} mixes poses and joint vectors; give one kind throughout')
+        here = move.goal if move else here
+        parts.append(Part(segment, move, here))
+    return tuple(parts)
+
+
+def check_wrench(parts: Sequence[Part], wrench: Array, limits: Limits) -> None:
+    """
+    Refuse a plan whose inertial forces would pass the limits on what the sensor reads.
+
+    Before a calibration the tool's mass is known by its weight only: what is read at rest,
+    divided by g, stands for it.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+    wrench : ndarray, shape (6,)
+        Read at rest [N], [N m].
+    limits : Limits
+
+    Raises
+    ------
+    MotionError
+        With the number, the limit and its key.
+    """
+    force, torque = float(np.linalg.norm(wrench[:3])), float(np.linalg.norm(wrench[3:]))
+    for key, value, limit, unit in (('force', force, limits.force, 'N'),
+                                    ('torque', torque, limits.torque, 'N m')):
+        if not value <= limit:
+            raise MotionError(f'the sensor reads {value:.4g} {unit} at rest, limits.{key} is '
+                              f'{limit:g} {unit}; unload it or raise the limit')
+    for part in parts:
+        if not isinstance(part.move, Move):
+            continue
+        inertial = force / STANDARD_GRAVITY * part.move.peak_acceleration
+        if not force + inertial <= limits.force:
+            raise MotionError(
+                f'{part.segment.phase} {part.segment.label} would add {inertial:.4g} N of inertia '
+                f'to the {force:.4g} N read at rest, limits.force is {limits.force:g} N; '
+                'give it more time or raise the limit')
+
+
+def expected_duration(parts: Sequence[Part], settle: float) -> float:
+    """Return how long a plan takes if each settling takes ``settle`` [s]."""
+    return sum(settle if part.duration is None else part.duration for part in parts)
