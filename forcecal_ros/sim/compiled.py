@@ -1,0 +1,31 @@
+"""The one way this package compiles numerical loops."""
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from numba import njit
+
+F = TypeVar('F', bound=Callable[..., Any])
+
+
+def compiled(function: F) -> F:
+    """
+    Compile with numba at the first call and keep the machine code on disk for the next process.
+
+    numba keeps it beside the source, or in the user's cache directory where that cannot be
+    written, and recompiles when the date of the function's own file changes: it looks neither at
+    the functions nor at the constants of other files. So a compiled function uses those of its
+    own file only, and takes everything else as argument.
+
+    Parameters
+    ----------
+    function : callable
+
+    Returns
+    -------
+    callable
+    """
+    try:
+        return njit(cache=True)(function)  # type: ignore[no-any-return]
+    except RuntimeError:  # nowhere to keep it: compile anew in each process
+        return njit(function)  # type: ignore[no-any-return]

@@ -1,0 +1,321 @@
+"""The rig as a whole: live, one robot period at a time, and offline, from the same code."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from forcecal_ros.errors import DataError, MotionError
+from forcecal_ros.geometry import Array, matrix_from_quaternion, quaternion_from_matrix
+from forcecal_ros.samples import PoseStream, Recording, Stream
+from forcecal_ros.sim.parameters import kernel_parameters
+from forcecal_ros.sim.rig import Rig
+from forcecal_ros.sim.rig_file import load_rig
+from forcecal_ros.sim.robot import Motion, move, robot_at_rest
+from forcecal_ros.sim.sensors import Noise, Response, highpass_settled, respond
+from forcecal_ros.sim.tool import Slide, slide_along, tool_at_rest
+
+LONGEST_STEP = 0.001
+"""Of the integration [s]; converged to 1e-4 N on the nominal rig."""
+
+BLOCK = 1000
+"""Robot periods that are simulated in one go, which bounds the memory."""
+
+ORTHONORMAL = 1e-6
+
+
+class Samples(NamedTuple):
+    """
+    What the sensors say during one or more robot periods.
+
+    Times are seconds since command 0; sample i of a signal is its state at ``t[i]``.
+
+    Attributes
+    ----------
+    wrench_t : ndarray, shape (n,)
+    wrench : ndarray, shape (n, 6)
+        As on the wire: environment on tool, in ft_sensor, bias included [N], [N m].
+    contact : ndarray, shape (n, 6)
+        The truth, at the same times: environment on tool, in ft_sensor, about its origin.
+    accelerometer_t : ndarray, shape (m,)
+    volts, specific_force : ndarray, shape (m, 3)
+        Accelerometer [V], and the same in its physical unit, (volts - offset) / gain [m/s^2].
+    optidrive_t : ndarray, shape (k,)
+    optidrive : ndarray, shape (k,)
+        Displacement of the tool along x of ft_sensor [m]; empty where the tool is rigid.
+    pose_t : ndarray, shape (j,)
+    position : ndarray, shape (j, 3)
+        Of S in base [m].
+    R_base_sensor : ndarray, shape (j, 3, 3)
+    """
+
+    wrench_t: Array
+    wrench: Array
+    contact: Array
+    accelerometer_t: Array
+    volts: Array
+    specific_force: Array
+    optidrive_t: Array
+    optidrive: Array
+    pose_t: Array
+    position: Array
+    R_base_sensor: Array
+
+
+class Simulator:
+    """
+    The rig, one robot period after another.
+
+    Before its first command everything rests at the first commanded pose, the tool at its static
+    sag; without any command that pose is the rig's home.
+
+    Parameters
+    ----------
+    rig : Rig
+    accelerometer : str, optional
+        ``acc1`` or ``acc2``; the rig's mounted one where none is given.
+    seed : int, optional
+        Of the noise; fresh noise each time where none is given.
+    steps : int, optional
+        Integration steps per period, a multiple of what the sensor rates ask for; fewest
+        sufficient ones (1 ms or less) where none is given.
+    """
+
+    def __init__(self, rig: Rig, accelerometer: str | None = None, seed: int | None = None, *,
+                 steps: int | None = None) -> None:
+        self._rig = rig
+        self._p = kernel_parameters(rig, accelerometer)[()]
+        self._model = getattr(rig.accelerometer, accelerometer or rig.accelerometer.mounted)
+        self._noise = Noise(rig, seed)
+        self._steps = steps or enough_steps(rig)
+        self._step = rig.robot.period / self._steps
+        self._command = (np.array(rig.home.position), np.array(rig.home.orientation_xyzw))
+        self._periods = 0
+
+    @property
+    def time(self) -> float:
+        """Time since command 0 [s]."""
+        return self._periods * self._rig.robot.period
+
+    def command(self, position: ArrayLike, R_base_sensor: ArrayLike) -> None:
+        """
+        Set the command that holds from the next period on.
+
+        Parameters
+        ----------
+        position : array_like, shape (3,)
+            Of S in base [m].
+        R_base_sensor : array_like, shape (3, 3)
+
+        Raises
+        ------
+        MotionError
+            Not finite, or not a rotation; the command before stays.
+        """
+        positions, xyzw = _checked_commands(
+            np.reshape(position, (1, 3)), np.reshape(R_base_sensor, (1, 3, 3)))
+        self._command = (positions[0], xyzw[0])
+
+    def advance(self, noise: bool = True) -> Samples:
+        """
+        Advance by one robot period.
+
+        Parameters
+        ----------
+        noise : bool
+            False: what noise-free sensors would say.
+
+        Returns
+        -------
+        Samples
+            Of this period.
+        """
+        position, xyzw = self._command
+        return self.run(position[np.newaxis], xyzw[np.newaxis], noise)
+
+    def run(self, positions: Array, xyzw: Array, noise: bool = True) -> Samples:
+        """
+        Advance by one robot period per command.
+
+        Parameters
+        ----------
+        positions : ndarray, shape (m, 3)
+            Of S in base [m].
+        xyzw : ndarray, shape (m, 4)
+            Orientations of S in base, unit quaternions.
+        noise : bool
+            False: what noise-free sensors would say.
+
+        Returns
+        -------
+        Samples
+            Of these m periods.
+        """
+        if self._periods == 0:
+            self._rest(positions[0], xyzw[0])
+        n = len(positions) * self._steps
+        motion, slide, response = Motion.empty(2 * n + 1), Slide.empty(n + 1), Response.empty(n)
+        move(self._p, self._robot, positions, xyzw, self._steps, motion)
+        slide_along(self._p, self._tool, motion, self._step, slide)
+        respond(self._p, self._highpass, motion, slide, self._step, response)
+        samples = self._sample(motion, slide, response, noise)
+        self._periods += len(positions)
+        return samples
+
+    def _rest(self, position: Array, xyzw: Array) -> None:
+        R_base_sensor = matrix_from_quaternion(xyzw)
+        self._robot = robot_at_rest(position, xyzw)[0]
+        self._tool = tool_at_rest(self._p, position, R_base_sensor)[0]
+        self._highpass = highpass_settled(self._p, R_base_sensor)[0]
+
+    def _times(self, sensor: str, n_steps: int) -> tuple[Array, int]:
+        """Return the sample times of a sensor, and every how many steps it samples."""
+        per_period = self._rig.samples_per_period(sensor)
+        n = n_steps * per_period // self._steps
+        index = self._periods * per_period + 1 + np.arange(n)
+        return index / (per_period / self._rig.robot.period), self._steps // per_period
+
+    def _sample(self, motion: Motion, slide: Slide, response: Response, noise: bool) -> Samples:
+        n = len(response.wrench)
+        sensor, model = self._rig.wrench_sensor, self._model
+        wrench_t, every = self._times('wrench_sensor', n)
+        wrench = response.wrench[every - 1::every] * sensor.gain + sensor.bias
+        contact = response.contact[every - 1::every]
+        accelerometer_t, every = self._times('accelerometer', n)
+        volts = response.specific_force[every - 1::every] * model.gain + model.offset
+        pose_t, every = self._times('pose_sensor', n)
+        position = motion.position[2 * every::2 * every]
+        R_base_sensor = motion.R_base_sensor[2 * every::2 * every]
+        optidrive_t = optidrive = np.empty(0)
+        if self._rig.optidrive:
+            optidrive_t, every = self._times('optidrive', n)
+            optidrive = slide.slide[every::every]
+        if noise:
+            wrench = wrench + self._noise.wrench(len(wrench))
+            volts = volts + self._noise.volts(len(volts))
+            optidrive = optidrive + self._noise.optidrive(len(optidrive))
+            position = position + self._noise.position(len(position))
+            R_base_sensor = R_base_sensor @ self._noise.turn(len(R_base_sensor))
+        specific_force = (volts - model.offset) / model.gain
+        return Samples(wrench_t, wrench, contact, accelerometer_t, volts, specific_force,
+                       optidrive_t, optidrive, pose_t, position, R_base_sensor)
+
+
+def enough_steps(rig: Rig) -> int:
+    """Return the fewest steps per period of 1 ms or less that meet the sensors' rates."""
+    sensors = ('wrench_sensor', 'accelerometer', 'pose_sensor', 'optidrive')
+    common = math.lcm(*(rig.samples_per_period(s) for s in sensors if getattr(rig, s)))
+    return common * math.ceil(rig.robot.period / LONGEST_STEP / common - 1e-9)
+
+
+def _checked_commands(positions: Array, R_base_sensor: Array) -> tuple[Array, Array]:
+    """Copies of the positions, and the orientations as quaternions."""
+    if not (np.isfinite(positions).all() and np.isfinite(R_base_sensor).all()):
+        raise MotionError('a commanded pose is not finite; send numbers only')
+    squares = np.swapaxes(R_base_sensor, -1, -2) @ R_base_sensor
+    worst = float(np.abs(squares - np.eye(3)).max())
+    if worst > ORTHONORMAL or (np.linalg.det(R_base_sensor) < 0.0).any():
+        raise MotionError(f'a commanded orientation is no rotation (R^T R departs from 1 by '
+                          f'{worst:.2g}, or it is left-handed); send unit quaternions')
+    return np.array(positions), quaternion_from_matrix(R_base_sensor)
+
+
+def held_commands(stamps: Array, period: float, n: int, tolerance: float) -> NDArray[np.intp]:
+    """
+    Say which command holds during each robot period: the latest one there is at its start.
+
+    Parameters
+    ----------
+    stamps : ndarray, shape (m,)
+        Of the commands, increasing [s]; period 0 starts at the first.
+    period : float
+        Of the robot [s].
+    n : int
+        How many periods.
+    tolerance : float
+        How late a command may be and still count for its period [s].
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+    """
+    starts = stamps[0] + period * np.arange(n)
+    return np.maximum(np.searchsorted(stamps, starts + tolerance, side='right') - 1, 0)
+
+
+def simulate(rig: Rig, target: PoseStream, *, accelerometer: str | None = None,
+             noise: bool = True, seed: int | None = None, duration: float | None = None,
+             tolerance: float | None = None, unit: str = 'V',
+             steps: int | None = None) -> Recording:
+    """
+    Simulate the recording that a stream of commands would give.
+
+    Parameters
+    ----------
+    rig : Rig
+    target : PoseStream
+        Commanded poses. Period k starts at the first stamp plus k periods, and the latest
+        command of that time holds: a late one takes effect a period later, a missing one leaves
+        the one before.
+    accelerometer : str, optional
+        ``acc1`` or ``acc2``; the rig's mounted one where none is given.
+    noise : bool
+        False: what noise-free sensors would say.
+    seed : int, optional
+        Of the noise; fresh noise each time where none is given.
+    duration : float, optional
+        How long to go on from the first command [s]; one period beyond the last command where
+        none is given.
+    tolerance : float, optional
+        How late a stamp may be and still count for its period [s]; half a period where none is
+        given, so that each command counts for the period nearest to its stamp and jitter neither
+        drops nor doubles any.
+    unit : str
+        Of the accelerometer: ``V``, or ``m/s^2`` for specific force.
+    steps : int, optional
+        Integration steps per period; fewest sufficient ones where none is given.
+
+    Returns
+    -------
+    Recording
+        Times on the clock of ``target``.
+
+    Raises
+    ------
+    DataError
+        There are no commands, or commands without position.
+    """
+    if not target.has_position:
+        raise DataError(f'{len(target)} commands with position; a simulation needs at least one, '
+                        'and none without: record target_frame')
+    period = rig.robot.period
+    span = float(target.t[-1] - target.t[0]) + period if duration is None else duration
+    slack = period / 2.0 if tolerance is None else tolerance
+    held = held_commands(target.t, period, max(1, round(span / period)), slack)
+    positions, xyzw = _checked_commands(target.position, target.R_base_sensor)
+    simulator = Simulator(rig, accelerometer, seed, steps=steps)
+    blocks = [simulator.run(positions[held[i:i + BLOCK]], xyzw[held[i:i + BLOCK]], noise)
+              for i in range(0, len(held), BLOCK)]
+    samples = Samples(*map(np.concatenate, zip(*blocks)))
+    return _recording(samples, target, unit)
+
+
+def _recording(samples: Samples, target: PoseStream, unit: str) -> Recording:
+    t0, s = target.t[0], samples
+    return Recording(
+        wrench=Stream(t0 + s.wrench_t, s.wrench, 'ft_sensor'),
+        accelerometer=Stream(t0 + s.accelerometer_t,
+                             s.volts if unit == 'V' else s.specific_force, 'accelerometer'),
+        accelerometer_unit=unit,
+        pose=PoseStream(t0 + s.pose_t, s.position, s.R_base_sensor, target.frame),
+        target=target,
+        optidrive=(Stream(t0 + s.optidrive_t, s.optidrive[:, np.newaxis], 'ft_sensor')
+                   if len(s.optidrive) else None),
+        contact_truth=Stream(t0 + s.wrench_t, s.contact, 'ft_sensor'),
+        source='simulation')
+
+
+def warm_up() -> None:
+    """Compile whatever is not compiled yet, which may take some seconds after an install."""
+    Simulator(load_rig()).advance()
