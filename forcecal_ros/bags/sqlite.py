@@ -1,0 +1,111 @@
+"""SQLite files of rosbag2: whole ones, and what is left of damaged ones."""
+
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from forcecal_ros.bags.batch import Batch, Notes
+from forcecal_ros.errors import DataError
+from forcecal_ros.topics import Topic
+
+_ROWS = 8192
+
+
+class SqliteFile:
+    """
+    The messages of one file.
+
+    Attributes
+    ----------
+    topics : dict of int to Topic
+        By topic id.
+    """
+
+    def __init__(self, path: Path, notes: Notes) -> None:
+        self._path = path
+        self._notes = notes
+        try:
+            self._database = self._open()
+            self.topics = self._read_topics()
+        except sqlite3.DatabaseError as error:
+            raise DataError(f'{path}: not a readable SQLite recording ({error}); try '
+                            f'`sqlite3 {path.name} .recover`') from error
+
+    def _open(self) -> sqlite3.Connection:
+        """Open read-only; ``immutable`` where a lock or journal cannot be made beside it."""
+        address = self._path.absolute().as_uri()
+        for mode in ('mode=ro', 'mode=ro&immutable=1'):
+            database = sqlite3.connect(f'{address}?{mode}', uri=True)
+            database.text_factory = lambda text: text.decode(errors='replace')
+            try:
+                database.execute('SELECT count(*) FROM sqlite_master')
+                return database
+            except sqlite3.OperationalError as error:
+                database.close()
+                problem = error
+        raise problem
+
+    def _read_topics(self) -> dict[int, Topic]:
+        try:
+            definitions = dict(self._database.execute(
+                "SELECT topic_type, encoded_message_definition FROM message_definitions "
+                "WHERE encoding = 'ros2msg'"))
+        except sqlite3.DatabaseError:
+            definitions = {}
+        rows = self._database.execute(
+            "SELECT id, name, type FROM topics WHERE serialization_format = 'cdr'")
+        return {number: Topic(name, kind, definitions.get(kind, ''))
+                for number, name, kind in rows}
+
+    def batches(self, topics: set[Topic]) -> Iterator[Batch]:
+        """Yield the messages of some topics, some thousands at a time, in the file's order."""
+        wanted = [number for number, topic in self.topics.items() if topic in topics]
+        query = ('SELECT id, topic_id, timestamp, data FROM messages '
+                 f'WHERE topic_id IN ({", ".join("?" * len(wanted))}) AND id > ? ')
+        last = -1
+        try:
+            for rows in self._rows(query + 'ORDER BY id', (*wanted, last)):
+                last = rows[-1][0]
+                yield from self._group(rows)
+        except sqlite3.DatabaseError as error:
+            self._notes.add(f'{self._path.name} is damaged or cut off ({error}): some messages '
+                            'were left out')
+            yield from self._backwards(query, wanted, last)
+
+    def _backwards(self, query: str, wanted: list[int], last: int) -> Iterator[Batch]:
+        """Yield what lies behind the damage, from the end."""
+        try:
+            for rows in self._rows(query + 'ORDER BY id DESC', (*wanted, last)):
+                yield from self._group(rows[::-1])
+        except sqlite3.DatabaseError:
+            return
+
+    def _rows(self, query: str, values: tuple[int, ...]) -> Iterator[list[tuple[int, ...]]]:
+        cursor = self._database.execute(query, values)
+        rows: list[tuple[int, ...]] = []
+        try:
+            for row in cursor:
+                rows.append(row)
+                if len(rows) == _ROWS:
+                    yield rows
+                    rows = []
+        except sqlite3.DatabaseError:
+            if rows:
+                yield rows
+            raise
+        if rows:
+            yield rows
+
+    def _group(self, rows: list[tuple[int, ...]]) -> Iterator[Batch]:
+        groups: dict[int, list[tuple[int, bytes]]] = {}
+        for _, number, log_ns, data in rows:
+            if isinstance(data, bytes) and isinstance(log_ns, int):
+                groups.setdefault(number, []).append((log_ns, data))
+        for number, messages in groups.items():
+            blobs = [data for _, data in messages]
+            length = np.array([len(blob) for blob in blobs])
+            yield Batch(
+                self.topics[number], b''.join(blobs), np.cumsum(length) - length, length,
+                np.array([log_ns for log_ns, _ in messages]))
