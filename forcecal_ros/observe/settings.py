@@ -1,0 +1,76 @@
+"""What a user may say about the observer; every default is stated with its reason."""
+
+from dataclasses import dataclass
+from math import isfinite
+
+from forcecal_ros.errors import ConfigError
+
+MODES = ('kalman', 'newton')
+OFFSETS = ('auto', 'on', 'off')
+
+
+@dataclass(frozen=True)
+class Settings:
+    """
+    Choices of the observer.
+
+    Attributes
+    ----------
+    mode : str or None
+        ``kalman`` or ``newton``; None: as the calibration says.
+    bandwidth_hz : float or None
+        Corner of the contact wrench in mode ``kalman`` [Hz]. None: from noise against response,
+        see :func:`forcecal_ros.observe.design.contact_bandwidth`.
+    contact_walk : float
+        How fast a contact force is expected to wander, as a random walk [N/sqrt(s)].
+    offset : str
+        Whether the accelerometer offset is a state: ``on`` (an error where the streams do not
+        make it detectable), ``off``, or ``auto`` (where they do).
+    offset_walk : float
+        Wander of that offset [m/s^2/sqrt(s)].
+    position : bool
+        Whether the pose stream is expected to hold a position; read by ``offset`` only.
+    pose_position_std, pose_rotation_std : float
+        Trust in one pose [m], [rad]. The position's is larger than a robot's repeatability:
+        flexing and timing count as well.
+    pose_rate : float
+        Rate the two belong to [Hz].
+    accelerometer_timeout, pose_timeout : float
+        Pause after which the accelerometer (and displacement) or the pose counts as missing [s].
+    skew : float
+        Greatest difference of transport times between topics that is still waited for [s]. Costs
+        no latency while all streams flow; bounds the pause when one of them stops.
+    wrench_limit : tuple of 6 float or None
+        Ends of the force sensor's range [N, N m].
+    accelerometer_limit : float or None
+        End of the accelerometer's range about zero, in its own unit.
+    """
+
+    mode: str | None = None
+    bandwidth_hz: float | None = None
+    contact_walk: float = 2.5
+    offset: str = 'auto'
+    offset_walk: float = 5e-4
+    position: bool = True
+    pose_position_std: float = 1e-4
+    pose_rotation_std: float = 2e-5
+    pose_rate: float = 250.0
+    accelerometer_timeout: float = 0.025
+    pose_timeout: float = 0.1
+    skew: float = 0.05
+    wrench_limit: tuple[float, ...] | None = None
+    accelerometer_limit: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.mode is not None and self.mode not in MODES:
+            raise ConfigError(f'observer mode {self.mode!r} is none of {", ".join(MODES)}')
+        if self.offset not in OFFSETS:
+            raise ConfigError(f'observer offset {self.offset!r} is none of {", ".join(OFFSETS)}')
+        if self.wrench_limit is not None and len(self.wrench_limit) != 6:
+            raise ConfigError(f'wrench_limit wants 6 numbers, got {len(self.wrench_limit)}')
+        for name in ('bandwidth_hz', 'contact_walk', 'offset_walk', 'pose_position_std',
+                     'pose_rotation_std', 'pose_rate', 'accelerometer_timeout', 'pose_timeout',
+                     'skew', 'accelerometer_limit'):
+            value = getattr(self, name)
+            if value is not None and not (isfinite(value) and value > 0):
+                raise ConfigError(f'observer {name} is {value!r}; it wants a positive number')

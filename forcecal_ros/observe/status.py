@@ -1,0 +1,99 @@
+"""What a contact wrench is worth: one bit for each thing that was missing or wrong."""
+
+from enum import IntFlag
+
+NO_ACCELEROMETER = 1
+NO_POSE = 2
+NO_POSITION = 4
+DISPLACEMENT_FROM_FORCE = 8
+OFFSET_HELD = 16
+NO_GRAVITY = 32
+BAD_WRENCH = 64
+RESTARTED = 128
+SATURATED = 256
+
+INVALID = NO_GRAVITY | BAD_WRENCH
+"""With one of these the contact wrench is not to be used."""
+
+DEGRADED = NO_ACCELEROMETER | NO_POSE | RESTARTED | SATURATED
+"""With one of these it is less accurate than the calibration promises."""
+
+
+class Status(IntFlag):
+    """The bits above by name, for those who read them; the step itself uses plain integers."""
+
+    OK = 0
+    NO_ACCELEROMETER = NO_ACCELEROMETER
+    NO_POSE = NO_POSE
+    NO_POSITION = NO_POSITION
+    DISPLACEMENT_FROM_FORCE = DISPLACEMENT_FROM_FORCE
+    OFFSET_HELD = OFFSET_HELD
+    NO_GRAVITY = NO_GRAVITY
+    BAD_WRENCH = BAD_WRENCH
+    RESTARTED = RESTARTED
+    SATURATED = SATURATED
+
+
+_TEXT = {
+    NO_ACCELEROMETER: 'no accelerometer: acceleration from the pose, slower and noisier',
+    NO_POSE: 'no pose: rotation is taken to be nil, gravity comes from the accelerometer',
+    NO_POSITION: 'the pose holds no position',
+    DISPLACEMENT_FROM_FORCE: 'no displacement sensor: the spring force stands in',
+    OFFSET_HELD: 'the accelerometer offset is held, not tracked',
+    NO_GRAVITY: 'weight unknown: neither pose nor accelerometer tells the direction of gravity',
+    BAD_WRENCH: 'the wrench is not a finite number; the last estimate is repeated',
+    RESTARTED: 'the wrench paused; the filter was restarted',
+    SATURATED: 'a sensor is at the end of its range',
+}
+
+
+def describe(status: int) -> tuple[str, ...]:
+    """
+    Say what the bits of a status mean.
+
+    Parameters
+    ----------
+    status : int
+
+    Returns
+    -------
+    tuple of str
+        One sentence for each bit set; empty when all is well.
+    """
+    return tuple(text for bit, text in _TEXT.items() if status & bit)
+
+
+def level(status: int) -> str:
+    """
+    Return ``error``, ``warn`` or ``ok``, as diagnostics want it.
+
+    Parameters
+    ----------
+    status : int
+
+    Returns
+    -------
+    str
+    """
+    if status & INVALID:
+        return 'error'
+    return 'warn' if status & DEGRADED else 'ok'
+
+
+def saturated(values: tuple[float, ...], limits: tuple[float, ...]) -> bool:
+    """
+    Whether a reading is at the end of its sensor's range.
+
+    Parameters
+    ----------
+    values, limits : tuple of float
+        As on the wire, same unit; infinite where no limit is known.
+
+    Returns
+    -------
+    bool
+    """
+    for value, limit in zip(values, limits):
+        if value >= limit or value <= -limit:
+            return True
+    return False

@@ -1,0 +1,122 @@
+"""Taring: a new wrench bias from a moment of rest, the tool's weight taken off first."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array
+from forcecal_ros.observe.contact import ContactSample
+from forcecal_ros.observe.design import Model, NoiseLevels
+from forcecal_ros.observe.status import INVALID, describe
+
+CHANNELS = ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z')
+
+
+@dataclass(frozen=True)
+class Tare:
+    """
+    Outcome of a tare.
+
+    Attributes
+    ----------
+    bias : ndarray, shape (6,)
+        New reading without any load, wire sign [N, N m].
+    shift : ndarray, shape (6,)
+        By how much it differs from the old one.
+    std : ndarray, shape (6,)
+        Standard error of the mean it was taken from.
+    """
+
+    bias: Array
+    shift: Array
+    std: Array
+
+
+def tare(samples: Sequence[ContactSample], model: Model, levels: NoiseLevels,
+         seconds: float = 0.5, noise_factor: float = 3.0) -> Tare:
+    """
+    Find the bias that makes the contact wrench of a window zero.
+
+    The predicted weight and inertia are off already (``measured``), so the tool may be in any
+    orientation. A steady push cannot be told from a bias; what can be told is refused.
+
+    Parameters
+    ----------
+    samples : sequence of ContactSample
+        The window, in order of time.
+    model : Model
+        Of the observer that made them.
+    levels : NoiseLevels
+        Noise at rest.
+    seconds : float
+        Shortest window that is accepted [s].
+    noise_factor : float
+        How many times the noise at rest counts as motion or contact; noise levels drift by a
+        factor of two on their own.
+
+    Returns
+    -------
+    Tare
+
+    Raises
+    ------
+    DataError
+        Too short, an estimate in it is not valid, or the tool moves or touches.
+    """
+    span = samples[-1].t - samples[0].t if samples else 0.0
+    if span < 0.98 * seconds:
+        raise DataError(f'tare wants {seconds:g} s at rest, the window has {span:.3f} s; '
+                        'wait for the wrench to flow')
+    bad = next((s.status for s in samples if s.status & INVALID), 0)
+    if bad:
+        raise DataError(f'cannot tare: {"; ".join(describe(bad))}')
+    measured = np.array([s.measured for s in samples])
+    inertial = np.array([s.inertial for s in samples])
+    rate = (len(samples) - 1) / span
+    allowed = noise_factor * _noise_at_rest(model, levels, rate)
+    _refuse(inertial, allowed, 'the tool moves', 'stop the robot')
+    _refuse(measured, allowed, 'the tool moves or touches something',
+            'stop the robot and clear the tool')
+    shift = measured.mean(axis=0)
+    return Tare(np.array(model.bias) + shift, shift,
+                measured.std(axis=0) / np.sqrt(len(samples)))
+
+
+def with_bias(model: Model, bias: Array) -> Model:
+    """
+    Return the model with another wrench bias.
+
+    Parameters
+    ----------
+    model : Model
+    bias : ndarray, shape (6,)
+        [N, N m]
+
+    Returns
+    -------
+    Model
+    """
+    return model._replace(bias=tuple(float(x) for x in bias))
+
+
+def _noise_at_rest(model: Model, levels: NoiseLevels, rate: float) -> Array:
+    """Standard deviation of ``measured`` per channel when nothing happens, shape (6,)."""
+    m = model.load.m
+    arm = float(np.linalg.norm([model.load.cx, model.load.cy, model.load.cz]))
+    force = levels.force + m * m * levels.specific_force
+    torque = levels.torque + (arm * m) ** 2 * levels.specific_force
+    return np.sqrt(rate * np.repeat([force, torque], 3))
+
+
+def _refuse(values: Array, allowed: Array, what: str, remedy: str) -> None:
+    """Raise where a channel scatters, or drifts from one end to the other, too much."""
+    third = len(values) // 3
+    drift = np.abs(values[-third:].mean(axis=0) - values[:third].mean(axis=0))
+    for size, word in ((values.std(axis=0), 'scatters by'), (2 * drift, 'drifts by')):
+        worst = int(np.argmax(size / allowed))
+        if size[worst] > allowed[worst]:
+            raise DataError(
+                f'tare refused, {what}: {CHANNELS[worst]} {word} {size[worst]:.3g} '
+                f'> {allowed[worst]:.3g} {"N" if worst < 3 else "N m"}; {remedy}')
