@@ -1,0 +1,63 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+PACKAGE = 'forcecal_ros'
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    description='Self-calibrating force sensing for robots: identify, observe, diagnose',
+    author='forcecal_ros maintainers',
+    maintainer='forcecal_ros maintainers',
+    maintainer_email='maintainers@forcecal-ros.example',
+    license='Apache-2.0',
+    python_requires='>=3.10',
+    packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
+    package_data={PACKAGE: ['config/*.yaml', '**/*.html.j2', 'py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (f'share/{PACKAGE}', ['package.xml']),
+        (f'share/{PACKAGE}/config', sorted(glob('config/*.yaml'))),
+        (f'share/{PACKAGE}/launch', sorted(glob('launch/*.launch.py'))),
+        (f'share/{PACKAGE}/layouts', sorted(glob('layouts/*.*'))),
+    ],
+    install_requires=[
+        'control>=0.10',
+        'jinja2>=3.1',
+        'matplotlib>=3.6',
+        'numba>=0.58',
+        'numpy>=1.26',
+        'pyyaml>=6.0',
+        'rosbags>=0.11',
+        'scipy>=1.11',
+        'tqdm>=4.66',
+    ],
+    extras_require={
+        # for machines without a ROS 2 distribution; colcon and rosdep never ask for it
+        'ros': [
+            'ros-jazzy-common-interfaces==5.3.6',
+            'ros-jazzy-rclpy[fastrtps]==7.1.6',
+        ],
+        # colcon test runs pytest because of this name and its first entry
+        'test': [
+            'pytest>=7.4',
+            'pytest-timeout>=2.1',
+            'hypothesis>=6.98',
+            'colcon-common-extensions>=0.3.0',
+            'mypy>=2.4,<2.5',
+            'ruff>=0.17.5,<0.18',
+            'setuptools>=68',
+            'types-PyYAML>=6.0',
+        ],
+    },
+    entry_points={
+        'console_scripts': [
+            'forcecal = forcecal_ros.cli:main',
+            'observer = forcecal_ros.nodes.observer:main',
+            'sequencer = forcecal_ros.nodes.sequencer:main',
+            'sim = forcecal_ros.nodes.sim:main',
+        ],
+    },
+    zip_safe=False,
+)

@@ -1,0 +1,52 @@
+"""Fixtures of general use: where recorded data is, and a DDS domain of one's own."""
+
+import os
+from pathlib import Path
+import random
+import socket
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def _shared(variable: str, name: str) -> Path:
+    path = Path(os.environ.get(variable, ROOT.parent / 'shared' / name))
+    if not path.is_dir():
+        pytest.skip(f'{path} is absent; set {variable} to a copy')
+    return path
+
+
+@pytest.fixture(scope='session')
+def data_dir():
+    """Recordings of real sensors: ``$FORCECAL_DATA``, else ``../shared/data``."""
+    return _shared('FORCECAL_DATA', 'data')
+
+
+@pytest.fixture(scope='session')
+def rig_sample():
+    """A recording of the rig: ``$FORCECAL_RIG_SAMPLE``, else ``../shared/rig_sample``."""
+    return _shared('FORCECAL_RIG_SAMPLE', 'rig_sample')
+
+
+@pytest.fixture
+def ros_domain(monkeypatch, tmp_path):
+    """
+    Keep this test's nodes, child processes included, to themselves.
+
+    Domains 1 to 101 have ports below Linux's ephemeral ones. A name held in the abstract socket
+    namespace reserves a domain among all tests that run on this machine, and ends with the process.
+    """
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as reservation:
+        for domain in random.sample(range(1, 102), 101):
+            try:
+                reservation.bind(f'\0forcecal-test-domain-{domain}')
+                break
+            except OSError:
+                continue
+        else:
+            pytest.fail('all DDS domains from 1 to 101 are taken by other tests')
+        monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+        monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path / 'ros_log'))
+        yield domain
