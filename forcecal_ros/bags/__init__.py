@@ -1,7 +1,9 @@
 """The only reader and writer of recordings (rosbag2); it needs no ROS installation."""
 
-from forcecal_ros.bags.read import (
-    Columns, read_columns, read_recording, read_texts, require,
-)
+from forcecal_ros.bags.read import Columns, read_columns, read_recording, read_texts, require
+from forcecal_ros.bags.write import BagWriter, write_recording, write_signals
 
-__all__ = ['Columns', 'read_columns', 'read_recording', 'read_texts', 'require']
+__all__ = [
+    'BagWriter', 'Columns', 'read_columns', 'read_recording', 'read_texts', 'require',
+    'write_recording', 'write_signals',
+]

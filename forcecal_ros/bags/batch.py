@@ -3,10 +3,9 @@
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+from forcecal_ros.topics import Topic
 import numpy as np
 from numpy.typing import NDArray
-
-from forcecal_ros.topics import Topic
 
 Integers = NDArray[np.int64]
 

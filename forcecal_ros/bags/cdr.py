@@ -7,15 +7,14 @@ both. So one message is walked field by field, and all that are laid out like it
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
+from forcecal_ros.bags.batch import at_offsets, Batch, Integers
+from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
-from forcecal_ros.bags.batch import Batch, Integers, at_offsets
-from forcecal_ros.geometry import Array
-
-_NUMBERS = {
+NUMBERS = {
     'bool': 'u1', 'byte': 'u1', 'octet': 'u1', 'char': 'u1', 'int8': 'i1', 'uint8': 'u1',
     'int16': 'i2', 'uint16': 'u2', 'int32': 'i4', 'uint32': 'u4', 'int64': 'i8', 'uint64': 'u8',
     'float32': 'f4', 'float64': 'f8',
@@ -229,8 +228,8 @@ class _Walker:
             self.fixed.append((start, self._position))
             text = self._data[start:self._position].rstrip(b'\0')
             self.text[path] = text.decode(errors='replace')
-        elif name in _NUMBERS:
-            dtype = _NUMBERS[name]
+        elif name in NUMBERS:
+            dtype = NUMBERS[name]
             if count:
                 start = self._take(int(dtype[1]), count)
                 self.numbers[path] = Numbers(start, self._order + dtype, count)

@@ -3,9 +3,8 @@
 from bisect import bisect_left
 from typing import NamedTuple
 
-import numpy as np
-
 from forcecal_ros.bags.batch import Integers
+import numpy as np
 
 _JITTER = 10**9
 _DAY = 86400 * 10**9

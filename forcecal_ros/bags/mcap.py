@@ -1,17 +1,16 @@
 """MCAP files, record by record: whole ones, and what is left of damaged ones."""
 
-import struct
-import sys
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
+import struct
+import sys
 from typing import Any, BinaryIO
+import zlib
 
+from forcecal_ros.bags.batch import at_offsets, Batch, Notes
+from forcecal_ros.topics import Topic
 import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
-
-from forcecal_ros.bags.batch import Batch, Notes, at_offsets
-from forcecal_ros.topics import Topic
 
 if sys.version_info >= (3, 14):
     from compression import zstd

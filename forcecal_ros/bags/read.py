@@ -6,32 +6,25 @@ from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from forcecal_ros.bags.batch import Batch, Integers, Notes
 from forcecal_ros.bags.cdr import CdrError, Decoder
 from forcecal_ros.bags.clock import increasing
+from forcecal_ros.bags.fields import FIELDS
 from forcecal_ros.bags.storage import Bag
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, matrix_from_quaternion
 from forcecal_ros.samples import Phase, PoseStream, Recording, Stream
 from forcecal_ros.topics import (
-    ACCEL, IMU, JOINT_STATE, POSE, ROLES, VECTOR3, WRENCH, Topic, find_topics,
+    find_topics,
+    IMU,
+    POSE,
+    ROLES,
+    Topic,
+    VECTOR3,
 )
+import numpy as np
+from numpy.typing import NDArray
 
-_XYZ = 'xyz'
-_ACCELERATION = [f'linear_acceleration.{axis}' for axis in _XYZ]
-_RATES = [f'angular_velocity.{axis}' for axis in _XYZ]
-_FIELDS: Mapping[str, list[str]] = {
-    WRENCH: [f'wrench.{part}.{axis}' for part in ('force', 'torque') for axis in _XYZ],
-    VECTOR3: [f'vector.{axis}' for axis in _XYZ],
-    IMU: _ACCELERATION + _RATES,
-    ACCEL: [f'accel.linear.{axis}' for axis in _XYZ],
-    POSE: [f'pose.position.{axis}' for axis in _XYZ]
-    + [f'pose.orientation.{axis}' for axis in 'xyzw'],
-    JOINT_STATE: ['position[optidrive]'],
-}
 _STREAMS = ('wrench', 'accelerometer', 'imu', 'accel', 'pose', 'target', 'optidrive',
             'contact_truth')
 _DAY = 86400.0
@@ -232,7 +225,7 @@ def _choose_accelerometer(
 def _read_series(bag: Bag, found: Mapping[str, Topic]) -> dict[Topic, _Series]:
     collectors = {
         topic: _Collector(bag, topic, ['status[0].message'], text=True) if role == 'phase'
-        else _Collector(bag, topic, _FIELDS[topic.type]) for role, topic in found.items()}
+        else _Collector(bag, topic, FIELDS[topic.type]) for role, topic in found.items()}
     for batch in bag.batches(set(collectors)):
         collectors[batch.topic].add(batch)
     series = {topic: one for topic, collector in collectors.items()

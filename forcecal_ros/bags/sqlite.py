@@ -1,14 +1,13 @@
 """SQLite files of rosbag2: whole ones, and what is left of damaged ones."""
 
-import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
-
-import numpy as np
+import sqlite3
 
 from forcecal_ros.bags.batch import Batch, Notes
 from forcecal_ros.errors import DataError
 from forcecal_ros.topics import Topic
+import numpy as np
 
 _ROWS = 8192
 

@@ -1,23 +1,22 @@
 """Find the files of a recording, whatever holds it, and hand out their messages."""
 
-import sys
-import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
+import sys
+import tempfile
 from types import TracebackType
 from typing import Any
-
-import numpy as np
-import yaml
-from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
 
 from forcecal_ros.bags.batch import Batch, Notes
 from forcecal_ros.bags.mcap import MAGIC, McapFile
 from forcecal_ros.bags.sqlite import SqliteFile
 from forcecal_ros.errors import DataError
 from forcecal_ros.topics import Topic
+import numpy as np
+from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysError
+from rosbags.typesys.store import Typestore
+import yaml
 
 if sys.version_info >= (3, 14):
     from compression import zstd
