@@ -1,11 +1,14 @@
 """The one way this package compiles numerical loops."""
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, cast, TypeVar
 
 from numba import njit
 
 F = TypeVar('F', bound=Callable[..., Any])
+
+Record = Any
+"""One element of a structured array, whose fields compiled code reads as attributes."""
 
 
 def compiled(function: F) -> F:
@@ -26,6 +29,6 @@ def compiled(function: F) -> F:
     callable
     """
     try:
-        return njit(cache=True)(function)  # type: ignore[no-any-return]
+        return cast(F, njit(cache=True)(function))
     except RuntimeError:  # nowhere to keep it: compile anew in each process
-        return njit(function)  # type: ignore[no-any-return]
+        return cast(F, njit(function))

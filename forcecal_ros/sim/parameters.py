@@ -2,10 +2,9 @@
 
 import math
 
-import numpy as np
-
 from forcecal_ros.geometry import Array
 from forcecal_ros.sim.rig import Rig
+import numpy as np
 
 PARAMETERS = np.dtype([
     ('period', 'f8'),                     # [s]
@@ -46,7 +45,7 @@ def kernel_parameters(rig: Rig, accelerometer: str | None = None) -> Array:
         Its ``[()]`` is the record that the loops take.
     """
     slides = rig.optidrive
-    model = getattr(rig.accelerometer, accelerometer or rig.accelerometer.mounted)
+    model = rig.accelerometer.model(accelerometer)
     return np.array((
         rig.robot.period, rig.robot.feedback, rig.robot.feedforward,
         rig.servo.position_bandwidth, rig.servo.orientation_bandwidth,

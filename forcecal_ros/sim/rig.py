@@ -5,14 +5,13 @@ dump in :mod:`forcecal_ros.sim.rig_file` all read. To change a number, ``datacla
 section and the rig; arrays are taken and kept as tuples, so that rigs compare and hash.
 """
 
-import math
 from dataclasses import dataclass, field, fields
-from typing import Any
-
-import numpy as np
+import math
 
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array, matrix_from_quaternion
+from forcecal_ros.sim.quantity import checked, choice, quantity
+import numpy as np
 
 Vector3 = tuple[float, float, float]
 Vector4 = tuple[float, float, float, float]
@@ -21,84 +20,6 @@ Matrix3 = tuple[Vector3, Vector3, Vector3]
 
 _RATE_TOLERANCE = 1e-6
 _GAIN_TOLERANCE = 1e-6
-
-
-def _quantity(unit: str, note: str = '', shape: tuple[int, ...] = (), *,
-              positive: bool = False, least: float = -math.inf) -> Any:
-    return field(metadata={'unit': unit, 'note': note, 'shape': shape, 'positive': positive,
-                           'least': least})
-
-
-def _choice(note: str, words: tuple[str, ...]) -> Any:
-    return field(metadata={'note': note, 'words': words})
-
-
-def _expected(unit: str, shape: tuple[int, ...]) -> str:
-    what = {(): 'a number', (3, 3): '3 rows of 3 numbers'}
-    return f'{what.get(shape) or f"a list of {shape[0]} numbers"} [{unit}]'
-
-
-def _tuples(values: Any) -> Any:
-    return tuple(map(_tuples, values)) if isinstance(values, list) else values
-
-
-def _all_numbers(value: Any) -> bool:
-    if isinstance(value, list | tuple):
-        return all(map(_all_numbers, value))
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def checked(name: str, value: Any, metadata: Any) -> Any:
-    """
-    Check one value against its field's metadata.
-
-    Parameters
-    ----------
-    name : str
-        The key to name in an error.
-    value : object
-        A number, a (nested) list, tuple or array of numbers, or a word.
-    metadata : mapping
-        Of the dataclass field.
-
-    Returns
-    -------
-    float, str or (nested) tuple of float
-
-    Raises
-    ------
-    ConfigError
-        Wrong type or shape, not finite, outside its limits.
-    """
-    if 'words' in metadata:
-        if value not in metadata['words']:
-            raise ConfigError(f'{name}: expected one of {", ".join(metadata["words"])}, '
-                              f'got {value!r}; write one of these')
-        return value
-    shape = metadata['shape']
-    expected = _expected(metadata['unit'], shape)
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if not _all_numbers(value):
-        hint = ('; YAML reads an exponent as a number only with a dot and a sign, as in 2.0e-5'
-                if isinstance(value, str) and 'e' in value.lower() else '; write it so')
-        raise ConfigError(f'{name}: expected {expected}, got {value!r}{hint}')
-    try:
-        array = np.array(value, dtype=float)
-    except (ValueError, OverflowError):
-        raise ConfigError(f'{name}: expected {expected}, got {value!r}; '
-                          'make the rows equally long and the numbers finite') from None
-    if array.shape != shape:
-        raise ConfigError(f'{name}: expected {expected}, got {value!r}; write it in this shape')
-    if not np.isfinite(array).all():
-        raise ConfigError(f'{name}: expected {expected}, got {value!r}; '
-                          'every number must be finite')
-    if metadata['positive'] and (array <= 0).any():
-        raise ConfigError(f'{name}: must be above 0 [{metadata["unit"]}], got {value!r}')
-    if (array < metadata['least']).any():
-        raise ConfigError(f'{name}: must be at least {metadata["least"]:g} '
-                          f'[{metadata["unit"]}], got {value!r}')
-    return _tuples(array.tolist())
 
 
 @dataclass(frozen=True)
@@ -116,9 +37,9 @@ class Section:
 class Robot(Section):
     """Commanded to reached position per Cartesian axis, [Gamez2005] Eq. 28."""
 
-    period: float = _quantity('s', 'of Eq. 28 and of the commands', positive=True)
-    feedback: Vector3 = _quantity('1', 'of y at k-1, k-2, k-3', (3,))
-    feedforward: Vector3 = _quantity('1', 'of the command at k-1, k-2, k-3', (3,))
+    period: float = field(metadata=quantity('s', 'of Eq. 28 and of the commands', positive=True))
+    feedback: Vector3 = field(metadata=quantity('1', 'of y at k-1, k-2, k-3', (3,)))
+    feedforward: Vector3 = field(metadata=quantity('1', 'of the command at k-1, k-2, k-3', (3,)))
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -136,19 +57,20 @@ class Robot(Section):
 class Servo(Section):
     """What follows the interpolated output of the robot model."""
 
-    position_bandwidth: float = _quantity('rad/s', 'third order, critically damped', positive=True)
-    orientation_bandwidth: float = _quantity(
-        'rad/s', 'second order on SO(3), critically damped', positive=True)
+    position_bandwidth: float = field(metadata=quantity(
+        'rad/s', 'third order, critically damped', positive=True))
+    orientation_bandwidth: float = field(metadata=quantity(
+        'rad/s', 'second order on SO(3), critically damped', positive=True))
 
 
 @dataclass(frozen=True)
 class Tool(Section):
     """What the sensor carries; in ft_sensor, the Optidrive undisplaced."""
 
-    mass: float = _quantity('kg', positive=True)
-    com: Vector3 = _quantity('m', 'centre of mass', (3,))
-    inertia: Matrix3 = _quantity('kg m^2', 'about the CoM', (3, 3))
-    tip: Vector3 = _quantity('m', 'the point that meets the wall', (3,))
+    mass: float = field(metadata=quantity('kg', positive=True))
+    com: Vector3 = field(metadata=quantity('m', 'centre of mass', (3,)))
+    inertia: Matrix3 = field(metadata=quantity('kg m^2', 'about the CoM', (3, 3)))
+    tip: Vector3 = field(metadata=quantity('m', 'the point that meets the wall', (3,)))
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -162,39 +84,39 @@ class Tool(Section):
 class Optidrive(Section):
     """The compliance along x of ft_sensor, [Gamez2005] Eq. 29."""
 
-    stiffness: float = _quantity('N/m', positive=True)
-    damping: float = _quantity('N s/m', least=0.0)
-    rate: float = _quantity('Hz', 'of the displacement signal', positive=True)
-    noise: float = _quantity('m', '1 sigma, white', least=0.0)
+    stiffness: float = field(metadata=quantity('N/m', positive=True))
+    damping: float = field(metadata=quantity('N s/m', least=0.0))
+    rate: float = field(metadata=quantity('Hz', 'of the displacement signal', positive=True))
+    noise: float = field(metadata=quantity('m', '1 sigma, white', least=0.0))
 
 
 @dataclass(frozen=True)
 class Wall(Section):
     """Unilateral screen, normal to X of base."""
 
-    position: float = _quantity('m', 'X of base')
-    stiffness: float = _quantity('N/m', least=0.0)
-    damping: float = _quantity('N s/m', least=0.0)
+    position: float = field(metadata=quantity('m', 'X of base'))
+    stiffness: float = field(metadata=quantity('N/m', least=0.0))
+    damping: float = field(metadata=quantity('N s/m', least=0.0))
 
 
 @dataclass(frozen=True)
 class WrenchSensor(Section):
     """wire = gain * (wrench of the environment on the tool) + bias + noise."""
 
-    rate: float = _quantity('Hz', positive=True)
-    gain: Vector6 = _quantity('1', 'fx fy fz tx ty tz', (6,))
-    bias: Vector6 = _quantity('N, N m', '', (6,))
-    force_noise: float = _quantity('N', '1 sigma, white', least=0.0)
-    torque_noise: float = _quantity('N m', '1 sigma, white', least=0.0)
+    rate: float = field(metadata=quantity('Hz', positive=True))
+    gain: Vector6 = field(metadata=quantity('1', 'fx fy fz tx ty tz', (6,)))
+    bias: Vector6 = field(metadata=quantity('N, N m', '', (6,)))
+    force_noise: float = field(metadata=quantity('N', '1 sigma, white', least=0.0))
+    torque_noise: float = field(metadata=quantity('N m', '1 sigma, white', least=0.0))
 
 
 @dataclass(frozen=True)
 class AccelerometerModel(Section):
     """V = gain f + offset + noise, f high-passed where the sensor is AC-coupled."""
 
-    gain: Vector3 = _quantity('V/(m/s^2)', 'x y z', (3,))
-    offset: Vector3 = _quantity('V', '', (3,))
-    highpass: float = _quantity('Hz', 'first order; 0: DC response', least=0.0)
+    gain: Vector3 = field(metadata=quantity('V/(m/s^2)', 'x y z', (3,)))
+    offset: Vector3 = field(metadata=quantity('V', '', (3,)))
+    highpass: float = field(metadata=quantity('Hz', 'first order; 0: DC response', least=0.0))
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -206,50 +128,71 @@ class AccelerometerModel(Section):
 class Accelerometer(Section):
     """The accelerometer on the tool, its axes along ft_sensor."""
 
-    mounted: str = _choice('which of the two below', ('acc1', 'acc2'))
-    position: Vector3 = _quantity('m', 'in ft_sensor, the Optidrive undisplaced', (3,))
-    rate: float = _quantity('Hz', positive=True)
-    noise: float = _quantity('V', '1 sigma, white', least=0.0)
+    mounted: str = field(metadata=choice('which of the two below', ('acc1', 'acc2')))
+    position: Vector3 = field(metadata=quantity(
+        'm', 'in ft_sensor, the Optidrive undisplaced', (3,)))
+    rate: float = field(metadata=quantity('Hz', positive=True))
+    noise: float = field(metadata=quantity('V', '1 sigma, white', least=0.0))
     acc1: AccelerometerModel
     acc2: AccelerometerModel
+
+    def model(self, name: str | None = None) -> AccelerometerModel:
+        """
+        Return one of the two.
+
+        Parameters
+        ----------
+        name : str, optional
+            ``acc1`` or ``acc2``; the mounted one where none is given.
+
+        Raises
+        ------
+        ConfigError
+            Another name.
+        """
+        models = {'acc1': self.acc1, 'acc2': self.acc2}
+        if (name or self.mounted) not in models:
+            raise ConfigError(f'accelerometer {name!r}: expected one of {", ".join(models)}')
+        return models[name or self.mounted]
 
 
 @dataclass(frozen=True)
 class PoseSensor(Section):
     """The measured pose of ft_sensor in base."""
 
-    rate: float = _quantity('Hz', positive=True)
-    position_noise: float = _quantity('m', '1 sigma, white, per axis', least=0.0)
-    orientation_noise: float = _quantity(
-        'rad', '1 sigma, white, rotation vector in S, per axis', least=0.0)
+    rate: float = field(metadata=quantity('Hz', positive=True))
+    position_noise: float = field(metadata=quantity('m', '1 sigma, white, per axis', least=0.0))
+    orientation_noise: float = field(metadata=quantity(
+        'rad', '1 sigma, white, rotation vector in S, per axis', least=0.0))
 
 
 @dataclass(frozen=True)
 class Spreads(Section):
     """How far a sound rig departs from its file, 1 sigma."""
 
-    mass: float = _quantity('1', 'relative', least=0.0)
-    com: float = _quantity('m', least=0.0)
-    inertia: float = _quantity('1', 'relative', least=0.0)
-    stiffness: float = _quantity('1', 'relative, of the Optidrive', least=0.0)
-    damping: float = _quantity('1', 'relative, of the Optidrive', least=0.0)
-    wall_position: float = _quantity('m', least=0.0)
-    wall_stiffness: float = _quantity('1', 'relative', least=0.0)
-    wall_damping: float = _quantity('1', 'relative', least=0.0)
-    force_bias: float = _quantity('N', least=0.0)
-    torque_bias: float = _quantity('N m', least=0.0)
-    wrench_gain: float = _quantity('1', 'relative', least=0.0)
-    accelerometer_gain: float = _quantity('1', 'relative', least=0.0)
-    accelerometer_offset: float = _quantity('V', least=0.0)
-    noise_factor: float = _quantity('1', 'noise levels times or divided by this', least=1.0)
+    mass: float = field(metadata=quantity('1', 'relative', least=0.0))
+    com: float = field(metadata=quantity('m', least=0.0))
+    inertia: float = field(metadata=quantity('1', 'relative', least=0.0))
+    stiffness: float = field(metadata=quantity('1', 'relative, of the Optidrive', least=0.0))
+    damping: float = field(metadata=quantity('1', 'relative, of the Optidrive', least=0.0))
+    wall_position: float = field(metadata=quantity('m', least=0.0))
+    wall_stiffness: float = field(metadata=quantity('1', 'relative', least=0.0))
+    wall_damping: float = field(metadata=quantity('1', 'relative', least=0.0))
+    force_bias: float = field(metadata=quantity('N', least=0.0))
+    torque_bias: float = field(metadata=quantity('N m', least=0.0))
+    wrench_gain: float = field(metadata=quantity('1', 'relative', least=0.0))
+    accelerometer_gain: float = field(metadata=quantity('1', 'relative', least=0.0))
+    accelerometer_offset: float = field(metadata=quantity('V', least=0.0))
+    noise_factor: float = field(metadata=quantity(
+        '1', 'noise levels times or divided by this', least=1.0))
 
 
 @dataclass(frozen=True)
 class Home(Section):
     """Where ft_sensor starts, in base."""
 
-    position: Vector3 = _quantity('m', '', (3,))
-    orientation_xyzw: Vector4 = _quantity('1', 'quaternion', (4,))
+    position: Vector3 = field(metadata=quantity('m', '', (3,)))
+    orientation_xyzw: Vector4 = field(metadata=quantity('1', 'quaternion', (4,)))
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -268,8 +211,8 @@ class Home(Section):
 class Step(Section):
     """The default step: a quintic (minimum-jerk) profile."""
 
-    distance: float = _quantity('m')
-    duration: float = _quantity('s', positive=True)
+    distance: float = field(metadata=quantity('m'))
+    duration: float = field(metadata=quantity('s', positive=True))
 
 
 @dataclass(frozen=True)
@@ -292,7 +235,7 @@ class Rig(Section):
     accelerometer: Accelerometer
     pose_sensor: PoseSensor
     spreads: Spreads
-    gravity: Vector3 = _quantity('m/s^2', 'in base', (3,))
+    gravity: Vector3 = field(metadata=quantity('m/s^2', 'in base', (3,)))
     home: Home
     step: Step
 

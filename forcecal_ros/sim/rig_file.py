@@ -1,17 +1,17 @@
 """The rig file: YAML in, a checked :class:`~forcecal_ros.sim.rig.Rig` out, and back."""
 
-import typing
 from collections.abc import Iterator
 from dataclasses import fields
 from importlib.resources import files
 from pathlib import Path
 from types import UnionType
+import typing
 from typing import Any
 
-import yaml
-
 from forcecal_ros.errors import ConfigError
-from forcecal_ros.sim.rig import Rig, Section, checked
+from forcecal_ros.sim.quantity import checked
+from forcecal_ros.sim.rig import Rig, Section
+import yaml
 
 _COLUMN = 46
 

@@ -8,10 +8,9 @@ SO(3), integrated by Runge-Kutta 4 in unit quaternions (xyzw).
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from forcecal_ros.geometry import Array
-from forcecal_ros.sim.compiled import compiled
+from forcecal_ros.sim.compiled import compiled, Record
+import numpy as np
 
 ROBOT_STATE = np.dtype([
     ('commands', 'f8', (3, 3)),     # [m] commanded positions k-1, k-2, k-3
@@ -47,8 +46,8 @@ class Motion(NamedTuple):
     @classmethod
     def empty(cls, n: int) -> 'Motion':
         """Make room for n nodes."""
-        vectors = [np.empty((n, 3)) for _ in range(5)]
-        return cls(*vectors[:3], np.empty((n, 3, 3)), *vectors[3:])
+        return cls(np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3)),
+                   np.empty((n, 3)), np.empty((n, 3)))
 
 
 def robot_at_rest(position: Array, xyzw: Array) -> Array:
@@ -73,7 +72,8 @@ def robot_at_rest(position: Array, xyzw: Array) -> Array:
 
 
 @compiled
-def move(p, state, positions, xyzw, steps, motion):  # type: ignore[no-untyped-def]
+def move(p: Record, state: Record, positions: Array, xyzw: Array, steps: int,
+         motion: Motion) -> None:
     """
     Follow commands, one robot period each.
 
@@ -102,7 +102,8 @@ def move(p, state, positions, xyzw, steps, motion):  # type: ignore[no-untyped-d
 
 
 @compiled
-def _follow_position(p, state, axis, command, first, nodes, motion):  # type: ignore[no-untyped-def]
+def _follow_position(p: Record, state: Record, axis: int, command: float, first: int,
+                     nodes: int, motion: Motion) -> None:
     r, y = state.commands, state.outputs
     previous, output = y[0, axis], 0.0
     for i in range(3):  # [Gamez2005] Eq. 28
@@ -131,14 +132,18 @@ def _follow_position(p, state, axis, command, first, nodes, motion):  # type: ig
 
 
 @compiled
-def _follow_orientation(p, state, command, first, nodes, motion):  # type: ignore[no-untyped-def]
-    w, h, z = p.orientation_bandwidth, p.period / nodes, state.turn
-    previous = state.command_xyzw
+def _follow_orientation(p: Record, state: Record, command: Array, first: int, nodes: int,
+                        motion: Motion) -> None:
+    w, h = p.orientation_bandwidth, p.period / nodes
+    z, trial, k = np.empty(7), np.empty(7), np.empty((4, 7))
+    previous, goal, goal_middle, goal_end = np.empty(4), np.empty(4), np.empty(4), np.empty(4)
     geodesic, relative = np.empty(3), np.empty(4)
+    for i in range(7):
+        z[i] = state.turn[i]
+    for i in range(4):
+        previous[i] = goal[i] = state.command_xyzw[i]
     _relative(previous, command, relative)
     _log(relative, geodesic)
-    goal, goal_middle, goal_end = previous.copy(), np.empty(4), np.empty(4)
-    k, trial = np.empty((4, 7)), np.empty(7)
     for j in range(nodes + 1):
         _turn_rate(w, z, goal, relative, k[0])
         _write_turn(z, k[0], first + j, motion)
@@ -161,12 +166,14 @@ def _follow_orientation(p, state, command, first, nodes, motion):  # type: ignor
         for i in range(4):
             z[i] /= norm
             goal[i] = goal_end[i]
+    for i in range(7):
+        state.turn[i] = z[i]
     for i in range(4):
-        previous[i] = command[i]
+        state.command_xyzw[i] = command[i]
 
 
 @compiled
-def _turn_rate(w, z, goal, relative, rate):  # type: ignore[no-untyped-def]
+def _turn_rate(w: float, z: Array, goal: Array, relative: Array, rate: Array) -> None:
     """Give d/dt of (R, omega): dR/dt = R [omega], d omega/dt = w^2 log(R^T goal) - 2 w omega."""
     qx, qy, qz, qw = z[0], z[1], z[2], z[3]
     ox, oy, oz = z[4], z[5], z[6]
@@ -181,22 +188,21 @@ def _turn_rate(w, z, goal, relative, rate):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _write_turn(z, rate, j, motion):  # type: ignore[no-untyped-def]
+def _write_turn(z: Array, rate: Array, j: int, motion: Motion) -> None:
     x, y, s, c = z[0], z[1], z[2], z[3]
     R = motion.R_base_sensor[j]
-    R[0, 0], R[0, 1], R[0, 2] = 1.0 - 2.0 * (y * y + s * s), 2.0 * (x * y - s * c), 2.0 * (
-        x * s + y * c)
-    R[1, 0], R[1, 1], R[1, 2] = 2.0 * (x * y + s * c), 1.0 - 2.0 * (x * x + s * s), 2.0 * (
-        y * s - x * c)
-    R[2, 0], R[2, 1], R[2, 2] = 2.0 * (x * s - y * c), 2.0 * (y * s + x * c), 1.0 - 2.0 * (
-        x * x + y * y)
+    R[0, 0], R[1, 1] = 1.0 - 2.0 * (y * y + s * s), 1.0 - 2.0 * (x * x + s * s)
+    R[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    R[0, 1], R[1, 0] = 2.0 * (x * y - s * c), 2.0 * (x * y + s * c)
+    R[0, 2], R[2, 0] = 2.0 * (x * s + y * c), 2.0 * (x * s - y * c)
+    R[1, 2], R[2, 1] = 2.0 * (y * s - x * c), 2.0 * (y * s + x * c)
     for i in range(3):
         motion.omega[j, i], motion.alpha[j, i] = z[4 + i], rate[4 + i]
 
 
 @compiled
-def _relative(a, b, out):  # type: ignore[no-untyped-def]
-    """Quaternion of R_a^T R_b."""
+def _relative(a: Array, b: Array, out: Array) -> None:
+    """Write the quaternion of R_a^T R_b."""
     ax, ay, az, aw = -a[0], -a[1], -a[2], a[3]
     out[0] = aw * b[0] + ax * b[3] + ay * b[2] - az * b[1]
     out[1] = aw * b[1] - ax * b[2] + ay * b[3] + az * b[0]
@@ -205,8 +211,8 @@ def _relative(a, b, out):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _log(q, out):  # type: ignore[no-untyped-def]
-    """Rotation vector of a quaternion, of norm at most pi."""
+def _log(q: Array, out: Array) -> None:
+    """Write the rotation vector of a quaternion, of norm at most pi."""
     sign = 1.0 if q[3] >= 0.0 else -1.0
     sine = math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2)
     factor = 2.0 * sign
@@ -217,8 +223,8 @@ def _log(q, out):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _along(start, vector, fraction, out):  # type: ignore[no-untyped-def]
-    """Quaternion a fraction of the way from ``start`` by a rotation vector in its frame."""
+def _along(start: Array, vector: Array, fraction: float, out: Array) -> None:
+    """Go a fraction of the way from ``start`` by a rotation vector in its frame."""
     angle = math.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
     half = 0.5 * fraction * angle
     factor = math.sin(half) / angle if angle > 1e-12 else 0.5 * fraction

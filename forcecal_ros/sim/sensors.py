@@ -3,11 +3,12 @@
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from forcecal_ros.geometry import Array, rotation_from_vector
-from forcecal_ros.sim.compiled import compiled
+from forcecal_ros.sim.compiled import compiled, Record
 from forcecal_ros.sim.rig import Rig
+from forcecal_ros.sim.robot import Motion
+from forcecal_ros.sim.tool import Slide
+import numpy as np
 
 HIGHPASS_STATE = np.dtype([
     ('input', 'f8', 3),     # [m/s^2] specific force at the last step
@@ -39,7 +40,7 @@ class Response(NamedTuple):
         return cls(np.empty((n, 6)), np.empty((n, 6)), np.empty((n, 3)))
 
 
-def highpass_settled(p: np.void, R_base_sensor: Array) -> Array:
+def highpass_settled(p: Record, R_base_sensor: Array) -> Array:
     """
     State of the accelerometer's high-pass after rest at one orientation for ever.
 
@@ -58,12 +59,14 @@ def highpass_settled(p: np.void, R_base_sensor: Array) -> Array:
 
 
 @compiled
-def respond(p, state, motion, slide, h, out):  # type: ignore[no-untyped-def]
+def respond(p: Record, state: Record, motion: Motion, slide: Slide, h: float,
+            out: Response) -> None:
     """
     Newton and Euler for the moving tool, and its specific force at the accelerometer.
 
-    u = m (a_c - g) - f_env, n = r x m (a_c - g) + J alpha + omega x J omega - p x f_env with the
-    centre of mass at r; the wrench is -(u, n). With [Gamez2005]'s u = F + m a, F = -f_env.
+    a_c = a_S + alpha x r + omega x (omega x r) + 2 omega x (ds/dt x_hat) + d2s/dt2 x_hat with the
+    centre of mass at r, all in S; u = m (a_c - g) - f_env ([Gamez2005]'s u = F + m a, F = -f_env),
+    n = r x m (a_c - g) + J alpha + omega x J omega - p x f_env; the wrench is -(u, n).
 
     Parameters
     ----------
@@ -105,15 +108,16 @@ def respond(p, state, motion, slide, h, out):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _cross(a, b, out):  # type: ignore[no-untyped-def]
+def _cross(a: Array, b: Array, out: Array) -> None:
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
 @compiled
-def _specific_force(p, motion, slide, j, r, out):  # type: ignore[no-untyped-def]
-    """a - g in S of the tool's point at r: a_S + alpha x r + omega x (omega x r) + Coriolis."""
+def _specific_force(p: Record, motion: Motion, slide: Slide, j: int, r: Array,
+                    out: Array) -> None:
+    """Write a - g in S of the point r of the tool, by the formula of a_c with r for the CoM."""
     R, w, alpha = motion.R_base_sensor[j], motion.omega[j], motion.alpha[j]
     k = j // 2
     dot = w[0] * r[0] + w[1] * r[1] + w[2] * r[2]
@@ -129,7 +133,7 @@ def _specific_force(p, motion, slide, j, r, out):  # type: ignore[no-untyped-def
 
 
 @compiled
-def _add_euler(inertia, w, alpha, torque):  # type: ignore[no-untyped-def]
+def _add_euler(inertia: Array, w: Array, alpha: Array, torque: Array) -> None:
     """Add J alpha + omega x J omega."""
     spin, gyroscopic = np.zeros(3), np.empty(3)
     for axis in range(3):
@@ -142,8 +146,8 @@ def _add_euler(inertia, w, alpha, torque):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _pass(cutoff, h, state, specific, out):  # type: ignore[no-untyped-def]
-    """First-order high-pass dy/dt = df/dt - cutoff y, exact for f linear within the step."""
+def _pass(cutoff: float, h: float, state: Record, specific: Array, out: Array) -> None:
+    """Step the high-pass dy/dt = df/dt - cutoff y, exact for f linear within the step."""
     decay = math.exp(-cutoff * h)
     rise = (1.0 - decay) / (cutoff * h) if cutoff > 0.0 else 1.0
     for axis in range(3):
@@ -174,13 +178,13 @@ class Noise:
         self._generators = {n: np.random.default_rng(s) for n, s in zip(names, seeds)}
 
     def _draw(self, name: str, shape: tuple[int, ...]) -> Array:
-        return self._generators[name].standard_normal(shape)
+        return np.asarray(self._generators[name].standard_normal(shape))
 
     def wrench(self, n: int) -> Array:
         """Noise of n wrenches, shape (n, 6) [N], [N m]."""
         sensor = self._rig.wrench_sensor
-        return self._draw('wrench', (n, 6)) * np.repeat(
-            [sensor.force_noise, sensor.torque_noise], 3)
+        levels = np.array([sensor.force_noise] * 3 + [sensor.torque_noise] * 3, dtype=float)
+        return self._draw('wrench', (n, 6)) * levels
 
     def volts(self, n: int) -> Array:
         """Noise of n accelerometer samples, shape (n, 3) [V]."""

@@ -1,26 +1,21 @@
-"""The rig as a whole: live, one robot period at a time, and offline, from the same code."""
+"""The rig as a whole: commands in, what the sensors say out, any number of periods at a time."""
 
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-from forcecal_ros.errors import DataError, MotionError
+from forcecal_ros.errors import MotionError
 from forcecal_ros.geometry import Array, matrix_from_quaternion, quaternion_from_matrix
-from forcecal_ros.samples import PoseStream, Recording, Stream
 from forcecal_ros.sim.parameters import kernel_parameters
 from forcecal_ros.sim.rig import Rig
 from forcecal_ros.sim.rig_file import load_rig
 from forcecal_ros.sim.robot import Motion, move, robot_at_rest
-from forcecal_ros.sim.sensors import Noise, Response, highpass_settled, respond
+from forcecal_ros.sim.sensors import highpass_settled, Noise, respond, Response
 from forcecal_ros.sim.tool import Slide, slide_along, tool_at_rest
+import numpy as np
+from numpy.typing import ArrayLike
 
-LONGEST_STEP = 0.001
-"""Of the integration [s]; converged to 1e-4 N on the nominal rig."""
-
-BLOCK = 1000
-"""Robot periods that are simulated in one go, which bounds the memory."""
+LONGEST_STEP = 0.0005
+"""Of the integration [s]; converged to better than 1e-4 N on the nominal rig."""
 
 ORTHONORMAL = 1e-6
 
@@ -78,15 +73,15 @@ class Simulator:
     seed : int, optional
         Of the noise; fresh noise each time where none is given.
     steps : int, optional
-        Integration steps per period, a multiple of what the sensor rates ask for; fewest
-        sufficient ones (1 ms or less) where none is given.
+        Integration steps per period, a multiple of what the sensor rates ask for; the fewest
+        sufficient ones (0.5 ms or less) where none is given.
     """
 
     def __init__(self, rig: Rig, accelerometer: str | None = None, seed: int | None = None, *,
                  steps: int | None = None) -> None:
         self._rig = rig
         self._p = kernel_parameters(rig, accelerometer)[()]
-        self._model = getattr(rig.accelerometer, accelerometer or rig.accelerometer.mounted)
+        self._model = rig.accelerometer.model(accelerometer)
         self._noise = Noise(rig, seed)
         self._steps = steps or enough_steps(rig)
         self._step = rig.robot.period / self._steps
@@ -113,7 +108,7 @@ class Simulator:
         MotionError
             Not finite, or not a rotation; the command before stays.
         """
-        positions, xyzw = _checked_commands(
+        positions, xyzw = checked_commands(
             np.reshape(position, (1, 3)), np.reshape(R_base_sensor, (1, 3, 3)))
         self._command = (positions[0], xyzw[0])
 
@@ -152,6 +147,7 @@ class Simulator:
         Samples
             Of these m periods.
         """
+        positions, xyzw = np.array(positions, dtype=float), np.array(xyzw, dtype=float)
         if self._periods == 0:
             self._rest(positions[0], xyzw[0])
         n = len(positions) * self._steps
@@ -203,14 +199,33 @@ class Simulator:
 
 
 def enough_steps(rig: Rig) -> int:
-    """Return the fewest steps per period of 1 ms or less that meet the sensors' rates."""
+    """Return the fewest steps per period of LONGEST_STEP or less that meet the sensors' rates."""
     sensors = ('wrench_sensor', 'accelerometer', 'pose_sensor', 'optidrive')
     common = math.lcm(*(rig.samples_per_period(s) for s in sensors if getattr(rig, s)))
     return common * math.ceil(rig.robot.period / LONGEST_STEP / common - 1e-9)
 
 
-def _checked_commands(positions: Array, R_base_sensor: Array) -> tuple[Array, Array]:
-    """Copies of the positions, and the orientations as quaternions."""
+def checked_commands(positions: Array, R_base_sensor: Array) -> tuple[Array, Array]:
+    """
+    Check commanded poses.
+
+    Parameters
+    ----------
+    positions : ndarray, shape (m, 3)
+        Of S in base [m].
+    R_base_sensor : ndarray, shape (m, 3, 3)
+
+    Returns
+    -------
+    positions : ndarray, shape (m, 3)
+    xyzw : ndarray, shape (m, 4)
+        What :meth:`Simulator.run` takes.
+
+    Raises
+    ------
+    MotionError
+        Not finite, or not rotations.
+    """
     if not (np.isfinite(positions).all() and np.isfinite(R_base_sensor).all()):
         raise MotionError('a commanded pose is not finite; send numbers only')
     squares = np.swapaxes(R_base_sensor, -1, -2) @ R_base_sensor
@@ -218,102 +233,7 @@ def _checked_commands(positions: Array, R_base_sensor: Array) -> tuple[Array, Ar
     if worst > ORTHONORMAL or (np.linalg.det(R_base_sensor) < 0.0).any():
         raise MotionError(f'a commanded orientation is no rotation (R^T R departs from 1 by '
                           f'{worst:.2g}, or it is left-handed); send unit quaternions')
-    return np.array(positions), quaternion_from_matrix(R_base_sensor)
-
-
-def held_commands(stamps: Array, period: float, n: int, tolerance: float) -> NDArray[np.intp]:
-    """
-    Say which command holds during each robot period: the latest one there is at its start.
-
-    Parameters
-    ----------
-    stamps : ndarray, shape (m,)
-        Of the commands, increasing [s]; period 0 starts at the first.
-    period : float
-        Of the robot [s].
-    n : int
-        How many periods.
-    tolerance : float
-        How late a command may be and still count for its period [s].
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
-    """
-    starts = stamps[0] + period * np.arange(n)
-    return np.maximum(np.searchsorted(stamps, starts + tolerance, side='right') - 1, 0)
-
-
-def simulate(rig: Rig, target: PoseStream, *, accelerometer: str | None = None,
-             noise: bool = True, seed: int | None = None, duration: float | None = None,
-             tolerance: float | None = None, unit: str = 'V',
-             steps: int | None = None) -> Recording:
-    """
-    Simulate the recording that a stream of commands would give.
-
-    Parameters
-    ----------
-    rig : Rig
-    target : PoseStream
-        Commanded poses. Period k starts at the first stamp plus k periods, and the latest
-        command of that time holds: a late one takes effect a period later, a missing one leaves
-        the one before.
-    accelerometer : str, optional
-        ``acc1`` or ``acc2``; the rig's mounted one where none is given.
-    noise : bool
-        False: what noise-free sensors would say.
-    seed : int, optional
-        Of the noise; fresh noise each time where none is given.
-    duration : float, optional
-        How long to go on from the first command [s]; one period beyond the last command where
-        none is given.
-    tolerance : float, optional
-        How late a stamp may be and still count for its period [s]; half a period where none is
-        given, so that each command counts for the period nearest to its stamp and jitter neither
-        drops nor doubles any.
-    unit : str
-        Of the accelerometer: ``V``, or ``m/s^2`` for specific force.
-    steps : int, optional
-        Integration steps per period; fewest sufficient ones where none is given.
-
-    Returns
-    -------
-    Recording
-        Times on the clock of ``target``.
-
-    Raises
-    ------
-    DataError
-        There are no commands, or commands without position.
-    """
-    if not target.has_position:
-        raise DataError(f'{len(target)} commands with position; a simulation needs at least one, '
-                        'and none without: record target_frame')
-    period = rig.robot.period
-    span = float(target.t[-1] - target.t[0]) + period if duration is None else duration
-    slack = period / 2.0 if tolerance is None else tolerance
-    held = held_commands(target.t, period, max(1, round(span / period)), slack)
-    positions, xyzw = _checked_commands(target.position, target.R_base_sensor)
-    simulator = Simulator(rig, accelerometer, seed, steps=steps)
-    blocks = [simulator.run(positions[held[i:i + BLOCK]], xyzw[held[i:i + BLOCK]], noise)
-              for i in range(0, len(held), BLOCK)]
-    samples = Samples(*map(np.concatenate, zip(*blocks)))
-    return _recording(samples, target, unit)
-
-
-def _recording(samples: Samples, target: PoseStream, unit: str) -> Recording:
-    t0, s = target.t[0], samples
-    return Recording(
-        wrench=Stream(t0 + s.wrench_t, s.wrench, 'ft_sensor'),
-        accelerometer=Stream(t0 + s.accelerometer_t,
-                             s.volts if unit == 'V' else s.specific_force, 'accelerometer'),
-        accelerometer_unit=unit,
-        pose=PoseStream(t0 + s.pose_t, s.position, s.R_base_sensor, target.frame),
-        target=target,
-        optidrive=(Stream(t0 + s.optidrive_t, s.optidrive[:, np.newaxis], 'ft_sensor')
-                   if len(s.optidrive) else None),
-        contact_truth=Stream(t0 + s.wrench_t, s.contact, 'ft_sensor'),
-        source='simulation')
+    return positions, quaternion_from_matrix(R_base_sensor)
 
 
 def warm_up() -> None:

@@ -6,11 +6,10 @@ by bisection, since a step across them would be of first order only.
 
 from typing import NamedTuple
 
-import numpy as np
-
 from forcecal_ros.geometry import Array
-from forcecal_ros.sim.compiled import compiled
+from forcecal_ros.sim.compiled import compiled, Record
 from forcecal_ros.sim.robot import Motion
+import numpy as np
 
 TOOL_STATE = np.dtype([
     ('slide', 'f8'),       # [m]
@@ -45,7 +44,7 @@ class Slide(NamedTuple):
         return cls(*(np.empty(n) for _ in range(4)))
 
 
-def tool_at_rest(p: np.void, position: Array, R_base_sensor: Array) -> Array:
+def tool_at_rest(p: Record, position: Array, R_base_sensor: Array) -> Array:
     """
     State of a tool in equilibrium under gravity and, where the tip is in the wall, its push.
 
@@ -77,7 +76,7 @@ def tool_at_rest(p: np.void, position: Array, R_base_sensor: Array) -> Array:
 
 
 @compiled
-def slide_along(p, state, motion, h, out):  # type: ignore[no-untyped-def]
+def slide_along(p: Record, state: Record, motion: Motion, h: float, out: Slide) -> None:
     """
     Let the tool slide while S moves.
 
@@ -97,20 +96,21 @@ def slide_along(p, state, motion, h, out):  # type: ignore[no-untyped-def]
         Filled, n + 1 steps.
     """
     f = np.empty((3, 6))
-    _forcing(p, motion, 0, f[2])
-    _write_slide(p, state, f[2], 0, out)
-    for i in range(len(out.slide) - 1):
-        f[0] = f[2]
-        _forcing(p, motion, 2 * i + 1, f[1])
-        _forcing(p, motion, 2 * i + 2, f[2])
-        _step(p, state, f, h)
-        _write_slide(p, state, f[2], i + 1, out)
+    for i in range(len(out.slide)):
+        if i > 0:
+            for j in range(6):
+                f[0, j] = f[2, j]
+            _forcing(p, motion, 2 * i - 1, f[1])
+        _forcing(p, motion, 2 * i, f[2])
+        if i > 0:
+            _step(p, state, f, h)
+        _write_slide(p, state, f[2], i, out)
 
 
 @compiled
-def _forcing(p, motion, j, f):  # type: ignore[no-untyped-def]
+def _forcing(p: Record, motion: Motion, j: int, f: Array) -> None:
     """
-    What the motion of S does to the slide: s'' = f0 + f1 s + (-k s - d s' - push R_xx) / m.
+    Write what the motion of S does: s'' = f0 + f1 s + (-k s - d s' - push R_xx) / m.
 
     The tip's depth in the wall is f2 + f5 s, its rate f3 + f4 s + f5 s', and f5 = R_xx.
     """
@@ -132,27 +132,27 @@ def _forcing(p, motion, j, f):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _push(p, f, s, v):  # type: ignore[no-untyped-def]
-    """Spring and damper of the wall [N], negative where it would have to pull."""
+def _push(p: Record, f: Array, s: float, v: float) -> float:
+    """Give the force of the wall's spring and damper [N], negative where it had to pull."""
     depth, rate = f[2] + f[5] * s, f[3] + f[4] * s + f[5] * v
-    return p.wall_stiffness * depth + p.wall_damping * rate
+    return p.wall_stiffness * depth + p.wall_damping * rate  # type: ignore[no-any-return]
 
 
 @compiled
-def _touches(p, f, s, v):  # type: ignore[no-untyped-def]
-    return f[2] + f[5] * s > 0.0 and _push(p, f, s, v) > 0.0
+def _touches(p: Record, f: Array, s: float, v: float) -> bool:
+    return bool(f[2] + f[5] * s > 0.0 and _push(p, f, s, v) > 0.0)
 
 
 @compiled
-def _slide_acceleration(p, f, s, v, touching):  # type: ignore[no-untyped-def]
+def _slide_acceleration(p: Record, f: Array, s: float, v: float, touching: bool) -> float:
     force = -p.stiffness * s - p.damping * v
     if touching:
         force -= _push(p, f, s, v) * f[5]
-    return f[0] + f[1] * s + force / p.mass
+    return f[0] + f[1] * s + force / p.mass  # type: ignore[no-any-return]
 
 
 @compiled
-def _interpolate(f, fraction, out):  # type: ignore[no-untyped-def]
+def _interpolate(f: Array, fraction: float, out: Array) -> None:
     start = (1.0 - fraction) * (1.0 - 2.0 * fraction)
     middle, end = 4.0 * fraction * (1.0 - fraction), fraction * (2.0 * fraction - 1.0)
     for i in range(6):
@@ -160,8 +160,9 @@ def _interpolate(f, fraction, out):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _advance(p, f, begin, end, h, s, v, touching):  # type: ignore[no-untyped-def]
-    """One Runge-Kutta step over a part of the step, contact kept as it is; s, v at its end."""
+def _advance(p: Record, f: Array, begin: float, end: float, h: float, s: float, v: float,
+             touching: bool) -> tuple[float, float]:
+    """Go over a part of the step by Runge-Kutta 4, contact kept as it is; give s, v."""
     at, dt = np.empty((3, 6)), (end - begin) * h
     for i in range(3):
         _interpolate(f, begin + 0.5 * i * (end - begin), at[i])
@@ -177,8 +178,8 @@ def _advance(p, f, begin, end, h, s, v, touching):  # type: ignore[no-untyped-de
 
 
 @compiled
-def _step(p, state, f, h):  # type: ignore[no-untyped-def]
-    """One step, cut where contact begins or ends."""
+def _step(p: Record, state: Record, f: Array, h: float) -> None:
+    """Advance by one step, cut where contact begins or ends."""
     s, v, touching, begin = state.slide, state.speed, state.touching > 0.0, 0.0
     at = np.empty(6)
     if p.rigid > 0.0:
@@ -205,7 +206,7 @@ def _step(p, state, f, h):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _write_slide(p, state, f, i, out):  # type: ignore[no-untyped-def]
+def _write_slide(p: Record, state: Record, f: Array, i: int, out: Slide) -> None:
     s, v, touching = state.slide, state.speed, state.touching > 0.0
     out.slide[i], out.speed[i] = s, v
     out.acceleration[i] = 0.0
