@@ -1,25 +1,90 @@
 """``forcecal calibrate``: identify tool, sensor and noise from a recording."""
 
 import argparse
-import sys
-from typing import Any
+from datetime import datetime, timezone
+from typing import TYPE_CHECKING, Any
 
 from forcecal_ros.commands.common import (
-    add_bag, add_json, new_parser, print_json, topic_names,
+    add_bag, add_json, new_parser, print_json, say, topic_names, warn,
 )
 from forcecal_ros.geometry import STANDARD_GRAVITY
+
+if TYPE_CHECKING:
+    from forcecal_ros.calibration import Calibration
+    from forcecal_ros.samples import Recording
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'calibrate',
-        summary='identify tool, accelerometer and noise from a recording',
+        summary='identify tool, accelerometer and noise from a recording, design the observer',
         example='forcecal calibrate my_bag --topic wrench=/ft/data -o calibration.yaml')
     add_bag(parser)
-    add_identification(parser)
+    parser.add_argument('--gravity', metavar='M/S^2', type=float, default=STANDARD_GRAVITY,
+                        help='magnitude of gravity where the robot stands')
+    parser.add_argument('--coupling', choices=('dc', 'ac'), default='dc',
+                        help='of the accelerometer; ac: it lets gravity decay (high-pass)')
+    parser.add_argument('--cutoff', metavar='HZ', type=float,
+                        help='corner of an ac accelerometer (default: estimated)')
+    parser.add_argument('--accelerometer-position', metavar=('X', 'Y', 'Z'), nargs=3, type=float,
+                        help='where it sits in ft_sensor [m] (default: estimated)')
+    parser.add_argument('--theta', metavar='RAD', type=float, default=0.0,
+                        help="the paper's angle of the two poses about z")
+    parser.add_argument('--observer', choices=('kalman', 'newton'), default='kalman',
+                        help='which observer the calibration asks for')
+    parser.add_argument('--design', choices=('kalman', 'poles'), default='kalman',
+                        help="how the paper's gain is found: Riccati equation or pole placement")
     parser.add_argument('-o', '--output', metavar='FILE', default='calibration.yaml',
-                        help='where the calibration goes')
-    parser.add_argument('--report', metavar='FILE', help='write an HTML report too')
+                        help='calibration to write; one that is there is kept as FILE~')
+    parser.add_argument('--report', metavar='FILE', help='write an HTML report as well')
     add_json(parser)
     parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    from forcecal_ros.bags import read_recording, require
+    from forcecal_ros.calibration_file import save, to_document
+    from forcecal_ros.report.rows import as_text, table
+
+    recording = read_recording(
+        args.bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
+    require(recording, ['wrench', 'pose'])
+    calibration = calibrated(recording, args)
+    save(calibration, args.output)
+    if args.report:
+        write_report(args.report, recording, calibration)
+    if args.json:
+        print_json(to_document(calibration))
+        return 0
+    for note in (*recording.notes, *calibration.quality.get('warnings', ())):
+        warn(note)
+    say(as_text(table(calibration)))
+    say(f'\nwritten to {args.output}')
+    return 0
+
+
+def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration':
+    """Identify as the arguments say."""
+    from forcecal_ros.identify import Settings, identify
+
+    position = args.accelerometer_position
+    return identify(recording, Settings(
+        gravity=args.gravity, theta=args.theta, coupling=args.coupling, cutoff=args.cutoff,
+        accelerometer_position=tuple(position) if position else None,
+        wrench_sign=args.wrench_sign, observer_mode=args.observer, observer_design=args.design,
+        source={'recording': args.bag,
+                'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}))
+
+
+def write_report(path: str, recording: 'Recording', calibration: 'Calibration') -> None:
+    """Write the HTML report, with the observer run over the same recording."""
+    from forcecal_ros.files import write_text
+    from forcecal_ros.observe import replay
+    from forcecal_ros.report.calibration import render
+    from forcecal_ros.samples import Stream
+
+    estimate = replay(recording, calibration)
+    contact = Stream(estimate.t, estimate.contact, calibration.sensor_frame)
+    write_text(path, render(recording, calibration, contact))

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -33,19 +34,19 @@ def new_parser(
 
 
 def add_bag(parser: argparse.ArgumentParser) -> None:
-    """Add the recording to read, and how its topics are called."""
+    """Add the recording to read, how its topics are called, and the sign of its wrench."""
     parser.add_argument('bag', metavar='BAG', help='rosbag2 folder or file (mcap, sqlite3)')
     add_topics(parser)
-
-
-def add_topics(parser: argparse.ArgumentParser) -> None:
-    """Add ``--topic role=name`` and the sign of the wrench."""
-    parser.add_argument(
-        '--topic', metavar='ROLE=NAME', action='append', default=[],
-        help='name of a topic by its role, e.g. wrench=/ft/data; may be repeated')
     parser.add_argument(
         '--wrench-sign', type=int, choices=(1, -1), default=1,
         help='-1 for a driver that reports the wrench of the tool on its environment')
+
+
+def add_topics(parser: argparse.ArgumentParser) -> None:
+    """Add ``--topic role=name``."""
+    parser.add_argument(
+        '--topic', metavar='ROLE=NAME', action='append', default=[],
+        help='name of a topic by its role, e.g. wrench=/ft/data; may be repeated')
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
@@ -74,3 +75,13 @@ def topic_names(args: argparse.Namespace) -> dict[str, str]:
 def print_json(document: Mapping[str, Any]) -> None:
     """Print one JSON document, without NaN or infinity."""
     print(json.dumps(document, indent=2, allow_nan=False))
+
+
+def say(text: str) -> None:
+    """Print one line of result."""
+    print(text)
+
+
+def warn(text: str) -> None:
+    """Print one line that the user should know of, on stderr."""
+    print(f'forcecal: note: {" ".join(text.split())}', file=sys.stderr)

@@ -1,0 +1,68 @@
+"""``forcecal estimate``: the observer over a recording, by the same step as in the node."""
+
+import argparse
+from collections import Counter
+from typing import Any
+
+from forcecal_ros.commands.common import (
+    add_bag, add_json, new_parser, print_json, say, topic_names, warn,
+)
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(
+        subparsers, 'estimate',
+        summary='run the contact-force observer over a recording',
+        example='forcecal estimate my_bag --calibration calibration.yaml -o contact_bag')
+    add_bag(parser)
+    parser.add_argument('--calibration', metavar='C.yaml', required=True,
+                        help='written by forcecal calibrate, demo or the sequencer')
+    parser.add_argument('--mode', choices=('kalman', 'newton'),
+                        help='which observer (default: as the calibration says)')
+    parser.add_argument('--bandwidth', metavar='HZ', type=float,
+                        help='of the contact wrench in mode kalman (default: from the noise)')
+    parser.add_argument('-o', '--output', metavar='OUT_BAG', required=True,
+                        help='recording to write; one that is there is kept as OUT_BAG~')
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    import numpy as np
+
+    from forcecal_ros.bags import read_recording, write_signals
+    from forcecal_ros.calibration_file import dump, load
+    from forcecal_ros.observe import Settings, describe, replay
+    from forcecal_ros.samples import Stream
+
+    calibration = load(args.calibration)
+    recording = read_recording(
+        args.bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
+    estimate = replay(recording, calibration, Settings(
+        mode=args.mode, bandwidth_hz=args.bandwidth))
+    frame = calibration.sensor_frame
+    write_signals(args.output, {
+        'contact_wrench': Stream(estimate.t, estimate.contact, frame),
+        'inertial_wrench': Stream(estimate.t, estimate.inertial, frame),
+        'innovation': Stream(estimate.t, estimate.innovation, frame),
+        'calibration': dump(calibration),
+    }, recording.start_ns)
+    seen: Counter[str] = Counter()
+    for status, count in zip(*np.unique(estimate.status, return_counts=True)):
+        for sentence in describe(int(status)):
+            seen[sentence] += int(count)
+    notes = [*recording.notes, *(f'{text} ({n} of {len(estimate.t)} samples)'
+                                 for text, n in seen.items())]
+    mean, std = estimate.contact.mean(axis=0), estimate.contact.std(axis=0)
+    if args.json:
+        print_json({'output': args.output, 'samples': len(estimate.t), 'notes': notes,
+                    'mean': mean.tolist(), 'std': std.tolist(), 'unit': 'N, N m'})
+        return 0
+    for note in notes:
+        warn(note)
+    say(f'{args.output}: {len(estimate.t)} contact wrenches')
+    say('mean [N, N m]  ' + '  '.join(f'{x:9.4f}' for x in mean))
+    say('std  [N, N m]  ' + '  '.join(f'{x:9.4f}' for x in std))
+    return 0

@@ -1,0 +1,57 @@
+"""``forcecal simulate``: recorded commands through the simulated rig."""
+
+import argparse
+from dataclasses import replace
+from typing import Any
+
+from forcecal_ros.commands.common import (
+    add_json, add_topics, new_parser, print_json, say, topic_names,
+)
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(
+        subparsers, 'simulate',
+        summary='feed the recorded target_frame to the simulated rig and write every sensor topic',
+        example='forcecal simulate --commands my_bag -o simulated_bag')
+    parser.add_argument('--commands', metavar='BAG', required=True,
+                        help='recording whose target_frame is replayed')
+    parser.add_argument('--rig', metavar='RIG.yaml',
+                        help='rig to simulate: a file, or rig.yaml and rigid_tool.yaml of this '
+                             'package (default: rig.yaml)')
+    parser.add_argument('--accelerometer', choices=('acc1', 'acc2'),
+                        help='which one is mounted (default: as the rig says)')
+    parser.add_argument('--seed', type=int, default=0, help='of the sensor noise')
+    parser.add_argument('--noise-free', action='store_true', help='leave the sensor noise out')
+    parser.add_argument('-o', '--output', metavar='OUT_BAG', required=True,
+                        help='recording to write; one that is there is kept as OUT_BAG~')
+    add_topics(parser)
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    from forcecal_ros.bags import read_recording, require, write_recording
+    from forcecal_ros.sim.offline import simulate
+    from forcecal_ros.sim.rig_file import load_rig
+
+    rig = load_rig(args.rig)
+    commands = read_recording(args.commands, topics=topic_names(args))
+    require(commands, ['target'])
+    assert commands.target is not None
+    simulated = simulate(rig, commands.target, accelerometer=args.accelerometer,
+                         noise=not args.noise_free, seed=args.seed)
+    write_recording(args.output, replace(
+        simulated, phases=commands.phases, start_ns=commands.start_ns))
+    samples = {role: len(stream) for role in (
+        'wrench', 'accelerometer', 'optidrive', 'pose', 'target', 'contact_truth')
+        if (stream := getattr(simulated, role)) is not None}
+    if args.json:
+        print_json({'output': args.output, 'samples': samples})
+    else:
+        seconds = commands.target.t[-1] - commands.target.t[0]
+        say(f'{args.output}: {seconds:.1f} s of commands simulated; '
+            + ', '.join(f'{n} {role}' for role, n in samples.items()))
+    return 0
