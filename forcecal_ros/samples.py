@@ -19,9 +19,16 @@ PHASES = (
 
 
 def _frozen(values: object) -> Array:
-    array = np.array(values, dtype=float)
+    """Return the values so that nobody can change them: a copy, unless that is so already."""
+    array = (np.asarray if _is_frozen(values) else np.array)(values, dtype=float)
     array.setflags(write=False)
     return array
+
+
+def _is_frozen(values: object) -> bool:
+    while isinstance(values, np.ndarray) and not values.flags.writeable:
+        values = values.base
+    return values is None
 
 
 @dataclass(frozen=True)
