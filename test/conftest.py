@@ -4,10 +4,12 @@ import os
 from pathlib import Path
 import random
 import socket
+import subprocess
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+GENERATED = {'.venv', '.git', '__pycache__', 'build', 'install', 'log', 'dist'}
 
 
 def _shared(variable: str, name: str) -> Path:
@@ -27,6 +29,20 @@ def data_dir():
 def rig_sample():
     """A recording of the rig: ``$FORCECAL_RIG_SAMPLE``, else ``../shared/rig_sample``."""
     return _shared('FORCECAL_RIG_SAMPLE', 'rig_sample')
+
+
+@pytest.fixture(scope='session')
+def project_files():
+    """Paths below the project's root of all that belongs to it, links as links."""
+    if (ROOT / '.git').exists():
+        names = subprocess.run(
+            ['git', 'ls-files', '-z', '--cached', '--others', '--exclude-standard'],
+            cwd=ROOT, check=True, capture_output=True, text=True).stdout.split('\0')
+        paths = {ROOT / name for name in names if name}
+    else:
+        paths = {path for path in ROOT.rglob('*') if not path.is_dir() or path.is_symlink()}
+    return sorted(path.relative_to(ROOT) for path in paths
+                  if (path.exists() or path.is_symlink()) and not GENERATED & set(path.parts))
 
 
 @pytest.fixture
