@@ -1,0 +1,50 @@
+"""The first-order high-pass of an AC-coupled accelerometer."""
+
+import numpy as np
+from scipy.signal import lfilter
+
+from forcecal_ros.geometry import Array
+
+
+def lowpassed(f: Array, length: float, cutoff: float) -> Array:
+    """
+    Block means of what a first-order high-pass takes off, its state 0 at the start.
+
+    The high-pass lets f minus this pass, but for its unknown first state w0, which adds
+    ``w0 * fading(...)``; within a block f is taken as constant.
+
+    Parameters
+    ----------
+    f : ndarray, shape (n, ...)
+        Block means of consecutive blocks.
+    length : float
+        Of the blocks [s].
+    cutoff : float
+        Corner [Hz].
+
+    Returns
+    -------
+    ndarray, shape (n, ...)
+    """
+    x = 2 * np.pi * cutoff * length
+    keep = np.exp(-x)
+    at_start = lfilter([0.0, 1 - keep], [1.0, -keep], f, axis=0)
+    return np.asarray(f + (at_start - f) * (1 - keep) / x)
+
+
+def fading(n: int, length: float, cutoff: float) -> Array:
+    """
+    Block means of exp(-2 pi cutoff t), t from the start of the first block.
+
+    Parameters
+    ----------
+    n : int
+    length, cutoff : float
+        [s], [Hz]
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    x = 2 * np.pi * cutoff * length
+    return np.asarray(np.exp(-x * np.arange(n)) * (1 - np.exp(-x)) / x)

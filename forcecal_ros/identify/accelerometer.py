@@ -1,0 +1,378 @@
+"""Offset, sensitivity, delay and place of the accelerometer.
+
+    V(t + delay) = V0 + M f(t),     f = f_c + (alpha x + omega x omega x) (q - c)
+
+While the robot stands, f = -g_S by the pose. While it moves freely, the force sensor says what
+the tool feels, f_c = (b_F - F) / m whatever the tool's slide does: the regressor Y = u / m of
+[Gamez2005] Eq. 17 on three axes, with u taken from the unloaded reading so that neither bias
+nor taring enters. Moving through gravity spans what three poses cannot.
+
+The regressor is noisy. Its noise is known from rest, so what it adds to the normal equations is
+taken off again (errors in variables). An AC-coupled sensor shows f less its own low-passed past.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcecal_ros.errors import UnobservableError
+from forcecal_ros.geometry import Array
+from forcecal_ros.identify.ac_coupling import fading, lowpassed
+from forcecal_ros.identify.estimating import jacobian, solve_score
+from forcecal_ros.identify.means import LAGS, Autocovariance
+
+_DEFAULT_CUTOFF = 0.01
+
+
+class Motion(NamedTuple):
+    """
+    What the accelerometer should feel, block by block.
+
+    Attributes
+    ----------
+    length : float
+        Of the blocks [s].
+    gravity : ndarray, shape (n, 3)
+        In ft_sensor by the pose [m/s^2].
+    force : ndarray, shape (n, 3)
+        On the wire [N]; NaN where it is missing.
+    rotation : ndarray, shape (n, 3, 3)
+        [alpha]x + [omega]x [omega]x [1/s^2].
+    still : ndarray of int, shape (n,)
+        Which static pose; -1 for none.
+    free : ndarray of bool, shape (n,)
+        Moving freely.
+    force_noise : Autocovariance
+        Of blocks of the force [N].
+    """
+
+    length: float
+    gravity: Array
+    force: Array
+    rotation: Array
+    still: NDArray[np.intp]
+    free: NDArray[np.bool_]
+    force_noise: Autocovariance
+
+
+class ToolPart(NamedTuple):
+    """Mass [kg], force bias (3,) [N], centre of mass (3,) [m] and their covariance (7, 7)."""
+
+    mass: float
+    force_bias: Array
+    com: Array
+    covariance: Array
+
+    @property
+    def vector(self) -> Array:
+        """Shape (7,)."""
+        return np.concatenate([[self.mass], self.force_bias, self.com])
+
+
+class AccelerometerFit(NamedTuple):
+    """
+    Result.
+
+    Attributes
+    ----------
+    offset : ndarray, shape (3,)
+        [V]
+    matrix : ndarray, shape (3, 3)
+        V = offset + matrix f [V/(m/s^2)].
+    delay, cutoff : float
+        [s], [Hz]; NaN where not estimated.
+    position : ndarray, shape (3,)
+        In ft_sensor [m]; NaN where not estimated.
+    covariance : ndarray, shape (17, 17)
+        Of offset, matrix (row by row), delay, cutoff, position; NaN where not estimated.
+    noise : Autocovariance
+        Of blocks of the volts.
+    chi_square, degrees : float
+        Of the residuals of the static poses' means by that noise.
+    """
+
+    offset: Array
+    matrix: Array
+    delay: float
+    cutoff: float
+    position: Array
+    covariance: Array
+    noise: Autocovariance
+    chi_square: float
+    degrees: int
+
+
+class _Layout:
+    """Which unknowns are estimated, and where they stand: V0, M, delay, lever, decay, cutoff."""
+
+    def __init__(self, lever: bool, ac: bool, cutoff: bool) -> None:
+        self.size = 13
+        self.lever = self._take(3 if lever else 0)
+        self.decay = self._take(3 if ac else 0)
+        self.cutoff = self._take(1 if cutoff else 0)
+
+    def _take(self, n: int) -> slice:
+        self.size += n
+        return slice(self.size - n, self.size)
+
+
+class _Problem:
+    """Residuals, their derivatives and the score, all by block."""
+
+    def __init__(self, motion: Motion, volts: Callable[[float], Array], tool: ToolPart,
+                 coupling: str, cutoff: float | None, place: Array | None) -> None:
+        self.motion, self.volts, self.tool = motion, volts, tool
+        self.place, self.ac = place, coupling == 'ac'
+        self.known_cutoff = cutoff
+        at_rest = volts(0.0)
+        self.use = (motion.free & np.isfinite(motion.force).all(1)) | (motion.still >= 0)
+        self.use &= np.isfinite(at_rest).all(1)
+        self.moving = self.use & (motion.still < 0)
+        self.layout = _Layout(place is None, self.ac, self.ac and cutoff is None)
+
+    def felt(self, tool: Array, lever: Array) -> Array:
+        """Specific force at the accelerometer, shape (n, 3) [m/s^2]."""
+        m = self.motion
+        f = np.where(self.moving[:, None], (tool[1:4] - m.force) / tool[0], -m.gravity)
+        lever = lever if self.place is None else self.place - tool[4:7]
+        return f + np.einsum('nij,j->ni', m.rotation, lever)
+
+    def split(self, theta: Array) -> tuple[Array, Array, float, Array, Array, float]:
+        """Unknowns by name: V0, M, delay, lever, decay, cutoff."""
+        lay = self.layout
+        cutoff = theta[lay.cutoff]
+        return (theta[:3], theta[3:12].reshape(3, 3), float(theta[12]),
+                theta[lay.lever] if self.place is None else np.zeros(3), theta[lay.decay],
+                float(cutoff[0]) if len(cutoff) else (self.known_cutoff or _DEFAULT_CUTOFF))
+
+    def shown(self, felt: Array, cutoff: float) -> Array:
+        """What of the specific force the sensor shows, the first state of its filter left out."""
+        return felt - lowpassed(felt, self.motion.length, cutoff) if self.ac else felt
+
+    def residuals(self, theta: Array, tool: Array) -> Array:
+        """Volts less model, shape (n, 3); zero in blocks that are not used."""
+        offset, matrix, delay, lever, decay, cutoff = self.split(theta)
+        model = offset + self.shown(self.felt(tool, lever), cutoff) @ matrix.T
+        if self.ac:
+            model = model + np.outer(fading(len(model), self.motion.length, cutoff), decay)
+        r = self.volts(delay) - model
+        return np.where(self.use[:, None] & np.isfinite(r), r, 0.0)
+
+    def derivatives(self, theta: Array, tool: Array) -> Array:
+        """Model's derivatives as they are used to weigh the residuals, shape (n, 3, p)."""
+        _, matrix, _, lever, decay, cutoff = self.split(theta)
+        lay, n = self.layout, len(self.use)
+        felt = self.felt(tool, lever)
+        x = self.shown(felt, cutoff)
+        J = np.zeros((n, 3, lay.size))
+        for i in range(3):
+            J[:, i, i] = 1
+            J[:, i, 3 + 3 * i:6 + 3 * i] = x
+        J[:, :, 12] = -_slope(x, self.motion.length) @ matrix.T
+        if self.place is None:
+            J[:, :, lay.lever] = matrix @ self.shown(self.motion.rotation, cutoff)
+        if self.ac:
+            J[:, :, lay.decay] = (fading(n, self.motion.length, cutoff)[:, None, None]
+                                  * np.eye(3))
+        if lay.cutoff.stop > lay.cutoff.start:
+            h = 1e-3 * cutoff
+            more, less = (self.shown(felt, cutoff + e) @ matrix.T
+                          + np.outer(fading(n, self.motion.length, cutoff + e), decay)
+                          for e in (h, -h))
+            J[:, :, lay.cutoff] = ((more - less) / (2 * h))[:, :, None]
+        J[~self.use] = 0
+        return J
+
+    def weights(self, matrix: Array, noise: Array) -> Array:
+        """Inverse covariance of each block's residual, shape (n, 3, 3)."""
+        still = np.linalg.inv(noise)
+        moving = np.linalg.inv(noise + matrix @ self.force_noise @ matrix.T)
+        return np.where(self.moving[:, None, None], moving, still)
+
+    @property
+    def force_noise(self) -> Array:
+        """Variance of a block of f_c, shape (3, 3)."""
+        return self.motion.force_noise.lags[0] / self.tool.mass**2
+
+    def score(self, theta: Array, tool: Array, weight: Array) -> Array:
+        """Weighted derivatives times residuals, freed of what noise in f_c adds."""
+        J = self.derivatives(theta, tool)
+        g = np.einsum('nip,nij,nj->p', J, weight, self.residuals(theta, tool), optimize=True)
+        matrix = theta[3:12].reshape(3, 3)
+        if self.moving.any():
+            g[3:12] += (weight[self.moving].sum(axis=0) @ matrix @ self.force_noise).ravel()
+        return np.asarray(g)
+
+
+def _slope(x: Array, length: float) -> Array:
+    """Time derivative over two blocks each way: smooth enough to carry no noise of its own block."""
+    out = np.zeros_like(x)
+    out[2:-2] = (x[4:] - x[:-4]) / (4 * length)
+    return out
+
+
+def identify_accelerometer(
+        motion: Motion, volts: Callable[[float], Array], tool: ToolPart, coupling: str = 'dc',
+        cutoff: float | None = None, place: Array | None = None,
+        largest_delay: float = 0.02) -> AccelerometerFit:
+    """
+    Fit offset, sensitivity, delay and place to everything that moved freely or stood.
+
+    Parameters
+    ----------
+    motion : Motion
+    volts : callable
+        Block means of the readings, shape (n, 3), the blocks shifted by a delay [s].
+    tool : ToolPart
+    coupling : str
+        ``dc`` or ``ac``.
+    cutoff : float, optional
+        Corner of the high-pass where known [Hz].
+    place : ndarray, shape (3,), optional
+        Of the accelerometer where known [m].
+    largest_delay : float
+        [s]
+
+    Returns
+    -------
+    AccelerometerFit
+
+    Raises
+    ------
+    UnobservableError
+        The specific force did not span three directions.
+    """
+    problem = _Problem(motion, volts, tool, coupling, cutoff, place)
+    theta = _start(problem, largest_delay)
+    noise = _rest_noise(problem, problem.residuals(theta, tool.vector))
+    for _ in range(2):
+        matrix = theta[3:12].reshape(3, 3)
+        weight = problem.weights(matrix, noise.lags[0])
+        theta, derivative = solve_score(
+            lambda p: problem.score(p, tool.vector, weight), theta,
+            _steps(problem, theta))
+        noise = _rest_noise(problem, problem.residuals(theta, tool.vector))
+    return _result(problem, theta, derivative, weight, noise)
+
+
+def _steps(problem: _Problem, theta: Array) -> Array:
+    gain = np.abs(theta[3:12]).max()
+    steps = np.concatenate([np.full(3, 1e-3 * gain), np.full(9, 1e-4 * gain), [1e-4]])
+    lay = problem.layout
+    rest = np.zeros(lay.size - 13)
+    rest[lay.lever.start - 13:lay.lever.stop - 13] = 1e-3
+    rest[lay.decay.start - 13:lay.decay.stop - 13] = 1e-3 * gain
+    rest[lay.cutoff.start - 13:lay.cutoff.stop - 13] = 1e-3 * _DEFAULT_CUTOFF
+    return np.concatenate([steps, rest])
+
+
+def _start(problem: _Problem, largest_delay: float) -> Array:
+    """Least squares for the linear unknowns over a scan of delays and cutoffs."""
+    layout = problem.layout
+    cutoffs = [problem.known_cutoff or _DEFAULT_CUTOFF]
+    if layout.cutoff.stop > layout.cutoff.start:
+        cutoffs = list(np.geomspace(0.1, 10, 9) * _DEFAULT_CUTOFF)
+    delays = np.arange(-largest_delay, largest_delay + 1e-9, 1e-3)
+    best, delay, cutoff = _scan(problem, [0.0], cutoffs)
+    if problem.moving.any():
+        best, delay, cutoff = _scan(problem, list(delays), [cutoff])
+    theta = np.zeros(layout.size)
+    theta[:3], theta[3:12], theta[12] = best[0], best[1:4].T.ravel(), delay
+    if problem.ac:
+        theta[layout.decay] = best[4]
+    theta[layout.cutoff] = cutoff
+    return theta
+
+
+def _scan(problem: _Problem, delays: list[float], cutoffs: list[float]
+          ) -> tuple[Array, float, float]:
+    felt = problem.felt(problem.tool.vector, np.zeros(3))
+    use, best = problem.use, (np.inf, np.zeros((4, 3)), 0.0, 0.0)
+    for cutoff in cutoffs:
+        columns = [np.ones(len(felt)), *problem.shown(felt, cutoff).T]
+        if problem.ac:
+            columns.append(fading(len(felt), problem.motion.length, cutoff))
+        rows = np.stack(columns, axis=1)[use]
+        scaled = rows / np.linalg.norm(rows, axis=0)
+        if np.linalg.svd(scaled, compute_uv=False)[-1] < 1e-4:
+            raise UnobservableError(
+                'the accelerometer\'s map is not observable: gravity spans fewer than three '
+                'directions of ft_sensor in the poses and the motion between them; add a pose')
+        for delay in delays:
+            volts = problem.volts(delay)[use]
+            whole = np.isfinite(volts).all(1)
+            solution = np.linalg.lstsq(rows[whole], volts[whole])[0]
+            misfit = float(((volts[whole] - rows[whole] @ solution)**2).mean())
+            if misfit < best[0]:
+                best = (misfit, solution, delay, cutoff)
+    return best[1], best[2], best[3]
+
+
+def _rest_noise(problem: _Problem, residuals: Array) -> Autocovariance:
+    """Noise of the volts' blocks as the residuals at rest show it."""
+    from forcecal_ros.identify.means import autocovariance
+    still = problem.motion.still
+    return autocovariance([
+        np.where(problem.use[still == i, None], residuals[still == i], np.nan)
+        for i in range(still.max() + 1)])
+
+
+def _result(problem: _Problem, theta: Array, derivative: Array, weight: Array,
+            noise: Autocovariance) -> AccelerometerFit:
+    tool = problem.tool
+    matrix = theta[3:12].reshape(3, 3)
+    X = weight @ problem.derivatives(theta, tool.vector)
+    by_force = problem.motion.force_noise.mapped(matrix / tool.mass)
+    meat = _spread(X, noise) + _spread(X * problem.moving[:, None, None], by_force)
+    inverse = np.linalg.inv(derivative)
+    by_tool = -inverse @ jacobian(lambda v: problem.score(theta, v, weight), tool.vector,
+                                  np.array([1e-3] + [1e-2] * 3 + [1e-4] * 3))
+    lay = problem.layout
+    # estimated, then the tool's own unknowns, so that position = lever + com carries both
+    n = lay.size
+    joint = np.zeros((n + 7, n + 7))
+    joint[:n, :n] = inverse @ meat @ inverse.T + by_tool @ tool.covariance @ by_tool.T
+    joint[:n, n:] = by_tool @ tool.covariance
+    joint[n:, :n] = joint[:n, n:].T
+    joint[n:, n:] = tool.covariance
+    pick = np.full((17, n + 7), np.nan)
+    pick[:12] = np.eye(12, n + 7)
+    if problem.moving.any():
+        pick[12] = np.eye(n + 7)[12]
+    if lay.cutoff.stop > lay.cutoff.start:
+        pick[13] = np.eye(n + 7)[lay.cutoff.start]
+    position = np.full(3, np.nan)
+    if problem.place is not None:
+        position = problem.place
+    elif problem.moving.any():
+        position = theta[lay.lever] + tool.com
+        pick[14:] = np.eye(n + 7)[lay.lever] + np.eye(n + 7)[n + 4:]
+    chi_square, degrees = _static_misfit(problem, theta, noise)
+    cutoff = problem.split(theta)[5] if problem.ac else np.nan
+    return AccelerometerFit(
+        theta[:3], matrix, float(theta[12]) if problem.moving.any() else np.nan, cutoff,
+        position, pick @ joint @ pick.T, noise, chi_square, degrees)
+
+
+def _spread(X: Array, noise: Autocovariance) -> Array:
+    """Variance of sum_n X_n^T e_n for noise e that is correlated over blocks."""
+    total = np.einsum('nip,ij,njq->pq', X, noise.lags[0], X, optimize=True)
+    for lag in range(1, LAGS + 1):
+        cross = np.einsum('nip,ij,njq->pq', X[:-lag], noise.lags[lag], X[lag:], optimize=True)
+        total += (1 - lag / (LAGS + 1)) * (cross + cross.T)
+    return np.asarray(total)
+
+
+def _static_misfit(problem: _Problem, theta: Array, noise: Autocovariance) -> tuple[float, int]:
+    residuals = problem.residuals(theta, problem.tool.vector)
+    total, poses = 0.0, 0
+    precision = np.linalg.inv(noise.total)
+    for i in range(problem.motion.still.max() + 1):
+        rows = residuals[problem.use & (problem.motion.still == i)]
+        if len(rows):
+            mean = rows.mean(axis=0)
+            total += float(mean @ precision @ mean) * len(rows)
+            poses += 1
+    return total, 3 * poses

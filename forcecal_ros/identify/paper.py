@@ -1,0 +1,116 @@
+"""The plain procedure of the paper on the same recording, to stand beside the joint estimates."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from forcecal_ros.errors import UnobservableError
+from forcecal_ros.identify.mass import mass_from_tilt
+from forcecal_ros.identify.means import window_mean
+from forcecal_ros.identify.operations import operation_count
+from forcecal_ros.identify.poses import StaticPose
+from forcecal_ros.identify.step_gain import plain_offset, step_gain
+from forcecal_ros.samples import Recording
+
+_VERTICAL = 0.8
+_HORIZONTAL = 0.05
+
+
+class Plain(NamedTuple):
+    """
+    What the paper's equations give; NaN where the recording does not hold what they need.
+
+    Attributes
+    ----------
+    mass, mass_theta : float
+        Eq. 16 as printed and with the share of the weight that x really carries [kg].
+    offset : float
+        Eq. 15, of the axis that shows x [V].
+    gain, gain_corrected, gain_aligned : float
+        Eq. 17 as printed; with the noise of the regressor taken out (errors in variables); with
+        the delay between the sensors taken out as well [V/(m/s^2)].
+    operations : float
+        Eq. 20.
+    """
+
+    mass: float
+    mass_theta: float
+    offset: float
+    gain: float
+    gain_corrected: float
+    gain_aligned: float
+    operations: float
+
+
+class Alignment(NamedTuple):
+    """Accelerometer axis that shows x, delay [s], noise variance of its samples [V^2]."""
+
+    axis: int
+    delay: float
+    variance: float
+
+
+def plain_procedure(recording: Recording, poses: list[StaticPose], gravity: float, theta: float,
+                    step: tuple[float, float] | None, alignment: Alignment | None) -> Plain:
+    """
+    Carry out steps 1 to 8 of the procedure as printed, [Gamez2005] Eq. 11 to 17 and Eq. 20.
+
+    Parameters
+    ----------
+    recording : Recording
+    poses : list of StaticPose
+    gravity : float
+        [m/s^2]
+    theta : float
+        [rad]
+    step : tuple of float or None
+        Start and end of the step [s].
+    alignment : Alignment or None
+        None without accelerometer.
+
+    Returns
+    -------
+    Plain
+    """
+    nan = float('nan')
+    upright = [abs(p.R_base_sensor[2, 0]) for p in poses]
+    h, v = int(np.argmax(upright)), int(np.argmin(upright))
+    if upright[h] < _VERTICAL or upright[v] > _HORIZONTAL:
+        return Plain(nan, nan, nan, nan, nan, nan, nan)
+    assert recording.wrench is not None
+    u_h, u_v = (-float(window_mean(recording.wrench, poses[i].start, poses[i].end)[0])
+                for i in (h, v))
+    mass = mass_from_tilt(u_h, u_v, gravity)
+    share = float(np.arccos(min(1.0, upright[h])))
+    mass_theta = mass_from_tilt(u_h, u_v, gravity, theta or share)
+    offset, gains = nan, (nan, nan, nan)
+    accelerometer = recording.accelerometer
+    if alignment is not None and accelerometer is not None:
+        at_v = accelerometer.between(poses[v].start, poses[v].end).values
+        if len(at_v):
+            offset = float(plain_offset(at_v)[alignment.axis])
+        if step is not None:
+            gains = _gains(recording, step, alignment, offset, u_v, mass)
+    operations = nan
+    if step is not None:
+        operations = operation_count((poses[h].start, poses[h].end, poses[v].start, poses[v].end,
+                                      poses[v].end + step[1] - step[0]), recording.wrench.rate)
+    return Plain(mass, mass_theta, offset, *gains, operations)
+
+
+def _gains(recording: Recording, step: tuple[float, float], alignment: Alignment,
+           offset: float, u_v: float, mass: float) -> tuple[float, float, float]:
+    """Eq. 17 plain, corrected for noise, and aligned in time as well."""
+    assert recording.accelerometer is not None and recording.wrench is not None
+    cut = recording.accelerometer.between(*step)
+    shown = cut.values[:, alignment.axis] - offset
+
+    def Y(delay: float) -> np.ndarray:
+        assert recording.wrench is not None
+        return (-recording.wrench.at(cut.t - delay)[:, 0] - u_v) / mass
+
+    try:
+        return (step_gain(shown, Y(0.0)), step_gain(shown, Y(0.0), alignment.variance),
+                step_gain(shown, Y(alignment.delay), alignment.variance))
+    except UnobservableError:
+        return float('nan'), float('nan'), float('nan')

@@ -1,0 +1,177 @@
+"""Static poses: how the paper orients the sensor, and where a recording stands still."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array, rotation_about, rotation_vector
+from forcecal_ros.identify.blocks import STILL
+from forcecal_ros.samples import PoseStream, Recording
+
+_SHORTEST_STAND = 0.5
+_RING_DOWN = 1.0
+_SPEED = 0.002
+_TURN_RATE = 0.002
+
+
+class StaticPose(NamedTuple):
+    """
+    A stretch of time in which the robot stands still.
+
+    Attributes
+    ----------
+    start, end : float
+        ``start <= t < end`` [s].
+    R_base_sensor : ndarray, shape (3, 3)
+    rotation_variance : float
+        Of its rotation vector, per axis [rad^2]; NaN where one sample tells nothing.
+    """
+
+    start: float
+    end: float
+    R_base_sensor: Array
+    rotation_variance: float
+
+    def gravity(self, magnitude: float) -> Array:
+        """Gravity in ft_sensor, shape (3,) [m/s^2]."""
+        return -magnitude * np.asarray(self.R_base_sensor[2])
+
+
+def orientation_h(theta: float = 0.0, alpha: float = np.pi / 2, delta: float = np.pi) -> Array:
+    """
+    Orientation of step 1: x of ft_sensor vertical, [Gamez2005] Eq. 9.
+
+    Parameters
+    ----------
+    theta, alpha, delta : float
+        About Z, Y and X [rad]; those of the paper where not given.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        R_base_sensor, the matrix written out in [Gamez2005] Eq. 10.
+    """
+    return rotation_about('y', alpha) @ orientation_v(theta, delta)
+
+
+def orientation_v(theta: float = 0.0, delta: float = np.pi) -> Array:
+    """
+    Orientation of step 3: x of ft_sensor horizontal, [Gamez2005] Eq. 12.
+
+    Parameters
+    ----------
+    theta, delta : float
+        About Z and X [rad]; those of the paper where not given.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        R_base_sensor, the matrix written out in [Gamez2005] Eq. 13.
+    """
+    return rotation_about('x', delta) @ rotation_about('z', theta)
+
+
+def static_windows(recording: Recording) -> list[tuple[float, float]]:
+    """
+    Find the stretches of time in which the robot stands to be measured.
+
+    Phases say so where there are any; otherwise the pose that does not move does.
+
+    Parameters
+    ----------
+    recording : Recording
+        With a pose.
+
+    Returns
+    -------
+    list of tuple of float
+        Start and end [s].
+
+    Raises
+    ------
+    DataError
+        There is none.
+    """
+    if recording.phases:
+        last = recording.phases[-1].end
+        windows = [(p.start, p.end if p.end < last else np.nextafter(p.end, np.inf))
+                   for p in recording.phases if p.name in STILL]
+        if not windows:
+            raise DataError(
+                f'{recording.source or "the recording"}: none of its {len(recording.phases)} '
+                'phases is `measure`; record the sequencer\'s phases, or leave them out and stand '
+                'still in each pose')
+        return windows
+    assert recording.pose is not None
+    windows = _standing(recording.pose)
+    if not windows:
+        raise DataError(
+            f'{recording.source or "the recording"}: the pose never stands still for '
+            f'{_SHORTEST_STAND + _RING_DOWN:g} s; hold each pose longer')
+    return windows
+
+
+def _standing(pose: PoseStream) -> list[tuple[float, float]]:
+    """Stretches without motion, the first second of each left to the tool's ringing."""
+    if len(pose) < 3:
+        return []
+    step = max(1, int(round(0.1 / np.median(np.diff(pose.t)))))
+    t = pose.t[::step]
+    R = pose.R_base_sensor[::step]
+    turn = np.linalg.norm(rotation_vector(np.swapaxes(R[:-1], 1, 2) @ R[1:]), axis=1)
+    moving = turn / np.diff(t) > _TURN_RATE
+    if pose.has_position:
+        speed = np.linalg.norm(np.diff(pose.position[::step], axis=0), axis=1) / np.diff(t)
+        moving |= speed > _SPEED
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], moving, [True]]).astype(int)))
+    windows = []
+    for first, last in zip(edges[::2], edges[1::2]):
+        begin = t[first] + (_RING_DOWN if first else 0.0)
+        if t[last] - begin >= _SHORTEST_STAND:
+            windows.append((float(begin), float(t[last])))
+    return windows
+
+
+def static_poses(recording: Recording) -> list[StaticPose]:
+    """
+    Measure the orientation of each static pose.
+
+    Parameters
+    ----------
+    recording : Recording
+
+    Returns
+    -------
+    list of StaticPose
+
+    Raises
+    ------
+    DataError
+        No pose was recorded, or none while the robot stood.
+    """
+    pose = recording.pose
+    name = recording.source or 'the recording'
+    if pose is None or not len(pose):
+        raise DataError(f'{name} has no current_pose; record it, or name the topic with '
+                        '--topic current_pose=NAME')
+    poses, empty = [], []
+    for start, end in static_windows(recording):
+        R = pose.between(start, end).R_base_sensor
+        if len(R):
+            poses.append(StaticPose(start, end, *_mean_rotation(np.asarray(R))))
+        else:
+            empty.append(f'{start:.2f}')
+    if empty:
+        raise DataError(f'{name}: no current_pose during the static poses that start at '
+                        f'{", ".join(empty)} s; record it throughout')
+    return poses
+
+
+def _mean_rotation(R: Array) -> tuple[Array, float]:
+    mean = Rotation.from_matrix(R).mean().as_matrix()
+    if len(R) < 2:
+        return mean, np.nan
+    scatter = rotation_vector(mean.T @ R)
+    return mean, float((scatter**2).sum() / (3 * (len(R) - 1)) / len(R))

@@ -1,0 +1,122 @@
+"""What can be used of a recording: numbers only, sensors within their range."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.identify.poses import StaticPose
+from forcecal_ros.samples import Recording, Stream
+
+_CHANNELS = ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z')
+_STREAMS = ('wrench', 'accelerometer', 'optidrive')
+
+
+def clean(recording: Recording) -> tuple[Recording, dict[str, int]]:
+    """
+    Leave out samples that are not finite.
+
+    Parameters
+    ----------
+    recording : Recording
+
+    Returns
+    -------
+    recording : Recording
+        A stream without a single usable sample becomes None.
+    removed : dict of str to int
+        How many samples each stream lost.
+    """
+    removed: dict[str, int] = {}
+    changes: dict[str, object] = {}
+    for name in _STREAMS:
+        stream: Stream | None = getattr(recording, name)
+        if stream is None:
+            continue
+        whole = np.isfinite(stream.values).all(axis=1)
+        if not whole.all():
+            removed[name] = int((~whole).sum())
+            changes[name] = replace(stream, t=stream.t[whole], values=stream.values[whole])
+        if not whole.any():
+            changes[name] = None
+    pose = recording.pose
+    if pose is not None:
+        whole = np.isfinite(pose.R_base_sensor).all(axis=(1, 2))
+        if not whole.all():
+            removed['pose'] = int((~whole).sum())
+            changes['pose'] = replace(pose, t=pose.t[whole], position=pose.position[whole],
+                                      R_base_sensor=pose.R_base_sensor[whole])
+    return (replace(recording, **changes) if changes else recording), removed  # type: ignore[arg-type]
+
+
+def require_wrench(recording: Recording) -> Stream:
+    """
+    Return the wrench.
+
+    Raises
+    ------
+    DataError
+        There is none.
+    """
+    if recording.wrench is None or not len(recording.wrench):
+        raise DataError(f'{recording.source or "the recording"} has no wrench; record it, or name '
+                        'its topic with --topic wrench=NAME')
+    return recording.wrench
+
+
+def refuse_stuck(wrench: Stream, accelerometer: Stream | None, poses: list[StaticPose]) -> None:
+    """
+    Refuse channels that stand at one value in a pose while they are noisy in another.
+
+    Parameters
+    ----------
+    wrench : Stream
+    accelerometer : Stream or None
+    poses : list of StaticPose
+
+    Raises
+    ------
+    DataError
+        Names the channels, their values and the poses.
+    """
+    stuck = []
+    for stream, names in ((wrench, _CHANNELS), (accelerometer, ('x', 'y', 'z'))):
+        if stream is None:
+            continue
+        prefix = '' if stream is wrench else 'accelerometer.'
+        cuts = [stream.between(p.start, p.end).values for p in poses]
+        cuts = [cut for cut in cuts if len(cut) >= 20]
+        if len(cuts) < 2:
+            continue
+        ranges = np.array([np.ptp(cut, axis=0) for cut in cuts])
+        for i, j in zip(*np.nonzero((ranges == 0) & (ranges > 0).any(axis=0))):
+            stuck.append(f'{prefix}{names[j]} stands at {cuts[i][0, j]:.6g} in pose {i + 1}')
+    if stuck:
+        raise DataError(f'saturated or stuck: {"; ".join(stuck)}; lower the load, or raise the '
+                        'range of the sensor')
+
+
+def clipped(stream: Stream, names: tuple[str, ...]) -> list[str]:
+    """
+    Name channels that stay at their very extreme for ten samples or more: they may be clipped.
+
+    Parameters
+    ----------
+    stream : Stream
+    names : tuple of str
+        Of the channels.
+
+    Returns
+    -------
+    list of str
+        With the value.
+    """
+    found = []
+    for name, column in zip(names, stream.values.T):
+        for extreme in (column.min(), column.max()):
+            at = np.concatenate([[0], (column == extreme).astype(int), [0]])
+            edges = np.flatnonzero(np.diff(at))
+            longest = int((edges[1::2] - edges[::2]).max())
+            if longest >= 10 and np.ptp(column) > 0:
+                found.append(f'{name} at {extreme:.6g} for {longest} samples in a row')
+    return found

@@ -1,0 +1,157 @@
+"""From what the stages found to the calibration that leaves the identification."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from forcecal_ros.calibration import (
+    Accelerometer, Calibration, Estimate, Noise, ObserverGain, Tool,
+)
+from forcecal_ros.errors import UnobservableError
+from forcecal_ros.geometry import Array
+from forcecal_ros.identify.accelerometer import AccelerometerFit
+from forcecal_ros.identify.axes import split_matrix
+from forcecal_ros.identify.covariance import (
+    SampleCovariance, measurement_covariance, process_covariance, stream_covariance,
+)
+from forcecal_ros.identify.estimating import jacobian
+from forcecal_ros.identify.gain import observer_model, pole_gain, riccati_gain, with_unit_k23
+from forcecal_ros.identify.inertia import InertiaFit
+from forcecal_ros.identify.poses import StaticPose
+from forcecal_ros.identify.ringing import RingFit
+from forcecal_ros.identify.settings import Settings
+from forcecal_ros.identify.tool import Sag, Statics, ToolFit
+from forcecal_ros.samples import Recording, Stream
+
+
+@dataclass(frozen=True)
+class Stages:
+    """
+    What each stage found.
+
+    Attributes
+    ----------
+    recording : Recording
+        Cleaned.
+    removed : mapping
+        Samples left out of each stream.
+    poses, statics, tool, sag, ring, accelerometer, inertia
+        See the modules of the same names; None where the recording did not hold what they need.
+    """
+
+    recording: Recording
+    removed: dict[str, int]
+    poses: list[StaticPose]
+    statics: Statics
+    tool: ToolFit
+    sag: Sag | None
+    ring: RingFit | None
+    accelerometer: AccelerometerFit | None
+    inertia: InertiaFit | None
+
+
+def tool_of(stages: Stages) -> Tool | None:
+    """Stiffness and damping, the mass' uncertainty included; None for a rigid tool."""
+    ring = stages.ring
+    if ring is None:
+        return None
+    relative = stages.tool.covariance[0, 0] / stages.tool.mass**2
+    k_std, d_std = (float(np.sqrt(ring.covariance[i, i] + value**2 * relative))
+                    for i, value in enumerate((ring.stiffness, ring.damping)))
+    return Tool(Estimate(ring.stiffness, k_std, 'N/m'), Estimate(ring.damping, d_std, 'N s/m'))
+
+
+def inertia_of(stages: Stages, settings: Settings) -> Estimate | None:
+    """Inertia where every element of it is known well enough, else None."""
+    fit = stages.inertia
+    if fit is None:
+        return None
+    size = float(np.trace(fit.matrix)) / 3
+    if size <= 0 or fit.std.max() > settings.thresholds.inertia * size:
+        return None
+    return Estimate(fit.matrix, fit.std, 'kg m^2')
+
+
+def accelerometer_of(stages: Stages, settings: Settings) -> Accelerometer | None:
+    """Accelerometer as the calibration has it."""
+    fit = stages.accelerometer
+    if fit is None:
+        return None
+    unit = stages.recording.accelerometer_unit
+    scaled = unit != 'V'
+    std = np.sqrt(np.diag(fit.covariance))
+    axes = split_matrix(fit.matrix, fit.covariance[3:12, 3:12], scaled)
+    known = np.isfinite(fit.delay)
+    place = None
+    if settings.accelerometer_position is not None:
+        place = Estimate(settings.accelerometer_position, 0.0, 'm')
+    elif np.isfinite(fit.position).all() and std[14:].max() <= settings.thresholds.position:
+        place = Estimate(fit.position, std[14:], 'm')
+    cutoff = None
+    if settings.coupling == 'ac':
+        cutoff = Estimate(fit.cutoff, 0.0 if settings.cutoff else std[13], 'Hz')
+    return Accelerometer(
+        Estimate(fit.offset, std[:3], unit),
+        Estimate(axes.gain, axes.gain_std, '1' if scaled else 'V/(m/s^2)'),
+        Estimate(axes.map, axes.map_std, '1'),
+        Estimate(fit.delay if known else 0.0, std[12] if known else np.nan, 's'),
+        settings.coupling, cutoff, place)
+
+
+def specific_force(stages: Stages) -> Stream | None:
+    """The accelerometer's readings as specific force in ft_sensor [m/s^2]."""
+    fit, stream = stages.accelerometer, stages.recording.accelerometer
+    if fit is None or stream is None:
+        return None
+    return Stream(stream.t, np.linalg.solve(fit.matrix, (stream.values - fit.offset).T).T)
+
+
+def noise_of(stages: Stages) -> tuple[Noise, SampleCovariance] | None:
+    """Step 9: covariances at rest, and the measurements' as sampled; None where not measured."""
+    recording, felt = stages.recording, specific_force(stages)
+    if recording.wrench is None or recording.pose is None or felt is None:
+        return None
+    wrench = stream_covariance(recording.wrench, stages.poses)
+    specific = stream_covariance(felt, stages.poses)
+    measured = measurement_covariance(stages.poses, recording.pose, recording.optidrive, felt)
+    if wrench is None or specific is None or measured is None:
+        return None
+    mass, variance = stages.tool.mass, float(wrench.value[0, 0])
+    Q = process_covariance(variance, wrench.rate, mass)
+    relative = wrench.std[0, 0] / variance
+    noise = Noise(
+        Estimate(Q, Q * relative, '(m, m/s)^2 s'),
+        Estimate(measured.density, measured.density_std, '(m, m/s, m/s^2)^2 s'),
+        Estimate(wrench.value, wrench.std, '(N, N m)^2'),
+        Estimate(specific.value, specific.std, '(m/s^2)^2'),
+        wrench.rate, specific.rate)
+    return noise, measured
+
+
+def observer_of(noise: Noise, mass: float, settings: Settings) -> ObserverGain:
+    """
+    The paper's gain with k23 = 1, steps 10 and 11.
+
+    Raises
+    ------
+    UnobservableError
+        R is singular.
+    """
+    model = observer_model(mass)
+
+    def gain(p: Array) -> Array:
+        Q, R = np.diag([0.0, p[0]]), p[1:].reshape(3, 3)
+        return with_unit_k23(riccati_gain(model.A, model.C, Q, (R + R.T) / 2)).ravel()
+
+    if settings.observer_design == 'poles':
+        K = with_unit_k23(pole_gain(model.A, model.C, settings.observer_poles))
+        std = np.zeros_like(K)
+    else:
+        p = np.concatenate([[noise.Q.value[1, 1]], noise.R.value.ravel()])
+        spread = np.concatenate([[noise.Q.std[1, 1]], noise.R.std.ravel()])
+        K = gain(p).reshape(2, 3)
+        sensitivity = jacobian(gain, p, 0.01 * spread)
+        std = np.sqrt((sensitivity**2 @ spread**2)).reshape(2, 3)
+    return ObserverGain(
+        Estimate(K, std, '1'), Estimate(model.A, 0.0, '1'), Estimate(model.C, 0.0, '1'),
+        1 / noise.wrench_rate, settings.observer_mode)

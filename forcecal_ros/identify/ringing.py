@@ -1,0 +1,241 @@
+"""Stiffness and damping of the tool from the ringing after a step.
+
+Once the robot stands again nothing drives the tool, and displacement and force along x are
+exponentially damped oscillations of one and the same motion:
+
+    s = s_end + exp(-lam t) (p cos(w t) + q sin(w t)),    lam = d / 2m,  lam^2 + w^2 = k / m
+    F_x = F_end + k (s - s_end) + d ds/dt
+
+Both sensors are noisy, neither is a regressor: the motion itself is what is fitted, so noise
+does not pull the estimate towards zero as it does in a regression of F_x on s and ds/dt. Decay
+and frequency do not depend on how far the two sensors are apart in time, which in that
+regression is all but one with the damping (k times the delay).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from forcecal_ros.geometry import Array
+from forcecal_ros.samples import PoseStream, Stream
+
+_SERVO = 0.06
+_STILL = 1e-4
+_LONGEST = 2.0
+_SHORTEST = 0.15
+_SIGNIFICANT = 8.0
+
+
+class Ring(NamedTuple):
+    """
+    Readings along x while the tool rings.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Of the wrench, from the start of the ringing [s].
+    force : ndarray, shape (n,)
+        On the wire [N].
+    slide_t, slide : ndarray, shape (m,)
+        Displacement [s], [m]; empty without an Optidrive.
+    """
+
+    t: Array
+    force: Array
+    slide_t: Array
+    slide: Array
+
+
+class RingFit(NamedTuple):
+    """
+    Result of the ringing.
+
+    Attributes
+    ----------
+    stiffness, damping : float
+        [N/m], [N s/m]
+    slide_delay : float
+        How much later than the wrench the Optidrive shows the same instant [s].
+    covariance : ndarray, shape (3, 3)
+        Of these three, the mass' uncertainty left out.
+    amplitude : float
+        Of the force at the start of the strongest ringing, in standard deviations of its noise.
+    """
+
+    stiffness: float
+    damping: float
+    slide_delay: float
+    covariance: Array
+    amplitude: float
+
+
+def rings(windows: list[tuple[float, float]], wrench: Stream, optidrive: Stream | None,
+          pose: PoseStream | None, target: PoseStream | None) -> list[Ring]:
+    """
+    Cut out the stretches in which the tool rings and the robot stands.
+
+    Parameters
+    ----------
+    windows : list of tuple of float
+        Start and end of the phases ``step`` [s].
+    wrench : Stream
+    optidrive : Stream or None
+    pose, target : PoseStream or None
+        The measured pose says when the robot has arrived, the commanded one where there is no
+        position.
+
+    Returns
+    -------
+    list of Ring
+    """
+    out = []
+    for begin, end in windows:
+        for start, stop in _stands(begin, end, pose, target):
+            stop = min(stop, start + _LONGEST)
+            if stop - start < _SHORTEST:
+                continue
+            cut = wrench.between(start, stop)
+            slide = optidrive.between(start, stop) if optidrive else None
+            if len(cut) < 20:
+                continue
+            out.append(Ring(
+                cut.t - start, cut.values[:, 0],
+                slide.t - start if slide else np.empty(0),
+                slide.values[:, 0] if slide else np.empty(0)))
+    return out
+
+
+def _stands(begin: float, end: float, pose: PoseStream | None, target: PoseStream | None
+            ) -> list[tuple[float, float]]:
+    """Stretches within a window in which the robot has stopped moving."""
+    stream = pose if pose is not None and pose.has_position else target
+    if stream is None or not stream.has_position:
+        return [(begin + 0.3, end)]
+    cut = stream.between(begin - 0.1, end)
+    if len(cut) < 10:
+        return []
+    step = max(1, int(round(0.02 / np.median(np.diff(cut.t)))))
+    moved = np.linalg.norm(cut.position[step:] - cut.position[:-step], axis=1)
+    moving = (moved > _STILL).astype(int)
+    edges = np.diff(np.concatenate([[1], moving, [1]]))
+    stop, go = np.flatnonzero(edges == -1), np.flatnonzero(edges == 1)
+    t = np.append(cut.t, end)
+    spans = [(t[min(i + step, len(t) - 1)] + _SERVO, t[min(j, len(t) - 1)] if j < len(moving)
+              else end) for i, j in zip(stop, go)]
+    return [(a, b) for a, b in spans if a > begin]
+
+
+def stiffness_and_damping(
+        ringing: list[Ring], mass: float, force_density: float, slide_density: float,
+        stiffness: tuple[float, float] | None = None) -> RingFit | None:
+    """
+    Fit all stretches of ringing at once, [Gamez2005] Eq. 29.
+
+    Parameters
+    ----------
+    ringing : list of Ring
+    mass : float
+        [kg]
+    force_density, slide_density : float
+        Noise variance times its correlation time: variance of a mean times its duration
+        [N^2 s], [m^2 s].
+    stiffness : tuple of float, optional
+        What the static sag says, with its variance [N/m].
+
+    Returns
+    -------
+    RingFit or None
+        None where the ringing does not stand out of the noise: a rigid tool, or no step.
+    """
+    if not ringing:
+        return None
+    residuals, start = _problem(ringing, mass, force_density, slide_density, stiffness)
+    # from where the linear part of the problem fits best
+    guesses = [np.concatenate([[np.log(k), np.log(2 * z * np.sqrt(k * mass))], start])
+               for k in ([stiffness[0]] if stiffness else np.geomspace(500, 5e5, 31))
+               for z in (0.05, 0.2, 0.5)]
+    best = min(guesses, key=lambda p: float((residuals(p)**2).sum()))
+    fit = least_squares(residuals, best, x_scale='jac', method='trf', max_nfev=60)
+    amplitude = _amplitude(ringing, mass, fit.x, force_density)
+    if amplitude < _SIGNIFICANT or not fit.success:
+        return None
+    k, d = np.exp(fit.x[:2])
+    full = np.linalg.pinv(fit.jac.T @ fit.jac)
+    scale = np.array([k, d, _DELAY])
+    covariance = np.zeros((3, 3))
+    size = 3 if len(fit.x) == 3 else 2
+    covariance[:size, :size] = full * np.outer(scale[:size], scale[:size])
+    delay = float(fit.x[2] * _DELAY) if size == 3 else 0.0
+    return RingFit(float(k), float(d), delay, covariance, amplitude)
+
+
+_DELAY = 0.001
+"""Unit of the delay within the fit [s]."""
+
+
+def _basis(t: Array, k: float, d: float, mass: float) -> tuple[Array, Array]:
+    """Displacement and force of the two free motions, shapes (n, 2)."""
+    lam = d / (2 * mass)
+    square = k / mass - lam**2
+    w = np.sqrt(complex(square))
+    if abs(w) < 1e-3:
+        w = complex(1e-3)
+    decay = np.exp(-lam * t)
+    c, s = decay * np.cos(w * t).real, decay * (np.sin(w * t) / w).real
+    motion = np.stack([c, s], axis=1)
+    rate = np.stack([-lam * c - square * s, c - lam * s], axis=1)
+    return motion, k * motion + d * rate
+
+
+def _columns(ring: Ring, p: Array, mass: float, force: float, slide: float) -> tuple[Array, Array]:
+    """Weighted linear problem of one stretch in [p, q, F_end, s_end] and its right-hand side."""
+    k, d = np.exp(p[:2])
+    n, m = len(ring.t), len(ring.slide)
+    rows = np.zeros((n + m, 4 if m else 3))
+    rows[:n, :2] = _basis(ring.t, k, d, mass)[1]
+    rows[:n, 2] = 1
+    weight = np.full(n + m, np.sqrt(_period(ring.t) / force))
+    right = np.concatenate([ring.force, ring.slide])
+    if m:
+        rows[n:, :2] = _basis(ring.slide_t - p[2] * _DELAY, k, d, mass)[0]
+        rows[n:, 3] = 1
+        weight[n:] = np.sqrt(_period(ring.slide_t) / slide)
+    return rows * weight[:, None], right * weight
+
+
+def _period(t: Array) -> float:
+    return float((t[-1] - t[0]) / (len(t) - 1))
+
+
+def _problem(ringing: list[Ring], mass: float, force: float, slide: float,
+             stiffness: tuple[float, float] | None):  # type: ignore[no-untyped-def]
+    """Residuals in the nonlinear unknowns alone, the linear ones solved for (variable projection)."""
+    with_slide = all(len(r.slide) for r in ringing)
+    if not with_slide:
+        ringing = [r._replace(slide_t=np.empty(0), slide=np.empty(0)) for r in ringing]
+
+    def residuals(p: Array) -> Array:
+        out = []
+        for ring in ringing:
+            rows, right = _columns(ring, p, mass, force, slide)
+            q, _ = np.linalg.qr(rows)
+            out.append(right - q @ (q.T @ right))
+        if stiffness is not None:
+            out.append(np.array([(np.exp(p[0]) - stiffness[0]) / np.sqrt(stiffness[1])]))
+        return np.concatenate(out)
+
+    return residuals, np.zeros(1 if with_slide else 0)
+
+
+def _amplitude(ringing: list[Ring], mass: float, p: Array, force: float) -> float:
+    k, d = np.exp(p[:2])
+    best = 0.0
+    for ring in ringing:
+        basis = _basis(ring.t, k, d, mass)[1]
+        rows = np.column_stack([basis, np.ones(len(ring.t))])
+        coefficients = np.linalg.lstsq(rows, ring.force)[0]
+        swing = basis @ coefficients[:2]
+        energy = float((swing**2).sum()) * _period(ring.t) / force
+        best = max(best, energy**0.5)
+    return best

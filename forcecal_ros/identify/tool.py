@@ -1,0 +1,319 @@
+"""Mass, centre of mass and the six biases of the sensor, jointly from the static poses.
+
+At rest and unloaded the wire reads, gravity g_S in ft_sensor and the tool slid by s along x,
+
+    F = m g_S + b_F
+    n = (c + s x_hat) x m g_S + b_n = m s (x_hat x g_S) - [g_S]x (m c) + b_n
+
+which is linear in m, b_F, m c and b_n once s is known. Without an Optidrive s = m g_x / k, and
+m^2 / k is one more unknown.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import chi2
+
+from forcecal_ros.errors import DataError, UnobservableError
+from forcecal_ros.geometry import Array, skew
+
+X_HAT = np.array([1.0, 0.0, 0.0])
+
+_NAMES = ('mass', 'force bias x', 'force bias y', 'force bias z', 'com x', 'com y', 'com z',
+          'torque bias x', 'torque bias y', 'torque bias z', 'sag')
+
+
+class Statics(NamedTuple):
+    """
+    What was read in each static pose.
+
+    Attributes
+    ----------
+    gravity : ndarray, shape (n, 3)
+        In ft_sensor [m/s^2].
+    wrench : ndarray, shape (n, 6)
+        Mean on the wire [N, N m].
+    covariance : ndarray, shape (n, 6, 6), or None
+        Of these means; None: not known, taken from the residuals.
+    slide : ndarray, shape (n,), or None
+        Mean displacement of the tool along x; zeros for a rigid one, None where it slides
+        unobserved [m].
+    slide_variance : ndarray, shape (n,)
+        Of these means [m^2].
+    sag : tuple of float or None
+        m^2 / k and its variance where the stiffness is known otherwise [kg^2 m/N].
+    """
+
+    gravity: Array
+    wrench: Array
+    covariance: Array | None
+    slide: Array | None
+    slide_variance: Array
+    sag: tuple[float, float] | None = None
+
+
+class ToolFit(NamedTuple):
+    """
+    Result of the static poses.
+
+    Attributes
+    ----------
+    mass : float
+        [kg]
+    force_bias, com, torque_bias : ndarray, shape (3,)
+        [N], [m], [N m]
+    covariance : ndarray, shape (10, 10)
+        Of mass, force bias, com, torque bias in this order.
+    residuals : ndarray, shape (n, 6)
+        Read minus fitted [N, N m].
+    chi_square, probability : float
+        Of the residuals by the noise, and how probable as much is; NaN where the noise was
+        taken from the residuals themselves.
+    degrees : int
+        Readings minus unknowns.
+    spread : ndarray, shape (3,)
+        Singular values of the gravity directions about their mean, per root of poses.
+    condition : float
+        First over second of them; inf where gravity lies on one line.
+    """
+
+    mass: float
+    force_bias: Array
+    com: Array
+    torque_bias: Array
+    covariance: Array
+    residuals: Array
+    chi_square: float
+    probability: float
+    degrees: int
+    spread: Array
+    condition: float
+
+
+def gravity_spread(gravity: Array) -> tuple[Array, Array]:
+    """
+    How far the poses turn gravity about in ft_sensor.
+
+    Parameters
+    ----------
+    gravity : ndarray, shape (n, 3)
+        In ft_sensor, one row a pose [m/s^2].
+
+    Returns
+    -------
+    spread : ndarray, shape (3,)
+        Singular values about the mean, per root of poses, gravity taken as 1.
+    directions : ndarray, shape (3, 3)
+        Rows: the directions they belong to, in ft_sensor.
+    """
+    unit = gravity / np.linalg.norm(gravity, axis=1, keepdims=True)
+    centred = unit - unit.mean(axis=0)
+    padded = np.vstack([centred, np.zeros((3, 3))])
+    _, spread, directions = np.linalg.svd(padded, full_matrices=False)
+    return spread / np.sqrt(len(gravity)), directions
+
+
+def check_poses(gravity: Array, condition: float) -> None:
+    """
+    Refuse poses that do not determine mass, centre of mass and biases.
+
+    Parameters
+    ----------
+    gravity : ndarray, shape (n, 3)
+        In ft_sensor [m/s^2].
+    condition : float
+        Largest ratio of the first to the second spread.
+
+    Raises
+    ------
+    UnobservableError
+        Names what is short and the pose to add.
+    """
+    spread, directions = gravity_spread(gravity)
+    n = len(gravity)
+    if spread[0] < 1 / condition:
+        raise UnobservableError(
+            f'{n} static pose{"s" * (n > 1)} with gravity along one direction of ft_sensor '
+            f'(spread {spread[0]:.2g}, wanted {1 / condition:.2g}): mass and bias cannot be told '
+            'apart; add a pose tilted by 90 deg about y of ft_sensor and one about x')
+    if spread[1] * condition < spread[0]:
+        mean = gravity.mean(axis=0) / np.linalg.norm(gravity, axis=1).mean()
+        axis = int(np.argmax(np.abs(np.cross(mean, directions[1]))
+                             + 1e-9 * np.abs(np.cross(directions[0], directions[1]))))
+        raise UnobservableError(
+            f'centre of mass and torque bias are not observable from {n} static poses: gravity '
+            f'moves along one line of ft_sensor (condition '
+            f'{spread[0] / max(spread[1], 1e-12):.3g} > {condition:.3g}); '
+            f'add a pose tilted about {"xyz"[axis]} of ft_sensor')
+
+
+def identify_tool(statics: Statics, condition: float = 100.0) -> ToolFit:
+    """
+    Fit mass, centre of mass and biases to all static poses at once.
+
+    Parameters
+    ----------
+    statics : Statics
+    condition : float
+        See :func:`check_poses`.
+
+    Returns
+    -------
+    ToolFit
+
+    Raises
+    ------
+    UnobservableError
+        The poses do not determine them.
+    DataError
+        The mass comes out negative.
+    """
+    check_poses(statics.gravity, condition)
+    design, reading = _design(statics)
+    if statics.covariance is None:
+        theta, covariance = _fit_scatter(design, reading)
+        chi_square = np.nan
+    else:
+        theta, covariance, chi_square = _fit_weighted(statics, design, reading)
+    if theta[0] <= 0:
+        raise DataError(
+            f'the mass comes out as {theta[0]:.4g} kg: this driver reports the wrench of the tool '
+            'on its environment; set wrench.sign to -1 (--wrench-sign -1)')
+    n = len(statics.wrench)
+    degrees = 6 * n + (statics.sag is not None) - design.shape[1]
+    residuals = (reading - design @ theta)[:6 * n].reshape(n, 6)
+    spread, _ = gravity_spread(statics.gravity)
+    mass, com = float(theta[0]), theta[4:7] / theta[0]
+    to_com = np.eye(10)
+    to_com[4:7, 4:7] /= mass
+    to_com[4:7, 0] = -com / mass
+    return ToolFit(
+        mass, theta[1:4], com, theta[7:10], to_com @ covariance[:10, :10] @ to_com.T, residuals,
+        chi_square, float(chi2.sf(chi_square, degrees)) if degrees > 0 else np.nan, degrees,
+        spread, float(spread[0] / spread[1]))
+
+
+def _design(statics: Statics) -> tuple[Array, Array]:
+    """Rows of the linear system in [m, b_F, m c, b_n] (and m^2 / k), six a pose."""
+    n = len(statics.wrench)
+    unobserved = statics.slide is None
+    design = np.zeros((n, 6, 11 if unobserved else 10))
+    g = statics.gravity
+    lever = np.cross(X_HAT, g)
+    design[:, :3, 0] = g
+    design[:, :3, 1:4] = design[:, 3:, 7:10] = np.eye(3)
+    design[:, 3:, 4:7] = -skew(g)
+    if statics.slide is None:
+        design[:, 3:, 10] = g[:, :1] * lever
+    else:
+        design[:, 3:, 0] = statics.slide[:, None] * lever
+    rows, reading = design.reshape(6 * n, -1), statics.wrench.reshape(-1)
+    if statics.sag is not None:
+        rows = np.vstack([rows, np.eye(rows.shape[1])[-1:]])
+        reading = np.append(reading, statics.sag[0])
+    return rows, reading
+
+
+def _require_rank(design: Array) -> None:
+    scaled = design / np.maximum(np.linalg.norm(design, axis=0), 1e-12)
+    _, sigma, vh = np.linalg.svd(scaled, full_matrices=False)
+    if len(design) < design.shape[1] or sigma[-1] < 1e-6 * sigma[0]:
+        worst = _NAMES[int(np.argmax(np.abs(vh[-1])))]
+        raise UnobservableError(
+            f'{worst} is not observable from the static poses (condition '
+            f'{sigma[0] / max(sigma[-1], 1e-16):.2g}); add poses that turn gravity to other '
+            'directions of ft_sensor')
+
+
+def _fit_weighted(statics: Statics, design: Array, reading: Array) -> tuple[Array, Array, float]:
+    """Least squares by the readings' covariance; the slide's noise comes in through the mass."""
+    assert statics.covariance is not None
+    n = len(statics.wrench)
+    lever = np.cross(X_HAT, statics.gravity)
+    mass = 0.0
+    for _ in range(2):
+        blocks = statics.covariance.copy()
+        blocks[:, 3:, 3:] += (mass**2 * statics.slide_variance[:, None, None]
+                              * lever[:, :, None] * lever[:, None, :])
+        whiten = np.zeros((len(reading), len(reading)))
+        for i, block in enumerate(blocks):
+            whiten[6 * i:6 * i + 6, 6 * i:6 * i + 6] = np.linalg.inv(np.linalg.cholesky(block))
+        if statics.sag is not None:
+            whiten[6 * n, 6 * n] = statics.sag[1]**-0.5
+        rows, right = whiten @ design, whiten @ reading
+        _require_rank(rows)
+        theta = np.linalg.lstsq(rows, right)[0]
+        mass = float(theta[0])
+    covariance = np.linalg.inv(rows.T @ rows)
+    return theta, covariance, float(((right - rows @ theta)**2).sum())
+
+
+def _fit_scatter(design: Array, reading: Array) -> tuple[Array, Array]:
+    """
+    Least squares, forces and torques each weighted by their own scatter about the fit.
+
+    The covariance takes the scatter of each of the six channels as it is found.
+    """
+    n = len(reading) // 6
+    weight = np.ones(len(reading))
+    for _ in range(3):
+        rows = design * weight[:, None]
+        _require_rank(rows)
+        theta = np.linalg.lstsq(rows, reading * weight)[0]
+        square = ((reading - design @ theta).reshape(n, 6)**2)
+        scatter = np.repeat([square[:, :3].mean(), square[:, 3:].mean()], 3)
+        weight = np.tile(1 / np.sqrt(np.maximum(scatter, 1e-18)), n)
+    shortfall = 1 - design.shape[1] / len(reading)
+    if shortfall <= 0:
+        raise UnobservableError(f'{n} poses of one sample each leave nothing to judge the noise '
+                                'by; add poses')
+    bread = np.linalg.inv(rows.T @ rows)
+    channel = np.tile(square.mean(axis=0), n) / shortfall
+    meat = (rows * (weight * channel * weight)[:, None]).T @ rows
+    return theta, bread @ meat @ bread
+
+
+class Sag(NamedTuple):
+    """
+    Compliance as the static poses show it, s = (m / k) g_x + zero.
+
+    Attributes
+    ----------
+    stiffness, variance : float
+        [N/m] and its square.
+    zero : float
+        What the Optidrive reads without load [m].
+    """
+
+    stiffness: float
+    variance: float
+    zero: float
+
+
+def stiffness_from_sag(statics: Statics, fit: ToolFit) -> Sag | None:
+    """
+    Stiffness of the tool from how far it sags in each pose, [Gamez2005] Eq. 29 at rest.
+
+    Parameters
+    ----------
+    statics : Statics
+    fit : ToolFit
+
+    Returns
+    -------
+    Sag or None
+        None where the poses hardly load x or there is no Optidrive.
+    """
+    if statics.slide is None or not statics.slide.any():
+        return None
+    weight = fit.mass * statics.gravity[:, 0]
+    rows = np.stack([weight, np.ones(len(weight))], axis=1)
+    if np.ptp(weight) < 0.05 * fit.mass * np.linalg.norm(statics.gravity[0]):
+        return None
+    (compliance, zero), *_ = np.linalg.lstsq(rows, statics.slide)
+    bread = np.linalg.inv(rows.T @ rows)
+    variance = (bread @ (rows.T * statics.slide_variance) @ rows @ bread)[0, 0]
+    if compliance**2 < 25 * variance:
+        return None
+    relative = variance / compliance**2 + fit.covariance[0, 0] / fit.mass**2
+    return Sag(float(1 / compliance), float(relative / compliance**2), float(zero))

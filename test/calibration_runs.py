@@ -1,0 +1,59 @@
+"""Simulated calibration runs for tests and benchmark: the sequencer's motion, the rig's sensors."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from forcecal_ros.control.plan import Segment, Timing, calibration_plan, nominal_poses, prepare
+from forcecal_ros.control.motion import Limits, Move, Pace, hold
+from forcecal_ros.control.plan import step_goal
+from forcecal_ros.geometry import Array
+from forcecal_ros.samples import Phase, PoseStream, Recording, Stream
+from forcecal_ros.sim.rig import Rig
+from forcecal_ros.sim.rig_file import load_rig
+from forcecal_ros.sim.offline import simulate
+
+SETTLE = 1.0
+PERIOD = 0.004
+
+
+def motion(timing: Timing = Timing(), names: tuple[str, ...] = ('v', 'h', 'tilt'),
+           settle: float = SETTLE, pace: Pace = Pace()) -> tuple[PoseStream, tuple[Phase, ...]]:
+    """Commands and phases of the calibration sequence."""
+    poses = nominal_poses()
+    home = poses['v']
+    plan = calibration_plan({n: poses[n] for n in names}, step_goal(home, timing.step_distance),
+                            timing)
+    parts = prepare(plan, home, pace, Limits())
+    t, positions, rotations, phases, start = [], [], [], [], 0.0
+    rest = home
+    for part in parts:
+        n = round((settle if part.duration is None else part.duration) / PERIOD)
+        for k in range(n):
+            pose = part.move.at(k * PERIOD).pose if part.move else rest
+            positions.append(pose.position)
+            rotations.append(pose.R_base_sensor)
+        rest = part.goal
+        phases.append(Phase(part.segment.phase, start, start + n * PERIOD))
+        start += n * PERIOD
+    t = PERIOD * np.arange(len(positions))
+    return PoseStream(t, np.array(positions), np.array(rotations)), tuple(phases)
+
+
+def shifted(stream: Stream, delay: float) -> Stream:
+    """The same readings, stamped later."""
+    return replace(stream, t=stream.t + delay)
+
+
+def run(rig: Rig | None = None, *, seed: int = 0, accelerometer: str = 'acc1',
+        delay: float = 0.0, noise: bool = True, **options) -> Recording:
+    """One calibration run; ``delay`` is the accelerometer's behind the wrench."""
+    target, phases = motion(**options)
+    recording = simulate(rig or load_rig(), target, accelerometer=accelerometer, seed=seed,
+                         noise=noise)
+    if delay >= 0:
+        changed = {'accelerometer': shifted(recording.accelerometer, delay)}
+    else:
+        changed = {name: shifted(getattr(recording, name), -delay)
+                   for name in ('wrench', 'optidrive', 'pose') if getattr(recording, name)}
+    return replace(recording, phases=phases, **changed)
