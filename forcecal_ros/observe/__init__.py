@@ -1,12 +1,18 @@
 """Contact-force observer: one pure step for node and replay."""
 
 from forcecal_ros.observe.contact import ContactSample
-from forcecal_ros.observe.design import Model, design, kalman_gains, noise_levels
+from forcecal_ros.observe.design import design, kalman_gains, Model, noise_levels
 from forcecal_ros.observe.playback import ContactEstimate, replay
 from forcecal_ros.observe.settings import Settings
-from forcecal_ros.observe.status import Status, describe, level
+from forcecal_ros.observe.status import describe, level, Status
 from forcecal_ros.observe.step import (
-    State, finish, on_accelerometer, on_displacement, on_pose, on_wrench)
+    finish,
+    on_accelerometer,
+    on_displacement,
+    on_pose,
+    on_wrench,
+    State,
+)
 from forcecal_ros.observe.tare import Tare, tare, with_bias
 
 __all__ = [

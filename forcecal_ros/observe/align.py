@@ -15,16 +15,30 @@ stamps only. They hold as long as no message is overtaken by more than ``skew``:
 from math import inf
 from typing import Any, NamedTuple
 
+SAME = 1e-7
+"""Stamps closer than this are one instant; a float holds them better than clocks do [s]."""
+
 Entry = tuple[Any, ...]
 """(time, usable from, values...)"""
 
 
 class Channel(NamedTuple):
-    """Samples that may still be needed, in order; ``last`` is the newest stamp as sent [s]."""
+    """
+    A stream that is interpolated.
+
+    Attributes
+    ----------
+    samples : tuple of Entry
+        Those that may still be needed, in order of time.
+    last : float
+        The newest stamp, as sent [s].
+    wash : tuple of 3 float
+        What an AC-coupled accelerometer has forgotten of the specific force [m/s^2].
+    """
 
     samples: tuple[Entry, ...] = ()
     last: float = -inf
-    usable: float = -inf
+    wash: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 class PoseQueue(NamedTuple):
@@ -86,7 +100,7 @@ def around(samples: tuple[Entry, ...], t: float, timeout: float) -> tuple[Entry,
     before = samples[i]
     if before[1] > t:
         return None
-    if before[0] == t:
+    if t - before[0] < SAME:
         return before, before
     if i + 1 == len(samples):
         return None
@@ -114,6 +128,45 @@ def pruned(samples: tuple[Entry, ...], t: float) -> tuple[Entry, ...]:
     return samples[i:] if i else samples
 
 
+def pruned_channel(channel: Channel, t: float) -> Channel:
+    """
+    Drop the samples that no instant from ``t`` on needs.
+
+    Parameters
+    ----------
+    channel : Channel
+    t : float
+        [s]
+
+    Returns
+    -------
+    Channel
+        The same one where there is nothing to drop.
+    """
+    samples = channel.samples
+    if len(samples) < 2 or samples[1][0] > t:
+        return channel
+    return Channel(pruned(samples, t), channel.last, channel.wash)
+
+
+def bounded(samples: tuple[Entry, ...], wait: float) -> tuple[Entry, ...]:
+    """
+    Drop samples that are too old for any wrench still to come, lest they pile up without one.
+
+    Parameters
+    ----------
+    samples : tuple of Entry
+    wait : float
+        Longest that a wrench waits [s].
+
+    Returns
+    -------
+    tuple of Entry
+    """
+    oldest = samples[-1][0] - 2 * wait
+    return samples if samples[0][0] >= oldest else pruned(samples, oldest)
+
+
 def channel_ready(
         channel: Channel, t: float, now: float, first: float, wait: float) -> bool:
     """
@@ -132,7 +185,7 @@ def channel_ready(
     bool
     """
     samples = channel.samples
-    return bool(samples and samples[-1][0] >= t) or now >= max(channel.last, first) + wait
+    return bool(samples and samples[-1][0] > t - SAME) or now >= max(channel.last, first) + wait
 
 
 def pose_ready(queue: PoseQueue, t: float, now: float, first: float, timeout: float,
@@ -178,4 +231,5 @@ def queued_pose(queue: PoseQueue, t: float, value: Entry, first: float, timeout:
     usable = usable_from(queue.last, t, 0.0, first, timeout, skew)
     interval = t - queue.last
     due = t + 0.9 * interval if interval <= timeout else t
-    return PoseQueue((*queue.pending, (t, max(t, queue.due, usable), *value)), t, due)
+    pending = bounded((*queue.pending, (t, max(t, queue.due, usable), *value)), timeout + skew)
+    return PoseQueue(pending, t, due)

@@ -4,11 +4,11 @@ from math import exp, inf, isfinite
 from typing import NamedTuple
 
 from forcecal_ros.observe import status as st
-from forcecal_ros.observe.align import Entry, around
+from forcecal_ros.observe.align import around, Entry
 from forcecal_ros.observe.design import Model
-from forcecal_ros.observe.inertial import Place, gravity_in_sensor, tool_wrench, track_place
-from forcecal_ros.observe.newton import NewtonState, newton_step
-from forcecal_ros.observe.tracking import Rotation, Vector, rotate, track_rotation
+from forcecal_ros.observe.inertial import gravity_in_sensor, Place, tool_wrench, track_place
+from forcecal_ros.observe.newton import newton_step, NewtonState
+from forcecal_ros.observe.tracking import Poles, rotate, Rotation, track_rotation, Vector
 
 Wrench = tuple[float, float, float, float, float, float]
 
@@ -17,6 +17,13 @@ NOTHING: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 PAUSE = 0.1
 """After a longer pause of the wrench the contact filter starts anew [s]."""
+
+
+_FORGET = 1.5
+"""An offset begun as a guess is forgotten at this over its age, until the filter is slower."""
+
+_ABSURD = 1e18
+"""Square of a wrench that no sensor reads; NaN is not below it either."""
 
 
 class ContactSample(NamedTuple):
@@ -105,16 +112,19 @@ def take_pose(motion: Motion, pose: Entry, accelerometer: tuple[Entry, ...],
     if pair is None:
         place = _place_by_pose(place if fresh else None, rotation, anchor, known, model)
     elif model.ac_rate or (known and (model.track_offset or model.newton)):
-        f, integral = _at(pair, t, 2), _integral(pair, t)
-        if place is None or not fresh or not place.inertial:
-            if model.ac_rate:
+        f, integral, run = _at(pair, t, 2), _integral(pair, t), pair[0][1]
+        if place is None or not fresh or place.run != run:
+            if model.ac_rate and (place is None or place.run != run):
                 g = gravity_in_sensor(rotation.q, model.gravity)
                 offset = f[0] + g[0], f[1] + g[1], f[2] + g[2]
-            place = Place(t, t, True, anchor, ZERO, offset or ZERO, integral)
+            place = Place(t, t, run, anchor, ZERO, offset or ZERO, integral)
         else:
-            place = track_place(
-                place, t, rotation.q, rotation.omega, anchor, integral, model.gravity,
-                model.offset_poles if known else model.reach_poles)
+            poles = model.offset_poles if known else model.reach_poles
+            age = t - place.since
+            if model.ac_rate and age * poles.real < _FORGET:
+                poles = Poles(_FORGET / age, poles.mean, poles.split)
+            place = track_place(place, t, rotation.q, rotation.omega, anchor, integral,
+                                model.gravity, poles)
             if model.ac_rate or model.track_offset:
                 offset = place.o
     else:
@@ -126,9 +136,9 @@ def _place_by_pose(place: Place | None, rotation: Rotation, anchor: Vector, know
                    model: Model) -> Place:
     """Carry on without an accelerometer; at rest where the pose holds no position."""
     t = rotation.t
-    if place is None or place.inertial or not known:
+    if place is None or place.run is not None or not known:
         v = ZERO if place is None or not known else place.v
-        return Place(t, t, False, anchor, v, gravity_in_sensor(rotation.q, model.gravity), ZERO)
+        return Place(t, t, None, anchor, v, gravity_in_sensor(rotation.q, model.gravity), ZERO)
     return track_place(place, t, rotation.q, rotation.omega, anchor, ZERO, model.gravity,
                        model.motion_poles)
 
@@ -185,8 +195,6 @@ def observe(filter_: Filter, motion: Motion, t: float, wire: Wrench,
     ContactSample
     """
     w0, w1, w2, w3, w4, w5 = wire
-    if not isfinite(w0 + w1 + w2 + w3 + w4 + w5):
-        return filter_, ContactSample(t, filter_.contact, st.BAD_WRENCH, NOTHING, NOTHING, NOTHING)
     b0, b1, b2, b3, b4, b5 = model.bias
     dt = t - filter_.t
     status = 0
@@ -208,6 +216,8 @@ def observe(filter_: Filter, motion: Motion, t: float, wire: Wrench,
     i0, i1, i2, i3, i4, i5 = inertial = tool_wrench(model.load, f, omega, alpha, s)
     m0, m1, m2 = w0 - b0 - i0, w1 - b1 - i1, w2 - b2 - i2
     m3, m4, m5 = w3 - b3 - i3, w4 - b4 - i4, w5 - b5 - i5
+    if not m0 * m0 + m1 * m1 + m2 * m2 + m3 * m3 + m4 * m4 + m5 * m5 < _ABSURD:
+        return filter_, ContactSample(t, filter_.contact, st.BAD_WRENCH, NOTHING, NOTHING, NOTHING)
     measured = (m0, m1, m2, m3, m4, m5)
     if dt > PAUSE:
         if filter_.t > -inf:
@@ -256,7 +266,7 @@ def _kinematics(status: int, motion: Motion, t: float, accelerometer: tuple[Entr
         return status, (fx, fy, fz), omega, alpha
     if rotation is None or status & st.NO_POSE:
         return status | st.NO_ACCELEROMETER | st.NO_GRAVITY, ZERO, omega, alpha
-    if place is None or place.inertial:
+    if place is None or place.run is not None:
         o = gravity_in_sensor(rotation.q, model.gravity)
     else:
         o = place.o

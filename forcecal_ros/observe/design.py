@@ -1,17 +1,16 @@
 """From a calibration to the numbers the running step needs; everything slow happens here."""
 
-from math import atan, exp, inf, log, pi, tau
+from math import atan, exp, inf, log, tau
 from typing import NamedTuple
-
-import numpy as np
 
 from forcecal_ros.calibration import Accelerometer, Calibration, Estimate, Noise
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array
 from forcecal_ros.observe.inertial import Load
-from forcecal_ros.observe.riccati import StationaryFilter, stationary_filter
+from forcecal_ros.observe.riccati import stationary_filter, StationaryFilter
 from forcecal_ros.observe.settings import Settings
-from forcecal_ros.observe.tracking import Poles, butterworth
+from forcecal_ros.observe.tracking import butterworth, Poles
+import numpy as np
 
 RISE_TIME = 0.015
 """10-90 % rise of a contact force that the default bandwidth keeps [s]."""
@@ -22,6 +21,9 @@ QUIET_BAND = (50.0, 200.0)
 Gain = tuple[float, float, float, float, float, float]
 
 STATES = ('position', 'velocity', 'accelerometer offset', 'contact force')
+
+_QUIETEST = 1e-12
+"""Least density that is believed, for calibrations from noise-free data."""
 
 _REACH = 0.3
 """How far an arm is from where it is taken to be when no pose tells [m]."""
@@ -87,6 +89,11 @@ def noise_levels(noise: Noise | None) -> NoiseLevels:
     Returns
     -------
     NoiseLevels
+
+    Raises
+    ------
+    ConfigError
+        A covariance or rate is not a finite number.
     """
     if noise is None:
         return NoiseLevels(0.0625e-3, 4e-7, 1e-6, 1000.0)
@@ -94,8 +101,12 @@ def noise_levels(noise: Noise | None) -> NoiseLevels:
     f = 0.0
     if noise.specific_force is not None:
         f = float(np.diag(noise.specific_force.value).mean()) / noise.accelerometer_rate
-    return NoiseLevels(float(wrench[:3].mean()) / noise.wrench_rate,
-                       float(wrench[3:].mean()) / noise.wrench_rate, f, noise.wrench_rate)
+    force, torque = wrench[:3].mean() / noise.wrench_rate, wrench[3:].mean() / noise.wrench_rate
+    if not np.isfinite([force, torque, f]).all() or not 0 < noise.wrench_rate < inf:
+        raise ConfigError('noise.wrench, noise.specific_force and their rates want finite '
+                          'numbers; calibrate with a phase at rest')
+    return NoiseLevels(max(float(force), _QUIETEST), max(float(torque), _QUIETEST),
+                       max(f, _QUIETEST), noise.wrench_rate)
 
 
 def joint_model(

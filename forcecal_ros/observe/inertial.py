@@ -9,10 +9,20 @@ contact must not become an offset.
 from typing import NamedTuple
 
 from forcecal_ros.observe.tracking import (
-    Poles, Quaternion, Vector, rotate, rotate_back, tracking_gains)
+    Poles,
+    Quaternion,
+    rotate,
+    rotate_back,
+    tracking_gains,
+    Vector,
+)
 
 OFFSET_DELAY = 0.3
 """Time a started filter is given to find its velocity before it moves the offset [s]."""
+
+
+_JUMP = 0.25
+"""Square of the surprise that starts the filter anew, at the place measured [m^2]."""
 
 
 class Place(NamedTuple):
@@ -25,8 +35,8 @@ class Place(NamedTuple):
         Stamp of the pose [s].
     since : float
         Stamp the filter was started at [s].
-    inertial : bool
-        Whether the accelerometer drives it.
+    run : float or None
+        Which uninterrupted run of the accelerometer drives it; None: no accelerometer does.
     p, v : tuple of 3 float
         In base [m], [m/s].
     o : tuple of 3 float
@@ -37,7 +47,7 @@ class Place(NamedTuple):
 
     t: float
     since: float
-    inertial: bool
+    run: float | None
     p: Vector
     v: Vector
     o: Vector
@@ -89,6 +99,7 @@ def track_place(
     Returns
     -------
     Place
+        Starts anew, offset kept, where prediction and measurement are more than 0.5 m apart.
     """
     dt = t - place.t
     (px, py, pz), (vx, vy, vz), (ox, oy, oz) = place.p, place.v, place.o
@@ -103,12 +114,14 @@ def track_place(
     az -= gravity
     px, py, pz = px + dt * (vx + h * ax), py + dt * (vy + h * ay), pz + dt * (vz + h * az)
     ex, ey, ez = position[0] - px, position[1] - py, position[2] - pz
+    if not ex * ex + ey * ey + ez * ez < _JUMP:
+        return Place(t, t, place.run, position, (0.0, 0.0, 0.0), place.o, integral)
     k1, k2, k3 = tracking_gains(dt, poles)
-    if not place.inertial or t - place.since > OFFSET_DELAY:
+    if place.run is None or t - place.since > OFFSET_DELAY:
         cx, cy, cz = rotate_back(q, (ex, ey, ez))
         ox, oy, oz = ox - k3 * cx, oy - k3 * cy, oz - k3 * cz
     return Place(
-        t, place.since, place.inertial,
+        t, place.since, place.run,
         (px + k1 * ex, py + k1 * ey, pz + k1 * ez),
         (vx + dt * ax + k2 * ex, vy + dt * ay + k2 * ey, vz + dt * az + k2 * ez),
         (ox, oy, oz), integral)

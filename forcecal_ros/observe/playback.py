@@ -1,23 +1,30 @@
 """The observer over a recording, by the same step as in the node."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from heapq import merge
+from operator import itemgetter
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from forcecal_ros.calibration import Calibration
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, quaternion_from_matrix
 from forcecal_ros.observe.contact import ContactSample
-from forcecal_ros.observe.design import Model, design
+from forcecal_ros.observe.design import design, Model
 from forcecal_ros.observe.settings import Settings
 from forcecal_ros.observe.step import (
-    State, finish, on_accelerometer, on_displacement, on_pose, on_wrench)
+    finish,
+    on_accelerometer,
+    on_displacement,
+    on_pose,
+    on_wrench,
+    State,
+)
 from forcecal_ros.samples import Recording
+import numpy as np
+from numpy.typing import NDArray
 
-_POSE, _DISPLACEMENT, _ACCELEROMETER, _WRENCH = range(4)
+Event = tuple[float, str, Any]
 
 
 @dataclass(frozen=True)
@@ -33,7 +40,7 @@ class ContactEstimate:
         In ft_sensor, wire sign [N, N m].
     status : ndarray of int, shape (n,)
         Bits of :mod:`forcecal_ros.observe.status`.
-    dropped : tuple of 4 int
+    dropped : tuple of int, length 4
         Samples not used: wrench, accelerometer, pose, displacement.
     """
 
@@ -43,7 +50,7 @@ class ContactEstimate:
     innovation: Array
     inertial: Array
     status: NDArray[np.int64]
-    dropped: tuple[int, int, int, int]
+    dropped: tuple[int, ...]
 
 
 def replay(recording: Recording, calibration: Calibration,
@@ -96,12 +103,12 @@ def run(recording: Recording, model: Model) -> tuple[State, list[ContactSample]]
     """
     state = State()
     samples: list[ContactSample] = []
-    for t, kind, row in merge(*_streams(recording)):
-        if kind == _WRENCH:
+    for t, kind, row in events(recording):
+        if kind == 'wrench':
             state, out = on_wrench(state, t, row, model)
-        elif kind == _ACCELEROMETER:
+        elif kind == 'accelerometer':
             state, out = on_accelerometer(state, t, row, model)
-        elif kind == _DISPLACEMENT:
+        elif kind == 'displacement':
             state, out = on_displacement(state, t, row[0], model)
         else:
             state, out = on_pose(state, t, row[:3], row[3:], model)
@@ -110,17 +117,30 @@ def run(recording: Recording, model: Model) -> tuple[State, list[ContactSample]]
     return state, [*samples, *out]
 
 
-def _streams(recording: Recording) -> list[list[tuple[float, int, Any]]]:
-    """Turn each stream into a list of events (stamp, kind, values)."""
+def events(recording: Recording) -> Iterator[Event]:
+    """
+    Return what a recording holds for the observer, in the order of its stamps.
+
+    Parameters
+    ----------
+    recording : Recording
+
+    Returns
+    -------
+    iterator of tuple
+        ``(stamp, kind, values)``; kinds are ``pose`` (position, quaternion xyzw),
+        ``displacement``, ``accelerometer`` and ``wrench``.
+    """
     streams = [(kind, stream.t, stream.values) for kind, stream in (
-        (_DISPLACEMENT, recording.optidrive), (_ACCELEROMETER, recording.accelerometer),
-        (_WRENCH, recording.wrench)) if stream is not None]
+        ('displacement', recording.optidrive), ('accelerometer', recording.accelerometer),
+        ('wrench', recording.wrench)) if stream is not None]
     if recording.pose is not None:
         pose = recording.pose
-        streams.append((_POSE, pose.t, np.hstack(
+        streams.insert(0, ('pose', pose.t, np.hstack(
             [pose.position, quaternion_from_matrix(pose.R_base_sensor)])))
-    return [[(t, kind, tuple(row)) for t, row in zip(times.tolist(), values.tolist())]
-            for kind, times, values in streams]
+    return merge(*(
+        [(t, kind, tuple(row)) for t, row in zip(times.tolist(), values.tolist())]
+        for kind, times, values in streams), key=itemgetter(0))
 
 
 def _collect(state: State, samples: list[ContactSample]) -> ContactEstimate:
@@ -128,4 +148,5 @@ def _collect(state: State, samples: list[ContactSample]) -> ContactEstimate:
     for column in columns:
         column.setflags(write=False)
     t, contact, status, measured, innovation, inertial = columns
-    return ContactEstimate(t, contact, measured, innovation, inertial, status, state.dropped)
+    return ContactEstimate(
+        t, contact, measured, innovation, inertial, status, state.refusals.counts)

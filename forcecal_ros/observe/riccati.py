@@ -2,11 +2,10 @@
 
 from typing import NamedTuple
 
-import numpy as np
-from scipy.linalg import LinAlgError, solve_discrete_are
-
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
+import numpy as np
+from scipy.linalg import LinAlgError, solve_discrete_are
 
 
 class StationaryFilter(NamedTuple):

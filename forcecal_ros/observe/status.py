@@ -41,7 +41,7 @@ _TEXT = {
     DISPLACEMENT_FROM_FORCE: 'no displacement sensor: the spring force stands in',
     OFFSET_HELD: 'the accelerometer offset is held, not tracked',
     NO_GRAVITY: 'weight unknown: neither pose nor accelerometer tells the direction of gravity',
-    BAD_WRENCH: 'the wrench is not a finite number; the last estimate is repeated',
+    BAD_WRENCH: 'the wrench is no usable number; the last estimate is repeated',
     RESTARTED: 'the wrench paused; the filter was restarted',
     SATURATED: 'a sensor is at the end of its range',
 }
@@ -93,7 +93,4 @@ def saturated(values: tuple[float, ...], limits: tuple[float, ...]) -> bool:
     -------
     bool
     """
-    for value, limit in zip(values, limits):
-        if value >= limit or value <= -limit:
-            return True
-    return False
+    return any(abs(value) >= limit for value, limit in zip(values, limits))

@@ -10,48 +10,96 @@ late: at once, with the later of the two messages. Else: ``delay`` (where positi
 one period of the accelerometer.
 """
 
-from math import inf, isfinite, sqrt
+from math import inf, sqrt
 from typing import NamedTuple
 
 from forcecal_ros.observe import status as st
 from forcecal_ros.observe.align import (
-    Channel, PoseQueue, channel_ready, pose_ready, pruned, queued_pose, usable_from)
+    bounded,
+    Channel,
+    channel_ready,
+    pose_ready,
+    PoseQueue,
+    pruned_channel,
+    queued_pose,
+    SAME,
+    usable_from,
+)
 from forcecal_ros.observe.contact import (
-    ZERO, ContactSample, Filter, Motion, Wrench, observe, take_pose)
+    ContactSample,
+    Filter,
+    Motion,
+    observe,
+    take_pose,
+    Wrench,
+    ZERO,
+)
 from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.tracking import Quaternion, Vector
 
 CLOCK_JUMP = 1.0
-"""A stamp that goes back by more than this starts everything anew [s]."""
+"""Stamps that go back by more than this, twice, are a new clock [s]; one is a bad stamp."""
 
 KEEP = 0.005
 """Samples are kept a little longer than the wrench needs them, for poses that come late [s]."""
 
+_ABSURD = 1e9
+"""Readings beyond this, in any unit, are no readings; neither is NaN."""
+
+
+class Refusals(NamedTuple):
+    """
+    Samples that were not used: wrench, accelerometer, pose, displacement.
+
+    Attributes
+    ----------
+    counts : tuple of int
+    stamps : tuple of float
+        Of the last one each [s].
+    """
+
+    counts: tuple[int, ...] = (0, 0, 0, 0)
+    stamps: tuple[float, ...] = (-inf, -inf, -inf, -inf)
+
 
 class State(NamedTuple):
-    """Everything the observer remembers."""
+    """
+    Everything the observer remembers.
+
+    Attributes
+    ----------
+    wrenches : tuple
+        Those still waiting, each (stamp, wrench).
+    newest, first : float
+        Stamps of the newest and the first wrench [s].
+    accelerometer, displacement, poses
+        What may still be needed of these streams.
+    motion : Motion
+    filter : Filter
+    refusals : Refusals
+    """
 
     wrenches: tuple[tuple[float, Wrench], ...] = ()
     newest: float = -inf
     first: float = inf
     accelerometer: Channel = Channel()
-    wash: Vector = ZERO
-    """What an AC-coupled accelerometer has forgotten of the specific force [m/s^2]."""
     displacement: Channel = Channel()
     poses: PoseQueue = PoseQueue()
     motion: Motion = Motion()
     filter: Filter = Filter()
-    dropped: tuple[int, int, int, int] = (0, 0, 0, 0)
-    """Samples not used: wrench, accelerometer, pose, displacement."""
+    refusals: Refusals = Refusals()
 
 
 Result = tuple[State, tuple[ContactSample, ...]]
 
 
-def _drop(state: State, which: int, count: int = 1) -> State:
-    dropped = list(state.dropped)
-    dropped[which] += count
-    return state._replace(dropped=(dropped[0], dropped[1], dropped[2], dropped[3]))
+def _refuse(state: State, which: int, t: float, last: float) -> tuple[State, bool]:
+    """Count a sample that is not used; the second that agrees on an earlier clock starts anew."""
+    counts, stamps = list(state.refusals.counts), list(state.refusals.stamps)
+    again = t < last - CLOCK_JUMP and 0 < t - stamps[which] < CLOCK_JUMP
+    counts[which] += not again
+    stamps[which] = t
+    return state._replace(refusals=Refusals(tuple(counts), tuple(stamps))), again
 
 
 def on_wrench(state: State, t: float, wrench: Wrench, model: Model) -> Result:
@@ -73,19 +121,14 @@ def on_wrench(state: State, t: float, wrench: Wrench, model: Model) -> Result:
     samples : tuple of ContactSample
         In order of time; empty while a slower stream is waited for.
     """
-    if not t > state.newest:
-        if t < state.newest - CLOCK_JUMP:
-            return on_wrench(State(dropped=state.dropped), t, wrench, model)
-        return _drop(state, 0), ()
-    if t == inf:
-        return _drop(state, 0), ()
-    first = state.first
-    accelerometer, displacement, poses = state.accelerometer, state.displacement, state.poses
-    if first == inf:
-        first = t
+    if not (t - state.newest > SAME and t < inf):
+        state, again = _refuse(state, 0, t, state.newest)
+        if again:
+            return on_wrench(State(refusals=state.refusals), t, wrench, model)
+        return state, ()
     return _release(State(
-        (*state.wrenches, (t, wrench)), t, first, accelerometer, state.wash, displacement, poses,
-        state.motion, state.filter, state.dropped), model)
+        (*state.wrenches, (t, wrench)), t, min(state.first, t), state.accelerometer,
+        state.displacement, state.poses, state.motion, state.filter, state.refusals), model)
 
 
 def on_accelerometer(state: State, t: float, reading: Vector, model: Model) -> Result:
@@ -109,42 +152,41 @@ def on_accelerometer(state: State, t: float, reading: Vector, model: Model) -> R
     channel = state.accelerometer
     last = channel.last
     v0, v1, v2 = reading
-    if not (last < t < inf and isfinite(v0 + v1 + v2) and model.accelerometer):
-        if t < last - CLOCK_JUMP:
-            return on_accelerometer(State(dropped=state.dropped), t, reading, model)
-        return _drop(state, 1), ()
+    if not (t - last > SAME and t < inf
+            and abs(v0) + abs(v1) + abs(v2) < _ABSURD and model.accelerometer):
+        state, again = _refuse(state, 1, t, last)
+        if again:
+            return on_accelerometer(
+                state._replace(accelerometer=Channel()), t, reading, model)
+        return state, ()
     o0, o1, o2, a, b, c, d, e, f, g, h, i = model.volts
     limits = model.accelerometer_limit
     full = limits[0] < inf and st.saturated(reading, limits)
     v0, v1, v2 = v0 - o0, v1 - o1, v2 - o2
     fx, fy, fz = a * v0 + b * v1 + c * v2, d * v0 + e * v1 + f * v2, g * v0 + h * v1 + i * v2
     tau = t - model.delay
-    jx = jy = jz = 0.0
-    wash = state.wash
     samples = channel.samples
-    if samples:
-        before = samples[-1]
-        half = (tau - before[0]) / 2
+    usable = usable_from(last, t, model.delay, state.first, model.timeout, model.skew)
+    jx = jy = jz = 0.0
+    wash = ZERO
+    if samples and usable == -inf:
+        _, usable, px, py, pz, jx, jy, jz, _ = samples[-1]
+        half = (tau - samples[-1][0]) / 2
         if model.ac_rate:
-            # y is what is left of f after the high-pass: dz/dt = rate y, f = y + z
+            # y is what the high-pass leaves of f: dz/dt = rate y, f = y + z
+            zx, zy, zz = channel.wash
             gain = half * model.ac_rate
-            zx, zy, zz = wash
-            zx += gain * (before[2] - zx + fx)
-            zy += gain * (before[3] - zy + fy)
-            zz += gain * (before[4] - zz + fz)
+            zx += gain * (px - zx + fx)
+            zy += gain * (py - zy + fy)
+            zz += gain * (pz - zz + fz)
             wash = (zx, zy, zz)
             fx, fy, fz = fx + zx, fy + zy, fz + zz
-        jx = before[5] + half * (before[2] + fx)
-        jy = before[6] + half * (before[3] + fy)
-        jz = before[7] + half * (before[4] + fz)
-    usable = channel.usable
-    start = usable_from(last, t, model.delay, state.first, model.timeout, model.skew)
-    if start > -inf:
-        usable = start
-    entry = (tau, usable, fx, fy, fz, jx, jy, jz, full)
+        jx, jy, jz = jx + half * (px + fx), jy + half * (py + fy), jz + half * (pz + fz)
+    samples = bounded((*samples, (tau, usable, fx, fy, fz, jx, jy, jz, full)),
+                      model.timeout + model.skew)
     return _release(State(
-        state.wrenches, state.newest, state.first, Channel((*samples, entry), t, usable), wash,
-        state.displacement, state.poses, state.motion, state.filter, state.dropped), model)
+        state.wrenches, state.newest, state.first, Channel(samples, t, wash), state.displacement,
+        state.poses, state.motion, state.filter, state.refusals), model)
 
 
 def on_displacement(state: State, t: float, s: float, model: Model) -> Result:
@@ -167,18 +209,19 @@ def on_displacement(state: State, t: float, s: float, model: Model) -> Result:
     """
     channel = state.displacement
     last = channel.last
-    if not (last < t < inf and isfinite(s)):
-        if t < last - CLOCK_JUMP:
-            return on_displacement(State(dropped=state.dropped), t, s, model)
-        return _drop(state, 3), ()
-    usable = channel.usable
-    start = usable_from(last, t, 0.0, state.first, model.timeout, model.skew)
-    if start > -inf:
-        usable = start
+    if not (t - last > SAME and t < inf and abs(s) < _ABSURD):
+        state, again = _refuse(state, 3, t, last)
+        if again:
+            return on_displacement(state._replace(displacement=Channel()), t, s, model)
+        return state, ()
+    samples = channel.samples
+    usable = usable_from(last, t, 0.0, state.first, model.timeout, model.skew)
+    if samples and usable == -inf:
+        usable = samples[-1][1]
+    samples = bounded((*samples, (t, usable, s)), model.timeout + model.skew)
     return _release(State(
-        state.wrenches, state.newest, state.first, state.accelerometer, state.wash,
-        Channel((*channel.samples, (t, usable, s)), t, usable), state.poses, state.motion,
-        state.filter, state.dropped), model)
+        state.wrenches, state.newest, state.first, state.accelerometer, Channel(samples, t),
+        state.poses, state.motion, state.filter, state.refusals), model)
 
 
 def on_pose(state: State, t: float, position: Vector, q: Quaternion, model: Model) -> Result:
@@ -204,10 +247,11 @@ def on_pose(state: State, t: float, position: Vector, q: Quaternion, model: Mode
     x, y, z, w = q
     n2 = x * x + y * y + z * z + w * w
     last = state.poses.last
-    if not (last < t < inf and 0.25 < n2 < 4.0):
-        if t < last - CLOCK_JUMP:
-            return on_pose(State(dropped=state.dropped), t, position, q, model)
-        return _drop(state, 2), ()
+    if not (t - last > SAME and t < inf and 0.25 < n2 < 4.0):
+        state, again = _refuse(state, 2, t, last)
+        if again:
+            return on_pose(state._replace(poses=PoseQueue()), t, position, q, model)
+        return state, ()
     n = 1 / sqrt(n2)
     poses = queued_pose(state.poses, t, (position, (x * n, y * n, z * n, w * n)), state.first,
                         model.pose_timeout, model.skew)
@@ -240,14 +284,12 @@ def _release(state: State, model: Model) -> Result:
         filter_, sample = observe(filter_, motion, t, wire, accelerometer.samples,
                                   displacement.samples, model)
         out.append(sample)
-        accelerometer = Channel(pruned(accelerometer.samples, t - KEEP), accelerometer.last,
-                                accelerometer.usable)
-        displacement = Channel(pruned(displacement.samples, t - KEEP), displacement.last,
-                               displacement.usable)
+        accelerometer = pruned_channel(accelerometer, t - KEEP)
+        displacement = pruned_channel(displacement, t - KEEP)
     if not out:
         return state, ()
-    return State(wrenches, now, first, accelerometer, state.wash, displacement, poses, motion,
-                 filter_, state.dropped), tuple(out)
+    return State(wrenches, now, first, accelerometer, displacement, poses, motion, filter_,
+                 state.refusals), tuple(out)
 
 
 def finish(state: State, model: Model) -> Result:

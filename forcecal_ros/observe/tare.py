@@ -3,13 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.observe.contact import ContactSample
 from forcecal_ros.observe.design import Model, NoiseLevels
-from forcecal_ros.observe.status import INVALID, describe
+from forcecal_ros.observe.status import describe, INVALID
+import numpy as np
 
 CHANNELS = ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z')
 
@@ -102,7 +101,7 @@ def with_bias(model: Model, bias: Array) -> Model:
 
 
 def _noise_at_rest(model: Model, levels: NoiseLevels, rate: float) -> Array:
-    """Standard deviation of ``measured`` per channel when nothing happens, shape (6,)."""
+    """Return the standard deviation of ``measured`` when nothing happens, shape (6,)."""
     m = model.load.m
     arm = float(np.linalg.norm([model.load.cx, model.load.cy, model.load.cz]))
     force = levels.force + m * m * levels.specific_force

@@ -145,7 +145,7 @@ def track_rotation(state: Rotation, t: float, q: Quaternion, poles: Poles) -> Ro
     wx, wy, wz = wx + h * ax, wy + h * ay, wz + h * az
     predicted = turned(state.q, wx * dt, wy * dt, wz * dt)
     ex, ey, ez = rotation_between(predicted, q)
-    if ex * ex + ey * ey + ez * ez > 0.09:
+    if not ex * ex + ey * ey + ez * ez < 0.09:
         return Rotation(t, q, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     k1, k2, k3 = tracking_gains(dt, poles)
     return Rotation(
