@@ -115,7 +115,10 @@ def _follow_position(p: Record, state: Record, axis: int, command: float, first:
     e1 = state.velocity[axis] - slope
     c1 = e1 + w * e0
     c2 = 0.5 * state.acceleration[axis] + w * e1 + 0.5 * w * w * e0
-    for j in range(nodes + 1):
+    motion.position[first, axis] = state.position[axis]
+    motion.velocity[first, axis] = state.velocity[axis]
+    motion.acceleration[first, axis] = state.acceleration[axis]
+    for j in range(1, nodes + 1):
         t = j * p.period / nodes
         decay = math.exp(-w * t)
         q, dq = e0 + (c1 + c2 * t) * t, c1 + 2.0 * c2 * t
@@ -151,6 +154,9 @@ def _follow_orientation(p: Record, state: Record, command: Array, first: int, no
             break
         _along(previous, geodesic, (j + 0.5) / nodes, goal_middle)
         _along(previous, geodesic, (j + 1.0) / nodes, goal_end)
+        if j + 1 == nodes:
+            for i in range(4):
+                goal_end[i] = command[i]
         for i in range(7):
             trial[i] = z[i] + 0.5 * h * k[0, i]
         _turn_rate(w, trial, goal_middle, relative, k[1])

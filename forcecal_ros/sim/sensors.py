@@ -183,8 +183,10 @@ class Noise:
     def wrench(self, n: int) -> Array:
         """Noise of n wrenches, shape (n, 6) [N], [N m]."""
         sensor = self._rig.wrench_sensor
-        levels = np.array([sensor.force_noise] * 3 + [sensor.torque_noise] * 3, dtype=float)
-        return self._draw('wrench', (n, 6)) * levels
+        noise = self._draw('wrench', (n, 6))
+        noise[:, :3] *= sensor.force_noise
+        noise[:, 3:] *= sensor.torque_noise
+        return noise
 
     def volts(self, n: int) -> Array:
         """Noise of n accelerometer samples, shape (n, 3) [V]."""

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from forcecal_ros.errors import MotionError
+from forcecal_ros.errors import ConfigError, MotionError
 from forcecal_ros.geometry import Array, matrix_from_quaternion, quaternion_from_matrix
 from forcecal_ros.sim.parameters import kernel_parameters
 from forcecal_ros.sim.rig import Rig
@@ -17,7 +17,11 @@ from numpy.typing import ArrayLike
 LONGEST_STEP = 0.0005
 """Of the integration [s]; converged to better than 1e-4 N on the nominal rig."""
 
+FASTEST = 0.2
+"""Most of a step times the fastest rate of the tool or the orientation servo [rad]."""
+
 ORTHONORMAL = 1e-6
+"""Most that the product of a commanded rotation and its transpose departs from 1."""
 
 
 class Samples(NamedTuple):
@@ -75,6 +79,11 @@ class Simulator:
     steps : int, optional
         Integration steps per period, a multiple of what the sensor rates ask for; the fewest
         sufficient ones (0.5 ms or less) where none is given.
+
+    Raises
+    ------
+    ConfigError
+        No such accelerometer, or steps that miss samples.
     """
 
     def __init__(self, rig: Rig, accelerometer: str | None = None, seed: int | None = None, *,
@@ -84,6 +93,9 @@ class Simulator:
         self._model = rig.accelerometer.model(accelerometer)
         self._noise = Noise(rig, seed)
         self._steps = steps or enough_steps(rig)
+        if self._steps % _common_samples(rig):
+            raise ConfigError(f'{steps} integration steps per robot period miss samples of the '
+                              f'sensors; give a multiple of {_common_samples(rig)}')
         self._step = rig.robot.period / self._steps
         self._command = (np.array(rig.home.position), np.array(rig.home.orientation_xyzw))
         self._periods = 0
@@ -198,11 +210,33 @@ class Simulator:
                        optidrive_t, optidrive, pose_t, position, R_base_sensor)
 
 
-def enough_steps(rig: Rig) -> int:
-    """Return the fewest steps per period of LONGEST_STEP or less that meet the sensors' rates."""
+def _common_samples(rig: Rig) -> int:
+    """Return the fewest equal parts of a robot period at whose ends all samples lie."""
     sensors = ('wrench_sensor', 'accelerometer', 'pose_sensor', 'optidrive')
-    common = math.lcm(*(rig.samples_per_period(s) for s in sensors if getattr(rig, s)))
-    return common * math.ceil(rig.robot.period / LONGEST_STEP / common - 1e-9)
+    return math.lcm(*(rig.samples_per_period(s) for s in sensors if getattr(rig, s)))
+
+
+def enough_steps(rig: Rig) -> int:
+    """
+    Return the fewest integration steps per robot period that are accurate and meet the sensors.
+
+    Parameters
+    ----------
+    rig : Rig
+
+    Returns
+    -------
+    int
+        Steps are LONGEST_STEP at most, FASTEST over the fastest rate of servo and tool at most,
+        and a whole number of them lies between the samples of each sensor.
+    """
+    common = _common_samples(rig)
+    rates = [FASTEST / LONGEST_STEP, rig.servo.orientation_bandwidth]
+    if rig.optidrive:
+        rates += [
+            math.sqrt((rig.optidrive.stiffness + rig.wall.stiffness) / rig.tool.mass),
+            (rig.optidrive.damping + rig.wall.damping) / rig.tool.mass]
+    return common * math.ceil(rig.robot.period * max(rates) / FASTEST / common - 1e-9)
 
 
 def checked_commands(positions: Array, R_base_sensor: Array) -> tuple[Array, Array]:
