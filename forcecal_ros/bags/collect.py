@@ -166,6 +166,7 @@ class Collector:
 
 def _unusable_poses(values: NDArray[Any]) -> NDArray[np.bool_]:
     """Tell where an orientation is no rotation or a position infinite; NaN is unknown."""
-    norm = np.linalg.norm(values[:, 3:], axis=1)
+    with np.errstate(over='ignore'):
+        norm = np.linalg.norm(values[:, 3:], axis=1)
     broken: NDArray[np.bool_] = ~(np.abs(norm - 1.0) < 0.1) | np.isinf(values[:, :3]).any(axis=1)
     return broken

@@ -6,6 +6,7 @@ from typing import Any
 
 from forcecal_ros.bags.batch import Integers
 from forcecal_ros.bags.cdr import Group, NUMBERS, walk
+from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,11 @@ def encode(
     ndarray of uint8, shape (n, length)
         One row a message. Sequences are as long as fields and text name elements of them;
         whatever is not named is zero or empty.
+
+    Raises
+    ------
+    DataError
+        A stamp does not fit into a message.
     """
     message = _Blank(store, (*fields, *(text or {})), text or {}).serialise(msgtype)
     layout = walk(store, msgtype, message)
@@ -46,7 +52,11 @@ def encode(
     group = Group(np.arange(len(rows)), layout, rows.view(f'V{len(message)}')[:, 0])
     columns: dict[str, NDArray[Any]] = dict(zip(fields, np.asarray(values).T, strict=True))
     if STAMP[0] in layout.numbers:
-        columns.update(zip(STAMP, np.divmod(stamp_ns, 10**9)))
+        seconds, nanoseconds = np.divmod(stamp_ns, 10**9)
+        if len(seconds) and not 0 <= seconds.min() <= seconds.max() < 1 << 31:
+            raise DataError(f'stamps from {seconds.min()} to {seconds.max()} s cannot be written; '
+                            'they must lie between 1970 and 2038')
+        columns.update(zip(STAMP, (seconds, nanoseconds)))
     for path, column in columns.items():
         group.numbers(path)[:, 0] = column
     return rows

@@ -9,7 +9,7 @@ import zlib
 
 from forcecal_ros.bags.batch import at_offsets, Batch, Notes
 from forcecal_ros.topics import Topic
-import lz4.frame  # type: ignore[import-untyped]
+import lz4.frame
 import numpy as np
 
 if sys.version_info >= (3, 14):
@@ -20,7 +20,7 @@ else:
 MAGIC = b'\x89MCAP0\r\n'
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _CHUNK_INDEX, _DATA_END, _LAST = 3, 4, 5, 6, 8, 15, 15
 _FOOTER_SIZE = 9 + 20 + 8
-_LARGEST_CHUNK = 1 << 28
+_LARGEST = 1 << 28
 _BLOCK = 1 << 22
 
 
@@ -63,7 +63,7 @@ class McapFile:
                             'what it holds was read record by record')
             return
         file.seek(start)
-        summary = file.read()
+        summary = file.read(_LARGEST)
         for opcode, position, size in _records(summary)[1]:
             content = summary[position:position + size]
             self._learn(opcode, content)
@@ -100,18 +100,18 @@ class McapFile:
                 end = position + 9 + size
                 if len(head) < 9 or not 0 < opcode <= _LAST or end > self._size:
                     if opcode == _CHUNK and len(head) == 9:
-                        yield from self._chunk(file.read(), position, channels)
+                        yield from self._chunk(file.read(_LARGEST), position, channels)
                     position = self._resume(position)
                 elif opcode == _CHUNK:
-                    yield from self._chunk(file.read(size), position, channels)
+                    yield from self._chunk(file.read(min(size, _LARGEST)), position, channels)
                     position = end
                 elif opcode == _DATA_END:
                     break
                 else:
                     if opcode == _MESSAGE:
-                        loose.append(head + file.read(size))
+                        loose.append(head + file.read(min(size, _LARGEST)))
                     elif opcode in (_SCHEMA, _CHANNEL):
-                        self._learn(opcode, file.read(size))
+                        self._learn(opcode, file.read(min(size, _LARGEST)))
                     position = end
                 if len(loose) * 128 > _BLOCK:
                     yield from self._messages(b''.join(loose), channels)
@@ -187,7 +187,7 @@ def _unpack(content: bytes) -> bytes:
     compression, position = _string(content, 28)
     (packed,) = struct.unpack_from('<Q', content, position)
     data = content[position + 8:position + 8 + packed]
-    if size > _LARGEST_CHUNK:
+    if size > _LARGEST:
         raise ValueError(f'{size} bytes claimed')
     if compression:
         data = _decompressor(compression).decompress(data, size)

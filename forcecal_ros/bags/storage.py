@@ -25,7 +25,8 @@ else:
 
 _SQLITE_MAGIC = b'SQLite format 3\0'
 _ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
-_LARGEST_METADATA = 1 << 24
+_LARGEST_METADATA = 1 << 22
+_YAML = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _LARGEST_MESSAGE = 1 << 28
 
 
@@ -107,7 +108,7 @@ class Bag:
         path = self.path / 'metadata.yaml'
         try:
             with path.open('rb') as file:
-                document: Any = yaml.safe_load(file.read(_LARGEST_METADATA))
+                document: Any = yaml.load(file.read(_LARGEST_METADATA), Loader=_YAML)
             listed = document['rosbag2_bagfile_information']['relative_file_paths']
             return {Path(name).name for name in listed}
         except FileNotFoundError:
