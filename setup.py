@@ -47,7 +47,7 @@ setup(
             'colcon-common-extensions>=0.3.0',
             'mypy>=2.4,<2.5',
             'ruff>=0.17.5,<0.18',
-            'setuptools>=68',
+            'setuptools>=70.1',
             'types-PyYAML>=6.0',
         ],
     },

@@ -21,13 +21,13 @@ def _shared(variable: str, name: str) -> Path:
 
 @pytest.fixture(scope='session')
 def data_dir():
-    """Recordings of real sensors: ``$FORCECAL_DATA``, else ``../shared/data``."""
+    """Return where recordings of real sensors are: ``$FORCECAL_DATA`` or ``../shared/data``."""
     return _shared('FORCECAL_DATA', 'data')
 
 
 @pytest.fixture(scope='session')
 def rig_sample():
-    """A recording of the rig: ``$FORCECAL_RIG_SAMPLE``, else ``../shared/rig_sample``."""
+    """Return where the rig recording is: ``$FORCECAL_RIG_SAMPLE`` or ``../shared/rig_sample``."""
     return _shared('FORCECAL_RIG_SAMPLE', 'rig_sample')
 
 
@@ -50,8 +50,8 @@ def ros_domain(monkeypatch, tmp_path):
     """
     Keep this test's nodes, child processes included, to themselves.
 
-    Domains 1 to 101 have ports below Linux's ephemeral ones. A name held in the abstract socket
-    namespace reserves a domain among all tests that run on this machine, and ends with the process.
+    Domains 1 to 101 have ports below Linux's ephemeral ones. A name in the abstract socket
+    namespace reserves one among all tests on this machine, and vanishes with the process.
     """
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as reservation:
         for domain in random.sample(range(1, 102), 101):
