@@ -101,7 +101,7 @@ def nominal_poses() -> dict[str, Pose]:
     Poses of the nominal rig: the paper's two and one that spans the third direction of gravity.
 
     The third lies opposite the other two: the way there sweeps gravity about the accelerometer's
-    origin, so that offset and map are told apart (offset to 0.25 mV, against 1.2 mV with a third
+    origin, so that offset and map are told apart (offset to 0.3 mV, against 1.2 mV with a third
     pose between the two).
 
     Returns
@@ -113,7 +113,7 @@ def nominal_poses() -> dict[str, Pose]:
     quarter = np.pi / 2
     return {'v': Pose(place, orientation(0.0, 2 * quarter)),
             'h': Pose(place, orientation(quarter, 2 * quarter)),
-            'tilt': Pose(place, orientation(np.radians(-70.0), np.radians(110.0)))}
+            'tilt': Pose(place, orientation(np.radians(-60.0), np.radians(105.0)))}
 
 
 def flatten_poses(poses: Mapping[str, Pose]) -> list[float]:
