@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 RIG = load_rig()
+GRID = 0.004 * np.arange(2000)
 HOME, AIM = np.array(RIG.home.position), RIG.home.R_base_sensor
 
 
@@ -29,7 +30,7 @@ def signals(recording):
 
 @pytest.mark.parametrize('noise', [False, True])
 def test_period_by_period_gives_the_recording_exactly(noise):
-    target = pressing(1300)  # more than one block
+    target = pressing(1300)  # some blocks
     recording = simulate(RIG, target, seed=5, noise=noise)
     simulator, periods = Simulator(RIG, seed=5), []
     for position, R_base_sensor in zip(target.position, target.R_base_sensor):
@@ -106,19 +107,19 @@ def test_command_that_is_no_pose_is_refused_and_the_one_before_stays(position, R
 def test_regular_stamps_hold_one_period_each_wherever_the_clock_starts():
     for start in (0.0, 0.1, 1234.567):
         for stamps in (start + 0.004 * np.arange(5000), start + np.cumsum(np.full(5000, 0.004))):
-            held = held_commands(stamps, 0.004, 5000, 0.002)
+            held = held_commands(stamps, stamps[0] + 0.004 * np.arange(5000), 0.002)
             assert np.array_equal(held, np.arange(5000))
 
 
 def test_jitter_neither_drops_nor_doubles_a_command():
     jitter = np.random.default_rng(3).uniform(-0.0009, 0.0009, 2000)
-    stamps = 0.004 * np.arange(2000) + jitter
-    assert np.array_equal(held_commands(stamps, 0.004, 2000, 0.002), np.arange(2000))
+    stamps = GRID + jitter
+    assert np.array_equal(held_commands(stamps, GRID, 0.002), np.arange(2000))
 
 
 def test_missing_commands_leave_the_one_before():
     keep = np.delete(np.arange(100), [10, 50, 51, 52])
-    held = held_commands(0.004 * keep, 0.004, 100, 0.002)
+    held = held_commands(0.004 * keep, GRID[:100], 0.002)
     expected = np.arange(100)
     expected[10], expected[50:53] = 9, 49
     assert np.array_equal(keep[held], expected)
@@ -126,14 +127,14 @@ def test_missing_commands_leave_the_one_before():
 
 def test_without_tolerance_a_late_command_acts_a_period_later():
     stamps = np.array([0.0, 0.0041, 0.008, 0.012])
-    assert held_commands(stamps, 0.004, 4, 0.0).tolist() == [0, 0, 2, 3]
+    assert held_commands(stamps, GRID[:4], 0.0).tolist() == [0, 0, 2, 3]
 
 
 @pytest.mark.parametrize('rate', [249.0, 251.0])
 def test_another_rate_of_commands_keeps_up_with_their_stamps(rate):
     stamps = np.arange(1000) / rate
-    held = held_commands(stamps, 0.004, 900, 0.002)
-    assert np.abs(stamps[held] - 0.004 * np.arange(900)).max() < 0.00201
+    held = held_commands(stamps, GRID[:900], 0.002)
+    assert np.abs(stamps[held] - GRID[:900]).max() < 0.00201
     assert np.diff(held).min() >= 0 and np.diff(held).max() <= 2
 
 
@@ -144,6 +145,18 @@ def test_recording_keeps_the_clock_of_its_commands():
     assert other.wrench.t == pytest.approx(one.wrench.t + 7.0, abs=1e-12)
     assert np.array_equal(one.wrench.values, other.wrench.values)
     assert other.target is later
+
+
+def test_periods_may_begin_at_another_time_than_the_commands():
+    target = pressing(50)
+    early = simulate(RIG, target, noise=False, start=-0.8, duration=1.0)
+    assert early.wrench.t[0] == pytest.approx(-0.799, abs=1e-12)
+    assert early.wrench.values[800:] == pytest.approx(
+        simulate(RIG, target, noise=False).wrench.values, abs=1e-9)
+    late = simulate(RIG, replace(target, t=target.t - 0.003), noise=False,
+                    start=0.0, tolerance=0.0)
+    assert late.wrench.values == pytest.approx(
+        simulate(RIG, target, noise=False).wrench.values[:len(late.wrench)], abs=1e-9)
 
 
 def test_longer_duration_holds_the_last_command():

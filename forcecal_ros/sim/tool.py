@@ -18,7 +18,10 @@ TOOL_STATE = np.dtype([
 ])
 
 MOST_EVENTS = 8
+"""Beginnings and ends of contact that are looked for within one step."""
+
 BISECTIONS = 40
+"""Of a step, to find such an instant."""
 
 
 class Slide(NamedTuple):
