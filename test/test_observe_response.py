@@ -91,7 +91,7 @@ def oscillation(accelerometer):
 def test_free_oscillation_is_33_db_below_the_sensor_whatever_the_delay(coupling):
     s = oscillation(coupling)
     model = getattr(load_rig().accelerometer, coupling)
-    for delay in (0.0, 0.006, 0.010, -0.006, -0.010):
+    for delay in (0.0, 0.006, 0.010, -0.010):
         known = calibration(delay, wash=model.highpass)
         known = replace(known, accelerometer=replace(
             known.accelerometer, gain=replace_value(known.accelerometer.gain, model.gain),

@@ -139,8 +139,15 @@ def _place_by_pose(place: Place | None, rotation: Rotation, anchor: Vector, know
     if place is None or place.run is not None or not known:
         v = ZERO if place is None or not known else place.v
         return Place(t, t, None, anchor, v, gravity_in_sensor(rotation.q, model.gravity), ZERO)
+    place = place._replace(o=_carried(place.o, rotation.omega, t - place.t))
     return track_place(place, t, rotation.q, rotation.omega, anchor, ZERO, model.gravity,
                        model.motion_poles)
+
+
+def _carried(v: Vector, omega: Vector, dt: float) -> Vector:
+    """Turn a vector fixed in base as ft_sensor sees it a moment later."""
+    (x, y, z), (wx, wy, wz) = v, omega
+    return (x - dt * (wy * z - wz * y), y - dt * (wz * x - wx * z), z - dt * (wx * y - wy * x))
 
 
 def _at(pair: tuple[Entry, Entry], t: float, i: int) -> Vector:
@@ -270,11 +277,12 @@ def _kinematics(status: int, motion: Motion, t: float, accelerometer: tuple[Entr
         o = gravity_in_sensor(rotation.q, model.gravity)
     else:
         o = place.o
+    o = _carried(o, omega, t - rotation.t)
     return status | st.NO_ACCELEROMETER, (-o[0], -o[1], -o[2]), omega, alpha
 
 
 def _newton(filter_: Filter, dt: float, t: float, wire_x: float, f: Vector, motion: Motion,
-            model: Model) -> tuple[NewtonState, float]:
+            model: Model) -> tuple[NewtonState | None, float]:
     """
     Run the paper's observer along x; its force comes back in the wire's sign.
 
@@ -284,7 +292,7 @@ def _newton(filter_: Filter, dt: float, t: float, wire_x: float, f: Vector, moti
     state, m = filter_.newton, model.load.m
     rotation, place = motion.rotation, motion.place
     if rotation is None or place is None or not motion.position:
-        return NewtonState(0.0, 0.0), wire_x + m * f[0]
+        return None, wire_x + m * f[0]
     g = gravity_in_sensor(rotation.q, model.gravity)[0]
     nx, ny, nz = rotate(rotation.q, (1.0, 0.0, 0.0))
     v = nx * place.v[0] + ny * place.v[1] + nz * place.v[2]

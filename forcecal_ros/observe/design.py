@@ -294,6 +294,20 @@ def _load(calibration: Calibration) -> Load:
     return Load(*(float(x) for x in numbers))
 
 
+def _bias(calibration: Calibration) -> tuple[float, ...]:
+    bias = tuple(float(x) for x in calibration.wrench_bias.value)
+    if not np.isfinite(bias).all():
+        raise ConfigError(f'wrench_bias is {bias}; calibrate in three or more orientations')
+    return bias
+
+
+def _delay(accelerometer: Accelerometer | None) -> float:
+    """Return the delay; nil where it was not identified."""
+    if accelerometer is None or not np.isfinite(accelerometer.delay.value):
+        return 0.0
+    return float(accelerometer.delay)
+
+
 def _volts(calibration: Calibration) -> tuple[float, ...]:
     accelerometer = calibration.accelerometer
     if accelerometer is None:
@@ -303,8 +317,10 @@ def _volts(calibration: Calibration) -> tuple[float, ...]:
     if condition > 1e6:
         raise ConfigError(f'the accelerometer map cannot be inverted (condition {condition:.0e}); '
                           'calibrate it in three or more orientations')
-    inverse = np.linalg.inv(matrix)
-    return tuple(float(x) for x in (*accelerometer.offset.value, *inverse.ravel()))
+    offset = accelerometer.offset.value
+    if not np.isfinite(offset).all():
+        raise ConfigError(f'the accelerometer offset is {offset}; calibrate it at rest')
+    return tuple(float(x) for x in (*offset, *np.linalg.inv(matrix).ravel()))
 
 
 def _ac_rate(accelerometer: Accelerometer | None) -> float:
@@ -359,11 +375,11 @@ def design(calibration: Calibration, settings: Settings = Settings()) -> Model:
     rotation = _rotation_corner(calibration, load, levels, rate, settings)
     return Model(
         newton=mode == 'newton', load=load,
-        bias=tuple(float(x) for x in calibration.wrench_bias.value),
+        bias=_bias(calibration),
         gravity=calibration.gravity, accelerometer=accelerometer is not None,
         ac_rate=_ac_rate(accelerometer),
         volts=_volts(calibration),
-        delay=float(accelerometer.delay) if accelerometer is not None else 0.0,
+        delay=_delay(accelerometer),
         place=(load.cx - load.dx, load.cy - load.dy, load.cz - load.dz),
         stiffness=stiffness, relaxation=stiffness / damping if damping > 0 else inf,
         rate=rate, track_offset=track, rotation_poles=butterworth(rotation),

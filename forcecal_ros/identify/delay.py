@@ -1,0 +1,119 @@
+"""Delay between the sensors from free motion, for a calibration made in static poses only.
+
+A calibration from a recording with free motion knows its delay already, with everything else
+(:mod:`forcecal_ros.identify.accelerometer`); this is for the others.
+"""
+
+from dataclasses import replace
+
+from forcecal_ros.calibration import Calibration, Estimate
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array
+from forcecal_ros.identify.blocks import Averager, block_length
+from forcecal_ros.samples import Recording, Stream
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+_PARTS = 12
+"""Parts of the motion that are left out in turn for the standard error."""
+
+_STEP = 1e-3
+
+
+def estimate_delay(recording: Recording, calibration: Calibration, start: float = -np.inf,
+                   end: float = np.inf, largest: float = 0.02,
+                   shortest: float = 0.02) -> Estimate:
+    """
+    Find the delay that makes force and acceleration of a free motion agree, u = m (a - g).
+
+    Both are averaged over the same blocks, the accelerometer's shifted by the delay; what is
+    constant in the residual, a bias that moved, does not count. The lever arm between
+    accelerometer and centre of mass is taken to be nil, which shifts the delay of pure rotation.
+
+    Parameters
+    ----------
+    recording : Recording
+        With wrench and accelerometer.
+    calibration : Calibration
+        Mass, biases and accelerometer are used.
+    start, end : float
+        Stretch in which nothing touches the tool [s].
+    largest : float
+        Greatest delay looked for, either way [s].
+    shortest : float
+        Length of the blocks, longer where a sensor is slow [s].
+
+    Returns
+    -------
+    Estimate
+        How much later than the wrench the accelerometer shows the same instant [s]; its standard
+        error by leaving out parts of the motion in turn.
+
+    Raises
+    ------
+    DataError
+        A sensor is missing, the stretch is too short, or its motion does not tell.
+    """
+    wrench, accelerometer = recording.wrench, recording.accelerometer
+    if wrench is None or accelerometer is None or calibration.accelerometer is None:
+        raise DataError('the delay wants wrench and accelerometer, recorded and calibrated')
+    known = calibration.accelerometer
+    f = np.linalg.solve(known.matrix, (accelerometer.values - known.offset.value).T).T
+    force, pull = wrench.between(start, end), Stream(accelerometer.t, f)
+    length = block_length(shortest, 1 / wrench.rate, 1 / accelerometer.rate)
+    first = max(force.t[0], pull.t[0] + largest) if len(force) else 0.0
+    last = min(force.t[-1], pull.t[-1] - largest) if len(force) else 0.0
+    starts = np.arange(first, last - length, length / 2)
+    if len(starts) < 4 * _PARTS:
+        raise DataError(f'{len(starts)} blocks of {1e3 * length:.0f} ms of free motion do not '
+                        f'tell the delay; at least {4 * _PARTS} are wanted')
+    F = Averager(force.t, force.values[:, :3]).means(starts, length)
+    averager, mass = Averager(pull.t, f), float(calibration.mass)
+
+    def residual(delay: float) -> Array:
+        r = F + mass * averager.means(starts + delay, length)
+        return np.asarray(r - np.nanmean(r, axis=0))
+
+    grid = np.arange(-largest, largest + _STEP / 2, _STEP)
+    costs = np.array([np.nansum(residual(d) ** 2, axis=1) for d in grid])
+    best = _minimum(residual, grid, costs, np.ones(len(starts), dtype=bool))
+    parts = np.arange(len(starts)) * _PARTS // len(starts)
+    left_out = np.array([_minimum(residual, grid, costs, parts != i) for i in range(_PARTS)])
+    spread = (_PARTS - 1) / _PARTS * np.sum((left_out - left_out.mean()) ** 2)
+    moved = float(np.nansum((F - np.nanmean(F, axis=0)) ** 2))
+    explained = 1 - float(np.nansum(residual(best) ** 2)) / moved
+    if explained < 0.5 or abs(best) > largest - _STEP or spread > (largest / 10) ** 2:
+        raise DataError(
+            f'the motion does not tell the delay: {1e3 * best:.1f} +- {1e3 * spread ** 0.5:.1f} '
+            f'ms, the acceleration explains {100 * explained:.0f} % of the force; move faster, '
+            f'free of contact, or look further than {1e3 * largest:.0f} ms')
+    return Estimate(best, np.sqrt(spread), 's')
+
+
+def with_delay(calibration: Calibration, delay: Estimate) -> Calibration:
+    """
+    Return the calibration with another delay of its accelerometer.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        With an accelerometer.
+    delay : Estimate
+        [s]
+
+    Returns
+    -------
+    Calibration
+    """
+    if calibration.accelerometer is None:
+        raise DataError('the calibration holds no accelerometer whose delay could be set')
+    return replace(calibration, accelerometer=replace(calibration.accelerometer, delay=delay))
+
+
+def _minimum(residual, grid: Array, costs: Array, use: Array) -> float:  # type: ignore
+    """Return the delay with the least squared residual over some of the blocks."""
+    around = grid[int(np.argmin(costs[:, use].sum(axis=1)))]
+    found = minimize_scalar(lambda d: float(np.nansum(residual(d)[use] ** 2)),
+                            bounds=(around - _STEP, around + _STEP), method='bounded',
+                            options={'xatol': 1e-7})
+    return float(found.x)
