@@ -15,9 +15,9 @@ ROS = re.compile(
 
 NUMERICS = (
     ('errors',),
-    ('geometry', 'files', 'topics'),
+    ('documents', 'geometry', 'files', 'topics'),
     ('samples',),
-    ('calibration', 'calibration_file'),
+    ('calibration', 'calibration_file', 'tables'),
     ('control', 'gravity', 'identify', 'insitu', 'observe', 'sim'),
 )
 LAYERS = (

@@ -6,17 +6,16 @@ from pathlib import Path
 import sys
 import tempfile
 from types import TracebackType
-from typing import Any
 
 from forcecal_ros.bags.batch import Batch, Notes
 from forcecal_ros.bags.mcap import MAGIC, McapFile
 from forcecal_ros.bags.sqlite import SqliteFile
-from forcecal_ros.errors import DataError
+from forcecal_ros.documents import load_yaml
+from forcecal_ros.errors import ConfigError, DataError
 from forcecal_ros.topics import Topic
 import numpy as np
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysError
 from rosbags.typesys.store import Typestore
-import yaml
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -25,8 +24,7 @@ else:
 
 _SQLITE_MAGIC = b'SQLite format 3\0'
 _ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
-_LARGEST_METADATA = 1 << 22
-_YAML = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+_LARGEST_METADATA = 1 << 20
 _LARGEST_MESSAGE = 1 << 28
 
 
@@ -108,12 +106,13 @@ class Bag:
         path = self.path / 'metadata.yaml'
         try:
             with path.open('rb') as file:
-                document: Any = yaml.load(file.read(_LARGEST_METADATA), Loader=_YAML)
+                document = load_yaml(file.read(_LARGEST_METADATA + 1), str(path),
+                                     _LARGEST_METADATA)
             listed = document['rosbag2_bagfile_information']['relative_file_paths']
             return {Path(name).name for name in listed}
         except FileNotFoundError:
             self.notes.add('metadata.yaml is missing; all files in the folder were read')
-        except (yaml.YAMLError, RecursionError, ValueError, TypeError, KeyError):
+        except (ConfigError, TypeError, KeyError):
             self.notes.add('metadata.yaml is damaged; all files in the folder were read')
         return set()
 

@@ -1,0 +1,38 @@
+"""``forcecal import``: tables of numbers to a recording."""
+
+import argparse
+from typing import Any
+
+from forcecal_ros.commands.common import new_parser, say
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(
+        subparsers, 'import',
+        summary='turn CSV tables into a recording',
+        example='forcecal import my_log.yaml -o my_bag')
+    parser.add_argument('specification', metavar='SPEC.yaml',
+                        help='which columns are which signals, in which units and frames')
+    parser.add_argument('--tables', metavar='DIR',
+                        help='where the tables are (default: beside SPEC.yaml)')
+    parser.add_argument('-o', '--output', metavar='BAG', required=True,
+                        help='recording to write; one that is there is kept as BAG~')
+    parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap',
+                        help='how the recording is stored')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    from forcecal_ros.bags import write_signals
+    from forcecal_ros.tables import assemble, load_specification
+    from forcecal_ros.topics import ROLES
+
+    imported = assemble(load_specification(args.specification, args.tables))
+    write_signals(args.output, imported.signals, imported.start_ns, args.storage, imported.topics)
+    for role, signal in imported.signals.items():
+        say(f'{imported.topics.get(role, ROLES[role].topic)}: {len(signal)} messages')
+    if imported.shift:
+        say(f'times are {imported.shift} s later than in the tables: stamps begin after zero')
+    return 0

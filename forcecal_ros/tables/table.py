@@ -1,0 +1,144 @@
+"""One CSV file: named columns of cells, and numbers and times out of them."""
+
+from collections.abc import Sequence
+import csv
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array
+import numpy as np
+from numpy.typing import NDArray
+
+_FARTHEST = 1 << 62
+
+
+class Table:
+    """
+    The cells of a CSV file whose first row names the columns.
+
+    Parameters
+    ----------
+    path : Path
+    delimiter : str
+
+    Raises
+    ------
+    DataError
+        There is no such file, no row in it, or a row of another length than the first.
+    """
+
+    def __init__(self, path: Path, delimiter: str = ',') -> None:
+        self.path = path
+        rows = self._read(delimiter)
+        if len(rows) < 2:
+            raise DataError(f'{path}: no rows; expected the names of the columns and then numbers')
+        self.names = [name.strip() for name in rows[0][1]]
+        for line, cells in rows:
+            if len(cells) != len(self.names):
+                raise DataError(f'{path} line {line}: {len(cells)} cells, but '
+                                f'{len(self.names)} columns')
+        self._lines = [line for line, _ in rows[1:]]
+        self._columns = list(zip(*(cells for _, cells in rows[1:])))
+
+    def __len__(self) -> int:
+        return len(self._lines)
+
+    def _read(self, delimiter: str) -> list[tuple[int, list[str]]]:
+        try:
+            with self.path.open(encoding='utf-8-sig', newline='') as file:
+                reader = csv.reader(file, delimiter=delimiter, strict=True)
+                return [(reader.line_num, cells) for cells in reader if cells]
+        except OSError as error:
+            raise DataError(f'{self.path}: cannot be read ({error.strerror}); paths count '
+                            'from the folder of the specification or from --tables') from error
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise DataError(f'{self.path}: not a table of text ({error})') from error
+
+    def cells(self, name: str) -> Sequence[str]:
+        """
+        Return a column as it was written.
+
+        Raises
+        ------
+        DataError
+            There is no column of that name, or more than one.
+        """
+        if self.names.count(name) != 1:
+            problem = 'several columns' if name in self.names else 'no column'
+            raise DataError(f'{self.path}: {problem} {name!r}; there are {", ".join(self.names)}')
+        return self._columns[self.names.index(name)]
+
+    def numbers(self, names: Sequence[str]) -> Array:
+        """
+        Return columns as numbers, shape (n, k).
+
+        Raises
+        ------
+        DataError
+            A column is missing or a cell is no number; the line is named.
+        """
+        return np.stack([self._floats(name) for name in names], axis=1)
+
+    def _floats(self, name: str) -> Array:
+        cells = self.cells(name)
+        try:
+            return np.array(cells, dtype=float)
+        except ValueError:
+            raise self._not_a_number(name, float) from None
+
+    def _not_a_number(self, name: str, convert: type) -> DataError:
+        for line, cell in zip(self._lines, self.cells(name)):
+            try:
+                convert(cell)
+            except (ValueError, InvalidOperation):
+                break
+        return DataError(f'{self.path} line {line}: {cell[:40]!r} in column {name!r} is not a '
+                         'number')
+
+    def nanoseconds(self, name: str, unit: int) -> NDArray[np.int64]:
+        """
+        Return a column of times, exact to the nanosecond, shape (n,).
+
+        Parameters
+        ----------
+        name : str
+        unit : int
+            Nanoseconds in the unit of the column.
+
+        Raises
+        ------
+        DataError
+            A cell is no number, out of range, or not after the one before; the line is named.
+        """
+        try:
+            times = [_exact(cell, unit) for cell in self.cells(name)]
+        except (ValueError, InvalidOperation):
+            raise self._not_a_number(name, Decimal) from None
+        if max(times) >= _FARTHEST or min(times) <= -_FARTHEST:
+            raise DataError(f'{self.path}: times in column {name!r} are out of range; is the unit '
+                            'right?')
+        stamps = np.array(times, dtype=np.int64)
+        early = np.flatnonzero(np.diff(stamps) <= 0)
+        if len(early):
+            row = int(early[0]) + 1
+            cells = self.cells(name)
+            raise DataError(f'{self.path} line {self._lines[row]}: time {cells[row]} in column '
+                            f'{name!r} is not after {cells[row - 1]} in the row before; sort the '
+                            'table and take out repeated rows')
+        return stamps
+
+    def line(self, row: int) -> int:
+        """Return the line of the file that a row stands in."""
+        return self._lines[row]
+
+
+def _exact(cell: str, unit: int) -> int:
+    """Convert a time without passing through binary fractions."""
+    try:
+        return int(cell) * unit
+    except ValueError:
+        number = Decimal(cell.strip())
+    if not number.is_finite():
+        raise ValueError(cell)
+    return _FARTHEST if number.adjusted() > 18 else int((number * unit).to_integral_value())
