@@ -1,29 +1,25 @@
-"""Simulated calibration runs for tests and benchmark: the sequencer's motion, the rig's sensors."""
+"""Simulated calibration runs: the motion of the sequencer, the sensors of the rig."""
 
 from dataclasses import replace
 
-import numpy as np
-
-from forcecal_ros.control.plan import Segment, Timing, calibration_plan, nominal_poses, prepare
-from forcecal_ros.control.motion import Limits, Move, Pace, hold
-from forcecal_ros.control.plan import step_goal
-from forcecal_ros.geometry import Array
+from forcecal_ros.control.motion import Limits, Pace, Pose
+from forcecal_ros.control.plan import calibration_plan, nominal_poses, prepare, step_goal, Timing
 from forcecal_ros.samples import Phase, PoseStream, Recording, Stream
+from forcecal_ros.sim.offline import simulate
 from forcecal_ros.sim.rig import Rig
 from forcecal_ros.sim.rig_file import load_rig
-from forcecal_ros.sim.offline import simulate
+import numpy as np
 
 SETTLE = 1.0
 PERIOD = 0.004
 
 
-def motion(timing: Timing = Timing(), names: tuple[str, ...] = ('v', 'h', 'tilt'),
+def motion(timing: Timing = Timing(), poses: dict[str, Pose] | None = None,
            settle: float = SETTLE, pace: Pace = Pace()) -> tuple[PoseStream, tuple[Phase, ...]]:
-    """Commands and phases of the calibration sequence."""
-    poses = nominal_poses()
-    home = poses['v']
-    plan = calibration_plan({n: poses[n] for n in names}, step_goal(home, timing.step_distance),
-                            timing)
+    """Commands and phases of the calibration sequence, the first pose being its home."""
+    poses = poses or nominal_poses()
+    home = next(iter(poses.values()))
+    plan = calibration_plan(poses, step_goal(home, timing.step_distance), timing)
     parts = prepare(plan, home, pace, Limits())
     t, positions, rotations, phases, start = [], [], [], [], 0.0
     rest = home
@@ -41,7 +37,7 @@ def motion(timing: Timing = Timing(), names: tuple[str, ...] = ('v', 'h', 'tilt'
 
 
 def shifted(stream: Stream, delay: float) -> Stream:
-    """The same readings, stamped later."""
+    """Return the same readings, stamped later."""
     return replace(stream, t=stream.t + delay)
 
 

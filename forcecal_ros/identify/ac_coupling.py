@@ -1,9 +1,8 @@
 """The first-order high-pass of an AC-coupled accelerometer."""
 
+from forcecal_ros.geometry import Array
 import numpy as np
 from scipy.signal import lfilter
-
-from forcecal_ros.geometry import Array
 
 
 def lowpassed(f: Array, length: float, cutoff: float) -> Array:

@@ -14,16 +14,18 @@ taken off again (errors in variables). An AC-coupled sensor shows f less its own
 from collections.abc import Callable
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.ac_coupling import fading, lowpassed
 from forcecal_ros.identify.estimating import jacobian, solve_score
-from forcecal_ros.identify.means import LAGS, Autocovariance
+from forcecal_ros.identify.kinematics import smoothed
+from forcecal_ros.identify.means import Autocovariance, autocovariance, correlated_sum
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 _DEFAULT_CUTOFF = 0.01
+_DELAY_STEP = 0.001
 
 
 class Motion(NamedTuple):
@@ -87,8 +89,8 @@ class AccelerometerFit(NamedTuple):
         In ft_sensor [m]; NaN where not estimated.
     covariance : ndarray, shape (17, 17)
         Of offset, matrix (row by row), delay, cutoff, position; NaN where not estimated.
-    noise : Autocovariance
-        Of blocks of the volts.
+    noise : Autocovariance or None
+        Of blocks of the volts; None where the poses were single samples.
     chi_square, degrees : float
         Of the residuals of the static poses' means by that noise.
     """
@@ -99,7 +101,7 @@ class AccelerometerFit(NamedTuple):
     cutoff: float
     position: Array
     covariance: Array
-    noise: Autocovariance
+    noise: Autocovariance | None
     chi_square: float
     degrees: int
 
@@ -137,7 +139,7 @@ class _Problem:
         m = self.motion
         f = np.where(self.moving[:, None], (tool[1:4] - m.force) / tool[0], -m.gravity)
         lever = lever if self.place is None else self.place - tool[4:7]
-        return f + np.einsum('nij,j->ni', m.rotation, lever)
+        return np.asarray(f + np.einsum('nij,j->ni', m.rotation, lever))
 
     def split(self, theta: Array) -> tuple[Array, Array, float, Array, Array, float]:
         """Unknowns by name: V0, M, delay, lever, decay, cutoff."""
@@ -148,8 +150,10 @@ class _Problem:
                 float(cutoff[0]) if len(cutoff) else (self.known_cutoff or _DEFAULT_CUTOFF))
 
     def shown(self, felt: Array, cutoff: float) -> Array:
-        """What of the specific force the sensor shows, the first state of its filter left out."""
-        return felt - lowpassed(felt, self.motion.length, cutoff) if self.ac else felt
+        """Take off what the high-pass takes off, its first state left out."""
+        if not self.ac:
+            return felt
+        return np.asarray(felt - lowpassed(felt, self.motion.length, cutoff))
 
     def residuals(self, theta: Array, tool: Array) -> Array:
         """Volts less model, shape (n, 3); zero in blocks that are not used."""
@@ -172,7 +176,7 @@ class _Problem:
             J[:, i, 3 + 3 * i:6 + 3 * i] = x
         J[:, :, 12] = -_slope(x, self.motion.length) @ matrix.T
         if self.place is None:
-            J[:, :, lay.lever] = matrix @ self.shown(self.motion.rotation, cutoff)
+            J[:, :, lay.lever] = matrix @ smoothed(self.shown(self.motion.rotation, cutoff))
         if self.ac:
             J[:, :, lay.decay] = (fading(n, self.motion.length, cutoff)[:, None, None]
                                   * np.eye(3))
@@ -189,12 +193,12 @@ class _Problem:
         """Inverse covariance of each block's residual, shape (n, 3, 3)."""
         still = np.linalg.inv(noise)
         moving = np.linalg.inv(noise + matrix @ self.force_noise @ matrix.T)
-        return np.where(self.moving[:, None, None], moving, still)
+        return np.asarray(np.where(self.moving[:, None, None], moving, still))
 
     @property
     def force_noise(self) -> Array:
         """Variance of a block of f_c, shape (3, 3)."""
-        return self.motion.force_noise.lags[0] / self.tool.mass**2
+        return np.asarray(self.motion.force_noise.lags[0] / self.tool.mass**2)
 
     def score(self, theta: Array, tool: Array, weight: Array) -> Array:
         """Weighted derivatives times residuals, freed of what noise in f_c adds."""
@@ -207,7 +211,7 @@ class _Problem:
 
 
 def _slope(x: Array, length: float) -> Array:
-    """Time derivative over two blocks each way: smooth enough to carry no noise of its own block."""
+    """Differentiate over two blocks each way, free of the noise of the block itself."""
     out = np.zeros_like(x)
     out[2:-2] = (x[4:] - x[:-4]) / (4 * length)
     return out
@@ -269,50 +273,68 @@ def _steps(problem: _Problem, theta: Array) -> Array:
 
 
 def _start(problem: _Problem, largest_delay: float) -> Array:
-    """Least squares for the linear unknowns over a scan of delays and cutoffs."""
+    """Least squares for the linear unknowns, over a search of delay and cutoff."""
     layout = problem.layout
-    cutoffs = [problem.known_cutoff or _DEFAULT_CUTOFF]
-    if layout.cutoff.stop > layout.cutoff.start:
-        cutoffs = list(np.geomspace(0.1, 10, 9) * _DEFAULT_CUTOFF)
-    delays = np.arange(-largest_delay, largest_delay + 1e-9, 1e-3)
-    best, delay, cutoff = _scan(problem, [0.0], cutoffs)
+    delay, cutoff = 0.0, problem.known_cutoff or _DEFAULT_CUTOFF
+    _require_span(problem, cutoff)
+    search = layout.cutoff.stop > layout.cutoff.start
+    if search:
+        cutoff = _nearest_cutoff(problem, delay)
     if problem.moving.any():
-        best, delay, cutoff = _scan(problem, list(delays), [cutoff])
+        delays = np.arange(-largest_delay, largest_delay + 1e-9, _DELAY_STEP)
+        delay = min(delays, key=lambda d: _linear(problem, d, cutoff)[1])
+        if search:
+            cutoff = _nearest_cutoff(problem, delay)
+    solution, _ = _linear(problem, delay, cutoff)
     theta = np.zeros(layout.size)
-    theta[:3], theta[3:12], theta[12] = best[0], best[1:4].T.ravel(), delay
+    theta[:3], theta[3:12], theta[12] = solution[0], solution[1:4].T.ravel(), delay
     if problem.ac:
-        theta[layout.decay] = best[4]
+        theta[layout.decay] = solution[4]
     theta[layout.cutoff] = cutoff
     return theta
 
 
-def _scan(problem: _Problem, delays: list[float], cutoffs: list[float]
-          ) -> tuple[Array, float, float]:
+def _columns(problem: _Problem, cutoff: float) -> Array:
     felt = problem.felt(problem.tool.vector, np.zeros(3))
-    use, best = problem.use, (np.inf, np.zeros((4, 3)), 0.0, 0.0)
-    for cutoff in cutoffs:
-        columns = [np.ones(len(felt)), *problem.shown(felt, cutoff).T]
-        if problem.ac:
-            columns.append(fading(len(felt), problem.motion.length, cutoff))
-        rows = np.stack(columns, axis=1)[use]
-        scaled = rows / np.linalg.norm(rows, axis=0)
-        if np.linalg.svd(scaled, compute_uv=False)[-1] < 1e-4:
-            raise UnobservableError(
-                'the accelerometer\'s map is not observable: gravity spans fewer than three '
-                'directions of ft_sensor in the poses and the motion between them; add a pose')
-        for delay in delays:
-            volts = problem.volts(delay)[use]
-            whole = np.isfinite(volts).all(1)
-            solution = np.linalg.lstsq(rows[whole], volts[whole])[0]
-            misfit = float(((volts[whole] - rows[whole] @ solution)**2).mean())
-            if misfit < best[0]:
-                best = (misfit, solution, delay, cutoff)
-    return best[1], best[2], best[3]
+    columns = [np.ones(len(felt)), *problem.shown(felt, cutoff).T]
+    if problem.ac:
+        columns.append(fading(len(felt), problem.motion.length, cutoff))
+    return np.stack(columns, axis=1)
+
+
+def _linear(problem: _Problem, delay: float, cutoff: float) -> tuple[Array, float]:
+    """Solve for offset, map and decay; return them and the mean square left."""
+    volts = problem.volts(delay)
+    whole = problem.use & np.isfinite(volts).all(1)
+    rows = _columns(problem, cutoff)[whole]
+    solution = np.linalg.lstsq(rows, volts[whole])[0]
+    return solution, float(((volts[whole] - rows @ solution)**2).mean())
+
+
+def _nearest_cutoff(problem: _Problem, delay: float) -> float:
+    """Search the corner over two decades, then closely."""
+    def misfit(logarithm: float) -> float:
+        return _linear(problem, delay, float(np.exp(logarithm)))[1]
+
+    grid = np.log(_DEFAULT_CUTOFF) + np.linspace(-2.3, 2.3, 13)
+    best = min(grid, key=misfit)
+    step = grid[1] - grid[0]
+    fit = minimize_scalar(misfit, bounds=(best - step, best + step), method='bounded',
+                          options={'xatol': 1e-4})
+    return float(np.exp(fit.x))
+
+
+def _require_span(problem: _Problem, cutoff: float) -> None:
+    rows = _columns(problem, cutoff)[problem.use]
+    if len(rows) < 20 or np.linalg.svd(
+            rows / np.linalg.norm(rows, axis=0), compute_uv=False)[-1] < 1e-4:
+        raise UnobservableError(
+            "the accelerometer's map is not observable: gravity spans fewer than three "
+            'directions of ft_sensor in the poses and the motion between them; add a pose')
 
 
 def _rest_noise(problem: _Problem, residuals: Array) -> Autocovariance:
     """Noise of the volts' blocks as the residuals at rest show it."""
-    from forcecal_ros.identify.means import autocovariance
     still = problem.motion.still
     return autocovariance([
         np.where(problem.use[still == i, None], residuals[still == i], np.nan)
@@ -325,7 +347,7 @@ def _result(problem: _Problem, theta: Array, derivative: Array, weight: Array,
     matrix = theta[3:12].reshape(3, 3)
     X = weight @ problem.derivatives(theta, tool.vector)
     by_force = problem.motion.force_noise.mapped(matrix / tool.mass)
-    meat = _spread(X, noise) + _spread(X * problem.moving[:, None, None], by_force)
+    meat = correlated_sum(X, noise) + correlated_sum(X * problem.moving[:, None, None], by_force)
     inverse = np.linalg.inv(derivative)
     by_tool = -inverse @ jacobian(lambda v: problem.score(theta, v, weight), tool.vector,
                                   np.array([1e-3] + [1e-2] * 3 + [1e-4] * 3))
@@ -354,15 +376,6 @@ def _result(problem: _Problem, theta: Array, derivative: Array, weight: Array,
     return AccelerometerFit(
         theta[:3], matrix, float(theta[12]) if problem.moving.any() else np.nan, cutoff,
         position, pick @ joint @ pick.T, noise, chi_square, degrees)
-
-
-def _spread(X: Array, noise: Autocovariance) -> Array:
-    """Variance of sum_n X_n^T e_n for noise e that is correlated over blocks."""
-    total = np.einsum('nip,ij,njq->pq', X, noise.lags[0], X, optimize=True)
-    for lag in range(1, LAGS + 1):
-        cross = np.einsum('nip,ij,njq->pq', X[:-lag], noise.lags[lag], X[lag:], optimize=True)
-        total += (1 - lag / (LAGS + 1)) * (cross + cross.T)
-    return np.asarray(total)
 
 
 def _static_misfit(problem: _Problem, theta: Array, noise: Autocovariance) -> tuple[float, int]:

@@ -2,10 +2,9 @@
 
 from typing import NamedTuple
 
-import numpy as np
-
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.estimating import jacobian
+import numpy as np
 
 _AXES = 'xyz'
 
@@ -47,9 +46,25 @@ def split_matrix(matrix: Array, covariance: Array, scaled: bool) -> Axes:
 
     flat = np.asarray(matrix, dtype=float).ravel()
     J = jacobian(split, flat, np.full(9, 1e-5 * np.abs(flat).max()))
-    std = np.sqrt(np.einsum('ij,jk,ik->i', J, covariance, J))
+    variance = np.einsum('ij,jk,ik->i', J, covariance, J)
     found = split(flat)
-    return Axes(found[:3], found[3:].reshape(3, 3), std[:3], std[3:].reshape(3, 3))
+    directions = found[3:].reshape(3, 3)
+    return Axes(found[:3], directions, np.sqrt(variance[:3]),
+                np.sqrt(variance[3:].reshape(3, 3) + _curvature(directions, J[3:], covariance)))
+
+
+def _curvature(directions: Array, J: Array, covariance: Array) -> Array:
+    """
+    Mean square that the second order adds to each element, shape (3, 3).
+
+    Along itself a unit vector moves in second order only, by -e^2 / 2 for a turn by e.
+    """
+    turns = (J @ covariance @ J.T).reshape(3, 3, 3, 3)
+    out = np.zeros((3, 3))
+    for i, row in enumerate(directions):
+        C = turns[i, :, i, :]
+        out[i] = row**2 * (np.trace(C)**2 + 2 * np.trace(C @ C)) / 4
+    return out
 
 
 def in_words(axes: Axes) -> list[str]:

@@ -7,12 +7,11 @@ a fraction of a sample is a shift of the stretch.
 
 from typing import NamedTuple
 
+from forcecal_ros.geometry import Array
+from forcecal_ros.samples import Phase
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-
-from forcecal_ros.geometry import Array
-from forcecal_ros.samples import Phase
 
 STILL = ('measure',)
 FREE = ('move', 'settle', 'step', 'sweep', 'reverse')

@@ -19,16 +19,15 @@ Eq. 7 gives.
 
 from typing import NamedTuple
 
-import numpy as np
-
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.blocks import Averager
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.samples import PoseStream, Stream
+import numpy as np
 
 
 class SampleCovariance(NamedTuple):
-    """Covariance of samples at rest, its standard errors, the number of samples, their rate [Hz]."""
+    """Covariance of samples at rest, its standard errors, how many samples, their rate [Hz]."""
 
     value: Array
     std: Array

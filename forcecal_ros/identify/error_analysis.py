@@ -4,9 +4,8 @@ The paper writes R P for the x component in ft_sensor of a vector P given in the
 ``x_of(R, P)`` is the first element of R_base_sensor^T P. e_v in its Eq. 25 and 27 is its e_o.
 """
 
-import numpy as np
-
 from forcecal_ros.geometry import Array
+import numpy as np
 
 
 def x_of(R_base_sensor: Array, vector_base: Array) -> float:
@@ -81,7 +80,7 @@ def offset_error(R_v: Array, R_accelerometer: Array, offset: Array) -> float:
 
 def gravity_leak(R_accelerometer: Array, gain: float, gravity: float) -> float:
     """
-    What gravity adds to the plain Eq. 15 where the accelerometer's x is not horizontal.
+    Say what gravity adds to the plain Eq. 15 where the accelerometer's x is not horizontal.
 
     Parameters
     ----------

@@ -2,16 +2,18 @@
 
 from collections.abc import Callable
 
-import numpy as np
-
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
+import numpy as np
+
+_SETTLED, _FAR = 1e-3, 0.1
+"""Steps in standard errors, the other unknowns held."""
 
 
 def solve_score(score: Callable[[Array], Array], start: Array, steps: Array,
                 iterations: int = 20) -> tuple[Array, Array]:
     """
-    Newton's method with central differences.
+    Newton's method with central differences, taken afresh while it still takes large steps.
 
     Parameters
     ----------
@@ -35,15 +37,18 @@ def solve_score(score: Callable[[Array], Array], start: Array, steps: Array,
         It does not converge.
     """
     theta = start.copy()
+    far = True
     for _ in range(iterations):
-        derivative = jacobian(score, theta, steps)
-        scale = np.sqrt(np.abs(np.diag(derivative)))
-        scale[scale == 0] = 1.0
+        if far:
+            derivative = jacobian(score, theta, steps)
+            scale = np.sqrt(np.abs(np.diag(derivative)))
+            scale[scale == 0] = 1.0
         scaled = derivative / np.outer(scale, scale)
-        move = np.linalg.lstsq(scaled, score(theta) / scale)[0] / scale
-        theta = theta - move
-        if (np.abs(move) <= 1e-3 / scale).all():
-            return theta, derivative
+        move = np.linalg.lstsq(scaled, score(theta) / scale)[0]
+        theta = theta - move / scale
+        if (np.abs(move) <= _SETTLED).all():
+            return theta, jacobian(score, theta, steps)
+        far = bool((np.abs(move) > _FAR).any())
     raise DataError(f'the fit does not settle within {iterations} steps; '
                     'the recording may hold contact in phases of free motion')
 

@@ -18,10 +18,9 @@ it takes F out of the second equation.
 from typing import NamedTuple
 
 import control
-import numpy as np
-
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
+import numpy as np
 
 A = np.array([[0.0, 1.0], [0.0, 0.0]])
 C = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]])

@@ -8,12 +8,12 @@ turns the tool:
 
 from typing import NamedTuple
 
+from forcecal_ros.geometry import Array, skew
+from forcecal_ros.identify.estimating import jacobian
+from forcecal_ros.identify.kinematics import smoothed
+from forcecal_ros.identify.means import autocovariance, correlated_sum
 import numpy as np
 from numpy.typing import NDArray
-
-from forcecal_ros.geometry import Array, skew
-from forcecal_ros.identify.accelerometer import _spread
-from forcecal_ros.identify.means import autocovariance
 
 ELEMENTS = ('xx', 'yy', 'zz', 'xy', 'xz', 'yz')
 
@@ -122,22 +122,29 @@ def identify_inertia(
     use = free & np.isfinite(wrench).all(1) & np.isfinite(slide) & np.isfinite(alpha).all(1)
     if use.sum() < 12:
         return None
-    rows = -inertia_regressor(np.where(use[:, None], omega, 0), np.where(use[:, None], alpha, 0))
+    rows = -inertia_regressor(np.nan_to_num(omega), np.nan_to_num(alpha))
+    quiet = smoothed(rows)
     torque = np.where(use[:, None], unexplained_torque(wrench, slide, tool), 0.0)
-    noise = autocovariance([unexplained_torque(wrench[still == i], slide[still == i], tool)
-                            for i in range(still.max() + 1)])
-    weighted = np.linalg.inv(noise.lags[0]) @ rows
+    still_torque = [unexplained_torque(wrench[still == i], slide[still == i], tool)
+                    for i in range(still.max() + 1)]
+    weight = np.linalg.inv(autocovariance(still_torque).lags[0])
+    weighted = np.where(use[:, None, None], weight @ quiet, 0.0)
     normal = np.einsum('nip,niq->pq', weighted, rows)
-    values, vectors = np.linalg.eigh(normal)
-    if values[-1] <= 0 or values[0] < 1e-9 * values[-1]:
+    # what noise of the orientation adds to the products, measured where there is nothing else
+    at_rest = still >= 0
+    normal -= use.sum() / at_rest.sum() * np.einsum(
+        'nip,niq->pq', weight @ quiet[at_rest], rows[at_rest])
+    sigma, vectors = np.linalg.eigh((normal + normal.T) / 2)
+    if sigma[-1] <= 0 or sigma[0] < 1e-9 * sigma[-1]:
         return None
     inverse = np.linalg.inv(normal)
     elements = inverse @ np.einsum('nip,ni->p', weighted, torque)
-    by_tool = np.stack([
-        inverse @ np.einsum('nip,ni->p', weighted, np.where(use[:, None], (
-            unexplained_torque(wrench, slide, tool + e)
-            - unexplained_torque(wrench, slide, tool - e)) / (2 * e.sum()), 0.0))
-        for e in np.diag([1e-3] * 4 + [1e-5] * 3 + [1e-3] * 3)], axis=1)
-    covariance = inverse @ _spread(weighted, noise) @ inverse \
+    by_tool = inverse @ jacobian(
+        lambda v: np.einsum('nip,ni->p', weighted, np.where(
+            use[:, None], unexplained_torque(wrench, slide, v), 0.0)),
+        tool, np.array([1e-3] * 4 + [1e-5] * 3 + [1e-3] * 3))
+    noise = autocovariance([torque - quiet[still == i] @ elements
+                            for i, torque in enumerate(still_torque)])
+    covariance = inverse @ correlated_sum(weighted, noise) @ inverse.T \
         + by_tool @ tool_covariance @ by_tool.T
     return InertiaFit(elements, covariance, vectors[:, 0])

@@ -1,8 +1,7 @@
 """The tool's mass from two poses, as the paper has it."""
 
-import numpy as np
-
 from forcecal_ros.errors import UnobservableError
+import numpy as np
 
 
 def mass_from_tilt(u_h: float, u_v: float, gravity: float, theta: float = 0.0) -> float:

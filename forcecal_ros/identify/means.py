@@ -2,11 +2,10 @@
 
 from typing import NamedTuple
 
-import numpy as np
-
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.samples import Stream
+import numpy as np
 
 LAGS = 5
 """Blocks over which noise is taken to forget itself."""
@@ -78,7 +77,8 @@ def _positive(total: Array, variance: Array) -> Array:
     scale = np.sqrt(np.diag(variance))
     scale[scale == 0] = 1.0
     values, vectors = np.linalg.eigh(total / np.outer(scale, scale))
-    return (vectors * np.maximum(values, 0.2)) @ vectors.T * np.outer(scale, scale)
+    kept = (vectors * np.maximum(values, 0.2)) @ vectors.T
+    return np.asarray(kept * np.outer(scale, scale))
 
 
 def autocovariance(windows: list[Array]) -> Autocovariance:
@@ -113,3 +113,57 @@ def autocovariance(windows: list[Array]) -> Autocovariance:
     length = n / len(centred)
     shortfall = raw.total / max(length - weight, 1.0)
     return Autocovariance(raw.lags + shortfall, n)
+
+
+def correlated_sum(rows: Array, noise: Autocovariance) -> Array:
+    """
+    Variance of the sum of ``rows[n].T @ e[n]`` over blocks for noise e correlated over blocks.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n, k, p)
+        Of consecutive blocks; zero where one does not count.
+    noise : Autocovariance
+
+    Returns
+    -------
+    ndarray, shape (p, p)
+    """
+    total = np.einsum('nip,ij,njq->pq', rows, noise.lags[0], rows, optimize=True)
+    for weight, lag, shift in zip(_taper(), noise.lags[1:], range(1, LAGS + 1)):
+        cross = np.einsum('nip,ij,njq->pq', rows[:-shift], lag, rows[shift:], optimize=True)
+        total += weight * (cross + cross.T)
+    return np.asarray(total)
+
+
+def drift(stream: Stream, windows: list[tuple[float, float]]) -> tuple[float, int, int]:
+    """
+    Find the strongest drift of a signal while the robot stands.
+
+    Parameters
+    ----------
+    stream : Stream
+    windows : list of tuple of float
+        Start and end [s].
+
+    Returns
+    -------
+    sigmas, window, channel : float, int, int
+        Mean of the second half less that of the first, in standard errors; 0 where the windows
+        hold too few samples to tell.
+    """
+    worst = (0.0, 0, 0)
+    for i, (start, end) in enumerate(windows):
+        values = stream.between(start, end).values
+        size = max(1, len(values) // 40)
+        n = len(values) // size // 2 * 2
+        if n < 20:
+            continue
+        blocks = values[:n * size].reshape(n, size, -1).mean(axis=1)
+        noise = np.sqrt((np.diff(blocks, axis=0)**2).mean(axis=0) / 2)
+        step = blocks[n // 2:].mean(axis=0) - blocks[:n // 2].mean(axis=0)
+        sigmas = np.abs(step) / np.maximum(noise * np.sqrt(4 / n), 1e-300)
+        sigmas[noise == 0] = 0
+        if sigmas.max() > worst[0]:
+            worst = (float(sigmas.max()), i, int(np.argmax(sigmas)))
+    return worst

@@ -2,8 +2,6 @@
 
 from typing import NamedTuple
 
-import numpy as np
-
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.identify.mass import mass_from_tilt
 from forcecal_ros.identify.means import window_mean
@@ -11,6 +9,7 @@ from forcecal_ros.identify.operations import operation_count
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.identify.step_gain import plain_offset, step_gain
 from forcecal_ros.samples import Recording
+import numpy as np
 
 _VERTICAL = 0.8
 _HORIZONTAL = 0.05

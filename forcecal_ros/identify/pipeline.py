@@ -1,26 +1,36 @@
 """From a recording to a calibration: every step of the procedure in its order."""
 
-import numpy as np
+from dataclasses import replace
 
 from forcecal_ros.calibration import Calibration, Estimate
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.accelerometer import (
-    AccelerometerFit, Motion, ToolPart, identify_accelerometer,
+    AccelerometerFit,
+    identify_accelerometer,
+    Motion,
+    ToolPart,
 )
-from forcecal_ros.identify.blocks import Averager, Grid, block_length, make_grid
-from forcecal_ros.identify.inertia import InertiaFit, identify_inertia
-from forcecal_ros.identify.kinematics import turning
-from forcecal_ros.identify.means import LAGS, Autocovariance, autocovariance, window_mean
-from forcecal_ros.identify.poses import StaticPose, static_poses
+from forcecal_ros.identify.blocks import Averager, block_length, Grid, make_grid
+from forcecal_ros.identify.inertia import identify_inertia, InertiaFit
+from forcecal_ros.identify.kinematics import Motions, pose_delay
+from forcecal_ros.identify.means import Autocovariance, autocovariance, LAGS, window_mean
+from forcecal_ros.identify.poses import static_poses, StaticPose
+from forcecal_ros.identify.quality import quality_of
 from forcecal_ros.identify.readings import clean, refuse_stuck, require_wrench
 from forcecal_ros.identify.result import (
-    Stages, accelerometer_of, inertia_of, noise_of, observer_of, tool_of,
+    accelerometer_of,
+    inertia_of,
+    noise_of,
+    observer_of,
+    Stages,
+    tool_of,
 )
 from forcecal_ros.identify.ringing import RingFit, rings, stiffness_and_damping
 from forcecal_ros.identify.settings import Settings
 from forcecal_ros.identify.static_accelerometer import identify_static_accelerometer
-from forcecal_ros.identify.tool import Statics, ToolFit, identify_tool, stiffness_from_sag
+from forcecal_ros.identify.tool import identify_tool, Statics, stiffness_from_sag, ToolFit
 from forcecal_ros.samples import Recording, Stream
+import numpy as np
 
 
 def identify(recording: Recording, settings: Settings = Settings()) -> Calibration:
@@ -49,7 +59,7 @@ def identify(recording: Recording, settings: Settings = Settings()) -> Calibrati
     stages = identify_stages(recording, settings)
     measured = noise_of(stages)
     tool, std = stages.tool, np.sqrt(np.diag(stages.tool.covariance))
-    return Calibration(
+    calibration = Calibration(
         mass=Estimate(tool.mass, std[0], 'kg'),
         com=Estimate(tool.com, std[4:7], 'm'),
         wrench_bias=Estimate(np.concatenate([tool.force_bias, tool.torque_bias]),
@@ -63,6 +73,7 @@ def identify(recording: Recording, settings: Settings = Settings()) -> Calibrati
         sensor_frame=require_wrench(recording).frame or 'ft_sensor',
         wrench_sign=settings.wrench_sign,
         source={'recording': recording.source, **settings.source})
+    return replace(calibration, quality=quality_of(stages, calibration, settings))
 
 
 def identify_stages(recording: Recording, settings: Settings) -> Stages:
@@ -93,16 +104,16 @@ def identify_stages(recording: Recording, settings: Settings) -> Stages:
         noise = autocovariance(_windows(Averager(wrench.t, wrench.values), grid))
     statics = _read_statics(recording, poses, settings, grid, noise)
     statics, tool, ring = _tool(recording, poses, statics, noise, grid, settings)
-    accelerometer = inertia = None
+    accelerometer = inertia = late = None
     if grid is not None and noise is not None:
-        accelerometer, inertia = _in_motion(recording, grid, noise, tool, ring, settings)
+        accelerometer, inertia, late = _in_motion(recording, grid, noise, tool, ring, settings)
     elif recording.accelerometer is not None:
         volts = np.stack([window_mean(recording.accelerometer, p.start, p.end, 'accelerometer')
                           for p in poses])
         accelerometer = identify_static_accelerometer(
             statics.gravity, volts, None, settings.thresholds.condition)
     return Stages(recording, removed, poses, statics, tool, stiffness_from_sag(statics, tool),
-                  ring, accelerometer, inertia)
+                  ring, accelerometer, inertia, late)
 
 
 def _lay_grid(recording: Recording, poses: list[StaticPose], settings: Settings) -> Grid | None:
@@ -191,19 +202,23 @@ def _phase_spans(recording: Recording, name: str) -> list[tuple[float, float]]:
 
 def _in_motion(recording: Recording, grid: Grid, noise: Autocovariance, tool: ToolFit,
                ring: RingFit | None, settings: Settings
-               ) -> tuple[AccelerometerFit | None, InertiaFit | None]:
-    """What the motion between the poses shows: accelerometer and inertia."""
+               ) -> tuple[AccelerometerFit | None, InertiaFit | None,
+                         tuple[float, float] | None]:
+    """Identify what the motion between the poses shows: accelerometer, inertia, pose delay."""
     wrench = require_wrench(recording)
     assert recording.pose is not None
-    turn = turning(recording.pose, grid)
     blocks = Averager(wrench.t, wrench.values).means(grid.starts, grid.length)
+    slide = _slide(recording, grid, blocks, tool, ring)
+    motions = Motions(recording.pose, grid)
+    late = pose_delay(motions, blocks[:, :3], slide, grid, tool.mass, tool.force_bias, tool.com,
+                      settings.gravity, settings.largest_delay)
+    turn = motions.turning(late[0] if late else 0.0)
     theta = np.concatenate([[tool.mass], tool.force_bias, tool.com, tool.torque_bias])
-    inertia = identify_inertia(
-        blocks, _slide(recording, grid, blocks, tool, ring), turn.omega, turn.alpha, grid.free,
-        grid.still, theta, tool.covariance)
+    inertia = identify_inertia(blocks, slide, turn.omega, turn.alpha, grid.free, grid.still,
+                               theta, tool.covariance)
     stream = recording.accelerometer
     if stream is None or len(stream) < 20:
-        return None, inertia
+        return None, inertia, late
     motion = Motion(
         grid.length, -settings.gravity * turn.R_base_sensor[:, 2], blocks[:, :3], turn.lever,
         grid.still, grid.free, Autocovariance(noise.lags[:, :3, :3], noise.blocks))
@@ -214,7 +229,7 @@ def _in_motion(recording: Recording, grid: Grid, noise: Autocovariance, tool: To
         ToolPart(tool.mass, tool.force_bias, tool.com, tool.covariance[:7, :7]),
         settings.coupling, settings.cutoff, None if place is None else np.array(place),
         settings.largest_delay)
-    return fit, inertia
+    return fit, inertia, late
 
 
 def _slide(recording: Recording, grid: Grid, blocks: Array, tool: ToolFit,

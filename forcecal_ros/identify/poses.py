@@ -2,13 +2,12 @@
 
 from typing import NamedTuple
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, rotation_about, rotation_vector
 from forcecal_ros.identify.blocks import STILL
 from forcecal_ros.samples import PoseStream, Recording
+import numpy as np
+from scipy.spatial.transform import Rotation
 
 _SHORTEST_STAND = 0.5
 _RING_DOWN = 1.0
@@ -101,7 +100,7 @@ def static_windows(recording: Recording) -> list[tuple[float, float]]:
         if not windows:
             raise DataError(
                 f'{recording.source or "the recording"}: none of its {len(recording.phases)} '
-                'phases is `measure`; record the sequencer\'s phases, or leave them out and stand '
+                "phases is `measure`; record the sequencer's phases, or leave them out and stand "
                 'still in each pose')
         return windows
     assert recording.pose is not None

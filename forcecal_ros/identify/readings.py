@@ -2,13 +2,12 @@
 
 from dataclasses import replace
 
-import numpy as np
-
 from forcecal_ros.errors import DataError
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.samples import Recording, Stream
+import numpy as np
 
-_CHANNELS = ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z')
+CHANNELS = ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z')
 _STREAMS = ('wrench', 'accelerometer', 'optidrive')
 
 
@@ -80,7 +79,7 @@ def refuse_stuck(wrench: Stream, accelerometer: Stream | None, poses: list[Stati
         Names the channels, their values and the poses.
     """
     stuck = []
-    for stream, names in ((wrench, _CHANNELS), (accelerometer, ('x', 'y', 'z'))):
+    for stream, names in ((wrench, CHANNELS), (accelerometer, ('x', 'y', 'z'))):
         if stream is None:
             continue
         prefix = '' if stream is wrench else 'accelerometer.'

@@ -2,17 +2,21 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from forcecal_ros.calibration import (
-    Accelerometer, Calibration, Estimate, Noise, ObserverGain, Tool,
+    Accelerometer,
+    Estimate,
+    Noise,
+    ObserverGain,
+    Tool,
 )
-from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.accelerometer import AccelerometerFit
 from forcecal_ros.identify.axes import split_matrix
 from forcecal_ros.identify.covariance import (
-    SampleCovariance, measurement_covariance, process_covariance, stream_covariance,
+    measurement_covariance,
+    process_covariance,
+    SampleCovariance,
+    stream_covariance,
 )
 from forcecal_ros.identify.estimating import jacobian
 from forcecal_ros.identify.gain import observer_model, pole_gain, riccati_gain, with_unit_k23
@@ -22,6 +26,7 @@ from forcecal_ros.identify.ringing import RingFit
 from forcecal_ros.identify.settings import Settings
 from forcecal_ros.identify.tool import Sag, Statics, ToolFit
 from forcecal_ros.samples import Recording, Stream
+import numpy as np
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,8 @@ class Stages:
         Samples left out of each stream.
     poses, statics, tool, sag, ring, accelerometer, inertia
         See the modules of the same names; None where the recording did not hold what they need.
+    pose_delay : tuple of float or None
+        How much later than the wrench the pose shows the same instant, and its error [s].
     """
 
     recording: Recording
@@ -48,6 +55,7 @@ class Stages:
     ring: RingFit | None
     accelerometer: AccelerometerFit | None
     inertia: InertiaFit | None
+    pose_delay: tuple[float, float] | None
 
 
 def tool_of(stages: Stages) -> Tool | None:
@@ -99,7 +107,7 @@ def accelerometer_of(stages: Stages, settings: Settings) -> Accelerometer | None
 
 
 def specific_force(stages: Stages) -> Stream | None:
-    """The accelerometer's readings as specific force in ft_sensor [m/s^2]."""
+    """Return the accelerometer's readings as specific force in ft_sensor [m/s^2]."""
     fit, stream = stages.accelerometer, stages.recording.accelerometer
     if fit is None or stream is None:
         return None
@@ -130,7 +138,7 @@ def noise_of(stages: Stages) -> tuple[Noise, SampleCovariance] | None:
 
 def observer_of(noise: Noise, mass: float, settings: Settings) -> ObserverGain:
     """
-    The paper's gain with k23 = 1, steps 10 and 11.
+    Design the paper's gain with k23 = 1, steps 10 and 11.
 
     Raises
     ------
@@ -139,16 +147,20 @@ def observer_of(noise: Noise, mass: float, settings: Settings) -> ObserverGain:
     """
     model = observer_model(mass)
 
+    upper = np.triu_indices(3)
+
     def gain(p: Array) -> Array:
-        Q, R = np.diag([0.0, p[0]]), p[1:].reshape(3, 3)
-        return with_unit_k23(riccati_gain(model.A, model.C, Q, (R + R.T) / 2)).ravel()
+        Q, R = np.diag([0.0, p[0]]), np.zeros((3, 3))
+        R[upper] = p[1:]
+        R.T[upper] = p[1:]
+        return with_unit_k23(riccati_gain(model.A, model.C, Q, R)).ravel()
 
     if settings.observer_design == 'poles':
         K = with_unit_k23(pole_gain(model.A, model.C, settings.observer_poles))
         std = np.zeros_like(K)
     else:
-        p = np.concatenate([[noise.Q.value[1, 1]], noise.R.value.ravel()])
-        spread = np.concatenate([[noise.Q.std[1, 1]], noise.R.std.ravel()])
+        p = np.concatenate([[noise.Q.value[1, 1]], noise.R.value[upper]])
+        spread = np.concatenate([[noise.Q.std[1, 1]], noise.R.std[upper]])
         K = gain(p).reshape(2, 3)
         sensitivity = jacobian(gain, p, 0.01 * spread)
         std = np.sqrt((sensitivity**2 @ spread**2)).reshape(2, 3)

@@ -12,13 +12,13 @@ and frequency do not depend on how far the two sensors are apart in time, which 
 regression is all but one with the damping (k times the delay).
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
-
-import numpy as np
-from scipy.optimize import least_squares
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.samples import PoseStream, Stream
+import numpy as np
+from scipy.optimize import least_squares
 
 _SERVO = 0.06
 _STILL = 1e-4
@@ -39,12 +39,17 @@ class Ring(NamedTuple):
         On the wire [N].
     slide_t, slide : ndarray, shape (m,)
         Displacement [s], [m]; empty without an Optidrive.
+    creep, creep_rate : float
+        What the robot still has to go along x when the ringing starts [m], and how fast that
+        dies away [1/s].
     """
 
     t: Array
     force: Array
     slide_t: Array
     slide: Array
+    creep: float = 0.0
+    creep_rate: float = 0.0
 
 
 class RingFit(NamedTuple):
@@ -102,8 +107,25 @@ def rings(windows: list[tuple[float, float]], wrench: Stream, optidrive: Stream 
             out.append(Ring(
                 cut.t - start, cut.values[:, 0],
                 slide.t - start if slide else np.empty(0),
-                slide.values[:, 0] if slide else np.empty(0)))
+                slide.values[:, 0] if slide else np.empty(0),
+                *(_creep(pose.between(start, stop)) if pose is not None else (0.0, 0.0))))
     return out
+
+
+def _creep(pose: PoseStream) -> tuple[float, float]:
+    """Fit the end of the robot's approach, x_end + creep exp(-rate t); 0 where it is noise."""
+    if not pose.has_position or len(pose) < 20:
+        return 0.0, 0.0
+    t, x = pose.t - pose.t[0], pose.position @ pose.R_base_sensor[0, :, 0]
+    best = (np.inf, 0.0, 0.0)
+    for rate in np.geomspace(3, 60, 31):
+        rows = np.column_stack([np.ones(len(t)), np.exp(-rate * t)])
+        solution = np.linalg.lstsq(rows, x)[0]
+        left = float(((x - rows @ solution)**2).sum())
+        if left < best[0]:
+            error = np.sqrt(left / (len(t) - 3) * np.linalg.inv(rows.T @ rows)[1, 1])
+            best = (left, float(solution[1]) if abs(solution[1]) > 4 * error else 0.0, rate)
+    return best[1], best[2]
 
 
 def _stands(begin: float, end: float, pose: PoseStream | None, target: PoseStream | None
@@ -121,8 +143,10 @@ def _stands(begin: float, end: float, pose: PoseStream | None, target: PoseStrea
     edges = np.diff(np.concatenate([[1], moving, [1]]))
     stop, go = np.flatnonzero(edges == -1), np.flatnonzero(edges == 1)
     t = np.append(cut.t, end)
-    spans = [(t[min(i + step, len(t) - 1)] + _SERVO, t[min(j, len(t) - 1)] if j < len(moving)
-              else end) for i, j in zip(stop, go)]
+    spans = []
+    for i, j in zip(stop.tolist(), go.tolist()):
+        arrived = float(t[min(i + step, len(t) - 1)]) + _SERVO
+        spans.append((arrived, float(t[j]) if j < len(moving) else end))
     return [(a, b) for a, b in spans if a > begin]
 
 
@@ -196,7 +220,12 @@ def _columns(ring: Ring, p: Array, mass: float, force: float, slide: float) -> t
     rows[:n, :2] = _basis(ring.t, k, d, mass)[1]
     rows[:n, 2] = 1
     weight = np.full(n + m, np.sqrt(_period(ring.t) / force))
-    right = np.concatenate([ring.force, ring.slide])
+    # the tool follows what is left of the robot's approach: m s" + d s' + k s = -m x"
+    rate = ring.creep_rate
+    follow = -mass * rate**2 * ring.creep / (mass * rate**2 - d * rate + k)
+    right = np.concatenate([
+        ring.force - (k - d * rate) * follow * np.exp(-rate * ring.t),
+        ring.slide - follow * np.exp(-rate * (ring.slide_t - p[2] * _DELAY if m else ring.slide))])
     if m:
         rows[n:, :2] = _basis(ring.slide_t - p[2] * _DELAY, k, d, mass)[0]
         rows[n:, 3] = 1
@@ -209,8 +238,8 @@ def _period(t: Array) -> float:
 
 
 def _problem(ringing: list[Ring], mass: float, force: float, slide: float,
-             stiffness: tuple[float, float] | None):  # type: ignore[no-untyped-def]
-    """Residuals in the nonlinear unknowns alone, the linear ones solved for (variable projection)."""
+             stiffness: tuple[float, float] | None) -> tuple[Callable[[Array], Array], Array]:
+    """Residuals in the nonlinear unknowns alone, the linear ones projected out."""
     with_slide = all(len(r.slide) for r in ringing)
     if not with_slide:
         ringing = [r._replace(slide_t=np.empty(0), slide=np.empty(0)) for r in ringing]

@@ -3,10 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import STANDARD_GRAVITY
+import numpy as np
 
 COUPLINGS = ('dc', 'ac')
 COMPLIANCES = ('auto', 'yes', 'no')

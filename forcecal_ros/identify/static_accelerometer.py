@@ -1,11 +1,10 @@
 """The accelerometer from static poses alone, where no motion between them was recorded."""
 
-import numpy as np
-
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.accelerometer import AccelerometerFit
 from forcecal_ros.identify.tool import gravity_spread
+import numpy as np
 
 
 def identify_static_accelerometer(
@@ -40,7 +39,7 @@ def identify_static_accelerometer(
     if n < 5 or spread[2] * condition < spread[0]:
         axis = int(np.argmax(np.abs(directions[2])))
         raise UnobservableError(
-            f'the accelerometer\'s map is not observable from {n} static poses without motion '
+            f"the accelerometer's map is not observable from {n} static poses without motion "
             f'between them (condition {spread[0] / max(spread[2], 1e-12):.3g} > {condition:.3g}, '
             f'at least 5 poses wanted); add poses with gravity along {"xyz"[axis]} of ft_sensor, '
             'or record the motion between the poses')

@@ -1,9 +1,8 @@
 """The accelerometer's offset and gain from the v pose and the step, as the paper has them."""
 
-import numpy as np
-
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
+import numpy as np
 
 
 def plain_offset(volts_v: Array) -> Array:
@@ -57,6 +56,6 @@ def step_gain(theta: Array, Y: Array, theta_variance: float = 0.0) -> float:
     product = float(theta @ Y)
     if not len(theta) or energy <= 0 or abs(product) < 1e-12:
         raise UnobservableError(
-            f'the step does not stand out of the accelerometer\'s noise ({len(theta)} samples, '
+            f"the step does not stand out of the accelerometer's noise ({len(theta)} samples, "
             f'energy {energy:.3g} V^2); make it longer or faster')
     return energy / product

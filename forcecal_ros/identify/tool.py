@@ -11,11 +11,11 @@ m^2 / k is one more unknown.
 
 from typing import NamedTuple
 
-import numpy as np
-from scipy.stats import chi2
-
 from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import Array, skew
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.stats import chi2
 
 X_HAT = np.array([1.0, 0.0, 0.0])
 
@@ -226,7 +226,12 @@ def _require_rank(design: Array) -> None:
 
 
 def _fit_weighted(statics: Statics, design: Array, reading: Array) -> tuple[Array, Array, float]:
-    """Least squares by the readings' covariance; the slide's noise comes in through the mass."""
+    """
+    Least squares, each channel weighted by its own noise; the slide's comes in by the mass.
+
+    The covariance takes the noise as it is, correlated between channels. Weighing by measured
+    correlations would make the fit follow the error of their measurement.
+    """
     assert statics.covariance is not None
     n = len(statics.wrench)
     lever = np.cross(X_HAT, statics.gravity)
@@ -235,17 +240,16 @@ def _fit_weighted(statics: Statics, design: Array, reading: Array) -> tuple[Arra
         blocks = statics.covariance.copy()
         blocks[:, 3:, 3:] += (mass**2 * statics.slide_variance[:, None, None]
                               * lever[:, :, None] * lever[:, None, :])
-        whiten = np.zeros((len(reading), len(reading)))
-        for i, block in enumerate(blocks):
-            whiten[6 * i:6 * i + 6, 6 * i:6 * i + 6] = np.linalg.inv(np.linalg.cholesky(block))
-        if statics.sag is not None:
-            whiten[6 * n, 6 * n] = statics.sag[1]**-0.5
-        rows, right = whiten @ design, whiten @ reading
+        noise = block_diag(*blocks, *([[statics.sag[1]]] if statics.sag else []))
+        weight = 1 / np.sqrt(np.diag(noise))
+        rows, right = design * weight[:, None], reading * weight
         _require_rank(rows)
         theta = np.linalg.lstsq(rows, right)[0]
         mass = float(theta[0])
-    covariance = np.linalg.inv(rows.T @ rows)
-    return theta, covariance, float(((right - rows @ theta)**2).sum())
+    bread = np.linalg.inv(rows.T @ rows) @ (rows * weight[:, None]).T
+    residuals = reading - design @ theta
+    chi_square = float(residuals @ np.linalg.solve(noise, residuals))
+    return theta, bread @ noise @ bread.T, chi_square
 
 
 def _fit_scatter(design: Array, reading: Array) -> tuple[Array, Array]:

@@ -1,0 +1,183 @@
+"""Do the intervals hold? Seeded calibration runs with redrawn truths, estimates against truth.
+
+    python benchmark/identification_coverage.py [--runs 400] [--json FILE]
+
+Every run draws its own mass, centre of mass, inertia, biases, spring, damper, accelerometer
+(gains, offsets, a misaligned map, DC or AC-coupled, cutoff), noise levels, and up to 10 ms
+between the sensors, either of which may be the late one. Each parameter counts how often the
+truth lies within 1 and within 1.96 standard errors; pooled these are to be 68.3 and 95 % within
+two points, and no parameter is to lie outside its binomial bounds at 99.9 %.
+"""
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import replace
+import json
+import os
+from pathlib import Path
+import sys
+from typing import Any
+
+for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
+    os.environ.setdefault(_name, '1')
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
+
+from calibration_runs import motion, shifted
+from forcecal_ros.calibration import Calibration
+from forcecal_ros.geometry import Array, rotation_from_vector
+from forcecal_ros.identify.pipeline import identify
+from forcecal_ros.identify.settings import Settings
+from forcecal_ros.report.rows import table
+from forcecal_ros.samples import Recording, Stream
+from forcecal_ros.sim.offline import simulate
+from forcecal_ros.sim.rig import Rig
+from forcecal_ros.sim.rig_file import load_rig
+import numpy as np
+from scipy.stats import binom
+
+Truth = dict[str, Array]
+LEVELS = {'68': (1.0, 0.6827), '95': (1.959964, 0.95)}
+
+
+def draw(rng: np.random.Generator) -> tuple[Rig, str]:
+    """Return a rig that departs from the nominal one, and which accelerometer it carries."""
+    rig = load_rig()
+    level = np.exp(rng.uniform(-np.log(2), np.log(2), 3))
+    inertia = np.array(rig.tool.inertia) * np.diag(rng.normal(1, 0.05, 3))
+    inertia[np.triu_indices(3, 1)] = rng.normal(0, 0.005, 3)
+    inertia = np.triu(inertia) + np.triu(inertia, 1).T
+    name = str(rng.choice(['acc1', 'acc2']))
+    model = getattr(rig.accelerometer, name)
+    model = replace(
+        model, gain=np.array(model.gain) * rng.normal(1, 0.01, 3),
+        offset=np.array(model.offset) + rng.normal(0, 0.1, 3),
+        highpass=model.highpass * float(np.exp(rng.uniform(-0.5, 0.5))))
+    return replace(
+        rig,
+        tool=replace(rig.tool, mass=13.0 * rng.normal(1, 0.05), inertia=inertia,
+                     com=np.array(rig.tool.com) + rng.normal(0, 0.005, 3)),
+        optidrive=replace(rig.optidrive, stiffness=5000 * rng.normal(1, 0.05),
+                          damping=130 * rng.normal(1, 0.1), noise=20e-6 * level[0]),
+        wrench_sensor=replace(
+            rig.wrench_sensor, force_noise=0.25 * level[1], torque_noise=0.02 * level[1],
+            bias=np.array(rig.wrench_sensor.bias)
+            + rng.normal(0, [3, 3, 3, 0.2, 0.2, 0.2])),
+        accelerometer=replace(
+            rig.accelerometer, noise=0.01 * level[2], **{name: model},
+            position=np.array(rig.accelerometer.position) + rng.normal(0, 0.01, 3)),
+    ), name
+
+
+def misalign(recording: Recording, rig: Rig, name: str, rng: np.random.Generator
+             ) -> tuple[Recording, Array]:
+    """Turn the accelerometer's axes; return what it would have shown, and its map."""
+    model = getattr(rig.accelerometer, name)
+    gain, offset = np.array(model.gain), np.array(model.offset)
+    R = rotation_from_vector(rng.normal(0, 0.02, 3)) + rng.normal(0, 0.005, (3, 3))
+    R /= np.linalg.norm(R, axis=1, keepdims=True)
+    assert recording.accelerometer is not None
+    felt = (recording.accelerometer.values - offset) / gain
+    values = offset + gain * (felt @ R.T)
+    return replace(recording, accelerometer=Stream(recording.accelerometer.t, values)), R
+
+
+def one_run(seed: int) -> tuple[Calibration, Truth, str]:
+    """Simulate and identify one run; return the result, the truth, and the coupling."""
+    rng = np.random.default_rng([seed, 2005])
+    rig, name = draw(rng)
+    target, phases = motion()
+    recording = simulate(rig, target, accelerometer=name, seed=seed)
+    recording, R = misalign(recording, rig, name, rng)
+    delay = float(rng.uniform(-0.01, 0.01))
+    late = {'accelerometer': recording.accelerometer} if delay > 0 else {
+        'wrench': recording.wrench}
+    recording = replace(recording, phases=phases, **{
+        key: shifted(stream, abs(delay)) for key, stream in late.items() if stream})
+    coupling = 'ac' if name == 'acc2' else 'dc'
+    model = getattr(rig.accelerometer, name)
+    truth = {
+        'mass': rig.tool.mass, 'com': rig.tool.com, 'wrench_bias': rig.wrench_sensor.bias,
+        'inertia': rig.tool.inertia, 'accelerometer.offset': model.offset,
+        'accelerometer.gain': model.gain, 'accelerometer.map': R, 'accelerometer.delay': delay,
+        'accelerometer.position': rig.accelerometer.position,
+        'accelerometer.cutoff': model.highpass,
+        'tool.stiffness': rig.optidrive.stiffness, 'tool.damping': rig.optidrive.damping}
+    return (identify(recording, Settings(coupling=coupling)),
+            {key: np.asarray(value, dtype=float) for key, value in truth.items()}, coupling)
+
+
+def errors(calibration: Calibration, truth: Truth, coupling: str
+           ) -> Iterator[tuple[str, float, float]]:
+    """Yield name, error and standard error of every estimate, each inertia element once."""
+    for row in table(calibration, truth):
+        if row.key in ('inertia.yx', 'inertia.zx', 'inertia.zy') or row.truth is None:
+            continue
+        key = row.key + (f' {coupling}' if row.key.startswith('accelerometer') else '')
+        yield key, row.value - row.truth, row.std
+    a = calibration.accelerometer
+    assert a is not None
+    for name, estimate in (('position', a.position), ('cutoff', a.cutoff)):
+        if estimate is not None:
+            for i, (value, std) in enumerate(zip(estimate.value.ravel(), estimate.std.ravel())):
+                yield (f'accelerometer.{name}.{i} {coupling}',
+                       value - truth[f'accelerometer.{name}'].ravel()[i], std)
+
+
+def judge(found: dict[str, list[tuple[float, float]]]) -> dict[str, Any]:
+    """Count how often the truth lay inside, by parameter and pooled."""
+    rows, pooled = {}, {level: [0, 0] for level in LEVELS}
+    for key, pairs in sorted(found.items()):
+        error, std = np.array(pairs).T
+        row: dict[str, Any] = {'n': len(error), 'rms_sigmas': float(np.sqrt(
+            np.mean((error / std)**2))), 'rms_error': float(np.sqrt(np.mean(error**2))),
+            'mean_sigmas': float(np.mean(error / std))}
+        for level, (width, nominal) in LEVELS.items():
+            inside = int((np.abs(error) <= width * std).sum())
+            low, high = binom.interval(0.999, len(error), nominal)
+            row[level] = inside / len(error)
+            row[f'{level}_ok'] = bool(low <= inside <= high)
+            pooled[level][0] += inside
+            pooled[level][1] += len(error)
+        rows[key] = row
+    return {'pooled': {level: inside / n for level, (inside, n) in pooled.items()},
+            'outside': [key for key, row in rows.items()
+                        if not (row['68_ok'] and row['95_ok'])],
+            'parameters': rows}
+
+
+def coverage(runs: int, first: int = 0, show: Any = None) -> dict[str, Any]:
+    """Carry out the runs and judge them."""
+    found: dict[str, list[tuple[float, float]]] = {}
+    for seed in range(first, first + runs):
+        for key, error, std in errors(*one_run(seed)):
+            found.setdefault(key, []).append((error, std))
+        if show:
+            show(seed)
+    return judge(found)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description="coverage of the identification's intervals")
+    parser.add_argument('--runs', type=int, default=400)
+    parser.add_argument('--first', type=int, default=0, help='first seed')
+    parser.add_argument('--json', metavar='FILE')
+    args = parser.parse_args()
+    result = coverage(args.runs, args.first, lambda seed: print(
+        f'\rrun {seed}', end='', file=sys.stderr, flush=True) if sys.stderr.isatty() else None)
+    print(f'{"parameter":30s} {"n":>4s} {"68 %":>6s} {"95 %":>6s} {"rms z":>6s} {"mean z":>6s} '
+          f'{"rms error":>10s}')
+    for key, row in result['parameters'].items():
+        flag = '' if key not in result['outside'] else '  outside'
+        print(f'{key:30s} {row["n"]:4d} {row["68"]:6.3f} {row["95"]:6.3f} '
+              f'{row["rms_sigmas"]:6.2f} {row["mean_sigmas"]:+6.2f} {row["rms_error"]:10.3g}'
+              f'{flag}')
+    print(f'pooled: {result["pooled"]["68"]:.4f} within 68.3 %, '
+          f'{result["pooled"]["95"]:.4f} within 95 %; '
+          f'outside the binomial bounds: {", ".join(result["outside"]) or "none"}')
+    if args.json:
+        Path(args.json).write_text(json.dumps(result, indent=1))
+
+
+if __name__ == '__main__':
+    main()

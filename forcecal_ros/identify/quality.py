@@ -1,0 +1,258 @@
+"""What the user should know about a calibration: how far to trust it and what to look at.
+
+"If the error is larger than a threshold defined previously, something in the setup, programs or
+system are not in the right order" [Gamez2005]: here each such sentence says which estimate, by
+how much, and where to look.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+from forcecal_ros.calibration import Calibration
+from forcecal_ros.geometry import Array
+from forcecal_ros.identify.axes import Axes, in_words
+from forcecal_ros.identify.error_analysis import (
+    acceleration_error,
+    force_error,
+    gravity_leak,
+    mass_error,
+    offset_error,
+)
+from forcecal_ros.identify.inertia import ELEMENTS
+from forcecal_ros.identify.means import drift
+from forcecal_ros.identify.paper import Alignment, Plain, plain_procedure
+from forcecal_ros.identify.poses import orientation_h, orientation_v
+from forcecal_ros.identify.readings import CHANNELS, clipped
+from forcecal_ros.identify.result import Stages
+from forcecal_ros.identify.settings import Settings
+from forcecal_ros.samples import Stream
+import numpy as np
+from scipy.stats import chi2
+
+_DRIFT = 6.0
+_PEAK = 10.0
+
+
+def quality_of(stages: Stages, calibration: Calibration, settings: Settings) -> dict[str, Any]:
+    """
+    Judge a calibration.
+
+    Parameters
+    ----------
+    stages : Stages
+        What it was made of.
+    calibration : Calibration
+    settings : Settings
+
+    Returns
+    -------
+    dict
+        ``warnings`` (sentences), ``notes``, ``poses``, ``condition``, ``chi_square``, ``paper``
+        (the plain equations beside the joint estimates), ``errors`` (Eq. 23, 24, 26, 27), ...
+    """
+    tool = stages.tool
+    plain = _plain(stages, calibration, settings)
+    quality: dict[str, Any] = {
+        'warnings': [*_weak(calibration, settings), *_misfit(stages, settings),
+                     *_disagreement(plain, calibration, settings), *_sensors(stages, settings)],
+        'notes': [*stages.recording.notes, *_notes(stages, calibration, plain)],
+        'poses': [{'start': round(p.start, 3), 'gravity': g, 'residual': r} for p, g, r in
+                  zip(stages.poses, stages.statics.gravity, tool.residuals)],
+        'condition': tool.condition,
+        'gravity_spread': tool.spread,
+        'chi_square': {'value': tool.chi_square, 'degrees': tool.degrees,
+                       'probability': tool.probability},
+        'paper': plain._asdict(),
+        'errors': _errors(stages, calibration, settings, plain),
+    }
+    if stages.removed:
+        quality['removed_samples'] = stages.removed
+    if stages.pose_delay is not None:
+        quality['pose_delay'], quality['pose_delay_std'] = stages.pose_delay
+    if stages.ring is not None:
+        quality['optidrive_delay'] = stages.ring.slide_delay
+    if stages.sag is not None:
+        quality['optidrive_zero'] = stages.sag.zero
+    if stages.inertia is not None:
+        quality['inertia_std'] = stages.inertia.std
+    return quality
+
+
+def _axis_of_x(calibration: Calibration) -> int:
+    """Which accelerometer axis shows x of ft_sensor."""
+    assert calibration.accelerometer is not None
+    return int(np.argmax(np.abs(calibration.accelerometer.map.value[:, 0])))
+
+
+def _plain(stages: Stages, calibration: Calibration, settings: Settings) -> Plain:
+    alignment = None
+    accelerometer, fit = calibration.accelerometer, stages.accelerometer
+    if accelerometer is not None and fit is not None:
+        axis = _axis_of_x(calibration)
+        variance = 0.0
+        if calibration.noise is not None and calibration.noise.specific_force is not None:
+            M = accelerometer.matrix
+            variance = float((M @ calibration.noise.specific_force.value @ M.T)[axis, axis])
+        alignment = Alignment(axis, float(accelerometer.delay), variance)
+    steps = [p for p in stages.recording.phases if p.name == 'step']
+    span = (steps[0].start, steps[-1].end) if steps else None
+    return plain_procedure(stages.recording, stages.poses, settings.gravity, settings.theta,
+                           span, alignment)
+
+
+def _weak(c: Calibration, settings: Settings) -> Iterator[str]:
+    """Estimates whose standard error passes its threshold."""
+    limit = settings.thresholds
+    add = 'measure longer, or in more poses'
+    rows: list[tuple[str, float, float, str, str]] = [
+        ('mass', _relative(c.mass), limit.mass, '', add),
+        ('centre of mass', float(c.com.std.max()), limit.com, ' m',
+         'add poses that turn gravity about'),
+        ('force bias', float(c.wrench_bias.std[:3].max()), limit.force_bias, ' N', add),
+        ('torque bias', float(c.wrench_bias.std[3:].max()), limit.torque_bias, ' N m', add)]
+    if c.accelerometer:
+        a = c.accelerometer
+        rows += [('accelerometer gain', _relative(a.gain), limit.gain, '',
+                  'add poses with gravity along the weak axis'),
+                 ('accelerometer offset', float((a.offset.std / np.abs(a.gain.value)).max()),
+                  limit.offset, ' m/s^2', 'add poses with gravity in opposite directions')]
+        if np.isfinite(a.delay.std):
+            rows.append(('accelerometer delay', float(a.delay.std), limit.delay, ' s',
+                         'make a step, or a faster one'))
+    if c.tool:
+        rows += [('tool stiffness', _relative(c.tool.stiffness), limit.stiffness, '',
+                  'add a pose with x of ft_sensor vertical, or a larger step'),
+                 ('tool damping', _relative(c.tool.damping), limit.damping, '',
+                  'make a larger step and let it ring out')]
+    for name, std, threshold, unit, look in rows:
+        if not std <= threshold:
+            yield (f'{name}: {"relative " * (not unit)}standard error {std:.2g}{unit} is above '
+                   f'the threshold {threshold:.2g}{unit}; {look}')
+
+
+def _relative(estimate: Any) -> float:
+    return float((estimate.std / np.abs(estimate.value)).max())
+
+
+def _misfit(stages: Stages, settings: Settings) -> Iterator[str]:
+    """Poses that disagree with one rigid tool by more than noise."""
+    tool, statics = stages.tool, stages.statics
+    if tool.probability < settings.thresholds.probability and statics.covariance is not None:
+        sigma = np.sqrt(np.diagonal(statics.covariance, axis1=1, axis2=2))
+        i, j = np.unravel_index(np.argmax(np.abs(tool.residuals) / sigma), sigma.shape)
+        yield (f'the static poses do not fit one tool (chi-square {tool.chi_square:.3g} for '
+               f'{tool.degrees} degrees of freedom): pose {i + 1} is off by '
+               f'{tool.residuals[i, j]:+.3g} {"N" if j < 3 else "N m"} in {CHANNELS[j]}; look for '
+               'a cable that pulls, contact, a loose mount, or a pose measured before it was '
+               'still. Standard errors do not include this')
+    fit = stages.accelerometer
+    if fit is not None and np.isfinite(fit.chi_square):
+        probability = float(chi2.sf(fit.chi_square, max(fit.degrees, 1)))
+        if probability < settings.thresholds.probability:
+            yield (f'the accelerometer does not follow gravity in the static poses (chi-square '
+                   f'{fit.chi_square:.3g} for {fit.degrees} readings); look for a loose mount, '
+                   'or for the wrong accelerometer.coupling')
+
+
+def _disagreement(plain: Plain, c: Calibration, settings: Settings) -> Iterator[str]:
+    """Compare the paper's estimates with the joint ones."""
+    limit = settings.thresholds.agreement
+    off = plain.mass_theta / float(c.mass) - 1
+    if abs(off) > limit:
+        yield (f'mass: Eq. 16 gives {plain.mass_theta:.4g} kg, all poses together '
+               f"{float(c.mass):.4g} kg ({off:+.1%}); look at the poses' orientation, gravity, "
+               'and a sensor that was tared between two poses')
+    if c.accelerometer:
+        gain = float(c.accelerometer.gain.value[_axis_of_x(c)])
+        off = abs(plain.gain_aligned) / abs(gain) - 1
+        if abs(off) > limit and c.accelerometer.coupling == 'dc':
+            yield (f'accelerometer gain: the step alone gives {plain.gain_aligned:.4g}, gravity '
+                   f'and motion together {gain:.4g} ({off:+.1%}); look at the mount of the '
+                   'accelerometer, contact during the step, and the coupling')
+
+
+def _sensors(stages: Stages, settings: Settings) -> Iterator[str]:
+    """Find readings that drift at rest or stay at an extreme."""
+    recording = stages.recording
+    streams: tuple[tuple[str, Stream | None, tuple[str, ...]], ...] = (
+        ('wrench', recording.wrench, CHANNELS),
+        ('accelerometer', recording.accelerometer, ('x', 'y', 'z')))
+    for name, stream, channels in streams:
+        if stream is None:
+            continue
+        found = clipped(stream, channels)
+        if found:
+            yield f'{name} may be clipped: {", ".join(found)}; raise its range or lower the load'
+        if name == 'accelerometer' and settings.coupling == 'ac':
+            continue
+        sigmas, pose, channel = drift(stream, [(p.start, p.end) for p in stages.poses])
+        if sigmas > _DRIFT:
+            look = ('an AC-coupled accelerometer (accelerometer.coupling: ac)'
+                    if name == 'accelerometer' else 'ringing that had not settled, or warming up')
+            yield (f'{name} {channels[channel]} drifts by {sigmas:.0f} standard errors while the '
+                   f'robot stands in pose {pose + 1}; look for {look}')
+
+
+def _notes(stages: Stages, c: Calibration, plain: Plain) -> Iterator[str]:
+    """Say what was found that is neither good nor bad."""
+    if c.accelerometer:
+        a = c.accelerometer
+        yield from in_words(Axes(a.gain.value, a.map.value, a.gain.std, a.map.std))
+        off = plain.gain / plain.gain_aligned - 1
+        if np.isfinite(off):
+            yield (f'Eq. 17 as printed gives {plain.gain:.5g}, {off:+.2%} off the same with the '
+                   f'delay of {1e3 * float(a.delay):.2f} ms and the noise of its regressor '
+                   f'taken out ({plain.gain_aligned:.5g})')
+        if a.position is None:
+            yield ("the accelerometer's place is not identified and taken to be the centre of "
+                   'mass; rotate faster, or state accelerometer.position')
+    if c.inertia is None:
+        weak = 'no rotation was recorded'
+        if stages.inertia is not None:
+            i = int(np.argmax(np.abs(stages.inertia.weakest)))
+            weak = f'the motion hardly shows J_{ELEMENTS[i]}'
+        yield f'inertia not identified: {weak}; rotate about all three axes between the poses'
+    if c.tool is None:
+        yield 'tool stiffness and damping not identified: nothing rang after a step'
+
+
+def _errors(stages: Stages, c: Calibration, settings: Settings, plain: Plain
+            ) -> dict[str, float]:
+    """
+    Errors of the plain procedure by [Gamez2005] Eq. 23 and 24, and of the result by Eq. 26, 27.
+
+    The first two compare the measured orientations with those of Eq. 9 and 12; the last two take
+    the standard errors for e_m, e_v and e_g at an acceleration of 10 m/s^2.
+    """
+    errors: dict[str, float] = {}
+    R = [p.R_base_sensor for p in stages.poses]
+    h = R[int(np.argmax([abs(r[2, 0]) for r in R]))]
+    v = R[int(np.argmin([abs(r[2, 0]) for r in R]))]
+    mass = float(c.mass)
+    if np.isfinite(plain.mass):
+        weight = mass * settings.gravity * np.array([0.0, 0.0, -1.0])
+        errors['mass_eq23'] = mass_error(
+            h, orientation_h(settings.theta), v, orientation_v(settings.theta), weight, weight,
+            settings.gravity)
+    if c.accelerometer is None:
+        return errors
+    a, axis = c.accelerometer, _axis_of_x(c)
+    gain, offset = float(a.gain.value[axis]), float(a.offset.value[axis])
+    row: Array = a.map.value[axis] * np.sign(a.map.value[axis, 0])
+    tilt = _turn_x_to(row)
+    if np.isfinite(plain.offset):
+        errors['offset_eq24'] = offset_error(v, v @ tilt, offset * v[:, 0])
+        errors['offset_gravity_leak'] = gravity_leak(v @ tilt, gain, settings.gravity)
+    e_a = acceleration_error(offset + gain * _PEAK, offset, gain, float(a.offset.std[axis]),
+                             float(a.gain.std[axis]))
+    errors['acceleration_eq27'] = e_a
+    errors['force_eq26'] = force_error(mass, float(c.mass.std), v, v, _PEAK * v[:, 0],
+                                       e_a * v[:, 0])
+    return errors
+
+
+def _turn_x_to(direction: Array) -> Array:
+    """Rotation that takes x to a unit vector near it."""
+    y = np.cross([0.0, 0.0, 1.0], direction)
+    y /= np.linalg.norm(y)
+    return np.column_stack([direction, y, np.cross(direction, y)])
