@@ -1,18 +1,36 @@
 """Motion: the quintic, the stop that keeps to its path, limits that refuse with the number."""
 
-import numpy as np
-import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
-from forcecal_ros.control.joints import JointMove, check_joint_move
+from forcecal_ros.control.joints import check_joint_move, JointMove
 from forcecal_ros.control.motion import (
-    Limits, Move, Pace, Pose, check_move, check_workspace, hold, quintic, shortest_duration)
+    check_move,
+    check_workspace,
+    hold,
+    Limits,
+    Move,
+    Pace,
+    Pose,
+    quintic,
+    shortest_duration,
+)
 from forcecal_ros.control.plan import (
-    Timing, anchor, calibration_plan, check_wrench, expected_duration, flatten_poses,
-    nominal_poses, orientation, prepare, read_poses, step_goal)
+    anchor,
+    calibration_plan,
+    check_wrench,
+    expected_duration,
+    flatten_poses,
+    nominal_poses,
+    orientation,
+    prepare,
+    read_poses,
+    step_goal,
+    Timing,
+)
 from forcecal_ros.errors import ConfigError, MotionError
 from forcecal_ros.geometry import rotation_from_vector, rotation_vector
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
 
 HOME = nominal_poses()['v']
 LIMITS = Limits()
@@ -197,7 +215,7 @@ def test_a_plan_begins_where_the_robot_stands_and_each_part_where_the_last_ended
 
 def test_a_robot_outside_the_box_is_not_started():
     start = Pose(np.array([0.3, 0.0, 0.5]), HOME.R_base_sensor)
-    with pytest.raises(MotionError, match=r'the robot stands where the sensor would reach x = 0.3'):
+    with pytest.raises(MotionError, match='where the sensor would reach x = 0.3000 m'):
         prepare(nominal_plan(), start, Pace(), LIMITS)
 
 

@@ -4,12 +4,18 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-import numpy as np
-
 from forcecal_ros.control.motion import (
-    PEAK_ACCELERATION, PEAK_SPEED, SHORTEST_MOVE, Limits, Pace, peak_rates, quintic)
+    Limits,
+    Pace,
+    PEAK_ACCELERATION,
+    peak_rates,
+    PEAK_SPEED,
+    quintic,
+    SHORTEST_MOVE,
+)
 from forcecal_ros.errors import MotionError
 from forcecal_ros.geometry import Array
+import numpy as np
 
 
 class JointSetpoint(NamedTuple):

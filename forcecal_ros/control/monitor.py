@@ -9,11 +9,10 @@ from dataclasses import dataclass
 from math import asin, inf, isfinite, sqrt
 from typing import NamedTuple
 
-import numpy as np
-
 from forcecal_ros.control.motion import Limits
 from forcecal_ros.errors import DataError, MotionError
 from forcecal_ros.geometry import Array
+import numpy as np
 
 LONGEST_TICK = 0.01
 """A caller that was away for longer does not blame the sensors for it [s]."""
@@ -45,12 +44,14 @@ class WatchSettings:
 
     Attributes
     ----------
-    moving_timeout, still_timeout : float
-        Silence of a sensor that ends the sequence, while moving and while holding [s].
+    pause_timeout : float
+        Silence of a sensor that brings the motion to rest until it is back [s].
+    lost_timeout : float
+        A sensor that stays silent or late for that long ends the sequence [s].
     frozen_timeout : float
         Readings that repeat to the last bit for that long while moving [s]; 0: not looked at.
     max_age : float
-        Age of the newest header stamp while moving [s]; 0: not looked at.
+        Age of the newest header stamp above which it is late [s]; 0: not looked at.
     window : float
         Stillness is judged over that long [s].
     factor : float
@@ -59,10 +60,10 @@ class WatchSettings:
         Standard deviations below which nothing moves, whatever the noise [N], [N m], [m].
     """
 
-    moving_timeout: float = 0.045
-    still_timeout: float = 0.5
+    pause_timeout: float = 0.045
+    lost_timeout: float = 1.0
     frozen_timeout: float = 0.05
-    max_age: float = 0.15
+    max_age: float = 0.25
     window: float = 0.25
     factor: float = 1.25
     force_floor: float = 0.02
@@ -83,11 +84,13 @@ class Channel:
         self.recent: deque[tuple[float, tuple[float, ...]]] = deque()
 
     def take(self, alive: float, stamp: float, values: tuple[float, ...]) -> None:
+        """Note a sample; ``alive`` is the caller's time of arrival."""
         if values != self.values:
             self.changed = alive
         self.heard, self.stamp, self.values = alive, stamp, values
 
     def keep(self) -> None:
+        """Keep the last sample to judge stillness by."""
         recent = self.recent
         recent.append((self.stamp, self.values))
         while recent and not 0.0 <= self.stamp - recent[0][0] <= KEPT:
@@ -205,15 +208,12 @@ class Monitor:
         self._alive += min(max(now - self._ticked, 0.0), LONGEST_TICK)
         self._ticked = now
 
-    def check(self, ros_now: float, moving: bool,
-              commanded: tuple[float, ...] | None = None) -> str:
+    def check(self, moving: bool, commanded: tuple[float, ...] | None = None) -> str:
         """
-        Say what is wrong right now.
+        Say what is wrong right now, which only an abort answers.
 
         Parameters
         ----------
-        ros_now : float
-            Time on the clock of the header stamps [s].
         moving : bool
             Whether the commands move.
         commanded : tuple of float or None
@@ -225,15 +225,29 @@ class Monitor:
             One line that names the topic; empty where all is well.
         """
         self._moving_since = min(self._moving_since, self._alive) if moving else inf
-        return (self.fault or self._silence(moving) or (self._late(ros_now) if moving else '')
-                or self._frozen() or self._astray(commanded))
+        return self.fault or self._frozen() or self._astray(commanded)
 
-    def _silence(self, moving: bool) -> str:
-        timeout = self.settings.moving_timeout if moving else self.settings.still_timeout
+    def doubt(self, ros_now: float) -> str:
+        """
+        Say which sensor is silent or late: reason to stand until it is back.
+
+        Parameters
+        ----------
+        ros_now : float
+            Time on the clock of the header stamps [s].
+
+        Returns
+        -------
+        str
+            One line that names the topic; empty where all is well.
+        """
+        return self._silence(self.settings.pause_timeout) or self._late(ros_now)
+
+    def _silence(self, timeout: float) -> str:
         for channel in self.channels.values():
             silent = self._alive - channel.heard
             if silent > timeout:
-                return f'{channel.topic}: silent for {silent:.3f} s > {timeout:g} s'
+                return f'{channel.topic}: silent for {silent:.3f} s'
         return ''
 
     def _late(self, ros_now: float, patience: float = LATE_PATIENCE) -> str:
@@ -287,7 +301,7 @@ class Monitor:
                 raise DataError(f'{channel.topic}: nothing received yet; is its driver running '
                                 'and the name remapped?')
         self.fault = ''
-        for fault in (self._silence(False), self._late(ros_now, 0.0)):
+        for fault in (self._silence(self.settings.lost_timeout), self._late(ros_now, 0.0)):
             if fault:
                 raise DataError(fault)
         for name in NAMES:

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-import numpy as np
-
 from forcecal_ros.errors import ConfigError, MotionError
 from forcecal_ros.geometry import Array, rotation_from_vector, rotation_vector
+import numpy as np
 
 PEAK_SPEED = 15 / 8
 """Peak of ds/dt of the quintic, times its duration."""
@@ -189,6 +188,31 @@ class Move:
                 self.start.R_base_sensor @ rotation_from_vector(s * self.turn))
 
 
+def twist_towards(setpoint: Setpoint, measured: Pose, gain: float) -> tuple[Array, Array]:
+    """
+    Velocities that follow a setpoint, for robots that are told velocities.
+
+    At rest they are exactly zero: a robot that was told to stand shall not follow noise.
+
+    Parameters
+    ----------
+    setpoint : Setpoint
+    measured : Pose
+    gain : float
+        Of what is missing of the way [1/s].
+
+    Returns
+    -------
+    tuple of ndarray, shapes (3,), (3,)
+        Velocity of ft_sensor's origin [m/s] and angular velocity [rad/s], in base.
+    """
+    if not setpoint.moving:
+        return np.zeros(3), np.zeros(3)
+    missing = rotation_vector(setpoint.pose.R_base_sensor @ measured.R_base_sensor.T)
+    return (setpoint.velocity + gain * (setpoint.pose.position - measured.position),
+            setpoint.angular_velocity + gain * missing)
+
+
 @dataclass(frozen=True)
 class Limits:
     """
@@ -260,7 +284,7 @@ class Pace(NamedTuple):
 
     speed: float = 0.2
     acceleration: float = 2.0
-    angular_speed: float = 1.4
+    angular_speed: float = 1.45
     angular_acceleration: float = 8.0
 
 
@@ -300,8 +324,8 @@ def peak_rates(duration: float, stop_duration: float) -> tuple[float, float]:
     tuple of float
         Peak |ds/dt| [1/s] and |d2s/dt2| [1/s^2].
     """
-    begin = np.linspace(0.0, duration, 201)[:, None]
-    u, du, ddu = stop_time(np.linspace(0.0, 1.0, 101))
+    begin = np.linspace(0.0, duration, 81)[:, None]
+    u, du, ddu = stop_time(np.linspace(0.0, 1.0, 41))
     _, ds, dds = quintic((begin + u * stop_duration) / duration)
     rate = ds / duration
     acceleration = dds / duration**2 * du**2 + rate * ddu / stop_duration

@@ -4,15 +4,26 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from forcecal_ros.control.joints import JointMove, check_joint_move, shortest_joint_duration
+from forcecal_ros.control.joints import check_joint_move, JointMove, shortest_joint_duration
 from forcecal_ros.control.motion import (
-    Limits, Move, Pace, Pose, check_move, check_workspace, shortest_duration)
+    check_move,
+    check_workspace,
+    Limits,
+    Move,
+    Pace,
+    Pose,
+    shortest_duration,
+)
 from forcecal_ros.errors import ConfigError, MotionError
 from forcecal_ros.geometry import (
-    STANDARD_GRAVITY, Array, matrix_from_quaternion, quaternion_from_matrix, rotation_about)
+    Array,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    rotation_about,
+    STANDARD_GRAVITY,
+)
+import numpy as np
+from numpy.typing import ArrayLike
 
 POSE_LENGTH = 7
 """Numbers of a pose in a flat list: x y z [m], qx qy qz qw."""

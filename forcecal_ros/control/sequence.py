@@ -9,10 +9,10 @@ from collections.abc import Sequence as Parts
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from forcecal_ros.control.joints import JointSetpoint, hold_joints
+from forcecal_ros.control.joints import hold_joints, JointSetpoint
 from forcecal_ros.control.monitor import Stillness
-from forcecal_ros.control.motion import Pose, Setpoint, hold, stop_time
-from forcecal_ros.control.plan import Goal, Part, expected_duration
+from forcecal_ros.control.motion import hold, Pose, Setpoint, stop_time
+from forcecal_ros.control.plan import expected_duration, Goal, Part
 from forcecal_ros.errors import MotionError
 
 Command = Setpoint | JointSetpoint
@@ -53,6 +53,42 @@ class Status(NamedTuple):
     progress: float = 0.0
 
 
+class PathRate(NamedTuple):
+    """
+    How fast the time of the path runs: 1 in motion, 0 at rest, and smoothly in between.
+
+    Attributes
+    ----------
+    periods : float
+        From one to the other, in periods of the stream.
+    start, target : float
+        Between which it changes.
+    elapsed : int
+        Periods since it began to.
+    """
+
+    periods: float
+    start: float = 1.0
+    target: float = 1.0
+    elapsed: int = 0
+
+    @property
+    def value(self) -> float:
+        """The rate."""
+        _, remaining, _ = stop_time(self.elapsed / self.periods)
+        return self.target + (self.start - self.target) * float(remaining)
+
+    def towards(self, target: float) -> 'PathRate':
+        """Begin to change to ``target``, unless that is under way."""
+        if target == self.target:
+            return self
+        return PathRate(self.periods, self.value, target)
+
+    def stepped(self) -> 'PathRate':
+        """Return the rate one period later."""
+        return self._replace(elapsed=self.elapsed + 1) if self.start != self.target else self
+
+
 class Sequence:
     """
     One robot's sequence, from ``idle`` to ``done`` or ``aborted`` and again.
@@ -67,10 +103,10 @@ class Sequence:
         self._period = 1.0 / settings.rate
         self._parts: tuple[Part, ...] = ()
         self._rest: Goal | None = None
+        self._last: Command | None = None
         self._index = 0
-        self._count = 0
-        self._elapsed = 0.0
-        self._stop_count: int | None = None
+        self._time = 0.0
+        self._rate = PathRate(settings.stop_duration * settings.rate)
         self._closing = 0
         self._streaming = False
         self._ended = 0.0
@@ -116,11 +152,13 @@ class Sequence:
             raise MotionError(f'a sequence is under way already ({self.status.phase} '
                               f'{self.status.label}); abort it first')
         self._parts, self._rest = tuple(parts), start
-        self._stop_count, self._streaming, self._ended = None, True, 0.0
+        self._streaming, self._closing, self._ended, self._last = True, 0, 0.0, None
+        self._period = 1.0 / self.settings.rate
+        self._rate = PathRate(self.settings.stop_duration * self.settings.rate)
         self._expected = expected_duration(parts, self.settings.settle_minimum)
         self._enter(0)
 
-    def abort(self, reason: str) -> bool:
+    def abort(self, reason: str, *, at_once: bool = False) -> bool:
         """
         Stop: from the next step on the commands come to rest along the path they are on.
 
@@ -128,6 +166,9 @@ class Sequence:
         ----------
         reason : str
             One line for the user.
+        at_once : bool
+            Hold the last command instead, for a stream that was silent so long that the robot
+            stands at it.
 
         Returns
         -------
@@ -136,10 +177,21 @@ class Sequence:
         """
         if not self.running:
             return False
-        if self._streaming and self._closing == 0:
-            self._stop_count = 0
+        self._rate = self._rate.towards(0.0)
+        if at_once and self._closing == 0 and self._last is not None:
+            self._hold_at(self._last)
         self.status = self.status._replace(phase='aborted', reason=reason)
         return True
+
+    def pause(self, paused: bool) -> None:
+        """Come to rest on the path and wait there, or go on; smoothly, within a stop's time."""
+        if self.running:
+            self._rate = self._rate.towards(0.0 if paused else 1.0)
+
+    def restart(self) -> None:
+        """Take up speed from rest, after a silence in which the robot came to stand."""
+        if self._streaming and self._closing == 0:
+            self._rate = PathRate(self._rate.periods, 0.0, self._rate.target)
 
     def finish(self) -> None:
         """Say that the result of a finished motion is there."""
@@ -163,13 +215,13 @@ class Sequence:
         if not self._streaming:
             return None
         if self._closing:
-            return self._close()
-        if self._stop_count is not None:
-            return self._stop()
-        return self._follow(stillness)
+            self._last = self._close()
+        else:
+            self._last = self._follow(stillness)
+        return self._last
 
     def _enter(self, index: int) -> None:
-        self._index, self._count, self._elapsed = index, 0, 0.0
+        self._index, self._time = index, -self._period
         if index < len(self._parts):
             segment = self._parts[index].segment
             self.status = Status(segment.phase, segment.label, '', self._progress())
@@ -178,19 +230,27 @@ class Sequence:
             self._begin_closing()
 
     def _progress(self) -> float:
-        return min(1.0, (self._ended + self._elapsed) / self._expected)
+        return min(1.0, (self._ended + max(0.0, self._time)) / self._expected)
 
     def _begin_closing(self) -> None:
         self._closing = max(2, round(self.settings.closing * self.settings.rate))
 
     def _follow(self, stillness: Stillness | None) -> Command:
         part = self._parts[self._index]
-        self._elapsed = self._count * self._period
-        self._count += 1
-        command = part.move.at(self._elapsed) if part.move else self._holding()
-        if part.duration is None:
+        before = self._rate.value
+        self._rate = self._rate.stepped()
+        rate = self._rate.value
+        self._time += self._period * (before + rate) / 2
+        command = self._holding()
+        if part.move is not None and self._time > 0.0:
+            command = part.move.at(self._time, rate)
+        if self.status.phase == 'aborted':
+            if not command.moving:
+                self._hold_at(command)
+                return self._holding()
+        elif part.duration is None:
             self._settle(stillness)
-        elif self._elapsed >= part.duration - 1e-9:
+        elif self._time >= part.duration - 1e-9:
             self._rest = part.goal
             self._ended += part.duration
             self._enter(self._index + 1)
@@ -198,36 +258,22 @@ class Sequence:
         return command
 
     def _settle(self, stillness: Stillness | None) -> None:
-        if self._elapsed < self.settings.settle_minimum or stillness is None:
+        if self._time < self.settings.settle_minimum or stillness is None:
             return
         if stillness.still:
             self._ended += self.settings.settle_minimum
             self._enter(self._index + 1)
-        elif self._elapsed >= self.settings.settle_timeout:
-            self.abort(f'not still {self._elapsed:.1f} s after the move to {self.status.label}: '
+        elif self._time >= self.settings.settle_timeout:
+            self.abort(f'not still {self._time:.1f} s after the move to {self.status.label}: '
                        f'{stillness.detail}; look for vibration, or raise settle.factor')
+
+    def _hold_at(self, command: Command) -> None:
+        self._rest = command.pose if isinstance(command, Setpoint) else command.positions
+        self._begin_closing()
 
     def _holding(self) -> Command:
         assert self._rest is not None
         return hold(self._rest) if isinstance(self._rest, Pose) else hold_joints(self._rest)
-
-    def _stop(self) -> Command:
-        assert self._stop_count is not None
-        self._stop_count += 1
-        duration = self.settings.stop_duration
-        tau = min(1.0, self._stop_count * self._period / duration)
-        advance, rate, _ = (float(v) for v in stop_time(tau))
-        # The last command was sent for one period before the one that comes next.
-        begin = (self._count - 1) * self._period
-        move = self._parts[self._index].move if self._count else None
-        if move is not None:
-            command = move.at(begin + advance * duration, rate)
-            if tau < 1.0:
-                return command
-            self._rest = command.pose if isinstance(command, Setpoint) else command.positions
-        self._stop_count = None
-        self._begin_closing()
-        return self._holding()
 
     def _close(self) -> Command:
         self._closing -= 1

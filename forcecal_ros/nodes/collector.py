@@ -1,0 +1,93 @@
+"""Samples as they arrive, and the recording they make."""
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import matrix_from_quaternion
+from forcecal_ros.samples import Phase, PoseStream, Recording, Stream
+import numpy as np
+
+CHANNELS = ('wrench', 'accelerometer', 'pose', 'target', 'optidrive')
+
+
+class Collector:
+    """
+    Everything heard since :meth:`clear`.
+
+    Parameters
+    ----------
+    accelerometer_unit : str
+        ``V`` or ``m/s^2``.
+    wrench_sign : int
+        -1 where the driver reports tool on environment.
+    """
+
+    def __init__(self, accelerometer_unit: str, wrench_sign: int) -> None:
+        self._unit = accelerometer_unit
+        self._sign = wrench_sign
+        self.frames: dict[str, str] = {}
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._stamps: dict[str, list[int]] = {name: [] for name in CHANNELS}
+        self._values: dict[str, list[tuple[float, ...]]] = {name: [] for name in CHANNELS}
+        self._phases: list[tuple[str, int]] = []
+
+    def add(self, channel: str, stamp_ns: int, values: tuple[float, ...]) -> None:
+        """Take in one sample."""
+        self._stamps[channel].append(stamp_ns)
+        self._values[channel].append(values)
+
+    def enter(self, phase: str, stamp_ns: int) -> None:
+        """Take in a phase word; one that is said again changes nothing."""
+        if not self._phases or self._phases[-1][0] != phase:
+            self._phases.append((phase, stamp_ns))
+
+    def recording(self) -> Recording:
+        """
+        Return what was heard, sorted by stamp.
+
+        Raises
+        ------
+        DataError
+            Nothing was heard of the wrench or the pose.
+        """
+        if not self._stamps['wrench'] or not self._stamps['pose']:
+            raise DataError('no wrench or no pose was received; look at the topics')
+        start = min(min(stamps) for stamps in self._stamps.values() if stamps)
+        streams = {name: self._sorted(name, start) for name in CHANNELS}
+        wrench_t, wrench = streams['wrench']
+        frame = self.frames.get
+        return Recording(
+            wrench=Stream(wrench_t, wrench * self._sign, frame('wrench', '')),
+            accelerometer=self._stream('accelerometer', streams),
+            accelerometer_unit=self._unit,
+            pose=self._poses('pose', streams),
+            target=self._poses('target', streams),
+            optidrive=self._stream('optidrive', streams),
+            phases=self._closed_phases(start), start_ns=start, source='live')
+
+    def _sorted(self, name: str, start: int) -> tuple[np.ndarray, np.ndarray]:
+        stamps = np.array(self._stamps[name], dtype=np.int64)
+        _, order = np.unique(stamps, return_index=True)
+        values = np.array([self._values[name][i] for i in order], dtype=float)
+        return (stamps[order] - start) * 1e-9, values
+
+    def _stream(self, name: str, streams: dict) -> Stream | None:
+        t, values = streams[name]
+        return Stream(t, values, self.frames.get(name, '')) if len(t) else None
+
+    def _poses(self, name: str, streams: dict) -> PoseStream | None:
+        t, values = streams[name]
+        if not len(t):
+            return None
+        return PoseStream(t, values[:, :3], matrix_from_quaternion(values[:, 3:]),
+                          self.frames.get(name, 'base'))
+
+    def _closed_phases(self, start: int) -> tuple[Phase, ...]:
+        ends = [*(stamp for _, stamp in self._phases[1:]), self._end()]
+        return tuple(Phase(name, (begin - start) * 1e-9, (end - start) * 1e-9)
+                     for (name, begin), end in zip(self._phases, ends) if end > begin)
+
+    def _end(self) -> int:
+        return max(max(stamps) for stamps in self._stamps.values() if stamps) + 1
+

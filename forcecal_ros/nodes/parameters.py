@@ -1,0 +1,142 @@
+"""Parameters as a table: name, default, what it means, unit, range; checked when they are set."""
+
+from collections.abc import Callable, Iterable
+from math import isfinite
+from typing import Any, NamedTuple
+
+from forcecal_ros.errors import ConfigError, ForcecalError
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import ParameterException
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+ALWAYS = 1e9
+"""Upper end of ranges that have none."""
+
+
+class Parameter(NamedTuple):
+    """
+    One row of a node's table of parameters.
+
+    Attributes
+    ----------
+    name : str
+    default : bool, int, float, str or list of them
+        Its type is the parameter's.
+    description : str
+    unit : str
+    low, high : float or None
+        Range of a number; None: unbounded.
+    choices : tuple of str
+        All words allowed; empty: any.
+    live : bool
+        Whether it may be set while the node runs.
+    """
+
+    name: str
+    default: Any
+    description: str
+    unit: str = ''
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+    live: bool = False
+
+
+def declare(node: Node, table: Iterable[Parameter]) -> None:
+    """
+    Declare a table, so that ``ros2 param describe`` reads like a manual.
+
+    Raises
+    ------
+    ConfigError
+        A value given at start is of the wrong type, out of range or none of the choices.
+    """
+    rows = {row.name: row for row in table}
+    for row in rows.values():
+        try:
+            node.declare_parameter(row.name, row.default, _descriptor(row))
+        except ParameterException as error:
+            raise ConfigError(_explain(node, row, error)) from error
+        _check(row, node.get_parameter(row.name).value)
+
+    def on_set(changes: list[RosParameter]) -> SetParametersResult:
+        try:
+            for change in changes:
+                if change.name in rows:
+                    _check(rows[change.name], change.value)
+        except ConfigError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(on_set)
+
+
+def guard(node: Node, check: Callable[[dict[str, Any]], object]) -> None:
+    """
+    Refuse changes that a function of all values refuses by a ForcecalError.
+
+    Parameters
+    ----------
+    node : Node
+    check : callable
+        Takes values by name as they would be, of the parameters that change.
+    """
+    def on_set(changes: list[RosParameter]) -> SetParametersResult:
+        try:
+            check({change.name: change.value for change in changes})
+        except ForcecalError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(on_set)
+
+
+def values(node: Node, prefix: str) -> dict[str, Any]:
+    """Return the values of all parameters below a prefix, by the rest of their name."""
+    return {name: parameter.value
+            for name, parameter in node.get_parameters_by_prefix(prefix).items()}
+
+
+def _descriptor(row: Parameter) -> ParameterDescriptor:
+    text = f'{row.description} [{row.unit}]' if row.unit else row.description
+    if row.choices:
+        text += f' ({" | ".join(row.choices)})'
+    descriptor = ParameterDescriptor(description=text, read_only=not row.live)
+    bounded = row.low is not None or row.high is not None
+    low = row.low if row.low is not None else -ALWAYS
+    high = row.high if row.high is not None else ALWAYS
+    if bounded and isinstance(row.default, float):
+        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    elif bounded and isinstance(row.default, int):
+        descriptor.integer_range = [
+            IntegerRange(from_value=int(low), to_value=int(high), step=1)]
+    return descriptor
+
+
+def _check(row: Parameter, value: Any) -> None:
+    if row.choices and value not in row.choices:
+        raise ConfigError(f'parameter {row.name} is {value!r}, expected one of '
+                          f'{", ".join(row.choices)}')
+    if isinstance(value, float) and not isfinite(value):
+        raise ConfigError(f'parameter {row.name} is {value}, expected a finite number')
+
+
+def _explain(node: Node, row: Parameter, error: Exception) -> str:
+    override = node._parameter_overrides.get(row.name)
+    given = f'{override.value!r}' if override is not None else 'unusable'
+    kind = type(row.default).__name__
+    hint = ''
+    if isinstance(row.default, float):
+        hint = ', written with a point'
+        if row.low is not None or row.high is not None:
+            hint += f', from {row.low:g}' if row.low is not None else ''
+            hint += f' to {row.high:g}' if row.high is not None else ''
+    elif isinstance(row.default, list):
+        kind = f'list of {type(row.default[0]).__name__}'
+    return f'parameter {row.name} is {given}, expected a {kind}{hint}'

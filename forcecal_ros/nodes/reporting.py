@@ -1,0 +1,43 @@
+"""Diagnostics, as every node publishes them."""
+
+from collections.abc import Mapping
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+from rclpy.time import Time
+
+LEVELS = {'ok': DiagnosticStatus.OK, 'warn': DiagnosticStatus.WARN,
+          'error': DiagnosticStatus.ERROR, 'stale': DiagnosticStatus.STALE}
+
+
+def diagnostic_array(node: Node, part: str, level: str, message: str,
+                     values: Mapping[str, object], stamp: Time | None = None) -> DiagnosticArray:
+    """
+    Build a DiagnosticArray of one status.
+
+    Parameters
+    ----------
+    node : Node
+        Whose name the status bears.
+    part : str
+        Of the node; empty for the whole.
+    level : str
+        ``ok``, ``warn``, ``error`` or ``stale``.
+    message : str
+    values : mapping
+        Shown as text; floats to four digits.
+    stamp : Time, optional
+        Now where none is given.
+
+    Returns
+    -------
+    DiagnosticArray
+    """
+    name = node.get_fully_qualified_name().lstrip('/') + (f': {part}' if part else '')
+    status = DiagnosticStatus(
+        level=LEVELS[level], name=name, message=message,
+        values=[KeyValue(key=key, value=f'{value:.4g}' if isinstance(value, float)
+                         else str(value)) for key, value in values.items()])
+    array = DiagnosticArray(status=[status])
+    array.header.stamp = (stamp or node.get_clock().now()).to_msg()
+    return array

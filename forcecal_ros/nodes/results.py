@@ -1,0 +1,37 @@
+"""A calibration as the messages that the sequencer publishes."""
+
+from math import nan
+
+from forcecal_ros.calibration import Calibration
+from forcecal_ros.calibration_file import dump
+from geometry_msgs.msg import InertiaStamped
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
+
+
+def calibration_message(calibration: Calibration) -> String:
+    """Return the text of ``calibration.yaml``."""
+    return String(data=dump(calibration))
+
+
+def gain_message(calibration: Calibration) -> Float64MultiArray:
+    """Return the paper's K, rows the states x and dx/dt, columns the outputs."""
+    assert calibration.observer is not None
+    K = calibration.observer.K.value
+    message = Float64MultiArray(data=K.ravel().tolist())
+    message.layout.dim = [
+        MultiArrayDimension(label='state x, dx/dt', size=2, stride=6),
+        MultiArrayDimension(label='output x, dx/dt, d2x/dt2', size=3, stride=3)]
+    return message
+
+
+def inertia_message(calibration: Calibration) -> InertiaStamped:
+    """Return mass, centre of mass and inertia about it; NaN where it was not identified."""
+    message = InertiaStamped()
+    message.header.frame_id = calibration.sensor_frame
+    inertia = message.inertia
+    inertia.m = float(calibration.mass)
+    inertia.com.x, inertia.com.y, inertia.com.z = calibration.com.value.tolist()
+    J = None if calibration.inertia is None else calibration.inertia.value
+    for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+        setattr(inertia, f'i{"xyz"[i]}{"xyz"[j]}', nan if J is None else float(J[i, j]))
+    return message

@@ -1,0 +1,270 @@
+"""The sequencer's parameters: the table, and what its values mean to the numerics."""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from forcecal_ros.control.monitor import WatchSettings
+from forcecal_ros.control.motion import Limits, Pace, Pose
+from forcecal_ros.control.plan import (
+    anchor,
+    flatten_poses,
+    Goal,
+    nominal_poses,
+    read_poses,
+    SEQUENCES,
+    step_goal,
+    Timing,
+)
+from forcecal_ros.control.sequence import StreamSettings
+from forcecal_ros.errors import ConfigError
+from forcecal_ros.geometry import Array, STANDARD_GRAVITY
+from forcecal_ros.identify.settings import COMPLIANCES, COUPLINGS, DESIGNS, MODES
+from forcecal_ros.identify.settings import Settings as IdentificationSettings
+from forcecal_ros.nodes.parameters import Parameter
+from forcecal_ros.nodes.runtime import EXECUTOR
+import numpy as np
+import yaml
+
+ACCELEROMETERS = {'raw': 'accelerometer/raw', 'imu': 'imu/data_raw', 'accel': 'accel',
+                  'none': ''}
+LATENCY = 0.05
+"""Readings may be that old when they arrive; settling waits so much longer [s]."""
+
+_LIMITS, _PACE, _TIMING, _WATCH = Limits(), Pace(), Timing(), WatchSettings()
+
+
+def _live(name: str, default: Any, description: str, unit: str = '', low: float | None = None,
+          high: float | None = None, choices: tuple[str, ...] = ()) -> Parameter:
+    """Return a parameter that takes effect at the next start."""
+    return Parameter(name, default, description, unit, low, high, choices, live=True)
+
+
+PARAMETERS = (
+    EXECUTOR,
+    _live('sequence', 'calibrate', 'What start runs', choices=tuple(SEQUENCES)),
+    _live('poses.names', list(nominal_poses()), 'Names of the poses in their order; the step is '
+          'made in the first'),
+    _live('poses.values', flatten_poses(nominal_poses()),
+          'x y z [m] qx qy qz qw of each pose of ft_sensor in base, one after the other; a '
+          'position of .nan keeps the robot where it stands'),
+    _live('poses.file', '', 'YAML file with a list of {name, position, orientation} that takes '
+          'the place of poses.names and poses.values; empty: none'),
+    _live('timing.measure', _TIMING.measure, 'Measuring in each pose', 's', 0.2, 60.0),
+    _live('timing.step_distance', _TIMING.step_distance, 'Step along x of ft_sensor', 'm',
+          -0.05, 0.05),
+    _live('timing.step_duration', _TIMING.step_duration, 'Duration of the step', 's', 0.05, 2.0),
+    _live('timing.ring', _TIMING.ring, 'Hold after each step, for the tool to ring', 's',
+          0.2, 10.0),
+    _live('pace.speed', _PACE.speed, 'Peak speed of moves between poses', 'm/s', 0.001, 2.0),
+    _live('pace.acceleration', _PACE.acceleration, 'Peak acceleration of those', 'm/s^2',
+          0.01, 20.0),
+    _live('pace.angular_speed', _PACE.angular_speed, 'Peak angular speed of those', 'rad/s',
+          0.01, 5.0),
+    _live('pace.angular_acceleration', _PACE.angular_acceleration,
+          'Peak angular acceleration of those', 'rad/s^2', 0.1, 100.0),
+    _live('limits.speed', _LIMITS.speed, 'No plan is faster; a measured speed above it times '
+          'limits.overspeed stops', 'm/s', 0.001, 2.0),
+    _live('limits.acceleration', _LIMITS.acceleration, 'No plan accelerates more, stops '
+          'included', 'm/s^2', 0.01, 50.0),
+    _live('limits.angular_speed', _LIMITS.angular_speed, 'No plan turns faster', 'rad/s',
+          0.01, 5.0),
+    _live('limits.angular_acceleration', _LIMITS.angular_acceleration,
+          'No plan accelerates its turning more, stops included', 'rad/s^2', 0.1, 300.0),
+    _live('limits.joint_speed', _LIMITS.joint_speed, 'Of each joint, where joints are commanded',
+          'rad/s', 0.01, 10.0),
+    _live('limits.joint_acceleration', _LIMITS.joint_acceleration, 'Of each joint likewise',
+          'rad/s^2', 0.1, 300.0),
+    _live('limits.workspace_min', _LIMITS.workspace_min.tolist(), 'Lower corner, in base, of the '
+          'box that ft_sensor and the tip stay in', 'm'),
+    _live('limits.workspace_max', _LIMITS.workspace_max.tolist(), 'Upper corner of that box', 'm'),
+    _live('limits.tip', _LIMITS.tip.tolist(), "The tool's foremost point in ft_sensor", 'm'),
+    _live('limits.force', _LIMITS.force, 'Norm of the force as read, weight included: not '
+          'started, or stopped, above it', 'N', 1.0, 1e5),
+    _live('limits.torque', _LIMITS.torque, 'Norm of the torque as read likewise', 'N m',
+          0.1, 1e4),
+    _live('limits.tracking_error', _LIMITS.tracking_error, 'Measured against commanded position',
+          'm', 0.0005, 1.0),
+    _live('limits.tracking_angle', _LIMITS.tracking_angle,
+          'Measured against commanded orientation', 'rad', 0.005, 3.0),
+    _live('limits.overspeed', _LIMITS.overspeed, 'Measured speeds may exceed the limits by this '
+          'factor', '', 1.0, 10.0),
+    _live('limits.stop_duration', _LIMITS.stop_duration, 'From the first command of a stop to '
+          'rest', 's', 0.01, 0.5),
+    _live('watch.pause_timeout', _WATCH.pause_timeout, 'Silence of a sensor that brings the '
+          'motion to rest until it is back', 's', 0.01, 10.0),
+    _live('watch.lost_timeout', _WATCH.lost_timeout, 'A sensor that stays silent or late for '
+          'that long ends the sequence', 's', 0.05, 60.0),
+    _live('watch.frozen_timeout', _WATCH.frozen_timeout, 'Readings that repeat to the last bit '
+          'for that long in motion stop it; 0: not looked at', 's', 0.0, 10.0),
+    _live('watch.max_age', _WATCH.max_age, 'Age of its newest header stamp above which a sensor '
+          'is late; 0: not looked at, for clocks that are not in step', 's', 0.0, 10.0),
+    _live('settle.window', _WATCH.window, 'The tool is still when the readings of such a window '
+          'are as quiet as before the start', 's', 0.05, 5.0),
+    _live('settle.factor', _WATCH.factor, 'Standard deviations may exceed those before the start '
+          'by this factor', '', 1.0, 100.0),
+    _live('settle.force_floor', _WATCH.force_floor, 'Standard deviation that counts as still '
+          'anyway', 'N', 0.0, 100.0),
+    _live('settle.torque_floor', _WATCH.torque_floor, 'The same of torques', 'N m', 0.0, 10.0),
+    _live('settle.position_floor', _WATCH.position_floor, 'The same of positions', 'm', 0.0, 0.1),
+    _live('settle.timeout', StreamSettings().settle_timeout, 'The sequence is aborted where the '
+          'tool is not still by then', 's', 0.5, 120.0),
+    Parameter('motion.backend', 'target_frame', 'Topic and type that commands go out as',
+              choices=('target_frame', 'joint_trajectory', 'delta_twist_cmds')),
+    Parameter('motion.rate', 250.0, 'Commands a second', 'Hz', 100.0, 250.0),
+    Parameter('motion.frame', 'base', 'frame_id of commands: the robot base link'),
+    Parameter('motion.deadman_timeout', 0.0, 'Silence of the topic deadman that stops a motion; '
+              '0: no dead-man switch', 's', 0.0, 10.0),
+    Parameter('motion.twist_gain', 5.0, 'delta_twist_cmds: velocity for each metre (radian) '
+              'behind', '1/s', 0.0, 50.0),
+    Parameter('joints.names', [''], 'joint_trajectory: every joint of the controller'),
+    _live('joints.values', [0.0], 'joint_trajectory: joint vectors of the poses, one after the '
+          'other', 'rad'),
+    _live('joints.away', [0.0], 'joint_trajectory: joint vector at the end of the step', 'rad'),
+    Parameter('wrench.sign', 1, '-1 for a driver that reports the wrench of the tool on its '
+              'environment', low=-1, high=1),
+    Parameter('accelerometer.source', 'raw', 'Where the accelerometer comes from: '
+              'accelerometer/raw in volts, imu/data_raw or accel in m/s^2',
+              choices=tuple(ACCELEROMETERS)),
+    _live('accelerometer.coupling', 'dc', 'ac for a sensor that does not hold gravity',
+          choices=COUPLINGS),
+    _live('accelerometer.cutoff', 0.0, 'Corner of an ac sensor where known; 0: estimated', 'Hz',
+          0.0, 10.0),
+    Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool'),
+    _live('identify.gravity', STANDARD_GRAVITY, 'Magnitude at the robot; it points along -z of '
+          'base', 'm/s^2', 9.7, 9.9),
+    _live('identify.tool_compliance', 'auto', 'Whether the tool slides along x of ft_sensor',
+          choices=COMPLIANCES),
+    _live('observer.mode', 'kalman', 'Who publishes the contact wrench', choices=MODES),
+    _live('observer.design', 'kalman', "Of the paper's gain", choices=DESIGNS),
+    _live('observer.poles', [-30.0, -40.0], "Of the observer's error where poles places them",
+          '1/s'),
+    _live('save.path', 'calibration.yaml', 'File that save_calibration writes; the one before is '
+          'kept with a ~'),
+    _live('save.automatic', False, 'Write it after every calibration'),
+)
+
+
+class Settings(NamedTuple):
+    """What one start runs with."""
+
+    sequence: str
+    poses: dict[str, Pose]
+    joints: dict[str, Array]
+    joints_away: Array
+    timing: Timing
+    pace: Pace
+    limits: Limits
+    watch: WatchSettings
+    stream: StreamSettings
+    identification: IdentificationSettings
+
+    def goals(self, start: Goal) -> tuple[dict[str, Goal], Goal]:
+        """Return where the plan goes, and where its step goes, in the kind that ``start`` is."""
+        if isinstance(start, Pose):
+            poses = anchor(self.poses, start.position)
+            home = next(iter(poses.values()))
+            return dict(poses), step_goal(home, self.timing.step_distance)
+        return dict(self.joints), self.joints_away
+
+
+def settings_of(value: Mapping[str, Any]) -> Settings:
+    """
+    Make settings of parameter values.
+
+    Parameters
+    ----------
+    value : mapping
+        Every parameter of ``PARAMETERS`` by name.
+
+    Returns
+    -------
+    Settings
+
+    Raises
+    ------
+    ConfigError
+        Values contradict each other, or a poses file cannot be read.
+    """
+    limits = Limits(**_group(Limits, value, 'limits'))
+    watch = WatchSettings(
+        **{name: value[f'watch.{name}'] for name in
+           ('pause_timeout', 'lost_timeout', 'frozen_timeout', 'max_age')},
+        **{name: value[f'settle.{name}'] for name in
+           ('window', 'factor', 'force_floor', 'torque_floor', 'position_floor')})
+    stream = StreamSettings(
+        rate=value['motion.rate'], stop_duration=limits.stop_duration,
+        settle_minimum=watch.window + LATENCY, settle_timeout=value['settle.timeout'])
+    poses = _poses(value)
+    names, joints, away = list(poses), {}, np.zeros(0)
+    if value['motion.backend'] == 'joint_trajectory':
+        joints, away = _joint_vectors(names, value)
+    return Settings(
+        value['sequence'], poses, joints, away, Timing(**_group(Timing, value, 'timing')),
+        Pace(**{name: value[f'pace.{name}'] for name in Pace._fields}), limits, watch, stream,
+        _identification(value))
+
+
+def _group(kind: type, value: Mapping[str, Any], prefix: str) -> dict[str, Any]:
+    return {field.name: value[f'{prefix}.{field.name}'] for field in fields(kind)}
+
+
+def _identification(value: Mapping[str, Any]) -> IdentificationSettings:
+    sign = value['wrench.sign']
+    if sign not in (1, -1):
+        raise ConfigError(f'wrench.sign is {sign}, expected 1 or -1')
+    return IdentificationSettings(
+        gravity=value['identify.gravity'], coupling=value['accelerometer.coupling'],
+        cutoff=value['accelerometer.cutoff'] or None,
+        tool_compliance=value['identify.tool_compliance'], wrench_sign=sign,
+        observer_mode=value['observer.mode'], observer_design=value['observer.design'],
+        observer_poles=tuple(value['observer.poles']), source={'by': 'sequencer'})
+
+
+def _poses(value: Mapping[str, Any]) -> dict[str, Pose]:
+    if value['poses.file']:
+        return poses_from_file(Path(value['poses.file']))
+    return read_poses(value['poses.names'], value['poses.values'])
+
+
+def _joint_vectors(names: list[str], value: Mapping[str, Any]
+                   ) -> tuple[dict[str, Array], Array]:
+    joints = value['joints.names']
+    vectors = np.array(value['joints.values'], dtype=float)
+    away = np.array(value['joints.away'], dtype=float)
+    if len(vectors) != len(joints) * len(names) or len(away) != len(joints):
+        raise ConfigError(
+            f'{len(joints)} joints and {len(names)} poses want {len(joints) * len(names)} numbers '
+            f'in joints.values and {len(joints)} in joints.away, got {len(vectors)} and '
+            f'{len(away)}')
+    if not (np.isfinite(vectors).all() and np.isfinite(away).all()):
+        raise ConfigError('joints.values or joints.away holds a number that is not finite')
+    return dict(zip(names, vectors.reshape(len(names), -1))), away
+
+
+def poses_from_file(path: Path) -> dict[str, Pose]:
+    """
+    Read poses from a YAML list of {name, position, orientation}.
+
+    Raises
+    ------
+    ConfigError
+        The file is missing, too large, or holds something else.
+    """
+    try:
+        with path.open('rb') as file:
+            data = file.read(100_001)
+        entries = yaml.safe_load(data) if len(data) <= 100_000 else None
+    except (OSError, yaml.YAMLError, RecursionError, UnicodeDecodeError) as error:
+        raise ConfigError(f'poses.file {path}: {" ".join(str(error).split())}') from error
+    try:
+        names = [entry['name'] for entry in entries]
+        numbers = [float(x) for entry in entries
+                   for x in (*entry['position'], *entry['orientation'])]
+        if not all(isinstance(name, str) for name in names):
+            raise TypeError('a name that is no word')
+    except (TypeError, KeyError, ValueError) as error:
+        raise ConfigError(f'poses.file {path}: expected a list of '
+                          '{name, position: [x, y, z], orientation: [x, y, z, w]}') from error
+    return read_poses(names, numbers)

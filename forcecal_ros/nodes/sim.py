@@ -1,0 +1,240 @@
+"""The simulated rig as a node: takes ``target_frame``, publishes what the rig's sensors say."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from struct import error as StructError
+
+from diagnostic_msgs.msg import DiagnosticArray
+from forcecal_ros.errors import ConfigError, MotionError
+from forcecal_ros.geometry import matrix_from_quaternion, quaternion_from_matrix
+from forcecal_ros.nodes.parameters import declare, Parameter
+from forcecal_ros.nodes.reporting import diagnostic_array
+from forcecal_ros.nodes.runtime import EXECUTOR, OUTPUT, run, SENSOR, STEADY
+from forcecal_ros.nodes.wire import frame_of, JointWriter, Reader, Writer
+from forcecal_ros.sim.rig_file import load_rig
+from forcecal_ros.sim.schedule import CommandSchedule
+from forcecal_ros.sim.simulator import Samples, Simulator, warm_up
+from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
+import numpy as np
+from rclpy.node import Node
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock as ClockMessage
+from sensor_msgs.msg import Imu, JointState
+
+PARAMETERS = (
+    EXECUTOR,
+    Parameter('rig', '', 'Rig file (YAML); empty: the nominal rig'),
+    Parameter('accelerometer', '', 'Which accelerometer is mounted; empty: as the rig file says',
+              choices=('', 'acc1', 'acc2')),
+    Parameter('seed', -1, 'Seed of the noise; -1: fresh noise each time', low=-1, high=2**31),
+    Parameter('noise', True, 'Whether the sensors are noisy'),
+    Parameter('speed', 1.0, 'Simulated seconds a second; other than 1 needs a clock of its own: '
+              'see clock.publish', low=0.1, high=20.0),
+    Parameter('clock.publish', False,
+              'Publish /clock for nodes with use_sim_time; always so where speed is not 1'),
+    Parameter('latency', 0.004, 'How much later than it could a robot period is simulated, so '
+              'that commands of that instant have arrived; header stamps are those of the instant',
+              's', 0.0, 0.1),
+    Parameter('imu.publish', False, 'Also publish imu/data_raw, scaled specific force'),
+    Parameter('frames.base', 'base', 'frame_id of poses; commands in another frame are ignored'),
+    Parameter('frames.sensor', 'ft_sensor', 'frame_id of wrenches'),
+    Parameter('frames.accelerometer', 'accelerometer', 'frame_id of the accelerometer'),
+    Parameter('command_timeout', 0.1, 'After so long without a command the stream counts as '
+              'ended: the robot holds where it was told to be', 's', low=0.01, high=10.0),
+)
+
+CATCH_UP = 3
+"""Periods simulated in one tick at most, so that commands are heard in between."""
+
+LOST = 0.5
+"""After a longer stall, or a jump of the clock, time is skipped instead of caught up [s]."""
+
+NO_DATA = -1.0
+"""First element of an Imu's covariance where that part is not measured."""
+
+
+class Sim(Node):
+    """The rig of a file, live."""
+
+    def __init__(self) -> None:
+        super().__init__('sim')
+        declare(self, PARAMETERS)
+        value = {row.name: self.get_parameter(row.name).value for row in PARAMETERS}
+        self._rig = load_rig(Path(value['rig']) if value['rig'] else None)
+        warm_up()
+        self._simulator = Simulator(
+            self._rig, value['accelerometer'] or None,
+            value['seed'] if value['seed'] >= 0 else None)
+        self._noise = value['noise']
+        self._frame = value['frames.base']
+        self._timeout = value['command_timeout']
+        self._make_clock(value)
+        self._make_publishers(value)
+        self._read = Reader(PoseStamped)
+        self._checked_frame = b''
+        self._ignored, self._last_command = 0, None
+        self.create_subscription(PoseStamped, 'target_frame', self._on_target, SENSOR, raw=True)
+        period = max(0.001, self._period_ns * 1e-9 / self._speed)
+        self.create_timer(period, self._tick, clock=STEADY)
+        self.create_timer(1.0, self._report, clock=STEADY)
+
+    # Time -----------------------------------------------------------------------------------
+
+    def _make_clock(self, value: dict) -> None:
+        self._speed = value['speed']
+        external = self.get_parameter('use_sim_time').value
+        self._own_clock = value['clock.publish'] or self._speed != 1.0
+        if external and self._own_clock:
+            raise ConfigError('use_sim_time takes the time from /clock, clock.publish (or a speed '
+                              'other than 1) makes it; set one of them')
+        self._latency_ns = round(value['latency'] * 1e9 * self._speed)
+        self._period_ns = round(self._rig.robot.period * 1e9)
+        self._steady0 = STEADY.now().nanoseconds
+        self._origin = self.get_clock().now().nanoseconds
+        self._schedule: CommandSchedule | None = None
+        if self._own_clock:
+            self._clock = self.create_publisher(ClockMessage, '/clock', OUTPUT)
+
+    def _now(self) -> int:
+        if self._own_clock:
+            return self._origin + round((STEADY.now().nanoseconds - self._steady0) * self._speed)
+        return self.get_clock().now().nanoseconds
+
+    def _begin(self, now: int) -> None:
+        """Let period 0 of the schedule begin at the next whole period of the clock."""
+        self._start = -(-now // self._period_ns) * self._period_ns
+        self._next = 0
+        self._schedule = CommandSchedule(self._period_ns, self._start)
+        self._sample0 = self._start - round(self._simulator.time * 1e9)
+
+    def _tick(self) -> None:
+        now = self._now()
+        if self._own_clock:
+            message = ClockMessage()
+            message.clock = Time(nanoseconds=now).to_msg()
+            self._clock.publish(message)
+        if now <= 0:
+            return
+        if self._schedule is None:
+            self._begin(now)
+        due = (now - self._latency_ns - self._start) // self._period_ns - self._next
+        if abs(due) * self._period_ns > (LOST + 1) * 1e9 * self._speed:
+            self.get_logger().warning(
+                f'the clock is {due * self._period_ns * 1e-9:.3g} s ahead: time is skipped')
+            self._begin(now)
+            return
+        for _ in range(min(due, max(CATCH_UP, round(2 * self._speed)))):
+            self._advance()
+
+    def _advance(self) -> None:
+        command = self._schedule.take(self._next)
+        if command is not None:
+            try:
+                position = command[:3]
+                self._simulator.command(position, matrix_from_quaternion(command[3:]))
+            except (MotionError, ValueError) as error:
+                self._ignore(f'target_frame: {error}')
+        self._publish(self._simulator.advance(self._noise))
+        self._next += 1
+
+    # Messages -------------------------------------------------------------------------------
+
+    def _on_target(self, raw: bytes) -> None:
+        if self._schedule is None:
+            return
+        try:
+            stamp, values = self._read(raw)
+            head = raw[12:16 + int.from_bytes(raw[12:16], 'little')]
+        except StructError:
+            return
+        if head != self._checked_frame:
+            if frame_of(raw) != self._frame:
+                self._ignore(f'target_frame is in {frame_of(raw)!r}, the robot base is '
+                             f'{self._frame!r}')
+                return
+            self._checked_frame = head
+        now = self._now()
+        self._last_command = now
+        self._schedule.add(stamp, now, self._next, values)
+
+    def _ignore(self, why: str) -> None:
+        self._ignored += 1
+        self.get_logger().warning(f'{why}: ignored', throttle_duration_sec=1.0)
+
+    def _make_publishers(self, value: dict) -> None:
+        sensor, base = value['frames.sensor'], value['frames.base']
+        self._wrench = self.create_publisher(WrenchStamped, 'wrench', OUTPUT)
+        self._contact = self.create_publisher(WrenchStamped, 'sim/contact_wrench', OUTPUT)
+        self._volts = self.create_publisher(Vector3Stamped, 'accelerometer/raw', OUTPUT)
+        self._pose = self.create_publisher(PoseStamped, 'current_pose', OUTPUT)
+        self._optidrive = self._imu = None
+        if self._rig.optidrive:
+            self._optidrive = self.create_publisher(JointState, 'optidrive', OUTPUT)
+        if value['imu.publish']:
+            self._imu = self.create_publisher(Imu, 'imu/data_raw', OUTPUT)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', OUTPUT)
+        self._write_wrench = Writer(WrenchStamped, sensor)
+        self._write_volts = Writer(Vector3Stamped, value['frames.accelerometer'])
+        self._write_imu = Writer(Imu, value['frames.accelerometer'])
+        self._write_pose = Writer(PoseStamped, base)
+        self._write_optidrive = JointWriter('optidrive')
+
+    def _stamps(self, t: np.ndarray) -> list[int]:
+        """Stamps of samples [ns], exact on the grid of microseconds."""
+        return (self._sample0 + np.round(t * 1e6).astype(np.int64) * 1000).tolist()
+
+    def _publish(self, samples: Samples) -> None:
+        stamps = self._stamps(samples.wrench_t)
+        for stamp, wrench, contact in zip(
+                stamps, samples.wrench.tolist(), samples.contact.tolist()):
+            self._wrench.publish(self._write_wrench(stamp, wrench))
+            self._contact.publish(self._write_wrench(stamp, contact))
+        stamps = self._stamps(samples.accelerometer_t)
+        for stamp, volts in zip(stamps, samples.volts.tolist()):
+            self._volts.publish(self._write_volts(stamp, volts))
+        if self._imu is not None:
+            self._publish_imu(stamps, samples)
+        if self._optidrive is not None:
+            for stamp, s in zip(self._stamps(samples.optidrive_t), samples.optidrive.tolist()):
+                self._optidrive.publish(self._write_optidrive(stamp, s))
+        for stamp, position, R_base_sensor in zip(
+                self._stamps(samples.pose_t), samples.position, samples.R_base_sensor):
+            self._pose.publish(self._write_pose(
+                stamp, (*position, *quaternion_from_matrix(R_base_sensor))))
+
+    def _publish_imu(self, stamps: Sequence[int], samples: Samples) -> None:
+        nothing = (NO_DATA, *(0.0,) * 8)
+        variance = (self._rig.accelerometer.noise / self._imu_gain) ** 2
+        known = (variance, 0.0, 0.0, 0.0, variance, 0.0, 0.0, 0.0, variance)
+        for stamp, force in zip(stamps, samples.specific_force.tolist()):
+            self._imu.publish(self._write_imu(
+                stamp, (0.0, 0.0, 0.0, 1.0, *nothing, 0.0, 0.0, 0.0, *nothing, *force, *known)))
+
+    @property
+    def _imu_gain(self) -> float:
+        model = getattr(self._rig.accelerometer, self.get_parameter('accelerometer').value
+                        or self._rig.accelerometer.mounted)
+        return float(np.abs(model.gain).min())
+
+    def _report(self) -> None:
+        if self._schedule is None:
+            self._diagnostics.publish(diagnostic_array(
+                self, '', 'stale', 'waiting for /clock', {}))
+            return
+        silent = ((self._now() - self._last_command) * 1e-9
+                  if self._last_command is not None else float('inf'))
+        message = 'following target_frame' if silent < self._timeout else 'holding'
+        behind = (self._now() - self._start) * 1e-9 - self._next * self._period_ns * 1e-9
+        self._diagnostics.publish(diagnostic_array(
+            self, '', 'warn' if behind > LOST else 'ok', message, {
+                'behind [s]': behind, 'commands late': self._schedule.late,
+                'commands ignored': self._ignored, 'simulated [s]': self._simulator.time}))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the node; returns the exit status."""
+    return run('sim', Sim, arguments)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,61 @@
+"""From one estimate to another without a jump, when the model behind it has changed."""
+
+from typing import NamedTuple
+
+from forcecal_ros.observe.contact import Wrench
+
+
+class Fade(NamedTuple):
+    """What is left to take off, from ``start`` on, over ``duration`` [s]."""
+
+    start: float
+    duration: float
+    difference: Wrench
+
+
+def begin_fade(t: float, duration: float, before: Wrench, after: Wrench) -> Fade:
+    """
+    Begin at the first estimate of a new model.
+
+    Parameters
+    ----------
+    t : float
+        Its stamp [s].
+    duration : float
+        Of the fade [s].
+    before : tuple of 6 float
+        What was published last [N, N m].
+    after : tuple of 6 float
+        What the new model says.
+
+    Returns
+    -------
+    Fade
+    """
+    a, b, c, d, e, f = (x - y for x, y in zip(before, after))
+    return Fade(t, duration, (a, b, c, d, e, f))
+
+
+def faded(fade: Fade, t: float, wrench: Wrench) -> Wrench | None:
+    """
+    Take off what is left at one time, smoothly.
+
+    Parameters
+    ----------
+    fade : Fade
+    t : float
+        [s]
+    wrench : tuple of 6 float
+        What the new model says [N, N m].
+
+    Returns
+    -------
+    tuple of 6 float or None
+        None once the fade is over, or where time went back.
+    """
+    x = (t - fade.start) / fade.duration
+    if not 0.0 <= x < 1.0:
+        return None
+    k = 1.0 - x * x * (3.0 - 2.0 * x)
+    a, b, c, d, e, f = (w + k * left for w, left in zip(wrench, fade.difference))
+    return a, b, c, d, e, f
