@@ -16,6 +16,7 @@ from forcecal_ros.control.plan import (
     anchor,
     calibration_plan,
     check_wrench,
+    contact_plan,
     expected_duration,
     flatten_poses,
     nominal_poses,
@@ -183,6 +184,18 @@ def test_default_plan_keeps_the_limits_and_takes_eleven_to_fifteen_seconds():
     assert 11.0 < expected_duration(parts, 0.35) < 15.0
     words = [part.segment.phase for part in parts]
     assert words == ['move', 'settle', 'measure'] * 3 + ['move', 'settle'] + ['step'] * 4
+
+
+def test_contact_plan_goes_where_it_says_and_comes_back():
+    timing = Timing()
+    plan = contact_plan(nominal_poses(), step_goal(HOME, timing.contact_distance), timing)
+    with pytest.raises(MotionError, match='approach out: the tip would reach x = 1.28'):
+        prepare(plan, HOME, Pace(), LIMITS)
+    parts = prepare(plan, HOME, Pace(), Limits(workspace_max=[1.35, 0.4, 1.4]))
+    assert [part.segment.phase for part in parts] == [
+        'move', 'settle', 'measure', 'approach', 'contact', 'retract', 'settle']
+    np.testing.assert_allclose(parts[4].goal.position, HOME.position + [0.086, 0, 0], atol=1e-12)
+    np.testing.assert_array_equal(parts[-1].goal.position, HOME.position)
 
 
 def test_default_poses_span_gravity_well():

@@ -70,7 +70,7 @@ class Part(NamedTuple):
 @dataclass(frozen=True)
 class Timing:
     """
-    How long the parts of a calibration take and how far its step goes.
+    How long the parts of a sequence take, and how far they go.
 
     Attributes
     ----------
@@ -82,12 +82,19 @@ class Timing:
         Of the step's quintic [s].
     ring : float
         Held after each step for the tool to ring [s].
+    contact_distance : float
+        How far the tool is brought forward along x of ft_sensor to touch something [m].
+    approach, contact : float
+        Duration of the way there (and back), and of the hold at its end [s].
     """
 
     measure: float = 1.2
     step_distance: float = 0.01
     step_duration: float = 0.1
     ring: float = 0.7
+    contact_distance: float = 0.086
+    approach: float = 3.0
+    contact: float = 2.0
 
 
 def orientation(alpha: float, delta: float, theta: float = 0.0) -> Array:
@@ -210,8 +217,54 @@ def calibration_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing
     return tuple(plan)
 
 
-SEQUENCES: dict[str, Callable[[Mapping[str, Goal], Goal, Timing], tuple[Segment, ...]]] = {
-    'calibrate': calibration_plan,
+def contact_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing) -> tuple[Segment, ...]:
+    """
+    Touch what stands in front of the tool and come back, to look at the contact force.
+
+    Parameters
+    ----------
+    goals : mapping of str to Pose or ndarray
+        The first is where it begins and ends.
+    away : Pose or ndarray
+        As far as it goes, contact or not.
+    timing : Timing
+
+    Returns
+    -------
+    tuple of Segment
+    """
+    name, home = next(iter(goals.items()))
+    return (Segment('move', f'to {name}', home),
+            Segment('settle', name),
+            Segment('measure', name, duration=timing.measure),
+            Segment('approach', 'out', away, timing.approach),
+            Segment('contact', 'hold', duration=timing.contact),
+            Segment('retract', 'back', home, timing.approach),
+            Segment('settle', name))
+
+
+class Program(NamedTuple):
+    """
+    A sequence that can be run.
+
+    Attributes
+    ----------
+    plan : callable
+        Takes goals, the pose away from the first, timing; returns the segments.
+    distance : callable
+        How far away that is along x of ft_sensor, of the timing [m].
+    identifies : bool
+        Whether a calibration is identified from it.
+    """
+
+    plan: Callable[[Mapping[str, Goal], Goal, Timing], tuple[Segment, ...]]
+    distance: Callable[[Timing], float]
+    identifies: bool
+
+
+SEQUENCES: Mapping[str, Program] = {
+    'calibrate': Program(calibration_plan, lambda timing: timing.step_distance, True),
+    'contact': Program(contact_plan, lambda timing: timing.contact_distance, False),
 }
 """What the sequencer can run, by the name its parameter takes."""
 

@@ -108,6 +108,7 @@ class Sequence:
         self._time = 0.0
         self._rate = PathRate(settings.stop_duration * settings.rate)
         self._closing = 0
+        self._ending = ''
         self._streaming = False
         self._ended = 0.0
         self._expected = 1.0
@@ -133,7 +134,7 @@ class Sequence:
         """Whether the tool has to become still before it goes on."""
         return self.running and not self.moved and self._parts[self._index].duration is None
 
-    def start(self, parts: Parts[Part], start: Goal) -> None:
+    def start(self, parts: Parts[Part], start: Goal, ending: str = 'identification') -> None:
         """
         Begin a plan that :func:`forcecal_ros.control.plan.prepare` has checked.
 
@@ -142,6 +143,8 @@ class Sequence:
         parts : sequence of Part
         start : Pose or ndarray
             Where the robot stands: the first command.
+        ending : str
+            What for it waits after the motion, until :meth:`finish`.
 
         Raises
         ------
@@ -151,7 +154,7 @@ class Sequence:
         if self.running or self._streaming:
             raise MotionError(f'a sequence is under way already ({self.status.phase} '
                               f'{self.status.label}); abort it first')
-        self._parts, self._rest = tuple(parts), start
+        self._parts, self._rest, self._ending = tuple(parts), start, ending
         self._streaming, self._closing, self._ended, self._last = True, 0, 0.0, None
         self._period = 1.0 / self.settings.rate
         self._rate = PathRate(self.settings.stop_duration * self.settings.rate)
@@ -226,7 +229,7 @@ class Sequence:
             segment = self._parts[index].segment
             self.status = Status(segment.phase, segment.label, '', self._progress())
         else:
-            self.status = Status('settle', 'identification', '', 1.0)
+            self.status = Status('settle', self._ending, '', 1.0)
             self._begin_closing()
 
     def _progress(self) -> float:

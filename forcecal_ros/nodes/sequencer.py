@@ -208,7 +208,10 @@ class Sequencer(Node):
             self._send(stamp, command)
         self._ticked = steady
         if self._sequence.moved and not self._sequence.streaming and self._worker is None:
-            self._identify()
+            if SEQUENCES[self._settings.sequence].identifies:
+                self._identify()
+            else:
+                self._finish()
 
     def _guard_motion(self, steady: int) -> None:
         """Abort where a sensor, the robot, a clock or a person says so."""
@@ -304,14 +307,15 @@ class Sequencer(Node):
         self._check_others(steady)
         start = self._where()
         goals, away = settings.goals(start)
-        plan = SEQUENCES[settings.sequence](goals, away, settings.timing)
+        program = SEQUENCES[settings.sequence]
+        plan = program.plan(goals, away, settings.timing)
         parts = prepare(plan, start, settings.pace, settings.limits)
         check_wrench(parts, self._monitor.mean('wrench'), settings.limits)
         self._collector.clear()
         for channel, raw in self._raw_heard.items():
             self._collector.frames[channel] = frame_of(raw)
         self._sequence.settings = settings.stream
-        self._sequence.start(parts, start)
+        self._sequence.start(parts, start, 'identification' if program.identifies else '')
         self._begin_stream()
         self.get_logger().info(f'{settings.sequence} started with poses '
                                f'{", ".join(settings.poses)}')
@@ -417,13 +421,16 @@ class Sequencer(Node):
         self._inertia_out.publish(inertia_message(result))
         if result.observer is not None:
             self._gain_out.publish(gain_message(result))
-        self._sequence.finish()
-        self._announce(self.get_clock().now().nanoseconds)
+        self._finish()
         if self.get_parameter('save.automatic').value:
             try:
                 self.get_logger().info(self._save())
             except ForcecalError as error:
                 self.get_logger().error(str(error))
+
+    def _finish(self) -> None:
+        self._sequence.finish()
+        self._announce(self.get_clock().now().nanoseconds)
 
     # What is said ---------------------------------------------------------------------------
 

@@ -57,6 +57,11 @@ PARAMETERS = (
     _live('timing.step_duration', _TIMING.step_duration, 'Duration of the step', 's', 0.05, 2.0),
     _live('timing.ring', _TIMING.ring, 'Hold after each step, for the tool to ring', 's',
           0.2, 10.0),
+    _live('timing.contact_distance', _TIMING.contact_distance, 'contact: way forward along x of '
+          'ft_sensor, to something that it touches', 'm', -0.5, 0.5),
+    _live('timing.approach', _TIMING.approach, 'contact: duration of that way, and of the way '
+          'back', 's', 0.5, 60.0),
+    _live('timing.contact', _TIMING.contact, 'contact: hold at its end', 's', 0.1, 600.0),
     _live('pace.speed', _PACE.speed, 'Peak speed of moves between poses', 'm/s', 0.001, 2.0),
     _live('pace.acceleration', _PACE.acceleration, 'Peak acceleration of those', 'm/s^2',
           0.01, 20.0),
@@ -165,7 +170,7 @@ class Settings(NamedTuple):
         if isinstance(start, Pose):
             poses = anchor(self.poses, start.position)
             home = next(iter(poses.values()))
-            return dict(poses), step_goal(home, self.timing.step_distance)
+            return dict(poses), step_goal(home, SEQUENCES[self.sequence].distance(self.timing))
         return dict(self.joints), self.joints_away
 
 
