@@ -4,8 +4,16 @@ from dataclasses import replace
 
 from forcecal_ros.calibration import Estimate
 from forcecal_ros.errors import ConfigError, UnobservableError
-from forcecal_ros.observe import design, kalman_gains, noise_levels, replay, Settings, Status
-from forcecal_ros.observe.design import design_joint, joint_model, offset_poles, STATES
+from forcecal_ros.observe import (
+    design,
+    kalman_gains,
+    noise_levels,
+    replay,
+    Settings,
+    Status,
+    with_kalman_gains,
+)
+from forcecal_ros.observe.bandwidth import design_joint, joint_model, offset_poles, STATES
 from forcecal_ros.observe.riccati import stationary_filter, undetectable_states
 from forcecal_ros.observe.tracking import butterworth, Poles, tracking_gains
 import numpy as np
@@ -140,6 +148,8 @@ def test_gains_for_the_calibration_name_the_bandwidth():
     gains = kalman_gains(design(calibration(), Settings(bandwidth_hz=20.0)), 0.001)
     assert float(gains['bandwidth']) == pytest.approx(20.0)
     assert float(gains['contact']) == pytest.approx(1 - np.exp(-2 * np.pi * 0.02))
+    assert set(with_kalman_gains(calibration()).observer.kalman) == set(gains)
+    assert with_kalman_gains(replace(calibration(), observer=None)).observer is None
 
 
 @pytest.mark.parametrize(('changes', 'message'), [

@@ -33,6 +33,17 @@ def kuka_recording(folder, name):
         accelerometer_unit='m/s^2', pose=poses(t[2], rotation))
 
 
+def static_calibration(folder):
+    """From the 24 static poses, one sample each."""
+    rows = table(folder / '0-calibration_fts-accel.csv')
+    t = np.arange(len(rows), dtype=float)
+    return identify(Recording(
+        wrench=Stream(t, rows[:, :6]), accelerometer=Stream(t, rows[:, 6:9] * GRAVITY),
+        accelerometer_unit='m/s^2', pose=poses(t, rows[:, 12:]),
+        phases=tuple(Phase('measure', x - 0.1, x + 0.1) for x in t)),
+        IdentifySettings(gravity=GRAVITY))
+
+
 @pytest.fixture(scope='module')
 def kuka(data_dir):
     return data_dir / 'kuka_lbr_med'
@@ -40,14 +51,7 @@ def kuka(data_dir):
 
 @pytest.fixture(scope='module')
 def known(kuka):
-    """Calibrated on the 24 static poses, the delay from the free motion."""
-    rows = table(kuka / '0-calibration_fts-accel.csv')
-    t = np.arange(len(rows), dtype=float)
-    static = identify(Recording(
-        wrench=Stream(t, rows[:, :6]), accelerometer=Stream(t, rows[:, 6:9] * GRAVITY),
-        accelerometer_unit='m/s^2', pose=poses(t, rows[:, 12:]),
-        phases=tuple(Phase('measure', x - 0.1, x + 0.1) for x in t)),
-        IdentifySettings(gravity=GRAVITY))
+    static = static_calibration(kuka)
     return with_delay(static, estimate_delay(kuka_recording(kuka, '1-baseline'), static))
 
 

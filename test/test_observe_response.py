@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.bags import read_recording
 from forcecal_ros.observe import noise_levels, replay, Settings
-from forcecal_ros.observe.design import contact_bandwidth, RISE_TIME
+from forcecal_ros.observe.bandwidth import contact_bandwidth, RISE_TIME
 from forcecal_ros.samples import PoseStream, Recording, Stream
 from forcecal_ros.sim.rig_file import load_rig
 from forcecal_ros.sim.simulator import Simulator

@@ -18,6 +18,8 @@ from typing import Any, NamedTuple
 SAME = 1e-7
 """Stamps closer than this are one instant; a float holds them better than clocks do [s]."""
 
+_HANDFUL = 6
+
 Entry = tuple[Any, ...]
 """(time, usable from, values...)"""
 
@@ -130,7 +132,7 @@ def pruned(samples: tuple[Entry, ...], t: float) -> tuple[Entry, ...]:
 
 def pruned_channel(channel: Channel, t: float) -> Channel:
     """
-    Drop the samples that no instant from ``t`` on needs.
+    Drop the samples that no instant from ``t`` on needs, a handful at a time.
 
     Parameters
     ----------
@@ -141,10 +143,10 @@ def pruned_channel(channel: Channel, t: float) -> Channel:
     Returns
     -------
     Channel
-        The same one where there is nothing to drop.
+        The same one where there is little to drop.
     """
     samples = channel.samples
-    if len(samples) < 2 or samples[1][0] > t:
+    if len(samples) <= _HANDFUL or samples[_HANDFUL][0] > t:
         return channel
     return Channel(pruned(samples, t), channel.last, channel.wash)
 

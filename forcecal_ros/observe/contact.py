@@ -18,11 +18,10 @@ NOTHING: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 PAUSE = 0.1
 """After a longer pause of the wrench the contact filter starts anew [s]."""
 
-
 _FORGET = 1.5
 """An offset begun as a guess is forgotten at this over its age, until the filter is slower."""
 
-_ABSURD = 1e18
+_ABSURD_SQUARE = 1e18
 """Square of a wrench that no sensor reads; NaN is not below it either."""
 
 
@@ -73,7 +72,7 @@ class Filter(NamedTuple):
     newton: NewtonState | None = None
 
 
-def take_pose(motion: Motion, pose: Entry, accelerometer: tuple[Entry, ...],
+def take_pose(motion: Motion, pose: Entry, late: bool, accelerometer: tuple[Entry, ...],
               displacement: tuple[Entry, ...], s: float, model: Model) -> Motion:
     """
     Take in a pose whose turn has come.
@@ -83,6 +82,8 @@ def take_pose(motion: Motion, pose: Entry, accelerometer: tuple[Entry, ...],
     motion : Motion
     pose : tuple
         Of a :class:`~forcecal_ros.observe.align.PoseQueue`.
+    late : bool
+        Whether the samples around its stamp may be gone: then only the rotation is followed.
     accelerometer, displacement : tuple of Entry
         Samples around the pose's stamp.
     s : float
@@ -99,6 +100,8 @@ def take_pose(motion: Motion, pose: Entry, accelerometer: tuple[Entry, ...],
         rotation = Rotation(t, q, ZERO, ZERO)
     else:
         rotation = track_rotation(rotation, t, q, model.rotation_poles)
+    if late and place is not None:
+        return Motion(rotation, place, offset, motion.position)
     known = isfinite(position[0] + position[1] + position[2])
     fresh = (place is not None and known == motion.position
              and 0 < t - place.t <= model.pose_timeout)
@@ -223,7 +226,7 @@ def observe(filter_: Filter, motion: Motion, t: float, wire: Wrench,
     i0, i1, i2, i3, i4, i5 = inertial = tool_wrench(model.load, f, omega, alpha, s)
     m0, m1, m2 = w0 - b0 - i0, w1 - b1 - i1, w2 - b2 - i2
     m3, m4, m5 = w3 - b3 - i3, w4 - b4 - i4, w5 - b5 - i5
-    if not m0 * m0 + m1 * m1 + m2 * m2 + m3 * m3 + m4 * m4 + m5 * m5 < _ABSURD:
+    if not m0 * m0 + m1 * m1 + m2 * m2 + m3 * m3 + m4 * m4 + m5 * m5 < _ABSURD_SQUARE:
         return filter_, ContactSample(t, filter_.contact, st.BAD_WRENCH, NOTHING, NOTHING, NOTHING)
     measured = (m0, m1, m2, m3, m4, m5)
     if dt > PAUSE:

@@ -1,239 +1,55 @@
-"""Gains from noise: how fast each filter may be, by Riccati equation, response and quiet."""
+"""Gains of mode ``kalman`` in the form in which a calibration keeps and publishes them."""
 
-from math import atan, inf, log, tau
-from typing import NamedTuple
+from dataclasses import replace
+from math import exp, tau
 
-from forcecal_ros.calibration import Calibration, Noise
-from forcecal_ros.errors import ConfigError
-from forcecal_ros.geometry import Array
-from forcecal_ros.observe.inertial import Load
-from forcecal_ros.observe.riccati import stationary_filter, StationaryFilter
+from forcecal_ros.calibration import Calibration, Estimate
+from forcecal_ros.observe.design import design, Model
 from forcecal_ros.observe.settings import Settings
-from forcecal_ros.observe.tracking import Poles
-import numpy as np
-
-RISE_TIME = 0.015
-"""10-90 % rise of a contact force that the default bandwidth keeps [s]."""
-
-QUIET_BAND = (50.0, 200.0)
-"""Band in which the default bandwidth takes 12 dB off white noise [Hz]."""
-
-STATES = ('position', 'velocity', 'accelerometer offset', 'contact force')
-
-_QUIETEST = 1e-12
-"""Least density that is believed, for calibrations from noise-free data."""
 
 
-class NoiseLevels(NamedTuple):
-    """Densities of what enters the filters, per axis (mean of three)."""
-
-    force: float
-    """Of the force sensor [N^2 s]."""
-    torque: float
-    """[(N m)^2 s]"""
-    specific_force: float
-    """[(m/s^2)^2 s]"""
-    rate: float
-    """Of the wrench [Hz]."""
-
-
-def noise_levels(noise: Noise | None) -> NoiseLevels:
+def kalman_gains(model: Model, dt: float) -> dict[str, Estimate]:
     """
-    Reduce the measured covariances to densities.
+    Return the gains of mode ``kalman`` as a calibration keeps them.
 
     Parameters
     ----------
-    noise : Noise or None
-        None: a quarter of a newton, 0.02 N m and 0.03 m/s^2 at 1 kHz are assumed.
-
-    Returns
-    -------
-    NoiseLevels
-
-    Raises
-    ------
-    ConfigError
-        A covariance or rate is not a finite number.
-    """
-    if noise is None:
-        return NoiseLevels(0.0625e-3, 4e-7, 1e-6, 1000.0)
-    wrench = np.diag(noise.wrench.value)
-    f = 0.0
-    if noise.specific_force is not None:
-        f = float(np.diag(noise.specific_force.value).mean()) / noise.accelerometer_rate
-    force, torque = wrench[:3].mean() / noise.wrench_rate, wrench[3:].mean() / noise.wrench_rate
-    if not np.isfinite([force, torque, f]).all() or not 0 < noise.wrench_rate < inf:
-        raise ConfigError('noise.wrench, noise.specific_force and their rates want finite '
-                          'numbers; calibrate with a phase at rest')
-    return NoiseLevels(max(float(force), _QUIETEST), max(float(torque), _QUIETEST),
-                       max(f, _QUIETEST), noise.wrench_rate)
-
-
-def joint_model(
-        levels: NoiseLevels, mass: float, settings: Settings, dt: float, position: bool,
-) -> tuple[Array, Array, Array, Array, Array]:
-    """
-    Write one axis of the whole problem: place, offset and contact force together.
-
-    x = [p, v, o, F], the accelerometer as input: dv/dt = f - o + g. Measured are p and
-    u - m a = F + m o, whose noise (m times the accelerometer's) is also the noise that drives v.
-
-    Parameters
-    ----------
-    levels : NoiseLevels
-    mass : float
-        [kg]
-    settings : Settings
+    model : Model
     dt : float
-        Period [s].
-    position : bool
-        Whether p is measured.
+        Period of the wrench [s].
 
     Returns
     -------
-    A, C, Q, R, S : ndarray
-        Shapes (4, 4), (m, 4), (4, 4), (m, m), (4, m), as :func:`stationary_filter` takes them.
+    dict of str to Estimate
+        ``bandwidth`` [Hz], ``contact`` (gain of one update), and the poles of the pose filters as
+        (real, mean of the pair, split of the pair) [1/s, 1/s, 1/s^2].
     """
-    A = np.eye(4)
-    A[0, 1], A[0, 2], A[1, 2] = dt, -dt * dt / 2, -dt
-    f = levels.specific_force / dt
-    drive = np.array([dt * dt / 2, dt, 0.0, 0.0])
-    Q = f * np.outer(drive, drive)
-    Q[2, 2] += settings.offset_walk ** 2 * dt
-    Q[3, 3] += settings.contact_walk ** 2 * dt
-    C = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, mass, 1.0]])
-    p_variance = settings.pose_position_std ** 2 / settings.pose_rate / dt
-    R = np.diag([p_variance, levels.force / dt + mass ** 2 * f])
-    S = np.stack([np.zeros(4), mass * f * drive], axis=1)
-    rows = [0, 1] if position else [1]
-    return A, C[rows], Q, R[np.ix_(rows, rows)], S[:, rows]
+    return {
+        'bandwidth': Estimate(model.rate / tau, 0.0, 'Hz'),
+        'contact': Estimate(1 - exp(-model.rate * dt), 0.0, '1'),
+        'rotation': Estimate(model.rotation_poles, 0.0, '1/s, 1/s, 1/s^2'),
+        'offset': Estimate(model.offset_poles, 0.0, '1/s, 1/s, 1/s^2'),
+    }
 
 
-def design_joint(
-        levels: NoiseLevels, mass: float, settings: Settings, dt: float, position: bool = True,
-) -> StationaryFilter:
+def with_kalman_gains(calibration: Calibration, settings: Settings = Settings()) -> Calibration:
     """
-    Design the unconstrained filter for all four states, the yardstick of the one that runs.
+    Return the calibration with the gains of mode ``kalman`` written into it.
+
+    They are a record of what runs; the observer designs its own from the calibration's noise.
 
     Parameters
     ----------
-    levels : NoiseLevels
-    mass, dt : float
-        [kg], [s]
-    settings : Settings
-    position : bool
-        Whether the pose tells the position.
-
-    Returns
-    -------
-    StationaryFilter
-
-    Raises
-    ------
-    UnobservableError
-        Without the position, offset and contact force cannot be told apart.
-    """
-    A, C, Q, R, S = joint_model(levels, mass, settings, dt, position)
-    return stationary_filter(A, C, Q, R, STATES, S)
-
-
-def _poles(A: Array, gain: Array, dt: float) -> Poles:
-    """Continuous poles of a stationary filter's error, slowest first if all are real."""
-    modes = np.log(np.linalg.eigvals((np.eye(3) - gain @ np.eye(1, 3)) @ A).astype(complex)) / dt
-    modes = modes[np.argsort(np.abs(modes.imag) + 1e-9 * np.abs(modes))]
-    real, first, second = modes
-    mean = -(first + second).real / 2
-    product = (first * second).real
-    return Poles(float(-real.real), float(mean), float(product - mean * mean))
-
-
-def offset_poles(levels: NoiseLevels, settings: Settings, position_std: float) -> Poles:
-    """
-    Design place, velocity and offset of the accelerometer from the pose.
-
-    Parameters
-    ----------
-    levels : NoiseLevels
-    settings : Settings
-    position_std : float
-        Of one pose [m].
-
-    Returns
-    -------
-    Poles
-    """
-    dt = 1 / settings.pose_rate
-    A, C, Q, R, _ = joint_model(levels, 1.0, settings, dt, True)
-    A, C, Q, R = A[:3, :3], C[:1, :3], Q[:3, :3], R[:1, :1]
-    R = np.full((1, 1), position_std ** 2)
-    # white acceleration noise between two poses, not one sample of it
-    Q[:2, :2] = levels.specific_force * np.array([[dt ** 3 / 3, dt * dt / 2], [dt * dt / 2, dt]])
-    return _poles(A, stationary_filter(A, C, Q, R, STATES[:3]).gain, dt)
-
-
-def contact_bandwidth(levels: NoiseLevels, mass: float, settings: Settings) -> float:
-    """
-    Choose the bandwidth of the contact wrench by noise against response.
-
-    The Riccati equation of the random walk balances ``contact_walk`` against the measured noise
-    of u - m a: quiet sensors make it fast, noisy ones slow. Two limits stand on its sides: never
-    slower than a rise in 14.6 ms (24 Hz), never so fast that less than 12 dB come off white noise
-    between 50 and 200 Hz (26 Hz). ``bandwidth_hz`` overrides all three.
-
-    Parameters
-    ----------
-    levels : NoiseLevels
-    mass : float
-        [kg]
+    calibration : Calibration
     settings : Settings
 
     Returns
     -------
-    float
-        [Hz]
+    Calibration
+        The same one where it has no observer part.
     """
-    if settings.bandwidth_hz is not None:
-        return settings.bandwidth_hz
-    dt = 1 / levels.rate
-    one = np.eye(1)
-    noise = (levels.force + mass ** 2 * levels.specific_force) / dt
-    walk = settings.contact_walk ** 2 * dt
-    k = float(stationary_filter(one, one, walk * one, noise * one, STATES[3:]).gain[0, 0])
-    slowest = log(9.0) / (0.975 * RISE_TIME * tau)
-    return min(max(-log(1 - k) / dt / tau, slowest), _quiet_bandwidth(12.0))
-
-
-def _quiet_bandwidth(decibels: float) -> float:
-    """Corner of the first-order filter that takes so much off white noise in QUIET_BAND [Hz]."""
-    low, high = QUIET_BAND
-    corner = low
-    for _ in range(50):
-        corner = 10 ** (-decibels / 10) * (high - low) / (atan(high / corner) - atan(low / corner))
-    return corner
-
-
-def rotation_corner(
-        calibration: Calibration, load: Load, levels: NoiseLevels, rate: float,
-        settings: Settings) -> float:
-    """
-    Find the fastest pose filter whose angular acceleration adds no more noise than the wrench has.
-
-    White noise leaves (its density) corner^5 / 3 in the third state of a Butterworth filter.
-    """
-    m = load.m
-    lever = m * float(np.linalg.norm(load[4:7]))
-    arm = float(np.linalg.norm(calibration.com.value))
-    inertia = float(np.abs(np.array(load[7:10])).max()) + arm * lever
-    force = (levels.force + m * m * levels.specific_force) * rate / 2
-    torque = (levels.torque + (arm * m) ** 2 * levels.specific_force) * rate / 2
-    alpha = min(force / lever ** 2 if lever > 0 else inf,
-                torque / inertia ** 2 if inertia > 0 else inf)
-    density = settings.pose_rotation_std ** 2 / settings.pose_rate
-    return float(min(max((3 * alpha / density) ** 0.2, 30.0), 150.0, 0.6 * settings.pose_rate))
-
-
-def motion_corner(levels: NoiseLevels, mass: float, rate: float, settings: Settings) -> float:
-    """Find the same for the acceleration that stands in where there is no accelerometer."""
-    variance = levels.force * rate / 2 / mass ** 2
-    density = settings.pose_position_std ** 2 / settings.pose_rate
-    return float(min(max((3 * variance / density) ** 0.2, 20.0), 100.0, 0.6 * settings.pose_rate))
+    observer = calibration.observer
+    if observer is None:
+        return calibration
+    gains = kalman_gains(design(calibration, settings), observer.dt)
+    return replace(calibration, observer=replace(observer, kalman=gains))

@@ -20,7 +20,7 @@ class Settings:
         ``kalman`` or ``newton``; None: as the calibration says.
     bandwidth_hz : float or None
         Corner of the contact wrench in mode ``kalman`` [Hz]. None: from noise against response,
-        see :func:`forcecal_ros.observe.design.contact_bandwidth`.
+        see :func:`forcecal_ros.observe.bandwidth.contact_bandwidth`.
     contact_walk : float
         How fast a contact force is expected to wander, as a random walk [N/sqrt(s)].
     offset : str

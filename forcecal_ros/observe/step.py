@@ -166,10 +166,11 @@ def on_accelerometer(state: State, t: float, reading: Vector, model: Model) -> R
     fx, fy, fz = a * v0 + b * v1 + c * v2, d * v0 + e * v1 + f * v2, g * v0 + h * v1 + i * v2
     tau = t - model.delay
     samples = channel.samples
-    usable = usable_from(last, t, model.delay, state.first, model.timeout, model.skew)
     jx = jy = jz = 0.0
     wash = ZERO
-    if samples and usable == -inf:
+    if t - last > model.timeout:
+        usable = usable_from(last, t, model.delay, state.first, model.timeout, model.skew)
+    else:
         _, usable, px, py, pz, jx, jy, jz, _ = samples[-1]
         half = (tau - samples[-1][0]) / 2
         if model.ac_rate:
@@ -215,8 +216,9 @@ def on_displacement(state: State, t: float, s: float, model: Model) -> Result:
             return on_displacement(state._replace(displacement=Channel()), t, s, model)
         return state, ()
     samples = channel.samples
-    usable = usable_from(last, t, 0.0, state.first, model.timeout, model.skew)
-    if samples and usable == -inf:
+    if t - last > model.timeout:
+        usable = usable_from(last, t, 0.0, state.first, model.timeout, model.skew)
+    else:
         usable = samples[-1][1]
     samples = bounded((*samples, (t, usable, s)), model.timeout + model.skew)
     return _release(State(
@@ -277,8 +279,8 @@ def _release(state: State, model: Model) -> Result:
         wrenches = wrenches[1:]
         pending = poses.pending
         while pending and pending[0][1] <= t:
-            motion = take_pose(motion, pending[0], accelerometer.samples,
-                               displacement.samples, filter_.s, model)
+            motion = take_pose(motion, pending[0], pending[0][0] < t - KEEP,
+                               accelerometer.samples, displacement.samples, filter_.s, model)
             pending = pending[1:]
             poses = PoseQueue(pending, poses.last, poses.due)
         filter_, sample = observe(filter_, motion, t, wire, accelerometer.samples,

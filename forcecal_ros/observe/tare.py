@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
+from forcecal_ros.observe.bandwidth import NoiseLevels
 from forcecal_ros.observe.contact import ContactSample
-from forcecal_ros.observe.design import Model, NoiseLevels
+from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.status import describe, INVALID
 import numpy as np
 
