@@ -67,7 +67,8 @@ def run(args: argparse.Namespace) -> int:
 
 def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration':
     """Identify as the arguments say."""
-    from forcecal_ros.identify import Settings, identify
+    from forcecal_ros.identify.pipeline import identify
+    from forcecal_ros.identify.settings import Settings
 
     position = args.accelerometer_position
     return identify(recording, Settings(

@@ -1,0 +1,130 @@
+"""``forcecal demo``: the main job against the simulated rig, live over ROS 2."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from forcecal_ros.commands.common import add_json, new_parser, print_json, say, warn
+
+if TYPE_CHECKING:
+    from forcecal_ros.calibration import Calibration
+    from forcecal_ros.samples import Recording, Stream
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(
+        subparsers, 'demo',
+        summary='calibrate a simulated rig over ROS 2 and estimate a contact, end to end',
+        example='forcecal demo --accelerometer acc2 --out my_demo')
+    parser.add_argument('--accelerometer', choices=('acc1', 'acc2'), default='acc1',
+                        help='acc1: DC response, acc2: AC-coupled')
+    parser.add_argument('--out', metavar='DIR', default='forcecal_demo',
+                        help='folder for calibration.yaml, the recording and report.html')
+    parser.add_argument('--seed', type=int, default=1, help='of the sensor noise')
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    from forcecal_ros.bags import read_recording
+    from forcecal_ros.calibration_file import parse, save, to_document
+    from forcecal_ros.files import write_text
+    from forcecal_ros.nodes.demo import run_demo
+    from forcecal_ros.report.calibration import render
+    from forcecal_ros.report.rows import as_text, table
+    from forcecal_ros.sim.rig_file import load_rig
+    from forcecal_ros.sim.truth import true_calibration
+
+    out = Path(args.out)
+    result = run_demo(args.accelerometer, out, args.seed, _Progress())
+    calibration = parse(result.calibration, 'sequencer/calibration')
+    truth = true_calibration(load_rig(), args.accelerometer)
+    recording = read_recording(out / 'bag')
+    contact = read_contact(out / 'bag', recording.start_ns)
+    save(calibration, out / 'calibration.yaml')
+    write_text(out / 'report.html', render(recording, calibration, contact, truth))
+    step, touch = step_figures(recording, calibration), contact_figures(recording, contact)
+    if args.json:
+        print_json({**to_document(calibration), 'demo': {
+            'motion_to_gains': {'value': result.duration, 'std': None, 'unit': 's'},
+            'step': step, 'contact': touch}})
+        return 0
+    for warning in calibration.quality.get('warnings', ()):
+        warn(warning)
+    say(as_text(table(calibration, truth)))
+    say(f'\nfrom the first command to the gains: {result.duration:.1f} s')
+    say(f'step, no contact: sensor {step["sensor"]:.2f} N RMS along x without bias, observer '
+        f'{step["observer"]:.3f} N ({step["reduction"]:.1f} dB less)')
+    say(f'contact: true force {touch["truth"]:.2f} N along x, published '
+        f'{touch["observer"]:.2f} N')
+    say(f'written to {out}: calibration.yaml, bag, report.html')
+    return 0
+
+
+def read_contact(bag: Path, start_ns: int) -> 'Stream':
+    """Read what the observer published, on the clock of the recording."""
+    from forcecal_ros.bags import read_columns
+    from forcecal_ros.samples import Stream
+
+    columns = read_columns(bag, '/observer/contact_wrench', [
+        f'wrench.{part}.{axis}' for part in ('force', 'torque') for axis in 'xyz'])
+    shift = (columns.start_ns - start_ns) * 1e-9
+    return Stream(columns.t + shift, columns.values, columns.frame)
+
+
+def step_figures(recording: 'Recording', calibration: 'Calibration') -> dict[str, float | str]:
+    """
+    Compare sensor and observer along x while the tool rings after the step, without contact.
+
+    Returns
+    -------
+    dict
+        ``sensor`` without bias and ``observer`` over the recording, RMS [N]; ``reduction`` [dB].
+    """
+    import numpy as np
+
+    from forcecal_ros.observe import replay
+
+    estimate = replay(recording, calibration)
+    step = next(phase for phase in recording.phases if phase.name == 'step')
+    during = (estimate.t >= step.start) & (estimate.t < step.end)
+    assert recording.wrench is not None
+    sensor = recording.wrench.at(estimate.t[during])[:, 0] - calibration.wrench_bias.value[0]
+    before, after = (float(np.sqrt(np.mean(x ** 2)))
+                     for x in (sensor, estimate.contact[during, 0]))
+    return {'sensor': before, 'observer': after, 'unit': 'N',
+            'reduction': float(20 * np.log10(before / after))}
+
+
+def contact_figures(recording: 'Recording', contact: 'Stream') -> dict[str, float | str]:
+    """
+    Compare the published contact force with the true one along x, while the tool touches.
+
+    Returns
+    -------
+    dict
+        ``truth`` and ``observer``, means over phase ``contact`` [N].
+    """
+    assert recording.contact_truth is not None
+    hold = next(phase for phase in recording.phases if phase.name == 'contact')
+    truth, observer = (float(stream.between(hold.start, hold.end).values[:, 0].mean())
+                       for stream in (recording.contact_truth, contact))
+    return {'truth': truth, 'observer': observer, 'unit': 'N'}
+
+
+class _Progress:
+    """One changing line on a terminal, one line a phase elsewhere."""
+
+    def __init__(self) -> None:
+        self._last = ''
+        self._terminal = sys.stderr.isatty()
+
+    def __call__(self, phase: str, seconds: float) -> None:
+        if self._terminal:
+            print(f'\r\033[K{seconds:5.1f} s  {phase}', end='', file=sys.stderr, flush=True)
+        elif phase != self._last:
+            print(f'{seconds:5.1f} s  {phase}', file=sys.stderr, flush=True)
+        self._last = phase

@@ -1,0 +1,233 @@
+"""The main job end to end over DDS: simulated rig, sequencer and observer, all of it recorded."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+import os
+from pathlib import Path
+import random
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+from forcecal_ros.errors import DataError, MotionError
+from forcecal_ros.nodes.processes import Processes
+from forcecal_ros.nodes.recorder import Recorder
+from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, TURN
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.srv import SetParameters
+import rclpy
+from rclpy.executors import Executor
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.task import Future
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+RECORDED = ('wrench', 'accelerometer', 'optidrive', 'pose', 'target', 'contact_truth',
+            'contact_wrench', 'phase', 'calibration', 'observer_gain', 'tool_inertia')
+START_TIMEOUT = 120.0
+"""A first run compiles the simulator before its node answers [s]."""
+
+HEARING = 15.0
+"""The sequencer refuses to start until it has heard every sensor for a while [s]."""
+
+SEQUENCE_TIMEOUT = 90.0
+FOR_SIMULATION = {
+    'limits.workspace_max': [1.35, 0.4, 1.4],
+    'limits.tracking_error': 0.2,
+    'limits.tracking_angle': 1.0,
+    'watch.max_age': 5.0,
+    'watch.lost_timeout': 10.0,
+    'settle.timeout': 20.0,
+    'timing.approach': 1.5,
+}
+"""
+Where no robot moves: the tip may go where the wall is, and a busy computer may be late.
+
+A robot's own limits are its user's to widen.
+"""
+
+Say = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class DemoResult:
+    """
+    What a demo gave.
+
+    Attributes
+    ----------
+    calibration : str
+        Text of ``calibration.yaml``, as the sequencer published it.
+    duration : float
+        From the first command to the gains [s].
+    """
+
+    calibration: str
+    duration: float
+
+
+class Conductor(Node):
+    """Starts the sequences, follows their phases, and records everything."""
+
+    def __init__(self) -> None:
+        super().__init__('demo')
+        self.phase, self.label, self.calibration = '', '', ''
+        self.recorder = Recorder(self, RECORDED)
+        self._executor: Executor = EventsExecutor()
+        self._executor.add_node(self)
+        self._start = self.create_client(Trigger, 'sequencer/start')
+        self._set = self.create_client(SetParameters, 'sequencer/set_parameters')
+        self.create_subscription(DiagnosticArray, 'sequencer/phase', self._on_phase, OUTPUT)
+        self.create_subscription(String, 'sequencer/calibration', self._on_calibration, LATCHED)
+
+    def _on_phase(self, message: DiagnosticArray) -> None:
+        status = message.status[0]
+        self.phase = status.message
+        self.label = next((pair.value for pair in status.values if pair.key == 'reason'), '')
+
+    def _on_calibration(self, message: String) -> None:
+        self.calibration = message.data
+
+    def wait(self, until: Callable[[], bool], timeout: float, what: str,
+             each: Callable[[], None] = lambda: None) -> None:
+        """
+        Spin until a condition holds.
+
+        Raises
+        ------
+        DataError
+            It did not within ``timeout`` [s].
+        """
+        end = time.monotonic() + timeout
+        while not until():
+            each()
+            if time.monotonic() > end:
+                raise DataError(f'{what} did not happen within {timeout:.0f} s')
+            self._executor.spin_until_future_complete(Future(), timeout_sec=TURN)
+
+    def call(self, client: rclpy.client.Client, request: object) -> object:
+        """Call a service and wait for its answer."""
+        self.wait(client.service_is_ready, START_TIMEOUT, f'service {client.srv_name}')
+        future = client.call_async(request)
+        self.wait(future.done, 10.0, f'an answer of {client.srv_name}')
+        return future.result()
+
+    def run_sequence(self, name: str, each: Callable[[], None]) -> float:
+        """
+        Run one sequence to its end.
+
+        Returns
+        -------
+        float
+            How long it took [s].
+
+        Raises
+        ------
+        MotionError
+            It was refused or aborted; with the reason.
+        """
+        request = SetParameters.Request(parameters=[
+            ParameterMessage(name='sequence', value=Parameter(
+                'sequence', value=name).get_parameter_value())])
+        answer = self.call(self._set, request).results[0]
+        if not answer.successful:
+            raise MotionError(f'sequence {name}: {answer.reason}')
+        end = time.monotonic() + HEARING
+        while not (answer := self.call(self._start, Trigger.Request())).success:
+            if time.monotonic() > end:
+                raise MotionError(f'sequence {name}: {answer.message}')
+            each()
+        began = time.monotonic()
+        self.wait(lambda: self.phase not in ('idle', 'done', 'aborted', ''), 10.0,
+                  f'the start of sequence {name}', each)
+        self.wait(lambda: self.phase in ('done', 'aborted'), SEQUENCE_TIMEOUT,
+                  f'the end of sequence {name}', each)
+        if self.phase == 'aborted':
+            raise MotionError(f'sequence {name} was aborted: {self.label}')
+        return time.monotonic() - began
+
+    def close(self) -> None:
+        """Free what the node holds."""
+        self._executor.shutdown()
+        self.destroy_node()
+
+
+def run_demo(accelerometer: str, out: Path, seed: int, progress: Say) -> DemoResult:
+    """
+    Calibrate the simulated rig over DDS, then touch its wall with the observer running.
+
+    Parameters
+    ----------
+    accelerometer : str
+        ``acc1`` or ``acc2``.
+    out : Path
+        Folder; the recording goes to its ``bag``.
+    seed : int
+        Of the sensor noise.
+    progress : callable
+        Told the phase, and the seconds since the start.
+
+    Returns
+    -------
+    DemoResult
+
+    Raises
+    ------
+    ForcecalError
+        A node ended, did not answer, or a sequence was aborted.
+    """
+    coupling = 'ac' if accelerometer == 'acc2' else 'dc'
+    with own_domain() as environment, Processes(environment) as nodes:
+        conductor = Conductor()
+        began = time.monotonic()
+
+        def each() -> None:
+            nodes.check()
+            progress(conductor.phase or 'starting', time.monotonic() - began)
+
+        try:
+            nodes.start('sim', {'accelerometer': accelerometer, 'seed': seed})
+            nodes.start('observer', {})
+            nodes.start('sequencer', {'accelerometer.coupling': coupling, **FOR_SIMULATION})
+            conductor.wait(lambda: conductor.recorder.count('pose') > 0, START_TIMEOUT,
+                           'a first pose of the simulated rig', each)
+            duration = conductor.run_sequence('calibrate', each)
+            conductor.wait(lambda: bool(conductor.calibration), 10.0, 'the calibration', each)
+            heard = conductor.recorder.count('contact_wrench')
+            conductor.wait(lambda: conductor.recorder.count('contact_wrench') > heard + 500, 10.0,
+                           'the observer taking over the calibration', each)
+            conductor.run_sequence('contact', each)
+            conductor.recorder.write(out / 'bag')
+            return DemoResult(conductor.calibration, duration)
+        finally:
+            conductor.close()
+
+
+@contextmanager
+def own_domain() -> Iterator[dict[str, str]]:
+    """
+    Join a DDS domain of this machine only, where no real robot listens.
+
+    The user's ROS_DOMAIN_ID is kept where there is one.
+
+    Yields
+    ------
+    dict of str to str
+        What child processes need in their environment.
+    """
+    domain = os.environ.get('ROS_DOMAIN_ID') or str(random.randint(1, 101))
+    environment = {'ROS_DOMAIN_ID': domain, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    before = {name: os.environ.get(name) for name in environment}
+    os.environ.update(environment)
+    rclpy.init()
+    try:
+        yield environment
+    finally:
+        rclpy.try_shutdown()
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
