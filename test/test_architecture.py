@@ -19,6 +19,7 @@ NUMERICS = (
     ('samples',),
     ('calibration', 'calibration_file', 'tables'),
     ('control', 'gravity', 'identify', 'insitu', 'observe', 'sim'),
+    ('diagnose',),
 )
 LAYERS = (
     *NUMERICS,

@@ -16,8 +16,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = 'forcecal_ros'
 COMMANDS = {'forcecal', 'observer', 'sequencer', 'sim'}
-SHARE = ('config/*.yaml', 'launch/*.launch.py', 'layouts/*.*', 'package.xml')
-INSIDE = ('**/*.py', 'config/*.yaml', '**/*.html.j2')
+SHARE = ('config/**/*.yaml', 'launch/*.launch.py', 'layouts/*.*', 'package.xml')
+INSIDE = ('**/*.py', 'config/*.yaml', 'config/*/*.yaml', '**/*.html.j2')
 ROSDEP_KEYS = {  # name in an import -> key; a key that ends in -pip exists for pip alone
     'control': 'python-control-pip', 'jinja2': 'python3-jinja2',
     'matplotlib': 'python3-matplotlib', 'numba': 'python3-numba', 'numpy': 'python3-numpy',
