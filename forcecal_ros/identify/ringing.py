@@ -25,6 +25,7 @@ _STILL = 1e-4
 _LONGEST = 2.0
 _SHORTEST = 0.15
 _SIGNIFICANT = 8.0
+_CREEP_RATES = np.geomspace(3, 25, 31)
 
 
 class Ring(NamedTuple):
@@ -118,13 +119,13 @@ def _creep(pose: PoseStream) -> tuple[float, float]:
         return 0.0, 0.0
     t, x = pose.t - pose.t[0], pose.position @ pose.R_base_sensor[0, :, 0]
     best = (np.inf, 0.0, 0.0)
-    for rate in np.geomspace(3, 60, 31):
+    for rate in _CREEP_RATES:
         rows = np.column_stack([np.ones(len(t)), np.exp(-rate * t)])
         solution = np.linalg.lstsq(rows, x)[0]
         left = float(((x - rows @ solution)**2).sum())
         if left < best[0]:
             error = np.sqrt(left / (len(t) - 3) * np.linalg.inv(rows.T @ rows)[1, 1])
-            best = (left, float(solution[1]) if abs(solution[1]) > 4 * error else 0.0, rate)
+            best = (left, float(solution[1]) if abs(solution[1]) > 2 * error else 0.0, rate)
     return best[1], best[2]
 
 

@@ -113,6 +113,31 @@ def gravity_spread(gravity: Array) -> tuple[Array, Array]:
     return spread / np.sqrt(len(gravity)), directions
 
 
+def check_weight(gravity: Array, condition: float) -> None:
+    """
+    Refuse poses that do not tell the mass from the bias.
+
+    Parameters
+    ----------
+    gravity : ndarray, shape (n, 3)
+        In ft_sensor [m/s^2].
+    condition : float
+        Largest reciprocal of the first spread.
+
+    Raises
+    ------
+    UnobservableError
+        Names what is short and the pose to add.
+    """
+    spread, _ = gravity_spread(gravity)
+    n = len(gravity)
+    if spread[0] < 1 / condition:
+        raise UnobservableError(
+            f'{n} static pose{"s" * (n > 1)} with gravity along one direction of ft_sensor '
+            f'(spread {spread[0]:.2g}, wanted {1 / condition:.2g}): mass and bias cannot be told '
+            'apart; add a pose tilted by 90 deg about y of ft_sensor and one about x')
+
+
 def check_poses(gravity: Array, condition: float) -> None:
     """
     Refuse poses that do not determine mass, centre of mass and biases.
@@ -129,22 +154,17 @@ def check_poses(gravity: Array, condition: float) -> None:
     UnobservableError
         Names what is short and the pose to add.
     """
+    check_weight(gravity, condition)
     spread, directions = gravity_spread(gravity)
-    n = len(gravity)
-    if spread[0] < 1 / condition:
-        raise UnobservableError(
-            f'{n} static pose{"s" * (n > 1)} with gravity along one direction of ft_sensor '
-            f'(spread {spread[0]:.2g}, wanted {1 / condition:.2g}): mass and bias cannot be told '
-            'apart; add a pose tilted by 90 deg about y of ft_sensor and one about x')
-    if spread[1] * condition < spread[0]:
-        mean = gravity.mean(axis=0) / np.linalg.norm(gravity, axis=1).mean()
-        axis = int(np.argmax(np.abs(np.cross(mean, directions[1]))
-                             + 1e-9 * np.abs(np.cross(directions[0], directions[1]))))
-        raise UnobservableError(
-            f'centre of mass and torque bias are not observable from {n} static poses: gravity '
-            f'moves along one line of ft_sensor (condition '
-            f'{spread[0] / max(spread[1], 1e-12):.3g} > {condition:.3g}); '
-            f'add a pose tilted about {"xyz"[axis]} of ft_sensor')
+    if spread[1] * condition >= spread[0]:
+        return
+    mean = gravity.mean(axis=0) / np.linalg.norm(gravity, axis=1).mean()
+    axis = int(np.argmax(np.abs(np.cross(mean, directions[1]))))
+    raise UnobservableError(
+        f'centre of mass and torque bias are not observable from {len(gravity)} static poses: '
+        f'gravity moves along one line of ft_sensor (condition '
+        f'{spread[0] / max(spread[1], 1e-12):.3g} > {condition:.3g}); '
+        f'add a pose tilted about {"xyz"[axis]} of ft_sensor')
 
 
 def identify_tool(statics: Statics, condition: float = 100.0) -> ToolFit:
@@ -175,10 +195,7 @@ def identify_tool(statics: Statics, condition: float = 100.0) -> ToolFit:
         chi_square = np.nan
     else:
         theta, covariance, chi_square = _fit_weighted(statics, design, reading)
-    if theta[0] <= 0:
-        raise DataError(
-            f'the mass comes out as {theta[0]:.4g} kg: this driver reports the wrench of the tool '
-            'on its environment; set wrench.sign to -1 (--wrench-sign -1)')
+    _refuse_negative(theta[0])
     n = len(statics.wrench)
     degrees = 6 * n + (statics.sag is not None) - design.shape[1]
     residuals = (reading - design @ theta)[:6 * n].reshape(n, 6)
@@ -191,6 +208,70 @@ def identify_tool(statics: Statics, condition: float = 100.0) -> ToolFit:
         mass, theta[1:4], com, theta[7:10], to_com @ covariance[:10, :10] @ to_com.T, residuals,
         chi_square, float(chi2.sf(chi_square, degrees)) if degrees > 0 else np.nan, degrees,
         spread, float(spread[0] / spread[1]))
+
+
+def _refuse_negative(mass: float) -> None:
+    if mass <= 0:
+        raise DataError(
+            f'the mass comes out as {mass:.4g} kg: this driver reports the wrench of the tool '
+            'on its environment; set wrench.sign to -1 (--wrench-sign -1)')
+
+
+class Weight(NamedTuple):
+    """
+    Mass [kg] and force bias (3,) [N] from the forces alone.
+
+    Attributes
+    ----------
+    mass : float
+    force_bias : ndarray, shape (3,)
+    covariance : ndarray, shape (4, 4)
+    chi_square, degrees : float, int
+        Of the residuals.
+    """
+
+    mass: float
+    force_bias: Array
+    covariance: Array
+    chi_square: float
+    degrees: int
+
+
+def weigh(statics: Statics, condition: float = 100.0) -> Weight:
+    """
+    Fit mass and force bias to the forces of the static poses.
+
+    Parameters
+    ----------
+    statics : Statics
+        With covariance.
+    condition : float
+        See :func:`check_weight`.
+
+    Returns
+    -------
+    Weight
+
+    Raises
+    ------
+    UnobservableError, DataError
+        As :func:`identify_tool`.
+    """
+    assert statics.covariance is not None
+    check_weight(statics.gravity, condition)
+    n = len(statics.gravity)
+    design = np.zeros((n, 3, 4))
+    design[:, :, 0] = statics.gravity
+    design[:, :, 1:] = np.eye(3)
+    noise = block_diag(*statics.covariance[:, :3, :3])
+    weight = 1 / np.diag(noise)
+    rows, reading = design.reshape(3 * n, 4), statics.wrench[:, :3].ravel()
+    bread = np.linalg.solve((rows * weight[:, None]).T @ rows, (rows * weight[:, None]).T)
+    theta = bread @ reading
+    _refuse_negative(theta[0])
+    left = reading - rows @ theta
+    return Weight(float(theta[0]), theta[1:], bread @ noise @ bread.T,
+                  float(left @ np.linalg.solve(noise, left)), 3 * n - 4)
 
 
 def _design(statics: Statics) -> tuple[Array, Array]:
@@ -233,7 +314,6 @@ def _fit_weighted(statics: Statics, design: Array, reading: Array) -> tuple[Arra
     correlations would make the fit follow the error of their measurement.
     """
     assert statics.covariance is not None
-    n = len(statics.wrench)
     lever = np.cross(X_HAT, statics.gravity)
     mass = 0.0
     for _ in range(2):
@@ -284,7 +364,7 @@ class Sag(NamedTuple):
     Attributes
     ----------
     stiffness, variance : float
-        [N/m] and its square.
+        [N/m] and its square; the mass' uncertainty left out.
     zero : float
         What the Optidrive reads without load [m].
     """
@@ -294,30 +374,30 @@ class Sag(NamedTuple):
     zero: float
 
 
-def stiffness_from_sag(statics: Statics, fit: ToolFit) -> Sag | None:
+def stiffness_from_sag(statics: Statics, mass: float) -> Sag | None:
     """
     Stiffness of the tool from how far it sags in each pose, [Gamez2005] Eq. 29 at rest.
 
     Parameters
     ----------
     statics : Statics
-    fit : ToolFit
+        With a slide.
+    mass : float
+        [kg]
 
     Returns
     -------
     Sag or None
-        None where the poses hardly load x or there is no Optidrive.
+        None where the poses hardly load x.
     """
-    if statics.slide is None or not statics.slide.any():
-        return None
-    weight = fit.mass * statics.gravity[:, 0]
+    assert statics.slide is not None
+    weight = mass * statics.gravity[:, 0]
     rows = np.stack([weight, np.ones(len(weight))], axis=1)
-    if np.ptp(weight) < 0.05 * fit.mass * np.linalg.norm(statics.gravity[0]):
+    if np.ptp(weight) < 0.05 * mass * np.linalg.norm(statics.gravity[0]):
         return None
     (compliance, zero), *_ = np.linalg.lstsq(rows, statics.slide)
     bread = np.linalg.inv(rows.T @ rows)
-    variance = (bread @ (rows.T * statics.slide_variance) @ rows @ bread)[0, 0]
-    if compliance**2 < 25 * variance:
+    slope = (bread @ (rows.T * statics.slide_variance) @ rows @ bread)[0, 0]
+    if compliance**2 < 25 * slope:
         return None
-    relative = variance / compliance**2 + fit.covariance[0, 0] / fit.mass**2
-    return Sag(float(1 / compliance), float(relative / compliance**2), float(zero))
+    return Sag(float(1 / compliance), float(slope / compliance**4), float(zero))

@@ -1,0 +1,70 @@
+"""A recording in blocks: the wrench, its noise at rest, and how the sensor moves."""
+
+from typing import NamedTuple
+
+from forcecal_ros.geometry import Array
+from forcecal_ros.identify.blocks import Averager, block_length, Grid, make_grid
+from forcecal_ros.identify.kinematics import Motions
+from forcecal_ros.identify.means import Autocovariance, autocovariance, LAGS
+from forcecal_ros.identify.poses import StaticPose
+from forcecal_ros.identify.settings import Settings
+from forcecal_ros.samples import Recording
+import numpy as np
+
+
+class Lattice(NamedTuple):
+    """
+    What the fits to motion work on.
+
+    Attributes
+    ----------
+    grid : Grid
+    wrench : ndarray, shape (n, 6)
+        Block means on the wire; NaN where missing [N, N m].
+    noise : Autocovariance
+        Of these at rest.
+    motions : Motions
+    """
+
+    grid: Grid
+    wrench: Array
+    noise: Autocovariance
+    motions: Motions
+
+
+def lay_lattice(recording: Recording, poses: list[StaticPose], settings: Settings
+                ) -> Lattice | None:
+    """
+    Lay blocks over a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        With wrench and pose.
+    poses : list of StaticPose
+    settings : Settings
+
+    Returns
+    -------
+    Lattice or None
+        None where the poses are too short to show any noise.
+    """
+    wrench, pose = recording.wrench, recording.pose
+    assert wrench is not None and pose is not None
+    if len(wrench) < 20 or len(pose) < 10:
+        return None
+    streams = [s for s in (wrench, recording.accelerometer, recording.optidrive, pose)
+               if s is not None and len(s) > 1]
+    length = block_length(settings.block, *(float(np.median(np.diff(s.t))) for s in streams))
+    grid = make_grid(wrench.t, length, [(p.start, p.end) for p in poses], recording.phases)
+    if not any((grid.still == i).sum() > 2 * LAGS for i in range(len(poses))):
+        return None
+    averager = Averager(wrench.t, wrench.values)
+    return Lattice(grid, averager.means(grid.starts, grid.length),
+                   autocovariance(windows_of(averager, grid)), Motions(pose, grid))
+
+
+def windows_of(averager: Averager, grid: Grid) -> list[Array]:
+    """Block means of each static pose."""
+    return [averager.means(grid.starts[grid.still == i], grid.length)
+            for i in range(grid.still.max() + 1) if (grid.still == i).any()]

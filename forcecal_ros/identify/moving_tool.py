@@ -1,0 +1,126 @@
+"""Centre of mass and torque bias from motion, where the static poses alone do not tell them.
+
+Two directions of gravity are enough to weigh the tool, not to find its centre of mass. Any free
+motion that turns it further is: the wire's own force is the load whose lever arm is sought,
+
+    n = b_n + (c + s x_hat) x (F - b_F) - (J alpha + omega x J omega)
+
+linear in b_n, c and the six elements of J.
+"""
+
+from forcecal_ros.errors import UnobservableError
+from forcecal_ros.geometry import Array, skew
+from forcecal_ros.identify.estimating import jacobian
+from forcecal_ros.identify.inertia import inertia_regressor, InertiaFit
+from forcecal_ros.identify.kinematics import smoothed, Turning
+from forcecal_ros.identify.means import autocovariance, correlated_sum
+from forcecal_ros.identify.tool import gravity_spread, Statics, ToolFit, Weight, X_HAT
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+
+def identify_moving_tool(
+        weight: Weight, statics: Statics, wrench: Array, slide: Array, turn: Turning,
+        free: NDArray[np.bool_], still: NDArray[np.intp], condition: float = 100.0
+        ) -> tuple[ToolFit, InertiaFit]:
+    """
+    Fit centre of mass, torque bias and inertia to all blocks of free motion.
+
+    Parameters
+    ----------
+    weight : Weight
+        From the static poses.
+    statics : Statics
+    wrench : ndarray, shape (n, 6)
+        Block means on the wire; NaN where missing.
+    slide : ndarray, shape (n,)
+        Of the tool along x [m].
+    turn : Turning
+    free, still : ndarray, shape (n,)
+        Free motion; which static pose, -1 for none.
+    condition : float
+        Largest ratio of the first to the second spread of gravity in the motion.
+
+    Returns
+    -------
+    tuple of ToolFit, InertiaFit
+
+    Raises
+    ------
+    UnobservableError
+        The motion does not tell them either.
+    """
+    use = free & np.isfinite(wrench).all(1) & np.isfinite(slide)
+    _check_motion(turn, use, condition)
+    turned = -inertia_regressor(turn.omega, turn.alpha)
+    quiet = smoothed(turned)
+
+    def rows_of(bias: Array, inertial: Array) -> Array:
+        load = wrench[:, :3] - bias
+        return np.concatenate([np.broadcast_to(np.eye(3), (len(load), 3, 3)), -skew(load),
+                               inertial], axis=2)
+
+    def torque_of(bias: Array) -> Array:
+        return np.asarray(wrench[:, 3:] - np.cross(slide[:, None] * X_HAT, wrench[:, :3] - bias))
+
+    def fit(bias: Array, precision: Array) -> tuple[Array, Array, Array]:
+        instruments = np.where(use[:, None, None], precision @ rows_of(bias, quiet), 0.0)
+        clean = np.nan_to_num(rows_of(bias, turned))
+        normal = np.einsum('nip,niq->pq', instruments, clean)
+        normal[6:, 6:] -= use.sum() * _rest_product(precision @ quiet, turned, still)
+        bread = np.linalg.inv(normal)
+        torque = np.where(use[:, None], torque_of(bias), 0.0)
+        return bread @ np.einsum('nip,ni->p', instruments, torque), bread, instruments
+
+    def left(theta: Array) -> list[Array]:
+        residual = torque_of(weight.force_bias) - rows_of(weight.force_bias, quiet) @ theta
+        return [residual[still == i] for i in range(still.max() + 1)]
+
+    theta, _, _ = fit(weight.force_bias, np.eye(3))
+    precision = np.diag(1 / np.diag(autocovariance(left(theta)).lags[0]))
+    theta, bread, instruments = fit(weight.force_bias, precision)
+    by_bias = jacobian(lambda b: fit(b, precision)[0], weight.force_bias, np.full(3, 1e-2))
+    covariance = bread @ correlated_sum(instruments, autocovariance(left(theta))) @ bread.T
+    covariance = covariance + by_bias @ weight.covariance[1:, 1:] @ by_bias.T
+    tool = _tool_fit(weight, statics, theta, covariance, by_bias)
+    _, vectors = np.linalg.eigh(np.linalg.inv(covariance[6:, 6:]))
+    return tool, InertiaFit(theta[6:], covariance[6:, 6:], vectors[:, 0])
+
+
+def _rest_product(quiet: Array, turned: Array, still: NDArray[np.intp]) -> Array:
+    """Mean of what noise of the orientation alone adds to the normal equations."""
+    at_rest = still >= 0
+    return np.asarray(np.einsum('nip,niq->pq', quiet[at_rest], turned[at_rest]) / at_rest.sum())
+
+
+def _check_motion(turn: Turning, use: NDArray[np.bool_], condition: float) -> None:
+    if use.sum() > 50:
+        spread, _ = gravity_spread(-turn.R_base_sensor[use, 2])
+        if spread[1] * condition >= spread[0]:
+            return
+    raise UnobservableError(
+        'centre of mass and torque bias are not observable: gravity keeps to one line of '
+        'ft_sensor in the static poses and in the motion between them; add a pose tilted about '
+        'another axis of ft_sensor')
+
+
+def _tool_fit(weight: Weight, statics: Statics, theta: Array, covariance: Array,
+              by_bias: Array) -> ToolFit:
+    """Put weight and lever together, with what they share through the force bias."""
+    full = np.zeros((10, 10))
+    full[:4, :4] = weight.covariance
+    order = [7, 8, 9, 4, 5, 6]
+    full[np.ix_(order, order)] = covariance[:6, :6]
+    full[np.ix_(order, range(4))] = by_bias[:6] @ weight.covariance[1:]
+    full[:4, 4:] = full[4:, :4].T
+    load = weight.mass * statics.gravity
+    slide = statics.slide if statics.slide is not None else np.zeros(len(load))
+    lever = theta[3:6] + slide[:, None] * X_HAT
+    residuals = statics.wrench - np.concatenate(
+        [load + weight.force_bias, np.cross(lever, load) + theta[:3]], axis=1)
+    spread, _ = gravity_spread(statics.gravity)
+    return ToolFit(
+        weight.mass, weight.force_bias, theta[3:6], theta[:3], full, residuals,
+        weight.chi_square, float(chi2.sf(weight.chi_square, weight.degrees)), weight.degrees,
+        spread, float(spread[0] / max(spread[1], 1e-12)))

@@ -1,0 +1,128 @@
+"""What the static poses and the ringing say about the tool, put together."""
+
+from forcecal_ros.identify.blocks import Averager
+from forcecal_ros.identify.lattice import Lattice, windows_of
+from forcecal_ros.identify.means import autocovariance, window_mean
+from forcecal_ros.identify.poses import StaticPose
+from forcecal_ros.identify.readings import require_wrench
+from forcecal_ros.identify.ringing import RingFit, rings, stiffness_and_damping
+from forcecal_ros.identify.settings import Settings
+from forcecal_ros.identify.tool import Sag, Statics, stiffness_from_sag
+from forcecal_ros.samples import Recording
+import numpy as np
+
+
+def read_statics(recording: Recording, poses: list[StaticPose], settings: Settings,
+                 lattice: Lattice | None) -> Statics:
+    """
+    Take the means of the static poses, [Gamez2005] Eq. 11 and 14 in all six axes.
+
+    Parameters
+    ----------
+    recording : Recording
+    poses : list of StaticPose
+    settings : Settings
+    lattice : Lattice or None
+        Where the noise is measured; None: the poses are single samples.
+
+    Returns
+    -------
+    Statics
+    """
+    wrench, optidrive = require_wrench(recording), recording.optidrive
+    means = np.stack([window_mean(wrench, p.start, p.end, 'wrench') for p in poses])
+    gravity = np.stack([p.gravity(settings.gravity) for p in poses])
+    spans = np.array([p.end - p.start for p in poses])
+    covariance = None
+    if lattice is not None:
+        covariance = lattice.noise.total * (lattice.grid.length / spans)[:, None, None]
+    rigid = np.zeros(len(poses))
+    if settings.tool_compliance == 'no' or optidrive is None or not len(optidrive):
+        return Statics(gravity, means, covariance, rigid, rigid)
+    slide = np.array([window_mean(optidrive, p.start, p.end, 'optidrive')[0] for p in poses])
+    variance = rigid
+    if lattice is not None:
+        blocks = windows_of(Averager(optidrive.t, optidrive.values), lattice.grid)
+        variance = float(autocovariance(blocks).total[0, 0]) * lattice.grid.length / spans
+    return Statics(gravity, means, covariance, slide, variance)
+
+
+def ring_of(recording: Recording, poses: list[StaticPose], statics: Statics, mass: float,
+            sag: Sag | None, lattice: Lattice) -> RingFit | None:
+    """
+    Fit what rings after the step.
+
+    Parameters
+    ----------
+    recording : Recording
+    poses : list of StaticPose
+    statics : Statics
+    mass : float
+        [kg]
+    sag : Sag or None
+        Stiffness as the static poses show it.
+    lattice : Lattice
+
+    Returns
+    -------
+    RingFit or None
+        None where nothing rang.
+    """
+    optidrive, density = None, 1.0
+    if slides(statics):
+        optidrive = recording.optidrive
+        density = float(statics.slide_variance[0]) * (poses[0].end - poses[0].start)
+    ringing = rings(_phase_spans(recording, 'step'), require_wrench(recording), optidrive,
+                    recording.pose, recording.target)
+    return stiffness_and_damping(
+        ringing, mass, lattice.noise.total[0, 0] * lattice.grid.length, density,
+        (sag.stiffness, sag.variance) if sag else None)
+
+
+def slides(statics: Statics) -> bool:
+    """Whether an Optidrive shows the tool's slide."""
+    return statics.slide is not None and bool(statics.slide.any())
+
+
+def with_ring(statics: Statics, mass: float, ring: RingFit | None, settings: Settings) -> Statics:
+    """
+    Say by the ringing how far the tool slides where no Optidrive does.
+
+    Parameters
+    ----------
+    statics : Statics
+    mass : float
+        [kg]
+    ring : RingFit or None
+    settings : Settings
+
+    Returns
+    -------
+    Statics
+        As it was for a rigid tool or with an Optidrive.
+    """
+    if slides(statics) or (ring is None and settings.tool_compliance != 'yes'):
+        return statics
+    sag = None
+    if ring is not None:
+        value = mass**2 / ring.stiffness
+        sag = (value, value**2 * ring.covariance[0, 0] / ring.stiffness**2)
+    return statics._replace(slide=None, sag=sag)
+
+
+def sag_of(statics: Statics, mass: float) -> Sag | None:
+    """Stiffness from the static slide; None without an Optidrive that moves."""
+    return stiffness_from_sag(statics, mass) if slides(statics) else None
+
+
+def _phase_spans(recording: Recording, name: str) -> list[tuple[float, float]]:
+    """Stretches of consecutive phases of that name."""
+    spans: list[tuple[float, float]] = []
+    for phase in recording.phases:
+        if phase.name != name:
+            continue
+        if spans and abs(spans[-1][1] - phase.start) < 1e-6:
+            spans[-1] = (spans[-1][0], phase.end)
+        else:
+            spans.append((phase.start, phase.end))
+    return spans
