@@ -18,7 +18,7 @@ from forcecal_ros.topics import (
     Topic,
     WRENCH,
 )
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 import numpy as np
@@ -42,6 +42,7 @@ def value_at(message, path):
 
 
 @pytest.mark.parametrize('msgtype', sorted(FIELDS))
+@settings(max_examples=50)
 @given(data=st.data())
 def test_rosbags_reads_what_was_encoded(msgtype, data):
     paths = FIELDS[msgtype] if msgtype != JOINT_STATE else ('position[0]', 'position[1]')
@@ -83,6 +84,7 @@ def test_messages_of_rosbags_are_decoded_whatever_their_frame(little, frames, da
 
 
 @pytest.mark.parametrize('msgtype', TYPES)
+@settings(max_examples=30)
 @given(content=st.binary(max_size=400))
 def test_noise_is_decoded_or_counted(msgtype, content):
     decoder = Decoder(STORE, msgtype)

@@ -6,7 +6,7 @@ from bag_samples import header, STORE
 from forcecal_ros.bags.encode import encode
 from forcecal_ros.bags.fields import FIELDS
 from forcecal_ros.topics import ACCEL, IMU, JOINT_STATE, POSE, TWIST, VECTOR3, WRENCH
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 import numpy as np
@@ -51,6 +51,7 @@ def joints(stamp, names, positions, frame='', little=True):
 
 @pytest.mark.parametrize('little', [True, False])
 @pytest.mark.parametrize('msgtype', [WRENCH, VECTOR3, ACCEL, POSE, IMU])
+@settings(max_examples=40)
 @given(data=st.data(), stamp=STAMPS, frame=FRAMES)
 def test_stamp_numbers_and_frame_are_read(msgtype, little, data, stamp, frame):
     fields = READ[msgtype]
@@ -63,6 +64,7 @@ def test_stamp_numbers_and_frame_are_read(msgtype, little, data, stamp, frame):
 
 
 @pytest.mark.parametrize('msgtype', WRITTEN)
+@settings(max_examples=40)
 @given(data=st.data(), stamp=STAMPS, frame=FRAMES)
 def test_messages_are_written_as_rosbags_writes_them(msgtype, data, stamp, frame):
     fields = WRITTEN[msgtype]
@@ -72,6 +74,7 @@ def test_messages_are_written_as_rosbags_writes_them(msgtype, data, stamp, frame
 
 
 @pytest.mark.parametrize('little', [True, False])
+@settings(max_examples=40)
 @given(names=st.lists(NAMES, max_size=4, unique=True), data=st.data(), stamp=STAMPS, frame=FRAMES)
 def test_joint_is_found_by_name_wherever_it_stands(little, names, data, stamp, frame):
     reader = wire.JointReader('optidrive')
@@ -84,6 +87,7 @@ def test_joint_is_found_by_name_wherever_it_stands(little, names, data, stamp, f
         assert reader(joints(stamp, order, [], frame, little)) is None
 
 
+@settings(max_examples=40)
 @given(stamp=STAMPS, position=st.floats(allow_nan=False), frame=FRAMES, joint=NAMES)
 def test_joint_is_written_as_rosbags_writes_it(stamp, position, frame, joint):
     assert (wire.JointWriter(joint, frame)(stamp, position)
@@ -91,6 +95,7 @@ def test_joint_is_written_as_rosbags_writes_it(stamp, position, frame, joint):
 
 
 @pytest.mark.parametrize('msgtype', [WRENCH, VECTOR3, ACCEL, POSE, IMU])
+@settings(max_examples=40)
 @given(data=st.data())
 def test_message_cut_short_is_refused(msgtype, data):
     whole = serialised(msgtype, 10**9, READ[msgtype], np.ones(len(READ[msgtype])), 'ft_sensor')
@@ -100,6 +105,7 @@ def test_message_cut_short_is_refused(msgtype, data):
         wire.Reader(CLASSES[msgtype])(whole[:cut])
 
 
+@settings(max_examples=40)
 @given(st.binary(max_size=200))
 def test_noise_is_read_or_refused_as_too_short(content):
     for read in (wire.Reader(msgs.WrenchStamped), wire.Reader(sensor_msgs.Imu),

@@ -50,7 +50,8 @@ def read_recording(
     ConfigError
         A role does not exist.
     """
-    wanted = [role for role in (*_STREAMS, 'phase') if roles is None or role in roles]
+    wanted = [role for role in (*_STREAMS, 'phase') if roles is None or role in roles
+              or role in ('imu', 'accel') and 'accelerometer' in roles]
     with Bag(path) as bag:
         found, mismatches = find_topics(bag.topics, topics or {}, wanted)
         for mismatch in mismatches:

@@ -1,8 +1,10 @@
 """SQLite files of rosbag2: whole ones, and what is left of damaged ones."""
 
 from collections.abc import Iterator
+from itertools import compress
 from pathlib import Path
 import sqlite3
+from typing import Any
 
 from forcecal_ros.bags.batch import Batch, Notes
 from forcecal_ros.errors import DataError
@@ -58,6 +60,10 @@ class SqliteFile:
         return {number: Topic(name, kind, definitions.get(kind, ''))
                 for number, name, kind in rows}
 
+    def close(self) -> None:
+        """Let go of the file."""
+        self._database.close()
+
     def batches(self, topics: set[Topic]) -> Iterator[Batch]:
         """Yield the messages of some topics, some thousands at a time, in the file's order."""
         wanted = [number for number, topic in self.topics.items() if topic in topics]
@@ -81,9 +87,9 @@ class SqliteFile:
         except sqlite3.DatabaseError:
             return
 
-    def _rows(self, query: str, values: tuple[int, ...]) -> Iterator[list[tuple[int, ...]]]:
+    def _rows(self, query: str, values: tuple[int, ...]) -> Iterator[list[tuple[Any, ...]]]:
         cursor = self._database.execute(query, values)
-        rows: list[tuple[int, ...]] = []
+        rows: list[tuple[Any, ...]] = []
         try:
             for row in cursor:
                 rows.append(row)
@@ -97,14 +103,15 @@ class SqliteFile:
         if rows:
             yield rows
 
-    def _group(self, rows: list[tuple[int, ...]]) -> Iterator[Batch]:
-        groups: dict[int, list[tuple[int, bytes]]] = {}
-        for _, number, log_ns, data in rows:
-            if isinstance(data, bytes) and isinstance(log_ns, int):
-                groups.setdefault(number, []).append((log_ns, data))
-        for number, messages in groups.items():
-            blobs = [data for _, data in messages]
-            length = np.array([len(blob) for blob in blobs])
-            yield Batch(
-                self.topics[number], b''.join(blobs), np.cumsum(length) - length, length,
-                np.array([log_ns for log_ns, _ in messages]))
+    def _group(self, rows: list[tuple[Any, ...]]) -> Iterator[Batch]:
+        rows = [row for row in rows if type(row[2]) is int and type(row[3]) is bytes]
+        if not rows:
+            return
+        _, numbers, log_ns, blobs = zip(*rows)
+        source, logs = np.array(numbers), np.array(log_ns)
+        for number in set(numbers):
+            chosen = source == number
+            messages = list(compress(blobs, chosen))
+            length = np.array([len(message) for message in messages])
+            yield Batch(self.topics[number], b''.join(messages), np.cumsum(length) - length,
+                        length, logs[chosen])

@@ -25,7 +25,7 @@ else:
 _SQLITE_MAGIC = b'SQLite format 3\0'
 _ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 _LARGEST_METADATA = 1 << 20
-_LARGEST_MESSAGE = 1 << 28
+_LARGEST_BATCH = 1 << 28
 
 
 class Bag:
@@ -117,16 +117,16 @@ class Bag:
         return set()
 
     def _open(self, path: Path) -> McapFile | SqliteFile:
-        with path.open('rb') as file:
-            magic = file.read(16)
+        magic = _beginning(path)
         if magic.startswith(_ZSTD_MAGIC):
             path = self._unpacked(path)
-            with path.open('rb') as file:
-                magic = file.read(16)
+            magic = _beginning(path)
         if magic.startswith(MAGIC):
             return McapFile(path, self.notes)
         if magic == _SQLITE_MAGIC:
-            return SqliteFile(path, self.notes)
+            file = SqliteFile(path, self.notes)
+            self._stack.callback(file.close)
+            return file
         if not magic:
             raise DataError(f'{path} is empty: nothing was recorded')
         if magic.startswith(b'#ROSBAG'):
@@ -153,12 +153,22 @@ class Bag:
         if not len(batch.start) or batch.buffer[batch.start[0]:batch.start[0] + 4] != _ZSTD_MAGIC:
             return batch
         messages = []
+        room = _LARGEST_BATCH
         for start, length in zip(batch.start, batch.length):
+            message = b''
             try:
-                messages.append(zstd.ZstdDecompressor().decompress(
-                    batch.buffer[start:start + length], _LARGEST_MESSAGE))
+                if room:
+                    message = zstd.ZstdDecompressor().decompress(
+                        batch.buffer[start:start + length], room)
             except zstd.ZstdError:
-                messages.append(b'')
+                pass
+            messages.append(message)
+            room -= len(message)
         length = np.array([len(message) for message in messages])
         return batch._replace(buffer=b''.join(messages), start=np.cumsum(length) - length,
                               length=length)
+
+
+def _beginning(path: Path) -> bytes:
+    with path.open('rb') as file:
+        return file.read(16)
