@@ -31,6 +31,9 @@ def add_parser(subparsers: Any) -> None:
                         help='where it sits in ft_sensor [m] (default: estimated)')
     parser.add_argument('--theta', metavar='RAD', type=float, default=0.0,
                         help="the paper's angle of the two poses about z")
+    parser.add_argument('--free-motion', metavar='BAG2',
+                        help='recording without contact that tells the delay between the sensors, '
+                             'where BAG holds resting poses only')
     parser.add_argument('--observer', choices=('kalman', 'newton'), default='kalman',
                         help='which observer the calibration asks for')
     parser.add_argument('--design', choices=('kalman', 'poles'), default='kalman',
@@ -46,12 +49,17 @@ def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     from forcecal_ros.bags import read_recording, require
     from forcecal_ros.calibration_file import save, to_document
+    from forcecal_ros.identify.delay import estimate_delay, with_delay
     from forcecal_ros.report.rows import as_text, table
 
     recording = read_recording(
         args.bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
     require(recording, ['wrench', 'pose'])
     calibration = calibrated(recording, args)
+    if args.free_motion:
+        motion = read_recording(
+            args.free_motion, topics=topic_names(args), wrench_sign=args.wrench_sign)
+        calibration = with_delay(calibration, estimate_delay(motion, calibration))
     save(calibration, args.output)
     if args.report:
         write_report(args.report, recording, calibration)
@@ -69,14 +77,16 @@ def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration
     """Identify as the arguments say."""
     from forcecal_ros.identify.pipeline import identify
     from forcecal_ros.identify.settings import Settings
+    from forcecal_ros.observe.gains import with_kalman_gains
 
     position = args.accelerometer_position
-    return identify(recording, Settings(
+    calibration = identify(recording, Settings(
         gravity=args.gravity, theta=args.theta, coupling=args.coupling, cutoff=args.cutoff,
         accelerometer_position=tuple(position) if position else None,
         wrench_sign=args.wrench_sign, observer_mode=args.observer, observer_design=args.design,
         source={'recording': args.bag,
                 'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}))
+    return with_kalman_gains(calibration)
 
 
 def write_report(path: str, recording: 'Recording', calibration: 'Calibration') -> None:

@@ -2,11 +2,18 @@
 
 import argparse
 from collections import Counter
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands.common import (
     add_bag, add_json, new_parser, print_json, say, topic_names, warn,
 )
+
+if TYPE_CHECKING:
+    from forcecal_ros.calibration import Calibration
+    from forcecal_ros.samples import Recording
+
+DELAY_STD = 5e-4
+"""A delay found in the recording itself is used where its standard error is below this [s]."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -40,6 +47,7 @@ def run(args: argparse.Namespace) -> int:
     calibration = load(args.calibration)
     recording = read_recording(
         args.bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
+    calibration, about_delay = with_known_delay(calibration, recording)
     estimate = replay(recording, calibration, Settings(
         mode=args.mode, bandwidth_hz=args.bandwidth))
     frame = calibration.sensor_frame
@@ -53,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     for status, count in zip(*np.unique(estimate.status, return_counts=True)):
         for sentence in describe(int(status)):
             seen[sentence] += int(count)
-    notes = [*recording.notes, *(f'{text} ({n} of {len(estimate.t)} samples)'
+    notes = [*recording.notes, *about_delay, *(f'{text} ({n} of {len(estimate.t)} samples)'
                                  for text, n in seen.items())]
     mean, std = estimate.contact.mean(axis=0), estimate.contact.std(axis=0)
     if args.json:
@@ -66,3 +74,35 @@ def run(args: argparse.Namespace) -> int:
     say('mean [N, N m]  ' + '  '.join(f'{x:9.4f}' for x in mean))
     say('std  [N, N m]  ' + '  '.join(f'{x:9.4f}' for x in std))
     return 0
+
+
+def with_known_delay(calibration: 'Calibration', recording: 'Recording'
+                     ) -> tuple['Calibration', tuple[str, ...]]:
+    """
+    Find the delay between the sensors in the recording, where the calibration does not know it.
+
+    Returns
+    -------
+    calibration : Calibration
+        As given where it knows the delay, or the recording does not tell.
+    notes : tuple of str
+        What was assumed.
+    """
+    import numpy as np
+
+    from forcecal_ros.errors import DataError
+    from forcecal_ros.identify.delay import estimate_delay, with_delay
+
+    sensor = calibration.accelerometer
+    if sensor is None or recording.accelerometer is None or np.isfinite(sensor.delay.std):
+        return calibration, ()
+    unknown = ('the calibration does not know the delay of the accelerometer; calibrate with '
+               '--free-motion')
+    try:
+        delay = estimate_delay(recording, calibration)
+    except DataError as error:
+        return calibration, (f'{unknown}; taken to be 0: {error}',)
+    found = f'{1e3 * float(delay):.2f} +- {1e3 * float(delay.std):.2f} ms in this recording'
+    if not delay.std < DELAY_STD:
+        return calibration, (f'{unknown}; taken to be 0, as {found} is not sure enough',)
+    return with_delay(calibration, delay), (f'{unknown}; found {found}',)
