@@ -1,4 +1,8 @@
-"""Contact-force observer: one pure step for node and replay."""
+"""Contact-force observer: one pure step for node and replay.
+
+calibration, settings -> design (bandwidth, riccati) -> model
+events -> step (align -> contact (tracking, inertial, newton)) -> contact wrench, status
+"""
 
 from forcecal_ros.observe.bandwidth import noise_levels, NoiseLevels
 from forcecal_ros.observe.contact import ContactSample
