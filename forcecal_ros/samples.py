@@ -6,10 +6,9 @@ Time comes first: streams are sorted by header stamp and counted in seconds from
 
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
+import numpy as np
 
 PHASES = (
     'idle', 'settle', 'move', 'measure', 'step', 'sweep', 'reverse', 'approach', 'contact',
