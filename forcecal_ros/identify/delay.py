@@ -4,6 +4,7 @@ A calibration from a recording with free motion knows its delay already, with ev
 (:mod:`forcecal_ros.identify.accelerometer`); this is for the others.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from forcecal_ros.calibration import Calibration, Estimate
@@ -110,7 +111,7 @@ def with_delay(calibration: Calibration, delay: Estimate) -> Calibration:
     return replace(calibration, accelerometer=replace(calibration.accelerometer, delay=delay))
 
 
-def _minimum(residual, grid: Array, costs: Array, use: Array) -> float:  # type: ignore
+def _minimum(residual: Callable[[float], Array], grid: Array, costs: Array, use: Array) -> float:
     """Return the delay with the least squared residual over some of the blocks."""
     around = grid[int(np.argmin(costs[:, use].sum(axis=1)))]
     found = minimize_scalar(lambda d: float(np.nansum(residual(d)[use] ** 2)),
