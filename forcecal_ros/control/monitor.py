@@ -265,7 +265,7 @@ class Monitor:
     def _frozen(self) -> str:
         timeout = self.settings.frozen_timeout
         for channel in self.channels.values():
-            stuck = self._alive - max(channel.changed, self._moving_since)
+            stuck = channel.heard - max(channel.changed, self._moving_since)
             if 0 < timeout < stuck:
                 return f'{channel.topic}: the same reading for {stuck:.3f} s of motion'
         return ''

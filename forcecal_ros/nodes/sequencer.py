@@ -49,7 +49,7 @@ CLOCK_STOPPED = 0.1
 """A /clock that stands for longer ends the sequence [s]."""
 
 STALL = 0.5
-"""A stream that was silent for longer is not resumed [s]."""
+"""A motion whose commands ceased for longer is not resumed [s]."""
 
 FOREIGN = 0.5
 """Commands of someone else that are more recent than this forbid a start [s]."""
@@ -89,6 +89,7 @@ class Sequencer(Node):
         self.create_timer(0.02, self._watch_clock, clock=STEADY)
         self.create_timer(1.0, self._report, clock=STEADY)
         self._say()
+        self.get_logger().info('ready: sequencer/start begins')
 
     def _values(self) -> dict[str, Any]:
         return {row.name: self.get_parameter(row.name).value for row in PARAMETERS}
@@ -217,8 +218,9 @@ class Sequencer(Node):
         """Abort where a sensor, the robot, a clock or a person says so."""
         if not self._sequence.running or self._sequence.moved:
             return
+        moving = self._command is not None and self._command.moving
         silent = (steady - self._ticked) / SECOND
-        if silent > STALL and not self._simulated:
+        if moving and silent > STALL and not self._simulated:
             self._abort(f'the command stream stalled for {silent:.2f} s; '
                         'the machine is overloaded', at_once=True)
             return
@@ -227,7 +229,6 @@ class Sequencer(Node):
         if not self._simulated and abs(drift) > CLOCK_JUMP * SECOND:
             self._abort(f'the system clock jumped by {drift / SECOND:.2f} s')
             return
-        moving = self._command is not None and self._command.moving
         fault = (self._monitor.check(moving, self._commanded) or self._others_fault(steady)
                  or self._stand_while_in_doubt(steady, ros))
         if fault:
@@ -311,14 +312,14 @@ class Sequencer(Node):
         plan = program.plan(goals, away, settings.timing)
         parts = prepare(plan, start, settings.pace, settings.limits)
         check_wrench(parts, self._monitor.mean('wrench'), settings.limits)
+        self.get_logger().info(f'{settings.sequence} starts, with poses '
+                               f'{", ".join(settings.poses)}')
         self._collector.clear()
         for channel, raw in self._raw_heard.items():
             self._collector.frames[channel] = frame_of(raw)
         self._sequence.settings = settings.stream
         self._sequence.start(parts, start, 'identification' if program.identifies else '')
         self._begin_stream()
-        self.get_logger().info(f'{settings.sequence} started with poses '
-                               f'{", ".join(settings.poses)}')
         return f'{settings.sequence} started'
 
     def _check_others(self, steady: int) -> None:
