@@ -12,10 +12,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from forcecal_ros.geometry import Array, STANDARD_GRAVITY
 import numpy as np
 from numpy.typing import ArrayLike
-
-from forcecal_ros.geometry import STANDARD_GRAVITY, Array
 
 FORMAT = 'forcecal-calibration/1'
 NOT_IDENTIFIED = 'not identified'
@@ -52,7 +51,7 @@ class Estimate:
         return float(self.value)
 
     def unit_of(self, index: int) -> str:
-        """Unit of one element: a wrench's ``N, N m`` is N for the first three, then N m."""
+        """Return the unit of one element: a wrench's ``N, N m`` is N for the first three, then N m."""
         units = self.unit.split(', ')
         return units[index * len(units) // max(self.value.size, 1)]
 

@@ -1,20 +1,26 @@
 """The file ``calibration.yaml``: written whole, checked when it is read."""
 
-import math
 from collections.abc import Mapping
 from datetime import date, datetime
+import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import yaml
-
 from forcecal_ros.calibration import (
-    FORMAT, NOT_IDENTIFIED, Accelerometer, Calibration, Estimate, Noise, ObserverGain, Tool,
+    Accelerometer,
+    Calibration,
+    Estimate,
+    FORMAT,
+    Noise,
+    NOT_IDENTIFIED,
+    ObserverGain,
+    Tool,
 )
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.files import write_text
 from forcecal_ros.geometry import Array
+import numpy as np
+import yaml
 
 MAX_BYTES = 4_000_000
 
@@ -157,9 +163,9 @@ class _NoAliasLoader(yaml.SafeLoader):
     """Safe loader without aliases: a calibration needs none, a billion laughs does."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        if self.check_event(yaml.AliasEvent):  # type: ignore[no-untyped-call]
+        if self.check_event(yaml.AliasEvent):
             raise yaml.YAMLError('aliases (*name) are not allowed in a calibration')
-        return super().compose_node(parent, index)  # type: ignore[no-untyped-call]
+        return super().compose_node(parent, index)
 
 
 def parse(text: str, name: str = 'calibration') -> Calibration:
@@ -245,13 +251,13 @@ class _Reader:
         coupling = d.get('coupling', 'dc')
         if coupling not in ('dc', 'ac'):
             raise self.wrong('accelerometer.coupling', coupling, 'dc or ac')
-        get = {key: self.estimate(d, key, _ACCELEROMETER, 'accelerometer.')
-               for key in ('cutoff', 'position')}
+        cutoff, position = (self.estimate(d, key, _ACCELEROMETER, 'accelerometer.')
+                            for key in ('cutoff', 'position'))
         need = {key: self.required(d, key, _ACCELEROMETER, 'accelerometer.')
                 for key in ('offset', 'gain', 'map', 'delay')}
-        if coupling == 'ac' and get['cutoff'] is None:
+        if coupling == 'ac' and cutoff is None:
             raise self.wrong('accelerometer.cutoff', None, 'the corner [Hz] of an ac sensor')
-        return Accelerometer(coupling=coupling, **need, **get)
+        return Accelerometer(**need, coupling=coupling, cutoff=cutoff, position=position)
 
     def tool(self, d: dict[str, Any] | None) -> Tool | None:
         if d is None:

@@ -1,10 +1,10 @@
 """``forcecal``: arguments in, result printed. All errors a user can mend become one line here."""
 
 import argparse
-import os
-import sys
 from collections.abc import Sequence
 from importlib import import_module
+import os
+import sys
 
 from forcecal_ros import __version__
 from forcecal_ros.errors import ForcecalError

@@ -1,11 +1,11 @@
 """Files that are either the old one or the new one, whole: nothing is ever half written."""
 
-import os
-import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+import os
 from pathlib import Path
+import shutil
+import tempfile
 
 from forcecal_ros.errors import ConfigError
 

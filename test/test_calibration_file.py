@@ -2,18 +2,22 @@
 
 import math
 
-import numpy as np
-import pytest
-import yaml
+from forcecal_ros import calibration_file
+from forcecal_ros.calibration import (
+    Accelerometer,
+    Calibration,
+    Estimate,
+    Noise,
+    ObserverGain,
+    Tool,
+)
+from forcecal_ros.errors import ConfigError
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
-
-from forcecal_ros import calibration_file
-from forcecal_ros.calibration import (
-    Accelerometer, Calibration, Estimate, Noise, ObserverGain, Tool,
-)
-from forcecal_ros.errors import ConfigError
+import numpy as np
+import pytest
+import yaml
 
 
 def whole_calibration():

@@ -2,13 +2,12 @@
 
 import re
 
-import numpy as np
-import pytest
-
 from forcecal_ros.calibration import Calibration, Estimate
 from forcecal_ros.report.calibration import render
 from forcecal_ros.report.rows import as_text, table
 from forcecal_ros.samples import Phase, PoseStream, Recording, Stream
+import numpy as np
+import pytest
 
 
 @pytest.fixture

@@ -2,10 +2,16 @@
 
 import argparse
 from datetime import datetime, timezone
-from typing import TYPE_CHECKING, Any
+from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands.common import (
-    add_bag, add_json, new_parser, print_json, say, topic_names, warn,
+    add_bag,
+    add_json,
+    new_parser,
+    print_json,
+    say,
+    topic_names,
+    warn,
 )
 from forcecal_ros.geometry import STANDARD_GRAVITY
 

@@ -1,9 +1,9 @@
 """Arguments and output that several commands share."""
 
 import argparse
+from collections.abc import Mapping
 import json
 import sys
-from collections.abc import Mapping
 from typing import Any
 
 from forcecal_ros.errors import ConfigError

@@ -1,9 +1,9 @@
 """``forcecal demo``: the main job against the simulated rig, live over ROS 2."""
 
 import argparse
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+import sys
+from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands.common import add_json, new_parser, print_json, say, warn
 
@@ -84,9 +84,8 @@ def step_figures(recording: 'Recording', calibration: 'Calibration') -> dict[str
     dict
         ``sensor`` without bias and ``observer`` over the recording, RMS [N]; ``reduction`` [dB].
     """
-    import numpy as np
-
     from forcecal_ros.observe import replay
+    import numpy as np
 
     estimate = replay(recording, calibration)
     step = next(phase for phase in recording.phases if phase.name == 'step')

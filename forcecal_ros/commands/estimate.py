@@ -5,7 +5,13 @@ from collections import Counter
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands.common import (
-    add_bag, add_json, new_parser, print_json, say, topic_names, warn,
+    add_bag,
+    add_json,
+    new_parser,
+    print_json,
+    say,
+    topic_names,
+    warn,
 )
 
 if TYPE_CHECKING:
@@ -37,12 +43,11 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    import numpy as np
-
     from forcecal_ros.bags import read_recording, write_signals
     from forcecal_ros.calibration_file import dump, load
-    from forcecal_ros.observe import Settings, describe, replay
+    from forcecal_ros.observe import describe, replay, Settings
     from forcecal_ros.samples import Stream
+    import numpy as np
 
     calibration = load(args.calibration)
     recording = read_recording(
@@ -88,10 +93,9 @@ def with_known_delay(calibration: 'Calibration', recording: 'Recording'
     notes : tuple of str
         What was assumed.
     """
-    import numpy as np
-
     from forcecal_ros.errors import DataError
     from forcecal_ros.identify.delay import estimate_delay, with_delay
+    import numpy as np
 
     sensor = calibration.accelerometer
     if sensor is None or recording.accelerometer is None or np.isfinite(sensor.delay.std):

@@ -5,7 +5,12 @@ from dataclasses import replace
 from typing import Any
 
 from forcecal_ros.commands.common import (
-    add_json, add_topics, new_parser, print_json, say, topic_names,
+    add_json,
+    add_topics,
+    new_parser,
+    print_json,
+    say,
+    topic_names,
 )
 
 

@@ -5,14 +5,13 @@ from collections.abc import Mapping
 from io import BytesIO
 from typing import Any
 
-import jinja2
-from matplotlib.figure import Figure
-
 from forcecal_ros.calibration import Calibration
 from forcecal_ros.geometry import Array
 from forcecal_ros.report import figures
-from forcecal_ros.report.rows import Row, table
+from forcecal_ros.report.rows import interval, Row, table, value
 from forcecal_ros.samples import Recording, Stream
+import jinja2
+from matplotlib.figure import Figure
 
 
 def render(recording: Recording, calibration: Calibration, contact: Stream | None = None,
@@ -51,10 +50,8 @@ def render(recording: Recording, calibration: Calibration, contact: Stream | Non
 
 
 def _cells(row: Row) -> dict[str, str]:
-    half = 1.96 * row.std
     return {
-        'name': row.name, 'unit': row.unit, 'value': f'{row.value:.6g}',
-        'interval': f'{row.value - half:.6g} … {row.value + half:.6g}' if half > 0 else '–',
+        'name': row.name, 'unit': row.unit, 'value': value(row), 'interval': interval(row),
         'truth': '' if row.truth is None else f'{row.truth:.6g}',
         'off': '' if row.sigmas is None else f'{row.sigmas:+.1f} σ',
     }
@@ -89,8 +86,8 @@ def _png(figure: Figure) -> str:
 
 
 def _flat(quality: Mapping[str, Any], prefix: str = '') -> Any:
-    for key, value in quality.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f'{prefix}{key}.')
+    for key, one in quality.items():
+        if isinstance(one, Mapping):
+            yield from _flat(one, f'{prefix}{key}.')
         elif key != 'warnings':
-            yield f'{prefix}{key}', f'{value:.6g}' if isinstance(value, float) else str(value)
+            yield f'{prefix}{key}', f'{one:.6g}' if isinstance(one, float) else str(one)

@@ -1,12 +1,13 @@
 """The pictures of a calibration report, each a function of a recording and its calibration."""
 
-import numpy as np
-from matplotlib.figure import Figure
-from scipy import signal
+from typing import Any
 
 from forcecal_ros.calibration import Calibration
 from forcecal_ros.geometry import Array
 from forcecal_ros.samples import Phase, PoseStream, Recording, Stream
+from matplotlib.figure import Figure
+import numpy as np
+from scipy import signal
 
 MEASURED, ESTIMATED, TRUE = '#0072B2', '#D55E00', '#555555'
 WIDTH = 8.0
@@ -155,7 +156,7 @@ def spectra(recording: Recording, calibration: Calibration, contact: Stream) -> 
 
 
 def _axes(rows: int, columns: int, *, height: float, sharex: bool = False
-          ) -> tuple[Figure, list]:
+          ) -> tuple[Figure, list[Any]]:
     figure = Figure(figsize=(WIDTH, height), layout='constrained')
     axes = figure.subplots(rows, columns, squeeze=False, sharex=sharex)
     for one in axes.flat:

@@ -3,10 +3,9 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from forcecal_ros.calibration import Calibration, Estimate
 from forcecal_ros.geometry import Array
+import numpy as np
 
 AXES = ('x', 'y', 'z')
 WRENCH_AXES = ('force x', 'force y', 'force z', 'torque x', 'torque y', 'torque z')
@@ -112,7 +111,7 @@ def as_text(rows: list[Row]) -> str:
     head = ['estimate', 'value', 'std. error', 'unit'] + ['truth', 'off by'] * with_truth
     body = []
     for row in rows:
-        cells = [row.name, *_digits(row.value, row.std), row.unit]
+        cells = [row.name, value(row), error(row), row.unit]
         if with_truth:
             sigmas = row.sigmas
             cells += ['' if row.truth is None else f'{row.truth:.6g}',
@@ -126,9 +125,26 @@ def as_text(rows: list[Row]) -> str:
         for line in [head, rule, *body])
 
 
-def _digits(value: float, std: float) -> tuple[str, str]:
-    """Value and standard error to the digits that the standard error warrants."""
-    if not np.isfinite(std) or std <= 0:
-        return f'{value:.6g}', '-'
+def interval(row: Row) -> str:
+    """Return the 95 % interval as text, or a dash where the standard error is not known."""
+    if not row.std > 0:
+        return '-'
+    half = 1.96 * row.std
+    return f'{_text(row.value - half, row.std)} … {_text(row.value + half, row.std)}'
+
+
+def value(row: Row) -> str:
+    """Return the value as text, to the digits that its standard error warrants."""
+    return _text(row.value, row.std)
+
+
+def error(row: Row) -> str:
+    """Return the standard error as text, or a dash where it is not known."""
+    return _text(row.std, row.std) if row.std > 0 else '-'
+
+
+def _text(number: float, std: float) -> str:
+    if not std > 0:
+        return f'{number:.6g}'
     decimals = max(0, 1 - int(np.floor(np.log10(std))))
-    return f'{value:.{decimals}f}', f'{std:.{decimals}f}'
+    return f'{number:.{decimals}f}'

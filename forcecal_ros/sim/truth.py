@@ -1,9 +1,8 @@
 """What a rig's calibration should come out as, for tables of estimate against truth."""
 
-import numpy as np
-
 from forcecal_ros.geometry import Array
 from forcecal_ros.sim.rig import AccelerometerModel, Rig
+import numpy as np
 
 
 def true_calibration(rig: Rig, accelerometer: str | None = None) -> dict[str, Array]:
