@@ -51,7 +51,7 @@ class Estimate:
         return float(self.value)
 
     def unit_of(self, index: int) -> str:
-        """Return the unit of one element: a wrench's ``N, N m`` is N for the first three, then N m."""
+        """Return the unit of one element; of ``N, N m`` the first half is in N."""
         units = self.unit.split(', ')
         return units[index * len(units) // max(self.value.size, 1)]
 

@@ -16,13 +16,12 @@ from forcecal_ros.calibration import (
     ObserverGain,
     Tool,
 )
+from forcecal_ros.documents import LARGEST, load_yaml
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.files import write_text
 from forcecal_ros.geometry import Array
 import numpy as np
 import yaml
-
-MAX_BYTES = 4_000_000
 
 _Shape = tuple[int, ...]
 _Schema = dict[str, tuple[_Shape, tuple[str, ...]]]
@@ -146,10 +145,8 @@ def load(path: Path | str) -> Calibration:
     """
     path = Path(path)
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise ConfigError(f'{path}: {path.stat().st_size} bytes; a calibration has at most '
-                              f'{MAX_BYTES}: is this the right file?')
-        text = path.read_text()
+        with path.open('rb') as file:
+            text = file.read(LARGEST + 1).decode()
     except OSError as error:
         raise ConfigError(f'{path}: cannot be read ({error.strerror}); '
                           'name a file written by `forcecal calibrate`') from error
@@ -157,15 +154,6 @@ def load(path: Path | str) -> Calibration:
         raise ConfigError(f'{path}: not a text file; '
                           'name a file written by `forcecal calibrate`') from error
     return parse(text, str(path))
-
-
-class _NoAliasLoader(yaml.SafeLoader):
-    """Safe loader without aliases: a calibration needs none, a billion laughs does."""
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError('aliases (*name) are not allowed in a calibration')
-        return super().compose_node(parent, index)
 
 
 def parse(text: str, name: str = 'calibration') -> Calibration:
@@ -187,11 +175,7 @@ def parse(text: str, name: str = 'calibration') -> Calibration:
     ConfigError
         As :func:`load`.
     """
-    try:
-        document = yaml.load(text, Loader=_NoAliasLoader)
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        first = str(error).replace('\n', ' ')
-        raise ConfigError(f'{name}: not a calibration: {first}') from error
+    document = load_yaml(text, name)
     if not isinstance(document, dict):
         raise ConfigError(f'{name}: expected keys such as mass, com and wrench_bias')
     if document.get('format') != FORMAT:

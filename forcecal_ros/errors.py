@@ -6,7 +6,7 @@ else that escapes is a defect of this package.
 
 
 class ForcecalError(Exception):
-    """Base of all errors a user can act on; the message names the cause, the numbers, the remedy."""
+    """Base of all errors a user can act on; the message names cause, numbers and remedy."""
 
 
 class DataError(ForcecalError):

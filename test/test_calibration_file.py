@@ -122,7 +122,7 @@ def test_hostile_text_is_refused_in_one_line(text):
     assert '\n' not in str(caught.value)
 
 
-@pytest.mark.parametrize('data', [b'\xff\xfe\x00', b'x' * 4_000_001])
+@pytest.mark.parametrize('data', [b'\xff\xfe\x00', b'x' * 400_000])
 def test_files_that_are_no_calibration_are_refused(tmp_path, data):
     path = tmp_path / 'c.yaml'
     path.write_bytes(data)
