@@ -1,0 +1,108 @@
+"""What a user should know before trusting a calibration, in words with numbers."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from forcecal_ros.geometry import Array
+from forcecal_ros.insitu.lemma import Cause
+from forcecal_ros.insitu.result import DataSetResult, SensorResult
+
+MOVES = 0.1
+"""Scatter of |g| above which a recording counts as moving [m/s^2]."""
+DISAGREES = 5.0
+"""Standard errors between a data set's own offset and the shared one that are worth a word."""
+OFF_GRAVITY = 0.005
+"""Share by which measured |g| may differ from the stated one without a word."""
+
+
+def warnings_of(result: SensorResult) -> tuple[str, ...]:
+    """
+    Collect what is weak, cut, suspicious or contradictory.
+
+    Parameters
+    ----------
+    result : SensorResult
+
+    Returns
+    -------
+    tuple of str
+    """
+    return tuple([*_excitation(result), *_accelerometer(result), *_cuts(result),
+                  *_subspace(result), *_offsets(result)])
+
+
+def _excitation(result: SensorResult) -> Iterator[str]:
+    e = result.excitation
+    if e.weak:
+        yield (f'gravity hardly moves along {e.weakest} of the sensor frame: {e.spreads[2]:.2g} '
+               f'm/s^2 against {e.spreads[0]:.3g} along the best direction; what hangs on it is '
+               'weakly determined, see its standard errors, and tilt further that way')
+
+
+def _accelerometer(result: SensorResult) -> Iterator[str]:
+    found, stated = result.norm, result.options.gravity
+    if found is None:
+        return
+    if found.usable:
+        b = ', '.join(f'{value:+.3f}' for value in found.offset)
+        done = 'taken off' if result.options.level_accelerometer else 'left in'
+        yield f'|g| shows an accelerometer offset of ({b}) m/s^2 in the sensor frame; {done}'
+    if abs(found.magnitude / stated - 1) > OFF_GRAVITY:
+        yield (f'measured |g| is {found.magnitude:.4g} m/s^2, stated {stated:.6g}: the '
+               'accelerometer\'s gain or the stated gravity is off, and all masses with it')
+    for d in result.data_sets:
+        if d.gravity_scatter > MOVES:
+            yield (f'{d.name}: |g| scatters by {d.gravity_scatter:.2g} m/s^2, the body '
+                   'accelerates; move slower or use a gyro (motion: true)')
+
+
+def _cuts(result: SensorResult) -> Iterator[str]:
+    for d in result.data_sets:
+        for cut in d.cuts:
+            inside = any(start <= cut.start and cut.end < end for start, end in d.kept)
+            yield (f'{d.name}: {cut.start:.2f}..{cut.end:.2f} s '
+                   f'{"should be" if inside else "was"} cut: {cut.reason}')
+
+
+def _subspace(result: SensorResult) -> Iterator[str]:
+    leaving = [d for d in result.data_sets if d.departure and d.departure.significant]
+    if leaving:
+        worst = max(leaving, key=_times)
+        yield (f'the raw measurements leave their three-dimensional subspace in {len(leaving)} of '
+               f'{len(result.data_sets)} data sets, most in {worst.name}: {_times(worst):.1f} '
+               'times the noise of a block')
+    if result.causes is None:
+        return
+    bending, hysteresis = result.causes.bending, result.causes.hysteresis
+    if bending.significant:
+        yield (f'{_size(result, bending)} leave the subspace with the square of gravity: '
+               'something bends under load, a joint (lock the knee) or the mount of sensor or '
+               'accelerometer')
+    if hysteresis.significant:
+        yield (f'{_size(result, hysteresis)} depend on where the sensor comes from: hysteresis; '
+               'the standard errors include what it scatters, not what it biases')
+
+
+def _times(data_set: DataSetResult) -> float:
+    return data_set.departure.times_noise if data_set.departure else 0.0
+
+
+def _size(result: SensorResult, cause: Cause) -> str:
+    """RMS of a cause: as wrench where a matrix is known, else the largest raw channel."""
+    matrix = result.matrix.value if result.matrix else result.manufacturer_matrix
+    if matrix is None:
+        rms: Array = np.sqrt(np.diag(cause.covariance))
+        return f'{rms.max():.2g} {result.options.raw_unit} (channel {int(rms.argmax()) + 1})'
+    rms = np.sqrt(np.diag(matrix @ cause.covariance @ matrix.T))
+    f, t = int(rms[:3].argmax()), int(rms[3:].argmax())
+    return (f'{rms[f]:.2g} N (force {"xyz"[f]}) and {rms[3 + t]:.2g} N m '
+            f'(torque {"xyz"[t]})')
+
+
+def _offsets(result: SensorResult) -> Iterator[str]:
+    if len(result.data_sets) > 1 and result.offset_scatter.max() > DISAGREES:
+        worst = int(result.offset_scatter.argmax())
+        yield (f'the offset of {result.data_sets[worst].name} alone is '
+               f'{result.offset_scatter[worst]:.0f} standard errors from the shared one: it moved '
+               '(temperature, a cable), or what the standard errors leave out did')

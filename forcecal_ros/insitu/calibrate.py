@@ -1,0 +1,135 @@
+"""From the recordings of one sensor to its calibration: the steps of [Traversaro2014] in order."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from forcecal_ros.calibration import Estimate
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array
+from forcecal_ros.insitu.advice import warnings_of
+from forcecal_ros.insitu.excitation import excitation
+from forcecal_ros.insitu.lemma import causes, departure
+from forcecal_ros.insitu.matrix import Load
+from forcecal_ros.insitu.moments import Moments
+from forcecal_ros.insitu.motion import MOVING, STATIC
+from forcecal_ros.insitu.offset import offset_of, shared_offset
+from forcecal_ros.insitu.prepare import Mounting
+from forcecal_ros.insitu.problem import Problem, with_matrix
+from forcecal_ros.insitu.rank import require
+from forcecal_ros.insitu.reduce import DataSet, Options, Reduced, reduce
+from forcecal_ros.insitu.result import DataSetResult, SensorResult
+from forcecal_ros.insitu.uncertainty import (
+    Residual, doubt_covariance, residuals, score_covariance,
+)
+
+
+def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, options: Options,
+              manufacturer_matrix: Array | None = None) -> SensorResult:
+    """
+    Calibrate one sensor in situ.
+
+    Parameters
+    ----------
+    name : str
+        Of the sensor.
+    data_sets : sequence of DataSet
+    mounting : Mounting
+    options : Options
+    manufacturer_matrix : ndarray, shape (6, n), optional
+        For comparison.
+
+    Returns
+    -------
+    SensorResult
+
+    Raises
+    ------
+    DataError, UnobservableError
+        The recordings cannot answer; the message names the data set, numbers and a remedy.
+    """
+    if options.matrix:
+        require(_training_loads(data_sets), MOVING if options.moving else STATIC)
+    reduced, found_norm = reduce(data_sets, mounting, options)
+    moments = [r.moments for r in reduced]
+    _check_channels(data_sets, moments, options, manufacturer_matrix)
+    excited = excitation(moments, options.gravity)
+    offset = shared_offset(moments)
+    used = [(r.moments, r.blocks, r.use) for r in reduced]
+    left = residuals(used)
+    covariance = _covariance(moments, left) + doubt_covariance(
+        used, [r.screening.doubts for r in reduced])
+    offset_covariance = covariance[:len(offset), :len(offset)]
+    result = SensorResult(
+        name=name, options=options, excitation=excited, norm=found_norm,
+        offset=Estimate(offset, np.sqrt(np.diag(offset_covariance)), options.raw_unit),
+        offset_scatter=_scatter(moments, left, offset),
+        causes=None if options.moving else causes([(r.blocks, r.use) for r in reduced]),
+        data_sets=tuple(_data_set(d, r, options) for d, r in zip(data_sets, reduced)),
+        manufacturer_matrix=manufacturer_matrix)
+    if options.matrix:
+        noise = np.mean([one.long_run for one in left], axis=0)
+        problem = Problem(tuple(data_sets), tuple(moments), noise, options.gravity)
+        result = with_matrix(result, problem, offset, covariance)
+    return replace(result, warnings=warnings_of(result))
+
+
+def _training_loads(data_sets: Sequence[DataSet]) -> list[Load]:
+    missing = [d.name for d in data_sets if d.train and d.load is None]
+    if missing:
+        raise DataError(f'the added mass of {", ".join(missing)} is not stated; state it (0 for '
+                        'none), or use those data sets to validate')
+    return [d.load for d in data_sets if d.train and d.load is not None]
+
+
+def _check_channels(data_sets: Sequence[DataSet], moments: Sequence[Moments], options: Options,
+                    manufacturer_matrix: Array | None) -> None:
+    counts = {len(m.mean) for m in moments}
+    if len(counts) > 1:
+        raise DataError(f'the data sets have {sorted(counts)} raw channels; all need the same')
+    channels = counts.pop()
+    if channels < (6 if options.matrix else 3):
+        raise DataError(f'{channels} raw channels; a six-axis matrix needs six at least')
+    if manufacturer_matrix is not None and manufacturer_matrix.shape != (6, channels):
+        raise DataError(f'the manufacturer\'s matrix is {manufacturer_matrix.shape}, '
+                        f'{channels} raw channels need (6, {channels})')
+
+
+def _covariance(moments: Sequence[Moments], left: Sequence[Residual]) -> Array:
+    """
+    Covariance of [offset, raw pseudo-samples of every data set], in the order of pack.
+
+    Both are linear in the scores of :func:`score_covariance`, which are independent from data set
+    to data set.
+    """
+    n = left[0].blocks.shape[1]
+    sizes = [len(m.ones) for m in moments]
+    starts = n * np.concatenate([[1], 1 + np.cumsum(sizes)])
+    total = np.zeros((starts[-1], starts[-1]))
+    weight = sum(m.constant_weight for m in moments)
+    for m, one, start, size in zip(moments, left, starts, sizes):
+        scores = score_covariance(one)
+        to_offset = np.concatenate([[1.0], -m.ones])[None] / weight
+        linear = np.zeros((starts[-1], (1 + size) * n))
+        linear[:n] = np.kron(to_offset, np.eye(n))
+        linear[start:start + size * n, n:] = np.eye(size * n)
+        total += linear @ scores @ linear.T
+    return total
+
+
+def _scatter(moments: Sequence[Moments], left: Sequence[Residual], offset: Array) -> Array:
+    """How far each data set's own offset is from the shared one, in its standard errors."""
+    return np.array([
+        np.max(np.abs(offset_of(m) - offset) / np.sqrt(np.diag(one.long_run) / m.constant_weight))
+        for m, one in zip(moments, left)])
+
+
+def _data_set(data_set: DataSet, reduced: Reduced, options: Options) -> DataSetResult:
+    blocks, use = reduced.blocks, reduced.use
+    return DataSetResult(
+        name=data_set.name, train=data_set.train, load=data_set.load,
+        kept=reduced.screening.kept, cuts=reduced.screening.cuts, samples=reduced.moments.count,
+        singular_values=reduced.moments.singular_values,
+        departure=None if options.moving else departure(blocks, use),
+        gravity_scatter=float(blocks.gravity_norm[use].std()), raw=blocks.raw[use])

@@ -1,0 +1,154 @@
+"""A data set of any length as one small triangular factor: all that least squares needs of it."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array
+from forcecal_ros.insitu.prepare import Prepared
+from forcecal_ros.insitu.smoothing import smooth
+
+TRUNCATE = 1e-10
+"""Directions of the regressors with less than this share of the largest moment are not used."""
+
+
+@dataclass(frozen=True)
+class Moments:
+    """
+    Sums over the samples of a data set, noise of the accelerometer taken off.
+
+    Attributes
+    ----------
+    count : int
+        Samples.
+    singular_values : ndarray, shape (n,)
+        Of the centred raw measurements, over sqrt(count), [Traversaro2014] Eq. 10.
+    mean : ndarray, shape (n,)
+        Of the raw measurements, Eq. 9.
+    scatter : ndarray, shape (n, n)
+        Covariance of the raw measurements, their white noise taken off.
+    directions : ndarray, shape (q, m)
+        As many pseudo-samples of the regressors as they have excited directions; their outer
+        products add up to the sum over all samples.
+    raw : ndarray, shape (q, n)
+        Raw measurements projected on the same pseudo-samples.
+    ones : ndarray, shape (q,)
+        The constant 1 projected on the same pseudo-samples.
+    combine : ndarray, shape (m, q)
+        Regressors of a sample times this are its weights in the pseudo-samples.
+    regressor_mean : ndarray, shape (m,)
+    spread : ndarray, shape (3, 3)
+        Covariance of measured gravity, noise taken off [(m/s^2)^2].
+    """
+
+    count: int
+    singular_values: Array
+    mean: Array
+    scatter: Array
+    directions: Array
+    raw: Array
+    ones: Array
+    combine: Array
+    regressor_mean: Array
+    spread: Array
+
+    @property
+    def constant_weight(self) -> float:
+        """Samples' worth of information on a constant beside the regressors."""
+        return float(self.count - self.ones @ self.ones)
+
+
+def accumulate(pieces: Iterable[Prepared], kept: tuple[tuple[float, float], ...], window: int,
+               order: int, raw_noise: Array, gravity_noise: Array) -> Moments:
+    """
+    Filter the kept stretches and fold all samples into their moments, in constant memory.
+
+    The accelerometer's noise is an error in the regressor: its share of the second moments,
+    scaled by the filter's gain, is taken off before anything is regressed on them.
+
+    Parameters
+    ----------
+    pieces : iterable of Prepared
+    kept : tuple of (float, float)
+        Stretches to use [s].
+    window, order : int
+        Of the filter.
+    raw_noise : ndarray, shape (n, n)
+        Covariance of a raw sample's white noise.
+    gravity_noise : ndarray, shape (3, 3)
+        The same of the accelerometer [(m/s^2)^2].
+
+    Returns
+    -------
+    Moments
+
+    Raises
+    ------
+    DataError
+        No sample lies in the stretches, or gravity has no scatter beyond its noise.
+    """
+    factor: Array | None = None
+    reference: Array | None = None
+    gain = 0.0
+    for run in _runs(pieces, kept):
+        for part in smooth(run, window, order):
+            if reference is None:
+                reference = part.values[0].copy()
+                reference[:-len(raw_noise)] = 0.0
+            rows = np.column_stack([np.ones(len(part.values)), part.values - reference])
+            factor = np.linalg.qr(rows if factor is None else np.vstack([factor, rows]), 'r')
+            gain += part.noise_gain
+    if factor is None or reference is None:
+        raise DataError('no sample lies in the stretches that are used')
+    return _moments(factor, reference[-len(raw_noise):], gain, raw_noise, gravity_noise)
+
+
+def _runs(pieces: Iterable[Prepared], kept: tuple[tuple[float, float], ...]
+          ) -> Iterator[Iterator[Array]]:
+    """Yield each kept stretch as an iterator over pieces of [regressors, raw]; read in order."""
+    source = iter(pieces)
+    held: list[Prepared] = []
+
+    def stretch(start: float, end: float) -> Iterator[Array]:
+        while True:
+            piece = held.pop() if held else next(source, None)
+            if piece is None:
+                return
+            i, j = np.searchsorted(piece.t, [start, end])
+            if j > i:
+                yield np.concatenate([piece.regressors[i:j], piece.raw[i:j]], axis=1)
+            if j < len(piece.t):
+                held.append(piece.take(slice(j, None)))
+                return
+
+    for start, end in kept:
+        yield stretch(start, end)
+
+
+def _moments(factor: Array, reference: Array, gain: float, raw_noise: Array,
+             gravity_noise: Array) -> Moments:
+    n = len(reference)
+    m = factor.shape[1] - 1 - n
+    gram = factor.T @ factor
+    count = gram[0, 0]
+    centred = factor[1:]
+    spread = centred[:, 1:4].T @ centred[:, 1:4] / count - gain / count * gravity_noise
+    second = gram[1:m + 1, 1:m + 1].copy()
+    second[:3, :3] -= gain * gravity_noise
+    values, vectors = np.linalg.eigh(second)
+    strong = values > TRUNCATE * values[-1]
+    root, vectors = np.sqrt(values[strong]), vectors[:, strong]
+    combine = vectors / root
+    return Moments(
+        count=round(count),
+        singular_values=np.linalg.svd(centred[:, m + 1:], compute_uv=False) / np.sqrt(count),
+        mean=reference + gram[0, m + 1:] / count,
+        scatter=(centred[:, m + 1:].T @ centred[:, m + 1:] - gain * raw_noise) / count,
+        directions=(vectors * root).T,
+        raw=combine.T @ (gram[1:m + 1, m + 1:] + np.outer(gram[1:m + 1, 0], reference)),
+        ones=combine.T @ gram[1:m + 1, 0],
+        combine=combine,
+        regressor_mean=gram[0, 1:m + 1] / count,
+        spread=spread)

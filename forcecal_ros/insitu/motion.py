@@ -1,0 +1,160 @@
+"""Wrench of a rigid body as a linear map on what accelerometer and gyro say.
+
+At rest the regressor is gravity alone, [Traversaro2014] Eq. 3-5. Its future work, motion, adds
+angular acceleration and products of the angular rate: twelve numbers a sample, in which the wire
+wrench (environment on tool) of a rigid body is still linear.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from forcecal_ros.geometry import Array, skew
+
+STATIC, MOVING = 3, 12
+"""Number of regressors at rest and in motion."""
+
+_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+def moving_regressors(gravity: Array, omega: Array, alpha: Array, position: ArrayLike) -> Array:
+    """
+    Regressors in motion, for the sensor's origin.
+
+    Parameters
+    ----------
+    gravity : ndarray, shape (n, 3)
+        Minus the accelerometer's specific force, in the sensor frame [m/s^2].
+    omega, alpha : ndarray, shape (n, 3)
+        Angular rate [rad/s] and acceleration [rad/s^2], in the sensor frame.
+    position : array_like, shape (3,)
+        Of the accelerometer in the sensor frame [m].
+
+    Returns
+    -------
+    ndarray, shape (n, 12)
+        g - a of the sensor's origin, alpha, and wx wx, wy wy, wz wz, wx wy, wx wz, wy wz.
+    """
+    p = np.broadcast_to(np.asarray(position, dtype=float), omega.shape)
+    at_origin = gravity + np.cross(alpha, p) + np.cross(omega, np.cross(omega, p))
+    products = np.stack([omega[:, i] * omega[:, j] for i, j in _PAIRS], axis=1)
+    return np.concatenate([at_origin, alpha, products], axis=1)
+
+
+def gravity_map(mass: float, moment: ArrayLike) -> Array:
+    """
+    M of [Traversaro2014] Eq. 4-5, M = [m I; m (c x)]: gravity to wrench, both in the sensor frame.
+
+    Parameters
+    ----------
+    mass : float
+        [kg]
+    moment : array_like, shape (3,)
+        Mass times centre of mass [kg m].
+
+    Returns
+    -------
+    ndarray, shape (6, 3)
+    """
+    return np.vstack([mass * np.eye(3), skew(moment)])
+
+
+def motion_map(mass: float, moment: ArrayLike, inertia: ArrayLike) -> Array:
+    """
+    The map of :func:`gravity_map` in motion, on the twelve regressors.
+
+    Parameters
+    ----------
+    mass : float
+        [kg]
+    moment : array_like, shape (3,)
+        Mass times centre of mass [kg m].
+    inertia : array_like, shape (6,)
+        xx, yy, zz, xy, xz, yz about the sensor's origin [kg m^2].
+
+    Returns
+    -------
+    ndarray, shape (6, 12)
+    """
+    h = np.asarray(moment, dtype=float)
+    J = inertia_matrix(inertia)
+    out = np.zeros((6, MOVING))
+    out[:, :3] = gravity_map(mass, h)
+    out[:3, 3:6] = skew(h)
+    out[3:, 3:6] = -J
+    for k, (i, j) in enumerate(_PAIRS):
+        symmetric = np.zeros((3, 3))
+        symmetric[i, j] = symmetric[j, i] = 1.0
+        square = symmetric - np.trace(symmetric) * np.eye(3)
+        out[:3, 6 + k] = -square @ h
+        out[3:, 6 + k] = -_rate_torque(i, j, J)
+    return out
+
+
+def _rate_torque(i: int, j: int, J: Array) -> Array:
+    """Part of omega x J omega that goes with the product of rates i and j."""
+    e = np.eye(3)
+    torque = np.cross(e[i], J @ e[j])
+    return torque if i == j else torque + np.cross(e[j], J @ e[i])
+
+
+def inertia_matrix(inertia: ArrayLike) -> Array:
+    """Return the symmetric matrix of xx, yy, zz, xy, xz, yz [kg m^2]."""
+    J = np.zeros((3, 3))
+    for value, (i, j) in zip(np.asarray(inertia, dtype=float), _PAIRS):
+        J[i, j] = J[j, i] = value
+    return J
+
+
+def inertia_vector(matrix: ArrayLike) -> Array:
+    """Return xx, yy, zz, xy, xz, yz of a symmetric matrix [kg m^2]."""
+    return np.array([np.asarray(matrix)[i, j] for i, j in _PAIRS])
+
+
+def point_inertia(mass: float, position: ArrayLike) -> Array:
+    """Return xx, yy, zz, xy, xz, yz of a point mass about the origin [kg m^2]."""
+    p = np.asarray(position, dtype=float)
+    return inertia_vector(mass * (p @ p * np.eye(3) - np.outer(p, p)))
+
+
+def body_basis(regressors: int) -> Array:
+    """
+    Maps of unit body parameters: mass, three moments, in motion six inertias as well.
+
+    Parameters
+    ----------
+    regressors : int
+        3 at rest, 12 in motion.
+
+    Returns
+    -------
+    ndarray, shape (4, 6, 3) or (10, 6, 12)
+        ``tensordot(theta, body_basis(k), 1)`` is the map of a body theta.
+    """
+    size = 4 if regressors == STATIC else 10
+    return np.stack([body_map(theta, regressors) for theta in np.eye(size)])
+
+
+def body_map(theta: Array, regressors: int) -> Array:
+    """
+    Map of a body from its parameters.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (4,) or (10,)
+        Mass [kg], moment [kg m], in motion also the inertia about the origin [kg m^2].
+    regressors : int
+
+    Returns
+    -------
+    ndarray, shape (6, regressors)
+    """
+    if regressors == STATIC:
+        return gravity_map(theta[0], theta[1:4])
+    return motion_map(theta[0], theta[1:4], theta[4:])
+
+
+def load_parameters(mass: float, position: ArrayLike, regressors: int) -> Array:
+    """Return the parameters of an added point mass, shape (4,) at rest or (10,) in motion."""
+    p = np.asarray(position, dtype=float)
+    still = np.concatenate([[mass], mass * p])
+    return still if regressors == STATIC else np.concatenate([still, point_inertia(mass, p)])

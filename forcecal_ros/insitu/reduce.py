@@ -1,0 +1,152 @@
+"""Two passes over each recording: one to see what of it is usable, one to take its moments."""
+
+from collections.abc import Sequence
+from contextlib import contextmanager
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcecal_ros.errors import ForcecalError
+from forcecal_ros.geometry import STANDARD_GRAVITY
+from forcecal_ros.insitu.blocks import Blocks, to_blocks
+from forcecal_ros.insitu.excitation import Norm, norm
+from forcecal_ros.insitu.matrix import Load
+from forcecal_ros.insitu.moments import Moments, accumulate
+from forcecal_ros.insitu.prepare import Mounting, Source, prepare
+from forcecal_ros.insitu.screen import Screening, given_window, screen, whole
+from forcecal_ros.insitu.smoothing import PAPER_ORDER, PAPER_WINDOW, window_samples
+
+
+@dataclass(frozen=True)
+class Options:
+    """
+    How to calibrate.
+
+    Attributes
+    ----------
+    gravity : float
+        Magnitude there [m/s^2].
+    filter_window : float
+        [s]; 0 for no filter.
+    filter_order : int
+    moving : bool
+        Use the gyro.
+    screening : bool
+        Find and cut what is no free-hanging rigid body.
+    matrix : bool
+        Estimate the matrix, not the offset alone.
+    level_accelerometer : bool
+        Take off the accelerometer's offset where |g| shows it (at rest only).
+    accelerometer_noise : float or None
+        White noise of a sample [m/s^2]; None: measured.
+    raw_unit : str
+    """
+
+    gravity: float = STANDARD_GRAVITY
+    filter_window: float = PAPER_WINDOW
+    filter_order: int = PAPER_ORDER
+    moving: bool = False
+    screening: bool = True
+    matrix: bool = True
+    level_accelerometer: bool = True
+    accelerometer_noise: float | None = None
+    raw_unit: str = 'raw'
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """
+    One recording of one sensor.
+
+    Attributes
+    ----------
+    name : str
+    source : callable
+        Reads it from the beginning.
+    load : Load or None
+        What was added, in the sensor frame; None where it is not known.
+    train : bool
+    window : (float, float) or None
+        To use, as the user says [s].
+    """
+
+    name: str
+    source: Source
+    load: Load | None = None
+    train: bool = True
+    window: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """A data set after both passes over its samples."""
+
+    blocks: Blocks
+    screening: Screening
+    moments: Moments
+
+    @property
+    def use(self) -> NDArray[np.bool_]:
+        """Which blocks are used."""
+        return self.screening.use
+
+
+def reduce(data_sets: Sequence[DataSet], mounting: Mounting, options: Options
+           ) -> tuple[list[Reduced], Norm | None]:
+    """
+    Screen all recordings, level the accelerometer, filter and accumulate.
+
+    Parameters
+    ----------
+    data_sets : sequence of DataSet
+    mounting : Mounting
+    options : Options
+
+    Returns
+    -------
+    list of Reduced
+    Norm or None
+        What |g| says of the accelerometer; None in motion.
+
+    Raises
+    ------
+    DataError
+        A recording holds nothing usable; the message names it.
+    """
+    screened = []
+    for data_set in data_sets:
+        with _named(data_set):
+            blocks = to_blocks(prepare(data_set.source(), mounting, options.moving))
+            if options.accelerometer_noise is not None:
+                known = options.accelerometer_noise ** 2 * np.eye(3)
+                blocks = replace(blocks, gravity_noise=known)
+            screened.append((blocks, _screen(blocks, data_set, options)))
+    found = None if options.moving else norm(
+        [(blocks, screening.use) for blocks, screening in screened], options.gravity)
+    if found and found.usable and options.level_accelerometer:
+        mounting = mounting.shifted(found.offset)
+        screened = [(replace(b, regressors=b.regressors - found.offset), s) for b, s in screened]
+    reduced = []
+    for data_set, (blocks, screening) in zip(data_sets, screened):
+        with _named(data_set):
+            window = window_samples(options.filter_window, options.filter_order, 1 / blocks.period)
+            reduced.append(Reduced(blocks, screening, accumulate(
+                prepare(data_set.source(), mounting, options.moving), screening.kept, window,
+                options.filter_order, blocks.raw_noise, blocks.gravity_noise)))
+    return reduced, found
+
+
+def _screen(blocks: Blocks, data_set: DataSet, options: Options) -> Screening:
+    if data_set.window is not None:
+        return given_window(blocks, *data_set.window)
+    return screen(blocks) if options.screening else whole(blocks)
+
+
+@contextmanager
+def _named(data_set: DataSet) -> Iterator[None]:
+    try:
+        yield
+    except ForcecalError as error:
+        raise type(error)(f'{data_set.name}: {error}') from error

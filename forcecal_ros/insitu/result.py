@@ -1,0 +1,110 @@
+"""What an in-situ calibration yields for one sensor."""
+
+from dataclasses import dataclass
+
+from forcecal_ros.calibration import Estimate
+from forcecal_ros.geometry import Array
+from forcecal_ros.insitu.excitation import Excitation, Norm
+from forcecal_ros.insitu.lemma import Causes, Departure
+from forcecal_ros.insitu.matrix import Load
+from forcecal_ros.insitu.rank import RankReport
+from forcecal_ros.insitu.reduce import Options
+from forcecal_ros.insitu.screen import Cut
+from forcecal_ros.insitu.validate import Felt
+
+
+@dataclass(frozen=True)
+class DataSetResult:
+    """
+    One data set.
+
+    Attributes
+    ----------
+    name : str
+    train : bool
+    load : Load or None
+        As stated.
+    kept : tuple of (float, float)
+        Stretches used [s].
+    cuts : tuple of Cut
+        What was left out and why.
+    samples : int
+        Used.
+    singular_values : ndarray, shape (n,)
+        Of the centred raw measurements, over sqrt(samples).
+    departure : Departure or None
+        What leaves the subspace; None in motion, which has no subspace.
+    gravity_scatter : float
+        Standard deviation of measured |g|, which motion makes [m/s^2].
+    raw : ndarray, shape (b, n)
+        Block means used, for pictures.
+    added_mass, position, semi_axes : Estimate or None
+        By the calibrated sensor [kg], (3,) [m], (3,) [N].
+    by_manufacturer : Felt or None
+        The same by the manufacturer's matrix.
+    """
+
+    name: str
+    train: bool
+    load: Load | None
+    kept: tuple[tuple[float, float], ...]
+    cuts: tuple[Cut, ...]
+    samples: int
+    singular_values: Array
+    departure: Departure | None
+    gravity_scatter: float
+    raw: Array
+    added_mass: Estimate | None = None
+    position: Estimate | None = None
+    semi_axes: Estimate | None = None
+    by_manufacturer: Felt | None = None
+
+
+@dataclass(frozen=True)
+class SensorResult:
+    """
+    One sensor.
+
+    Attributes
+    ----------
+    name : str
+    options : Options
+    excitation : Excitation
+    norm : Norm or None
+        What |g| says of the accelerometer; None in motion.
+    offset : Estimate, shape (n,)
+        [raw units]
+    offset_scatter : ndarray, shape (k,)
+        How far each data set's own offset is from the shared one, in its standard errors.
+    causes : Causes or None
+        What the affine maps of gravity leave; None in motion.
+    data_sets : tuple of DataSetResult
+    manufacturer_matrix : ndarray or None, shape (6, n)
+    matrix : Estimate or None, shape (6, n)
+        Wire wrench = matrix (raw - offset).
+    wrench_bias : Estimate or None, shape (6,)
+        Zero, with the standard errors that the offset leaves of it [N, N m].
+    mass, com, inertia : Estimate or None
+        Of the body without added masses [kg], (3,) [m], (3, 3) about the centre of mass in
+        motion [kg m^2].
+    rank : RankReport or None
+        Of the unknowns, on the data.
+    warnings : tuple of str
+    """
+
+    name: str
+    options: Options
+    excitation: Excitation
+    norm: Norm | None
+    offset: Estimate
+    offset_scatter: Array
+    causes: Causes | None
+    data_sets: tuple[DataSetResult, ...]
+    manufacturer_matrix: Array | None
+    matrix: Estimate | None = None
+    wrench_bias: Estimate | None = None
+    mass: Estimate | None = None
+    com: Estimate | None = None
+    inertia: Estimate | None = None
+    rank: RankReport | None = None
+    warnings: tuple[str, ...] = ()

@@ -1,0 +1,288 @@
+"""Which part of a recording belongs to one rigid body that hangs free, [Traversaro2014] Lemma 1.
+
+There raw measurements are an affine function of the regressors and so span three dimensions at
+rest. Contact, a joint that moves and clipping leave that; they are found block by block.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array
+from forcecal_ros.insitu.blocks import Blocks
+
+NOISE_LIMIT = 6.0
+"""A block is out when its residual exceeds this many standard deviations of a mean's noise ..."""
+SIGNAL_LIMIT = 0.03
+"""... and this share of what gravity moves the channels by (both over all channels, whitened)."""
+ROUGH_LIMIT = 3.0
+"""A block is out when its noise is this many times the usual."""
+STRAY_SHARE = 0.01
+"""Share of a window's blocks that may be out (and are cut) without ending the window."""
+SHORTEST = 6.0
+"""Shortest window [s]."""
+SHORTEST_PIECE = 3.0
+"""Shortest further piece that is kept beside the window [s]."""
+EDGE = 1.5
+"""By how much a found end of a window may be off [s]."""
+UNMISTAKABLE = 10.0
+"""Residual over its limit beyond which a block is no part of the window, by any doubt."""
+POSITIONS = 60
+"""Number of positions at which a window's ends are tried before they are refined."""
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Cut:
+    """What was left out: from ``start`` to ``end`` [s], and why."""
+
+    start: float
+    end: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class Screening:
+    """
+    What is used of a recording.
+
+    Attributes
+    ----------
+    kept : tuple of (float, float)
+        Stretches, start <= t < end [s].
+    cuts : tuple of Cut
+        What lies between and around them; of a window that the user gave, what should be cut.
+    use : ndarray of bool, shape (b,)
+        The blocks inside the stretches.
+    doubts : tuple of (ndarray of bool, ndarray of bool)
+        For every end that was found, the blocks inside if it lay further in, and further out.
+    """
+
+    kept: tuple[tuple[float, float], ...]
+    cuts: tuple[Cut, ...]
+    use: Mask
+    doubts: tuple[tuple[Mask, Mask], ...] = ()
+
+
+def screen(blocks: Blocks) -> Screening:
+    """
+    Find the longest window of a rigid body that hangs free, and what else agrees with it.
+
+    Parameters
+    ----------
+    blocks : Blocks
+
+    Returns
+    -------
+    Screening
+
+    Raises
+    ------
+    DataError
+        There is no such window.
+    """
+    fit = _Fit(blocks)
+    use = np.zeros(len(blocks), dtype=bool)
+    shortest = SHORTEST
+    while True:
+        found = _best(fit, use, shortest)
+        if found is None:
+            break
+        use[found] = True
+        shortest = SHORTEST_PIECE
+    if not use.any():
+        raise DataError(_refusal(fit))
+    use &= ~fit.out(use)
+    return Screening(tuple(_stretches(blocks, use)), tuple(_cuts(fit, use)), use,
+                     tuple(_doubts(fit, use)))
+
+
+def given_window(blocks: Blocks, start: float, end: float) -> Screening:
+    """
+    Use a window as the user says; what should be cut in it is named, not cut.
+
+    Parameters
+    ----------
+    blocks : Blocks
+    start, end : float
+        start <= t <= end is used [s].
+
+    Returns
+    -------
+    Screening
+
+    Raises
+    ------
+    DataError
+        The window holds too little.
+    """
+    use = (blocks.start >= start - blocks.period / 2) & (blocks.end <= end + blocks.period / 2)
+    if use.sum() * blocks.samples * blocks.period < SHORTEST_PIECE:
+        raise DataError(
+            f'window {start:g}..{end:g} s holds {use.sum() * blocks.samples} samples of a '
+            f'recording from {blocks.start[0]:g} to {blocks.end[-1]:g} s; widen it')
+    fit = _Fit(blocks)
+    suspicious = use & (fit.bad | fit.out(use))
+    cuts = [cut for run in _runs(suspicious) for cut in _cuts_of(fit, use & ~suspicious, run)]
+    return Screening(((start, float(np.nextafter(end, np.inf))),), tuple(cuts), use)
+
+
+def whole(blocks: Blocks) -> Screening:
+    """Use everything, unseen."""
+    return Screening(((-np.inf, np.inf),), (), np.ones(len(blocks), dtype=bool))
+
+
+class _Fit:
+    """Affine model of whitened raw means on the regressors, over any choice of blocks."""
+
+    def __init__(self, blocks: Blocks) -> None:
+        self.blocks = blocks
+        noise = blocks.raw_noise / blocks.samples
+        self.white = np.linalg.solve(np.linalg.cholesky(noise), blocks.raw.T).T
+        self.white -= np.median(self.white, axis=0)
+        self.x = np.column_stack([np.ones(len(blocks)), blocks.regressors])
+        self.bad = blocks.gap | blocks.clipped.any(axis=1) | (blocks.roughness > ROUGH_LIMIT)
+
+    def residual(self, use: Mask) -> tuple[Array, float]:
+        """Whitened residual of every block under the fit to some, and the limit for its norm."""
+        theta = np.linalg.lstsq(self.x[use], self.white[use], rcond=None)[0]
+        fitted = self.x @ theta
+        moved = fitted[use] - fitted[use].mean(axis=0)
+        signal = np.sqrt((moved ** 2).sum(axis=1).mean())
+        limit = max(NOISE_LIMIT * np.sqrt(self.white.shape[1]), SIGNAL_LIMIT * signal)
+        return self.white - fitted, float(limit)
+
+    def out(self, use: Mask) -> Mask:
+        """Return which blocks do not agree with the fit to some."""
+        residual, limit = self.residual(use)
+        return np.asarray(np.linalg.norm(residual, axis=1) > limit)
+
+    def score(self, use: Mask) -> float:
+        """
+        How much a choice of blocks is worth: one a block, less its squared residual over limit.
+
+        Minus infinity when more than a few stray blocks disagree with the choice's own fit.
+        """
+        if use.sum() <= self.x.shape[1]:
+            return -np.inf
+        residual, limit = self.residual(use)
+        share = (residual[use] ** 2).sum(axis=1) / limit ** 2
+        return float((1 - share).sum()) if (share > 1).mean() <= STRAY_SHARE else -np.inf
+
+
+def _best(fit: _Fit, base: Mask, shortest: float) -> slice | None:
+    """Best run of blocks beside those already in use, None if all are too short."""
+    least = max(1, round(shortest / (fit.blocks.samples * fit.blocks.period)))
+    free = list(_runs(~fit.bad & ~base))
+    step = max(1, sum(run.stop - run.start for run in free) // POSITIONS)
+    tries = sorted(((b - a, a, b, run) for run in free
+                    for a in range(run.start, run.stop, step)
+                    for b in range(run.stop, a, -step) if b - a >= least),
+                   key=lambda entry: entry[0], reverse=True)
+    best, found, already = -np.inf, None, int(base.sum())
+    for length, a, b, run in tries:
+        if already + length <= best:
+            break
+        score = fit.score(_with(base, a, b))
+        if score > best:
+            best, found = score, (a, b, run)
+    return None if found is None else _refine(fit, base, best, *found)
+
+
+def _refine(fit: _Fit, base: Mask, best: float, a: int, b: int, run: slice) -> slice:
+    """Move both ends block by block for as long as the score grows."""
+    moves = ((-1, 0), (0, 1), (1, 0), (0, -1))
+    grown = True
+    while grown:
+        grown = False
+        for left, right in moves:
+            start, stop = a + left, b + right
+            if run.start <= start < stop <= run.stop:
+                score = fit.score(_with(base, start, stop))
+                if score > best:
+                    best, a, b, grown = score, start, stop, True
+    return slice(a, b)
+
+
+def _with(base: Mask, a: int, b: int) -> Mask:
+    use = base.copy()
+    use[a:b] = True
+    return use
+
+
+def _runs(mask: Mask) -> Iterator[slice]:
+    """Return the maximal runs of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    for a, b in edges.reshape(-1, 2):
+        yield slice(int(a), int(b))
+
+
+def _doubts(fit: _Fit, use: Mask) -> Iterator[tuple[Mask, Mask]]:
+    """Move each found end in, and out as far as the blocks there are not unmistakably others."""
+    residual, limit = fit.residual(use)
+    hopeless = fit.bad | (np.linalg.norm(residual, axis=1) > UNMISTAKABLE * limit)
+    reach = max(1, round(EDGE / (fit.blocks.samples * fit.blocks.period)))
+    for run in _runs(use):
+        inward = min(reach, (run.stop - run.start) // 2)
+        for end, step in ((run.start, -1), (run.stop - 1, 1)):
+            narrow, wide = use.copy(), use.copy()
+            for k in range(inward):
+                narrow[end - k * step] = False
+            block = end + step
+            while abs(block - end) <= reach and 0 <= block < len(use) \
+                    and not (use[block] or hopeless[block]):
+                wide[block] = True
+                block += step
+            if 0 <= end + step < len(use):
+                yield narrow, wide
+
+
+def _stretches(blocks: Blocks, use: Mask) -> Iterator[tuple[float, float]]:
+    for run in _runs(use):
+        end = blocks.start[run.stop] if run.stop < len(blocks) else np.inf
+        yield float(blocks.start[run.start]), float(end)
+
+
+def _cuts(fit: _Fit, use: Mask) -> Iterator[Cut]:
+    for run in _runs(~use):
+        yield from _cuts_of(fit, use, run)
+
+
+def _cuts_of(fit: _Fit, use: Mask, run: slice) -> Iterator[Cut]:
+    """Say why a run of blocks is not used; runs that were cut for two reasons are split."""
+    blocks = fit.blocks
+    residual, _ = fit.residual(use)
+    channel = int(np.abs(residual[run]).max(axis=0).argmax())
+    clipped = blocks.clipped[run].any(axis=0)
+    rough = float(blocks.roughness[run].max())
+    mine = np.zeros(len(use), dtype=bool)
+    mine[run] = True
+    if clipped.any():
+        reason = f'channel {int(clipped.argmax()) + 1} is clipped'
+    elif blocks.gap[run].any():
+        reason = 'the stamps have a gap'
+    elif (run.stop - run.start) * blocks.samples * blocks.period >= SHORTEST and fit.score(mine) > 0:
+        reason = 'fits a map of its own: a joint or the load moved, or a steady contact'
+    else:
+        size = float(np.linalg.norm(residual[run], axis=1).max() / np.sqrt(len(residual[0])))
+        reason = (f'leaves the affine image of gravity by {size:.0f} times the noise, most in '
+                  f'channel {channel + 1}: contact, or a joint that moves')
+        if rough > ROUGH_LIMIT:
+            reason += f'; shaken ({rough:.0f} times the usual noise)'
+    yield Cut(float(blocks.start[run.start]), float(blocks.end[run.stop - 1]), reason)
+
+
+def _refusal(fit: _Fit) -> str:
+    blocks = fit.blocks
+    length = blocks.end[-1] - blocks.start[0]
+    usable = ~fit.bad
+    why = f'{int(fit.bad.sum())} of {len(blocks)} blocks are clipped, shaken or have gaps'
+    if usable.sum() > fit.x.shape[1]:
+        out = fit.out(usable)[usable].mean()
+        why = f'{out:.0%} of it leaves the affine image of gravity ({why})'
+    return (f'no {SHORTEST:g} s of the {length:.0f} s show one rigid body that hangs free: {why}; '
+            'keep the body off the ground, lock its joints, and check the accelerometer')

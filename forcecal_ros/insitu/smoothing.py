@@ -1,0 +1,114 @@
+"""The Savitzky-Golay filter of [Traversaro2014] IV over a stream of any length."""
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from scipy import signal
+
+from forcecal_ros.errors import ConfigError
+from forcecal_ros.geometry import Array
+
+PAPER_WINDOW = 3.01
+"""Length of the paper's window [s]: 301 samples at 100 Hz."""
+PAPER_ORDER = 3
+
+
+class Smoothed(NamedTuple):
+    """Filtered samples, shape (n, k), and the sum of their noise gains (1 each, unfiltered)."""
+
+    values: Array
+    noise_gain: float
+
+
+def window_samples(window: float, order: int, rate: float) -> int:
+    """
+    Scale the paper's window to a rate: an odd number of samples, [Traversaro2014] IV.
+
+    Parameters
+    ----------
+    window : float
+        [s]; 0 for no filter.
+    order : int
+        Of the polynomial.
+    rate : float
+        [Hz]
+
+    Returns
+    -------
+    int
+        1 for no filter.
+
+    Raises
+    ------
+    ConfigError
+        The window holds too few samples for the polynomial.
+    """
+    if not window:
+        return 1
+    samples = 2 * round((window * rate - 1) / 2) + 1
+    if samples <= order:
+        raise ConfigError(
+            f'filter: a window of {window:g} s holds {samples} samples at {rate:g} Hz, order '
+            f'{order} needs more than {order}; widen it or say `filter: off`')
+    return samples
+
+
+def projection(window: int, order: int) -> Array:
+    """
+    Least-squares polynomial over a window: row i maps the samples to the fit at sample i.
+
+    The middle row holds the filter's coefficients, the others serve the first and last half
+    window of a stream; the diagonal holds the gain on white noise power.
+
+    Parameters
+    ----------
+    window, order : int
+
+    Returns
+    -------
+    ndarray, shape (window, window)
+    """
+    x = np.linspace(-1.0, 1.0, window) if window > 1 else np.zeros(1)
+    q, _ = np.linalg.qr(np.polynomial.legendre.legvander(x, min(order, window - 1)))
+    return np.asarray(q @ q.T)
+
+
+def smooth(pieces: Iterable[Array], window: int, order: int) -> Iterator[Smoothed]:
+    """
+    Filter one gapless run of samples piece by piece; as many come out as go in.
+
+    Parameters
+    ----------
+    pieces : iterable of ndarray, shape (n_i, k)
+    window : int
+        Odd number of samples; 1 passes everything as it is.
+    order : int
+
+    Yields
+    ------
+    Smoothed
+    """
+    if window == 1:
+        yield from (Smoothed(piece, float(len(piece))) for piece in pieces)
+        return
+    hat, half = projection(window, order), window // 2
+    edge_gain = float(np.trace(hat[:half, :half]))
+    held: Array | None = None
+    begun = False
+    for piece in pieces:
+        held = piece if held is None else np.concatenate([held, piece])
+        if len(held) < window + begun:
+            continue
+        if not begun:
+            yield Smoothed(hat[:half] @ held[:window], edge_gain)
+        middle = signal.oaconvolve(held[begun:], hat[half][:, None], mode='valid', axes=0)
+        yield Smoothed(middle, len(middle) * float(hat[half, half]))
+        held, begun = held[-window:], True
+    if held is None:
+        return
+    if begun:
+        yield Smoothed(hat[half + 1:] @ held, edge_gain)
+    else:
+        short = projection(len(held), order)
+        yield Smoothed(short @ held, float(np.trace(short)))

@@ -1,0 +1,236 @@
+"""Standard errors that hold when residuals are correlated in time.
+
+The filter correlates neighbouring samples, and so do hysteresis, flex and what else the model
+leaves out. Residuals are therefore taken of block means of the unfiltered recording, each stretch
+of some seconds under the fit to all other stretches, so that what a stretch bends the fit by is
+not lost. The covariance of every weighted sum of them is built from their autocovariance,
+Bartlett-weighted up to a lag that their own persistence sets (Andrews, Econometrica 59, 1991).
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcecal_ros.geometry import Array
+from forcecal_ros.insitu.blocks import Blocks
+from forcecal_ros.insitu.moments import Moments
+
+STRETCH = 6.0
+"""Length of the stretches that are held out, at most a fifth of what is used [s]."""
+BANDWIDTH = 2.3
+"""Factor of Andrews' rule, twice his: recordings hold few periods of their slowest motion."""
+MOST_LAGS = 0.25
+"""Share of the blocks that the longest lag may reach."""
+MOST_PERSISTENT = 0.98
+"""AR(1) coefficient that full correlation is taken for."""
+
+Mask = NDArray[np.bool_]
+
+
+class Sums(NamedTuple):
+    """Least-squares sums of blocks: of [1, weights] with itself (u, u) and with raw (u, n)."""
+
+    normal: Array
+    right: Array
+
+    @property
+    def weight(self) -> float:
+        """What the blocks know of a constant beside the regressors, in blocks."""
+        s, G = self.normal[0, 1:], self.normal[1:, 1:]
+        return float(max(self.normal[0, 0] - s @ np.linalg.lstsq(G, s, rcond=None)[0], 0.0))
+
+    @property
+    def weighted_constant(self) -> Array:
+        """The constant times its weight, shape (n,)."""
+        s, G = self.normal[0, 1:], self.normal[1:, 1:]
+        return np.asarray(self.right[0] - s @ np.linalg.lstsq(G, self.right[1:], rcond=None)[0])
+
+    def slopes(self, constant: Array) -> Array:
+        """Coefficients of the weights beside a given constant, shape (u - 1, n)."""
+        right = self.right[1:] - np.outer(self.normal[1:, 0], constant)
+        return np.linalg.lstsq(self.normal[1:, 1:], right, rcond=None)[0]
+
+
+class Residual(NamedTuple):
+    """
+    Held-out residual of one data set.
+
+    ``regressors`` (b, 1 + q) constant and pseudo-sample weights and ``blocks`` (b, n) residuals
+    of block means, both zero where a block is not used; ``samples`` in a block; ``lags`` the
+    number of correlated lags; ``long_run`` (n, n) the covariance of a sample that correlation
+    makes of it.
+    """
+
+    regressors: Array
+    blocks: Array
+    samples: int
+    lags: int
+    long_run: Array
+
+    def lagged(self, lag: int) -> Array:
+        """Autocovariance of the residual at a lag, Bartlett-weighted, shape (n, n)."""
+        return _bartlett(lag, self.lags) * _lagged(self.blocks, lag) / self.count
+
+    @property
+    def count(self) -> int:
+        """Number of blocks in use."""
+        return int((self.regressors[:, 0] != 0).sum())
+
+
+def residuals(data_sets: Sequence[tuple[Moments, Blocks, Mask]]) -> list[Residual]:
+    """
+    Hold out stretch after stretch, fit shared offset and own maps, and see what is left.
+
+    Parameters
+    ----------
+    data_sets : sequence of (Moments, Blocks, ndarray of bool)
+
+    Returns
+    -------
+    list of Residual
+    """
+    x = [np.where(use[:, None], _regressors(moments, blocks), 0.0)
+         for moments, blocks, use in data_sets]
+    sums = [_sums(one, blocks.raw) for one, (_, blocks, _) in zip(x, data_sets)]
+    weight = sum(one.weight for one in sums)
+    constant = np.sum([one.weighted_constant for one in sums], axis=0)
+    out = []
+    for one, total, (_, blocks, use) in zip(x, sums, data_sets):
+        left = np.zeros_like(blocks.raw)
+        for part in _stretches(blocks, use):
+            own = _sums(one[part], blocks.raw[part])
+            rest = Sums(total.normal - own.normal, total.right - own.right)
+            offset = (constant - total.weighted_constant + rest.weighted_constant) \
+                / (weight - total.weight + rest.weight)
+            left[part] = blocks.raw[part] - offset - one[part, 1:] @ rest.slopes(offset)
+        out.append(_residual(one, left, blocks.samples))
+    return out
+
+
+def doubt_covariance(data_sets: Sequence[tuple[Moments, Blocks, Mask]],
+                     doubts: Sequence[Sequence[tuple[Mask, Mask]]]) -> Array:
+    """
+    What found ends of windows, which may lie somewhat further in or out, add to the covariance.
+
+    Parameters
+    ----------
+    data_sets : sequence of (Moments, Blocks, ndarray of bool)
+    doubts : sequence of sequence of (ndarray of bool, ndarray of bool)
+        Of every data set, the narrower and the wider choice of blocks at each found end.
+
+    Returns
+    -------
+    ndarray
+        Of [offset, raw pseudo-samples of every data set].
+    """
+    def numbers(sums: Sequence[Sums]) -> Array:
+        offset = np.sum([one.weighted_constant for one in sums], axis=0) \
+            / sum(one.weight for one in sums)
+        return np.concatenate([offset, *(
+            (np.outer(moments.ones, offset) + one.slopes(offset)).ravel()
+            for one, (moments, _, _) in zip(sums, data_sets))])
+
+    x = [_regressors(moments, blocks) for moments, blocks, _ in data_sets]
+    sums = [_sums(one[use], blocks.raw[use]) for one, (_, blocks, use) in zip(x, data_sets)]
+    size = len(numbers(sums))
+    total = np.zeros((size, size))
+    for k, (_, blocks, _) in enumerate(data_sets):
+        for pair in doubts[k]:
+            narrow, wide = (numbers([*sums[:k], _sums(x[k][use], blocks.raw[use]), *sums[k + 1:]])
+                            for use in pair)
+            total += np.outer(wide - narrow, wide - narrow) / 4
+    return total
+
+
+def _regressors(moments: Moments, blocks: Blocks) -> Array:
+    return np.column_stack([np.ones(len(blocks)), blocks.regressors @ moments.combine])
+
+
+def _sums(x: Array, raw: Array) -> Sums:
+    return Sums(x.T @ x, x.T @ raw)
+
+
+def _stretches(blocks: Blocks, use: Mask) -> Iterator[NDArray[np.intp]]:
+    """Index sets of consecutive used blocks that are held out together."""
+    used = np.flatnonzero(use)
+    length = blocks.samples * blocks.period
+    count = max(5, round(len(used) * length / STRETCH))
+    yield from (part for part in np.array_split(used, min(count, len(used))) if len(part))
+
+
+def _residual(x: Array, left: Array, samples: int) -> Residual:
+    count = int((x[:, 0] != 0).sum())
+    one = Residual(x, left, samples, _lags(left, count), np.empty(0))
+    long_run = one.lagged(0)
+    for lag in range(1, one.lags + 1):
+        long_run = long_run + one.lagged(lag) + one.lagged(lag).T
+    return one._replace(long_run=long_run * samples)
+
+
+def score_covariance(left: Residual) -> Array:
+    """
+    Covariance of sum over samples of [1, pseudo-sample weights] (x) residual.
+
+    Parameters
+    ----------
+    left : Residual
+
+    Returns
+    -------
+    ndarray, shape ((1 + q) n, (1 + q) n)
+    """
+    x = left.regressors * left.samples
+    total = np.kron(_lagged(x, 0), left.lagged(0))
+    for lag in range(1, left.lags + 1):
+        part = np.kron(_lagged(x, lag), left.lagged(lag))
+        total += part + part.T
+    return np.asarray(total)
+
+
+def _lags(left: Array, count: int) -> int:
+    """Bandwidth from the persistence of the most persistent channel."""
+    rho = max(_persistence(left, lag, count) for lag in (1, 4))
+    alpha = 4 * rho ** 2 / (1 - rho ** 2) ** 2
+    return int(min(np.ceil(BANDWIDTH * (alpha * count) ** (1 / 3)), MOST_LAGS * count))
+
+
+def _persistence(left: Array, lag: int, count: int) -> float:
+    """AR(1) coefficient that the correlation at a lag stands for; later lags see past noise."""
+    power = (left ** 2).sum(axis=0)
+    correlation = (left[lag:] * left[:-lag]).sum(axis=0)[power > 0] / power[power > 0]
+    strongest = float(correlation.max(initial=0.0))
+    if lag > 1 and strongest < 2.5 / np.sqrt(count):
+        return 0.0
+    return float(np.clip(strongest, 0.0, 1.0) ** (1 / lag)) * MOST_PERSISTENT
+
+
+def _lagged(values: Array, lag: int) -> Array:
+    return np.asarray(values[:len(values) - lag].T @ values[lag:])
+
+
+def _bartlett(lag: int, lags: int) -> float:
+    return 1 - lag / (lags + 1)
+
+
+def propagate(function: Callable[[Array], Array], x: Array, covariance: Array) -> Array:
+    """
+    Covariance of a smooth function, to first order by central differences.
+
+    Parameters
+    ----------
+    function : callable, (k,) -> (l,)
+    x : ndarray, shape (k,)
+    covariance : ndarray, shape (k, k)
+
+    Returns
+    -------
+    ndarray, shape (l, l)
+    """
+    steps = 0.1 * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    steps = np.where(steps > 0, steps, 1e-9 * np.maximum(np.abs(x), 1.0))
+    columns = [(function(x + step) - function(x - step)) / (2 * size)
+               for step, size in zip(np.diag(steps), steps)]
+    jacobian = np.stack(columns, axis=1)
+    return np.asarray(jacobian @ covariance @ jacobian.T)
