@@ -18,6 +18,7 @@ NUMERICS = (
     ('documents', 'geometry', 'files', 'topics'),
     ('samples',),
     ('calibration', 'calibration_file', 'tables'),
+    ('six_axis',),
     ('control', 'gravity', 'identify', 'insitu', 'observe', 'sim'),
     ('diagnose',),
 )

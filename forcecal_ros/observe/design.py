@@ -16,6 +16,7 @@ from forcecal_ros.observe.bandwidth import (
 from forcecal_ros.observe.inertial import Load
 from forcecal_ros.observe.settings import Settings
 from forcecal_ros.observe.tracking import butterworth, Poles
+from forcecal_ros.six_axis import six_axis, SixAxis
 import numpy as np
 
 Gain = tuple[float, float, float, float, float, float]
@@ -29,6 +30,8 @@ class Model(NamedTuple):
 
     newton: bool
     load: Load
+    six_axis: SixAxis | None
+    """Turns raw channels into a wrench before anything else; None where they are one."""
     bias: tuple[float, ...]
     gravity: float
     accelerometer: bool
@@ -154,7 +157,7 @@ def design(calibration: Calibration, settings: Settings = Settings()) -> Model:
     damping = float(tool.damping) if tool is not None else 0.0
     rotation = rotation_corner(calibration, load, levels, rate, settings)
     return Model(
-        newton=mode == 'newton', load=load,
+        newton=mode == 'newton', load=load, six_axis=six_axis(calibration),
         bias=_bias(calibration),
         gravity=calibration.gravity, accelerometer=accelerometer is not None,
         ac_rate=_ac_rate(accelerometer),

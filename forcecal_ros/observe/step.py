@@ -36,6 +36,7 @@ from forcecal_ros.observe.contact import (
 )
 from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.tracking import Quaternion, Vector
+from forcecal_ros.six_axis import corrected
 
 CLOCK_JUMP = 1.0
 """Stamps that go back by more than this, twice, are a new clock [s]; one is a bad stamp."""
@@ -112,7 +113,8 @@ def on_wrench(state: State, t: float, wrench: Wrench, model: Model) -> Result:
     t : float
         Stamp [s].
     wrench : tuple of 6 float
-        Force [N] and torque [N m], environment on tool, bias included.
+        Force [N] and torque [N m], environment on tool, bias included; raw channels where the
+        calibration holds a six-axis matrix.
     model : Model
 
     Returns
@@ -126,6 +128,8 @@ def on_wrench(state: State, t: float, wrench: Wrench, model: Model) -> Result:
         if again:
             return on_wrench(State(refusals=state.refusals), t, wrench, model)
         return state, ()
+    if model.six_axis is not None:
+        wrench = corrected(wrench, model.six_axis)
     return _release(State(
         (*state.wrenches, (t, wrench)), t, min(state.first, t), state.accelerometer,
         state.displacement, state.poses, state.motion, state.filter, state.refusals), model)
