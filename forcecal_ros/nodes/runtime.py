@@ -58,8 +58,13 @@ class Interrupt:
 
     def __init__(self) -> None:
         self.count = 0
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._note)
+        self._before = {number: signal.signal(number, self._note)
+                        for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def restore(self) -> None:
+        """Give the signals back to whom they were."""
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.count += 1
@@ -112,6 +117,7 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
         return 0
     finally:
         rclpy.try_shutdown()
+        interrupt.restore()
     return 0
 
 

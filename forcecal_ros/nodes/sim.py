@@ -93,7 +93,7 @@ class Sim(Node):
         self._origin = self.get_clock().now().nanoseconds
         self._schedule: CommandSchedule | None = None
         if self._own_clock:
-            self._clock = self.create_publisher(ClockMessage, '/clock', OUTPUT)
+            self._clock_out = self.create_publisher(ClockMessage, '/clock', OUTPUT)
 
     def _now(self) -> int:
         if self._own_clock:
@@ -112,7 +112,7 @@ class Sim(Node):
         if self._own_clock:
             message = ClockMessage()
             message.clock = Time(nanoseconds=now).to_msg()
-            self._clock.publish(message)
+            self._clock_out.publish(message)
         if now <= 0:
             return
         if self._schedule is None:

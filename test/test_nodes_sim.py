@@ -1,0 +1,149 @@
+"""The simulated rig as a process: its topics, its time, and that live equals offline."""
+
+from importlib import import_module
+import signal
+
+from diagnostic_msgs.msg import DiagnosticArray
+from forcecal_ros.control.motion import Move
+from forcecal_ros.control.plan import nominal_poses, step_goal
+from forcecal_ros.control.stream import phased
+from forcecal_ros.geometry import quaternion_from_matrix
+from forcecal_ros.nodes import sim
+from forcecal_ros.nodes.runtime import OUTPUT
+from forcecal_ros.nodes.wire import JointReader, Writer
+from forcecal_ros.samples import PoseStream
+from forcecal_ros.sim.offline import simulate
+from forcecal_ros.sim.rig_file import load_rig
+from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
+from live import Live
+import numpy as np
+import pytest
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu, JointState
+
+PERIOD = 4_000_000
+HOME = nominal_poses()['v']
+
+
+class Listener:
+    """Everything the sim says, by topic: stamp [ns] -> values."""
+
+    def __init__(self, live):
+        self.heard = {}
+        for topic, kind in (('wrench', WrenchStamped), ('sim/contact_wrench', WrenchStamped),
+                            ('accelerometer/raw', Vector3Stamped), ('imu/data_raw', Imu),
+                            ('current_pose', PoseStamped)):
+            self.heard[topic] = {}
+            live.hear(kind, topic, self.heard[topic].__setitem__)
+        self.heard['optidrive'] = {}
+        read = JointReader('optidrive')
+        live.node.create_subscription(
+            JointState, 'optidrive', lambda raw: self.heard['optidrive'].update([read(raw)]),
+            200, raw=True)
+
+    def __getitem__(self, topic):
+        return self.heard[topic]
+
+    def newest(self, topic):
+        return max(self.heard[topic], default=0)
+
+
+def stream(live, heard, move, frame='base'):
+    """Command a move in the phase of the measured poses; returns stamps and setpoints."""
+    publisher = live.node.create_publisher(PoseStamped, 'target_frame', OUTPUT)
+    live.until(lambda: publisher.get_subscription_count() > 0, 'a listening sim')
+    write = Writer(PoseStamped, frame)
+    start = phased(live.node.get_clock().now().nanoseconds, heard.newest('current_pose'), PERIOD)
+    setpoints = [move.at(t) for t in np.arange(0.0, move.duration + 0.02, 0.004)]
+    stamps = [start + i * PERIOD for i in range(len(setpoints))]
+    for stamp, setpoint in zip(stamps, setpoints):
+        live.until(lambda: live.node.get_clock().now().nanoseconds >= stamp, 'time')
+        pose = setpoint.pose
+        publisher.publish(write(stamp, (
+            *pose.position, *quaternion_from_matrix(pose.R_base_sensor))))
+    return stamps, setpoints
+
+
+def test_live_says_what_offline_says_of_the_same_commands(ros_domain):
+    with Live() as live:
+        heard = Listener(live)
+        live.start('sim', noise='false', latency=0.1, imu__publish='true')
+        live.until(lambda: len(heard['current_pose']) > 20, 'poses')
+
+        stream(live, heard, Move(HOME, step_goal(HOME, 0.03), 0.1), frame='tool0')
+        settled = heard.newest('wrench')
+        live.until(lambda: heard.newest('wrench') > settled + 200_000_000, 'time')
+        positions = np.array(list(heard['current_pose'].values()))[:, :3]
+        np.testing.assert_allclose(positions - HOME.position, 0, atol=1e-12)
+        assert "target_frame is in 'tool0', the robot base is 'base'" in live.said('sim')
+
+        stamps, setpoints = stream(live, heard, Move(HOME, step_goal(HOME, 0.01), 0.1))
+        live.until(lambda: heard.newest('wrench') > stamps[-1] + 300_000_000, 'the end')
+        assert live.end('sim', signal.SIGINT) == 0
+
+    target = PoseStream((np.array(stamps) - stamps[0]) * 1e-9,
+                        np.array([s.pose.position for s in setpoints]),
+                        np.array([s.pose.R_base_sensor for s in setpoints]))
+    offline = simulate(load_rig(), target, noise=False, duration=0.3)
+    for topic, t, expected in (
+            ('wrench', offline.wrench.t, offline.wrench.values),
+            ('accelerometer/raw', offline.accelerometer.t, offline.accelerometer.values),
+            ('optidrive', offline.optidrive.t, offline.optidrive.values),
+            ('sim/contact_wrench', offline.contact_truth.t, offline.contact_truth.values),
+            ('current_pose', offline.pose.t, offline.pose.position)):
+        keys = stamps[0] + np.round(t * 1e9).astype(np.int64)
+        got = np.array([heard[topic][key] for key in keys.tolist()])
+        np.testing.assert_allclose(got[:, :expected.shape[1]], expected, atol=1e-9,
+                                   err_msg=topic)
+    assert np.ptp(offline.wrench.values[:, 0]) > 20
+    force = np.array([heard['imu/data_raw'][key] for key in keys.tolist()])
+    np.testing.assert_allclose(force[0], [0, 0, -9.80665], atol=1e-6)
+
+    for topic, period in (('wrench', 10**6), ('sim/contact_wrench', 10**6),
+                          ('accelerometer/raw', 10**6), ('optidrive', 10**6),
+                          ('imu/data_raw', 10**6), ('current_pose', PERIOD)):
+        grid = np.array(sorted(heard[topic]))
+        assert (grid % 10**6 == 0).all(), topic
+        assert (np.diff(grid) == period).mean() > 0.99, topic
+
+
+def test_its_own_clock_runs_at_the_speed_asked_for(ros_domain):
+    with Live() as live:
+        clock, stamps = [], []
+        live.node.create_subscription(
+            Clock, '/clock',
+            lambda m: clock.append((live.node.get_clock().now().nanoseconds * 1e-9,
+                                    m.clock.sec + m.clock.nanosec * 1e-9)), 10)
+        live.hear(PoseStamped, 'current_pose', lambda stamp, _: stamps.append(stamp))
+        said = []
+        live.node.create_subscription(
+            DiagnosticArray, '/diagnostics', lambda m: said.append(m.status[0]), 10)
+        live.start('sim', speed=3.0, rig='forcecal_ros/config/rigid_tool.yaml')
+        live.until(lambda: clock and clock[-1][1] - clock[0][1] > 6.0 and said, '6 s')
+        wall, simulated = np.array(clock).T
+        assert np.polyfit(wall, simulated, 1)[0] == pytest.approx(3.0, abs=0.15)
+        assert (np.diff(simulated) >= 0).all()
+        assert (stamps[-1] - stamps[0]) * 1e-9 == pytest.approx(6.0, abs=1.0)
+        assert not live.node.get_publishers_info_by_topic('/optidrive')
+        assert said[-1].message == 'holding' and said[-1].name == 'sim'
+        assert live.end('sim', signal.SIGTERM) == 0
+
+
+@pytest.mark.parametrize('module, arguments, message', [
+    ('sim', ['-p', 'speed:=2'], 'parameter speed is 2, expected a float, written with a point'),
+    ('sim', ['-p', 'speed:=2.0', '-p', 'use_sim_time:=true'], 'set one of them'),
+    ('sim', ['-p', 'rig:=/nowhere.yaml'], '/nowhere.yaml'),
+    ('sequencer', ['-p', 'sequence:=dance'], "sequence is 'dance', expected one of calibrate"),
+    ('sequencer', ['-p', 'limits.speed:=2.0'], 'limits.acceleration'),
+    ('observer', ['-p', 'calibration.file:=/nowhere.yaml'], '/nowhere.yaml'),
+])
+def test_what_cannot_work_is_said_in_one_line(ros_domain, capsys, module, arguments, message):
+    main = import_module(f'forcecal_ros.nodes.{module}').main
+    assert main([module, '--ros-args', *arguments]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f'{module}: ') and message in line
+
+
+def test_arguments_that_are_no_parameters_are_wrong_usage(ros_domain, capsys):
+    assert sim.main(['sim', '--fast']) == 2
+    assert 'unknown argument --fast' in capsys.readouterr().err
