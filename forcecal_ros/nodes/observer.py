@@ -30,7 +30,7 @@ from forcecal_ros.observe import (
     tare,
     with_bias,
 )
-from forcecal_ros.observe.fade import begin_fade, Fade, faded
+from forcecal_ros.observe.fade import begin_fade, Fade, faded, rebased
 from forcecal_ros.observe.settings import MODES, OFFSETS
 from geometry_msgs.msg import AccelStamped, PoseStamped, Vector3Stamped, WrenchStamped
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -142,6 +142,7 @@ class Observer(LifecycleNode):
         self._state = State()
         self._origin: int | None = None
         self._last: ContactSample | None = None
+        self._shown = (0.0,) * 6
         self._fade: Fade | None = None
         self._changed = False
         self._status = 0
@@ -338,11 +339,12 @@ class Observer(LifecycleNode):
         return on_displacement(self._state, t, values[0], self._model)
 
     def _publish(self, sample: ContactSample) -> None:
-        contact = sample.contact
         if self._changed and self._last is not None:
-            self._fade = begin_fade(sample.t, self._value('takeover.duration'),
-                                    self._last.contact, contact)
-            self._changed = False
+            before, self._changed = self._shown, False
+            self._state, sample = rebased(self._state, self._last, sample)
+            self._fade = begin_fade(sample.t, self._value('takeover.duration'), before,
+                                    sample.contact)
+        contact = sample.contact
         if self._fade is not None:
             smooth = faded(self._fade, sample.t, contact)
             if smooth is None:
@@ -353,7 +355,7 @@ class Observer(LifecycleNode):
         self._out.publish(self._write(stamp, contact))
         for field, publisher in self._extra:
             publisher.publish(self._write(stamp, sample[field]))
-        self._last = sample if contact is sample.contact else sample._replace(contact=contact)
+        self._last, self._shown = sample, contact
         self._recent.append(sample)
         self._status |= sample.status
         self._count += 1

@@ -2,7 +2,8 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.observe.contact import Wrench
+from forcecal_ros.observe.contact import ContactSample, Wrench
+from forcecal_ros.observe.step import State
 
 
 class Fade(NamedTuple):
@@ -11,6 +12,32 @@ class Fade(NamedTuple):
     start: float
     duration: float
     difference: Wrench
+
+
+def rebased(state: State, before: ContactSample, sample: ContactSample
+            ) -> tuple[State, ContactSample]:
+    """
+    Move the contact filter to where a new model puts it, so that only a fade is seen of that.
+
+    Parameters
+    ----------
+    state : State
+        After ``sample``.
+    before : ContactSample
+        The last of the old model.
+    sample : ContactSample
+        The first of the new one.
+
+    Returns
+    -------
+    state : State
+    sample : ContactSample
+    """
+    a, b, c, d, e, f = (old + new - was for old, new, was in zip(
+        before.contact, sample.measured, before.measured))
+    contact = (a, b, c, d, e, f)
+    return (state._replace(filter=state.filter._replace(contact=contact)),
+            sample._replace(contact=contact))
 
 
 def begin_fade(t: float, duration: float, before: Wrench, after: Wrench) -> Fade:
