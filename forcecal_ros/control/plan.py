@@ -88,7 +88,7 @@ class Timing:
         Duration of the way there (and back), and of the hold at its end [s].
     """
 
-    measure: float = 1.2
+    measure: float = 1.0
     step_distance: float = 0.01
     step_duration: float = 0.1
     ring: float = 0.7

@@ -107,11 +107,12 @@ class Conductor(Node):
                 raise DataError(f'{what} did not happen within {timeout:.0f} s')
             self._executor.spin_until_future_complete(Future(), timeout_sec=TURN)
 
-    def call(self, client: rclpy.client.Client, request: object) -> object:
+    def call(self, client: rclpy.client.Client, request: object,
+             each: Callable[[], None]) -> object:
         """Call a service and wait for its answer."""
-        self.wait(client.service_is_ready, START_TIMEOUT, f'service {client.srv_name}')
+        self.wait(client.service_is_ready, START_TIMEOUT, f'service {client.srv_name}', each)
         future = client.call_async(request)
-        self.wait(future.done, 10.0, f'an answer of {client.srv_name}')
+        self.wait(future.done, 10.0, f'an answer of {client.srv_name}', each)
         return future.result()
 
     def run_sequence(self, name: str, each: Callable[[], None]) -> float:
@@ -131,14 +132,13 @@ class Conductor(Node):
         request = SetParameters.Request(parameters=[
             ParameterMessage(name='sequence', value=Parameter(
                 'sequence', value=name).get_parameter_value())])
-        answer = self.call(self._set, request).results[0]
+        answer = self.call(self._set, request, each).results[0]
         if not answer.successful:
             raise MotionError(f'sequence {name}: {answer.reason}')
         end = time.monotonic() + HEARING
-        while not (answer := self.call(self._start, Trigger.Request())).success:
+        while not (answer := self.call(self._start, Trigger.Request(), each)).success:
             if time.monotonic() > end:
                 raise MotionError(f'sequence {name}: {answer.message}')
-            each()
         began = time.monotonic()
         self.wait(lambda: self.phase not in ('idle', 'done', 'aborted', ''), 10.0,
                   f'the start of sequence {name}', each)
@@ -191,12 +191,12 @@ def run_demo(accelerometer: str, out: Path, seed: int, progress: Say) -> DemoRes
             nodes.start('sim', {'accelerometer': accelerometer, 'seed': seed})
             nodes.start('observer', {})
             nodes.start('sequencer', {'accelerometer.coupling': coupling, **FOR_SIMULATION})
-            conductor.wait(lambda: conductor.recorder.count('pose') > 0, START_TIMEOUT,
+            conductor.wait(lambda: conductor.recorder.counts['pose'] > 0, START_TIMEOUT,
                            'a first pose of the simulated rig', each)
             duration = conductor.run_sequence('calibrate', each)
             conductor.wait(lambda: bool(conductor.calibration), 10.0, 'the calibration', each)
-            heard = conductor.recorder.count('contact_wrench')
-            conductor.wait(lambda: conductor.recorder.count('contact_wrench') > heard + 500, 10.0,
+            heard = conductor.recorder.counts['contact_wrench']
+            conductor.wait(lambda: conductor.recorder.counts['contact_wrench'] > heard + 500, 10.0,
                            'the observer taking over the calibration', each)
             conductor.run_sequence('contact', each)
             conductor.recorder.write(out / 'bag')

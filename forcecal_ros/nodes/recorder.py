@@ -1,5 +1,6 @@
 """Everything said on a set of topics, kept as it came over the wire and written as a recording."""
 
+from collections import Counter
 from collections.abc import Iterable
 from functools import partial
 from importlib import import_module
@@ -32,11 +33,17 @@ class Recorder:
         Gives the subscriptions and the clock.
     roles : iterable of str
         Of :data:`forcecal_ros.topics.ROLES`.
+
+    Attributes
+    ----------
+    counts : Counter
+        How many messages of each role were heard.
     """
 
     def __init__(self, node: Node, roles: Iterable[str]) -> None:
         self._clock = node.get_clock()
         self._messages: list[tuple[int, str, bytes]] = []
+        self.counts: Counter[str] = Counter()
         self._roles = tuple(roles)
         for role in self._roles:
             topic, types, latched = ROLES[role]
@@ -46,10 +53,7 @@ class Recorder:
 
     def _keep(self, role: str, raw: bytes) -> None:
         self._messages.append((self._clock.now().nanoseconds, role, raw))
-
-    def count(self, role: str) -> int:
-        """Return how many messages of a role were heard."""
-        return sum(one[1] == role for one in self._messages)
+        self.counts[role] += 1
 
     def write(self, path: Path | str) -> None:
         """
