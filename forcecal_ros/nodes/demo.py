@@ -35,6 +35,7 @@ HEARING = 15.0
 SEQUENCE_TIMEOUT = 90.0
 FOR_SIMULATION = {
     'limits.workspace_max': [1.35, 0.4, 1.4],
+    'limits.force': 1000.0,
     'limits.tracking_error': 0.2,
     'limits.tracking_angle': 1.0,
     'watch.max_age': 5.0,
