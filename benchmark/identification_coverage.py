@@ -22,14 +22,13 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
     os.environ.setdefault(_name, '1')
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 
-from calibration_runs import motion, shifted
+from calibration_runs import run
 from forcecal_ros.calibration import Calibration
 from forcecal_ros.geometry import Array, rotation_from_vector
 from forcecal_ros.identify.pipeline import identify
 from forcecal_ros.identify.settings import Settings
 from forcecal_ros.report.rows import table
 from forcecal_ros.samples import Recording, Stream
-from forcecal_ros.sim.offline import simulate
 from forcecal_ros.sim.rig import Rig
 from forcecal_ros.sim.rig_file import load_rig
 import numpy as np
@@ -85,14 +84,9 @@ def one_run(seed: int) -> tuple[Calibration, Truth, str]:
     """Simulate and identify one run; return the result, the truth, and the coupling."""
     rng = np.random.default_rng([seed, 2005])
     rig, name = draw(rng)
-    target, phases = motion()
-    recording = simulate(rig, target, accelerometer=name, seed=seed)
-    recording, R = misalign(recording, rig, name, rng)
     delay = float(rng.uniform(-0.01, 0.01))
-    late = {'accelerometer': recording.accelerometer} if delay > 0 else {
-        'wrench': recording.wrench}
-    recording = replace(recording, phases=phases, **{
-        key: shifted(stream, abs(delay)) for key, stream in late.items() if stream})
+    recording = run(rig, seed=seed, accelerometer=name, delay=delay)
+    recording, R = misalign(recording, rig, name, rng)
     coupling = 'ac' if name == 'acc2' else 'dc'
     model = getattr(rig.accelerometer, name)
     truth = {

@@ -15,23 +15,23 @@ PERIOD = 0.004
 
 
 def motion(timing: Timing = Timing(), poses: dict[str, Pose] | None = None,
-           settle: float = SETTLE, pace: Pace = Pace()) -> tuple[PoseStream, tuple[Phase, ...]]:
-    """Commands and phases of the calibration sequence, the first pose being its home."""
+           settle: float = SETTLE, pace: Pace = Pace(), start: Pose | None = None
+           ) -> tuple[PoseStream, tuple[Phase, ...]]:
+    """Commands and phases of the calibration sequence; its home is the first pose."""
     poses = poses or nominal_poses()
     home = next(iter(poses.values()))
     plan = calibration_plan(poses, step_goal(home, timing.step_distance), timing)
-    parts = prepare(plan, home, pace, Limits())
-    t, positions, rotations, phases, start = [], [], [], [], 0.0
-    rest = home
-    for part in parts:
+    rest = start or home
+    positions, rotations, phases, begin = [], [], [], 0.0
+    for part in prepare(plan, rest, pace, Limits()):
         n = round((settle if part.duration is None else part.duration) / PERIOD)
         for k in range(n):
             pose = part.move.at(k * PERIOD).pose if part.move else rest
             positions.append(pose.position)
             rotations.append(pose.R_base_sensor)
         rest = part.goal
-        phases.append(Phase(part.segment.phase, start, start + n * PERIOD))
-        start += n * PERIOD
+        phases.append(Phase(part.segment.phase, begin, begin + n * PERIOD))
+        begin += n * PERIOD
     t = PERIOD * np.arange(len(positions))
     return PoseStream(t, np.array(positions), np.array(rotations)), tuple(phases)
 
@@ -43,13 +43,10 @@ def shifted(stream: Stream, delay: float) -> Stream:
 
 def run(rig: Rig | None = None, *, seed: int = 0, accelerometer: str = 'acc1',
         delay: float = 0.0, noise: bool = True, **options) -> Recording:
-    """One calibration run; ``delay`` is the accelerometer's behind the wrench."""
+    """One calibration run; the accelerometer shows all ``delay`` after the wrench does."""
     target, phases = motion(**options)
     recording = simulate(rig or load_rig(), target, accelerometer=accelerometer, seed=seed,
                          noise=noise)
-    if delay >= 0:
-        changed = {'accelerometer': shifted(recording.accelerometer, delay)}
-    else:
-        changed = {name: shifted(getattr(recording, name), -delay)
-                   for name in ('wrench', 'optidrive', 'pose') if getattr(recording, name)}
-    return replace(recording, phases=phases, **changed)
+    late = 'accelerometer' if delay > 0 else 'wrench'
+    return replace(recording, phases=phases,
+                   **{late: shifted(getattr(recording, late), abs(delay))})

@@ -26,6 +26,7 @@ from scipy.optimize import minimize_scalar
 
 _DEFAULT_CUTOFF = 0.01
 _DELAY_STEP = 0.001
+_TURNED = 3.0
 
 
 class Motion(NamedTuple):
@@ -132,13 +133,15 @@ class _Problem:
         self.use = (motion.free & np.isfinite(motion.force).all(1)) | (motion.still >= 0)
         self.use &= np.isfinite(at_rest).all(1)
         self.moving = self.use & (motion.still < 0)
-        self.layout = _Layout(place is None, self.ac, self.ac and cutoff is None)
+        self.lever = place is None and _turned(motion, self.moving)
+        self.layout = _Layout(self.lever, self.ac, self.ac and cutoff is None)
 
     def felt(self, tool: Array, lever: Array) -> Array:
         """Specific force at the accelerometer, shape (n, 3) [m/s^2]."""
         m = self.motion
         f = np.where(self.moving[:, None], (tool[1:4] - m.force) / tool[0], -m.gravity)
-        lever = lever if self.place is None else self.place - tool[4:7]
+        if self.place is not None:
+            lever = self.place - tool[4:7]
         return np.asarray(f + np.einsum('nij,j->ni', m.rotation, lever))
 
     def split(self, theta: Array) -> tuple[Array, Array, float, Array, Array, float]:
@@ -146,7 +149,7 @@ class _Problem:
         lay = self.layout
         cutoff = theta[lay.cutoff]
         return (theta[:3], theta[3:12].reshape(3, 3), float(theta[12]),
-                theta[lay.lever] if self.place is None else np.zeros(3), theta[lay.decay],
+                theta[lay.lever] if self.lever else np.zeros(3), theta[lay.decay],
                 float(cutoff[0]) if len(cutoff) else (self.known_cutoff or _DEFAULT_CUTOFF))
 
     def shown(self, felt: Array, cutoff: float) -> Array:
@@ -175,7 +178,7 @@ class _Problem:
             J[:, i, i] = 1
             J[:, i, 3 + 3 * i:6 + 3 * i] = x
         J[:, :, 12] = -_slope(x, self.motion.length) @ matrix.T
-        if self.place is None:
+        if self.lever:
             J[:, :, lay.lever] = matrix @ smoothed(self.shown(self.motion.rotation, cutoff))
         if self.ac:
             J[:, :, lay.decay] = (fading(n, self.motion.length, cutoff)[:, None, None]
@@ -203,10 +206,24 @@ class _Problem:
     def score(self, theta: Array, tool: Array, weight: Array) -> Array:
         """Weighted derivatives times residuals, freed of what noise in f_c adds."""
         J = self.derivatives(theta, tool)
-        g = np.einsum('nip,nij,nj->p', J, weight, self.residuals(theta, tool), optimize=True)
+        weighted = weight @ self.residuals(theta, tool)[:, :, None]
+        g = np.tensordot(J, weighted[:, :, 0], ((0, 1), (0, 1)))
         matrix = theta[3:12].reshape(3, 3)
         if self.moving.any():
             g[3:12] += (weight[self.moving].sum(axis=0) @ matrix @ self.force_noise).ravel()
+        return np.asarray(g)
+
+    def slope(self, theta: Array, tool: Array, weight: Array) -> Array:
+        """Differentiate the score, residuals taken for zero."""
+        J = self.derivatives(theta, tool)
+        true, h = J.copy(), 1e-4
+        shifted = (self.volts(theta[12] - h) - self.volts(theta[12] + h)) / (2 * h)
+        true[:, :, 12] = np.where(np.isfinite(shifted) & self.use[:, None], shifted, 0.0)
+        g = -np.tensordot(J, weight @ true, ((0, 1), (0, 1)))
+        if self.moving.any():
+            g[3:12, 3:12] += np.kron(weight[self.moving].sum(axis=0), self.force_noise)
+        else:
+            g[12, 12] = -1.0
         return np.asarray(g)
 
 
@@ -215,6 +232,12 @@ def _slope(x: Array, length: float) -> Array:
     out = np.zeros_like(x)
     out[2:-2] = (x[4:] - x[:-4]) / (4 * length)
     return out
+
+
+def _turned(motion: Motion, moving: NDArray[np.bool_]) -> bool:
+    """Whether the robot turned enough to tell a lever of centimetres, whatever its direction."""
+    rows = smoothed(motion.rotation)[moving].reshape(-1, 3)
+    return len(rows) > 60 and float(np.linalg.svd(rows, compute_uv=False)[-1]) > _TURNED
 
 
 def identify_accelerometer(
@@ -255,21 +278,10 @@ def identify_accelerometer(
         matrix = theta[3:12].reshape(3, 3)
         weight = problem.weights(matrix, noise.lags[0])
         theta, derivative = solve_score(
-            lambda p: problem.score(p, tool.vector, weight), theta,
-            _steps(problem, theta))
+            lambda p: problem.score(p, tool.vector, weight),
+            lambda p: problem.slope(p, tool.vector, weight), theta)
         noise = _rest_noise(problem, problem.residuals(theta, tool.vector))
     return _result(problem, theta, derivative, weight, noise)
-
-
-def _steps(problem: _Problem, theta: Array) -> Array:
-    gain = np.abs(theta[3:12]).max()
-    steps = np.concatenate([np.full(3, 1e-3 * gain), np.full(9, 1e-4 * gain), [1e-4]])
-    lay = problem.layout
-    rest = np.zeros(lay.size - 13)
-    rest[lay.lever.start - 13:lay.lever.stop - 13] = 1e-3
-    rest[lay.decay.start - 13:lay.decay.stop - 13] = 1e-3 * gain
-    rest[lay.cutoff.start - 13:lay.cutoff.stop - 13] = 1e-3 * _DEFAULT_CUTOFF
-    return np.concatenate([steps, rest])
 
 
 def _start(problem: _Problem, largest_delay: float) -> Array:
@@ -368,7 +380,7 @@ def _result(problem: _Problem, theta: Array, derivative: Array, weight: Array,
     position = np.full(3, np.nan)
     if problem.place is not None:
         position = problem.place
-    elif problem.moving.any():
+    elif problem.lever:
         position = theta[lay.lever] + tool.com
         pick[14:] = np.eye(n + 7)[lay.lever] + np.eye(n + 7)[n + 4:]
     chi_square, degrees = _static_misfit(problem, theta, noise)

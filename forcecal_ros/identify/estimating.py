@@ -6,30 +6,30 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 import numpy as np
 
-_SETTLED, _FAR = 1e-3, 0.1
-"""Steps in standard errors, the other unknowns held."""
+_SETTLED = 1e-3
+"""Step in standard errors, the other unknowns held."""
 
 
-def solve_score(score: Callable[[Array], Array], start: Array, steps: Array,
+def solve_score(score: Callable[[Array], Array], slope: Callable[[Array], Array], start: Array,
                 iterations: int = 20) -> tuple[Array, Array]:
     """
-    Newton's method with central differences, taken afresh while it still takes large steps.
+    Newton's method.
 
     Parameters
     ----------
     score : callable
         (p,) to (p,); its root is the estimate.
+    slope : callable
+        (p,) to (p, p): derivative of the score, noise left out where that makes a difference.
     start : ndarray, shape (p,)
-    steps : ndarray, shape (p,)
-        Of the differences: a size at which each unknown makes a small difference.
     iterations : int
         At most.
 
     Returns
     -------
     theta : ndarray, shape (p,)
-    jacobian : ndarray, shape (p, p)
-        Of the score, there.
+    slope : ndarray, shape (p, p)
+        There.
 
     Raises
     ------
@@ -37,18 +37,15 @@ def solve_score(score: Callable[[Array], Array], start: Array, steps: Array,
         It does not converge.
     """
     theta = start.copy()
-    far = True
     for _ in range(iterations):
-        if far:
-            derivative = jacobian(score, theta, steps)
-            scale = np.sqrt(np.abs(np.diag(derivative)))
-            scale[scale == 0] = 1.0
+        derivative = slope(theta)
+        scale = np.sqrt(np.abs(np.diag(derivative)))
+        scale[scale == 0] = 1.0
         scaled = derivative / np.outer(scale, scale)
         move = np.linalg.lstsq(scaled, score(theta) / scale)[0]
         theta = theta - move / scale
         if (np.abs(move) <= _SETTLED).all():
-            return theta, jacobian(score, theta, steps)
-        far = bool((np.abs(move) > _FAR).any())
+            return theta, derivative
     raise DataError(f'the fit does not settle within {iterations} steps; '
                     'the recording may hold contact in phases of free motion')
 

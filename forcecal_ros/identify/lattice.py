@@ -5,7 +5,7 @@ from typing import NamedTuple
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.blocks import Averager, block_length, Grid, make_grid
 from forcecal_ros.identify.kinematics import Motions
-from forcecal_ros.identify.means import Autocovariance, autocovariance, LAGS
+from forcecal_ros.identify.means import Autocovariance, autocovariance, SHORTEST
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.identify.settings import Settings
 from forcecal_ros.samples import Recording
@@ -57,7 +57,7 @@ def lay_lattice(recording: Recording, poses: list[StaticPose], settings: Setting
                if s is not None and len(s) > 1]
     length = block_length(settings.block, *(float(np.median(np.diff(s.t))) for s in streams))
     grid = make_grid(wrench.t, length, [(p.start, p.end) for p in poses], recording.phases)
-    if not any((grid.still == i).sum() > 2 * LAGS for i in range(len(poses))):
+    if not any((grid.still == i).sum() > SHORTEST for i in range(len(poses))):
         return None
     averager = Averager(wrench.t, wrench.values)
     return Lattice(grid, averager.means(grid.starts, grid.length),

@@ -7,8 +7,13 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.samples import Stream
 import numpy as np
 
-LAGS = 5
-"""Blocks over which noise is taken to forget itself."""
+SHORTEST = 10
+"""Blocks of a pose that its noise can be measured on."""
+
+MOST_LAGS = 24
+"""Blocks over which noise may remember itself."""
+
+_LEAST = 0.2
 
 
 def window_mean(stream: Stream, start: float, end: float, what: str = 'signal') -> Array:
@@ -45,8 +50,8 @@ class Autocovariance(NamedTuple):
 
     Attributes
     ----------
-    lags : ndarray, shape (1 + LAGS, k, k)
-        Covariance between a block and the one so many later.
+    lags : ndarray, shape (1 + 2 m, k, k)
+        Covariance between a block and the one so many later; m = 0 for white noise.
     blocks : int
         How many blocks it was measured on.
     """
@@ -55,11 +60,16 @@ class Autocovariance(NamedTuple):
     blocks: int
 
     @property
+    def weights(self) -> Array:
+        """How much each lag but the first counts: fully up to m, then less and less."""
+        m = (len(self.lags) - 1) // 2
+        return np.minimum(1.0, 2 - np.arange(1, 2 * m + 1) / max(m, 1))
+
+    @property
     def total(self) -> Array:
         """Sum over all lags: the variance of a mean of n blocks, times n; shape (k, k)."""
-        weights = _taper()
         total = self.lags[0].copy()
-        for weight, lag in zip(weights, self.lags[1:]):
+        for weight, lag in zip(self.weights, self.lags[1:]):
             total += weight * (lag + lag.T)
         return _positive(total, self.lags[0])
 
@@ -68,24 +78,26 @@ class Autocovariance(NamedTuple):
         return Autocovariance(matrix @ self.lags @ matrix.T, self.blocks)
 
 
-def _taper() -> Array:
-    return 1 - np.arange(1, LAGS + 1) / (LAGS + 1)
-
-
-def _positive(total: Array, variance: Array) -> Array:
-    """Keep an estimated long-run covariance from falling far below that of one block."""
-    scale = np.sqrt(np.diag(variance))
-    scale[scale == 0] = 1.0
-    values, vectors = np.linalg.eigh(total / np.outer(scale, scale))
-    kept = (vectors * np.maximum(values, 0.2)) @ vectors.T
-    return np.asarray(kept * np.outer(scale, scale))
+def _positive(total: Array, white: Array) -> Array:
+    """Keep what was summed over lags from falling below a fifth of what white noise gives."""
+    values, vectors = np.linalg.eigh(white)
+    kept = values > 1e-12 * max(values[-1], 1e-300)
+    root = vectors[:, kept] * np.sqrt(values[kept])
+    whiten = vectors[:, kept] / np.sqrt(values[kept])
+    ratio, turn = np.linalg.eigh(whiten.T @ total @ whiten)
+    if ratio.min(initial=1.0) >= _LEAST:
+        return total
+    out = root @ turn
+    return np.asarray((out * np.maximum(ratio, _LEAST)) @ out.T)
 
 
 def autocovariance(windows: list[Array]) -> Autocovariance:
     """
     Measure the noise of block means while nothing moves.
 
-    The mean of each window is taken off; the bias that leaves behind is put right.
+    The mean of each window is taken off; the bias that leaves behind is put right. As many lags
+    are kept as stand out of what white noise would show (flat-top window): none for white noise,
+    whose estimate they would only make worse.
 
     Parameters
     ----------
@@ -95,24 +107,42 @@ def autocovariance(windows: list[Array]) -> Autocovariance:
     Returns
     -------
     Autocovariance
+
+    Raises
+    ------
+    DataError
+        No window is long enough.
     """
-    centred = [w - np.nanmean(w, axis=0) for w in windows if np.isfinite(w).all(1).sum() > LAGS]
-    n = sum(int(np.isfinite(w).all(1).sum()) for w in centred)
-    if not n:
-        raise DataError(f'the robot stood still for less than {LAGS + 1} blocks at a time; '
+    windows = [w for w in windows if np.isfinite(w).all(1).sum() >= SHORTEST]
+    if not windows:
+        raise DataError(f'the robot stood still for less than {SHORTEST} blocks at a time; '
                         'hold each pose for a second or more')
-    clean = [np.where(np.isfinite(w).all(1)[:, None], w, 0.0) for w in centred]
-    lags = []
-    for lag in range(LAGS + 1):
-        pairs = sum(int((np.isfinite(w[:len(w) - lag]).all(1)
-                         & np.isfinite(w[lag:]).all(1)).sum()) for w in centred)
-        total = sum(c[:len(c) - lag].T @ c[lag:] for c in clean)
-        lags.append(np.asarray(total) / max(pairs, 1))
-    raw = Autocovariance(np.stack(lags), n)
-    weight = 1 + 2 * _taper().sum()
-    length = n / len(centred)
-    shortfall = raw.total / max(length - weight, 1.0)
+    whole = [np.isfinite(w).all(1) for w in windows]
+    clean = [np.where(ok[:, None], w - w[ok].mean(axis=0), 0.0) for w, ok in zip(windows, whole)]
+    n = sum(int(ok.sum()) for ok in whole)
+    longest = min(MOST_LAGS, min(len(w) for w in windows) // 3)
+    lags = np.stack([
+        np.asarray(sum(c[:len(c) - lag].T @ c[lag:] for c in clean))
+        / max(1, sum(int((ok[:len(ok) - lag] & ok[lag:]).sum()) for ok in whole))
+        for lag in range(longest + 1)])
+    raw = Autocovariance(lags[:1 + 2 * _memory(lags, n)], n)
+    weight = 1 + 2 * raw.weights.sum()
+    shortfall = raw.total / max(n / len(windows) - weight, 1.0)
     return Autocovariance(raw.lags + shortfall, n)
+
+
+def _memory(lags: Array, n: int) -> int:
+    """Find the last lag before a run of five at which no channel stands out of white noise."""
+    variance = np.diagonal(lags[0]).copy()
+    variance[variance == 0] = 1.0
+    stands_out = np.abs(np.diagonal(lags, axis1=1, axis2=2) / variance).max(axis=1) \
+        > 2 * np.sqrt(np.log10(max(n, 10)) / n)
+    most = (len(lags) - 1) // 2
+    for m in range(most):
+        if not stands_out[m + 1:m + 6].any():
+            # what has begun to fade goes on for a while below what can be told from nothing
+            return min(m + 1, most) if m else 0
+    return most
 
 
 def correlated_sum(rows: Array, noise: Autocovariance) -> Array:
@@ -129,11 +159,12 @@ def correlated_sum(rows: Array, noise: Autocovariance) -> Array:
     -------
     ndarray, shape (p, p)
     """
-    total = np.einsum('nip,ij,njq->pq', rows, noise.lags[0], rows, optimize=True)
-    for weight, lag, shift in zip(_taper(), noise.lags[1:], range(1, LAGS + 1)):
-        cross = np.einsum('nip,ij,njq->pq', rows[:-shift], lag, rows[shift:], optimize=True)
+    total = np.tensordot(rows, noise.lags[0] @ rows, ((0, 1), (0, 1)))
+    white = total.copy()
+    for shift, (weight, lag) in enumerate(zip(noise.weights, noise.lags[1:]), 1):
+        cross = np.tensordot(rows[:-shift], lag @ rows[shift:], ((0, 1), (0, 1)))
         total += weight * (cross + cross.T)
-    return np.asarray(total)
+    return _positive(np.asarray(total), np.asarray(white))
 
 
 def drift(stream: Stream, windows: list[tuple[float, float]]) -> tuple[float, int, int]:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.calibration import Calibration, Estimate
 from forcecal_ros.geometry import Array
+from forcecal_ros.identify.ac_coupling import lowpassed
 from forcecal_ros.identify.accelerometer import (
     AccelerometerFit,
     identify_accelerometer,
@@ -162,9 +163,16 @@ def _slide(recording: Recording, lattice: Lattice, weight: Weight, ring: RingFit
         delay = ring.slide_delay if ring else 0.0
         means = Averager(optidrive.t, optidrive.values).means(grid.starts + delay, grid.length)
         return np.asarray(means[:, 0])
-    if ring is not None:
-        return np.asarray((lattice.wrench[:, 0] - weight.force_bias[0]) / ring.stiffness)
-    return np.zeros(len(lattice.wrench))
+    force = lattice.wrench[:, 0] - weight.force_bias[0]
+    if ring is None:
+        return np.zeros(len(force))
+    # k s + d ds/dt = F: the slide follows the force through a first-order low-pass
+    whole = np.isfinite(force)
+    filled = np.interp(grid.starts, grid.starts[whole], force[whole])
+    start = filled[0] / ring.stiffness
+    corner = ring.stiffness / (2 * np.pi * ring.damping)
+    slide = start + lowpassed(filled / ring.stiffness - start, grid.length, corner)
+    return np.where(whole, slide, np.nan)
 
 
 def _accelerometer(recording: Recording, lattice: Lattice, tool: ToolFit, turn: Turning,

@@ -10,6 +10,8 @@ import numpy as np
 CHANNELS = ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z')
 _STREAMS = ('wrench', 'accelerometer', 'optidrive')
 
+_LONG, _OFTEN = 10, 0.05
+
 
 def clean(recording: Recording) -> tuple[Recording, dict[str, int]]:
     """
@@ -97,7 +99,7 @@ def refuse_stuck(wrench: Stream, accelerometer: Stream | None, poses: list[Stati
 
 def clipped(stream: Stream, names: tuple[str, ...]) -> list[str]:
     """
-    Name channels that stay at their very extreme for ten samples or more: they may be clipped.
+    Name channels that stand at one value for ten samples or more though they never do else.
 
     Parameters
     ----------
@@ -108,14 +110,17 @@ def clipped(stream: Stream, names: tuple[str, ...]) -> list[str]:
     Returns
     -------
     list of str
-        With the value.
+        With the value and the time of the longest such stretch.
     """
     found = []
     for name, column in zip(names, stream.values.T):
-        for extreme in (column.min(), column.max()):
-            at = np.concatenate([[0], (column == extreme).astype(int), [0]])
-            edges = np.flatnonzero(np.diff(at))
-            longest = int((edges[1::2] - edges[::2]).max())
-            if longest >= 10 and np.ptp(column) > 0:
-                found.append(f'{name} at {extreme:.6g} for {longest} samples in a row')
+        same = np.diff(column) == 0
+        if not same.any() or same.mean() > _OFTEN:
+            continue
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
+        runs = edges[1::2] - edges[::2]
+        i = int(np.argmax(runs))
+        if runs[i] >= _LONG:
+            found.append(f'{name} at {column[edges[2 * i]]:.6g} for {runs[i] + 1} samples from '
+                         f'{stream.t[edges[2 * i]]:.3f} s on')
     return found
