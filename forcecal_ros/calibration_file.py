@@ -102,8 +102,8 @@ def to_document(calibration: Calibration) -> dict[str, Any]:
         }
     if c.matrix:
         document['matrix'] = {**_entry_of(c.matrix), 'offset': _entry(c.matrix_offset)}
-    document['quality'] = _plain(c.quality)
-    document['source'] = _plain(c.source)
+    document['quality'] = plain(c.quality)
+    document['source'] = plain(c.source)
     return document
 
 
@@ -338,8 +338,8 @@ class _Reader:
 
 def _entry_of(estimate: Estimate) -> dict[str, Any]:
     std = estimate.std
-    return {'value': _plain(estimate.value),
-            'std': _plain(std) if np.isfinite(std).all() else None,
+    return {'value': plain(estimate.value),
+            'std': plain(std) if np.isfinite(std).all() else None,
             'unit': estimate.unit}
 
 
@@ -347,18 +347,18 @@ def _entry(estimate: Estimate | None) -> Any:
     return NOT_IDENTIFIED if estimate is None else _entry_of(estimate)
 
 
-def _plain(value: Any) -> Any:
-    """Numbers, words, lists and dicts only, so that any YAML or JSON reader takes them."""
+def plain(value: Any) -> Any:
+    """Return numbers, words, lists and dicts only, which any YAML or JSON reader takes."""
     if isinstance(value, Estimate):
         return _entry_of(value)
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, np.generic):
-        return _plain(value.item())
+        return plain(value.item())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if value is None or isinstance(value, (bool, int, float, str)):

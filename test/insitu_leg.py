@@ -192,7 +192,7 @@ def cross_square(v: Array) -> Array:
 
 
 def true_matrix(leg: Leg) -> Array:
-    """Counts above the offset -> wrench."""
+    """Return the matrix from counts above the offset to the wrench."""
     return np.linalg.pinv(leg.channels)
 
 

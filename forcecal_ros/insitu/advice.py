@@ -2,11 +2,10 @@
 
 from collections.abc import Iterator
 
-import numpy as np
-
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.lemma import Cause
 from forcecal_ros.insitu.result import DataSetResult, SensorResult
+import numpy as np
 
 MOVES = 0.1
 """Scatter of |g| above which a recording counts as moving [m/s^2]."""
@@ -28,8 +27,8 @@ def warnings_of(result: SensorResult) -> tuple[str, ...]:
     -------
     tuple of str
     """
-    return tuple([*_excitation(result), *_accelerometer(result), *_cuts(result),
-                  *_subspace(result), *_offsets(result)])
+    return (*_excitation(result), *_accelerometer(result), *_cuts(result), *_subspace(result),
+            *_offsets(result))
 
 
 def _excitation(result: SensorResult) -> Iterator[str]:
@@ -50,7 +49,7 @@ def _accelerometer(result: SensorResult) -> Iterator[str]:
         yield f'|g| shows an accelerometer offset of ({b}) m/s^2 in the sensor frame; {done}'
     if abs(found.magnitude / stated - 1) > OFF_GRAVITY:
         yield (f'measured |g| is {found.magnitude:.4g} m/s^2, stated {stated:.6g}: the '
-               'accelerometer\'s gain or the stated gravity is off, and all masses with it')
+               "accelerometer's gain or the stated gravity is off, and all masses with it")
     for d in result.data_sets:
         if d.gravity_scatter > MOVES:
             yield (f'{d.name}: |g| scatters by {d.gravity_scatter:.2g} m/s^2, the body '

@@ -4,11 +4,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.prepare import Prepared
+import numpy as np
+from numpy.typing import NDArray
 
 BLOCK = 0.25
 """Length of a block [s], doubled as often as :data:`MOST_BLOCKS` wants."""
@@ -17,6 +17,8 @@ GAP = 5.0
 """A step of the stamps longer than this many median periods is a gap."""
 FLOOR = 1e-4
 """No channel is taken to be less noisy than this share of its span over the recording."""
+
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -53,8 +55,8 @@ class Blocks:
     raw_noise: Array
     gravity_noise: Array
     roughness: Array
-    gap: Array
-    clipped: Array
+    gap: Mask
+    clipped: Mask
 
     def __len__(self) -> int:
         return len(self.start)
@@ -173,7 +175,7 @@ def _noise(tally: _Tally, samples: int, n: int) -> tuple[Array, Array]:
     return per_block[quiet].mean(axis=0) + floor, roughness
 
 
-def _clipped(tally: _Tally, samples: int) -> Array:
+def _clipped(tally: _Tally, samples: int) -> Mask:
     """
     Find channels that sit at their extreme while elsewhere they are noisy.
 

@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from forcecal_ros.calibration import Estimate
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
@@ -18,11 +16,15 @@ from forcecal_ros.insitu.offset import offset_of, shared_offset
 from forcecal_ros.insitu.prepare import Mounting
 from forcecal_ros.insitu.problem import Problem, with_matrix
 from forcecal_ros.insitu.rank import require
-from forcecal_ros.insitu.reduce import DataSet, Options, Reduced, reduce
+from forcecal_ros.insitu.reduce import DataSet, Options, reduce, Reduced
 from forcecal_ros.insitu.result import DataSetResult, SensorResult
 from forcecal_ros.insitu.uncertainty import (
-    Residual, doubt_covariance, residuals, score_covariance,
+    doubt_covariance,
+    Residual,
+    residuals,
+    score_covariance,
 )
+import numpy as np
 
 
 def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, options: Options,
@@ -92,7 +94,7 @@ def _check_channels(data_sets: Sequence[DataSet], moments: Sequence[Moments], op
     if channels < (6 if options.matrix else 3):
         raise DataError(f'{channels} raw channels; a six-axis matrix needs six at least')
     if manufacturer_matrix is not None and manufacturer_matrix.shape != (6, channels):
-        raise DataError(f'the manufacturer\'s matrix is {manufacturer_matrix.shape}, '
+        raise DataError(f"the manufacturer's matrix is {manufacturer_matrix.shape}, "
                         f'{channels} raw channels need (6, {channels})')
 
 
@@ -129,7 +131,10 @@ def _data_set(data_set: DataSet, reduced: Reduced, options: Options) -> DataSetR
     blocks, use = reduced.blocks, reduced.use
     return DataSetResult(
         name=data_set.name, train=data_set.train, load=data_set.load,
-        kept=reduced.screening.kept, cuts=reduced.screening.cuts, samples=reduced.moments.count,
+        kept=tuple((max(a, float(blocks.start[0])), min(b, float(blocks.end[-1])))
+                   for a, b in reduced.screening.kept),
+        cuts=reduced.screening.cuts, samples=reduced.moments.count,
         singular_values=reduced.moments.singular_values,
         departure=None if options.moving else departure(blocks, use),
-        gravity_scatter=float(blocks.gravity_norm[use].std()), raw=blocks.raw[use])
+        gravity_scatter=float(blocks.gravity_norm[use].std()), raw=blocks.raw[use],
+        gravity=blocks.regressors[use, :3])

@@ -3,14 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-from scipy import stats
-
 from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import Array
-from forcecal_ros.insitu.blocks import Blocks
+from forcecal_ros.insitu.blocks import Blocks, Mask
 from forcecal_ros.insitu.moments import Moments
+import numpy as np
+from scipy import stats
 
 WEAK = 0.07
 """Spread of gravity along a direction, over its magnitude, below which it is weak: 4 deg."""
@@ -21,8 +19,6 @@ WRONG_UNIT = 0.2
 TRUSTED = 0.02
 """An accelerometer offset found from |g| is used when it is known this well [m/s^2]."""
 SIGNIFICANT = 1e-3
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -9,20 +9,16 @@ hysteresis; the rest is drift, cables or a light touch.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-from scipy import stats
-
 from forcecal_ros.geometry import Array
-from forcecal_ros.insitu.blocks import Blocks
+from forcecal_ros.insitu.blocks import Blocks, Mask
+import numpy as np
+from scipy import stats
 
 SIGNIFICANT = 1e-3
 CAUSE = 1e-4
 """Chances below which a departure, or a cause of it, is not taken for noise."""
 PLAYS = (0.0025, 0.005, 0.01)
 """Widths of the plays that hysteresis is composed of, as shares of a channel's span."""
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -109,8 +105,7 @@ def causes(data_sets: Sequence[tuple[Blocks, Mask]]) -> Causes:
     -------
     Causes
     """
-    spans = np.max([_fitted(b, u)[u].max(axis=0) - _fitted(b, u)[u].min(axis=0)
-                    for b, u in data_sets], axis=0)
+    spans = np.asarray(np.max([np.ptp(_fitted(b, u)[u], axis=0) for b, u in data_sets], axis=0))
     parts = [_regression(b, u, spans) for b, u in data_sets]
     left = np.vstack([part[0] for part in parts])
     squares, plays = (np.vstack([part[k] for part in parts]) for k in (1, 2))
@@ -149,7 +144,8 @@ def _regression(blocks: Blocks, use: Mask, spans: Array) -> tuple[Array, Array, 
     plays = np.hstack([_play(fitted / spans, width) for width in PLAYS])
     q, _ = np.linalg.qr(x[use])
     residual = _whiten(blocks, blocks.raw[use] - fitted[use])
-    return (residual, *(y[use] - q @ (q.T @ y[use]) for y in (squares[:, :-1], plays)))
+    squares, plays = (y[use] - q @ (q.T @ y[use]) for y in (squares[:, :-1], plays))
+    return residual, squares, plays
 
 
 def _play(values: Array, width: float) -> Array:

@@ -12,12 +12,15 @@ projected on the measured gravity, which frees the regressor of the raw channels
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.motion import (
-    body_basis, body_map, inertia_matrix, load_parameters, point_inertia,
+    body_basis,
+    body_map,
+    inertia_matrix,
+    load_parameters,
+    point_inertia,
 )
+import numpy as np
 
 
 @dataclass(frozen=True)

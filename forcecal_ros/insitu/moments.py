@@ -3,12 +3,11 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.prepare import Prepared
 from forcecal_ros.insitu.smoothing import smooth
+import numpy as np
 
 TRUNCATE = 1e-10
 """Directions of the regressors with less than this share of the largest moment are not used."""

@@ -5,10 +5,9 @@ angular acceleration and products of the angular rate: twelve numbers a sample, 
 wrench (environment on tool) of a rigid body is still linear.
 """
 
+from forcecal_ros.geometry import Array, skew
 import numpy as np
 from numpy.typing import ArrayLike
-
-from forcecal_ros.geometry import Array, skew
 
 STATIC, MOVING = 3, 12
 """Number of regressors at rest and in motion."""
@@ -60,7 +59,7 @@ def gravity_map(mass: float, moment: ArrayLike) -> Array:
 
 def motion_map(mass: float, moment: ArrayLike, inertia: ArrayLike) -> Array:
     """
-    The map of :func:`gravity_map` in motion, on the twelve regressors.
+    Extend :func:`gravity_map` to motion, on the twelve regressors.
 
     Parameters
     ----------
@@ -118,7 +117,7 @@ def point_inertia(mass: float, position: ArrayLike) -> Array:
 
 def body_basis(regressors: int) -> Array:
     """
-    Maps of unit body parameters: mass, three moments, in motion six inertias as well.
+    Return the maps of unit body parameters: mass, three moments, in motion six inertias.
 
     Parameters
     ----------

@@ -6,12 +6,11 @@ on the measured gravity, not the fit of a quadric to the cloud.
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.moments import Moments
-from forcecal_ros.insitu.subspace import Subspace, from_coordinates, from_scatter, to_coordinates
+from forcecal_ros.insitu.subspace import from_coordinates, from_scatter, Subspace, to_coordinates
+import numpy as np
 
 
 def offset_rows(gravity: Array) -> Array:
@@ -28,7 +27,7 @@ def offset_rows(gravity: Array) -> Array:
         For the unknowns [vec E; y_o], vec stacking columns (Eq. 1, 17).
     """
     ones = np.ones((len(gravity), 1))
-    return np.kron(np.hstack([gravity, ones]), np.eye(3))
+    return np.asarray(np.kron(np.hstack([gravity, ones]), np.eye(3)))
 
 
 def offset_coordinates(subspace: Subspace, gravity: Array, raw: Array) -> Array:

@@ -4,12 +4,11 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-import numpy as np
-from scipy import signal
-
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.motion import moving_regressors
+import numpy as np
+from scipy import signal
 
 GYRO_WINDOW = 0.21
 """Window over which the angular rate is smoothed and differentiated [s]."""

@@ -5,11 +5,9 @@ the offset they are all that [Traversaro2014] III-C and its tables need, and the
 numbers are all that their standard errors come from.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
-
-import numpy as np
 
 from forcecal_ros.calibration import Estimate
 from forcecal_ros.errors import UnobservableError
@@ -18,11 +16,12 @@ from forcecal_ros.insitu import matrix as eq
 from forcecal_ros.insitu.matrix import Load, MatrixFit
 from forcecal_ros.insitu.moments import Moments
 from forcecal_ros.insitu.motion import inertia_matrix, inertia_vector
-from forcecal_ros.insitu.rank import RankReport, data_rank
+from forcecal_ros.insitu.rank import data_rank, RankReport
 from forcecal_ros.insitu.reduce import DataSet
 from forcecal_ros.insitu.result import DataSetResult, SensorResult
 from forcecal_ros.insitu.uncertainty import propagate
-from forcecal_ros.insitu.validate import Felt, feel
+from forcecal_ros.insitu.validate import feel, Felt
+import numpy as np
 
 
 class Solution(NamedTuple):

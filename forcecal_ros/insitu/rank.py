@@ -9,12 +9,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-import numpy as np
-
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.matrix import Load, system, total_map
-from forcecal_ros.insitu.motion import STATIC, load_parameters
+from forcecal_ros.insitu.motion import load_parameters, STATIC
+import numpy as np
 
 RELATIVE = 1e-9
 NOISE_FACTOR = 3.0

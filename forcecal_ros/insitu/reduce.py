@@ -1,22 +1,19 @@
 """Two passes over each recording: one to see what of it is usable, one to take its moments."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-
-import numpy as np
-from numpy.typing import NDArray
 
 from forcecal_ros.errors import ForcecalError
 from forcecal_ros.geometry import STANDARD_GRAVITY
-from forcecal_ros.insitu.blocks import Blocks, to_blocks
+from forcecal_ros.insitu.blocks import Blocks, Mask, to_blocks
 from forcecal_ros.insitu.excitation import Norm, norm
 from forcecal_ros.insitu.matrix import Load
-from forcecal_ros.insitu.moments import Moments, accumulate
-from forcecal_ros.insitu.prepare import Mounting, Source, prepare
-from forcecal_ros.insitu.screen import Screening, given_window, screen, whole
+from forcecal_ros.insitu.moments import accumulate, Moments
+from forcecal_ros.insitu.prepare import Mounting, prepare, Source
+from forcecal_ros.insitu.screen import given_window, screen, Screening, whole
 from forcecal_ros.insitu.smoothing import PAPER_ORDER, PAPER_WINDOW, window_samples
+import numpy as np
 
 
 @dataclass(frozen=True)
@@ -88,7 +85,7 @@ class Reduced:
     moments: Moments
 
     @property
-    def use(self) -> NDArray[np.bool_]:
+    def use(self) -> Mask:
         """Which blocks are used."""
         return self.screening.use
 

@@ -36,7 +36,7 @@ class DataSetResult:
         What leaves the subspace; None in motion, which has no subspace.
     gravity_scatter : float
         Standard deviation of measured |g|, which motion makes [m/s^2].
-    raw : ndarray, shape (b, n)
+    raw, gravity : ndarray, shape (b, n), (b, 3)
         Block means used, for pictures.
     added_mass, position, semi_axes : Estimate or None
         By the calibrated sensor [kg], (3,) [m], (3,) [N].
@@ -54,6 +54,7 @@ class DataSetResult:
     departure: Departure | None
     gravity_scatter: float
     raw: Array
+    gravity: Array
     added_mass: Estimate | None = None
     position: Estimate | None = None
     semi_axes: Estimate | None = None

@@ -7,12 +7,10 @@ rest. Contact, a joint that moves and clipping leave that; they are found block 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
-from forcecal_ros.insitu.blocks import Blocks
+from forcecal_ros.insitu.blocks import Blocks, Mask
+import numpy as np
 
 NOISE_LIMIT = 6.0
 """A block is out when its residual exceeds this many standard deviations of a mean's noise ..."""
@@ -32,8 +30,6 @@ UNMISTAKABLE = 10.0
 """Residual over its limit beyond which a block is no part of the window, by any doubt."""
 POSITIONS = 60
 """Number of positions at which a window's ends are tried before they are refined."""
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -141,6 +137,7 @@ class _Fit:
 
     def __init__(self, blocks: Blocks) -> None:
         self.blocks = blocks
+        self.length = blocks.samples * blocks.period
         noise = blocks.raw_noise / blocks.samples
         self.white = np.linalg.solve(np.linalg.cholesky(noise), blocks.raw.T).T
         self.white -= np.median(self.white, axis=0)
@@ -176,7 +173,7 @@ class _Fit:
 
 def _best(fit: _Fit, base: Mask, shortest: float) -> slice | None:
     """Best run of blocks beside those already in use, None if all are too short."""
-    least = max(1, round(shortest / (fit.blocks.samples * fit.blocks.period)))
+    least = max(1, round(shortest / fit.length))
     free = list(_runs(~fit.bad & ~base))
     step = max(1, sum(run.stop - run.start for run in free) // POSITIONS)
     tries = sorted(((b - a, a, b, run) for run in free
@@ -225,7 +222,7 @@ def _doubts(fit: _Fit, use: Mask) -> Iterator[tuple[Mask, Mask]]:
     """Move each found end in, and out as far as the blocks there are not unmistakably others."""
     residual, limit = fit.residual(use)
     hopeless = fit.bad | (np.linalg.norm(residual, axis=1) > UNMISTAKABLE * limit)
-    reach = max(1, round(EDGE / (fit.blocks.samples * fit.blocks.period)))
+    reach = max(1, round(EDGE / fit.length))
     for run in _runs(use):
         inward = min(reach, (run.stop - run.start) // 2)
         for end, step in ((run.start, -1), (run.stop - 1, 1)):
@@ -265,7 +262,7 @@ def _cuts_of(fit: _Fit, use: Mask, run: slice) -> Iterator[Cut]:
         reason = f'channel {int(clipped.argmax()) + 1} is clipped'
     elif blocks.gap[run].any():
         reason = 'the stamps have a gap'
-    elif (run.stop - run.start) * blocks.samples * blocks.period >= SHORTEST and fit.score(mine) > 0:
+    elif (run.stop - run.start) * fit.length >= SHORTEST and fit.score(mine) > 0:
         reason = 'fits a map of its own: a joint or the load moved, or a steady contact'
     else:
         size = float(np.linalg.norm(residual[run], axis=1).max() / np.sqrt(len(residual[0])))

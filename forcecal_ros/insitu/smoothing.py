@@ -3,11 +3,10 @@
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-import numpy as np
-from scipy import signal
-
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array
+import numpy as np
+from scipy import signal
 
 PAPER_WINDOW = 3.01
 """Length of the paper's window [s]: 301 samples at 100 Hz."""

@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from forcecal_ros.geometry import Array
+import numpy as np
 
 
 @dataclass(frozen=True)

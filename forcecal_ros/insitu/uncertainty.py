@@ -10,12 +10,11 @@ Bartlett-weighted up to a lag that their own persistence sets (Andrews, Economet
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
+from forcecal_ros.geometry import Array
+from forcecal_ros.insitu.blocks import Blocks, Mask
+from forcecal_ros.insitu.moments import Moments
 import numpy as np
 from numpy.typing import NDArray
-
-from forcecal_ros.geometry import Array
-from forcecal_ros.insitu.blocks import Blocks
-from forcecal_ros.insitu.moments import Moments
 
 STRETCH = 6.0
 """Length of the stretches that are held out, at most a fifth of what is used [s]."""
@@ -25,8 +24,6 @@ MOST_LAGS = 0.25
 """Share of the blocks that the longest lag may reach."""
 MOST_PERSISTENT = 0.98
 """AR(1) coefficient that full correlation is taken for."""
-
-Mask = NDArray[np.bool_]
 
 
 class Sums(NamedTuple):
@@ -71,12 +68,7 @@ class Residual(NamedTuple):
 
     def lagged(self, lag: int) -> Array:
         """Autocovariance of the residual at a lag, Bartlett-weighted, shape (n, n)."""
-        return _bartlett(lag, self.lags) * _lagged(self.blocks, lag) / self.count
-
-    @property
-    def count(self) -> int:
-        """Number of blocks in use."""
-        return int((self.regressors[:, 0] != 0).sum())
+        return _bartlett(lag, self.lags) * _lagged(self.blocks, lag) / _count(self.regressors)
 
 
 def residuals(data_sets: Sequence[tuple[Moments, Blocks, Mask]]) -> list[Residual]:
@@ -112,7 +104,7 @@ def residuals(data_sets: Sequence[tuple[Moments, Blocks, Mask]]) -> list[Residua
 def doubt_covariance(data_sets: Sequence[tuple[Moments, Blocks, Mask]],
                      doubts: Sequence[Sequence[tuple[Mask, Mask]]]) -> Array:
     """
-    What found ends of windows, which may lie somewhat further in or out, add to the covariance.
+    Say what found ends of windows, which may lie further in or out, add to the covariance.
 
     Parameters
     ----------
@@ -161,8 +153,7 @@ def _stretches(blocks: Blocks, use: Mask) -> Iterator[NDArray[np.intp]]:
 
 
 def _residual(x: Array, left: Array, samples: int) -> Residual:
-    count = int((x[:, 0] != 0).sum())
-    one = Residual(x, left, samples, _lags(left, count), np.empty(0))
+    one = Residual(x, left, samples, _lags(left, _count(x)), np.empty(0))
     long_run = one.lagged(0)
     for lag in range(1, one.lags + 1):
         long_run = long_run + one.lagged(lag) + one.lagged(lag).T
@@ -187,6 +178,11 @@ def score_covariance(left: Residual) -> Array:
         part = np.kron(_lagged(x, lag), left.lagged(lag))
         total += part + part.T
     return np.asarray(total)
+
+
+def _count(x: Array) -> int:
+    """Return the number of blocks in use."""
+    return int((x[:, 0] != 0).sum())
 
 
 def _lags(left: Array, count: int) -> int:

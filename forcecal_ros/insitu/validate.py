@@ -2,10 +2,9 @@
 
 from typing import NamedTuple
 
-import numpy as np
-
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.matrix import body_of
+import numpy as np
 
 
 class Felt(NamedTuple):

@@ -1,0 +1,117 @@
+"""Tables of any length as chunks: CSV text, or a two-dimensional array in a .npy file."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TextIO
+import warnings
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array
+from forcecal_ros.insitu.prepare import Chunk
+from forcecal_ros.insitu.spec import Column, Spec
+import numpy as np
+
+ROWS = 50_000
+"""Rows that are read at a time."""
+
+
+class TableSource:
+    """
+    Reads one table from its beginning whenever it is called.
+
+    Parameters
+    ----------
+    spec : Spec
+    path : Path
+    raw : sequence of str or int
+        Columns of the raw channels.
+
+    Attributes
+    ----------
+    left_out : int
+        Rows of the last reading without finite numbers, or not later than the one before.
+    """
+
+    def __init__(self, spec: Spec, path: Path, raw: Sequence[Column]) -> None:
+        self._spec = spec
+        self._path = path
+        gyro = spec.gyro.columns if spec.gyro else ()
+        time = (spec.time[0],) if spec.time else ()
+        self._parts = (time, tuple(raw), spec.accelerometer.columns, gyro)
+        self.left_out = 0
+        for part, name in zip(self._parts[1:3], ('sensor', 'accelerometer')):
+            if not part:
+                raise DataError(f'{spec.path}: {path.name} is a table; name the columns of the '
+                                f'{name}')
+
+    def __call__(self) -> Iterator[Chunk]:
+        """Yield the table's rows in SI units, clean."""
+        ends = np.cumsum([len(part) for part in self._parts])[:-1]
+        accelerometer, gyro = self._spec.accelerometer.scale, self._spec.gyro
+        self.left_out, row, last = 0, 0, -np.inf
+        for rows in self._rows([column for part in self._parts for column in part]):
+            t, raw, f, turn = np.split(rows, ends, axis=1)
+            if self._spec.time:
+                stamps = t[:, 0] * self._spec.time[1]
+            else:
+                stamps = (row + np.arange(len(rows))) / self._spec.rate
+            row += len(rows)
+            good = np.isfinite(rows).all(axis=1)
+            before = np.maximum.accumulate(np.concatenate(
+                [[last], np.where(good, stamps, -np.inf)]))[:-1]
+            good &= stamps > before
+            self.left_out += int((~good).sum())
+            if good.any():
+                last = stamps[good][-1]
+                yield Chunk(stamps[good], raw[good], f[good] * accelerometer,
+                            turn[good] * gyro.scale if gyro else None)
+
+    def _rows(self, columns: Sequence[Column]) -> Iterator[Array]:
+        if self._path.suffix == '.npy':
+            yield from self._array_rows(columns)
+            return
+        try:
+            with self._path.open(encoding='utf-8-sig') as file:
+                yield from self._text_rows(file, columns)
+        except OSError as error:
+            raise DataError(f'{self._path}: cannot be read ({error.strerror}); paths count from '
+                            'the folder of the SPEC') from error
+        except (ValueError, UnicodeDecodeError) as error:
+            raise DataError(f'{self._path}: {error}') from error
+
+    def _text_rows(self, file: TextIO, columns: Sequence[Column]) -> Iterator[Array]:
+        delimiter = self._spec.delimiter
+        places = [column for column in columns if isinstance(column, int)]
+        if len(places) < len(columns):
+            header = [name.strip() for name in file.readline().split(delimiter)]
+            places = [self._place(header, column) for column in columns]
+        while True:
+            with warnings.catch_warnings():
+                warnings.simplefilter('ignore', UserWarning)
+                rows = np.loadtxt(file, delimiter=delimiter, usecols=places, max_rows=ROWS,
+                                  ndmin=2, comments=None)
+            if not len(rows):
+                return
+            yield rows
+
+    def _place(self, header: Sequence[str], column: Column) -> int:
+        if isinstance(column, int):
+            return column
+        if header.count(column) != 1:
+            problem = 'several columns' if column in header else 'no column'
+            raise DataError(f'{self._path}: {problem} {column!r}; there are {", ".join(header)}')
+        return header.index(column)
+
+    def _array_rows(self, columns: Sequence[Column]) -> Iterator[Array]:
+        if not all(isinstance(column, int) for column in columns):
+            raise DataError(f'{self._path}: an array has columns by number from 0, not by name')
+        try:
+            shape = np.load(self._path, mmap_mode='r').shape
+            if len(shape) != 2 or max(int(column) for column in columns) >= shape[1]:
+                raise DataError(f'{self._path}: an array of shape {shape}; expected rows with '
+                                f'{1 + max(int(column) for column in columns)} columns at least')
+            for start in range(0, shape[0], ROWS):
+                mapped = np.load(self._path, mmap_mode='r')
+                yield np.array(mapped[start:start + ROWS, list(columns)], dtype=float)
+        except (OSError, ValueError) as error:
+            raise DataError(f'{self._path}: cannot be read ({error})') from error

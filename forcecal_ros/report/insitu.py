@@ -1,0 +1,152 @@
+"""The report of an in-situ calibration: tables for a terminal, pictures, one HTML page."""
+
+import base64
+from collections.abc import Iterator, Mapping, Sequence
+from io import BytesIO
+
+from forcecal_ros.calibration import Estimate
+from forcecal_ros.geometry import Array
+from forcecal_ros.insitu import SensorResult
+from forcecal_ros.insitu.result import DataSetResult
+from forcecal_ros.report.insitu_figures import force_clouds, singular_values, subspace_clouds
+import jinja2
+import numpy as np
+
+Rows = list[list[str]]
+
+WORDS = {
+    'forces': 'Forces by the estimated matrix and by the manufacturer’s. Weight is constant, so '
+              'that a good matrix makes a sphere ([Traversaro2014] Fig. 6).',
+    'subspace': 'Raw measurements in the three dimensions they span, and the ellipsoid that '
+                'gravity draws about the offset ([Traversaro2014] Fig. 5).',
+    'singular_values': 'Three singular values stand out where one rigid body hangs free '
+                       '([Traversaro2014] Lemma 1).',
+}
+
+
+def pictures(result: SensorResult) -> dict[str, bytes]:
+    """Return the pictures of one sensor as PNG by title."""
+    figures = {'forces': force_clouds(result), 'subspace': subspace_clouds(result),
+               'singular_values': singular_values(result)}
+    drawn = {}
+    for title, figure in figures.items():
+        if figure is not None:
+            buffer = BytesIO()
+            figure.savefig(buffer, format='png', dpi=110)
+            drawn[title] = buffer.getvalue()
+    return drawn
+
+
+def render(results: Sequence[SensorResult], drawn: Mapping[str, Mapping[str, bytes]],
+           origin: str) -> str:
+    """
+    Return the report as HTML, one file without network.
+
+    Parameters
+    ----------
+    results : sequence of SensorResult
+    drawn : mapping
+        Of :func:`pictures`, by sensor.
+    origin : str
+        What it was made from.
+
+    Returns
+    -------
+    str
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader('forcecal_ros', 'report'), autoescape=True,
+        trim_blocks=True, undefined=jinja2.StrictUndefined)
+    sensors = [{
+        'name': r.name, 'warnings': r.warnings, 'tables': list(tables(r)),
+        'pictures': [{'title': title, 'words': WORDS[title],
+                      'png': base64.b64encode(png).decode()}
+                     for title, png in drawn[r.name].items()],
+    } for r in results]
+    return environment.get_template('insitu.html.j2').render(
+        title='In-situ calibration', origin=origin, sensors=sensors)
+
+
+def text(result: SensorResult) -> str:
+    """Return the tables of one sensor for a terminal."""
+    parts = [f'sensor {result.name}']
+    for title, head, rows in tables(result):
+        widths = [max(len(row[k]) for row in [head, *rows]) for k in range(len(head))]
+        lines = ['  '.join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip()
+                 for row in [head, *rows]]
+        parts += ['', title, *('  ' + line for line in lines)]
+    return '\n'.join(parts) + '\n'
+
+
+def tables(result: SensorResult) -> Iterator[tuple[str, list[str], Rows]]:
+    """
+    Yield every table of one sensor.
+
+    Yields
+    ------
+    title, head, rows : str, list of str, list of list of str
+    """
+    e = result.excitation
+    yield ('Spread of gravity in the sensor frame', ['direction', 'm/s^2'],
+           [[_vector(v, 2), f'{s:.3g}'] for v, s in zip(e.directions, e.spreads)])
+    yield ('What is used', ['data set', 'use', 'samples', 'stretches [s]', 'singular values'],
+           [[d.name, 'train' if d.train else 'validate', str(d.samples),
+             ', '.join(f'{a:.1f}..{b:.1f}' for a, b in d.kept),
+             ' '.join(f'{s:.3g}' for s in d.singular_values)] for d in result.data_sets])
+    unit = result.options.raw_unit
+    yield (f'Offset [{unit}]', ['channel', 'offset', 'standard error'],
+           [[str(k + 1), f'{v:.6g}', f'{s:.2g}']
+            for k, (v, s) in enumerate(zip(result.offset.value, result.offset.std))])
+    if result.matrix is None or result.mass is None or result.com is None:
+        return
+    axes = ('fx', 'fy', 'fz', 'tx', 'ty', 'tz')
+    yield (f'Matrix [N/{unit}, N m/{unit}]', ['', *(str(k + 1) for k in range(len(
+        result.offset.value)))],
+           [[axis, *(f'{v:.5g} ± {s:.1g}' for v, s in zip(row, std))]
+            for axis, row, std in zip(axes, result.matrix.value, result.matrix.std)])
+    body = [['mass [kg]', f'{float(result.mass):.4f}', f'{float(result.mass.std):.2g}'],
+            ['centre of mass [m]', _vector(result.com.value, 4), _vector(result.com.std, 4)]]
+    if result.inertia is not None:
+        body.append(['inertia about it [kg m^2]', _vector(np.diag(result.inertia.value), 4),
+                     _vector(np.diag(result.inertia.std), 4)])
+    yield 'Body', ['', 'estimate', 'standard error'], body
+    yield from _papers(result)
+
+
+def _papers(result: SensorResult) -> Iterator[tuple[str, list[str], Rows]]:
+    """[Traversaro2014] Tables I, II and III."""
+    maker = result.manufacturer_matrix is not None
+    more = ['by manufacturer'] if maker else []
+    loads = [d for d in result.data_sets if d.load is not None]
+    yield ('Semi-axes of the force ellipsoid [N] (Table I)',
+           ['data set', 'added mass [kg]', 'calibrated', *more],
+           [[_name(d), _mass(d), _estimate(d.semi_axes, 2),
+             *([_vector(d.by_manufacturer.semi_axes, 1)] if d.by_manufacturer else [])]
+            for d in result.data_sets])
+    yield ('Added mass [kg] (Table II)', ['data set', 'stated', 'calibrated', *more],
+           [[_name(d), _mass(d), _estimate(d.added_mass, 4),
+             *([f'{d.by_manufacturer.mass:.2f}'] if d.by_manufacturer else [])] for d in loads])
+    yield ('Position of the added mass [m] (Table III)',
+           ['data set', 'stated', 'calibrated', *more],
+           [[_name(d), _vector(np.array(d.load.position), 3), _estimate(d.position, 4),
+             *([_vector(d.by_manufacturer.position, 3)] if d.by_manufacturer else [])]
+            for d in loads if d.load is not None and d.position is not None])
+
+
+def _name(data_set: DataSetResult) -> str:
+    return data_set.name + (' (trained on)' if data_set.train else '')
+
+
+def _mass(data_set: DataSetResult) -> str:
+    return 'not stated' if data_set.load is None else f'{data_set.load.mass:g}'
+
+
+def _vector(values: Array, digits: int) -> str:
+    return ' '.join(f'{value:.{digits}f}' for value in values)
+
+
+def _estimate(estimate: Estimate | None, digits: int) -> str:
+    if estimate is None:
+        return '-'
+    value, std = np.atleast_1d(estimate.value), np.atleast_1d(estimate.std)
+    return f'{_vector(value, digits)} ± {_vector(std, digits)}'

@@ -1,0 +1,107 @@
+"""The pictures of an in-situ calibration, [Traversaro2014] Fig. 5 and 6."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from forcecal_ros.geometry import Array
+from forcecal_ros.insitu import SensorResult
+from forcecal_ros.insitu.result import DataSetResult
+from forcecal_ros.insitu.subspace import principal_directions, Subspace, to_coordinates
+from matplotlib.figure import Figure
+import numpy as np
+
+CALIBRATED, MANUFACTURER, TRUE = '#009E73', '#D55E00', '#555555'
+POINTS = 600
+COLUMNS = 4
+
+
+def subspace_clouds(result: SensorResult) -> Figure:
+    """Draw raw measurements in their subspace with the ellipsoid about the offset, Fig. 5."""
+    figure, axes = _grid(result.data_sets)
+    for one, data_set in zip(axes, result.data_sets):
+        basis, _ = principal_directions(data_set.raw)
+        subspace = Subspace(data_set.raw.mean(axis=0), basis)
+        y = to_coordinates(subspace, data_set.raw)
+        centre = to_coordinates(subspace, result.offset.value)
+        _ellipsoid(one, _map(data_set.gravity, y - centre) * result.options.gravity, centre,
+                   CALIBRATED)
+        _cloud(one, y, CALIBRATED, 'measured')
+        one.scatter(*centre[:, None], color=TRUE, s=20, label='offset')
+        one.set_title(data_set.name, fontsize=8)
+        one.set_aspect('equal')
+    axes[0].legend(fontsize=7, loc='upper left')
+    figure.suptitle(f'{result.name}: raw measurements in their three dimensions '
+                    f'[{result.options.raw_unit}]', fontsize=10)
+    return figure
+
+
+def force_clouds(result: SensorResult) -> Figure | None:
+    """Draw forces by the estimated matrix and by the manufacturer's, Fig. 6."""
+    if result.matrix is None:
+        return None
+    chosen = [d for d in result.data_sets if not d.train] or list(result.data_sets)
+    figure, axes = _grid(chosen)
+    matrices = [(result.manufacturer_matrix, MANUFACTURER, 'manufacturer'),
+                (result.matrix.value, CALIBRATED, 'calibrated')]
+    for one, data_set in zip(axes, chosen):
+        for matrix, colour, label in matrices:
+            if matrix is None:
+                continue
+            force = (data_set.raw - result.offset.value) @ matrix[:3].T
+            _ellipsoid(one, _map(data_set.gravity, force) * result.options.gravity, np.zeros(3),
+                       colour)
+            _cloud(one, force, colour, label)
+        one.set(xlabel='x', ylabel='y', zlabel='z')
+        one.set_title(data_set.name, fontsize=8)
+        one.set_aspect('equal')
+    axes[0].legend(fontsize=7, loc='upper left')
+    figure.suptitle(f'{result.name}: measured force; gravity makes a sphere of it [N]',
+                    fontsize=10)
+    return figure
+
+
+def singular_values(result: SensorResult) -> Figure:
+    """Draw the singular values of each data set: three stand out, [Traversaro2014] Lemma 1."""
+    figure = Figure(figsize=(8.0, 3.2), layout='constrained')
+    axes = figure.subplots()
+    for data_set in result.data_sets:
+        values = data_set.singular_values
+        axes.semilogy(np.arange(1, len(values) + 1), values, 'o-', linewidth=0.7, markersize=4,
+                      label=data_set.name)
+    axes.axvline(3.5, color=TRUE, linewidth=0.8, linestyle='--')
+    axes.set(xlabel='singular value', ylabel=f'over sqrt(N) [{result.options.raw_unit}]',
+             title=f'{result.name}: what spans the raw measurements')
+    axes.set_xticks(np.arange(1, len(result.offset.value) + 1))
+    axes.grid(alpha=0.25)
+    axes.spines[['top', 'right']].set_visible(False)
+    axes.legend(fontsize=7, ncols=2)
+    return figure
+
+
+def _grid(data_sets: Sequence[DataSetResult]) -> tuple[Figure, list[Any]]:
+    columns = min(len(data_sets), COLUMNS)
+    rows = -(-len(data_sets) // columns)
+    figure = Figure(figsize=(max(2.6 * columns, 4.0), 2.7 * rows + 0.4), layout='constrained')
+    axes = [figure.add_subplot(rows, columns, k + 1, projection='3d')
+            for k in range(len(data_sets))]
+    for one in axes:
+        one.tick_params(labelsize=5, pad=-2)
+    return figure, axes
+
+
+def _map(gravity: Array, values: Array) -> Array:
+    """Linear map from gravity to values that have no offset, shape (3, 3)."""
+    return np.linalg.lstsq(gravity, values, rcond=None)[0].T
+
+
+def _cloud(axes: Any, points: Array, colour: str, label: str) -> None:
+    points = points[::-(-len(points) // POINTS)]
+    axes.scatter(*points.T, s=3, color=colour, label=label, depthshade=False)
+
+
+def _ellipsoid(axes: Any, linear: Array, centre: Array, colour: str) -> None:
+    """Draw the image of the unit sphere."""
+    u, v = np.mgrid[0:2 * np.pi:25j, 0:np.pi:13j]
+    sphere = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
+    x, y, z = np.tensordot(linear, sphere, 1) + centre[:, None, None]
+    axes.plot_wireframe(x, y, z, color=colour, linewidth=0.25, alpha=0.6)
