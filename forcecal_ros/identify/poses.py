@@ -9,6 +9,7 @@ from forcecal_ros.samples import PoseStream, Recording
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+_ROUNDING = 1e-6
 _SHORTEST_STAND = 0.5
 _RING_DOWN = 1.0
 _SPEED = 0.002
@@ -95,7 +96,7 @@ def static_windows(recording: Recording) -> list[tuple[float, float]]:
     """
     if recording.phases:
         last = recording.phases[-1].end
-        windows = [(p.start, p.end if p.end < last else np.nextafter(p.end, np.inf))
+        windows = [(p.start - _ROUNDING, p.end + (_ROUNDING if p.end == last else -_ROUNDING))
                    for p in recording.phases if p.name in STILL]
         if not windows:
             raise DataError(
