@@ -7,7 +7,11 @@ import random
 import socket
 import subprocess
 
+from hypothesis import settings
 import pytest
+
+settings.register_profile('same_everywhere', derandomize=True, deadline=None)
+settings.load_profile('same_everywhere')
 
 ROOT = Path(__file__).resolve().parents[1]
 GENERATED = {'.venv', '.git', '__pycache__', 'build', 'install', 'log', 'dist'}

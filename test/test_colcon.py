@@ -15,7 +15,7 @@ PACKAGE = 'forcecal_ros'
 NODES = ('observer', 'sequencer', 'sim')
 START_SECONDS = 30.0
 
-pytestmark = pytest.mark.workspace
+pytestmark = [pytest.mark.workspace, pytest.mark.timeout(400)]
 
 
 def _colcon(workspace, *arguments):

@@ -24,6 +24,7 @@ def test_source_follows_the_rules_of_ament():
 
 
 @pytest.mark.lint
+@pytest.mark.timeout(400)
 def test_types_are_strict():
     _check('mypy')
 
