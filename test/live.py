@@ -10,7 +10,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.control.plan import nominal_poses
 from forcecal_ros.geometry import quaternion_from_matrix
-from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, SENSOR
+from forcecal_ros.nodes.runtime import LATCHED, OUTPUT
 from forcecal_ros.nodes.wire import Reader, Writer
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
 import numpy as np
@@ -95,7 +95,7 @@ class Live:
                 f'{ {module: self.said(module) for module in self.output} }')
             self.spin()
 
-    def hear(self, message_type, topic, take, qos=SENSOR):
+    def hear(self, message_type, topic, take, qos=2000):
         """Call ``take(stamp_ns, values)`` for every message of a type that is all numbers."""
         read = Reader(message_type)
         self.node.create_subscription(message_type, topic, lambda raw: take(*read(raw)), qos,
@@ -172,7 +172,7 @@ class Robot:
                            for topic, kind in self.TOPICS.items()}
         self.writers = {topic: Writer(kind, 'base') for topic, kind in self.TOPICS.items()}
         if commands:
-            live.hear(PoseStamped, 'target_frame', self._on_command, OUTPUT)
+            live.hear(PoseStamped, 'target_frame', self._on_command)
         live.node.create_timer(0.004, self._tick)
 
     def _on_command(self, stamp, values):

@@ -4,11 +4,13 @@ from forcecal_ros.calibration import Accelerometer, Calibration, Estimate, Tool
 from forcecal_ros.calibration_file import dump, save
 from forcecal_ros.control.motion import Move, Pose
 from forcecal_ros.control.plan import nominal_poses
+from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT
 from forcecal_ros.nodes.wire import JointWriter, Writer
 from forcecal_ros.observe import replay
 from forcecal_ros.observe.playback import events
+from forcecal_ros.observe.rest import refuse_motion
 from forcecal_ros.samples import PoseStream
 from forcecal_ros.sim.offline import simulate
 from forcecal_ros.sim.rig_file import load_rig
@@ -144,7 +146,7 @@ def test_lifecycle_tare_and_takeover(ros_domain, tmp_path, recording):
 
         player.play(recording, 0.0, 0.55)
         refused = live.call('observer/tare')
-        assert not refused.success and 'tare refused, the tool moves' in refused.message
+        assert not refused.success and 'tare refused, the robot moves' in refused.message
 
         player.play(recording, 0.55, 1.2)
         stamps = player.play(recording, 1.2, 2.0, shift=5.0)
@@ -203,3 +205,14 @@ def test_without_calibration_or_wrench_the_diagnostics_say_so(ros_domain):
         live.until(lambda: live.diagnostics['observer'].message == 'wrench: nothing received',
                    'a calibration')
         assert live.diagnostics['observer'].level == b'\2'
+
+
+def test_slow_motion_and_slow_turning_are_motion():
+    q = (1.0, 0.0, 0.0, 0.0)
+    refuse_motion([(1.0, 0.0, 1.0, *q), (1.0001, 0.0, 1.0, *q)], 'tare')
+    refuse_motion([(np.nan, np.nan, np.nan, *q)] * 3, 'tare')
+    with pytest.raises(DataError, match='tare refused, the robot moves: 1.00 mm'):
+        refuse_motion([(1.0, 0.0, 1.0, *q), (1.001, 0.0, 1.0, *q)], 'tare')
+    turned = (*np.cos([0.001]), 0.0, 0.0, *np.sin([0.001]))
+    with pytest.raises(DataError, match='2.00 mrad'):
+        refuse_motion([(1.0, 0.0, 1.0, *q), (1.0, 0.0, 1.0, *turned)], 'tare')

@@ -308,7 +308,7 @@ class Bench:
     def sample(self, name, values):
         return self.frozen.get(name, tuple(float(v) for v in values))
 
-    def tick(self, moving=False, commanded=None):
+    def tick(self, moving=False):
         for _ in range(4):
             self.ms += 1
             now = self.ms * 1e-3
@@ -322,7 +322,7 @@ class Bench:
             place = self.position + 20e-6 * self.rng.normal(size=3)
             self.monitor.pose(now, self.sample('pose', (*place, *self.quaternion)))
         self.monitor.tick(now)
-        return self.monitor.check(moving, commanded)
+        return self.monitor.check(moving)
 
     def doubt(self, lag=0.0):
         return self.monitor.doubt(self.ms * 1e-3 + lag)
@@ -439,11 +439,15 @@ def test_a_robot_that_leaves_the_box_is_named(bench):
 
 
 def test_a_robot_that_does_not_follow_is_named(bench):
-    commanded = (*(HOME.position + [0.03, 0, 0]), *bench.quaternion)
-    fault = bench.tick(True, tuple(float(v) for v in commanded))
+    now = bench.ms * 1e-3
+    bench.monitor.command(now, (*HOME.position, *bench.quaternion))
+    bench.monitor.command(now + 0.01, (*(HOME.position + [0.03, 0, 0]), *bench.quaternion))
+    assert not bench.tick(True)
+    fault, _ = bench.until_fault(5)
     assert '0.0300 m from the command' in fault
     turned = quaternion_from_matrix(HOME.R_base_sensor @ rotation_from_vector([0.3, 0, 0]))
-    fault = bench.tick(True, tuple(float(v) for v in (*HOME.position, *turned)))
+    bench.monitor.command(bench.ms * 1e-3, (*HOME.position, *turned))
+    fault, _ = bench.until_fault(5)
     assert '0.300 rad from the command' in fault
 
 

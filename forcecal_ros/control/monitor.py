@@ -62,7 +62,7 @@ class WatchSettings:
 
     pause_timeout: float = 0.045
     lost_timeout: float = 1.0
-    frozen_timeout: float = 0.05
+    frozen_timeout: float = 0.045
     max_age: float = 0.25
     window: float = 0.25
     factor: float = 1.25
@@ -141,6 +141,7 @@ class Monitor:
         self._alive = 0.0
         self._ticked = -inf
         self._moving_since = inf
+        self._commands: deque[tuple[float, tuple[float, ...]]] = deque()
         self._noise: dict[str, Array] = {}
 
     # Samples in -----------------------------------------------------------------------------
@@ -208,7 +209,11 @@ class Monitor:
         self._alive += min(max(now - self._ticked, 0.0), LONGEST_TICK)
         self._ticked = now
 
-    def check(self, moving: bool, commanded: tuple[float, ...] | None = None) -> str:
+    def command(self, stamp: float, pose: tuple[float, ...]) -> None:
+        """Note a command, x y z [m] qx qy qz qw, to compare poses of its time with."""
+        self._commands.append((stamp, pose))
+
+    def check(self, moving: bool) -> str:
         """
         Say what is wrong right now, which only an abort answers.
 
@@ -216,8 +221,6 @@ class Monitor:
         ----------
         moving : bool
             Whether the commands move.
-        commanded : tuple of float or None
-            Commanded pose, x y z [m] qx qy qz qw; None: not compared.
 
         Returns
         -------
@@ -225,7 +228,7 @@ class Monitor:
             One line that names the topic; empty where all is well.
         """
         self._moving_since = min(self._moving_since, self._alive) if moving else inf
-        return self.fault or self._frozen() or self._astray(commanded)
+        return self.fault or self._frozen() or self._astray()
 
     def doubt(self, ros_now: float) -> str:
         """
@@ -270,10 +273,13 @@ class Monitor:
                 return f'{channel.topic}: the same reading for {stuck:.3f} s of motion'
         return ''
 
-    def _astray(self, commanded: tuple[float, ...] | None) -> str:
-        pose = self.channels['pose']
-        if commanded is None or not pose.values:
+    def _astray(self) -> str:
+        pose, commands = self.channels['pose'], self._commands
+        while len(commands) > 1 and commands[1][0] <= pose.stamp:
+            commands.popleft()
+        if not commands or commands[0][0] > pose.stamp:
             return ''
+        commanded = commands[0][1]
         limits = self.limits
         off = distance_between(pose.values, commanded)
         turned = angle_between(pose.values[3:], commanded[3:])
@@ -301,6 +307,7 @@ class Monitor:
                 raise DataError(f'{channel.topic}: nothing received yet; is its driver running '
                                 'and the name remapped?')
         self.fault = ''
+        self._commands.clear()
         for fault in (self._silence(self.settings.lost_timeout), self._late(ros_now, 0.0)):
             if fault:
                 raise DataError(fault)

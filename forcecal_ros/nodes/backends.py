@@ -8,6 +8,7 @@ from forcecal_ros.control.joints import JointSetpoint
 from forcecal_ros.control.motion import Pose, Setpoint, twist_towards
 from forcecal_ros.errors import ConfigError, DataError
 from forcecal_ros.geometry import Array, matrix_from_quaternion, quaternion_from_matrix
+from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.runtime import OUTPUT, SENSOR
 from forcecal_ros.nodes.wire import Writer
 from geometry_msgs.msg import PoseStamped, TwistStamped
@@ -28,16 +29,17 @@ class Backend:
     Parameters
     ----------
     node : Node
+    inbox : Inbox
     topic : str
     message_type : type
     """
 
-    def __init__(self, node: Node, topic: str, message_type: Any) -> None:
+    def __init__(self, node: Node, inbox: Inbox, topic: str, message_type: Any) -> None:
         self.topic = topic
         self.foreign = 0
         self._own: deque[bytes] = deque(maxlen=REMEMBERED)
         self._publisher = node.create_publisher(message_type, topic, OUTPUT)
-        node.create_subscription(message_type, topic, self._on_command, SENSOR, raw=True)
+        inbox.subscribe(message_type, topic, self._on_command)
 
     def _on_command(self, raw: bytes) -> None:
         if raw not in self._own:
@@ -51,8 +53,8 @@ class Backend:
 class TargetFrame(Backend):
     """Poses for cartesian_controllers: PoseStamped in the robot's base, small steps."""
 
-    def __init__(self, node: Node, frame: str) -> None:
-        super().__init__(node, 'target_frame', PoseStamped)
+    def __init__(self, node: Node, inbox: Inbox, frame: str) -> None:
+        super().__init__(node, inbox, 'target_frame', PoseStamped)
         self._write = Writer(PoseStamped, frame)
 
     def send(self, stamp_ns: int, command: Setpoint, pose: tuple[float, ...]) -> None:
@@ -63,8 +65,8 @@ class TargetFrame(Backend):
 class TwistCommands(Backend):
     """Velocities for MoveIt Servo: TwistStamped with fresh stamps and zeros at the end."""
 
-    def __init__(self, node: Node, frame: str, gain: float) -> None:
-        super().__init__(node, 'delta_twist_cmds', TwistStamped)
+    def __init__(self, node: Node, inbox: Inbox, frame: str, gain: float) -> None:
+        super().__init__(node, inbox, 'delta_twist_cmds', TwistStamped)
         self._write = Writer(TwistStamped, frame)
         self._gain = gain
         self.measured: tuple[float, ...] = ()
@@ -82,10 +84,10 @@ class TwistCommands(Backend):
 class JointTrajectories(Backend):
     """Joint vectors for joint_trajectory_controller: every joint, each message ends at rest."""
 
-    def __init__(self, node: Node, names: list[str]) -> None:
+    def __init__(self, node: Node, inbox: Inbox, names: list[str]) -> None:
         if not names or names == ['']:
             raise ConfigError('motion.backend joint_trajectory wants joints.names')
-        super().__init__(node, 'joint_trajectory', JointTrajectory)
+        super().__init__(node, inbox, 'joint_trajectory', JointTrajectory)
         self._names = names
         self._positions: dict[str, float] = {}
         node.create_subscription(JointState, 'joint_states', self._on_joints, SENSOR)

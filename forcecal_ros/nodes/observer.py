@@ -10,9 +10,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.calibration import Calibration
 from forcecal_ros.calibration_file import load, parse
 from forcecal_ros.errors import ConfigError, DataError, ForcecalError
+from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.parameters import declare, guard, Parameter
 from forcecal_ros.nodes.reporting import diagnostic_array
-from forcecal_ros.nodes.runtime import EXECUTOR, LATCHED, OUTPUT, run, SENSOR, STEADY
+from forcecal_ros.nodes.runtime import EXECUTOR, LATCHED, OUTPUT, run, STEADY
 from forcecal_ros.nodes.wire import JointReader, Reader, Writer
 from forcecal_ros.observe import (
     ContactSample,
@@ -31,6 +32,7 @@ from forcecal_ros.observe import (
     with_bias,
 )
 from forcecal_ros.observe.fade import begin_fade, Fade, faded, rebased
+from forcecal_ros.observe.rest import refuse_motion
 from forcecal_ros.observe.settings import MODES, OFFSETS
 from geometry_msgs.msg import AccelStamped, PoseStamped, Vector3Stamped, WrenchStamped
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -70,6 +72,8 @@ PARAMETERS = (
     Parameter('accelerometer.source', 'auto', 'accelerometer/raw (volts), imu/data_raw or accel '
               '(m/s^2); auto: by the unit of the calibration',
               choices=('auto', *ACCELEROMETERS, 'none')),
+    Parameter('poll_rate', 500.0, 'How often the topics are looked into: half a period is added '
+              'to the latency on average', 'Hz', 50.0, 2000.0),
     Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool; '
               'empty: no such sensor'),
     Parameter('publish.inertial_wrench', False, 'Publish observer/inertial_wrench: what weight '
@@ -123,10 +127,12 @@ class Observer(LifecycleNode):
         self._accelerometer: Any = None
         self._rest = None
         self._heard: dict[str, int] = {}
+        self._inbox = Inbox(self)
         self._clear()
         guard(self, self._check_changes)
         self.add_post_set_parameters_callback(self._on_changed)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', OUTPUT)
+        self.create_timer(1 / self._value('poll_rate'), self._inbox.drain, clock=STEADY)
         self.create_timer(1.0, self._report, clock=STEADY)
         for name, answer in (('tare', self._tare), ('reset', self._reset),
                              ('reload_calibration', self._reload)):
@@ -148,12 +154,18 @@ class Observer(LifecycleNode):
         self._status = 0
         self._count = 0
         self._recent: deque[ContactSample] = deque(maxlen=20_000)
+        self._poses: deque[tuple[float, tuple[float, ...]]] = deque(maxlen=20_000)
 
     def _start(self) -> None:
         self.trigger_configure()
         if self._failure:
             raise ConfigError(self._failure)
         self.trigger_activate()
+
+    def destroy_node(self) -> None:
+        """Free what the node holds."""
+        self._inbox.close()
+        super().destroy_node()
 
     # Lifecycle ------------------------------------------------------------------------------
 
@@ -209,7 +221,7 @@ class Observer(LifecycleNode):
         self._active = False
         for subscription in (*getattr(self, '_inputs', ()), self._accelerometer):
             if subscription is not None:
-                self.destroy_subscription(subscription)
+                self._inbox.unsubscribe(subscription)
         publishers = [publisher for _, publisher in getattr(self, '_extra', ())]
         if hasattr(self, '_out'):
             publishers.append(self._out)
@@ -237,11 +249,12 @@ class Observer(LifecycleNode):
 
     def _take(self, source: Source) -> None:
         """Take over a calibration, faded in where one was in use."""
-        self._set_model(design(source.calibration, self._settings()))
+        model, chosen = design(source.calibration, self._settings()), self._chosen(source)
+        self._set_model(model)
         self._source = source
         self._sign = source.calibration.wrench_sign
         self._write = Writer(WrenchStamped, source.calibration.sensor_frame)
-        self._listen_to_accelerometer()
+        self._listen_to_accelerometer(chosen)
         self.get_logger().info(f'calibration taken from {source.name}: mass '
                                f'{float(source.calibration.mass):.4f} kg')
 
@@ -274,22 +287,26 @@ class Observer(LifecycleNode):
             self._set_model(design(self._source.calibration, self._settings())
                             ._replace(bias=bias))
 
-    def _listen_to_accelerometer(self) -> None:
-        wanted = self._source.calibration.accelerometer
+    def _chosen(self, source: Source) -> str:
+        """Return which source of acceleration fits a calibration."""
+        wanted = source.calibration.accelerometer
         chosen = self._value('accelerometer.source')
         if wanted is None or chosen == 'none':
-            chosen = 'none'
-        elif chosen == 'auto':
-            chosen = 'raw' if wanted.unit == 'V' else 'imu'
-        elif ACCELEROMETERS[chosen][2] != wanted.unit:
+            return 'none'
+        if chosen == 'auto':
+            return 'raw' if wanted.unit == 'V' else 'imu'
+        if ACCELEROMETERS[chosen][2] != wanted.unit:
             raise ConfigError(
                 f'accelerometer.source {chosen} speaks {ACCELEROMETERS[chosen][2]}, the '
                 f'calibration is for {wanted.unit}; calibrate with the same sensor')
+        return str(chosen)
+
+    def _listen_to_accelerometer(self, chosen: str) -> None:
         topic, message_type, _ = ACCELEROMETERS.get(chosen, ('', None, ''))
         if self._accelerometer is not None:
             if self._accelerometer.topic_name.endswith(f'/{topic}') and topic:
                 return
-            self.destroy_subscription(self._accelerometer)
+            self._inbox.unsubscribe(self._accelerometer)
             self._accelerometer = None
         if topic:
             self._accelerometer = self._hear(topic, message_type, self._on_accelerometer)
@@ -321,7 +338,7 @@ class Observer(LifecycleNode):
             for estimate in estimates:
                 self._publish(estimate)
 
-        return self.create_subscription(message_type, topic, on_sample, SENSOR, raw=True)
+        return self._inbox.subscribe(message_type, topic, on_sample)
 
     def _on_wrench(self, t: float, values: tuple[float, ...]) -> Any:
         if self._sign < 0:
@@ -333,6 +350,7 @@ class Observer(LifecycleNode):
         return on_accelerometer(self._state, t, values, self._model)
 
     def _on_pose(self, t: float, values: tuple[float, ...]) -> Any:
+        self._poses.append((t, values))
         return on_pose(self._state, t, values[:3], values[3:], self._model)
 
     def _on_optidrive(self, t: float, values: tuple[float, ...]) -> Any:
@@ -374,6 +392,7 @@ class Observer(LifecycleNode):
         newest = self._recent[-1].t if self._recent else 0.0
         window = [sample for sample in self._recent if newest - seconds <= sample.t <= newest]
         self._refuse_stale('wrench')
+        refuse_motion([pose for t, pose in self._poses if newest - seconds <= t], 'tare')
         result = tare(window, model, noise_levels(source.calibration.noise), seconds)
         self._model = with_bias(model, result.bias)
         self._recent.clear()

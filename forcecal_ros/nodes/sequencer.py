@@ -21,10 +21,11 @@ from forcecal_ros.geometry import matrix_from_quaternion
 from forcecal_ros.identify.pipeline import identify
 from forcecal_ros.nodes.backends import JointTrajectories, pose_numbers, TargetFrame, TwistCommands
 from forcecal_ros.nodes.collector import Collector
+from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.parameters import declare, guard
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.results import calibration_message, gain_message, inertia_message
-from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, SENSOR, STEADY
+from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, STEADY
 from forcecal_ros.nodes.sequencer_settings import ACCELEROMETERS, PARAMETERS, settings_of
 from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, stamp_of
 from forcecal_ros.observe.gains import with_kalman_gains
@@ -72,7 +73,6 @@ class Sequencer(Node):
         self._sequence = Sequence(settings.stream)
         self._stream: StreamClock | None = None
         self._command: Command | None = None
-        self._commanded: tuple[float, ...] | None = None
         self._worker: Thread | None = None
         self._result: Calibration | str | None = None
         self._calibration: Calibration | None = None
@@ -81,6 +81,7 @@ class Sequencer(Node):
         self._looked = 0
         self._stillness = None
         self._simulated = self.get_parameter('use_sim_time').value
+        self._inbox = Inbox(self)
         self._listen()
         self._make_backend()
         self._make_outputs()
@@ -93,6 +94,11 @@ class Sequencer(Node):
 
     def _values(self) -> dict[str, Any]:
         return {row.name: self.get_parameter(row.name).value for row in PARAMETERS}
+
+    def destroy_node(self) -> None:
+        """Free what the node holds."""
+        self._inbox.close()
+        super().destroy_node()
 
     # Sensors in -----------------------------------------------------------------------------
 
@@ -118,7 +124,7 @@ class Sequencer(Node):
         self._deadman_timeout = round(
             self.get_parameter('motion.deadman_timeout').value * SECOND)
         if self._deadman_timeout:
-            self.create_subscription(Header, 'deadman', self._on_deadman, SENSOR, raw=True)
+            self._inbox.subscribe(Header, 'deadman', self._on_deadman)
 
     def _hear(self, channel: str, message_type: Any, topic: str, watch: Any) -> None:
         """Subscribe: every sample goes to the watch, and to the collector while it runs."""
@@ -142,7 +148,7 @@ class Sequencer(Node):
             if sequence.streaming:
                 add(channel, stamp_ns, values)
 
-        self.create_subscription(message_type, topic, on_sample, SENSOR, raw=True)
+        self._inbox.subscribe(message_type, topic, on_sample)
 
     def _on_deadman(self, raw: bytes) -> None:
         self._deadman_heard = STEADY.now().nanoseconds
@@ -154,12 +160,13 @@ class Sequencer(Node):
         kind = self.get_parameter('motion.backend').value
         self._backend: TargetFrame | TwistCommands | JointTrajectories
         if kind == 'joint_trajectory':
-            self._backend = JointTrajectories(self, self.get_parameter('joints.names').value)
+            self._backend = JointTrajectories(
+                self, self._inbox, self.get_parameter('joints.names').value)
         elif kind == 'delta_twist_cmds':
             gain = self.get_parameter('motion.twist_gain').value
-            self._backend = TwistCommands(self, frame, gain)
+            self._backend = TwistCommands(self, self._inbox, frame, gain)
         else:
-            self._backend = TargetFrame(self, frame)
+            self._backend = TargetFrame(self, self._inbox, frame)
         self._foreign, self._foreign_heard = 0, -SECOND
 
     def _send(self, stamp_ns: int, command: Command) -> None:
@@ -169,11 +176,12 @@ class Sequencer(Node):
             self._backend.send(command, self._period_ns)
             return
         assert not isinstance(command, JointSetpoint)
-        self._commanded = pose_numbers(command.pose)
-        self._collector.add('target', stamp_ns, self._commanded)
+        pose = pose_numbers(command.pose)
+        self._monitor.command(stamp_ns * 1e-9, pose)
+        self._collector.add('target', stamp_ns, pose)
         if isinstance(self._backend, TwistCommands):
             self._backend.measured = self._monitor.channels['pose'].values
-        self._backend.send(stamp_ns, command, self._commanded)
+        self._backend.send(stamp_ns, command, pose)
 
     @property
     def _period_ns(self) -> int:
@@ -187,6 +195,7 @@ class Sequencer(Node):
         return clock.now().nanoseconds
 
     def _tick(self) -> None:
+        self._inbox.drain()
         steady = STEADY.now().nanoseconds
         self._monitor.tick(steady * 1e-9)
         self._note_foreign(steady)
@@ -229,7 +238,7 @@ class Sequencer(Node):
         if not self._simulated and abs(drift) > CLOCK_JUMP * SECOND:
             self._abort(f'the system clock jumped by {drift / SECOND:.2f} s')
             return
-        fault = (self._monitor.check(moving, self._commanded) or self._others_fault(steady)
+        fault = (self._monitor.check(moving) or self._others_fault(steady)
                  or self._stand_while_in_doubt(steady, ros))
         if fault:
             self._abort(fault)
@@ -302,6 +311,7 @@ class Sequencer(Node):
                               f'{self._sequence.status.label}); abort it first')
         self._settings = settings = settings_of(self._values())
         self._monitor.settings, self._monitor.limits = settings.watch, settings.limits
+        self._inbox.drain()
         steady, ros = STEADY.now().nanoseconds, self.get_clock().now().nanoseconds
         self._monitor.tick(steady * 1e-9)
         self._monitor.begin(ros * 1e-9)
@@ -351,7 +361,7 @@ class Sequencer(Node):
         self._started = self._ticked = steady
         self._in_doubt_since, self._pauses = None, 0
         self._stream = StreamClock(period, stamp if self._simulated else steady, stamp)
-        self._command = self._commanded = None
+        self._command = None
         self._announce(stamp)
 
     def _on_abort(self, request: Trigger.Request, response: Trigger.Response

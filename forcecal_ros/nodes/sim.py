@@ -7,9 +7,10 @@ from struct import error as StructError
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.errors import ConfigError, MotionError
 from forcecal_ros.geometry import matrix_from_quaternion, quaternion_from_matrix
+from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.parameters import declare, Parameter
 from forcecal_ros.nodes.reporting import diagnostic_array
-from forcecal_ros.nodes.runtime import EXECUTOR, OUTPUT, run, SENSOR, STEADY
+from forcecal_ros.nodes.runtime import EXECUTOR, OUTPUT, run, STEADY
 from forcecal_ros.nodes.wire import frame_of, JointWriter, Reader, Writer
 from forcecal_ros.sim.rig_file import load_rig
 from forcecal_ros.sim.schedule import CommandSchedule
@@ -73,7 +74,8 @@ class Sim(Node):
         self._read = Reader(PoseStamped)
         self._checked_frame = b''
         self._ignored, self._last_command = 0, None
-        self.create_subscription(PoseStamped, 'target_frame', self._on_target, SENSOR, raw=True)
+        self._inbox = Inbox(self)
+        self._inbox.subscribe(PoseStamped, 'target_frame', self._on_target)
         period = max(0.001, self._period_ns * 1e-9 / self._speed)
         self.create_timer(period, self._tick, clock=STEADY)
         self.create_timer(1.0, self._report, clock=STEADY)
@@ -124,6 +126,7 @@ class Sim(Node):
             self._begin(now)
             return
         for _ in range(min(due, max(CATCH_UP, round(2 * self._speed)))):
+            self._inbox.drain()
             self._advance()
 
     def _advance(self) -> None:
@@ -136,6 +139,11 @@ class Sim(Node):
                 self._ignore(f'target_frame: {error}')
         self._publish(self._simulator.advance(self._noise))
         self._next += 1
+
+    def destroy_node(self) -> None:
+        """Free what the node holds."""
+        self._inbox.close()
+        super().destroy_node()
 
     # Messages -------------------------------------------------------------------------------
 
@@ -184,11 +192,11 @@ class Sim(Node):
         return (self._sample0 + np.round(t * 1e6).astype(np.int64) * 1000).tolist()
 
     def _publish(self, samples: Samples) -> None:
-        stamps = self._stamps(samples.wrench_t)
-        for stamp, wrench, contact in zip(
-                stamps, samples.wrench.tolist(), samples.contact.tolist()):
-            self._wrench.publish(self._write_wrench(stamp, wrench))
-            self._contact.publish(self._write_wrench(stamp, contact))
+        for publisher, t, wrenches in (
+                (self._wrench, samples.wrench_t, samples.wrench),
+                (self._contact, samples.contact_t, samples.contact)):
+            for stamp, wrench in zip(self._stamps(t), wrenches.tolist()):
+                publisher.publish(self._write_wrench(stamp, wrench))
         stamps = self._stamps(samples.accelerometer_t)
         for stamp, volts in zip(stamps, samples.volts.tolist()):
             self._volts.publish(self._write_volts(stamp, volts))

@@ -1,0 +1,40 @@
+"""Whether a robot stands, by its poses: slow motion shakes nothing and is motion all the same."""
+
+from collections.abc import Sequence
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import matrix_from_quaternion, rotation_vector
+import numpy as np
+
+DISTANCE = 5e-4
+"""A robot that stays within it over the window stands [m]."""
+
+ANGLE = 1e-3
+"""A robot that turns by less over the window stands [rad]."""
+
+
+def refuse_motion(poses: Sequence[tuple[float, ...]], what: str) -> None:
+    """
+    Refuse what wants a robot at rest.
+
+    Parameters
+    ----------
+    poses : sequence of tuple of 7 float
+        Of the window: x y z [m] qx qy qz qw; NaN positions are not looked at.
+    what : str
+        To be refused, for the message.
+
+    Raises
+    ------
+    DataError
+        The robot moved in the window; with the number.
+    """
+    if len(poses) < 2:
+        return
+    table = np.array(poses)
+    distance = float(np.linalg.norm(table[:, :3] - table[0, :3], axis=1).max())
+    R = matrix_from_quaternion(table[:, 3:])
+    angle = float(np.linalg.norm(rotation_vector(R[0].T @ R), axis=1).max())
+    if distance > DISTANCE or angle > ANGLE:
+        raise DataError(f'{what} refused, the robot moves: {distance * 1e3:.2f} mm, '
+                        f'{angle * 1e3:.2f} mrad within the window; stop the robot')
