@@ -6,8 +6,9 @@ from forcecal_ros.errors import ConfigError, DataError, MotionError
 from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.samples import PoseStream
 from forcecal_ros.sim.offline import held_commands, simulate
+from forcecal_ros.sim.plant import enough_steps
 from forcecal_ros.sim.rig_file import load_rig
-from forcecal_ros.sim.simulator import enough_steps, Samples, Simulator
+from forcecal_ros.sim.simulator import Samples, Simulator
 import numpy as np
 import pytest
 

@@ -51,7 +51,7 @@ def simulate(rig: Rig, target: PoseStream, *, accelerometer: str | None = None,
     accelerometer : str, optional
         ``acc1`` or ``acc2``; the rig's mounted one where none is given.
     noise : bool
-        False: what noise-free sensors would say.
+        False: what noise-free sensors would say, of which nothing gets lost.
     seed : int, optional
         Of the noise; fresh noise each time where none is given.
     start : float, optional
@@ -104,5 +104,5 @@ def _recording(s: Samples, target: PoseStream, t0: float, unit: str) -> Recordin
         target=target,
         optidrive=(Stream(t0 + s.optidrive_t, s.optidrive[:, np.newaxis], 'ft_sensor')
                    if len(s.optidrive) else None),
-        contact_truth=Stream(t0 + s.wrench_t, s.contact, 'ft_sensor'),
+        contact_truth=Stream(t0 + s.contact_t, s.contact, 'ft_sensor'),
         source='simulation')

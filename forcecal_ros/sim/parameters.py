@@ -3,6 +3,7 @@
 import math
 
 from forcecal_ros.geometry import Array
+from forcecal_ros.sim.effects.numbers import physical_rig
 from forcecal_ros.sim.rig import Rig
 import numpy as np
 
@@ -44,6 +45,7 @@ def kernel_parameters(rig: Rig, accelerometer: str | None = None) -> Array:
     ndarray of PARAMETERS, shape ()
         Its ``[()]`` is the record that the loops take.
     """
+    rig = physical_rig(rig)
     slides = rig.optidrive
     model = rig.accelerometer.model(accelerometer)
     return np.array((

@@ -10,6 +10,8 @@ import math
 
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array, matrix_from_quaternion
+from forcecal_ros.sim.chosen import Chosen, chosen_effects
+from forcecal_ros.sim.library import SLIDE_ONLY
 from forcecal_ros.sim.quantity import checked, choice, quantity
 import numpy as np
 
@@ -224,6 +226,9 @@ class Rig(Section):
     ----------
     optidrive : Optidrive or None
         None where the tool is rigid: its displacement is 0 and there is no such signal.
+    effects : Chosen
+        In what it differs from the numbers above; see
+        :func:`~forcecal_ros.sim.effects.with_effects`.
     """
 
     robot: Robot
@@ -238,9 +243,15 @@ class Rig(Section):
     gravity: Vector3 = field(metadata=quantity('m/s^2', 'in base', (3,)))
     home: Home
     step: Step
+    effects: Chosen = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        object.__setattr__(self, 'effects', chosen_effects(self.effects))
+        for name, _ in self.effects:
+            if name in SLIDE_ONLY and self.optidrive is None:
+                raise ConfigError(f'effects: {name} needs an optidrive, and this rig has none; '
+                                  'remove the effect')
         for name in ('wrench_sensor', 'accelerometer', 'optidrive', 'pose_sensor'):
             section = getattr(self, name)
             if section is None:

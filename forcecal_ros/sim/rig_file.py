@@ -9,6 +9,8 @@ import typing
 from typing import Any
 
 from forcecal_ros.errors import ConfigError
+from forcecal_ros.sim.chosen import Chosen, chosen_effects, named_effects
+from forcecal_ros.sim.library import EFFECTS
 from forcecal_ros.sim.quantity import checked
 from forcecal_ros.sim.rig import Rig, Section
 import yaml
@@ -65,16 +67,18 @@ def _section(section: type[Section], document: Any, path: str) -> Any:
     if unknown:
         raise ConfigError(f'{where}: unknown key {", ".join(unknown)}; expected only '
                           f'{", ".join(names)}: remove or rename it')
-    missing = [name for name in names if name not in document]
+    missing = [name for name in names if name not in document and name != 'effects']
     if missing:
         raise ConfigError(f'{where}: missing key {", ".join(missing)}; copy it from '
                           'config/rig.yaml')
     types = typing.get_type_hints(section)
-    values = {}
+    values: dict[str, Any] = {}
     for f in fields(section):
-        key, value = f'{path}.{f.name}'.lstrip('.'), document[f.name]
+        key, value = f'{path}.{f.name}'.lstrip('.'), document.get(f.name)
         kind = types[f.name]
-        if f.metadata:
+        if f.name == 'effects':
+            values[f.name] = chosen_effects(value)
+        elif f.metadata:
             values[f.name] = checked(key, value, f.metadata)
         elif isinstance(kind, UnionType):
             optional = typing.get_args(kind)[0]
@@ -103,6 +107,9 @@ def dump_rig(rig: Rig) -> str:
 def _lines(section: Section, indent: str) -> Iterator[str]:
     for f in fields(section):
         value = getattr(section, f.name)
+        if f.name == 'effects':
+            yield from _effect_lines(value)
+            continue
         if not f.metadata:
             summary = (type(value).__doc__ or '').split('\n')[0]
             yield f'{indent}{f.name}:' + (' null' if value is None else f'  # {summary}')
@@ -111,6 +118,16 @@ def _lines(section: Section, indent: str) -> Iterator[str]:
             continue
         note = ', '.join(filter(None, (f.metadata.get('unit'), f.metadata['note'])))
         yield f'{indent}{f.name}: {_number(value)}'.ljust(_COLUMN) + f' # {note}'
+
+
+def _effect_lines(chosen: Chosen) -> Iterator[str]:
+    if chosen:
+        yield 'effects:  # In what the rig differs from the numbers above.'
+    for name, values in named_effects(chosen).items():
+        effect = EFFECTS[name]
+        yield f'  {name}:  # {effect.stage}'
+        for q in effect.parameters:
+            yield f'    {q.name}: {_number(values[q.name])}'.ljust(_COLUMN) + f' # {q.unit}'
 
 
 def _number(value: Any) -> str:

@@ -169,12 +169,17 @@ class Noise:
     rig : Rig
     seed : int, optional
         Fresh noise each time where none is given.
+
+    Attributes
+    ----------
+    seed_of_losses : numpy.random.SeedSequence
+        For what else is random.
     """
 
     def __init__(self, rig: Rig, seed: int | None = None) -> None:
         self._rig = rig
         names = ('wrench', 'volts', 'optidrive', 'position', 'orientation')
-        seeds = np.random.SeedSequence(seed).spawn(len(names))
+        *seeds, self.seed_of_losses = np.random.SeedSequence(seed).spawn(len(names) + 1)
         self._generators = {n: np.random.default_rng(s) for n, s in zip(names, seeds)}
 
     def _draw(self, name: str, shape: tuple[int, ...]) -> Array:

@@ -1,24 +1,20 @@
 """The rig as a whole: commands in, what the sensors say out, any number of periods at a time."""
 
-import math
 from typing import NamedTuple
 
-from forcecal_ros.errors import ConfigError, MotionError
-from forcecal_ros.geometry import Array, matrix_from_quaternion, quaternion_from_matrix
-from forcecal_ros.sim.parameters import kernel_parameters
+from forcecal_ros.errors import MotionError
+from forcecal_ros.geometry import Array, quaternion_from_matrix
+from forcecal_ros.sim.effects.signals import AccelerometerEffects, WrenchEffects
+from forcecal_ros.sim.effects.stamps import StampEffects
+from forcecal_ros.sim.plant import enough_steps as enough_steps
+from forcecal_ros.sim.plant import Plant
 from forcecal_ros.sim.rig import Rig
 from forcecal_ros.sim.rig_file import load_rig
-from forcecal_ros.sim.robot import Motion, move, robot_at_rest
-from forcecal_ros.sim.sensors import highpass_settled, Noise, respond, Response
-from forcecal_ros.sim.tool import Slide, slide_along, tool_at_rest
+from forcecal_ros.sim.robot import Motion
+from forcecal_ros.sim.sensors import Noise, Response
+from forcecal_ros.sim.tool import Slide
 import numpy as np
 from numpy.typing import ArrayLike
-
-LONGEST_STEP = 0.0005
-"""Of the integration [s]; converged to better than 1e-4 N on the nominal rig."""
-
-FASTEST = 0.2
-"""Most of a step times the fastest rate of the tool or the orientation servo [rad]."""
 
 ORTHONORMAL = 1e-6
 """Most that the product of a commanded rotation and its transpose departs from 1."""
@@ -35,8 +31,9 @@ class Samples(NamedTuple):
     wrench_t : ndarray, shape (n,)
     wrench : ndarray, shape (n, 6)
         As on the wire: environment on tool, in ft_sensor, bias included [N], [N m].
-    contact : ndarray, shape (n, 6)
-        The truth, at the same times: environment on tool, in ft_sensor, about its origin.
+    contact_t : ndarray, shape (l,)
+    contact : ndarray, shape (l, 6)
+        The truth: environment on tool, in ft_sensor, about its origin.
     accelerometer_t : ndarray, shape (m,)
     volts, specific_force : ndarray, shape (m, 3)
         Accelerometer [V], and the same in its physical unit, (volts - offset) / gain [m/s^2].
@@ -51,6 +48,7 @@ class Samples(NamedTuple):
 
     wrench_t: Array
     wrench: Array
+    contact_t: Array
     contact: Array
     accelerometer_t: Array
     volts: Array
@@ -60,6 +58,15 @@ class Samples(NamedTuple):
     pose_t: Array
     position: Array
     R_base_sensor: Array
+
+
+SIGNALS = {
+    'wrench': ('wrench_t', 'wrench'),
+    'accelerometer': ('accelerometer_t', 'volts', 'specific_force'),
+    'optidrive': ('optidrive_t', 'optidrive'),
+    'pose': ('pose_t', 'position', 'R_base_sensor'),
+}
+"""Of each stream of samples, its stamps first."""
 
 
 class Simulator:
@@ -89,14 +96,12 @@ class Simulator:
     def __init__(self, rig: Rig, accelerometer: str | None = None, seed: int | None = None, *,
                  steps: int | None = None) -> None:
         self._rig = rig
-        self._p = kernel_parameters(rig, accelerometer)[()]
         self._model = rig.accelerometer.model(accelerometer)
+        self._plant = Plant(rig, accelerometer, steps)
         self._noise = Noise(rig, seed)
-        self._steps = steps or enough_steps(rig)
-        if self._steps % _common_samples(rig):
-            raise ConfigError(f'{steps} integration steps per robot period miss samples of the '
-                              f'sensors; give a multiple of {_common_samples(rig)}')
-        self._step = rig.robot.period / self._steps
+        self._wrench = WrenchEffects(rig, 1.0 / rig.wrench_sensor.rate)
+        self._volts = AccelerometerEffects(rig, accelerometer, 1.0 / rig.accelerometer.rate)
+        self._arrival = StampEffects(rig, self._noise.seed_of_losses)
         self._command = (np.array(rig.home.position), np.array(rig.home.orientation_xyzw))
         self._periods = 0
 
@@ -131,7 +136,7 @@ class Simulator:
         Parameters
         ----------
         noise : bool
-            False: what noise-free sensors would say.
+            False: what noise-free sensors would say, of which nothing gets lost.
 
         Returns
         -------
@@ -152,7 +157,7 @@ class Simulator:
         xyzw : ndarray, shape (m, 4)
             Orientations of S in base, unit quaternions.
         noise : bool
-            False: what noise-free sensors would say.
+            False: what noise-free sensors would say, of which nothing gets lost.
 
         Returns
         -------
@@ -161,37 +166,30 @@ class Simulator:
         """
         positions, xyzw = np.array(positions, dtype=float), np.array(xyzw, dtype=float)
         if self._periods == 0:
-            self._rest(positions[0], xyzw[0])
-        n = len(positions) * self._steps
-        motion, slide, response = Motion.empty(2 * n + 1), Slide.empty(n + 1), Response.empty(n)
-        move(self._p, self._robot, positions, xyzw, self._steps, motion)
-        slide_along(self._p, self._tool, motion, self._step, slide)
-        respond(self._p, self._highpass, motion, slide, self._step, response)
+            self._plant.rest(positions[0], xyzw[0])
+        motion = self._plant.move(positions, xyzw)
+        slide, response = self._plant.respond(motion)
         samples = self._sample(motion, slide, response, noise)
         self._periods += len(positions)
-        return samples
-
-    def _rest(self, position: Array, xyzw: Array) -> None:
-        R_base_sensor = matrix_from_quaternion(xyzw)
-        self._robot = robot_at_rest(position, xyzw)[0]
-        self._tool = tool_at_rest(self._p, position, R_base_sensor)[0]
-        self._highpass = highpass_settled(self._p, R_base_sensor)[0]
+        return self._arrive(samples) if noise else samples
 
     def _times(self, sensor: str, n_steps: int) -> tuple[Array, int]:
         """Return the sample times of a sensor, and every how many steps it samples."""
         per_period = self._rig.samples_per_period(sensor)
-        n = n_steps * per_period // self._steps
+        n = n_steps * per_period // self._plant.steps
         index = self._periods * per_period + 1 + np.arange(n)
-        return index / (per_period / self._rig.robot.period), self._steps // per_period
+        return index / (per_period / self._rig.robot.period), self._plant.steps // per_period
 
     def _sample(self, motion: Motion, slide: Slide, response: Response, noise: bool) -> Samples:
         n = len(response.wrench)
         sensor, model = self._rig.wrench_sensor, self._model
         wrench_t, every = self._times('wrench_sensor', n)
         wrench = response.wrench[every - 1::every] * sensor.gain + sensor.bias
+        wrench = self._wrench.before_noise(wrench)
         contact = response.contact[every - 1::every]
         accelerometer_t, every = self._times('accelerometer', n)
         volts = response.specific_force[every - 1::every] * model.gain + model.offset
+        volts = self._volts.before_noise(volts)
         pose_t, every = self._times('pose_sensor', n)
         position = motion.position[2 * every::2 * every]
         R_base_sensor = motion.R_base_sensor[2 * every::2 * every]
@@ -205,38 +203,23 @@ class Simulator:
             optidrive = optidrive + self._noise.optidrive(len(optidrive))
             position = position + self._noise.position(len(position))
             R_base_sensor = R_base_sensor @ self._noise.turn(len(R_base_sensor))
+        wrench, volts = self._wrench.after_noise(wrench), self._volts.after_noise(volts)
         specific_force = (volts - model.offset) / model.gain
-        return Samples(wrench_t, wrench, contact, accelerometer_t, volts, specific_force,
-                       optidrive_t, optidrive, pose_t, position, R_base_sensor)
+        stamps = self._arrival.stamps
+        return Samples(
+            stamps('wrench', wrench_t), wrench, wrench_t, contact,
+            stamps('accelerometer', accelerometer_t), volts, specific_force,
+            stamps('optidrive', optidrive_t), optidrive,
+            stamps('pose', pose_t), position, R_base_sensor)
 
-
-def _common_samples(rig: Rig) -> int:
-    """Return the fewest equal parts of a robot period at whose ends all samples lie."""
-    sensors = ('wrench_sensor', 'accelerometer', 'pose_sensor', 'optidrive')
-    return math.lcm(*(rig.samples_per_period(s) for s in sensors if getattr(rig, s)))
-
-
-def enough_steps(rig: Rig) -> int:
-    """
-    Return the fewest integration steps per robot period that are accurate and meet the sensors.
-
-    Parameters
-    ----------
-    rig : Rig
-
-    Returns
-    -------
-    int
-        Steps are LONGEST_STEP at most, FASTEST over the fastest rate of servo and tool at most,
-        and a whole number of them lies between the samples of each sensor.
-    """
-    common = _common_samples(rig)
-    rates = [FASTEST / LONGEST_STEP, rig.servo.orientation_bandwidth]
-    if rig.optidrive:
-        rates += [
-            math.sqrt((rig.optidrive.stiffness + rig.wall.stiffness) / rig.tool.mass),
-            (rig.optidrive.damping + rig.wall.damping) / rig.tool.mass]
-    return common * math.ceil(rig.robot.period * max(rates) / FASTEST / common - 1e-9)
+    def _arrive(self, s: Samples) -> Samples:
+        """Leave out the samples that get lost."""
+        if not self._arrival.loses:
+            return s
+        for stream, names in SIGNALS.items():
+            here = self._arrival.arrived(stream, len(getattr(s, names[0])))
+            s = s._replace(**{name: getattr(s, name)[here] for name in names})
+        return s
 
 
 def checked_commands(positions: Array, R_base_sensor: Array) -> tuple[Array, Array]:

@@ -1,0 +1,47 @@
+"""Hysteresis: what a signal's reversals leave behind."""
+
+from forcecal_ros.geometry import Array
+from forcecal_ros.sim.compiled import compiled
+import numpy as np
+
+
+class Hysteresis:
+    """
+    A signal less what friction inside the sensor holds back.
+
+    y = x - height / width * z, where z follows x but stays within +-width (an elasto-plastic
+    element, the piecewise linear form of Bouc and Wen's): after a reversal by 2 width the reading
+    lags by the height again. At first, z = 0.
+
+    Parameters
+    ----------
+    height : float
+        By how much the reading lags at most [unit of the signal].
+    width : float
+        How far the signal goes until it does [unit of the signal].
+    """
+
+    def __init__(self, height: float, width: float) -> None:
+        self._ratio, self._width = height / width, width
+        self._last: Array | None = None
+        _stop(np.empty((0, 1)), np.empty(1), np.empty(1), width, np.empty((0, 1)))  # compiles
+
+    def __call__(self, signal: Array) -> Array:
+        """Pass on the next samples, shape (n, k)."""
+        if not len(signal):
+            return signal
+        if self._last is None:
+            self._last, self._held = signal[0].copy(), np.zeros(signal.shape[1])
+        held = np.empty(signal.shape)
+        _stop(np.ascontiguousarray(signal), self._last, self._held, self._width, held)
+        return signal - self._ratio * held
+
+
+@compiled
+def _stop(signal: Array, last: Array, held: Array, width: float, out: Array) -> None:
+    """Write what follows the signal within +-width; ``last`` and ``held`` are its state."""
+    for i in range(len(signal)):
+        for k in range(len(last)):
+            held[k] = min(max(held[k] + (signal[i, k] - last[k]), -width), width)
+            last[k] = signal[i, k]
+            out[i, k] = held[k]
