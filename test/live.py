@@ -158,8 +158,9 @@ class Robot:
     TOPICS = {'wrench': WrenchStamped, 'accelerometer/raw': Vector3Stamped,
               'current_pose': PoseStamped}
 
-    def __init__(self, live, commands=True):
+    def __init__(self, live, commands=True, now=None):
         self.live = live
+        self.now = now or (lambda: live.node.get_clock().now().nanoseconds)
         self.commands = []
         self.silent = set()
         self.override = {}
@@ -176,11 +177,13 @@ class Robot:
         live.node.create_timer(0.004, self._tick)
 
     def _on_command(self, stamp, values):
+        if not stamp:
+            return
         self.commands.append((stamp, values))
         self.pose = values
 
     def _tick(self):
-        stamp = self.live.node.get_clock().now().nanoseconds
+        stamp = self.now()
         if not (self.silent or self.override):
             self.healthy = stamp
         noise = self.rng.normal(size=16)

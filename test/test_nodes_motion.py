@@ -8,6 +8,7 @@ from geometry_msgs.msg import PoseStamped
 from live import Live, Robot
 import numpy as np
 import pytest
+from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
 LIMITS = Limits()
@@ -160,7 +161,6 @@ def test_someone_else_commanding_ends_the_motion(ready):
     other.publish(PoseStamped())
     live.until(lambda: live.phases[-1] == 'aborted', 'aborted')
     assert 'target_frame: another node commands the robot' in live.reasons[-1]
-    robot.commands = [c for c in robot.commands if c[0]]
     assert len(robot.commands) > own
     assert_came_to_rest(live, robot)
     live.node.destroy_publisher(other)
@@ -197,6 +197,51 @@ def test_a_setting_that_makes_no_sense_is_refused_with_a_reason(ready, change, r
     live, _ = ready
     (answer,) = live.set('sequencer', **change)
     assert not answer.successful and reason in answer.reason
+
+
+class Time:
+    """A /clock of the test's own, on a grid of 4 ms, that can stop and jump."""
+
+    def __init__(self, live):
+        self.live = live
+        self.offset = 10**9 - now(live)
+        self.stopped_at = None
+        self.publisher = live.node.create_publisher(Clock, '/clock', OUTPUT)
+        self.timer = live.node.create_timer(0.004, self.tick)
+
+    def now(self):
+        return self.stopped_at or now(self.live) + self.offset
+
+    def tick(self):
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = divmod(self.now(), 10**9)
+        self.publisher.publish(message)
+
+
+def test_a_clock_that_stops_or_jumps_ends_the_motion(ros_domain):
+    with Live() as live:
+        time = Time(live)
+        time.timer.cancel()
+        robot = Robot(live, now=time.now)
+        start(live, use_sim_time='true')
+        live.until(lambda: '/clock: nothing received' in live.call('sequencer/start').message,
+                   'refusal')
+        time.timer.reset()
+        until_moving(live, robot)
+        time.stopped_at = time.now()
+        stopped = time.stopped_at
+        assert_came_to_rest(live, robot, stopped)
+        assert live.reasons[-1] == '/clock has stopped'
+
+        time.stopped_at = None
+        robot.commands.clear()
+        until_moving(live, robot)
+        time.offset -= 500_000_000
+        live.until(lambda: live.phases[-1] == 'aborted', 'aborted')
+        assert live.reasons[-1] in ('/clock jumped', 'current_pose: the same reading')
+        count = len(robot.commands)
+        live.spin(0.5)
+        assert len(robot.commands) - count < 30
 
 
 def test_a_dead_man_switch_let_go_ends_the_motion(ros_domain):

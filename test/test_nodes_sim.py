@@ -1,6 +1,7 @@
 """The simulated rig as a process: its topics, its time, and that live equals offline."""
 
 from importlib import import_module
+from pathlib import Path
 import signal
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -10,6 +11,7 @@ from forcecal_ros.control.stream import phased
 from forcecal_ros.geometry import quaternion_from_matrix
 from forcecal_ros.nodes import sim
 from forcecal_ros.nodes.runtime import OUTPUT
+from forcecal_ros.nodes.sequencer import Sequencer
 from forcecal_ros.nodes.wire import JointReader, Writer
 from forcecal_ros.samples import PoseStream
 from forcecal_ros.sim.offline import simulate
@@ -18,6 +20,7 @@ from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
 from live import Live
 import numpy as np
 import pytest
+import rclpy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 
@@ -142,6 +145,23 @@ def test_what_cannot_work_is_said_in_one_line(ros_domain, capsys, module, argume
     assert main([module, '--ros-args', *arguments]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f'{module}: ') and message in line
+
+
+def test_a_parameter_file_reaches_a_node_in_any_namespace(ros_domain, tmp_path):
+    text = Path('config/sequencer.yaml').read_text()
+    path = tmp_path / 'sequencer.yaml'
+    path.write_text(text.replace('speed: 0.2\n', 'speed: 0.125\n', 1))
+    rclpy.init(args=['--ros-args', '--params-file', str(path), '-r', '__ns:=/left/arm'])
+    try:
+        node = Sequencer()
+        assert node.get_parameter('pace.speed').value == 0.125
+        assert node.get_parameter('limits.workspace_max').value == [1.25, 0.4, 1.4]
+        topics = dict(node.get_topic_names_and_types())
+        assert '/left/arm/sequencer/phase' in topics and '/left/arm/target_frame' in topics
+        assert 'Peak speed' in node.describe_parameter('pace.speed').description
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
 
 
 def test_arguments_that_are_no_parameters_are_wrong_usage(ros_domain, capsys):

@@ -313,6 +313,9 @@ class Sequencer(Node):
         self._monitor.settings, self._monitor.limits = settings.watch, settings.limits
         self._inbox.drain()
         steady, ros = STEADY.now().nanoseconds, self.get_clock().now().nanoseconds
+        if self._simulated and ros == 0:
+            raise DataError('/clock: nothing received, and use_sim_time is set; start what '
+                            'publishes it')
         self._monitor.tick(steady * 1e-9)
         self._monitor.begin(ros * 1e-9)
         self._check_others(steady)
