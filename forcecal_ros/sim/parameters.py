@@ -4,6 +4,7 @@ import math
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.sim.effects.numbers import physical_rig
+from forcecal_ros.sim.effects.slide import SLIDE_EFFECTS, slide_effects
 from forcecal_ros.sim.rig import Rig
 import numpy as np
 
@@ -26,6 +27,7 @@ PARAMETERS = np.dtype([
     ('wall_damping', 'f8'),               # [N s/m]
     ('accelerometer_position', 'f8', 3),  # [m] in S, tool undisplaced
     ('highpass', 'f8'),                   # [rad/s]
+    *SLIDE_EFFECTS,
 ])
 """Layout of the record; numba compiles anew when it changes."""
 
@@ -57,4 +59,5 @@ def kernel_parameters(rig: Rig, accelerometer: str | None = None) -> Array:
         slides.stiffness if slides else 0.0, slides.damping if slides else 0.0,
         rig.tool.tip, rig.wall.position, rig.wall.stiffness, rig.wall.damping,
         rig.accelerometer.position, 2.0 * math.pi * model.highpass,
+        *slide_effects(rig),
     ), dtype=PARAMETERS)

@@ -6,6 +6,7 @@ from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array, matrix_from_quaternion
 from forcecal_ros.sim.effects.motion import MotionEffects
 from forcecal_ros.sim.effects.numbers import physical_rig
+from forcecal_ros.sim.effects.slide import slide_rates
 from forcecal_ros.sim.parameters import kernel_parameters
 from forcecal_ros.sim.rig import Rig
 from forcecal_ros.sim.robot import Motion, move, robot_at_rest
@@ -134,7 +135,7 @@ def enough_steps(rig: Rig) -> int:
         and a whole number of them lies between the samples of each sensor.
     """
     common, rig = common_samples(rig), physical_rig(rig)
-    rates = [FASTEST / LONGEST_STEP, rig.servo.orientation_bandwidth]
+    rates = [FASTEST / LONGEST_STEP, rig.servo.orientation_bandwidth, *slide_rates(rig)]
     if rig.optidrive:
         rates += [
             math.sqrt((rig.optidrive.stiffness + rig.wall.stiffness) / rig.tool.mass),

@@ -103,6 +103,9 @@ def respond(p: Record, state: Record, motion: Motion, slide: Slide, h: float,
         for axis in range(3):
             out.wrench[i, axis] = out.contact[i, axis] - force[axis]
             out.wrench[i, 3 + axis] = out.contact[i, 3 + axis] - torque[axis]
+        if p.extra > 0.0:
+            for axis in range(6):
+                out.wrench[i, axis] += slide.load[k, axis]
         _specific_force(p, motion, slide, j, q, specific)
         _pass(p.highpass, h, state, specific, out.specific_force[i])
 

@@ -2,8 +2,14 @@
 
 The slide is integrated by Runge-Kutta 4; the instants at which contact begins and ends are found
 by bisection, since a step across them would be of first order only.
+
+Effects, all absent from the nominal rig: with z the displacement s beyond the play of +-gap / 2,
+the slide's force is -(k + k3 z^2) z - d ds/dt - f tanh(ds/dt / v0); a cable pulls at a point of
+the tool with a force that is constant in base plus that of a spring to where the point is at
+home; the spindle shakes the tool at another point with a force that is sinusoidal in S.
 """
 
+import math
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
@@ -15,6 +21,7 @@ TOOL_STATE = np.dtype([
     ('slide', 'f8'),       # [m]
     ('speed', 'f8'),       # [m/s]
     ('touching', 'f8'),    # 1: the wall pushes
+    ('steps', 'f8'),       # since the start
 ])
 
 MOST_EVENTS = 8
@@ -22,6 +29,12 @@ MOST_EVENTS = 8
 
 BISECTIONS = 40
 """Of a step, to find such an instant."""
+
+FURTHEST = 1.0
+"""Displacement at which a tool can rest [m]."""
+
+BALANCED = 1e-8
+"""Force that counts as none when looking for a place to rest [N]."""
 
 
 class Slide(NamedTuple):
@@ -34,17 +47,21 @@ class Slide(NamedTuple):
         [m], [m/s], [m/s^2]
     push : ndarray, shape (n,)
         Force of the wall on the tool along -X of base [N].
+    load : ndarray, shape (n, 6)
+        Wrench of cable and spindle on the tool, in S [N], [N m]; not filled where the parameters
+        say that there is nothing extra.
     """
 
     slide: Array
     speed: Array
     acceleration: Array
     push: Array
+    load: Array
 
     @classmethod
     def empty(cls, n: int) -> 'Slide':
         """Make room for n steps."""
-        return cls(*(np.empty(n) for _ in range(4)))
+        return cls(np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty((n, 6)))
 
 
 def tool_at_rest(p: Record, position: Array, R_base_sensor: Array) -> Array:
@@ -68,14 +85,39 @@ def tool_at_rest(p: Record, position: Array, R_base_sensor: Array) -> Array:
     tilt = R_base_sensor[0, 0]
     depth = position[0] + R_base_sensor[0] @ p['tip'] - p['wall_position']
     slide = 0.0
-    if not p['rigid']:
+    if not p['rigid'] and p['extra']:
+        slide = _rest_with_effects(p, position, R_base_sensor)
+    elif not p['rigid']:
         weight = p['mass'] * (R_base_sensor[:, 0] @ p['gravity'])
         slide = weight / p['stiffness']
         if depth + tilt * slide > 0.0:
             wall = p['wall_stiffness'] * tilt
             slide = (weight - wall * depth) / (p['stiffness'] + wall * tilt)
     touching = depth + tilt * slide > 0.0
-    return np.array([(slide, 0.0, touching)], dtype=TOOL_STATE)
+    return np.array([(slide, 0.0, touching, 0.0)], dtype=TOOL_STATE)
+
+
+def _rest_with_effects(p: Record, position: Array, R_base_sensor: Array) -> float:
+    """Find where the forces balance; within the play, as near to its middle as they do."""
+    along = R_base_sensor[:, 0]
+    depth = position[0] + R_base_sensor[0] @ p['tip'] - p['wall_position']
+    stretch = position + R_base_sensor @ p['cable_point'] - p['cable_home']
+    constant = along @ (p['mass'] * p['gravity'] + p['cable_force']
+                        - p['cable_stiffness'] * stretch)
+
+    def force(s: float) -> float:
+        wall = p['wall_stiffness'] * max(0.0, depth + along[0] * s)
+        return float(constant - p['cable_stiffness'] * s - wall * along[0]
+                     - _spring(p['stiffness'], p['stiffening'], p['half_gap'], s))
+
+    def edge(least: float) -> float:
+        low, high = -FURTHEST, FURTHEST
+        for _ in range(BISECTIONS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if force(middle) > least else (low, middle)
+        return 0.5 * (low + high)
+
+    return min(max(0.0, edge(BALANCED)), edge(-BALANCED))
 
 
 @compiled
@@ -105,9 +147,17 @@ def slide_along(p: Record, state: Record, motion: Motion, h: float, out: Slide) 
                 f[0, j] = f[2, j]
             _forcing(p, motion, 2 * i - 1, f[1])
         _forcing(p, motion, 2 * i, f[2])
+        if p.extra > 0.0:
+            t = (state.steps + i) * h
+            if i > 0:
+                _add_load(p, motion, 2 * i - 1, t - 0.5 * h, f[1])
+            _add_load(p, motion, 2 * i, t, f[2])
         if i > 0:
             _step(p, state, f, h)
         _write_slide(p, state, f[2], i, out)
+        if p.extra > 0.0:
+            _write_load(p, motion, 2 * i, t, state.slide, out.load[i])
+    state.steps += len(out.slide) - 1
 
 
 @compiled
@@ -135,6 +185,52 @@ def _forcing(p: Record, motion: Motion, j: int, f: Array) -> None:
 
 
 @compiled
+def _cable(p: Record, motion: Motion, j: int, axis: int) -> float:
+    """Give the cable's force on the undisplaced tool along an axis of S [N]."""
+    R, force = motion.R_base_sensor[j], 0.0
+    for i in range(3):
+        stretch = motion.position[j, i] - p.cable_home[i]
+        for k in range(3):
+            stretch += R[i, k] * p.cable_point[k]
+        force += R[i, axis] * (p.cable_force[i] - p.cable_stiffness * stretch)
+    return force
+
+
+@compiled
+def _spindle(p: Record, axis: int, t: float) -> float:
+    angle = p.spindle_rate * t
+    return (p.spindle_sine[axis] * math.sin(angle)  # type: ignore[no-any-return]
+            + p.spindle_cosine[axis] * math.cos(angle))
+
+
+@compiled
+def _add_load(p: Record, motion: Motion, j: int, t: float, f: Array) -> None:
+    """Add what cable and spindle do to the slide to f0 and f1."""
+    f[0] += (_cable(p, motion, j, 0) + _spindle(p, 0, t)) / p.mass
+    f[1] -= p.cable_stiffness / p.mass
+
+
+@compiled
+def _write_load(p: Record, motion: Motion, j: int, t: float, s: float, out: Array) -> None:
+    """Write the wrench of cable and spindle on the tool, in S."""
+    c, q = p.cable_point, p.spindle_point
+    f0 = _cable(p, motion, j, 0) - p.cable_stiffness * s
+    f1, f2 = _cable(p, motion, j, 1), _cable(p, motion, j, 2)
+    g0, g1, g2 = _spindle(p, 0, t), _spindle(p, 1, t), _spindle(p, 2, t)
+    out[0], out[1], out[2] = f0 + g0, f1 + g1, f2 + g2
+    out[3] = c[1] * f2 - c[2] * f1 + q[1] * g2 - q[2] * g1
+    out[4] = c[2] * f0 - (c[0] + s) * f2 + q[2] * g0 - (q[0] + s) * g2
+    out[5] = (c[0] + s) * f1 - c[1] * f0 + (q[0] + s) * g1 - q[1] * g0
+
+
+@compiled
+def _spring(stiffness: float, stiffening: float, half_gap: float, s: float) -> float:
+    """Give the force of the slide's spring against a displacement [N]."""
+    z = max(0.0, s - half_gap) + min(0.0, s + half_gap)
+    return (stiffness + stiffening * z * z) * z
+
+
+@compiled
 def _push(p: Record, f: Array, s: float, v: float) -> float:
     """Give the force of the wall's spring and damper [N], negative where it had to pull."""
     depth, rate = f[2] + f[5] * s, f[3] + f[4] * s + f[5] * v
@@ -149,6 +245,9 @@ def _touches(p: Record, f: Array, s: float, v: float) -> bool:
 @compiled
 def _slide_acceleration(p: Record, f: Array, s: float, v: float, touching: bool) -> float:
     force = -p.stiffness * s - p.damping * v
+    if p.extra > 0.0:
+        force = -p.damping * v - p.friction * math.tanh(v / p.friction_speed)
+        force -= _spring(p.stiffness, p.stiffening, p.half_gap, s)
     if touching:
         force -= _push(p, f, s, v) * f[5]
     return f[0] + f[1] * s + force / p.mass  # type: ignore[no-any-return]

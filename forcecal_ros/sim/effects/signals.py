@@ -179,7 +179,7 @@ class WrenchEffects:
         """Change the next samples, on the wire but without noise, shape (n, 6)."""
         if not self._before:
             return wrench
-        return _through(self._before, wrench - self._bias) + self._bias
+        return np.asarray(_through(self._before, wrench - self._bias) + self._bias)
 
     def after_noise(self, wrench: Array) -> Array:
         """Change the next samples, noise included, shape (n, 6)."""
@@ -217,4 +217,4 @@ class AccelerometerEffects:
         if not operators:
             return volts
         force = _through(operators, (volts - self._offset) / self._gain)
-        return force * self._gain + self._offset
+        return np.asarray(force * self._gain + self._offset)
