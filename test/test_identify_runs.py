@@ -8,7 +8,8 @@ from calibration_runs import run
 from forcecal_ros.bags import read_recording
 from forcecal_ros.calibration_file import dump, parse
 from forcecal_ros.control.motion import Pose
-from forcecal_ros.control.plan import nominal_poses, orientation, Timing
+from forcecal_ros.control.plan import Timing
+from forcecal_ros.control.poses import nominal_poses, orientation
 from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.identify.pipeline import identify
 from forcecal_ros.identify.poses import orientation_h, orientation_v
@@ -74,6 +75,21 @@ def test_the_demonstration_run_is_as_accurate_as_promised(accelerometer, couplin
     assert not found.quality['warnings']
 
 
+def test_without_noise_the_run_is_identified_to_a_few_millionths():
+    found = identify(run(noise=False, delay=DELAY))
+    assert float(found.mass) == pytest.approx(13, rel=1e-7)
+    np.testing.assert_allclose(found.com.value, RIG.tool.com, atol=2e-7)
+    np.testing.assert_allclose(found.wrench_bias.value, RIG.wrench_sensor.bias, atol=1e-4)
+    np.testing.assert_allclose(found.accelerometer.gain.value, RIG.accelerometer.acc1.gain,
+                               rtol=5e-6)
+    np.testing.assert_allclose(found.accelerometer.offset.value, 5.0938, atol=5e-6)
+    assert float(found.accelerometer.delay) == pytest.approx(DELAY, abs=1e-6)
+    assert float(found.tool.stiffness) == pytest.approx(5000, rel=1e-6)
+    assert float(found.tool.damping) == pytest.approx(130, rel=1e-4)
+    np.testing.assert_allclose(found.inertia.value, RIG.tool.inertia, atol=1e-4)
+    assert not found.quality['warnings']
+
+
 def test_the_result_survives_its_file(calibration):
     again = parse(dump(calibration))
     np.testing.assert_allclose(again.accelerometer.map.value, calibration.accelerometer.map.value)
@@ -132,7 +148,9 @@ def test_the_delay_biases_equation_17_and_the_note_says_so(calibration):
     true = abs(RIG.accelerometer.acc1.gain[0])
     assert abs(paper['gain']) / true - 1 > 0.01
     assert abs(abs(paper['gain_aligned']) / true - 1) < 0.004
-    assert any('Eq. 17' in line and '8.7' in line for line in calibration.quality['notes'])
+    delay = f'delay of {1e3 * float(calibration.accelerometer.delay):.2f} ms'
+    assert any('Eq. 17' in line and delay in line
+               for line in calibration.quality['notes'])
 
 
 @pytest.mark.parametrize('every', [3, 4])
@@ -159,7 +177,8 @@ def test_without_optidrive_the_ringing_tells_the_sag(recording):
     rigid = identify(replace(recording, optidrive=None), Settings(tool_compliance='no'))
     assert rigid.tool is None
     assert np.abs(rigid.com.value - RIG.tool.com).max() > 0.003
-    assert any('do not fit one tool' in line for line in rigid.quality['warnings'])
+    assert any('do not fit one tool' in line and 'widened' in line
+               for line in rigid.quality['warnings'])
 
 
 def test_a_sag_that_nothing_shows_is_found_by_the_poses_themselves(recording):

@@ -94,6 +94,8 @@ class AccelerometerFit(NamedTuple):
         Of blocks of the volts; None where the poses were single samples.
     chi_square, degrees : float
         Of the residuals of the static poses' means by that noise.
+    misfit : float
+        The largest of these residuals [V].
     """
 
     offset: Array
@@ -105,6 +107,7 @@ class AccelerometerFit(NamedTuple):
     noise: Autocovariance | None
     chi_square: float
     degrees: int
+    misfit: float
 
 
 class _Layout:
@@ -383,21 +386,22 @@ def _result(problem: _Problem, theta: Array, derivative: Array, weight: Array,
     elif problem.lever:
         position = theta[lay.lever] + tool.com
         pick[14:] = np.eye(n + 7)[lay.lever] + np.eye(n + 7)[n + 4:]
-    chi_square, degrees = _static_misfit(problem, theta, noise)
     cutoff = problem.split(theta)[5] if problem.ac else np.nan
     return AccelerometerFit(
         theta[:3], matrix, float(theta[12]) if problem.moving.any() else np.nan, cutoff,
-        position, pick @ joint @ pick.T, noise, chi_square, degrees)
+        position, pick @ joint @ pick.T, noise, *_static_misfit(problem, theta, noise))
 
 
-def _static_misfit(problem: _Problem, theta: Array, noise: Autocovariance) -> tuple[float, int]:
-    residuals = problem.residuals(theta, problem.tool.vector)
-    total, poses = 0.0, 0
+def _static_misfit(problem: _Problem, theta: Array, noise: Autocovariance
+                   ) -> tuple[float, int, float]:
+    """Chi-square of the static poses' mean residuals, how many numbers it sums, the largest."""
+    residuals, still = problem.residuals(theta, problem.tool.vector), problem.motion.still
     precision = np.linalg.inv(noise.total)
-    for i in range(problem.motion.still.max() + 1):
-        rows = residuals[problem.use & (problem.motion.still == i)]
+    total, means = 0.0, []
+    for i in range(still.max() + 1):
+        rows = residuals[problem.use & (still == i)]
         if len(rows):
             mean = rows.mean(axis=0)
+            means.append(mean)
             total += float(mean @ precision @ mean) * len(rows)
-            poses += 1
-    return total, 3 * poses
+    return total, 3 * len(means), float(np.abs(means).max())

@@ -14,6 +14,7 @@ MOST_LAGS = 24
 """Blocks over which noise may remember itself."""
 
 _LEAST = 0.2
+_FINEST = 1e-7
 
 
 def window_mean(stream: Stream, start: float, end: float, what: str = 'signal') -> Array:
@@ -125,6 +126,8 @@ def autocovariance(windows: list[Array]) -> Autocovariance:
         np.asarray(sum(c[:len(c) - lag].T @ c[lag:] for c in clean))
         / max(1, sum(int((ok[:len(ok) - lag] & ok[lag:]).sum()) for ok in whole))
         for lag in range(longest + 1)])
+    finest = (_FINEST * max(float(np.nanmax(np.abs(w))) for w in windows))**2
+    lags[0] += max(finest, 1e-300) * np.eye(lags.shape[1])
     raw = Autocovariance(lags[:1 + 2 * _memory(lags, n)], n)
     weight = 1 + 2 * raw.weights.sum()
     shortfall = raw.total / max(n / len(windows) - weight, 1.0)

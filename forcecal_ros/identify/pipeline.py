@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from forcecal_ros.calibration import Calibration, Estimate
+from forcecal_ros.calibration import Calibration, Estimate, Noise, ObserverGain
+from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.ac_coupling import lowpassed
 from forcecal_ros.identify.accelerometer import (
@@ -68,7 +69,7 @@ def identify(recording: Recording, settings: Settings = Settings()) -> Calibrati
         The poses do not determine the tool or the accelerometer.
     """
     stages = identify_stages(recording, settings)
-    measured = noise_of(stages)
+    noise = noise_of(stages)
     tool, std = stages.tool, np.sqrt(np.diag(stages.tool.covariance))
     calibration = Calibration(
         mass=Estimate(tool.mass, std[0], 'kg'),
@@ -78,13 +79,21 @@ def identify(recording: Recording, settings: Settings = Settings()) -> Calibrati
         inertia=inertia_of(stages, settings),
         accelerometer=accelerometer_of(stages, settings),
         tool=tool_of(stages),
-        noise=measured[0] if measured else None,
-        observer=observer_of(measured[0], tool.mass, settings) if measured else None,
+        noise=noise,
+        observer=_observer(stages, noise, settings),
         gravity=settings.gravity,
         sensor_frame=require_wrench(recording).frame or 'ft_sensor',
         wrench_sign=settings.wrench_sign,
         source={'recording': recording.source, **settings.source})
     return replace(calibration, quality=quality_of(stages, calibration, settings))
+
+
+def _observer(stages: Stages, noise: Noise | None, settings: Settings) -> ObserverGain | None:
+    """Design the paper's gain; None where nothing was measured that it could be made of."""
+    try:
+        return observer_of(noise, stages.tool.mass, settings) if noise else None
+    except UnobservableError:
+        return None
 
 
 def identify_stages(recording: Recording, settings: Settings) -> Stages:
@@ -143,7 +152,8 @@ def _tool(lattice: Lattice, statics: Statics, weight: Weight, slide: Array, sett
     grid, condition = lattice.grid, settings.thresholds.condition
     spread, _ = gravity_spread(statics.gravity)
     by_motion = spread[1] * condition < spread[0] and bool(grid.free.any())
-    tool = None if by_motion else identify_tool(statics, condition)
+    tool = None if by_motion else identify_tool(statics, condition,
+                                                settings.thresholds.probability)
     late = pose_delay(
         lattice.motions, lattice.wrench[:, :3], slide, grid, weight.mass, weight.force_bias,
         np.zeros(3) if tool is None else tool.com, settings.gravity, settings.largest_delay)

@@ -31,6 +31,7 @@ from scipy.stats import chi2
 
 _DRIFT = 6.0
 _PEAK = 10.0
+_SMALL = 1e-4
 
 
 def quality_of(stages: Stages, calibration: Calibration, settings: Settings) -> dict[str, Any]:
@@ -138,19 +139,24 @@ def _misfit(stages: Stages, settings: Settings) -> Iterator[str]:
     """Poses that disagree with one rigid tool by more than noise."""
     tool, statics = stages.tool, stages.statics
     if tool.probability < settings.thresholds.probability and statics.covariance is not None:
+        weight = tool.mass * settings.gravity
+        small = _SMALL * weight * np.array([1.0] * 3 + [float(np.linalg.norm(tool.com))] * 3)
         sigma = np.sqrt(np.diagonal(statics.covariance, axis1=1, axis2=2))
         i, j = np.unravel_index(np.argmax(np.abs(tool.residuals) / sigma), sigma.shape)
-        yield (f'the static poses do not fit one tool (chi-square {tool.chi_square:.3g} for '
-               f'{tool.degrees} degrees of freedom): pose {i + 1} is off by '
-               f'{tool.residuals[i, j]:+.3g} {"N" if j < 3 else "N m"} in {CHANNELS[j]}; look for '
-               'a cable that pulls, contact, a loose mount, or a pose measured before it was '
-               'still. Standard errors do not include this')
+        if abs(tool.residuals[i, j]) > small[j]:
+            yield (f'the static poses do not fit one tool (chi-square {tool.chi_square:.3g} for '
+                   f'{tool.degrees} degrees of freedom): pose {i + 1} is off by '
+                   f'{tool.residuals[i, j]:+.3g} {"N" if j < 3 else "N m"} in {CHANNELS[j]}; '
+                   'look for a cable that pulls, contact, a loose mount, or a pose measured '
+                   'before it was still. The standard errors are widened by it')
     fit = stages.accelerometer
     if fit is not None and np.isfinite(fit.chi_square):
         probability = float(chi2.sf(fit.chi_square, max(fit.degrees, 1)))
-        if probability < settings.thresholds.probability:
+        large = fit.misfit > _SMALL * settings.gravity * np.abs(np.linalg.det(fit.matrix))**(1 / 3)
+        if probability < settings.thresholds.probability and large:
             yield (f'the accelerometer does not follow gravity in the static poses (chi-square '
-                   f'{fit.chi_square:.3g} for {fit.degrees} readings); look for a loose mount, '
+                   f'{fit.chi_square:.3g} for {fit.degrees} readings, up to {fit.misfit:.2g} '
+                   f'{stages.recording.accelerometer_unit}); look for a loose mount, '
                    'or for the wrong accelerometer.coupling')
 
 
@@ -212,6 +218,9 @@ def _notes(stages: Stages, c: Calibration, plain: Plain) -> Iterator[str]:
             i = int(np.argmax(np.abs(stages.inertia.weakest)))
             weak = f'the motion hardly shows J_{ELEMENTS[i]}'
         yield f'inertia not identified: {weak}; rotate about all three axes between the poses'
+    if c.observer is None:
+        yield ('observer.K not designed: the static poses do not show the noise of position and '
+               'accelerometer')
     if c.tool is None:
         yield 'tool stiffness and damping not identified: nothing rang after a step'
 

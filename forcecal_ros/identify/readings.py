@@ -11,6 +11,7 @@ CHANNELS = ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z')
 _STREAMS = ('wrench', 'accelerometer', 'optidrive')
 
 _LONG, _OFTEN = 10, 0.05
+_NOISY = 1e-4
 
 
 def clean(recording: Recording) -> tuple[Recording, dict[str, int]]:
@@ -90,7 +91,8 @@ def refuse_stuck(wrench: Stream, accelerometer: Stream | None, poses: list[Stati
         if len(cuts) < 2:
             continue
         ranges = np.array([np.ptp(cut, axis=0) for cut in cuts])
-        for i, j in zip(*np.nonzero((ranges == 0) & (ranges > 0).any(axis=0))):
+        noisy = (ranges > _NOISY * np.ptp(stream.values, axis=0)).any(axis=0)
+        for i, j in zip(*np.nonzero((ranges == 0) & noisy)):
             stuck.append(f'{prefix}{names[j]} stands at {cuts[i][0, j]:.6g} in pose {i + 1}')
     if stuck:
         raise DataError(f'saturated or stuck: {"; ".join(stuck)}; lower the load, or raise the '

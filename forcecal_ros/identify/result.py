@@ -15,7 +15,6 @@ from forcecal_ros.identify.axes import split_matrix
 from forcecal_ros.identify.covariance import (
     measurement_covariance,
     process_covariance,
-    SampleCovariance,
     stream_covariance,
 )
 from forcecal_ros.identify.estimating import jacobian
@@ -114,8 +113,8 @@ def specific_force(stages: Stages) -> Stream | None:
     return Stream(stream.t, np.linalg.solve(fit.matrix, (stream.values - fit.offset).T).T)
 
 
-def noise_of(stages: Stages) -> tuple[Noise, SampleCovariance] | None:
-    """Step 9: covariances at rest, and the measurements' as sampled; None where not measured."""
+def noise_of(stages: Stages) -> Noise | None:
+    """Carry out step 9: covariances at rest; None where they could not be measured."""
     recording, felt = stages.recording, specific_force(stages)
     if recording.wrench is None or recording.pose is None or felt is None:
         return None
@@ -127,13 +126,12 @@ def noise_of(stages: Stages) -> tuple[Noise, SampleCovariance] | None:
     mass, variance = stages.tool.mass, float(wrench.value[0, 0])
     Q = process_covariance(variance, wrench.rate, mass)
     relative = wrench.std[0, 0] / variance
-    noise = Noise(
+    return Noise(
         Estimate(Q, Q * relative, '(m, m/s)^2 s'),
         Estimate(measured.density, measured.density_std, '(m, m/s, m/s^2)^2 s'),
         Estimate(wrench.value, wrench.std, '(N, N m)^2'),
         Estimate(specific.value, specific.std, '(m/s^2)^2'),
         wrench.rate, specific.rate)
-    return noise, measured
 
 
 def observer_of(noise: Noise, mass: float, settings: Settings) -> ObserverGain:

@@ -16,8 +16,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
+from forcecal_ros.identify.creep import Creep, fit_creep, follow, STANDS
 from forcecal_ros.samples import PoseStream, Stream
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
 
 _SERVO = 0.06
@@ -25,7 +27,7 @@ _STILL = 1e-4
 _LONGEST = 2.0
 _SHORTEST = 0.15
 _SIGNIFICANT = 8.0
-_CREEP_RATES = np.geomspace(3, 25, 31)
+_PRECISE = 0.3
 
 
 class Ring(NamedTuple):
@@ -40,17 +42,15 @@ class Ring(NamedTuple):
         On the wire [N].
     slide_t, slide : ndarray, shape (m,)
         Displacement [s], [m]; empty without an Optidrive.
-    creep, creep_rate : float
-        What the robot still has to go along x when the ringing starts [m], and how fast that
-        dies away [1/s].
+    creep : Creep
+        What the robot still moves along x.
     """
 
     t: Array
     force: Array
     slide_t: Array
     slide: Array
-    creep: float = 0.0
-    creep_rate: float = 0.0
+    creep: Creep = STANDS
 
 
 class RingFit(NamedTuple):
@@ -109,24 +109,8 @@ def rings(windows: list[tuple[float, float]], wrench: Stream, optidrive: Stream 
                 cut.t - start, cut.values[:, 0],
                 slide.t - start if slide else np.empty(0),
                 slide.values[:, 0] if slide else np.empty(0),
-                *(_creep(pose.between(start, stop)) if pose is not None else (0.0, 0.0))))
+                STANDS if pose is None else fit_creep(pose.between(start, stop))))
     return out
-
-
-def _creep(pose: PoseStream) -> tuple[float, float]:
-    """Fit the end of the robot's approach, x_end + creep exp(-rate t); 0 where it is noise."""
-    if not pose.has_position or len(pose) < 20:
-        return 0.0, 0.0
-    t, x = pose.t - pose.t[0], pose.position @ pose.R_base_sensor[0, :, 0]
-    best = (np.inf, 0.0, 0.0)
-    for rate in _CREEP_RATES:
-        rows = np.column_stack([np.ones(len(t)), np.exp(-rate * t)])
-        solution = np.linalg.lstsq(rows, x)[0]
-        left = float(((x - rows @ solution)**2).sum())
-        if left < best[0]:
-            error = np.sqrt(left / (len(t) - 3) * np.linalg.inv(rows.T @ rows)[1, 1])
-            best = (left, float(solution[1]) if abs(solution[1]) > 2 * error else 0.0, rate)
-    return best[1], best[2]
 
 
 def _stands(begin: float, end: float, pose: PoseStream | None, target: PoseStream | None
@@ -139,8 +123,8 @@ def _stands(begin: float, end: float, pose: PoseStream | None, target: PoseStrea
     if len(cut) < 10:
         return []
     step = max(1, int(round(0.02 / np.median(np.diff(cut.t)))))
-    moved = np.linalg.norm(cut.position[step:] - cut.position[:-step], axis=1)
-    moving = (moved > _STILL).astype(int)
+    place = uniform_filter1d(cut.position, step, axis=0, mode='nearest')
+    moving = (np.linalg.norm(place[step:] - place[:-step], axis=1) > _STILL).astype(int)
     edges = np.diff(np.concatenate([[1], moving, [1]]))
     stop, go = np.flatnonzero(edges == -1), np.flatnonzero(edges == 1)
     t = np.append(cut.t, end)
@@ -186,7 +170,16 @@ def stiffness_and_damping(
     if amplitude < _SIGNIFICANT or not fit.success:
         return None
     k, d = np.exp(fit.x[:2])
-    full = np.linalg.pinv(fit.jac.T @ fit.jac)
+    inverse = np.linalg.pinv(fit.jac.T @ fit.jac)
+    full = inverse
+    for i, ring in enumerate(ringing):
+        creep = ring.creep._replace(way=ring.creep.way + ring.creep.std)
+        moved = [*ringing[:i], ring._replace(creep=creep), *ringing[i + 1:]]
+        other, _ = _problem(moved, mass, force_density, slide_density, stiffness)
+        shift = inverse @ fit.jac.T @ (other(fit.x) - fit.fun)
+        full = full + np.outer(shift, shift)
+    if np.diag(full)[:2].max() > _PRECISE**2:
+        return None
     scale = np.array([k, d, _DELAY])
     covariance = np.zeros((3, 3))
     size = 3 if len(fit.x) == 3 else 2
@@ -221,14 +214,11 @@ def _columns(ring: Ring, p: Array, mass: float, force: float, slide: float) -> t
     rows[:n, :2] = _basis(ring.t, k, d, mass)[1]
     rows[:n, 2] = 1
     weight = np.full(n + m, np.sqrt(_period(ring.t) / force))
-    # the tool follows what is left of the robot's approach: m s" + d s' + k s = -m x"
-    rate = ring.creep_rate
-    follow = -mass * rate**2 * ring.creep / (mass * rate**2 - d * rate + k)
-    right = np.concatenate([
-        ring.force - (k - d * rate) * follow * np.exp(-rate * ring.t),
-        ring.slide - follow * np.exp(-rate * (ring.slide_t - p[2] * _DELAY if m else ring.slide))])
+    slide_t = ring.slide_t - (p[2] * _DELAY if m else 0.0)
+    right = np.concatenate([ring.force - follow(ring.creep, ring.t, k, d, mass)[1],
+                            ring.slide - follow(ring.creep, slide_t, k, d, mass)[0]])
     if m:
-        rows[n:, :2] = _basis(ring.slide_t - p[2] * _DELAY, k, d, mass)[0]
+        rows[n:, :2] = _basis(slide_t, k, d, mass)[0]
         rows[n:, 3] = 1
         weight[n:] = np.sqrt(_period(ring.slide_t) / slide)
     return rows * weight[:, None], right * weight

@@ -60,4 +60,4 @@ def identify_static_accelerometer(
     full[:12, :12] = spread_of[order[0][:, None], order[1][:, None], order[0], order[1]]
     nan = float('nan')
     return AccelerometerFit(solution[0], solution[1:].T, nan, nan, np.full(3, nan), full, None,
-                            chi_square, 3 * n - 12)
+                            chi_square, 3 * n - 12, float(np.abs(residuals).max()))

@@ -63,7 +63,8 @@ class ToolFit(NamedTuple):
     force_bias, com, torque_bias : ndarray, shape (3,)
         [N], [m], [N m]
     covariance : ndarray, shape (10, 10)
-        Of mass, force bias, com, torque bias in this order.
+        Of mass, force bias, com, torque bias in this order; widened by chi_square / degrees
+        where that much is not chance.
     residuals : ndarray, shape (n, 6)
         Read minus fitted [N, N m].
     chi_square, probability : float
@@ -167,7 +168,8 @@ def check_poses(gravity: Array, condition: float) -> None:
         f'add a pose tilted about {"xyz"[axis]} of ft_sensor')
 
 
-def identify_tool(statics: Statics, condition: float = 100.0) -> ToolFit:
+def identify_tool(statics: Statics, condition: float = 100.0, probability: float = 1e-4
+                  ) -> ToolFit:
     """
     Fit mass, centre of mass and biases to all static poses at once.
 
@@ -176,6 +178,8 @@ def identify_tool(statics: Statics, condition: float = 100.0) -> ToolFit:
     statics : Statics
     condition : float
         See :func:`check_poses`.
+    probability : float
+        Residuals less probable than this widen the covariance.
 
     Returns
     -------
@@ -204,10 +208,12 @@ def identify_tool(statics: Statics, condition: float = 100.0) -> ToolFit:
     to_com = np.eye(10)
     to_com[4:7, 4:7] /= mass
     to_com[4:7, 0] = -com / mass
+    chance = float(chi2.sf(chi_square, degrees)) if degrees > 0 else np.nan
+    if chance < probability:
+        covariance = covariance * (chi_square / degrees)
     return ToolFit(
         mass, theta[1:4], com, theta[7:10], to_com @ covariance[:10, :10] @ to_com.T, residuals,
-        chi_square, float(chi2.sf(chi_square, degrees)) if degrees > 0 else np.nan, degrees,
-        spread, float(spread[0] / spread[1]))
+        chi_square, chance, degrees, spread, float(spread[0] / spread[1]))
 
 
 def _refuse_negative(mass: float) -> None:
