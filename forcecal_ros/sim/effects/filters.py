@@ -1,10 +1,11 @@
 """Linear filters of sampled signals, block after block, settled at the first sample."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from forcecal_ros.geometry import Array
+from forcecal_ros.sim.compiled import compiled
 import numpy as np
-from scipy.signal import cont2discrete, lfilter, lfilter_zi
+from scipy.linalg import expm
 
 Operator = Callable[[Array], Array]
 """Takes the next samples of a signal, shape (n, k), and gives what becomes of them."""
@@ -52,73 +53,66 @@ class Delay:
 
 class Filter:
     """
-    A rational filter, b / a.
+    A proper rational transfer function, exact for signals that are linear between samples.
 
     Parameters
     ----------
-    b, a : ndarray
-        Of the discrete filter, as scipy has them.
+    numerator, denominator : sequence of float
+        Coefficients of powers of s [rad/s], highest first; the numerator has at most as many.
+    dt : float
+        Between samples [s].
+    settled : float
+        How much of the first sample has been there for ever before.
     """
 
-    def __init__(self, b: Array, a: Array) -> None:
-        self._b, self._a = b, a
-        self._state: Array | None = None
+    def __init__(self, numerator: Sequence[float], denominator: Sequence[float], dt: float,
+                 settled: float = 1.0) -> None:
+        order = len(denominator) - 1
+        a = np.array(denominator[1:]) / denominator[0]
+        b = np.zeros(order + 1)
+        b[order + 1 - len(numerator):] = np.array(numerator) / denominator[0]
+        A, B = np.eye(order, k=-1), np.eye(order)[0]
+        A[0] = -a
+        self._output, self._through = b[1:] - b[0] * a, b[0]
+        augmented = np.zeros((order + 2, order + 2))  # states, signal, its slope times dt
+        augmented[:order, :order], augmented[:order, order] = A * dt, B * dt
+        augmented[order, order + 1] = 1.0
+        step = expm(augmented)
+        self._A = np.ascontiguousarray(step[:order, :order])
+        self._before = step[:order, order] - step[:order, order + 1]
+        self._after = np.ascontiguousarray(step[:order, order + 1])
+        self._rest = -settled * np.linalg.solve(A, B)
+        self._last: Array | None = None
+        self(np.zeros((1, 1)))  # compiles, before it is needed in real time
+        self._last = None
 
     def __call__(self, signal: Array) -> Array:
         """Filter the next samples, shape (n, k)."""
         if not len(signal):
             return signal
-        if self._state is None:
-            self._state = np.outer(lfilter_zi(self._b, self._a), signal[0])
-        out, self._state = lfilter(self._b, self._a, signal, axis=0, zi=self._state)
-        return np.asarray(out)
+        if self._last is None:
+            self._state, self._last = np.outer(self._rest, signal[0]), signal[0].copy()
+        out = np.empty(signal.shape)
+        _filter(self._A, self._before, self._after, self._output, self._through,
+                np.ascontiguousarray(signal), self._state, self._last, out)
+        return out
 
 
-def continuous(numerator: list[float], denominator: list[float], dt: float) -> Filter:
-    """
-    Make a filter from its transfer function, exact for signals that are linear between samples.
-
-    Parameters
-    ----------
-    numerator, denominator : list of float
-        Coefficients of powers of s [rad/s], highest first.
-    dt : float
-        Between samples [s].
-
-    Returns
-    -------
-    Filter
-    """
-    b, a, _ = cont2discrete((numerator, denominator), dt, method='foh')
-    return Filter(np.squeeze(b), a)
-
-
-class Highpass:
-    """
-    A high-pass, dy/dt = dx/dt - rate y, exact for signals that are linear between samples.
-
-    Parameters
-    ----------
-    rate : float
-        [1/s]
-    before : float
-        How long the first sample has been there already [s].
-    dt : float
-        Between samples [s].
-    """
-
-    def __init__(self, rate: float, before: float, dt: float) -> None:
-        self._decay, self._left = np.exp(-rate * dt), np.exp(-rate * before)
-        rise = (1.0 - self._decay) / (rate * dt)
-        self._settled = Filter(np.array([rise, -rise]), np.array([1.0, -self._decay]))
-        self._first: Array | None = None
-
-    def __call__(self, signal: Array) -> Array:
-        """Filter the next samples, shape (n, k)."""
-        if not len(signal):
-            return signal
-        if self._first is None:
-            self._first = self._left * signal[0]
-        fading = np.outer(self._decay ** np.arange(len(signal)), self._first)
-        self._first = self._decay * fading[-1]
-        return self._settled(signal) + fading
+@compiled
+def _filter(A: Array, before: Array, after: Array, output: Array, through: float, signal: Array,
+            state: Array, last: Array, out: Array) -> None:
+    """Step x1 = A x0 + before u0 + after u1, y = output x + through u, column by column."""
+    order, x = len(A), np.empty(len(A))
+    for k in range(signal.shape[1]):
+        for i in range(len(signal)):
+            u = signal[i, k]
+            y = through * u
+            for r in range(order):
+                x[r] = before[r] * last[k] + after[r] * u
+                for c in range(order):
+                    x[r] += A[r, c] * state[c, k]
+            for r in range(order):
+                state[r, k] = x[r]
+                y += output[r] * x[r]
+            last[k] = u
+            out[i, k] = y

@@ -2,7 +2,7 @@
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.sim.chosen import named_effects
-from forcecal_ros.sim.effects.filters import continuous, Delay, Filter
+from forcecal_ros.sim.effects.filters import Delay, Filter
 from forcecal_ros.sim.rig import Rig
 from forcecal_ros.sim.robot import Motion
 import numpy as np
@@ -75,8 +75,8 @@ class Ringing:
         w = 2.0 * np.pi * frequency
         self._gain, self._stiffness, self._drag = gain, w * w, 2.0 * damping * w
         denominator = [1.0, self._drag, self._stiffness]
-        self._excess: Filter = continuous([1.0], denominator, dt)
-        self._rate: Filter = continuous([1.0, 0.0], denominator, dt)
+        self._excess = Filter([1.0], denominator, dt)
+        self._rate = Filter([1.0, 0.0], denominator, dt)
 
     def __call__(self, motion: Motion) -> Motion:
         """Add the ringing to the next nodes of a motion."""

@@ -24,7 +24,8 @@ class Hysteresis:
     def __init__(self, height: float, width: float) -> None:
         self._ratio, self._width = height / width, width
         self._last: Array | None = None
-        _stop(np.empty((0, 1)), np.empty(1), np.empty(1), width, np.empty((0, 1)))  # compiles
+        self(np.zeros((1, 1)))  # compiles, before it is needed in real time
+        self._last = None
 
     def __call__(self, signal: Array) -> Array:
         """Pass on the next samples, shape (n, k)."""

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 
 from forcecal_ros.geometry import Array, rotation_from_vector
 from forcecal_ros.sim.chosen import named_effects
-from forcecal_ros.sim.effects.filters import continuous, Delay, Highpass, Operator
+from forcecal_ros.sim.effects.filters import Delay, Filter, Operator
 from forcecal_ros.sim.effects.play import Hysteresis
 from forcecal_ros.sim.library import EFFECTS
 from forcecal_ros.sim.rig import Rig
@@ -32,7 +32,7 @@ def _wrench_lowpass(v: Named, dt: float) -> Operator:
     lag, curvature = v['time_constant'], v['second_order'] * v['time_constant'] ** 2
     if not lag:
         return lambda wrench: wrench
-    return continuous([1.0], [curvature, lag, 1.0] if curvature else [lag, 1.0], dt)
+    return Filter([1.0], [curvature, lag, 1.0] if curvature else [lag, 1.0], dt)
 
 
 class _Drift:
@@ -98,15 +98,18 @@ def _accel_misalignment(v: Named, dt: float) -> Operator:
 
 
 def _accel_highpass(v: Named, dt: float) -> Operator:
-    if not v['rate']:
+    """dy/dt = dx/dt - rate y; before the start, the first x was there for so long."""
+    rate = v['rate']
+    if not rate:
         return lambda force: force
-    return Highpass(v['rate'], v['before'], dt)
+    slow = Filter([rate], [1.0, rate], dt, settled=-np.expm1(-rate * v['before']))
+    return lambda force: force - slow(force)
 
 
 def _accel_resonance(v: Named, dt: float) -> Operator:
     """1 + amplitude (w^2 / (s^2 + 2 zeta w s + w^2) - 1): at 1, the sensor sits on a spring."""
     w = 2.0 * np.pi * v['frequency']
-    mount = continuous([w * w], [1.0, 2.0 * v['damping'] * w, w * w], dt)
+    mount = Filter([w * w], [1.0, 2.0 * v['damping'] * w, w * w], dt)
     return lambda force: force + v['amplitude'] * (mount(force) - force)
 
 
