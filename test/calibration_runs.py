@@ -2,8 +2,10 @@
 
 from dataclasses import replace
 
-from forcecal_ros.control.motion import Limits, Pace, Pose
-from forcecal_ros.control.plan import calibration_plan, nominal_poses, prepare, step_goal, Timing
+from forcecal_ros.control.limits import Limits
+from forcecal_ros.control.motion import Pace, Pose
+from forcecal_ros.control.plan import calibration_plan, prepare, Timing
+from forcecal_ros.control.poses import nominal_poses, step_goal
 from forcecal_ros.samples import Phase, PoseStream, Recording, Stream
 from forcecal_ros.sim.offline import simulate
 from forcecal_ros.sim.rig import Rig

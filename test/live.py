@@ -8,7 +8,7 @@ import tempfile
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from forcecal_ros.control.plan import nominal_poses
+from forcecal_ros.control.poses import nominal_poses
 from forcecal_ros.geometry import quaternion_from_matrix
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT
 from forcecal_ros.nodes.wire import Reader, Writer

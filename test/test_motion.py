@@ -1,30 +1,23 @@
 """Motion: the quintic, the stop that keeps to its path, limits that refuse with the number."""
 
-from forcecal_ros.control.joints import check_joint_move, JointMove
-from forcecal_ros.control.motion import (
-    check_move,
-    check_workspace,
-    hold,
-    Limits,
-    Move,
-    Pace,
-    Pose,
-    quintic,
-    shortest_duration,
-)
+from forcecal_ros.control.joints import JointMove
+from forcecal_ros.control.limits import check_joint_move, check_move, check_workspace, Limits
+from forcecal_ros.control.motion import hold, Move, Pace, Pose, quintic, shortest_duration
 from forcecal_ros.control.plan import (
-    anchor,
     calibration_plan,
     check_wrench,
     contact_plan,
     expected_duration,
+    prepare,
+    Timing,
+)
+from forcecal_ros.control.poses import (
+    anchor,
     flatten_poses,
     nominal_poses,
     orientation,
-    prepare,
     read_poses,
     step_goal,
-    Timing,
 )
 from forcecal_ros.errors import ConfigError, MotionError
 from forcecal_ros.geometry import rotation_from_vector, rotation_vector

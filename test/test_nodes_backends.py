@@ -1,7 +1,8 @@
 """The other sides of the motion back ends, played as those controllers ask for it."""
 
-from forcecal_ros.control.motion import Limits, Pose
-from forcecal_ros.control.plan import flatten_poses, nominal_poses
+from forcecal_ros.control.limits import Limits
+from forcecal_ros.control.motion import Pose
+from forcecal_ros.control.poses import flatten_poses, nominal_poses
 from forcecal_ros.geometry import (
     matrix_from_quaternion,
     quaternion_from_matrix,

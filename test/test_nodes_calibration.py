@@ -4,7 +4,7 @@ import signal
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.calibration_file import load, parse
-from forcecal_ros.control.motion import Limits
+from forcecal_ros.control.limits import Limits
 from forcecal_ros.nodes.runtime import OUTPUT
 from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
 from live import Live

@@ -2,7 +2,7 @@
 
 import signal
 
-from forcecal_ros.control.motion import Limits
+from forcecal_ros.control.limits import Limits
 from forcecal_ros.nodes.runtime import OUTPUT
 from geometry_msgs.msg import PoseStamped
 from live import Live, Robot

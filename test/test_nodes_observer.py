@@ -3,7 +3,7 @@
 from forcecal_ros.calibration import Accelerometer, Calibration, Estimate, Tool
 from forcecal_ros.calibration_file import dump, save
 from forcecal_ros.control.motion import Move, Pose
-from forcecal_ros.control.plan import nominal_poses
+from forcecal_ros.control.poses import nominal_poses
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT

@@ -6,7 +6,7 @@ import signal
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.control.motion import Move
-from forcecal_ros.control.plan import nominal_poses, step_goal
+from forcecal_ros.control.poses import nominal_poses, step_goal
 from forcecal_ros.control.stream import phased
 from forcecal_ros.geometry import quaternion_from_matrix
 from forcecal_ros.nodes import sim

@@ -2,18 +2,13 @@
 
 from copy import copy
 
+from forcecal_ros.control.channel import angle_between
 from forcecal_ros.control.joints import JointMove
-from forcecal_ros.control.monitor import angle_between, Monitor, Stillness, WatchSettings
-from forcecal_ros.control.motion import Limits, Move, Pace, Pose, twist_towards
-from forcecal_ros.control.plan import (
-    calibration_plan,
-    nominal_poses,
-    Part,
-    prepare,
-    Segment,
-    step_goal,
-    Timing,
-)
+from forcecal_ros.control.limits import Limits
+from forcecal_ros.control.monitor import Monitor, Stillness, WatchSettings
+from forcecal_ros.control.motion import Move, Pace, Pose, twist_towards
+from forcecal_ros.control.plan import calibration_plan, Part, prepare, Segment, Timing
+from forcecal_ros.control.poses import nominal_poses, step_goal
 from forcecal_ros.control.sequence import Sequence, StreamSettings
 from forcecal_ros.control.stream import phased, StreamClock
 from forcecal_ros.errors import DataError, MotionError

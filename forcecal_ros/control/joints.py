@@ -5,15 +5,12 @@ from functools import cached_property
 from typing import NamedTuple
 
 from forcecal_ros.control.motion import (
-    Limits,
     Pace,
     PEAK_ACCELERATION,
-    peak_rates,
     PEAK_SPEED,
     quintic,
     SHORTEST_MOVE,
 )
-from forcecal_ros.errors import MotionError
 from forcecal_ros.geometry import Array
 import numpy as np
 
@@ -81,31 +78,3 @@ def shortest_joint_duration(start: Array, goal: Array, pace: Pace) -> float:
     way = float(np.abs(goal - start).max())
     return max(SHORTEST_MOVE, PEAK_SPEED * way / pace.angular_speed,
                float(np.sqrt(PEAK_ACCELERATION * way / pace.angular_acceleration)))
-
-
-def check_joint_move(move: JointMove, limits: Limits, name: str) -> None:
-    """
-    Refuse a move that would pass a joint's limit, a stop at any instant of it included.
-
-    Parameters
-    ----------
-    move : JointMove
-    limits : Limits
-    name : str
-        What to call it in the message.
-
-    Raises
-    ------
-    MotionError
-        With the joint, the number, the limit and its key.
-    """
-    rate, acceleration = peak_rates(move.duration, limits.stop_duration)
-    joint = int(np.argmax(np.abs(move.way)))
-    way = float(np.abs(move.way[joint]))
-    for key, planned, limit, unit in (
-            ('joint_speed', way * rate, limits.joint_speed, 'rad/s'),
-            ('joint_acceleration', way * acceleration, limits.joint_acceleration, 'rad/s^2')):
-        if not planned <= limit:
-            raise MotionError(f'{name} needs {planned:.4g} {unit} of joint {joint + 1}, '
-                              f'limits.{key} is {limit:g} {unit}; give it more time or a '
-                              'shorter way')

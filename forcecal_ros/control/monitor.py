@@ -6,10 +6,11 @@ sample is and how long a window lasts.
 
 from collections import deque
 from dataclasses import dataclass
-from math import asin, inf, isfinite, sqrt
+from math import inf, isfinite, sqrt
 from typing import NamedTuple
 
-from forcecal_ros.control.motion import Limits
+from forcecal_ros.control.channel import angle_between, Channel, distance_between
+from forcecal_ros.control.limits import Limits
 from forcecal_ros.errors import DataError, MotionError
 from forcecal_ros.geometry import Array
 import numpy as np
@@ -22,9 +23,6 @@ LATE_PATIENCE = 0.02
 
 SPEED_WINDOW = 0.04
 """Measured speeds are differences over that long [s]."""
-
-KEPT = 2.0
-"""Samples are kept for that long to judge stillness [s]."""
 
 NAMES = {'wrench': ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z'),
          'pose': ('position.x', 'position.y', 'position.z')}
@@ -69,57 +67,6 @@ class WatchSettings:
     force_floor: float = 0.02
     torque_floor: float = 0.002
     position_floor: float = 5e-6
-
-
-class Channel:
-    """The last that was heard of one topic."""
-
-    def __init__(self, topic: str) -> None:
-        self.topic = topic
-        self.heard = -inf
-        self.changed = -inf
-        self.stamp = -inf
-        self.late_since = inf
-        self.values: tuple[float, ...] = ()
-        self.recent: deque[tuple[float, tuple[float, ...]]] = deque()
-
-    def take(self, alive: float, stamp: float, values: tuple[float, ...]) -> None:
-        """Note a sample; ``alive`` is the caller's time of arrival."""
-        if values != self.values:
-            self.changed = alive
-        self.heard, self.stamp, self.values = alive, stamp, values
-
-    def keep(self) -> None:
-        """Keep the last sample to judge stillness by."""
-        recent = self.recent
-        recent.append((self.stamp, self.values))
-        while recent and not 0.0 <= self.stamp - recent[0][0] <= KEPT:
-            recent.popleft()
-
-    @property
-    def span(self) -> float:
-        """How long the samples kept reach back [s]."""
-        return self.recent[-1][0] - self.recent[0][0] if self.recent else 0.0
-
-    def window(self, length: float, columns: int) -> Array:
-        """Return the samples of the newest ``length`` seconds, (n, columns); empty if short."""
-        recent = self.recent
-        if not recent or self.span < length:
-            return np.empty((0, columns))
-        begin = recent[-1][0] - length
-        return np.array([values[:columns] for stamp, values in recent if stamp >= begin])
-
-
-def angle_between(a: tuple[float, ...], b: tuple[float, ...]) -> float:
-    """Return the angle between two unit xyzw quaternions [rad]."""
-    same = sum((x - y) ** 2 for x, y in zip(a, b))
-    opposite = sum((x + y) ** 2 for x, y in zip(a, b))
-    return 4.0 * asin(min(1.0, sqrt(min(same, opposite)) / 2))
-
-
-def distance_between(a: tuple[float, ...], b: tuple[float, ...]) -> float:
-    """Return the distance of two points [m]."""
-    return sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
 class Monitor:

@@ -1,4 +1,4 @@
-"""Motion from rest to rest: quintic profiles, the stop that keeps to their path, and limits.
+"""Motion from rest to rest: quintic profiles, and the stop that keeps to their path.
 
 Position goes along a straight line, orientation along the geodesic, both with the same
 minimum-jerk fraction s(t). A stop slows the time that the path is followed in, so every pose
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from forcecal_ros.errors import ConfigError, MotionError
+from forcecal_ros.errors import MotionError
 from forcecal_ros.geometry import Array, rotation_from_vector, rotation_vector
 import numpy as np
 
@@ -213,72 +213,6 @@ def twist_towards(setpoint: Setpoint, measured: Pose, gain: float) -> tuple[Arra
             setpoint.angular_velocity + gain * missing)
 
 
-@dataclass(frozen=True)
-class Limits:
-    """
-    What neither a plan nor a measured motion may exceed; the names are the parameters' keys.
-
-    Attributes
-    ----------
-    speed, acceleration : float
-        Of the origin of ft_sensor [m/s], [m/s^2].
-    angular_speed, angular_acceleration : float
-        [rad/s], [rad/s^2]
-    joint_speed, joint_acceleration : float
-        Of each joint, where joints are commanded [rad/s], [rad/s^2].
-    workspace_min, workspace_max : ndarray, shape (3,)
-        Box in base that the origin of ft_sensor and the tool's tip stay in [m].
-    tip : ndarray, shape (3,)
-        The tool's foremost point in ft_sensor [m].
-    force, torque : float
-        Norms of the wrench as it is read, weight and bias included [N], [N m].
-    tracking_error, tracking_angle : float
-        Measured against commanded pose [m], [rad].
-    overspeed : float
-        Measured speeds may exceed ``speed`` and ``angular_speed`` by this factor.
-    stop_duration : float
-        From a stop's first command to rest [s].
-    """
-
-    speed: float = 0.25
-    acceleration: float = 8.0
-    angular_speed: float = 1.5
-    angular_acceleration: float = 60.0
-    joint_speed: float = 1.5
-    joint_acceleration: float = 60.0
-    workspace_min: Array = (0.6, -0.4, 0.6)  # type: ignore[assignment]
-    workspace_max: Array = (1.25, 0.4, 1.4)  # type: ignore[assignment]
-    tip: Array = (0.2, 0.0, 0.1)  # type: ignore[assignment]
-    force: float = 250.0
-    torque: float = 60.0
-    tracking_error: float = 0.02
-    tracking_angle: float = 0.2
-    overspeed: float = 1.5
-    stop_duration: float = 0.045
-
-    def __post_init__(self) -> None:
-        for name in ('workspace_min', 'workspace_max', 'tip'):
-            value = np.array(getattr(self, name), dtype=float)
-            if value.shape != (3,) or not np.isfinite(value).all():
-                raise ConfigError(f'limits.{name} wants three finite numbers, got {value}')
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
-        if (self.workspace_min >= self.workspace_max).any():
-            raise ConfigError(
-                f'limits.workspace_min {self.workspace_min.tolist()} m is not below '
-                f'limits.workspace_max {self.workspace_max.tolist()} m on every axis')
-        for name in ('speed', 'angular_speed', 'joint_speed'):
-            self._check_can_stop(name, name.replace('speed', 'acceleration'))
-
-    def _check_can_stop(self, speed: str, acceleration: str) -> None:
-        needed = PEAK_STOP * getattr(self, speed) / self.stop_duration
-        if needed > getattr(self, acceleration) * 1.05:
-            raise ConfigError(
-                f'limits.{speed} {getattr(self, speed):g} stops within limits.stop_duration '
-                f'{self.stop_duration:g} s at {needed:.3g}, above limits.{acceleration} '
-                f'{getattr(self, acceleration):g}; lower the one or raise the other')
-
-
 class Pace(NamedTuple):
     """Peaks a planned move makes use of, below the limits: SI units as in :class:`Limits`."""
 
@@ -331,61 +265,3 @@ def peak_rates(duration: float, stop_duration: float) -> tuple[float, float]:
     acceleration = dds / duration**2 * du**2 + rate * ddu / stop_duration
     return float(rate.max()), max(float(np.abs(acceleration).max()),
                                   float(PEAK_ACCELERATION) / duration**2)
-
-
-def check_move(move: Move, limits: Limits, name: str = 'the move') -> None:
-    """
-    Refuse a move that would pass a limit, a stop at any instant of it included.
-
-    Parameters
-    ----------
-    move : Move
-    limits : Limits
-    name : str
-        What to call it in the message.
-
-    Raises
-    ------
-    MotionError
-        With the number, the limit and its key.
-    """
-    rate, acceleration = peak_rates(move.duration, limits.stop_duration)
-    for key, planned, limit, unit in (
-            ('speed', move.distance * rate, limits.speed, 'm/s'),
-            ('acceleration', move.distance * acceleration, limits.acceleration, 'm/s^2'),
-            ('angular_speed', move.angle * rate, limits.angular_speed, 'rad/s'),
-            ('angular_acceleration', move.angle * acceleration, limits.angular_acceleration,
-             'rad/s^2')):
-        if not planned <= limit:
-            raise MotionError(f'{name} needs {planned:.4g} {unit}, limits.{key} is {limit:g} '
-                              f'{unit}; give it more time or a shorter way')
-    positions, rotations = move.poses()
-    check_workspace(positions, limits, f'{name}: the sensor')
-    check_workspace(positions + rotations @ limits.tip, limits, f'{name}: the tip')
-
-
-def check_workspace(points: Array, limits: Limits, name: str) -> None:
-    """
-    Refuse points outside the box.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-        In base [m].
-    limits : Limits
-    name : str
-        What to call them in the message.
-
-    Raises
-    ------
-    MotionError
-        With the farthest point, the face and its key.
-    """
-    for key, bound, beyond in (
-            ('workspace_min', limits.workspace_min, limits.workspace_min - points),
-            ('workspace_max', limits.workspace_max, points - limits.workspace_max)):
-        i, axis = np.unravel_index(np.argmax(beyond), beyond.shape)
-        if not beyond[i, axis] <= 0:
-            raise MotionError(
-                f'{name} would reach {"xyz"[axis]} = {points[i, axis]:.4f} m, '
-                f'limits.{key} is {bound[axis]:g} m there; move the pose or widen the box')

@@ -5,17 +5,16 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from forcecal_ros.control.limits import Limits
 from forcecal_ros.control.monitor import WatchSettings
-from forcecal_ros.control.motion import Limits, Pace, Pose
-from forcecal_ros.control.plan import (
+from forcecal_ros.control.motion import Pace, Pose
+from forcecal_ros.control.plan import Goal, SEQUENCES, Timing
+from forcecal_ros.control.poses import (
     anchor,
     flatten_poses,
-    Goal,
     nominal_poses,
     read_poses,
-    SEQUENCES,
     step_goal,
-    Timing,
 )
 from forcecal_ros.control.sequence import StreamSettings
 from forcecal_ros.errors import ConfigError
