@@ -6,8 +6,8 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 import numpy as np
 
-_SETTLED = 1e-3
-"""Step in standard errors, the other unknowns held."""
+_SETTLED = 0.05
+"""Last step, in standard errors with the other unknowns held; the next is a hundredth of it."""
 
 
 def solve_score(score: Callable[[Array], Array], slope: Callable[[Array], Array], start: Array,
