@@ -88,5 +88,5 @@ def slide_rates(rig: Rig) -> list[float]:
 FURTHEST = 0.015
 """Displacement up to which a stiffening spring counts [m]."""
 
-STICKING = 0.25
+STICKING = 0.5
 """Part of the rate of creep in friction that has to be followed: it is over at once."""
