@@ -70,7 +70,7 @@ def matrix_from_quaternion(xyzw: ArrayLike) -> Array:
     ValueError
         A quaternion has zero norm.
     """
-    return np.asarray(Rotation.from_quat(np.asarray(xyzw, dtype=float)).as_matrix())
+    return np.asarray(Rotation.from_quat(np.array(xyzw, dtype=float)).as_matrix())
 
 
 def quaternion_from_matrix(rotation: ArrayLike) -> Array:
@@ -85,7 +85,7 @@ def quaternion_from_matrix(rotation: ArrayLike) -> Array:
     -------
     ndarray, shape (..., 4)
     """
-    return np.asarray(Rotation.from_matrix(np.asarray(rotation, dtype=float)).as_quat())
+    return np.asarray(Rotation.from_matrix(np.array(rotation, dtype=float)).as_quat())
 
 
 def rotation_vector(rotation: ArrayLike) -> Array:
@@ -101,7 +101,7 @@ def rotation_vector(rotation: ArrayLike) -> Array:
     ndarray, shape (..., 3)
         [rad], of norm at most pi.
     """
-    return np.asarray(Rotation.from_matrix(np.asarray(rotation, dtype=float)).as_rotvec())
+    return np.asarray(Rotation.from_matrix(np.array(rotation, dtype=float)).as_rotvec())
 
 
 def rotation_from_vector(vector: ArrayLike) -> Array:
@@ -117,7 +117,7 @@ def rotation_from_vector(vector: ArrayLike) -> Array:
     -------
     ndarray, shape (..., 3, 3)
     """
-    return np.asarray(Rotation.from_rotvec(np.asarray(vector, dtype=float)).as_matrix())
+    return np.asarray(Rotation.from_rotvec(np.array(vector, dtype=float)).as_matrix())
 
 
 def transport_wrench(wrench: ArrayLike, R_to_from: ArrayLike, origin_from: ArrayLike) -> Array:

@@ -15,7 +15,7 @@ STORAGES = [(storage, mode) for storage in StoragePlugin for mode in Compression
 def small_recording(n=400):
     rng = np.random.default_rng(1)
     t = np.arange(n) / 1000
-    rotations = Rotation.random(n // 4, rng=rng).as_matrix()
+    rotations = Rotation.from_quat(rng.normal(size=(n // 4, 4))).as_matrix()
     poses = PoseStream(t[::4], rng.normal(size=(n // 4, 3)), rotations, 'base')
     return Recording(
         wrench=Stream(t, rng.normal(size=(n, 6)), 'ft_sensor'),

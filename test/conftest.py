@@ -4,6 +4,8 @@ from contextlib import contextmanager
 import os
 from pathlib import Path
 import random
+import re
+import shutil
 import socket
 import subprocess
 
@@ -14,7 +16,7 @@ settings.register_profile('same_everywhere', derandomize=True, deadline=None)
 settings.load_profile('same_everywhere')
 
 ROOT = Path(__file__).resolve().parents[1]
-GENERATED = {'.venv', '.git', '__pycache__', 'build', 'install', 'log', 'dist'}
+GENERATED = re.compile(r'(__pycache__|build|install|log|dist|.+\.egg-info|\.(?!ci|gitignore).+)')
 
 
 def _shared(variable: str, name: str) -> Path:
@@ -39,15 +41,16 @@ def rig_sample():
 @pytest.fixture(scope='session')
 def project_files():
     """Paths below the project's root of all that belongs to it, links as links."""
-    if (ROOT / '.git').exists():
+    if (ROOT / '.git').exists() and shutil.which('git'):
         names = subprocess.run(
             ['git', 'ls-files', '-z', '--cached', '--others', '--exclude-standard'],
             cwd=ROOT, check=True, capture_output=True, text=True).stdout.split('\0')
-        paths = {ROOT / name for name in names if name}
+        paths = {Path(name) for name in names if name}
     else:
-        paths = {path for path in ROOT.rglob('*') if not path.is_dir() or path.is_symlink()}
-    return sorted(path.relative_to(ROOT) for path in paths
-                  if (path.exists() or path.is_symlink()) and not GENERATED & set(path.parts))
+        paths = {path.relative_to(ROOT) for path in ROOT.rglob('*')
+                 if not path.is_dir() or path.is_symlink()}
+    return sorted(path for path in paths if os.path.lexists(ROOT / path)
+                  and not any(GENERATED.fullmatch(part) for part in path.parts))
 
 
 @contextmanager

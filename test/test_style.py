@@ -26,6 +26,7 @@ def test_source_follows_the_rules_of_ament():
 @pytest.mark.lint
 @pytest.mark.timeout(400)
 def test_types_are_strict():
+    pytest.importorskip('numpy', minversion='2.2', reason='older ones have types of their own')
     _check('mypy')
 
 

@@ -47,7 +47,7 @@ class Motions:
     """
 
     def __init__(self, pose: PoseStream, grid: Grid) -> None:
-        self._spline = RotationSpline(pose.t, Rotation.from_matrix(pose.R_base_sensor))
+        self._spline = RotationSpline(pose.t, Rotation.from_matrix(np.array(pose.R_base_sensor)))
         self._place = CubicSpline(pose.t, pose.position) if pose.has_position else None
         self._first, self._last = float(pose.t[0]), float(pose.t[-1])
         self._grid = grid

@@ -170,7 +170,7 @@ def static_poses(recording: Recording) -> list[StaticPose]:
 
 
 def _mean_rotation(R: Array) -> tuple[Array, float]:
-    mean = Rotation.from_matrix(R).mean().as_matrix()
+    mean = Rotation.from_matrix(np.array(R)).mean().as_matrix()
     if len(R) < 2:
         return mean, np.nan
     scatter = rotation_vector(mean.T @ R)

@@ -137,7 +137,7 @@ def _rotations(table: Table, signal: Signal) -> Array:
     deviation = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
     _refuse(table, ~(deviation < _NOT_A_ROTATION), 'no rotation matrix, row by row')
     _refuse(table, np.linalg.det(R) < 0, 'a reflection (determinant -1); its axes are left-handed')
-    R = np.asarray(Rotation.from_matrix(R).as_matrix())
+    R = np.asarray(Rotation.from_matrix(np.array(R)).as_matrix())
     return R.transpose(0, 2, 1) if name == 'R_sensor_base' else R
 
 
