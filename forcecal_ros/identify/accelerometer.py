@@ -16,62 +16,14 @@ from typing import NamedTuple
 
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
-from forcecal_ros.identify.ac_coupling import fading, lowpassed
+from forcecal_ros.identify.ac_coupling import fading
+from forcecal_ros.identify.accelerometer_model import DEFAULT_CUTOFF, Motion, Problem, ToolPart
 from forcecal_ros.identify.estimating import jacobian, solve_score
-from forcecal_ros.identify.kinematics import smoothed
 from forcecal_ros.identify.means import Autocovariance, autocovariance, correlated_sum
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-_DEFAULT_CUTOFF = 0.01
 _DELAY_STEP = 0.001
-_TURNED = 3.0
-
-
-class Motion(NamedTuple):
-    """
-    What the accelerometer should feel, block by block.
-
-    Attributes
-    ----------
-    length : float
-        Of the blocks [s].
-    gravity : ndarray, shape (n, 3)
-        In ft_sensor by the pose [m/s^2].
-    force : ndarray, shape (n, 3)
-        On the wire [N]; NaN where it is missing.
-    rotation : ndarray, shape (n, 3, 3)
-        [alpha]x + [omega]x [omega]x [1/s^2].
-    still : ndarray of int, shape (n,)
-        Which static pose; -1 for none.
-    free : ndarray of bool, shape (n,)
-        Moving freely.
-    force_noise : Autocovariance
-        Of blocks of the force [N].
-    """
-
-    length: float
-    gravity: Array
-    force: Array
-    rotation: Array
-    still: NDArray[np.intp]
-    free: NDArray[np.bool_]
-    force_noise: Autocovariance
-
-
-class ToolPart(NamedTuple):
-    """Mass [kg], force bias (3,) [N], centre of mass (3,) [m] and their covariance (7, 7)."""
-
-    mass: float
-    force_bias: Array
-    com: Array
-    covariance: Array
-
-    @property
-    def vector(self) -> Array:
-        """Shape (7,)."""
-        return np.concatenate([[self.mass], self.force_bias, self.com])
 
 
 class AccelerometerFit(NamedTuple):
@@ -110,139 +62,6 @@ class AccelerometerFit(NamedTuple):
     misfit: float
 
 
-class _Layout:
-    """Which unknowns are estimated, and where they stand: V0, M, delay, lever, decay, cutoff."""
-
-    def __init__(self, lever: bool, ac: bool, cutoff: bool) -> None:
-        self.size = 13
-        self.lever = self._take(3 if lever else 0)
-        self.decay = self._take(3 if ac else 0)
-        self.cutoff = self._take(1 if cutoff else 0)
-
-    def _take(self, n: int) -> slice:
-        self.size += n
-        return slice(self.size - n, self.size)
-
-
-class _Problem:
-    """Residuals, their derivatives and the score, all by block."""
-
-    def __init__(self, motion: Motion, volts: Callable[[float], Array], tool: ToolPart,
-                 coupling: str, cutoff: float | None, place: Array | None) -> None:
-        self.motion, self.volts, self.tool = motion, volts, tool
-        self.place, self.ac = place, coupling == 'ac'
-        self.known_cutoff = cutoff
-        at_rest = volts(0.0)
-        self.use = (motion.free & np.isfinite(motion.force).all(1)) | (motion.still >= 0)
-        self.use &= np.isfinite(at_rest).all(1)
-        self.moving = self.use & (motion.still < 0)
-        self.lever = place is None and _turned(motion, self.moving)
-        self.layout = _Layout(self.lever, self.ac, self.ac and cutoff is None)
-
-    def felt(self, tool: Array, lever: Array) -> Array:
-        """Specific force at the accelerometer, shape (n, 3) [m/s^2]."""
-        m = self.motion
-        f = np.where(self.moving[:, None], (tool[1:4] - m.force) / tool[0], -m.gravity)
-        if self.place is not None:
-            lever = self.place - tool[4:7]
-        return np.asarray(f + np.einsum('nij,j->ni', m.rotation, lever))
-
-    def split(self, theta: Array) -> tuple[Array, Array, float, Array, Array, float]:
-        """Unknowns by name: V0, M, delay, lever, decay, cutoff."""
-        lay = self.layout
-        cutoff = theta[lay.cutoff]
-        return (theta[:3], theta[3:12].reshape(3, 3), float(theta[12]),
-                theta[lay.lever] if self.lever else np.zeros(3), theta[lay.decay],
-                float(cutoff[0]) if len(cutoff) else (self.known_cutoff or _DEFAULT_CUTOFF))
-
-    def shown(self, felt: Array, cutoff: float) -> Array:
-        """Take off what the high-pass takes off, its first state left out."""
-        if not self.ac:
-            return felt
-        return np.asarray(felt - lowpassed(felt, self.motion.length, cutoff))
-
-    def residuals(self, theta: Array, tool: Array) -> Array:
-        """Volts less model, shape (n, 3); zero in blocks that are not used."""
-        offset, matrix, delay, lever, decay, cutoff = self.split(theta)
-        model = offset + self.shown(self.felt(tool, lever), cutoff) @ matrix.T
-        if self.ac:
-            model = model + np.outer(fading(len(model), self.motion.length, cutoff), decay)
-        r = self.volts(delay) - model
-        return np.where(self.use[:, None] & np.isfinite(r), r, 0.0)
-
-    def derivatives(self, theta: Array, tool: Array) -> Array:
-        """Model's derivatives as they are used to weigh the residuals, shape (n, 3, p)."""
-        _, matrix, _, lever, decay, cutoff = self.split(theta)
-        lay, n = self.layout, len(self.use)
-        felt = self.felt(tool, lever)
-        x = self.shown(felt, cutoff)
-        J = np.zeros((n, 3, lay.size))
-        for i in range(3):
-            J[:, i, i] = 1
-            J[:, i, 3 + 3 * i:6 + 3 * i] = x
-        J[:, :, 12] = -_slope(x, self.motion.length) @ matrix.T
-        if self.lever:
-            J[:, :, lay.lever] = matrix @ smoothed(self.shown(self.motion.rotation, cutoff))
-        if self.ac:
-            J[:, :, lay.decay] = (fading(n, self.motion.length, cutoff)[:, None, None]
-                                  * np.eye(3))
-        if lay.cutoff.stop > lay.cutoff.start:
-            h = 1e-3 * cutoff
-            more, less = (self.shown(felt, cutoff + e) @ matrix.T
-                          + np.outer(fading(n, self.motion.length, cutoff + e), decay)
-                          for e in (h, -h))
-            J[:, :, lay.cutoff] = ((more - less) / (2 * h))[:, :, None]
-        J[~self.use] = 0
-        return J
-
-    def weights(self, matrix: Array, noise: Array) -> Array:
-        """Inverse covariance of each block's residual, shape (n, 3, 3)."""
-        still = np.linalg.inv(noise)
-        moving = np.linalg.inv(noise + matrix @ self.force_noise @ matrix.T)
-        return np.asarray(np.where(self.moving[:, None, None], moving, still))
-
-    @property
-    def force_noise(self) -> Array:
-        """Variance of a block of f_c, shape (3, 3)."""
-        return np.asarray(self.motion.force_noise.lags[0] / self.tool.mass**2)
-
-    def score(self, theta: Array, tool: Array, weight: Array) -> Array:
-        """Weighted derivatives times residuals, freed of what noise in f_c adds."""
-        J = self.derivatives(theta, tool)
-        weighted = weight @ self.residuals(theta, tool)[:, :, None]
-        g = np.tensordot(J, weighted[:, :, 0], ((0, 1), (0, 1)))
-        matrix = theta[3:12].reshape(3, 3)
-        if self.moving.any():
-            g[3:12] += (weight[self.moving].sum(axis=0) @ matrix @ self.force_noise).ravel()
-        return np.asarray(g)
-
-    def slope(self, theta: Array, tool: Array, weight: Array) -> Array:
-        """Differentiate the score, residuals taken for zero."""
-        J = self.derivatives(theta, tool)
-        true, h = J.copy(), 1e-4
-        shifted = (self.volts(theta[12] - h) - self.volts(theta[12] + h)) / (2 * h)
-        true[:, :, 12] = np.where(np.isfinite(shifted) & self.use[:, None], shifted, 0.0)
-        g = -np.tensordot(J, weight @ true, ((0, 1), (0, 1)))
-        if self.moving.any():
-            g[3:12, 3:12] += np.kron(weight[self.moving].sum(axis=0), self.force_noise)
-        else:
-            g[12, 12] = -1.0
-        return np.asarray(g)
-
-
-def _slope(x: Array, length: float) -> Array:
-    """Differentiate over two blocks each way, free of the noise of the block itself."""
-    out = np.zeros_like(x)
-    out[2:-2] = (x[4:] - x[:-4]) / (4 * length)
-    return out
-
-
-def _turned(motion: Motion, moving: NDArray[np.bool_]) -> bool:
-    """Whether the robot turned enough to tell a lever of centimetres, whatever its direction."""
-    rows = smoothed(motion.rotation)[moving].reshape(-1, 3)
-    return len(rows) > 60 and float(np.linalg.svd(rows, compute_uv=False)[-1]) > _TURNED
-
-
 def identify_accelerometer(
         motion: Motion, volts: Callable[[float], Array], tool: ToolPart, coupling: str = 'dc',
         cutoff: float | None = None, place: Array | None = None,
@@ -274,7 +93,7 @@ def identify_accelerometer(
     UnobservableError
         The specific force did not span three directions.
     """
-    problem = _Problem(motion, volts, tool, coupling, cutoff, place)
+    problem = Problem(motion, volts, tool, coupling, cutoff, place)
     theta = _start(problem, largest_delay)
     noise = _rest_noise(problem, problem.residuals(theta, tool.vector))
     for _ in range(2):
@@ -287,10 +106,10 @@ def identify_accelerometer(
     return _result(problem, theta, derivative, weight, noise)
 
 
-def _start(problem: _Problem, largest_delay: float) -> Array:
+def _start(problem: Problem, largest_delay: float) -> Array:
     """Least squares for the linear unknowns, over a search of delay and cutoff."""
     layout = problem.layout
-    delay, cutoff = 0.0, problem.known_cutoff or _DEFAULT_CUTOFF
+    delay, cutoff = 0.0, problem.known_cutoff or DEFAULT_CUTOFF
     _require_span(problem, cutoff)
     search = layout.cutoff.stop > layout.cutoff.start
     if search:
@@ -309,7 +128,7 @@ def _start(problem: _Problem, largest_delay: float) -> Array:
     return theta
 
 
-def _columns(problem: _Problem, cutoff: float) -> Array:
+def _columns(problem: Problem, cutoff: float) -> Array:
     felt = problem.felt(problem.tool.vector, np.zeros(3))
     columns = [np.ones(len(felt)), *problem.shown(felt, cutoff).T]
     if problem.ac:
@@ -317,7 +136,7 @@ def _columns(problem: _Problem, cutoff: float) -> Array:
     return np.stack(columns, axis=1)
 
 
-def _linear(problem: _Problem, delay: float, cutoff: float) -> tuple[Array, float]:
+def _linear(problem: Problem, delay: float, cutoff: float) -> tuple[Array, float]:
     """Solve for offset, map and decay; return them and the mean square left."""
     volts = problem.volts(delay)
     whole = problem.use & np.isfinite(volts).all(1)
@@ -326,12 +145,12 @@ def _linear(problem: _Problem, delay: float, cutoff: float) -> tuple[Array, floa
     return solution, float(((volts[whole] - rows @ solution)**2).mean())
 
 
-def _nearest_cutoff(problem: _Problem, delay: float) -> float:
+def _nearest_cutoff(problem: Problem, delay: float) -> float:
     """Search the corner over two decades, then closely."""
     def misfit(logarithm: float) -> float:
         return _linear(problem, delay, float(np.exp(logarithm)))[1]
 
-    grid = np.log(_DEFAULT_CUTOFF) + np.linspace(-2.3, 2.3, 13)
+    grid = np.log(DEFAULT_CUTOFF) + np.linspace(-2.3, 2.3, 13)
     best = min(grid, key=misfit)
     step = grid[1] - grid[0]
     fit = minimize_scalar(misfit, bounds=(best - step, best + step), method='bounded',
@@ -339,7 +158,7 @@ def _nearest_cutoff(problem: _Problem, delay: float) -> float:
     return float(np.exp(fit.x))
 
 
-def _require_span(problem: _Problem, cutoff: float) -> None:
+def _require_span(problem: Problem, cutoff: float) -> None:
     rows = _columns(problem, cutoff)[problem.use]
     if len(rows) < 20 or np.linalg.svd(
             rows / np.linalg.norm(rows, axis=0), compute_uv=False)[-1] < 1e-4:
@@ -348,7 +167,7 @@ def _require_span(problem: _Problem, cutoff: float) -> None:
             'directions of ft_sensor in the poses and the motion between them; add a pose')
 
 
-def _rest_noise(problem: _Problem, residuals: Array) -> Autocovariance:
+def _rest_noise(problem: Problem, residuals: Array) -> Autocovariance:
     """Noise of the volts' blocks as the residuals at rest show it."""
     still = problem.motion.still
     return autocovariance([
@@ -356,7 +175,7 @@ def _rest_noise(problem: _Problem, residuals: Array) -> Autocovariance:
         for i in range(still.max() + 1)])
 
 
-def _result(problem: _Problem, theta: Array, derivative: Array, weight: Array,
+def _result(problem: Problem, theta: Array, derivative: Array, weight: Array,
             noise: Autocovariance) -> AccelerometerFit:
     tool = problem.tool
     matrix = theta[3:12].reshape(3, 3)
@@ -392,7 +211,7 @@ def _result(problem: _Problem, theta: Array, derivative: Array, weight: Array,
         position, pick @ joint @ pick.T, noise, *_static_misfit(problem, theta, noise))
 
 
-def _static_misfit(problem: _Problem, theta: Array, noise: Autocovariance
+def _static_misfit(problem: Problem, theta: Array, noise: Autocovariance
                    ) -> tuple[float, int, float]:
     """Chi-square of the static poses' mean residuals, how many numbers it sums, the largest."""
     residuals, still = problem.residuals(theta, problem.tool.vector), problem.motion.still

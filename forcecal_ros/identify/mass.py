@@ -1,7 +1,12 @@
-"""The tool's mass from two poses, as the paper has it."""
+"""The tool's mass: from two poses, as the paper has it, and from all of them."""
+
+from typing import NamedTuple
 
 from forcecal_ros.errors import UnobservableError
+from forcecal_ros.geometry import Array
+from forcecal_ros.identify.static_readings import check_weight, refuse_negative, Statics
 import numpy as np
+from scipy.linalg import block_diag
 
 
 def mass_from_tilt(u_h: float, u_v: float, gravity: float, theta: float = 0.0) -> float:
@@ -37,3 +42,60 @@ def mass_from_tilt(u_h: float, u_v: float, gravity: float, theta: float = 0.0) -
             f'x of ft_sensor carries {share:.2g} of the weight at theta = {theta:.3g} rad, '
             'too little to weigh with; take theta nearer to 0')
     return float(abs(u_v - u_h) / (gravity * share))
+
+
+class Weight(NamedTuple):
+    """
+    Mass [kg] and force bias (3,) [N] from the forces alone.
+
+    Attributes
+    ----------
+    mass : float
+    force_bias : ndarray, shape (3,)
+    covariance : ndarray, shape (4, 4)
+    chi_square, degrees : float, int
+        Of the residuals.
+    """
+
+    mass: float
+    force_bias: Array
+    covariance: Array
+    chi_square: float
+    degrees: int
+
+
+def weigh(statics: Statics, condition: float = 100.0) -> Weight:
+    """
+    Fit mass and force bias to the forces of the static poses.
+
+    Parameters
+    ----------
+    statics : Statics
+        With covariance.
+    condition : float
+        See :func:`check_weight`.
+
+    Returns
+    -------
+    Weight
+
+    Raises
+    ------
+    UnobservableError, DataError
+        As :func:`identify_tool`.
+    """
+    assert statics.covariance is not None
+    check_weight(statics.gravity, condition)
+    n = len(statics.gravity)
+    design = np.zeros((n, 3, 4))
+    design[:, :, 0] = statics.gravity
+    design[:, :, 1:] = np.eye(3)
+    noise = block_diag(*statics.covariance[:, :3, :3])
+    weight = 1 / np.diag(noise)
+    rows, reading = design.reshape(3 * n, 4), statics.wrench[:, :3].ravel()
+    bread = np.linalg.solve((rows * weight[:, None]).T @ rows, (rows * weight[:, None]).T)
+    theta = bread @ reading
+    refuse_negative(theta[0])
+    left = reading - rows @ theta
+    return Weight(float(theta[0]), theta[1:], bread @ noise @ bread.T,
+                  float(left @ np.linalg.solve(noise, left)), 3 * n - 4)

@@ -13,8 +13,10 @@ from forcecal_ros.geometry import Array, skew
 from forcecal_ros.identify.estimating import jacobian
 from forcecal_ros.identify.inertia import inertia_regressor, InertiaFit
 from forcecal_ros.identify.kinematics import smoothed, Turning
+from forcecal_ros.identify.mass import Weight
 from forcecal_ros.identify.means import autocovariance, correlated_sum
-from forcecal_ros.identify.tool import gravity_spread, Statics, ToolFit, Weight, X_HAT
+from forcecal_ros.identify.static_readings import gravity_spread, Statics
+from forcecal_ros.identify.tool import ToolFit, X_HAT
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2

@@ -6,16 +6,13 @@ from forcecal_ros.calibration import Calibration, Estimate, Noise, ObserverGain
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.ac_coupling import lowpassed
-from forcecal_ros.identify.accelerometer import (
-    AccelerometerFit,
-    identify_accelerometer,
-    Motion,
-    ToolPart,
-)
+from forcecal_ros.identify.accelerometer import AccelerometerFit, identify_accelerometer
+from forcecal_ros.identify.accelerometer_model import Motion, ToolPart
 from forcecal_ros.identify.blocks import Averager
 from forcecal_ros.identify.inertia import identify_inertia, InertiaFit
 from forcecal_ros.identify.kinematics import pose_delay, Turning
 from forcecal_ros.identify.lattice import Lattice, lay_lattice
+from forcecal_ros.identify.mass import weigh, Weight
 from forcecal_ros.identify.means import Autocovariance, window_mean
 from forcecal_ros.identify.moving_tool import identify_moving_tool
 from forcecal_ros.identify.poses import static_poses, StaticPose
@@ -32,15 +29,9 @@ from forcecal_ros.identify.result import (
 from forcecal_ros.identify.ringing import RingFit
 from forcecal_ros.identify.settings import Settings
 from forcecal_ros.identify.static_accelerometer import identify_static_accelerometer
+from forcecal_ros.identify.static_readings import gravity_spread, Statics
 from forcecal_ros.identify.statics import read_statics, ring_of, sag_of, with_ring
-from forcecal_ros.identify.tool import (
-    gravity_spread,
-    identify_tool,
-    Statics,
-    ToolFit,
-    weigh,
-    Weight,
-)
+from forcecal_ros.identify.tool import identify_tool, ToolFit
 from forcecal_ros.samples import Recording
 import numpy as np
 

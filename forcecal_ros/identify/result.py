@@ -22,8 +22,10 @@ from forcecal_ros.identify.gain import observer_model, pole_gain, riccati_gain, 
 from forcecal_ros.identify.inertia import InertiaFit
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.identify.ringing import RingFit
+from forcecal_ros.identify.sag import Sag
 from forcecal_ros.identify.settings import Settings
-from forcecal_ros.identify.tool import Sag, Statics, ToolFit
+from forcecal_ros.identify.static_readings import Statics
+from forcecal_ros.identify.tool import ToolFit
 from forcecal_ros.samples import Recording, Stream
 import numpy as np
 

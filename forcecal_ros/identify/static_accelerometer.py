@@ -3,7 +3,7 @@
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.accelerometer import AccelerometerFit
-from forcecal_ros.identify.tool import gravity_spread
+from forcecal_ros.identify.static_readings import gravity_spread
 import numpy as np
 
 

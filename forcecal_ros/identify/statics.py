@@ -6,8 +6,9 @@ from forcecal_ros.identify.means import autocovariance, window_mean
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.identify.readings import require_wrench
 from forcecal_ros.identify.ringing import RingFit, rings, stiffness_and_damping
+from forcecal_ros.identify.sag import Sag, stiffness_from_sag
 from forcecal_ros.identify.settings import Settings
-from forcecal_ros.identify.tool import Sag, Statics, stiffness_from_sag
+from forcecal_ros.identify.static_readings import Statics
 from forcecal_ros.samples import Recording
 import numpy as np
 

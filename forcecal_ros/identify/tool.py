@@ -11,8 +11,14 @@ m^2 / k is one more unknown.
 
 from typing import NamedTuple
 
-from forcecal_ros.errors import DataError, UnobservableError
+from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array, skew
+from forcecal_ros.identify.static_readings import (
+    check_poses,
+    gravity_spread,
+    refuse_negative,
+    Statics,
+)
 import numpy as np
 from scipy.linalg import block_diag
 from scipy.stats import chi2
@@ -21,35 +27,6 @@ X_HAT = np.array([1.0, 0.0, 0.0])
 
 _NAMES = ('mass', 'force bias x', 'force bias y', 'force bias z', 'com x', 'com y', 'com z',
           'torque bias x', 'torque bias y', 'torque bias z', 'sag')
-
-
-class Statics(NamedTuple):
-    """
-    What was read in each static pose.
-
-    Attributes
-    ----------
-    gravity : ndarray, shape (n, 3)
-        In ft_sensor [m/s^2].
-    wrench : ndarray, shape (n, 6)
-        Mean on the wire [N, N m].
-    covariance : ndarray, shape (n, 6, 6), or None
-        Of these means; None: not known, taken from the residuals.
-    slide : ndarray, shape (n,), or None
-        Mean displacement of the tool along x; zeros for a rigid one, None where it slides
-        unobserved [m].
-    slide_variance : ndarray, shape (n,)
-        Of these means [m^2].
-    sag : tuple of float or None
-        m^2 / k and its variance where the stiffness is known otherwise [kg^2 m/N].
-    """
-
-    gravity: Array
-    wrench: Array
-    covariance: Array | None
-    slide: Array | None
-    slide_variance: Array
-    sag: tuple[float, float] | None = None
 
 
 class ToolFit(NamedTuple):
@@ -91,83 +68,6 @@ class ToolFit(NamedTuple):
     condition: float
 
 
-def gravity_spread(gravity: Array) -> tuple[Array, Array]:
-    """
-    How far the poses turn gravity about in ft_sensor.
-
-    Parameters
-    ----------
-    gravity : ndarray, shape (n, 3)
-        In ft_sensor, one row a pose [m/s^2].
-
-    Returns
-    -------
-    spread : ndarray, shape (3,)
-        Singular values about the mean, per root of poses, gravity taken as 1.
-    directions : ndarray, shape (3, 3)
-        Rows: the directions they belong to, in ft_sensor.
-    """
-    unit = gravity / np.linalg.norm(gravity, axis=1, keepdims=True)
-    centred = unit - unit.mean(axis=0)
-    padded = np.vstack([centred, np.zeros((3, 3))])
-    _, spread, directions = np.linalg.svd(padded, full_matrices=False)
-    return spread / np.sqrt(len(gravity)), directions
-
-
-def check_weight(gravity: Array, condition: float) -> None:
-    """
-    Refuse poses that do not tell the mass from the bias.
-
-    Parameters
-    ----------
-    gravity : ndarray, shape (n, 3)
-        In ft_sensor [m/s^2].
-    condition : float
-        Largest reciprocal of the first spread.
-
-    Raises
-    ------
-    UnobservableError
-        Names what is short and the pose to add.
-    """
-    spread, _ = gravity_spread(gravity)
-    n = len(gravity)
-    if spread[0] < 1 / condition:
-        raise UnobservableError(
-            f'{n} static pose{"s" * (n > 1)} with gravity along one direction of ft_sensor '
-            f'(spread {spread[0]:.2g}, wanted {1 / condition:.2g}): mass and bias cannot be told '
-            'apart; add a pose tilted by 90 deg about y of ft_sensor and one about x')
-
-
-def check_poses(gravity: Array, condition: float) -> None:
-    """
-    Refuse poses that do not determine mass, centre of mass and biases.
-
-    Parameters
-    ----------
-    gravity : ndarray, shape (n, 3)
-        In ft_sensor [m/s^2].
-    condition : float
-        Largest ratio of the first to the second spread.
-
-    Raises
-    ------
-    UnobservableError
-        Names what is short and the pose to add.
-    """
-    check_weight(gravity, condition)
-    spread, directions = gravity_spread(gravity)
-    if spread[1] * condition >= spread[0]:
-        return
-    mean = gravity.mean(axis=0) / np.linalg.norm(gravity, axis=1).mean()
-    axis = int(np.argmax(np.abs(np.cross(mean, directions[1]))))
-    raise UnobservableError(
-        f'centre of mass and torque bias are not observable from {len(gravity)} static poses: '
-        f'gravity moves along one line of ft_sensor (condition '
-        f'{spread[0] / max(spread[1], 1e-12):.3g} > {condition:.3g}); '
-        f'add a pose tilted about {"xyz"[axis]} of ft_sensor')
-
-
 def identify_tool(statics: Statics, condition: float = 100.0, probability: float = 1e-4
                   ) -> ToolFit:
     """
@@ -199,7 +99,7 @@ def identify_tool(statics: Statics, condition: float = 100.0, probability: float
         chi_square = np.nan
     else:
         theta, covariance, chi_square = _fit_weighted(statics, design, reading)
-    _refuse_negative(theta[0])
+    refuse_negative(theta[0])
     n = len(statics.wrench)
     degrees = 6 * n + (statics.sag is not None) - design.shape[1]
     residuals = (reading - design @ theta)[:6 * n].reshape(n, 6)
@@ -214,70 +114,6 @@ def identify_tool(statics: Statics, condition: float = 100.0, probability: float
     return ToolFit(
         mass, theta[1:4], com, theta[7:10], to_com @ covariance[:10, :10] @ to_com.T, residuals,
         chi_square, chance, degrees, spread, float(spread[0] / spread[1]))
-
-
-def _refuse_negative(mass: float) -> None:
-    if mass <= 0:
-        raise DataError(
-            f'the mass comes out as {mass:.4g} kg: this driver reports the wrench of the tool '
-            'on its environment; set wrench.sign to -1 (--wrench-sign -1)')
-
-
-class Weight(NamedTuple):
-    """
-    Mass [kg] and force bias (3,) [N] from the forces alone.
-
-    Attributes
-    ----------
-    mass : float
-    force_bias : ndarray, shape (3,)
-    covariance : ndarray, shape (4, 4)
-    chi_square, degrees : float, int
-        Of the residuals.
-    """
-
-    mass: float
-    force_bias: Array
-    covariance: Array
-    chi_square: float
-    degrees: int
-
-
-def weigh(statics: Statics, condition: float = 100.0) -> Weight:
-    """
-    Fit mass and force bias to the forces of the static poses.
-
-    Parameters
-    ----------
-    statics : Statics
-        With covariance.
-    condition : float
-        See :func:`check_weight`.
-
-    Returns
-    -------
-    Weight
-
-    Raises
-    ------
-    UnobservableError, DataError
-        As :func:`identify_tool`.
-    """
-    assert statics.covariance is not None
-    check_weight(statics.gravity, condition)
-    n = len(statics.gravity)
-    design = np.zeros((n, 3, 4))
-    design[:, :, 0] = statics.gravity
-    design[:, :, 1:] = np.eye(3)
-    noise = block_diag(*statics.covariance[:, :3, :3])
-    weight = 1 / np.diag(noise)
-    rows, reading = design.reshape(3 * n, 4), statics.wrench[:, :3].ravel()
-    bread = np.linalg.solve((rows * weight[:, None]).T @ rows, (rows * weight[:, None]).T)
-    theta = bread @ reading
-    _refuse_negative(theta[0])
-    left = reading - rows @ theta
-    return Weight(float(theta[0]), theta[1:], bread @ noise @ bread.T,
-                  float(left @ np.linalg.solve(noise, left)), 3 * n - 4)
 
 
 def _design(statics: Statics) -> tuple[Array, Array]:
@@ -361,49 +197,3 @@ def _fit_scatter(design: Array, reading: Array) -> tuple[Array, Array]:
     channel = np.tile(square.mean(axis=0), n) / shortfall
     meat = (rows * (weight * channel * weight)[:, None]).T @ rows
     return theta, bread @ meat @ bread
-
-
-class Sag(NamedTuple):
-    """
-    Compliance as the static poses show it, s = (m / k) g_x + zero.
-
-    Attributes
-    ----------
-    stiffness, variance : float
-        [N/m] and its square; the mass' uncertainty left out.
-    zero : float
-        What the Optidrive reads without load [m].
-    """
-
-    stiffness: float
-    variance: float
-    zero: float
-
-
-def stiffness_from_sag(statics: Statics, mass: float) -> Sag | None:
-    """
-    Stiffness of the tool from how far it sags in each pose, [Gamez2005] Eq. 29 at rest.
-
-    Parameters
-    ----------
-    statics : Statics
-        With a slide.
-    mass : float
-        [kg]
-
-    Returns
-    -------
-    Sag or None
-        None where the poses hardly load x.
-    """
-    assert statics.slide is not None
-    weight = mass * statics.gravity[:, 0]
-    rows = np.stack([weight, np.ones(len(weight))], axis=1)
-    if np.ptp(weight) < 0.05 * mass * np.linalg.norm(statics.gravity[0]):
-        return None
-    (compliance, zero), *_ = np.linalg.lstsq(rows, statics.slide)
-    bread = np.linalg.inv(rows.T @ rows)
-    slope = (bread @ (rows.T * statics.slide_variance) @ rows @ bread)[0, 0]
-    if compliance**2 < 25 * slope:
-        return None
-    return Sag(float(1 / compliance), float(slope / compliance**4), float(zero))
