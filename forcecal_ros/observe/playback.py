@@ -18,6 +18,7 @@ from forcecal_ros.observe.step import (
     on_displacement,
     on_pose,
     on_wrench,
+    Result,
     State,
 )
 from forcecal_ros.samples import Recording
@@ -103,18 +104,38 @@ def run(recording: Recording, model: Model) -> tuple[State, list[ContactSample]]
     """
     state = State()
     samples: list[ContactSample] = []
+    for state, out in answers(recording, model):
+        samples.extend(out)
+    return state, samples
+
+
+def answers(recording: Recording, model: Model) -> Iterator[Result]:
+    """
+    Feed a recording to the step and return what it says to every event, and at the end.
+
+    Parameters
+    ----------
+    recording : Recording
+    model : Model
+
+    Returns
+    -------
+    iterator of tuple
+        The state after the event and the samples it completed.
+    """
+    state = State()
     for t, kind, row in events(recording):
         if kind == 'wrench':
-            state, out = on_wrench(state, t, row, model)
+            result = on_wrench(state, t, row, model)
         elif kind == 'accelerometer':
-            state, out = on_accelerometer(state, t, row, model)
+            result = on_accelerometer(state, t, row, model)
         elif kind == 'displacement':
-            state, out = on_displacement(state, t, row[0], model)
+            result = on_displacement(state, t, row[0], model)
         else:
-            state, out = on_pose(state, t, row[:3], row[3:], model)
-        samples.extend(out)
-    state, out = finish(state, model)
-    return state, [*samples, *out]
+            result = on_pose(state, t, row[:3], row[3:], model)
+        state = result[0]
+        yield result
+    yield finish(state, model)
 
 
 def events(recording: Recording) -> Iterator[Event]:

@@ -1,0 +1,105 @@
+"""Whether something touches the tool: readings tested against the hypothesis that nothing does.
+
+Under that hypothesis a reading less load and bias is noise: its Mahalanobis distance, the NIS of
+the hypothesis, is chi-square with 6 degrees of freedom. Two such tests run side by side, on each
+reading for blows, and on an average over ``window`` for what presses softly. Both add the errors
+of weight and inertia (``floor``) to the noise; they do not average out.
+"""
+
+from math import exp
+from typing import NamedTuple
+
+from forcecal_ros.geometry import Array
+from forcecal_ros.gravity.gaussian import Expected, Gaussian, mahalanobis
+from forcecal_ros.gravity.model import ContactModel
+import numpy as np
+
+
+class Contact(NamedTuple):
+    """
+    What the test remembers.
+
+    Attributes
+    ----------
+    assumed : bool
+        Whether contact is assumed.
+    quiet : float
+        Time since the tests last spoke of contact [s].
+    average : ndarray, shape (6,)
+        Of the residuals [N, N m].
+    share : float
+        Variance of the average over that of one residual.
+    """
+
+    assumed: bool = False
+    quiet: float = 0.0
+    average: Array = np.zeros(6)
+    share: float = 0.0
+
+
+class Free(NamedTuple):
+    """A reading under the hypothesis of no contact: residual (6,) and its covariance (6, 6)."""
+
+    residual: Array
+    cov: Array
+    uncertainty: Array
+    """Share of ``cov`` that is no noise of this reading: that of the biases."""
+
+
+def free_hypothesis(belief: Gaussian, expected: Expected, reading: Array, R: Array) -> Free:
+    """
+    Take the wrench out of what was expected.
+
+    Parameters
+    ----------
+    belief : Gaussian
+        Its first six states are the wrench, which adds to the reading.
+    expected : Expected
+        The reading as that belief expects it, its first six elements.
+    reading : ndarray, shape (6,)
+    R : ndarray, shape (6, 6)
+
+    Returns
+    -------
+    Free
+    """
+    wrench_cov, cross = belief.cov[:6, :6], expected.cross[:6, :6]
+    cov = expected.cov[:6, :6] - cross - cross.T + wrench_cov
+    return Free(reading - expected.mean[:6] + belief.mean[:6], cov, cov - R)
+
+
+def assess(contact: Contact, free: Free, dt: float,
+                 model: ContactModel) -> tuple[Contact, float]:
+    """
+    Test one reading.
+
+    Parameters
+    ----------
+    contact : Contact
+    free : Free
+    dt : float
+        Time since the reading before [s].
+    model : ContactModel
+
+    Returns
+    -------
+    Contact
+    nis : float
+        Of the hypothesis of no contact, this reading alone.
+
+    Raises
+    ------
+    NotPositiveDefinite
+        The covariance is none.
+    """
+    k = 1 - exp(-dt / model.window)
+    average = contact.average + k * (free.residual - contact.average)
+    share = (1 - k) ** 2 * contact.share + k * k
+    noise = free.cov - free.uncertainty
+    blow = mahalanobis(free.residual, free.cov + model.floor)
+    push = mahalanobis(average, share * noise + free.uncertainty + model.floor)
+    nis = mahalanobis(free.residual, free.cov)
+    if max(blow, push) > model.limit:
+        return Contact(True, 0.0, average, share), nis
+    quiet = contact.quiet + dt
+    return Contact(contact.assumed and quiet < model.release_time, quiet, average, share), nis

@@ -1,0 +1,340 @@
+"""The model without a pose: gravity's direction is estimated along with biases and mass.
+
+Beside the frame ``level``, whose third axis is down, the states are wrench F (6), biases b (6),
+mass m, tilt of ``level`` about its first two axes (2) and acceleration a of the centre of mass
+(3), all in ft_sensor. A gyro turns the frame, the accelerometer sees a - g, the force sensor
+m (g - a). Here the model of [Ukf2025] is no longer linear: mass, gravity and acceleration multiply
+and g moves on a sphere. (As a vector of known length g fools the unscented filter: it takes the
+same length, read a thousand times a second, for a thousand independent readings, and its estimate
+of the direction ends up 5 deg off, twenty times what it claims.)
+"""
+
+from math import cos, exp, sin, sqrt
+from typing import NamedTuple
+
+from forcecal_ros.calibration import Calibration
+from forcecal_ros.errors import ConfigError
+from forcecal_ros.geometry import Array, skew
+from forcecal_ros.gravity.gaussian import Function, Gaussian, linear
+from forcecal_ros.gravity.model import Model, model_from_calibration, relaxation
+from forcecal_ros.gravity.settings import Settings
+import numpy as np
+from scipy.linalg import block_diag
+
+WRENCH, BIAS, MASS = slice(0, 6), slice(6, 12), 12
+TILT, ACCELERATION = slice(13, 15), slice(15, 18)
+STATES = 18
+LEARNED = slice(6, 13)
+"""Biases and mass: what only readings without contact may teach."""
+
+
+class Imu(NamedTuple):
+    """
+    How the arm moves and how well the IMU sees it.
+
+    Attributes
+    ----------
+    gyro_std : float
+        Noise and offset of the gyro, per sample [rad/s].
+    unknown_rate : float
+        How fast the arm may turn when the gyro is silent [rad/s].
+    acceleration_std, acceleration_time : float
+        Size and duration of the arm's accelerations [m/s^2], [s].
+    tilt_std : float
+        Of the direction of gravity at the start [rad].
+    payload_std : float
+        How much may have been taken up, at the centre of mass, since the calibration [kg].
+    payload_walk : float
+        Wander of the mass [kg/sqrt(s)].
+    corner : float
+        Of the filter that differentiates the gyro [rad/s].
+    """
+
+    gyro_std: float = 0.005
+    unknown_rate: float = 0.5
+    acceleration_std: float = 1.0
+    acceleration_time: float = 0.5
+    tilt_std: float = 0.1
+    payload_std: float = 0.0
+    payload_walk: float = 1e-5
+    corner: float = 100.0
+
+
+class PoseFreeModel(NamedTuple):
+    """
+    All the pose-free step needs.
+
+    Attributes
+    ----------
+    wrench : Model
+    imu : Imu
+    mass, mass_std : float
+        [kg]
+    spread : ndarray, shape (6, 3)
+        [1; c x], from a force at the centre of mass to its wrench.
+    lever : ndarray, shape (3,)
+        From the centre of mass to the accelerometer [m].
+    inertia : ndarray, shape (3, 3)
+        About the centre of mass [kg m^2].
+    noise : ndarray, shape (9, 9)
+        Of the :func:`readings`.
+    """
+
+    wrench: Model
+    imu: Imu
+    mass: float
+    mass_std: float
+    spread: Array
+    lever: Array
+    inertia: Array
+    noise: Array
+
+
+class Motion(NamedTuple):
+    """Angular velocity [rad/s] and acceleration [rad/s^2], (3,) each."""
+
+    omega: Array
+    alpha: Array
+
+
+class Belief(NamedTuple):
+    """``level`` (3, 3), which maps a frame whose z is down to ft_sensor, and the states (18,)."""
+
+    level: Array
+    states: Gaussian
+
+
+def pose_free_model(calibration: Calibration, settings: Settings = Settings(),
+                    imu: Imu = Imu()) -> PoseFreeModel:
+    """
+    Turn a calibration into the pose-free model.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    settings : Settings
+        Twelve states of the wrench; ``ukf`` or ``ekf``.
+    imu : Imu
+
+    Returns
+    -------
+    PoseFreeModel
+
+    Raises
+    ------
+    ConfigError
+        The calibration has no accelerometer that shows gravity, or no noise.
+    """
+    accelerometer, noise = calibration.accelerometer, calibration.noise
+    if accelerometer is None or accelerometer.coupling != 'dc':
+        raise ConfigError('without a pose gravity needs a DC-coupled accelerometer; calibrate '
+                          'with one, or record the pose')
+    if noise is None or noise.specific_force is None:
+        raise ConfigError('the calibration holds no noise.specific_force; calibrate with a '
+                          'stretch at rest')
+    if settings.states != 12 or settings.filter == 'static':
+        raise ConfigError(f'gravity.filter {settings.filter} with {settings.states} states needs '
+                          'a pose; without one use ukf or ekf with 12')
+    com = calibration.com.value
+    place = com if accelerometer.position is None else accelerometer.position.value
+    inertia = np.zeros((3, 3)) if calibration.inertia is None else calibration.inertia.value
+    mass_std = float(np.nan_to_num(calibration.mass.std))
+    wrench = model_from_calibration(calibration, settings)
+    paper = settings.covariances == 'paper'
+    R = block_diag(wrench.covariances.R if paper else noise.wrench.value,
+                   noise.specific_force.value)
+    return PoseFreeModel(
+        wrench, imu, float(calibration.mass),
+        sqrt(mass_std ** 2 + imu.payload_std ** 2 + 1e-12),
+        np.vstack([np.eye(3), skew(com)]), place - com, inertia, R)
+
+
+def start_pose_free(model: PoseFreeModel, specific_force: Array) -> Belief:
+    """
+    Return the belief before the first reading, from the first specific force.
+
+    Parameters
+    ----------
+    model : PoseFreeModel
+    specific_force : ndarray, shape (3,)
+        Gravity is taken to oppose it [m/s^2].
+
+    Returns
+    -------
+    Belief
+    """
+    wrench, imu = model.wrench, model.imu
+    mean = np.zeros(STATES)
+    mean[BIAS], mean[MASS] = wrench.bias, model.mass
+    cov = block_diag(wrench.covariances.P0, wrench.bias_cov, model.mass_std ** 2,
+                     imu.tilt_std ** 2 * np.eye(2), imu.acceleration_std ** 2 * np.eye(3))
+    return Belief(_level(-specific_force), Gaussian(mean, cov))
+
+
+def _level(down: Array) -> Array:
+    """Rotation whose third column points down; the other two as they come."""
+    z = down / max(float(np.linalg.norm(down)), 1e-9)
+    x = np.eye(3)[int(np.argmin(np.abs(z)))]
+    x = x - (x @ z) * z
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def exponential(x: float, y: float, z: float) -> Array:
+    """Rotation matrix of a rotation vector [rad]; in floats, as arrays this small are dear."""
+    angle = sqrt(x * x + y * y + z * z)
+    half = sin(angle / 2) / angle if angle > 1e-9 else 0.5
+    w, x, y, z = cos(angle / 2), half * x, half * y, half * z
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
+
+
+def differentiate(motion: Motion | None, omega: Array, dt: float, corner: float) -> Motion:
+    """
+    Find the angular acceleration from the gyro, by a critically damped second-order filter.
+
+    Parameters
+    ----------
+    motion : Motion or None
+        As filtered so far.
+    omega : ndarray, shape (3,)
+        [rad/s]
+    dt, corner : float
+        [s], [rad/s]
+
+    Returns
+    -------
+    Motion
+    """
+    if motion is None:
+        return Motion(omega, np.zeros(3))
+    r = exp(-corner * dt)
+    predicted = motion.omega + dt * motion.alpha
+    error = omega - predicted
+    return Motion(predicted + (1 - r * r) * error, motion.alpha + (1 - r) ** 2 / dt * error)
+
+
+def turned(belief: Belief, model: PoseFreeModel, omega: Array | None, dt: float,
+           contact: bool) -> tuple[Array, Function, Array]:
+    """
+    Carry ``level`` along with the gyro, and return how the states move in a period.
+
+    Parameters
+    ----------
+    belief : Belief
+    model : PoseFreeModel
+    omega : ndarray, shape (3,), or None
+        [rad/s]; None: not known.
+    dt : float
+        [s]
+    contact : bool
+
+    Returns
+    -------
+    level : ndarray, shape (3, 3)
+    transition : Function
+    Q : ndarray, shape (18, 18)
+    """
+    imu, wrench = model.imu, model.wrench
+    A, Q = np.eye(STATES), np.zeros((STATES, STATES))
+    turn = np.eye(3) if omega is None else exponential(*(-dt * omega))
+    fade = exp(-dt / imu.acceleration_time)
+    A[WRENCH, WRENCH] *= exp(-dt / relaxation(wrench, contact))
+    A[ACCELERATION, ACCELERATION] = fade * turn
+    Q[WRENCH, WRENCH] = wrench.covariances.Q * (dt / wrench.covariances.period)
+    Q[BIAS, BIAS] = wrench.bias_walk * dt
+    Q[MASS, MASS] = imu.payload_walk ** 2 * dt
+    rate = imu.unknown_rate if omega is None else imu.gyro_std
+    Q[TILT, TILT] = (rate * dt) ** 2 * np.eye(2)
+    Q[ACCELERATION, ACCELERATION] = imu.acceleration_std ** 2 * (1 - fade * fade) * np.eye(3)
+    return turn @ belief.level, linear(A), Q
+
+
+def relevelled(level: Array, states: Gaussian) -> Belief:
+    """
+    Move the tilt from the states into ``level``.
+
+    Parameters
+    ----------
+    level : ndarray, shape (3, 3)
+    states : Gaussian
+
+    Returns
+    -------
+    Belief
+        Its tilt is nil.
+    """
+    mean = states.mean
+    level = level @ exponential(float(mean[13]), float(mean[14]), 0.0)
+    # one Newton step back to orthogonality, for a filter that runs for days
+    level = 1.5 * level - 0.5 * level @ level.T @ level
+    mean[TILT] = 0.0
+    return Belief(level, states)
+
+
+def readings(level: Array, model: PoseFreeModel, motion: Motion) -> Function:
+    """
+    Return what the sensors show: wrench (6) and specific force (3).
+
+    y = F + b + [m (g - a); c x m (g - a) - I alpha - omega x I omega]; specific force
+    a - g + alpha x d + omega x (omega x d) at d from the centre of mass. With tilt t of size h,
+    g = G level [t_y sin(h)/h, -t_x sin(h)/h, cos h].
+
+    The mass learns from how the weight turns, not from accelerations: difference and Jacobian
+    leave dm a out. a carries the accelerometer's noise, which a filter would take for excitation:
+    it then believes to tell mass from bias at rest, and both end up ten standard errors off.
+
+    Parameters
+    ----------
+    level : ndarray, shape (3, 3)
+    model : PoseFreeModel
+    motion : Motion
+
+    Returns
+    -------
+    Function
+        To shape (9,). Difference and Jacobian hold at tilt 0, where the filter is.
+    """
+    spread, G = model.spread, model.wrench.gravity
+    W = skew(motion.omega)
+    offset = np.zeros(9)
+    offset[3:6] = -model.inertia @ motion.alpha - W @ (model.inertia @ motion.omega)
+    offset[6:] = (skew(motion.alpha) + W @ W) @ model.lever
+    down = G * level[:, 2]
+    across = G * level[:, 1::-1] * _SWAP
+
+    def value(x: Array) -> Array:
+        fall = down - x[ACCELERATION]
+        if x[13] or x[14]:
+            fall = fall + _fallen(x[None, TILT], across, down)[0]
+        return np.concatenate([x[WRENCH] + x[BIAS] + spread @ (x[MASS] * fall), -fall]) + offset
+
+    def difference(x: Array, dx: Array) -> Array:
+        fall = _fallen(dx[:, TILT], across, down) - dx[:, ACCELERATION]
+        dm = dx[:, MASS, None]
+        push = dm * down + (x[MASS] + dm) * fall
+        return np.concatenate(
+            [dx[:, WRENCH] + dx[:, BIAS] + push @ spread.T, -fall], axis=1)
+
+    def jacobian(x: Array) -> Array:
+        H = np.zeros((9, STATES))
+        H[:6, WRENCH] = H[:6, BIAS] = np.eye(6)
+        H[:6, MASS] = spread @ down
+        H[:6, TILT], H[:6, ACCELERATION] = x[MASS] * spread @ across, -x[MASS] * spread
+        H[6:, TILT], H[6:, ACCELERATION] = -across, np.eye(3)
+        return H
+
+    return Function(value, difference, jacobian)
+
+
+_SWAP = np.array([-1.0, 1.0])
+
+
+def _fallen(tilt: Array, across: Array, down: Array) -> Array:
+    """Change of g for each tilt (p, 2), without the digits that 1 - cos loses."""
+    half = 0.5 * np.sqrt(np.einsum('pi,pi->p', tilt, tilt))
+    s = np.sin(half)
+    along = np.divide(s, half, out=np.ones_like(s), where=half > 0) * np.cos(half)
+    return np.asarray((along[:, None] * tilt) @ across.T - np.outer(2 * s * s, down))

@@ -1,0 +1,175 @@
+"""One step without a pose: wrench, accelerometer and gyro in, contact wrench and gravity out."""
+
+from functools import partial
+from math import sqrt
+from typing import NamedTuple
+
+from forcecal_ros.geometry import Array
+from forcecal_ros.gravity import kalman, ukf
+from forcecal_ros.gravity.contact import assess, Contact, free_hypothesis
+from forcecal_ros.gravity.gaussian import (
+    condition,
+    Expected,
+    Gaussian,
+    NotPositiveDefinite,
+    predict,
+)
+from forcecal_ros.gravity.orientation import (
+    Belief,
+    differentiate,
+    LEARNED,
+    MASS,
+    Motion,
+    PoseFreeModel,
+    readings,
+    relevelled,
+    start_pose_free,
+    STATES,
+    TILT,
+    turned,
+)
+from forcecal_ros.gravity.step import (
+    check,
+    Estimate,
+    estimate_of,
+    LONGEST_PERIOD,
+    NO_LOAD,
+    RESTARTED,
+    sensible,
+    State,
+)
+import numpy as np
+from numpy.typing import ArrayLike
+
+NO_GYRO = 16
+"""The gyro is silent; gravity is followed by the accelerometer alone."""
+NO_ACCELEROMETER = 32
+"""The accelerometer is silent; gravity is carried on by the gyro alone."""
+
+_NOTHING = np.zeros(3)
+_STILL = Motion(_NOTHING, _NOTHING)
+_UNKNOWN = Belief(np.full((3, 3), np.nan),
+                  Gaussian(np.full(STATES, np.nan), np.full((STATES, STATES), np.nan)))
+
+
+class PoseFreeState(NamedTuple):
+    """
+    What the filter remembers.
+
+    Attributes
+    ----------
+    belief : Belief or None
+        None until an accelerometer spoke.
+    contact : Contact
+    motion : Motion or None
+        As the gyro has it, filtered.
+    """
+
+    belief: Belief | None = None
+    contact: Contact = Contact()
+    motion: Motion | None = None
+
+
+class PoseFreeEstimate(NamedTuple):
+    """
+    One reading compensated, and what it was compensated with.
+
+    Attributes
+    ----------
+    contact : Estimate
+        As with a pose; its NIS covers the wrench alone.
+    gravity, gravity_std : ndarray, shape (3,)
+        In ft_sensor [m/s^2].
+    mass, mass_std : float
+        [kg]
+    """
+
+    contact: Estimate
+    gravity: Array
+    gravity_std: Array
+    mass: float
+    mass_std: float
+
+
+def _vector(values: ArrayLike | None) -> Array | None:
+    if values is None:
+        return None
+    array = np.asarray(values, dtype=float)
+    return array if array.shape == (3,) and sensible(array) else None
+
+
+def pose_free_step(
+        state: PoseFreeState, wrench: ArrayLike, specific_force: ArrayLike | None,
+        angular_velocity: ArrayLike | None, dt: float, model: PoseFreeModel,
+        ) -> tuple[PoseFreeState, PoseFreeEstimate]:
+    """
+    Take in one reading of the force sensor and what the IMU showed then. Never raises on it.
+
+    Parameters
+    ----------
+    state : PoseFreeState
+    wrench : array_like, shape (6,)
+        As on the wire: environment on tool, bias included [N, N m].
+    specific_force, angular_velocity : array_like, shape (3,), or None
+        In ft_sensor [m/s^2], [rad/s]; None or not finite: silent.
+    dt : float
+        Time since the reading before [s].
+    model : PoseFreeModel
+
+    Returns
+    -------
+    PoseFreeState
+    PoseFreeEstimate
+    """
+    y, f, omega = np.asarray(wrench, dtype=float), _vector(specific_force), _vector(
+        angular_velocity)
+    status = check(y, dt)
+    if state.belief is None and f is None:
+        status |= NO_LOAD
+    if status & ~RESTARTED:
+        return state, _report(state, model, status)
+    if state.belief is None and f is not None:
+        state = state._replace(belief=start_pose_free(model, f))
+    status = (NO_GYRO if omega is None else 0) | (NO_ACCELEROMETER if f is None else 0)
+    try:
+        return _filter(state, y, f, omega, min(dt, LONGEST_PERIOD), model, status)
+    except NotPositiveDefinite:
+        return PoseFreeState(), _report(PoseFreeState(), model, status | RESTARTED)
+
+
+def _filter(state: PoseFreeState, y: Array, f: Array | None, omega: Array | None, dt: float,
+            model: PoseFreeModel, status: int) -> tuple[PoseFreeState, PoseFreeEstimate]:
+    assert state.belief is not None
+    filtered = None if omega is None else differentiate(state.motion, omega, dt, model.imu.corner)
+    motion = _STILL if filtered is None or omega is None else Motion(omega, filtered.alpha)
+    settings = model.wrench.settings
+    expect = kalman.expect
+    if settings.filter == 'ukf':
+        expect = partial(ukf.expect, scaling=settings.scaling)
+    level, transition, Q = turned(state.belief, model, omega, dt, state.contact.assumed)
+    moved = predict(state.belief.states, transition, Q)
+    expected = expect(moved, readings(level, model, motion), model.noise)
+    reading = np.concatenate([y, _NOTHING if f is None else f])
+    if f is None:
+        reading, expected = y, Expected(
+            expected.mean[:6], expected.cov[:6, :6], expected.cross[:, :6])
+    free = free_hypothesis(moved, expected, y, model.noise[:6, :6])
+    contact, nis = assess(state.contact, free, dt, model.wrench.contact)
+    belief = relevelled(
+        level, condition(moved, expected, reading, LEARNED if contact.assumed else None))
+    state = PoseFreeState(belief, contact, filtered)
+    return state, _report(state, model, status, y - expected.mean[:6], nis)
+
+
+def _report(state: PoseFreeState, model: PoseFreeModel, status: int,
+            innovation: Array | None = None, nis: float = float('nan')) -> PoseFreeEstimate:
+    level, (mean, cov) = _UNKNOWN if state.belief is None else state.belief
+    wrench = State(Gaussian(mean[:12], cov[:12, :12]), state.contact)
+    # tilt about the first axis moves gravity along the second, and the other way round
+    across = level[:, 1::-1] * (-1.0, 1.0)
+    variance = ((across @ cov[TILT, TILT]) * across).sum(axis=1)
+    G = model.wrench.gravity
+    return PoseFreeEstimate(
+        estimate_of(wrench, model.wrench, status, innovation, nis),
+        G * level[:, 2], G * np.sqrt(variance),
+        float(mean[MASS]), sqrt(cov[MASS, MASS]))

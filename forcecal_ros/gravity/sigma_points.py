@@ -1,0 +1,92 @@
+"""The scaled unscented transform, in a form that keeps its digits.
+
+[Ukf2025] sets alpha = 0.001, beta = 2, kappa = 0, which puts the sigma points a few thousandths
+of a standard deviation from the mean and gives the centre the weight -10^6: the textbook sums
+lose six to seven digits to it. Summed by pairs the weights are harmless. With h = alpha
+sqrt(n + kappa), columns L_i of the Cholesky factor, and for each pair
+
+    D_i = [y(x + h L_i) - y(x - h L_i)] / 2h
+    C_i = [y(x + h L_i) + y(x - h L_i) - 2 y(x)] / 2h
+
+the same transform, term by term, is
+
+    mean = y(x) + m,  m = sum_i C_i / h
+    P_yy = sum_i (D_i D_i^T + C_i C_i^T) + (beta - alpha^2) m m^T
+    P_xy = sum_i L_i D_i^T
+
+and the differences come from :attr:`Function.difference`, which never subtracts large numbers.
+"""
+
+from math import sqrt
+from typing import NamedTuple
+
+from forcecal_ros.gravity.gaussian import cholesky, Expected, Function, Gaussian
+import numpy as np
+
+
+class Scaling(NamedTuple):
+    """Spread of the sigma points; the defaults are those of [Ukf2025]."""
+
+    alpha: float = 0.001
+    beta: float = 2.0
+    kappa: float = 0.0
+
+
+PAPER_SCALING = Scaling()
+
+
+def weights(n: int, scaling: Scaling = PAPER_SCALING) -> tuple[float, float, float]:
+    """
+    Return the weights as [Ukf2025] prints them, for those who want to look at them.
+
+    Parameters
+    ----------
+    n : int
+        Number of states.
+    scaling : Scaling
+
+    Returns
+    -------
+    centre_mean, centre_cov, other : float
+        w_0^(m), w_0^(c), w_i.
+    """
+    lam = scaling.alpha ** 2 * (n + scaling.kappa) - n
+    centre = lam / (n + lam)
+    return centre, centre + 1 - scaling.alpha ** 2 + scaling.beta, 0.5 / (n + lam)
+
+
+def transform(belief: Gaussian, function: Function,
+              scaling: Scaling = PAPER_SCALING) -> Expected:
+    """
+    Pass a belief through a function by its 2 n + 1 sigma points.
+
+    Parameters
+    ----------
+    belief : Gaussian
+    function : Function
+    scaling : Scaling
+
+    Returns
+    -------
+    Expected
+        Without noise.
+
+    Raises
+    ------
+    NotPositiveDefinite
+        The belief's covariance is none.
+    """
+    mean = belief.mean
+    factor = cholesky(belief.cov)
+    h = scaling.alpha * sqrt(len(mean) + scaling.kappa)
+    offsets = h * factor.T
+    moved = function.difference(mean, np.concatenate([offsets, -offsets]))
+    plus, minus = moved[:len(mean)], moved[len(mean):]
+    D = (plus - minus) * (0.5 / h)
+    C = (plus + minus) * (0.5 / h)
+    centre, cov = function.value(mean), D.T @ D
+    if np.count_nonzero(C):
+        shift = C.sum(axis=0) / h
+        centre = centre + shift
+        cov = cov + C.T @ C + (scaling.beta - scaling.alpha ** 2) * np.outer(shift, shift)
+    return Expected(centre, cov, factor @ D)
