@@ -23,11 +23,10 @@ from forcecal_ros.identify.settings import COMPLIANCES, COUPLINGS, DESIGNS, MODE
 from forcecal_ros.identify.settings import Settings as IdentificationSettings
 from forcecal_ros.nodes.parameters import Parameter
 from forcecal_ros.nodes.runtime import EXECUTOR
+from forcecal_ros.nodes.sensors import ACCELEROMETERS
 import numpy as np
 import yaml
 
-ACCELEROMETERS = {'raw': 'accelerometer/raw', 'imu': 'imu/data_raw', 'accel': 'accel',
-                  'none': ''}
 LATENCY = 0.05
 """Readings may be that old when they arrive; settling waits so much longer [s]."""
 
@@ -130,7 +129,7 @@ PARAMETERS = (
               'environment', low=-1, high=1),
     Parameter('accelerometer.source', 'raw', 'Where the accelerometer comes from: '
               'accelerometer/raw in volts, imu/data_raw or accel in m/s^2',
-              choices=tuple(ACCELEROMETERS)),
+              choices=(*ACCELEROMETERS, 'none')),
     _live('accelerometer.coupling', 'dc', 'ac for a sensor that does not hold gravity',
           choices=COUPLINGS),
     _live('accelerometer.cutoff', 0.0, 'Corner of an ac sensor where known; 0: estimated', 'Hz',

@@ -1,0 +1,113 @@
+"""Whoever may end a motion besides the plan: sensors, robot, clocks, other nodes, a person."""
+
+from typing import NamedTuple
+
+from forcecal_ros.control.sequence import Sequence
+from forcecal_ros.nodes.backends import Backend
+from forcecal_ros.nodes.sensors import SECOND, Sensors
+from rclpy.clock import Clock
+
+CLOCK_JUMP = 0.1
+"""The clock of the stamps may depart from the steady one by that much in a sequence [s]."""
+
+CLOCK_STOPPED = 0.1
+"""A /clock that stands for longer ends the sequence [s]."""
+
+STALL = 0.5
+"""A motion whose commands ceased for longer is not resumed [s]."""
+
+FOREIGN = 0.5
+"""Commands of someone else that are more recent than this forbid a start [s]."""
+
+
+class Fault(NamedTuple):
+    """Reason to abort; ``at_once`` where the robot stands already."""
+
+    reason: str
+    at_once: bool = False
+
+
+class Guard:
+    """
+    Watch over one motion after another.
+
+    Parameters
+    ----------
+    sensors : Sensors
+    backend : Backend
+    sequence : Sequence
+    clock : Clock
+        Of the header stamps.
+    simulated : bool
+        Whether that clock also drives the motion.
+    """
+
+    def __init__(self, sensors: Sensors, backend: Backend, sequence: Sequence, clock: Clock,
+                 simulated: bool) -> None:
+        self._sensors, self._backend, self._sequence = sensors, backend, sequence
+        self._clock, self._simulated = clock, simulated
+        self._foreign, self._foreign_heard = 0, -SECOND
+        self.pauses = 0
+        self.doubt = ''
+
+    def begin(self, steady: int) -> None:
+        """Begin with a motion; ``steady`` on the steady clock [ns]."""
+        now = self._clock.now().nanoseconds
+        self._started = self._ticked = steady
+        self._offset = now - steady
+        self._seen, self._advanced = now, steady
+        self._doubtful_since: int | None = None
+        self.pauses, self.doubt = 0, ''
+
+    def others(self, steady: int) -> str:
+        """Return what forbids a start: another node that commands, or no dead-man switch."""
+        self.listen(steady)
+        if steady - self._foreign_heard < FOREIGN * SECOND:
+            return f'{self._backend.topic}: another node commands the robot; stop it'
+        return self._sensors.deadman_fault(steady)
+
+    def listen(self, steady: int) -> None:
+        """Note commands that were not one's own."""
+        if self._backend.foreign != self._foreign:
+            self._foreign, self._foreign_heard = self._backend.foreign, steady
+
+    def check(self, steady: int, moving: bool) -> Fault | None:
+        """Return why to abort now; stands while a sensor is silent or late."""
+        silent, self._ticked = (steady - self._ticked) / SECOND, steady
+        if moving and silent > STALL and not self._simulated:
+            return Fault(f'the command stream stalled for {silent:.2f} s; the machine is '
+                         'overloaded', at_once=True)
+        now = self._clock.now().nanoseconds
+        drift = (now - steady - self._offset) / SECOND
+        if not self._simulated and abs(drift) > CLOCK_JUMP:
+            return Fault(f'the system clock jumped by {drift:.2f} s')
+        reason = self._sensors.monitor.check(moving) or self._sensors.deadman_fault(steady)
+        if not reason and self._foreign_heard > self._started:
+            reason = f'{self._backend.topic}: another node commands the robot'
+        reason = reason or self._stand_while_in_doubt(steady, now)
+        return Fault(reason) if reason else None
+
+    def _stand_while_in_doubt(self, steady: int, now: int) -> str:
+        """Pause while a sensor is silent or late; return why where that lasts for too long."""
+        monitor = self._sensors.monitor
+        self.doubt = monitor.doubt(now * 1e-9)
+        self._sequence.pause(bool(self.doubt))
+        if not self.doubt:
+            self._doubtful_since = None
+            return ''
+        if self._doubtful_since is None:
+            self._doubtful_since = steady
+            self.pauses += 1
+        lost = monitor.settings.lost_timeout - monitor.settings.pause_timeout
+        return self.doubt if steady - self._doubtful_since > lost * SECOND else ''
+
+    def clock_fault(self, steady: int) -> Fault | None:
+        """Return why to abort where the clock that drives the motion stands or jumps."""
+        now = self._clock.now().nanoseconds
+        if now != self._seen:
+            jumped = not 0 < now - self._seen < SECOND
+            self._seen, self._advanced = now, steady
+            return Fault('/clock jumped', at_once=True) if jumped else None
+        if steady - self._advanced > CLOCK_STOPPED * SECOND:
+            return Fault('/clock has stopped', at_once=True)
+        return None

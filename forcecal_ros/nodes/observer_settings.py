@@ -1,0 +1,92 @@
+"""The observer's parameters: the table, and what its values mean to the numerics."""
+
+from collections.abc import Mapping
+from math import inf
+from typing import Any
+
+from forcecal_ros.nodes.parameters import Parameter
+from forcecal_ros.nodes.runtime import EXECUTOR
+from forcecal_ros.nodes.sensors import ACCELEROMETERS
+from forcecal_ros.observe.settings import MODES, OFFSETS, Settings
+
+_DEFAULT = Settings()
+
+
+def _live(name: str, default: Any, description: str, unit: str = '', low: float | None = None,
+          high: float | None = None, choices: tuple[str, ...] = ()) -> Parameter:
+    """Return a parameter that takes effect at once, without a jump of what is published."""
+    return Parameter(name, default, description, unit, low, high, choices, live=True)
+
+
+PARAMETERS = (
+    EXECUTOR,
+    Parameter('autostart', True, 'Configure and activate at start; false: leave it to a '
+              'lifecycle manager'),
+    _live('calibration.file', '', 'calibration.yaml to load when configured; empty: wait for '
+          'sequencer/calibration'),
+    Parameter('calibration.follow', True, 'Take over every calibration that the sequencer '
+              'publishes while running'),
+    Parameter('accelerometer.source', 'auto', 'accelerometer/raw (volts), imu/data_raw or accel '
+              '(m/s^2); auto: by the unit of the calibration',
+              choices=('auto', *ACCELEROMETERS, 'none')),
+    Parameter('poll_rate', 500.0, 'How often the topics are looked into: half a period is added '
+              'to the latency on average', 'Hz', 50.0, 2000.0),
+    Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool; '
+              'empty: no such sensor'),
+    Parameter('publish.inertial_wrench', False, 'Publish observer/inertial_wrench: what weight '
+              'and motion of the tool put on the sensor'),
+    Parameter('publish.innovation', False, 'Publish observer/innovation'),
+    _live('observer.mode', '', 'Which observer publishes; empty: as the calibration says',
+          choices=('', *MODES)),
+    _live('observer.bandwidth', 0.0, 'Corner of the contact wrench in mode kalman; 0: by noise '
+          'against response', 'Hz', 0.0, 1000.0),
+    _live('observer.contact_walk', _DEFAULT.contact_walk, 'How fast a contact force is expected '
+          'to wander', 'N/sqrt(s)', 1e-3, 1e4),
+    _live('observer.offset', _DEFAULT.offset, 'Whether the accelerometer offset is tracked',
+          choices=OFFSETS),
+    _live('observer.accelerometer_timeout', _DEFAULT.accelerometer_timeout, 'Pause after which '
+          'the accelerometer counts as missing', 's', 0.002, 1.0),
+    _live('observer.pose_timeout', _DEFAULT.pose_timeout, 'Pause after which the pose counts as '
+          'missing', 's', 0.005, 10.0),
+    _live('observer.skew', _DEFAULT.skew, 'Greatest difference of transport times between topics '
+          'that is waited for', 's', 0.001, 1.0),
+    _live('limits.force', 0.0, 'End of the force sensor range per axis; 0: unknown', 'N',
+          0.0, 1e6),
+    _live('limits.torque', 0.0, 'End of the torque range per axis; 0: unknown', 'N m', 0.0, 1e5),
+    _live('limits.accelerometer', 0.0, 'End of the accelerometer range about zero, in its unit; '
+          '0: unknown', '', 0.0, 1e5),
+    _live('tare.duration', 0.5, 'Window at rest that a tare takes', 's', 0.1, 10.0),
+    _live('takeover.duration', 0.5, 'A new calibration or setting is faded in over that long',
+          's', 0.01, 10.0),
+    _live('stale_timeout', 0.5, 'Silence of a sensor that /diagnostics calls stale', 's',
+          0.01, 60.0),
+)
+
+
+def settings_of(value: Mapping[str, Any]) -> Settings:
+    """
+    Make settings of parameter values.
+
+    Parameters
+    ----------
+    value : mapping
+        Every parameter of ``PARAMETERS`` by name.
+
+    Returns
+    -------
+    Settings
+
+    Raises
+    ------
+    ConfigError
+        A value makes no sense.
+    """
+    force, torque = value['limits.force'], value['limits.torque']
+    return Settings(
+        mode=value['observer.mode'] or None,
+        bandwidth_hz=value['observer.bandwidth'] or None,
+        contact_walk=value['observer.contact_walk'], offset=value['observer.offset'],
+        accelerometer_timeout=value['observer.accelerometer_timeout'],
+        pose_timeout=value['observer.pose_timeout'], skew=value['observer.skew'],
+        wrench_limit=((force or inf,) * 3 + (torque or inf,) * 3 if force or torque else None),
+        accelerometer_limit=value['limits.accelerometer'] or None)

@@ -1,0 +1,120 @@
+"""What the sequencer hears: every sample goes to its watch, and into the recording of a run."""
+
+from collections.abc import Callable
+from struct import error as StructError
+from typing import Any
+
+from forcecal_ros.control.limits import Limits
+from forcecal_ros.control.monitor import Monitor, WatchSettings
+from forcecal_ros.nodes.collector import Collector
+from forcecal_ros.nodes.inbox import Inbox
+from forcecal_ros.nodes.runtime import STEADY
+from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, stamp_of
+from geometry_msgs.msg import AccelStamped, PoseStamped, Vector3Stamped, WrenchStamped
+from rclpy.node import Node
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Header
+
+SECOND = 1_000_000_000
+
+ACCELEROMETERS: dict[str, tuple[str, Any, str]] = {
+    'raw': ('accelerometer/raw', Vector3Stamped, 'V'),
+    'imu': ('imu/data_raw', Imu, 'm/s^2'),
+    'accel': ('accel', AccelStamped, 'm/s^2'),
+}
+"""Topic, type and unit of each source of acceleration."""
+
+
+class Sensors:
+    """
+    The sequencer's sensors.
+
+    Parameters
+    ----------
+    node : Node
+        With the sequencer's parameters.
+    inbox : Inbox
+    watch, limits : WatchSettings, Limits
+    recording : callable
+        Says whether samples are to be kept.
+
+    Attributes
+    ----------
+    monitor : Monitor
+    collector : Collector
+    """
+
+    def __init__(self, node: Node, inbox: Inbox, watch: WatchSettings, limits: Limits,
+                 recording: Callable[[], bool]) -> None:
+        self._inbox = inbox
+        self._recording = recording
+        self._heard: dict[str, bytes] = {}
+        source = node.get_parameter('accelerometer.source').value
+        topics = {'wrench': 'wrench', 'pose': 'current_pose'}
+        if source in ACCELEROMETERS:
+            topics['accelerometer'] = ACCELEROMETERS[source][0]
+        self.collector = Collector(ACCELEROMETERS.get(source, ACCELEROMETERS['raw'])[2],
+                                   node.get_parameter('wrench.sign').value)
+        self.monitor = Monitor(watch, limits, topics)
+        self._hear('wrench', 'wrench', WrenchStamped, Reader(WrenchStamped), self.monitor.wrench)
+        self._hear('pose', 'current_pose', PoseStamped, Reader(PoseStamped), self.monitor.pose)
+        if source in ACCELEROMETERS:
+            topic, kind, _ = ACCELEROMETERS[source]
+            self._hear('accelerometer', topic, kind, Reader(kind), self._on_accelerometer)
+        self._hear('optidrive', 'optidrive', JointState,
+                   JointReader(node.get_parameter('optidrive.joint').value), None)
+        self._deadman_heard = 0
+        self.deadman_timeout = round(node.get_parameter('motion.deadman_timeout').value * SECOND)
+        if self.deadman_timeout:
+            inbox.subscribe(Header, 'deadman', self._on_deadman)
+
+    def _hear(self, channel: str, topic: str, message_type: Any, read: Any, watch: Any) -> None:
+        add, recording, heard = self.collector.add, self._recording, self._heard
+
+        def on_sample(raw: bytes) -> None:
+            try:
+                sample = read(raw)
+            except StructError:
+                return
+            if sample is None:
+                return
+            stamp_ns, values = sample
+            heard[channel] = raw
+            if watch is not None:
+                watch(stamp_ns * 1e-9, values)
+            if recording():
+                add(channel, stamp_ns, values)
+
+        self._inbox.subscribe(message_type, topic, on_sample)
+
+    def _on_accelerometer(self, stamp: float, values: tuple[float, ...]) -> None:
+        self.monitor.other('accelerometer', stamp, values)
+
+    def _on_deadman(self, raw: bytes) -> None:
+        self._deadman_heard = STEADY.now().nanoseconds
+
+    def deadman_fault(self, steady_ns: int) -> str:
+        """Return what to say where the dead-man switch is asked for and silent; else nothing."""
+        quiet = steady_ns - self._deadman_heard
+        if not 0 < self.deadman_timeout < quiet:
+            return ''
+        if not self._deadman_heard:
+            return 'deadman: nothing received; press the switch, or set ' \
+                   'motion.deadman_timeout to 0.0'
+        return f'deadman: silent for {quiet / SECOND:.3f} s'
+
+    def begin_recording(self) -> None:
+        """Forget what was recorded; the frames of the newest messages count."""
+        self.collector.clear()
+        for channel, raw in self._heard.items():
+            self.collector.frames[channel] = frame_of(raw)
+
+    @property
+    def pose_stamp_ns(self) -> int:
+        """Header stamp of the newest pose."""
+        return stamp_of(self._heard['pose'])
+
+    @property
+    def pose(self) -> tuple[float, ...]:
+        """The newest pose, x y z [m] qx qy qz qw."""
+        return self.monitor.channels['pose'].values
