@@ -7,7 +7,12 @@ from effects_runs import changed, clean, having, nominal, pressing, RIG, RIGID, 
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.samples import Stream
 from forcecal_ros.sim.effects import (
-    applicable, apply_signal_effects, EFFECTS, named_effects, physical_rig, with_effects,
+    applicable,
+    apply_signal_effects,
+    EFFECTS,
+    named_effects,
+    physical_rig,
+    with_effects,
 )
 from forcecal_ros.sim.offline import simulate
 from forcecal_ros.sim.plant import enough_steps
