@@ -14,8 +14,8 @@ COMMANDS = {
     'calibrate': 'calibrate',
     'estimate': 'estimate',
     'simulate': 'simulate',
+    'diagnose': 'diagnose',
     'insitu': 'insitu',
-    'gravity': 'gravity',
     'import': 'import_csv',
 }
 """Word on the command line -> module in ``forcecal_ros.commands``."""

@@ -29,6 +29,6 @@ def compiled(function: F) -> F:
     callable
     """
     try:
-        return cast(F, njit(cache=True)(function))
+        return cast(F, njit(cache=True, nogil=True)(function))
     except RuntimeError:  # nowhere to keep it: compile anew in each process
-        return cast(F, njit(function))
+        return cast(F, njit(nogil=True)(function))

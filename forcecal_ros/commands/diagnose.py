@@ -1,0 +1,74 @@
+"""``forcecal diagnose``: where, why and how far a recording departs from the simulator."""
+
+import argparse
+from typing import Any
+
+from forcecal_ros.commands.common import (
+    add_bag,
+    add_json,
+    new_parser,
+    print_json,
+    say,
+    topic_names,
+    warn,
+)
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(
+        subparsers, 'diagnose',
+        summary='find where and why a recording departs from the simulator, and how far the gap '
+                'shrinks',
+        example='forcecal diagnose my_bag --heldout another_bag -o diagnosis')
+    add_bag(parser)
+    parser.add_argument('--heldout', metavar='BAG',
+                        help='second recording, another trajectory, to judge on (default: parts '
+                             'of every phase of the first)')
+    parser.add_argument('--rig', metavar='RIG.yaml',
+                        help='rig to compare with: a file, or rig.yaml and rigid_tool.yaml of '
+                             'this package (default: rig.yaml)')
+    parser.add_argument('--accelerometer', choices=('acc1', 'acc2'),
+                        help='which one is mounted (default: recognised by its volts)')
+    parser.add_argument('-o', '--output', metavar='DIR', required=True,
+                        help='folder for diagnosis.json, rig_patched.yaml and report.html')
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    import json
+    from pathlib import Path
+
+    from forcecal_ros.bags import read_recording
+    from forcecal_ros.diagnose.channels import CHANNELS
+    from forcecal_ros.diagnose.pipeline import diagnose
+    from forcecal_ros.diagnose.result import to_document
+    from forcecal_ros.files import write_text
+    from forcecal_ros.report.diagnosis import render
+    from forcecal_ros.sim.rig_file import dump_rig, load_rig
+
+    rig = load_rig(args.rig)
+    recording, *more = (
+        read_recording(bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
+        for bag in (args.bag, args.heldout) if bag is not None)
+    outcome = diagnose(recording, more[0] if more else None, rig, args.accelerometer)
+    diagnosis, folder = outcome.diagnosis, Path(args.output)
+    answered = diagnosis.verdict != 'invalid_data'
+    document = to_document(diagnosis, {c.name: c.unit for c in CHANNELS},
+                           'rig_patched.yaml' if answered else None)
+    write_text(folder / 'diagnosis.json', json.dumps(document, indent=2, allow_nan=False) + '\n')
+    if answered:
+        write_text(folder / 'rig_patched.yaml', dump_rig(outcome.rig))
+        write_text(folder / 'report.html', render(outcome))
+    if args.json:
+        print_json(document)
+    else:
+        for note in (*recording.notes, *diagnosis.notes):
+            warn(note)
+        say(f'{diagnosis.verdict}: {diagnosis.reason}')
+        say(f'written to {folder}')
+    if not answered:
+        warn(diagnosis.reason)
+    return 0 if answered else 1

@@ -1,0 +1,35 @@
+"""The signals that are compared: sixteen channels, their units, and the stage that makes them."""
+
+from typing import NamedTuple
+
+STAGES = ('robot', 'tool', 'environment', 'wrench_sensor', 'accelerometer', 'pose', 'timing')
+"""Along the chain from command to sensor; the clocks last."""
+
+
+class Channel(NamedTuple):
+    """One scalar signal: its name, unit, and the stream it comes from."""
+
+    name: str
+    unit: str
+    stream: str
+    stage: str
+
+
+CHANNELS = (
+    *(Channel(f'force.{a}', 'N', 'wrench', 'wrench_sensor') for a in 'xyz'),
+    *(Channel(f'torque.{a}', 'N m', 'wrench', 'wrench_sensor') for a in 'xyz'),
+    *(Channel(f'accel.{a}', 'V', 'accelerometer', 'accelerometer') for a in 'xyz'),
+    Channel('optidrive', 'm', 'optidrive', 'tool'),
+    *(Channel(f'pose.{a}', 'm', 'pose', 'robot') for a in 'xyz'),
+    *(Channel(f'pose.r{a}', 'rad', 'pose', 'robot') for a in 'xyz'),
+)
+"""In the order of the columns of every residual."""
+
+COLUMNS = {
+    'wrench': slice(0, 6), 'accelerometer': slice(6, 9), 'optidrive': slice(9, 10),
+    'pose': slice(10, 16),
+}
+"""Columns of each stream."""
+
+BLOCK = 0.004
+"""Length of the means that are compared [s]."""

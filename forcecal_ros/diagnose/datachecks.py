@@ -1,0 +1,239 @@
+"""What shows in stamps and values before any model: clocks, gaps, lattices, clipping, lines."""
+
+from typing import NamedTuple
+
+from forcecal_ros.diagnose.channels import CHANNELS, COLUMNS
+from forcecal_ros.geometry import Array
+from forcecal_ros.samples import Recording
+import numpy as np
+
+SKEW = 1e-5
+"""Relative difference of two clocks that is no rounding."""
+
+LOST = 5e-4
+"""Fraction of missing samples that counts as dropouts."""
+
+JITTER = 0.15
+"""Scatter of the stamps about their line, in periods, that counts."""
+
+COARSE = 0.17
+"""Step of a lattice of values, in noise RMS, whose rounding is 5 % of the noise."""
+
+CLIPPED = 5
+"""Samples at the very same extreme value, neighbours among them, that count as clipping."""
+
+LINE = 35.0
+"""Power of a spectral line over the median of its neighbourhood."""
+
+
+class Clock(NamedTuple):
+    """
+    What the stamps of one stream say.
+
+    Attributes
+    ----------
+    stream : str
+    rate : float
+        [Hz] of whole numbers, that the stamps come closest to.
+    skew : float
+        Relative excess of the stamped period.
+    lost : float
+        Fraction of samples missing.
+    jitter : float
+        RMS about a straight line [s].
+    """
+
+    stream: str
+    rate: float
+    skew: float
+    lost: float
+    jitter: float
+
+
+class Lattice(NamedTuple):
+    """Values of one channel that are multiples of a step."""
+
+    channel: str
+    step: float
+
+
+class Clipping(NamedTuple):
+    """Values of one channel that stop at a limit."""
+
+    channel: str
+    limit: float
+    count: int
+
+
+class Line(NamedTuple):
+    """A spectral line in one channel's residual."""
+
+    channel: str
+    frequency: float
+    amplitude: float
+    power: float
+
+
+def clocks(recording: Recording) -> tuple[Clock, ...]:
+    """
+    Judge the stamps of every stream.
+
+    Parameters
+    ----------
+    recording : Recording
+
+    Returns
+    -------
+    tuple of Clock
+    """
+    found = []
+    for name in ('wrench', 'accelerometer', 'optidrive', 'pose', 'target'):
+        stream = getattr(recording, name)
+        if stream is not None and len(stream) > 100:
+            found.append(_clock(name, np.asarray(stream.t)))
+    return tuple(found)
+
+
+def _clock(name: str, t: Array) -> Clock:
+    period = float(np.median(np.diff(t)))
+    index = np.concatenate([[0.0], np.cumsum(np.maximum(1.0, np.rint(np.diff(t) / period)))])
+    slope, offset = np.polyfit(index, t, 1)
+    index = np.rint((t - offset) / slope)
+    slope, offset = np.polyfit(index, t, 1)
+    rate = max(1.0, round(1.0 / slope))
+    lost = 1.0 - len(t) / (index[-1] - index[0] + 1.0)
+    scatter = float(np.std(t - offset - slope * index))
+    return Clock(name, rate, float(slope * rate - 1.0), float(max(0.0, lost)), scatter)
+
+
+def skew_between(found: tuple[Clock, ...]) -> dict[str, float]:
+    """Return the skew of each sensor's clock against that of the commands, where it counts."""
+    reference = next((c.skew for c in found if c.stream == 'target'), 0.0)
+    return {c.stream: c.skew - reference for c in found
+            if c.stream != 'target' and SKEW < abs(c.skew - reference) < 0.02
+            and c.jitter * c.rate < JITTER}
+
+
+def dropouts(found: tuple[Clock, ...]) -> dict[str, float]:
+    """Return the fraction of lost samples of each sensor, where it counts."""
+    return {c.stream: c.lost for c in found if c.lost > LOST}
+
+
+def lattices(recording: Recording, noise: Array) -> tuple[Lattice, ...]:
+    """
+    Find channels whose values are multiples of a step that matters.
+
+    Parameters
+    ----------
+    recording : Recording
+    noise : ndarray, shape (16,)
+        RMS of one sample.
+
+    Returns
+    -------
+    tuple of Lattice
+    """
+    found = []
+    for c, values in _channels(recording):
+        step = _step(values)
+        if step > COARSE * noise[c] and np.ptp(values) > 2.0 * step:
+            found.append(Lattice(CHANNELS[c].name, step))
+    return tuple(found)
+
+
+def _step(values: Array) -> float:
+    different = np.unique(values)
+    if len(different) > 0.5 * len(values) or len(different) < 3:
+        return 0.0
+    gaps = np.diff(different)
+    gaps = gaps[gaps > 1e-9 * np.abs(different).max()]
+    step = float(np.percentile(gaps, 10))
+    if step <= 0.0:
+        return 0.0
+    turns = (different - different[0]) / step
+    step *= float(turns[-1] / np.rint(turns[-1])) if turns[-1] > 0.5 else 1.0
+    off = (different - different[0]) / step
+    return step if np.sqrt(np.mean((off - np.rint(off)) ** 2)) < 0.1 else 0.0
+
+
+def clipping(recording: Recording, steps: tuple[Lattice, ...]) -> tuple[Clipping, ...]:
+    """
+    Find channels that stop at a limit.
+
+    Parameters
+    ----------
+    recording : Recording
+    steps : tuple of Lattice
+        Channels on a lattice repeat values of themselves.
+
+    Returns
+    -------
+    tuple of Clipping
+    """
+    coarse, found = {s.channel for s in steps}, []
+    for c, values in _channels(recording):
+        for extreme in (values.max(), values.min()):
+            at = values == extreme
+            runs = int(np.sum(at[1:] & at[:-1]))
+            least = 40 if CHANNELS[c].name in coarse else CLIPPED
+            if at.sum() >= least and runs >= 0.5 * at.sum() and np.ptp(values) > 0.0:
+                found.append(Clipping(CHANNELS[c].name, float(extreme), int(at.sum())))
+    return tuple(found)
+
+
+def _channels(recording: Recording) -> list[tuple[int, Array]]:
+    out = []
+    for name in ('wrench', 'accelerometer', 'optidrive'):
+        stream = getattr(recording, name)
+        if stream is not None and len(stream):
+            first = COLUMNS[name].start
+            out += [(first + i, stream.values[:, i]) for i in range(stream.values.shape[1])]
+    return out
+
+
+def lines(rows: Array, rate: float, name: str) -> tuple[Line, ...]:
+    """
+    Find spectral lines in the residual of one stream.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n, columns)
+        Measured less simulated, equally spaced.
+    rate : float
+        [Hz]
+    name : str
+        Of the stream.
+
+    Returns
+    -------
+    tuple of Line
+        Above 8 Hz, the strongest of each channel.
+    """
+    n, found = len(rows), []
+    window = np.hanning(n)
+    frequency = np.fft.rfftfreq(n, 1.0 / rate)
+    for i in range(rows.shape[1]):
+        spectrum = np.fft.rfft((rows[:, i] - rows[:, i].mean()) * window)
+        power = np.abs(spectrum) ** 2
+        floor = _floor(power)
+        ratio = np.where(frequency > 8.0, power / floor, 0.0)
+        ratio[-3:] = 0.0
+        k = int(ratio.argmax())
+        wide = ratio[max(0, k - 60):k + 61]
+        narrow = np.sum(wide > 0.25 * ratio[k]) <= 8
+        if ratio[k] > LINE and narrow:
+            amplitude = float(np.sqrt(power[k]) * 2.0 / window.sum())
+            found.append(Line(CHANNELS[COLUMNS[name].start + i].name, float(frequency[k]),
+                              amplitude, float(ratio[k])))
+    return tuple(found)
+
+
+def _floor(power: Array) -> Array:
+    """Median of the neighbourhood of every bin."""
+    width = 101
+    n = len(power) // width * width
+    if n < 3 * width:
+        return np.full(len(power), float(np.median(power)) + 1e-300)
+    middle = np.median(power[:n].reshape(-1, width), axis=1)
+    centres = (np.arange(len(middle)) + 0.5) * width
+    return np.asarray(np.interp(np.arange(len(power)), centres, middle) + 1e-300)

@@ -1,0 +1,204 @@
+"""Gaussian evidence from Gram matrices: bounded fits, marginal and predictive likelihoods."""
+
+from typing import NamedTuple
+
+from forcecal_ros.geometry import Array
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Gram(NamedTuple):
+    """
+    Inner products of whitened columns and of the whitened residual.
+
+    Attributes
+    ----------
+    matrix : ndarray, shape (k, k)
+    vector : ndarray, shape (k,)
+        Columns times residual.
+    square : float
+        Of the residual.
+    n : int
+        Samples that count.
+    """
+
+    matrix: Array
+    vector: Array
+    square: float
+    n: int
+
+    def __add__(self, other: object) -> 'Gram':
+        """Join two independent sets of samples."""
+        assert isinstance(other, Gram)
+        return Gram(self.matrix + other.matrix, self.vector + other.vector,
+                    self.square + other.square, self.n + other.n)
+
+    def of(self, index: NDArray[np.intp]) -> 'Gram':
+        """Keep some columns only."""
+        return Gram(self.matrix[np.ix_(index, index)], self.vector[index], self.square, self.n)
+
+
+class Prior(NamedTuple):
+    """
+    Independent Gaussian priors with bounds.
+
+    Attributes
+    ----------
+    centre : ndarray, shape (k,)
+        Where the columns were taken: the prior is on ``centre + x``.
+    precision : ndarray, shape (k,)
+    bound : ndarray, shape (k,)
+        Largest magnitude of ``centre + x``.
+    """
+
+    centre: Array
+    precision: Array
+    bound: Array
+
+    def of(self, index: NDArray[np.intp]) -> 'Prior':
+        """Keep some parameters only."""
+        return Prior(self.centre[index], self.precision[index], self.bound[index])
+
+
+class Fit(NamedTuple):
+    """
+    Outcome of a bounded fit.
+
+    Attributes
+    ----------
+    x : ndarray, shape (k,)
+        Step from the centre.
+    covariance : ndarray, shape (k, k)
+        Zero for parameters on their bound.
+    log_evidence : float
+        Marginal likelihood of the data, less that of pure noise's constant.
+    """
+
+    x: Array
+    covariance: Array
+    log_evidence: float
+
+
+def fit(gram: Gram, prior: Prior) -> Fit:
+    """
+    Fit with Gaussian priors, parameters kept within their bounds by an active set.
+
+    Parameters
+    ----------
+    gram : Gram
+    prior : Prior
+
+    Returns
+    -------
+    Fit
+    """
+    k = len(gram.vector)
+    hessian = gram.matrix + np.diag(prior.precision)
+    gradient = gram.vector - prior.precision * prior.centre
+    x, free = np.zeros(k), np.ones(k, dtype=bool)
+    factor = np.zeros((0, 0))
+    for _ in range(k + 1):
+        fixed = ~free
+        right = gradient[free] - hessian[np.ix_(free, fixed)] @ x[fixed]
+        factor = _cholesky(hessian[np.ix_(free, free)])
+        x[free] = _solve(factor, right)
+        total = prior.centre + x
+        beyond = free & (np.abs(total) > prior.bound + 1e-9)
+        if not beyond.any():
+            break
+        x[beyond] = np.sign(total[beyond]) * prior.bound[beyond] - prior.centre[beyond]
+        free &= ~beyond
+    covariance = np.zeros((k, k))
+    inverse = np.linalg.inv(factor) if len(factor) else factor
+    covariance[np.ix_(free, free)] = inverse.T @ inverse
+    total = prior.centre + x
+    value = gram.vector @ x - 0.5 * x @ gram.matrix @ x
+    value -= 0.5 * (total * prior.precision) @ total + 0.5 * gram.square
+    value -= float(np.log(np.diag(factor)).sum() - 0.5 * np.log(prior.precision[free]).sum())
+    return Fit(x, covariance, float(value))
+
+
+def _cholesky(matrix: Array) -> Array:
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    scaled = matrix * np.outer(scale, scale) + 1e-12 * np.eye(len(matrix))
+    return np.asarray(np.linalg.cholesky(scaled) / scale[:, np.newaxis])
+
+
+def _solve(factor: Array, right: Array) -> Array:
+    return np.asarray(np.linalg.solve(factor.T, np.linalg.solve(factor, right)))
+
+
+def predictive(train: Gram, held: Gram, prior: Prior) -> float:
+    """
+    Log-likelihood of held-out data given the training data, parameters marginalised.
+
+    Parameters
+    ----------
+    train, held : Gram
+    prior : Prior
+
+    Returns
+    -------
+    float
+    """
+    return fit(train + held, prior).log_evidence - fit(train, prior).log_evidence
+
+
+class Score(NamedTuple):
+    """
+    What held-out data say of a difference between two predictions.
+
+    Attributes
+    ----------
+    z : float
+        N(0, 1) where there is no difference, the nuisances' uncertainty allowed for.
+    energy : float
+        Whitened energy of the difference, likewise.
+    product : float
+        Residual times difference, likewise.
+    """
+
+    z: float
+    energy: float
+    product: float
+
+    @property
+    def removed(self) -> float:
+        """Energy that the difference removes."""
+        return 2.0 * self.product - self.energy
+
+
+def score(held: Gram, null: Array, alternative: Array, nuisance: NDArray[np.intp],
+          covariance: Array) -> Score:
+    """
+    Test an alternative's prediction against the null's on held-out data.
+
+    Parameters
+    ----------
+    held : Gram
+    null, alternative : ndarray, shape (k,)
+        Fitted parameters; columns not in a model have 0.
+    nuisance : ndarray of int, shape (m,)
+        Columns of the null.
+    covariance : ndarray, shape (m, m)
+        Of the null's fit.
+
+    Returns
+    -------
+    Score
+    """
+    d = alternative - null
+    right = held.vector - held.matrix @ null
+    inner = held.matrix[np.ix_(nuisance, nuisance)]
+    root = _root(covariance)
+    middle = np.eye(root.shape[1]) + root.T @ inner @ root
+    left = root.T @ (held.matrix[nuisance] @ d)
+    product = d @ right - left @ np.linalg.solve(middle, root.T @ right[nuisance])
+    energy = d @ held.matrix @ d - left @ np.linalg.solve(middle, left)
+    energy = max(float(energy), 1e-12)
+    return Score(float(product / np.sqrt(energy)), energy, float(product))
+
+
+def _root(covariance: Array) -> Array:
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

@@ -1,0 +1,148 @@
+"""What may be the cause: every effect of the library as columns to screen and to refine."""
+
+from itertools import product
+from typing import NamedTuple
+
+from forcecal_ros.diagnose.channels import CHANNELS
+from forcecal_ros.diagnose.columns import Column
+from forcecal_ros.diagnose.problem import Problem
+from forcecal_ros.diagnose.replay import UNSEEN
+from forcecal_ros.geometry import Array
+from forcecal_ros.sim.effects import applicable, Effect, EFFECTS
+import numpy as np
+
+MOST_STARTS = 8
+"""Shapes that one effect is screened at."""
+
+
+class Atom(NamedTuple):
+    """
+    A place at which an effect is screened.
+
+    Attributes
+    ----------
+    start : ndarray, shape (p,)
+        Parameters that the columns belong to.
+    free : ndarray of int, shape (k,)
+        Parameters that the columns move, each by its distance from nominal at the start.
+    columns : tuple of list of Column
+        One list per recording, one column per free parameter.
+    """
+
+    start: Array
+    free: Array
+    columns: tuple[list[Column], ...]
+
+
+class Hypothesis(NamedTuple):
+    """
+    One effect of the library.
+
+    Attributes
+    ----------
+    name : str
+    effect : Effect
+    released : frozenset of str
+        Nuisances whose prior the effect lifts; such an effect has no atoms.
+    atoms : tuple of Atom
+    """
+
+    name: str
+    effect: Effect
+    released: frozenset[str]
+    atoms: tuple[Atom, ...]
+
+
+def values_of(effect: Effect, theta: Array) -> dict[str, float]:
+    """Name the parameters of an effect."""
+    return {q.name: float(v) for q, v in zip(effect.parameters, theta)}
+
+
+def nominal_of(effect: Effect) -> Array:
+    """Parameters at which the effect does nothing, shape (p,)."""
+    return np.array([q.nominal for q in effect.parameters])
+
+
+def bounds_of(effect: Effect) -> tuple[Array, Array]:
+    """Lowest and highest parameters, shape (p,) each."""
+    return (np.array([q.low for q in effect.parameters]),
+            np.array([q.high for q in effect.parameters]))
+
+
+def hypotheses(problem: Problem) -> list[Hypothesis]:
+    """
+    Screen the library: columns of every effect that applies to the rig and the streams at hand.
+
+    Parameters
+    ----------
+    problem : Problem
+        Recalibrated.
+
+    Returns
+    -------
+    list of Hypothesis
+        Without those that move nothing in these recordings.
+    """
+    found = []
+    accelerometer = problem.cases[0].replay.accelerometer
+    for name, effect in EFFECTS.items():
+        if name in UNSEEN or not applicable(effect, problem.rig, accelerometer):
+            continue
+        released = frozenset(n.name for n in problem.nuisances if n.key == effect.nuisance)
+        if effect.nuisance:
+            if released:
+                found.append(Hypothesis(name, effect, released, ()))
+            continue
+        atoms = tuple(_atoms(problem, name, effect))
+        if atoms:
+            found.append(Hypothesis(name, effect, released, atoms))
+    return found
+
+
+def _moves(columns: list[Column]) -> bool:
+    return any(columns)
+
+
+def _atoms(problem: Problem, name: str, effect: Effect) -> list[Atom]:
+    nominal = nominal_of(effect)
+    typical = np.array([q.typical for q in effect.parameters])
+    singly: dict[int, list[Column]] = {}
+    for i in range(len(nominal)):
+        theta = nominal.copy()
+        theta[i] = typical[i]
+        if theta[i] != nominal[i]:
+            columns = problem.difference({**problem.effects, name: values_of(effect, theta)})
+            if _moves(columns):
+                singly[i] = columns
+    if len(singly) == len(nominal) and effect.smooth:
+        free = np.arange(len(nominal))
+        return [Atom(typical, free, _transposed([singly[i] for i in free]))]
+    amplitudes = list(singly) or [0]
+    grids = [[q.typical] if i in amplitudes and effect.smooth else list(q.starts or (q.typical,))
+             for i, q in enumerate(effect.parameters)]
+    atoms = []
+    for start in list(product(*grids))[:MOST_STARTS]:
+        several, moving = [], []
+        for i in amplitudes:
+            theta = np.array(start, dtype=float)
+            theta[[j for j in amplitudes if j != i]] = nominal[
+                [j for j in amplitudes if j != i]]
+            columns = problem.difference({**problem.effects, name: values_of(effect, theta)})
+            if _moves(columns):
+                several.append(columns)
+                moving.append(i)
+        if several:
+            theta = np.array(start, dtype=float)
+            still = [j for j in amplitudes if j not in moving]
+            theta[still] = nominal[still]
+            atoms.append(Atom(theta, np.array(moving), _transposed(several)))
+    return atoms
+
+
+def _transposed(columns: list[list[Column]]) -> tuple[list[Column], ...]:
+    return tuple(list(one) for one in zip(*columns))
+
+
+def channels_of(columns: list[Column]) -> set[str]:
+    """Name the channels in which something happens."""
+    return {CHANNELS[c].name for column in columns for c in column}

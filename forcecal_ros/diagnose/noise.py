@@ -1,0 +1,122 @@
+"""Coloured noise of every channel and kind of motion: autoregressive models that whiten."""
+
+from typing import NamedTuple
+
+from forcecal_ros.geometry import Array
+import numpy as np
+from numpy.typing import NDArray
+
+ORDER = 8
+"""Of the autoregression."""
+
+FEWEST = 300
+"""Rows that a model of its own takes; a group with fewer shares the whole recording's."""
+
+GROUPS = ('rest', 'motion', 'contact')
+
+IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
+
+
+class Noise(NamedTuple):
+    """
+    Whitening filters of one recording.
+
+    Attributes
+    ----------
+    coefficients : ndarray, shape (groups, channels, ORDER)
+    sigma : ndarray, shape (groups, channels)
+        Of the innovations; 0 where a channel has no data.
+    rows : ndarray of bool, shape (n, channels)
+        Blocks whose whole history was measured.
+    groups : ndarray of int, shape (n,)
+    """
+
+    coefficients: Array
+    sigma: Array
+    rows: BoolArray
+    groups: IntArray
+
+    def whiten(self, columns: Array, channel: int) -> Array:
+        """
+        Whiten columns of one channel.
+
+        Parameters
+        ----------
+        columns : ndarray, shape (k, n)
+        channel : int
+
+        Returns
+        -------
+        ndarray, shape (k, n)
+            Zero where the history is missing.
+        """
+        a = self.coefficients[self.groups, channel]
+        out = columns.copy()
+        for i in range(ORDER):
+            out[:, i + 1:] -= a[i + 1:, i] * columns[:, :-i - 1]
+        sigma = self.sigma[self.groups, channel]
+        scale = np.where(self.rows[:, channel] & (sigma > 0.0), 1.0, 0.0)
+        return np.asarray(out * (scale / np.where(sigma > 0.0, sigma, 1.0)))
+
+    def rms(self, group: int = 0) -> Array:
+        """Stationary RMS of each channel's noise in one group, shape (channels,)."""
+        return np.array([_stationary(a, s) for a, s in zip(
+            self.coefficients[group], self.sigma[group])])
+
+    def density(self, group: int, channel: int, frequency: Array, rate: float) -> Array:
+        """One-sided power spectral density [unit^2/Hz] at frequencies [Hz]."""
+        z = np.exp(-2j * np.pi * np.outer(frequency / rate, np.arange(1, ORDER + 1)))
+        response = np.abs(1.0 - z @ self.coefficients[group, channel]) ** 2
+        return np.asarray(2.0 * self.sigma[group, channel] ** 2 / rate / response)
+
+
+def _stationary(a: Array, sigma: float) -> float:
+    frequency = (np.arange(2048) + 0.5) / 4096.0
+    z = np.exp(-2j * np.pi * np.outer(frequency, np.arange(1, len(a) + 1)))
+    return float(sigma * np.sqrt(np.mean(1.0 / np.abs(1.0 - z @ a) ** 2)))
+
+
+def fit_noise(residual: Array, present: BoolArray, groups: IntArray) -> Noise:
+    """
+    Fit the noise of one recording.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n, channels)
+    present : ndarray of bool, shape (n, channels)
+    groups : ndarray of int, shape (n,)
+        Kind of motion of each block, index into GROUPS.
+
+    Returns
+    -------
+    Noise
+    """
+    n, channels = residual.shape
+    rows = np.zeros((n, channels), dtype=bool)
+    coefficients = np.zeros((len(GROUPS), channels, ORDER))
+    sigma = np.zeros((len(GROUPS), channels))
+    for c in range(channels):
+        history = np.lib.stride_tricks.sliding_window_view(present[:, c], ORDER + 1).all(axis=1)
+        rows[ORDER:, c] = history
+        if rows[:, c].sum() < FEWEST:
+            rows[:, c] = False
+            continue
+        lags = np.lib.stride_tricks.sliding_window_view(residual[:, c], ORDER + 1)[:, ::-1]
+        pooled = _autoregression(lags[rows[ORDER:, c]])
+        for g in range(len(GROUPS)):
+            chosen = rows[ORDER:, c] & (groups[ORDER:] == g)
+            a, s = pooled
+            if chosen.sum() >= FEWEST:
+                a, s = _autoregression(lags[chosen])
+            coefficients[g, c], sigma[g, c] = a, s
+    return Noise(coefficients, sigma, rows, groups)
+
+
+def _autoregression(lags: Array) -> tuple[Array, float]:
+    """Fit lags[:, 0] by the other columns; give coefficients and innovations' sigma."""
+    gram = lags.T @ lags
+    inner = gram[1:, 1:] + np.eye(ORDER) * (1e-9 * gram[0, 0] + 1e-300)
+    a = np.linalg.solve(inner, gram[1:, 0])
+    variance = (gram[0, 0] - a @ gram[1:, 0]) / max(1, len(lags) - ORDER)
+    return a, float(np.sqrt(max(variance, 1e-30 * gram[0, 0] / len(lags))))

@@ -1,0 +1,146 @@
+"""What a sound rig may differ in from its file: parameters, its spreads as their priors."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+from forcecal_ros.sim.rig import Rig
+import numpy as np
+
+LIMIT = 3.0
+"""Spreads that a nuisance may take up; an effect of its name is what lies beyond."""
+
+
+class Nuisance(NamedTuple):
+    """
+    One parameter, in units of its spread.
+
+    Attributes
+    ----------
+    name : str
+    key : str
+        Of the rig's spreads.
+    apply : callable
+        (rig, physical value) -> rig; relative where the spread is.
+    where : str
+        ``wrench`` or ``volts``: known in closed form, column ``index``; ``rig``: simulated.
+    index : int
+    """
+
+    name: str
+    key: str
+    apply: Callable[[Rig, float], Rig]
+    where: str = 'rig'
+    index: int = 0
+
+
+def _scaled(section: str, name: str) -> Callable[[Rig, float], Rig]:
+    def apply(rig: Rig, x: float) -> Rig:
+        part = getattr(rig, section)
+        return replace(rig, **{section: replace(part, **{name: getattr(part, name) * (1 + x)})})
+    return apply
+
+
+def _shifted(section: str, name: str, index: int | None = None) -> Callable[[Rig, float], Rig]:
+    def apply(rig: Rig, x: float) -> Rig:
+        part = getattr(rig, section)
+        value = getattr(part, name)
+        value = value + x if index is None else _set(value, index, value[index] + x)
+        return replace(rig, **{section: replace(part, **{name: value})})
+    return apply
+
+
+def _set(values: tuple[float, ...], index: int, value: float) -> tuple[float, ...]:
+    return (*values[:index], float(value), *values[index + 1:])
+
+
+def _inertia(axis: int) -> Callable[[Rig, float], Rig]:
+    def apply(rig: Rig, x: float) -> Rig:
+        matrix = np.array(rig.tool.inertia)
+        matrix[axis, axis] *= 1.0 + x
+        return replace(rig, tool=replace(rig.tool, inertia=matrix))
+    return apply
+
+
+def _gain(index: int) -> Callable[[Rig, float], Rig]:
+    def apply(rig: Rig, x: float) -> Rig:
+        sensor = rig.wrench_sensor
+        gain = _set(sensor.gain, index, sensor.gain[index] * (1 + x))
+        return replace(rig, wrench_sensor=replace(sensor, gain=gain))
+    return apply
+
+
+def _accelerometer(field: str, index: int, name: str) -> Callable[[Rig, float], Rig]:
+    def apply(rig: Rig, x: float) -> Rig:
+        model = rig.accelerometer.model(name)
+        old = getattr(model, field)
+        new = old[index] * (1 + x) if field == 'gain' else old[index] + x
+        changed = replace(model, **{field: _set(old, index, new)})
+        return replace(rig, accelerometer=replace(rig.accelerometer, **{name: changed}))
+    return apply
+
+
+def nuisances(rig: Rig, accelerometer: str, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
+    """
+    List the nuisances that the streams at hand can show.
+
+    Parameters
+    ----------
+    rig : Rig
+    accelerometer : str
+    streams : tuple of str
+
+    Returns
+    -------
+    tuple of Nuisance
+    """
+    found: list[Nuisance] = []
+    if 'wrench' in streams:
+        found += [Nuisance('tool.mass', 'mass', _scaled('tool', 'mass'))]
+        found += [Nuisance(f'tool.com.{a}', 'com', _shifted('tool', 'com', i))
+                  for i, a in enumerate('xyz')]
+        found += [Nuisance(f'tool.inertia.{a}', 'inertia', _inertia(i))
+                  for i, a in enumerate('xyz')]
+    if rig.optidrive is not None:
+        found += [Nuisance(f'optidrive.{n}', n, _scaled('optidrive', n))
+                  for n in ('stiffness', 'damping')]
+    found += [Nuisance('wall.position', 'wall_position', _shifted('wall', 'position')),
+              Nuisance('wall.stiffness', 'wall_stiffness', _scaled('wall', 'stiffness')),
+              Nuisance('wall.damping', 'wall_damping', _scaled('wall', 'damping'))]
+    if 'wrench' in streams:
+        keys = ['force_bias'] * 3 + ['torque_bias'] * 3
+        found += [Nuisance(f'wrench.bias.{i}', key, _shifted('wrench_sensor', 'bias', i),
+                           'wrench', i) for i, key in enumerate(keys)]
+        found += [Nuisance(f'wrench.gain.{i}', 'wrench_gain', _gain(i), 'wrench', i)
+                  for i in range(6)]
+    if 'accelerometer' in streams:
+        found += [Nuisance(f'accelerometer.{field}.{i}', f'accelerometer_{field}',
+                           _accelerometer(field, i, accelerometer), 'volts', i)
+                  for field in ('gain', 'offset') for i in range(3)]
+    return tuple(found)
+
+
+def spreads(rig: Rig, of: tuple[Nuisance, ...]) -> tuple[float, ...]:
+    """Return the physical size of one spread of each nuisance."""
+    return tuple(float(getattr(rig.spreads, nuisance.key)) for nuisance in of)
+
+
+def apply_all(rig: Rig, of: tuple[Nuisance, ...], values: Mapping[str, float]) -> Rig:
+    """
+    Change a rig by nuisances.
+
+    Parameters
+    ----------
+    rig : Rig
+    of : tuple of Nuisance
+    values : mapping
+        Name to physical value, as the spread: relative or absolute.
+
+    Returns
+    -------
+    Rig
+    """
+    for nuisance in of:
+        if values.get(nuisance.name):
+            rig = nuisance.apply(rig, values[nuisance.name])
+    return rig

@@ -1,0 +1,103 @@
+"""Effects found, in the library's own parameters."""
+
+from collections.abc import Sequence
+
+from forcecal_ros.diagnose import datachecks
+from forcecal_ros.diagnose.problem import Problem
+from forcecal_ros.diagnose.result import Parameter
+from forcecal_ros.diagnose.selection import Accepted
+from forcecal_ros.diagnose.stamps import Corrected
+from forcecal_ros.geometry import Array
+from forcecal_ros.sim.effects import EFFECTS
+import numpy as np
+
+
+def parameters_of(problem: Problem, a: Accepted) -> dict[str, Parameter]:
+    """
+    Name the numbers of an accepted effect.
+
+    Parameters
+    ----------
+    problem : Problem
+        At the joint fit.
+    a : Accepted
+
+    Returns
+    -------
+    dict of str to Parameter
+        A released nuisance's is its whole departure from the rig as given.
+    """
+    quantities = EFFECTS[a.name].parameters
+    if len(a.theta):
+        return {q.name: Parameter(float(v), float(s), q.unit)
+                for q, v, s in zip(quantities, a.theta, a.std)}
+    out, covariance = {}, problem.fit_nuisances().covariance
+    index = [i for i, n in enumerate(problem.nuisances) if n.name in a.released]
+    for i, q in zip(index, quantities):
+        scale = float(problem.sizes[i]) * _physical(problem, problem.nuisances[i].key, q.unit)
+        out[q.name] = Parameter(q.nominal + float(problem.centre[i]) * scale,
+                                abs(scale) * float(np.sqrt(covariance[i, i])), q.unit)
+    return out
+
+
+def _physical(problem: Problem, key: str, unit: str) -> float:
+    """Turn a relative departure into the unit of the effect's parameter."""
+    rig = problem.rig
+    relative = {'mass': rig.tool.mass, 'wall_stiffness': rig.wall.stiffness,
+                'wall_damping': rig.wall.damping}
+    if rig.optidrive is not None:
+        relative |= {'stiffness': rig.optidrive.stiffness, 'damping': rig.optidrive.damping}
+    return relative.get(key, 1.0) if unit != '1' else 1.0
+
+
+def from_checks(stamps: Sequence[Corrected], noise: Array
+                ) -> tuple[dict[str, dict[str, Parameter]], tuple[str, ...]]:
+    """
+    Name the effects that stamps and values show without a model.
+
+    Parameters
+    ----------
+    stamps : sequence of Corrected
+    noise : ndarray, shape (16,)
+        RMS of one sample.
+
+    Returns
+    -------
+    effects : dict of str to dict of str to Parameter
+    notes : tuple of str
+    """
+    effects: dict[str, dict[str, Parameter]] = {}
+    notes: list[str] = []
+    skews = [s for one in stamps for s in one.skew.values()]
+    if skews:
+        quantity = EFFECTS['clock_skew'].parameters[0]
+        effects['clock_skew'] = {quantity.name: Parameter(
+            float(np.mean(skews)), float(np.std(skews)) + 1e-7, quantity.unit)}
+        notes.append('clocks run apart: ' + ', '.join(
+            f'{k} {1e6 * v:+.1f} ppm' for one in stamps for k, v in one.skew.items()))
+    lost = [v for one in stamps for v in one.lost.values()]
+    if lost:
+        quantity = EFFECTS['dropouts'].parameters[0]
+        effects['dropouts'] = {quantity.name: Parameter(
+            float(np.mean(lost)), float(np.std(lost)), quantity.unit)}
+        notes.append('samples are lost: ' + ', '.join(
+            f'{k} {100 * v:.2f} %' for one in stamps for k, v in one.lost.items()))
+    steps = [x for one in stamps for x in datachecks.lattices(one.recording, noise)]
+    wrench = [x for x in steps if x.channel.startswith(('force', 'torque'))]
+    if wrench:
+        quantities = EFFECTS['wrench_quantisation'].parameters
+        effects['wrench_quantisation'] = {
+            quantities[0].name: Parameter(wrench[0].step, 0.0, quantities[0].unit)}
+    notes += [f'{x.channel} comes in steps of {x.step:.4g}' for x in steps]
+    limits = [x for one in stamps
+              for x in datachecks.clipping(one.recording, tuple(steps))]
+    for prefix, name in (('force', 'wrench_saturation'), ('accel', 'accel_saturation')):
+        own = [x for x in limits if x.channel.startswith(prefix)]
+        if own:
+            quantity = EFFECTS[name].parameters[0]
+            effects[name] = {quantity.name: Parameter(
+                float(min(abs(x.limit) for x in own)), 0.0, quantity.unit)}
+    notes += [f'{x.channel} stops at {x.limit:.4g} ({x.count} samples)' for x in limits]
+    notes += [f'stamps of {c.stream} scatter by {1e3 * c.jitter:.2f} ms' for one in stamps
+              for c in one.clocks if c.jitter * c.rate > datachecks.JITTER]
+    return effects, tuple(notes)

@@ -1,0 +1,279 @@
+"""From one recording, or a pair, to a diagnosis."""
+
+from dataclasses import dataclass, replace
+
+from forcecal_ros.diagnose import datachecks, remainder
+from forcecal_ros.diagnose.case import Case, prepare, split
+from forcecal_ros.diagnose.channels import CHANNELS
+from forcecal_ros.diagnose.gap import Arms, Gap, gap
+from forcecal_ros.diagnose.hypotheses import hypotheses, Hypothesis
+from forcecal_ros.diagnose.nuisances import apply_all
+from forcecal_ros.diagnose.parameters import from_checks, parameters_of
+from forcecal_ros.diagnose.problem import Problem, problem
+from forcecal_ros.diagnose.remainder import Ceiling, Cell
+from forcecal_ros.diagnose.result import Diagnosis, Found, Parameter
+from forcecal_ros.diagnose.selection import select, Selection
+from forcecal_ros.diagnose.stamps import Corrected, corrected
+from forcecal_ros.diagnose.verdict import probabilities, Remains, verdict
+from forcecal_ros.diagnose.where import Place, places, stage_of
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array
+from forcecal_ros.samples import Recording
+from forcecal_ros.sim.effects import EFFECTS, with_effects
+from forcecal_ros.sim.rig import Rig
+import numpy as np
+
+VISIBLE = 25.0
+"""Whitened energy that a typical size must have in order to be seen."""
+
+MOVING = 2.0
+"""Motion that a recording needs [s]."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """
+    A diagnosis and what it rests on.
+
+    Attributes
+    ----------
+    diagnosis : Diagnosis
+    rig : Rig
+        Recalibrated, with the effects.
+    recalibrated, explained : tuple of ndarray, shape (n, 16)
+        Measured less simulated, in block means, of each recording.
+    cases : tuple of Case
+    noise : ndarray, shape (16,)
+        RMS of one sample of each channel.
+    """
+
+    diagnosis: Diagnosis
+    rig: Rig
+    recalibrated: tuple[Array, ...] = ()
+    explained: tuple[Array, ...] = ()
+    cases: tuple[Case, ...] = ()
+    noise: Array | None = None
+
+
+def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
+             accelerometer: str | None = None) -> Outcome:
+    """
+    Find out where, why and how far a recording departs from a rig.
+
+    Parameters
+    ----------
+    recording : Recording
+        To fit on.
+    heldout : Recording or None
+        To judge on; parts of ``recording`` are held out where none is given.
+    rig : Rig
+    accelerometer : str, optional
+        ``acc1`` or ``acc2``; recognised where none is given.
+
+    Returns
+    -------
+    Outcome
+        Data that cannot answer come out as such, with the reason.
+    """
+    given = [recording] if heldout is None else [recording, heldout]
+    try:
+        stamps = [corrected(r, rig) for r in given]
+        cases = [prepare(s.recording, rig, accelerometer) for s in stamps]
+    except DataError as error:
+        return Outcome(Diagnosis('invalid_data', str(error)), rig)
+    if heldout is None:
+        cases = [split(cases[0])]
+    else:
+        cases[1] = replace(cases[1], train=cases[1].held, held=cases[1].train)
+    p = problem(rig, tuple(cases))
+    return _conclude(p, hypotheses(p), stamps)
+
+
+def _conclude(p: Problem, found: list[Hypothesis], stamps: list[Corrected]) -> Outcome:
+    selection = select(p, found)
+    final = selection.problem
+    noise = sample_noise(final)
+    checks = _Checks.of(stamps, final, noise)
+    ceiling = remainder.ceiling(final, final.base, final.blocks)
+    strongest = [c for case, n, b in zip(final.cases, final.noise, final.blocks)
+                 for c in remainder.cells(case, n, b)]
+    strongest.sort(key=lambda cell: -cell.z)
+    remains = _remains(ceiling, strongest, checks, final)
+    left = [_left(ceiling, i) for i in range(len(final.cases))]
+    measured = _gap(p, final, left, noise, strongest)
+    named = [a.name for a in selection.accepted]
+    slots = [(a.name, selection.rivals.get(a.name, {})) for a in selection.accepted]
+    shares, candidates = probabilities(slots, remains, measured.closed)
+    candidates = sorted([*candidates, *((n, 0.99) for n in checks.effects)],
+                        key=lambda pair: -pair[1])
+    invisible = not_excited(p, found)
+    moving = sum(float((c.groups > 0).sum()) for c in p.cases) * 0.004 > MOVING
+    excited = moving and len(invisible) <= 0.5 * len(EFFECTS)
+    word, sentence = verdict([*named, *checks.effects], candidates, remains,
+                             measured.closed if named else 1.0, excited)
+    effects = [Found(a.name, parameters_of(final, a), shares[a.name])
+               for a in selection.accepted]
+    effects += [Found(n, v, 0.99) for n, v in checks.effects.items()]
+    if word == 'unknown':
+        effects = [Found('unknown', {}, dict(candidates).get('unknown', 0.9))]
+    diagnosis = Diagnosis(
+        word, sentence, tuple(effects), tuple(candidates),
+        _where(p, final, selection, ceiling), measured, tuple(invisible), checks.notes,
+        {'ceiling_sigma': float(ceiling.z.max()), 'cell_sigma': strongest[0].z,
+         'ratio': remains.ratio})
+    return Outcome(diagnosis, patched(final, selection, checks), tuple(p.blocks),
+                   tuple(final.blocks),
+                   final.cases, noise)
+
+
+@dataclass(frozen=True)
+class _Checks:
+    """What the data say before any model, as effects and notes."""
+
+    effects: dict[str, dict[str, Parameter]]
+    notes: tuple[str, ...]
+    lines: tuple[datachecks.Line, ...]
+    impulses: Array
+
+    @classmethod
+    def of(cls, stamps: list[Corrected], final: Problem, noise: Array) -> '_Checks':
+        effects, notes = from_checks(stamps, noise)
+        lines: list[datachecks.Line] = []
+        for case, signals in zip(final.cases, final.base):
+            for name in ('wrench', 'accelerometer', 'optidrive'):
+                if name in case.measured.streams:
+                    rows = case.measured.samples(name, signals)
+                    lines += datachecks.lines(rows, getattr(case.recording, name).rate, name)
+        count = np.array(sum(remainder.impulses(n, b)
+                             for n, b in zip(final.noise, final.blocks)))
+        return cls(effects, notes, tuple(lines), count)
+
+
+def patched(p: Problem, selection: Selection, checks: '_Checks') -> Rig:
+    """
+    Recalibrate the rig and give it the effects, those that share a nuisance by their own name.
+
+    Parameters
+    ----------
+    p : Problem
+        At the joint fit.
+    selection : Selection
+    checks : _Checks
+
+    Returns
+    -------
+    Rig
+    """
+    values = {n.name: float(c * s) for n, c, s in zip(p.nuisances, p.centre, p.sizes)
+              if n.name not in p.released}
+    effects = {a.name: {k: v.value for k, v in parameters_of(p, a).items()}
+               for a in selection.accepted}
+    effects.update({n: {k: v.value for k, v in found.items()}
+                    for n, found in checks.effects.items()})
+    rig = apply_all(p.rig, p.nuisances, values)
+    return with_effects(rig, effects) if effects else rig
+
+
+def sample_noise(p: Problem) -> Array:
+    """
+    RMS of the noise of one sample of every channel.
+
+    Parameters
+    ----------
+    p : Problem
+
+    Returns
+    -------
+    ndarray, shape (16,)
+        0 where there is no channel.
+    """
+    total = np.zeros(len(CHANNELS))
+    for case, noise, signals in zip(p.cases, p.noise, p.base):
+        within = case.measured.scatter(signals)
+        total += np.where(noise.sigma[0] > 0.0, noise.rms(0) ** 2 + within, 0.0)
+    return np.asarray(np.sqrt(total / len(p.cases)))
+
+
+def _remains(ceiling: Ceiling, cells: list[Cell], checks: _Checks, p: Problem) -> Remains:
+    z = np.where(ceiling.size > remainder.SMALL, ceiling.z, 0.0)
+    c, cell = int(z.argmax()), cells[0]
+    several = int(checks.impulses.max())
+    line = max(checks.lines, key=lambda one: one.power, default=None)
+    options = [
+        (float(z[c]) / remainder.PREDICTABLE,
+         f'{CHANNELS[c].name}, predictable from the motion ({z[c]:.1f} sigma)'),
+        (cell.z / remainder.STRONG,
+         f'{CHANNELS[cell.channel].name} in {cell.phase}, {cell.band[0]:g} to '
+         f'{cell.band[1]:g} Hz ({cell.z:.1f} sigma)'),
+        (several / remainder.IMPULSES,
+         f'{several} impulses in {CHANNELS[int(checks.impulses.argmax())].name}')]
+    if line is not None:
+        options.append((line.power / datachecks.LINE,
+                        f'a line at {line.frequency:.2f} Hz in {line.channel}'))
+    return Remains(*max(options))
+
+
+def _left(ceiling: Ceiling, case: int) -> Array:
+    real = (ceiling.z > remainder.PREDICTABLE) & (ceiling.size > remainder.SMALL)
+    return np.where(real, ceiling.prediction[case], 0.0)
+
+
+def _gap(p: Problem, final: Problem, left: list[Array], noise: Array,
+         cells: list[Cell]) -> Gap:
+    arms = []
+    for before, after, rest, case in zip(p.blocks, final.blocks, left, p.cases):
+        nominal = case.measured.blocks(case.nominal)
+        arms.append(Arms(before, nominal - before, before - after, rest))
+    energy = np.zeros(len(CHANNELS))
+    for c in range(len(CHANNELS)):
+        strong = [x for x in cells if x.channel == c and x.z > remainder.STRONG]
+        if strong and not np.any([x[:, c].any() for x in left]):
+            rows = [case.held for case in final.cases]
+            rms = [b[r, c] for b, r in zip(final.blocks, rows)]
+            level = np.mean([n.rms(0)[c] ** 2 for n in final.noise])
+            energy[c] = max(0.0, float(np.mean(np.concatenate(rms) ** 2) - level))
+    return gap(p.cases, arms, noise, energy)
+
+
+def _where(p: Problem, final: Problem, selection: Selection, ceiling: Ceiling
+           ) -> tuple[Place, ...]:
+    differences = [b - a + _left(ceiling, i)
+                   for i, (b, a) in enumerate(zip(p.blocks, final.blocks))]
+    stages = {EFFECTS[a.name].stage for a in selection.accepted}
+
+    def stage(channel: str, phase: str, touched: set[str]) -> str:
+        return next(iter(stages)) if len(stages) == 1 else stage_of(channel, phase, touched)
+
+    return places(p.cases, final.noise, p.blocks, differences, stage)
+
+
+def not_excited(p: Problem, found: list[Hypothesis]) -> list[str]:
+    """
+    List the effects of the library that these recordings could not show at a typical size.
+
+    Parameters
+    ----------
+    p : Problem
+    found : list of Hypothesis
+
+    Returns
+    -------
+    list of str
+    """
+    m = len(p.nuisances)
+    extra = [[c for h in found for a in h.atoms[:1] for c in a.columns[i]]
+             for i in range(len(p.cases))]
+    train, held = p.grams(extra)
+    energy = np.diag(train.matrix) + np.diag(held.matrix)
+    visible, position = set(), m
+    for h in found:
+        if h.released:
+            index = [i for i, n in enumerate(p.nuisances) if n.name in h.released]
+            best = 9.0 * max(energy[i] for i in index)
+        else:
+            k = len(h.atoms[0].free)
+            best, position = max(energy[position:position + k]), position + k
+        if best > VISIBLE:
+            visible.add(h.name)
+    return [h.name for h in found if h.name not in visible]
+

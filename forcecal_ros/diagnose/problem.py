@@ -1,0 +1,157 @@
+"""The state of a diagnosis: the rig as explained so far, its residuals, columns and noise."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from forcecal_ros.diagnose.case import Case
+from forcecal_ros.diagnose.channels import CHANNELS
+from forcecal_ros.diagnose.columns import Column, column, combined, gram, nuisance_column
+from forcecal_ros.diagnose.evidence import Fit, fit, Gram, Prior
+from forcecal_ros.diagnose.noise import fit_noise, Noise
+from forcecal_ros.diagnose.nuisances import apply_all, LIMIT, Nuisance, nuisances, spreads
+from forcecal_ros.diagnose.replay import Signals
+from forcecal_ros.geometry import Array
+from forcecal_ros.sim.effects import with_effects
+from forcecal_ros.sim.rig import Rig
+import numpy as np
+
+FREE = 1e-4
+"""Prior precision of a released parameter, in units of its spread or typical size."""
+
+Values = Mapping[str, Mapping[str, float]]
+"""Effect -> parameter -> value."""
+
+
+@dataclass
+class Problem:
+    """
+    Recordings, and the rig as it is explained so far.
+
+    Attributes
+    ----------
+    rig : Rig
+        As given.
+    cases : tuple of Case
+        To fit on and to judge on; one recording may do both.
+    effects : Values
+        Accepted, beside released nuisances.
+    centre : ndarray, shape (m,)
+        Nuisances where residuals and columns are taken, in spreads.
+    released : frozenset of str
+        Nuisances that an accepted effect frees from their prior.
+    """
+
+    rig: Rig
+    cases: tuple[Case, ...]
+    nuisances: tuple[Nuisance, ...] = ()
+    sizes: Array = field(default_factory=lambda: np.zeros(0))
+    level: Array = field(default_factory=lambda: np.ones(len(CHANNELS)))
+    effects: Values = field(default_factory=dict)
+    released: frozenset[str] = frozenset()
+    centre: Array = field(default_factory=lambda: np.zeros(0))
+    base: list[Signals] = field(default_factory=list)
+    blocks: list[Array] = field(default_factory=list)
+    columns: list[list[Column]] = field(default_factory=list)
+    noise: list[Noise] = field(default_factory=list)
+
+    def current(self, effects: Values | None = None) -> Rig:
+        """Return the rig at the centre, with the accepted effects or with others."""
+        values = dict(zip((n.name for n in self.nuisances), self.centre * self.sizes))
+        rig = apply_all(self.rig, self.nuisances, values)
+        chosen = self.effects if effects is None else effects
+        return with_effects(rig, chosen) if chosen else rig
+
+    def prior(self, released: frozenset[str] = frozenset()) -> Prior:
+        """Return the prior of the nuisances, some of them released."""
+        free = np.array([n.name in released | self.released for n in self.nuisances], dtype=bool)
+        return Prior(self.centre, np.where(free, FREE, 1.0), np.where(free, np.inf, LIMIT))
+
+    def simulate(self, effects: Values, case: int) -> Array:
+        """Return measured less simulated of one recording with other effects, (n, 16)."""
+        one = self.cases[case]
+        return one.measured.blocks(one.replay.signals(self.current(effects)))
+
+    def settle(self) -> None:
+        """Simulate at the centre; columns stay as they are."""
+        rig = self.current()
+        self.base = [c.replay.signals(rig) for c in self.cases]
+        self.blocks = [c.measured.blocks(s) for c, s in zip(self.cases, self.base)]
+
+    def linearise(self) -> None:
+        """Simulate at the centre and take the nuisances' columns there."""
+        self.settle()
+        rig = self.current()
+        self.columns = [
+            [nuisance_column(c, n, size, rig, s, b, self.level)
+             for n, size in zip(self.nuisances, self.sizes)]
+            for c, s, b in zip(self.cases, self.base, self.blocks)]
+
+    def grams(self, extra: list[list[Column]], blocks: list[Array] | None = None
+              ) -> tuple[Gram, Gram]:
+        """Return the training and the held-out Gram of nuisances' and further columns."""
+        total: list[Gram] = []
+        for i, case in enumerate(self.cases):
+            parts = gram(self.noise[i], [*self.columns[i], *extra[i]],
+                         (blocks or self.blocks)[i], [case.train, case.held])
+            total = [a + b for a, b in zip(total, parts)] if total else parts
+        return total[0], total[1]
+
+    def fit_nuisances(self) -> Fit:
+        """Fit the nuisances alone on the training blocks."""
+        train, _ = self.grams([[] for _ in self.cases])
+        return fit(train, self.prior())
+
+    def refit_noise(self, x: Array) -> None:
+        """Fit the noise of what a step of the nuisances leaves."""
+        self.noise = [
+            fit_noise(b - combined(columns, x, len(b)), c.measured.present, c.groups)
+            for b, columns, c in zip(self.blocks, self.columns, self.cases)]
+
+    def recalibrate(self, rounds: int = 2) -> None:
+        """Move the centre to the best nuisances, noise refitted on the way."""
+        for i in range(rounds):
+            self.refit_noise(np.zeros(len(self.nuisances)))
+            self.refit_noise(self.fit_nuisances().x)
+            self.centre = self.centre + self.fit_nuisances().x
+            if i == 0:
+                self.linearise()
+            else:
+                self.settle()
+        self.refit_noise(np.zeros(len(self.nuisances)))
+
+    def difference(self, effects: Values) -> list[Column]:
+        """Return what other effects do to each recording, as columns."""
+        return [column(b - self.simulate(effects, i), self.level)
+                for i, b in enumerate(self.blocks)]
+
+
+def noise_level(rig: Rig, streams: tuple[str, ...], accelerometer: str) -> Array:
+    """Return the rig's noise of every channel in one block mean, shape (16,)."""
+    optidrive = rig.optidrive.noise if rig.optidrive else 1.0
+    level = [rig.wrench_sensor.force_noise] * 3 + [rig.wrench_sensor.torque_noise] * 3
+    level += [rig.accelerometer.noise] * 3 + [optidrive]
+    level += [2.0 * rig.pose_sensor.position_noise] * 3
+    level += [2.0 * rig.pose_sensor.orientation_noise] * 3
+    return np.maximum(np.array(level) / 2.0, 1e-12)
+
+
+def problem(rig: Rig, cases: tuple[Case, ...]) -> Problem:
+    """
+    Set up a diagnosis, recalibrated.
+
+    Parameters
+    ----------
+    rig : Rig
+    cases : tuple of Case
+
+    Returns
+    -------
+    Problem
+    """
+    name, streams = cases[0].replay.accelerometer, cases[0].measured.streams
+    found = nuisances(rig, name, streams)
+    out = Problem(rig, cases, found, np.array(spreads(rig, found)),
+                  noise_level(rig, streams, name), centre=np.zeros(len(found)))
+    out.linearise()
+    out.recalibrate()
+    return out

@@ -1,0 +1,244 @@
+"""What no effect explains: predictable from the motion, too strong in a cell, or impulsive."""
+
+from typing import NamedTuple
+
+from forcecal_ros.diagnose.case import Case
+from forcecal_ros.diagnose.channels import CHANNELS
+from forcecal_ros.diagnose.noise import Noise
+from forcecal_ros.diagnose.problem import Problem
+from forcecal_ros.diagnose.replay import Signals
+from forcecal_ros.geometry import Array
+import numpy as np
+from scipy.stats import norm
+
+PREDICTABLE = 5.5
+"""Sigmas of a channel's prediction from which something is left."""
+
+STRONG = 9.0
+"""Sigmas of a cell's energy from which something is left."""
+
+IMPULSE = 7.0
+"""Innovation, in its sigma, that noise does not make."""
+
+IMPULSES = 4
+"""So many of them count."""
+
+SMALL = 0.05
+"""RMS of what is left, in noise RMS, that is no gap."""
+
+LAGS = (-4, -2, -1, 1, 2, 4, 8)
+"""Blocks by which the main inputs are shifted."""
+
+BANDS = ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 16.0), (16.0, 32.0),
+         (32.0, 62.5), (62.5, 125.0))
+"""Octaves [Hz] of the block means."""
+
+RATE = 250.0
+
+
+class Ceiling(NamedTuple):
+    """
+    How well the remainder of each channel is predicted from the motion.
+
+    Attributes
+    ----------
+    z : ndarray, shape (16,)
+        Held out; N(0, 1) where nothing is left.
+    size : ndarray, shape (16,)
+        RMS of the prediction in noise RMS, largest kind of motion.
+    prediction : tuple of ndarray, shape (n, 16)
+        One for each recording.
+    """
+
+    z: Array
+    size: Array
+    prediction: tuple[Array, ...]
+
+
+class Cell(NamedTuple):
+    """Energy of one channel, phase and octave against the noise at rest."""
+
+    channel: int
+    phase: str
+    band: tuple[float, float]
+    excess: float
+    z: float
+
+    @property
+    def p(self) -> float:
+        """One-sided probability by chance."""
+        return float(norm.sf(self.z))
+
+
+def features(case: Case, s: Signals) -> Array:
+    """
+    List the inputs that an unknown effect may depend on, as block means.
+
+    Parameters
+    ----------
+    case : Case
+    s : Signals
+
+    Returns
+    -------
+    ndarray, shape (k, n)
+    """
+    n = len(case.groups)
+    v_sensor = np.einsum('nij,ni->nj', s.R_base_sensor, s.velocity)
+    time = (np.arange(len(s.wrench)) / len(s.wrench))[:, np.newaxis]
+    push = s.contact[:, :3]
+    wrench = s.wrench - s.wrench.mean(axis=0)
+    main = np.concatenate([wrench, s.specific_force - s.specific_force.mean(axis=0),
+                           s.velocity, s.omega, s.optidrive[:, np.newaxis],
+                           s.speed[:, np.newaxis]], axis=1)
+    speed = s.speed[:, np.newaxis]
+    slow = np.concatenate([
+        s.position - s.position.mean(axis=0), s.R_base_sensor[:, 2, :],
+        s.R_base_sensor[:, 0, :], s.acceleration, s.alpha, push, time, time ** 2,
+        time * wrench, np.tanh(s.velocity / 2e-3), np.tanh(v_sensor / 2e-3),
+        np.tanh(s.omega / 5e-3), np.tanh(speed / 2e-4), np.tanh(speed / 2e-3),
+        np.abs(s.velocity), s.optidrive[:, np.newaxis] ** 3, wrench[:, :3] ** 2,
+        wrench[:, :3] ** 3, push ** 2, np.sqrt(np.abs(push)), (np.abs(push) > 0.0),
+        s.omega ** 2, s.velocity ** 2], axis=1)
+    base = np.concatenate([main, slow], axis=1).reshape(n, -1, main.shape[1] + slow.shape[1])
+    blocks = base.mean(axis=1).T
+    shifted = [np.roll(blocks[:main.shape[1]], lag, axis=1) for lag in LAGS]
+    out = np.concatenate([blocks, *shifted])
+    scale = np.sqrt(np.mean(out ** 2, axis=1, keepdims=True))
+    return np.asarray(out[(scale > 1e-12).ravel()] / scale[scale > 1e-12][:, np.newaxis])
+
+
+def ceiling(problem: Problem, signals: list[Signals], blocks: list[Array]) -> Ceiling:
+    """
+    Predict the remainder of every channel from the motion, trained and judged apart.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its noise belongs to ``blocks``.
+    signals : list of Signals
+        Simulated, as far as is explained.
+    blocks : list of ndarray, shape (n, 16)
+        What remains.
+
+    Returns
+    -------
+    Ceiling
+    """
+    inputs = [features(c, s) for c, s in zip(problem.cases, signals)]
+    k = min(len(i) for i in inputs)
+    inputs = [i[:k] for i in inputs] if all(len(i) == k for i in inputs) else \
+        [_padded(i, max(map(len, inputs))) for i in inputs]
+    z, size = np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS))
+    predictions = tuple(np.zeros_like(b) for b in blocks)
+    for c in range(len(CHANNELS)):
+        if not any(n.sigma[:, c].any() for n in problem.noise):
+            continue
+        white = [n.whiten(np.vstack([b[:, c], i]), c)
+                 for n, b, i in zip(problem.noise, blocks, inputs)]
+        train = sum(w[:, p.train] @ w[:, p.train].T for w, p in zip(white, problem.cases))
+        held = sum(w[:, p.held] @ w[:, p.held].T for w, p in zip(white, problem.cases))
+        theta = _ridge(np.asarray(train))
+        energy = float(theta @ held[1:, 1:] @ theta)
+        if energy > 1e-9:
+            z[c] = float(theta @ held[1:, 0]) / np.sqrt(energy)
+        for one, i, noise, case in zip(predictions, inputs, problem.noise, problem.cases):
+            one[:, c] = theta @ i
+            for g in range(3):
+                rows = case.held & (case.groups == g)
+                if rows.sum() >= 50 and noise.sigma[g, c] > 0.0:
+                    ratio = np.sqrt(np.mean(one[rows, c] ** 2)) / noise.rms(g)[c]
+                    size[c] = max(size[c], float(ratio))
+    return Ceiling(z, size, predictions)
+
+
+def _padded(rows: Array, k: int) -> Array:
+    return np.vstack([rows, np.zeros((k - len(rows), rows.shape[1]))])
+
+
+def _ridge(gram: Array) -> Array:
+    """Fit with the ridge that the training data find likeliest."""
+    matrix, vector = gram[1:, 1:], gram[1:, 0]
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-12))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    values = np.maximum(values, 0.0)
+    turned = vectors.T @ (vector / scale)
+
+    def evidence(ridge: float) -> float:
+        return float(0.5 * np.sum(turned ** 2 / (values + ridge))
+                     - 0.5 * np.sum(np.log1p(values / ridge)))
+
+    best = max(10.0 ** np.arange(-6.0, 4.0), key=evidence)
+    if evidence(best) < 0.0:
+        return np.zeros(len(vector))
+    return np.asarray(vectors @ (turned / (values + best)) / scale)
+
+
+def cells(case: Case, noise: Noise, blocks: Array) -> list[Cell]:
+    """
+    Compare the energy of every channel, phase and octave with the noise at rest.
+
+    Noise that is stronger in a phase at all frequencies is still noise: the highest octave's
+    ratio divides the others'.
+
+    Parameters
+    ----------
+    case : Case
+    noise : Noise
+    blocks : ndarray, shape (n, 16)
+
+    Returns
+    -------
+    list of Cell
+    """
+    resting = max(1, int((case.groups == 0).sum()))
+    scatter = 2.0 / max(20.0, resting / 10.0)
+    rest = noise._replace(coefficients=np.repeat(noise.coefficients[:1], 3, axis=0),
+                          sigma=np.repeat(noise.sigma[:1], 3, axis=0))
+    phases, found = case.phase_rows(), []
+    for c in range(len(CHANNELS)):
+        if not noise.sigma[:, c].any():
+            continue
+        white = rest.whiten(blocks[:, c][np.newaxis], c)[0]
+        for word, rows in phases.items():
+            energy, dof = _octaves(white, rows & noise.rows[:, c])
+            ratio = energy / np.maximum(dof, 1.0)
+            common = max(1.0, float(ratio[-1])) if dof[-1] > 20 else 1.0
+            for b, band in enumerate(BANDS[:-1]):
+                if dof[b] >= 4:
+                    over = ratio[b] / common - 1.0
+                    z = over / np.sqrt(2.0 / dof[b] + scatter)
+                    z = min(z, _cube_root(ratio[b] / common, dof[b]))
+                    found.append(Cell(c, word, band, float(np.sqrt(max(0.0, over))), float(z)))
+    return sorted(found, key=lambda cell: -cell.z)
+
+
+def _cube_root(ratio: float, dof: float) -> float:
+    """Give the normal score of a chi-square ratio (Wilson and Hilferty)."""
+    q = 2.0 / (9.0 * dof)
+    return float((np.cbrt(ratio) - (1.0 - q)) / np.sqrt(q))
+
+
+def _octaves(white: Array, rows: Array) -> tuple[Array, Array]:
+    energy, dof = np.zeros(len(BANDS)), np.zeros(len(BANDS))
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], rows.astype(int), [0]])))
+    for i, j in zip(edges[::2], edges[1::2]):
+        n = j - i
+        if n < 50:
+            continue
+        power = np.abs(np.fft.rfft(white[i:j])) ** 2 / n
+        weight = np.full(len(power), 2.0)
+        weight[0] = 1.0
+        frequency = np.arange(len(power)) * RATE / n
+        for b, (low, high) in enumerate(BANDS):
+            chosen = (frequency >= low) & (frequency < high)
+            energy[b] += float(np.sum((power * weight)[chosen]))
+            dof[b] += float(np.sum(weight[chosen]))
+    return energy, dof
+
+
+def impulses(noise: Noise, blocks: Array) -> Array:
+    """Count innovations of each channel that noise does not make, shape (16,)."""
+    return np.array([
+        np.sum(np.abs(noise.whiten(blocks[:, c][np.newaxis], c)) > IMPULSE)
+        if noise.sigma[:, c].any() else 0 for c in range(len(CHANNELS))])

@@ -1,0 +1,156 @@
+"""The recorded commands through the rig, noise-free, kinematics shared between variants."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+from forcecal_ros.geometry import Array
+from forcecal_ros.samples import PoseStream
+from forcecal_ros.sim.effects import AccelerometerEffects, EFFECTS, WrenchEffects
+from forcecal_ros.sim.offline import held_commands
+from forcecal_ros.sim.plant import Plant, same_motion
+from forcecal_ros.sim.rig import Rig
+from forcecal_ros.sim.robot import Motion
+from forcecal_ros.sim.simulator import checked_commands
+import numpy as np
+
+RATE = 1000.0
+"""Of the replayed signals [Hz]."""
+
+KEPT = 2
+"""Simulations that are remembered, for effects that only act on their signals."""
+
+UNSEEN = ('wrench_quantisation', 'clock_skew', 'dropouts')
+"""Effects that show in values and stamps, not in the mean of a signal."""
+
+
+class Signals(NamedTuple):
+    """
+    What noise-free sensors would say; sample i is the state at ``start + (i + 1) / RATE``.
+
+    Attributes
+    ----------
+    start : float
+        [s]
+    wrench : ndarray, shape (n, 6)
+        As on the wire [N], [N m].
+    volts : ndarray, shape (n, 3)
+    optidrive : ndarray, shape (n,)
+        [m]
+    position : ndarray, shape (n, 3)
+        Of S in base [m].
+    R_base_sensor : ndarray, shape (n, 3, 3)
+    velocity, acceleration : ndarray, shape (n, 3)
+        Of S in base [m/s], [m/s^2].
+    omega, alpha : ndarray, shape (n, 3)
+        In S [rad/s], [rad/s^2].
+    speed : ndarray, shape (n,)
+        Of the slide [m/s].
+    contact : ndarray, shape (n, 6)
+        Environment on tool, in S [N], [N m].
+    specific_force : ndarray, shape (n, 3)
+        [m/s^2]
+    """
+
+    start: float
+    wrench: Array
+    volts: Array
+    optidrive: Array
+    position: Array
+    R_base_sensor: Array
+    velocity: Array
+    acceleration: Array
+    omega: Array
+    alpha: Array
+    speed: Array
+    contact: Array
+    specific_force: Array
+
+
+class Replay:
+    """
+    One stream of commands, simulated as often as needed.
+
+    Parameters
+    ----------
+    rig : Rig
+        Gives the period of the commands.
+    target : PoseStream
+    start : float
+        When period 0 begins [s].
+    end : float
+        How far to go [s].
+    accelerometer : str
+        ``acc1`` or ``acc2``.
+    """
+
+    def __init__(self, rig: Rig, target: PoseStream, start: float, end: float,
+                 accelerometer: str) -> None:
+        period = rig.robot.period
+        self.start, self.accelerometer = start, accelerometer
+        self.n_periods = max(1, int(np.floor((end - start) / period + 1e-6)))
+        starts = start + period * np.arange(self.n_periods)
+        held = held_commands(target.t, starts, period / 2.0)
+        positions, xyzw = checked_commands(target.position, target.R_base_sensor)
+        self._positions, self._xyzw = positions[held], xyzw[held]
+        self._motions: dict[object, Motion] = {}
+        self._cached: dict[object, Signals] = {}
+        self.simulations = 0
+
+    def signals(self, rig: Rig) -> Signals:
+        """
+        Simulate the rig.
+
+        Parameters
+        ----------
+        rig : Rig
+
+        Returns
+        -------
+        Signals
+        """
+        physics = self._physics(rig)
+        model, sensor = rig.accelerometer.model(self.accelerometer), rig.wrench_sensor
+        effects = tuple(one for one in rig.effects if one[0] not in UNSEEN)
+        seen = rig if effects == rig.effects else replace(rig, effects=effects)
+        wrench = physics.wrench * sensor.gain + sensor.bias
+        volts = physics.specific_force * model.gain + model.offset
+        if seen.effects:
+            on_wrench = WrenchEffects(seen, 1.0 / RATE)
+            on_volts = AccelerometerEffects(seen, self.accelerometer, 1.0 / RATE)
+            wrench = on_wrench.after_noise(on_wrench.before_noise(wrench))
+            volts = on_volts.after_noise(on_volts.before_noise(volts))
+        return physics._replace(wrench=wrench, volts=volts)
+
+    def _physics(self, rig: Rig) -> Signals:
+        """Simulate without what the sensors add; the last few rigs' are kept."""
+        own = tuple(one for one in rig.effects if EFFECTS[one[0]].where == 'rig')
+        key = (rig.robot, rig.servo, rig.tool, rig.optidrive, rig.wall, rig.gravity,
+               rig.accelerometer.position, rig.accelerometer.model(self.accelerometer).highpass,
+               own)
+        if key not in self._cached:
+            if len(self._cached) >= KEPT:
+                self._cached.pop(next(iter(self._cached)))
+            self._cached[key] = self._simulated(rig)
+        return self._cached[key]
+
+    def _simulated(self, rig: Rig) -> Signals:
+        self.simulations += 1
+        plant = Plant(rig, self.accelerometer)
+        plant.rest(self._positions[0], self._xyzw[0])
+        steps, key = plant.steps, (same_motion(rig), plant.steps)
+        if key not in self._motions:
+            if len(self._motions) >= KEPT:
+                self._motions.pop(next(reversed(self._motions)))
+            self._motions[key] = plant.move(self._positions, self._xyzw)
+        motion = self._motions[key]
+        slide, response = plant.respond(motion)
+        every = round(steps / (RATE * rig.robot.period))
+        nodes, ends = slice(2 * every, None, 2 * every), slice(every - 1, None, every)
+        kept = [part[nodes].copy() for part in (
+            motion.position, motion.R_base_sensor, motion.velocity, motion.acceleration,
+            motion.omega, motion.alpha)]
+        specific_force = response.specific_force[ends].copy()
+        return Signals(self.start, response.wrench[ends].copy(), specific_force,
+                       slide.slide[every::every].copy(), *kept,
+                       slide.speed[every::every].copy(), response.contact[ends].copy(),
+                       specific_force)

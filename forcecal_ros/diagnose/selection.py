@@ -1,0 +1,239 @@
+"""Which effects: added one by one with joint refits, dropped again, exchanged, and weighed."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from forcecal_ros.diagnose.hypotheses import bounds_of, Hypothesis, values_of
+from forcecal_ros.diagnose.problem import Problem
+from forcecal_ros.diagnose.trial import Bench, Tangent, tangent, Trial
+from forcecal_ros.geometry import Array
+from forcecal_ros.sim.effects import EFFECTS
+import numpy as np
+
+SIGNIFICANT = 0.01
+"""Family-wise error of a round (Holm's first step)."""
+
+LEAST_GAIN = 3.0
+"""Held-out log-likelihood that an effect has to bring."""
+
+LEAST_FRACTION = 0.05
+"""Of the above-noise energy, its lower bound."""
+
+NEGLIGIBLE = 0.05
+"""RMS of a difference, in noise RMS of every channel and kind of motion, that is no gap."""
+
+MOST_EFFECTS = 4
+"""That are looked for at once."""
+
+SHORTLIST = 3
+"""Hypotheses that are refined in each round."""
+
+CLOSE = 0.5
+"""Fraction of the best gain from which a hypothesis is refined as well."""
+
+
+class Accepted(NamedTuple):
+    """
+    One accepted effect.
+
+    Attributes
+    ----------
+    name : str
+    theta, std : ndarray, shape (p,)
+        Empty where the effect is a released nuisance.
+    released : frozenset of str
+    trial : Trial
+        At its acceptance.
+    """
+
+    name: str
+    theta: Array
+    std: Array
+    released: frozenset[str]
+    trial: Trial
+
+
+class Selection(NamedTuple):
+    """
+    Outcome of the search.
+
+    Attributes
+    ----------
+    problem : Problem
+        With the accepted effects, at the joint fit.
+    accepted : tuple of Accepted
+    tangents : tuple of Tangent
+    rivals : dict of str to dict of str to float
+        Log-likelihood of each hypothesis in the place of an accepted one, less that one's.
+    screened : tuple of Trial
+        The first round, best first.
+    """
+
+    problem: Problem
+    accepted: tuple[Accepted, ...]
+    tangents: tuple[Tangent, ...]
+    rivals: dict[str, dict[str, float]]
+    screened: tuple[Trial, ...]
+
+
+def acceptable(trial: Trial, tested: int) -> bool:
+    """Say whether a trial passes significance, gain, fraction and size."""
+    return (trial.gain > LEAST_GAIN and trial.p * tested < SIGNIFICANT
+            and trial.fraction > LEAST_FRACTION and trial.size > NEGLIGIBLE)
+
+
+def ranked(bench: Bench, found: Sequence[Hypothesis], tested: int) -> list[Trial]:
+    """Screen hypotheses, refine the best, and return all trials, best gain first."""
+    screened = bench.screen(found)
+    by_name = {h.name: h for h in found}
+    best = max((t.gain for t, _ in screened), default=0.0)
+    out, refined = [], 0
+    for trial, atom in screened:
+        promising = trial.gain > max(LEAST_GAIN - 2.0, CLOSE * best) and np.isfinite(trial.gain)
+        promising |= refined < SHORTLIST and trial.gain > 1.0
+        if atom is not None and promising and refined < 2 * SHORTLIST:
+            refined += 1
+            better = bench.refine(by_name[trial.name], trial)
+            trial = better if better.gain > trial.gain or acceptable(trial, tested) else trial
+        out.append(trial)
+    return sorted(out, key=lambda t: -t.gain)
+
+
+def select(problem: Problem, found: Sequence[Hypothesis]) -> Selection:
+    """
+    Search for the effects that explain the recordings.
+
+    Parameters
+    ----------
+    problem : Problem
+        Recalibrated, no effect accepted.
+    found : sequence of Hypothesis
+
+    Returns
+    -------
+    Selection
+    """
+    accepted: list[Accepted] = []
+    tangents: list[Tangent] = []
+    first: tuple[Trial, ...] = ()
+    while True:
+        left = [h for h in found if h.name not in {a.name for a in accepted}]
+        trials = ranked(Bench(problem, tangents), left, len(left))
+        if not accepted:
+            first = tuple(trials)
+        best = next((t for t in trials if acceptable(t, len(left))), None)
+        if best is None or len(accepted) >= MOST_EFFECTS:
+            break
+        accepted.append(Accepted(best.name, best.theta, best.std, best.released, best))
+        problem, accepted, tangents = joint(problem, accepted, best.nuisances)
+    if len(accepted) > 1:
+        problem, accepted, tangents = _drop(problem, accepted, tangents)
+    problem, accepted, tangents, rivals = _exchange(problem, accepted, tangents, found)
+    return Selection(problem, tuple(accepted), tuple(tangents), rivals, first)
+
+
+def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = None
+          ) -> tuple[Problem, list[Accepted], list[Tangent]]:
+    """
+    Refit accepted effects, nuisances and noise together.
+
+    Parameters
+    ----------
+    problem : Problem
+    accepted : sequence of Accepted
+    step : ndarray, shape (m,), optional
+        Of the nuisances, to begin with.
+
+    Returns
+    -------
+    problem : Problem
+    accepted : list of Accepted
+    tangents : list of Tangent
+    """
+    released = frozenset(n for a in accepted for n in a.released)
+    out = replace(problem, released=released, effects=_effects(accepted),
+                  centre=problem.centre + (0.0 if step is None else step))
+    m, now = len(problem.nuisances), list(accepted)
+    if released != problem.released:
+        out.linearise()
+    else:
+        out.settle()
+    tangents: list[Tangent] = []
+    for _ in range(2):
+        tangents = [_tangent(out, a) for a in now if len(a.theta)]
+        extra = [[c for t in tangents for c in t.columns[i]] for i in range(len(out.cases))]
+        out.refit_noise(np.zeros(m))
+        bench = Bench(out, tangents)
+        x, variance = bench.null.x, np.diag(bench.null.covariance)
+        out.centre, position = out.centre + x[:m], m
+        for j, a in enumerate(now):
+            if len(a.theta):
+                t = next(t for t in tangents if t.name == a.name)
+                part = slice(position, position + len(a.theta))
+                low, high = bounds_of(EFFECTS[a.name])
+                now[j] = a._replace(theta=np.clip(a.theta + x[part] * t.units, low, high),
+                                    std=t.units * np.sqrt(variance[part]))
+                position += len(a.theta)
+        out.effects = _effects(now)
+        out.settle()
+        small = np.abs(x[m:]).max(initial=0.0) < 1e-3 and np.abs(x[:m]).max(initial=0.0) < 0.1
+        if small or not extra:
+            break
+    out.refit_noise(np.zeros(m))
+    return out, now, tangents
+
+
+def _effects(accepted: Sequence[Accepted]) -> dict[str, dict[str, float]]:
+    return {a.name: values_of(EFFECTS[a.name], a.theta) for a in accepted if len(a.theta)}
+
+
+def _tangent(problem: Problem, a: Accepted) -> Tangent:
+    return tangent(problem, a.name, a.theta, problem.blocks, range(len(problem.cases)))
+
+
+def _without(problem: Problem, accepted: Sequence[Accepted], name: str) -> tuple[
+        Problem, list[Accepted], list[Tangent]]:
+    """Take one effect out; noise stays as it is, nuisances are fitted anew."""
+    rest = [a for a in accepted if a.name != name]
+    released = frozenset(n for a in rest for n in a.released)
+    bound = np.array([np.inf if n.name in released else 3.0 for n in problem.nuisances])
+    out = replace(problem, released=released, effects=_effects(rest),
+                  centre=np.clip(problem.centre, -bound, bound))
+    out.settle()
+    return out, rest, [_tangent(out, a) for a in rest if len(a.theta)]
+
+
+def _drop(problem: Problem, accepted: list[Accepted], tangents: list[Tangent]) -> tuple[
+        Problem, list[Accepted], list[Tangent]]:
+    for a in list(accepted):
+        if len(accepted) == 1:
+            break
+        full = Bench(problem, tangents).null_predictive
+        less, rest, few = _without(problem, accepted, a.name)
+        if Bench(less, few).null_predictive > full - LEAST_GAIN:
+            problem, accepted, tangents = joint(less, rest)
+    return problem, accepted, tangents
+
+
+def _exchange(problem: Problem, accepted: list[Accepted], tangents: list[Tangent],
+              found: Sequence[Hypothesis]) -> tuple[
+        Problem, list[Accepted], list[Tangent], dict[str, dict[str, float]]]:
+    """Try every other effect in the place of each accepted one; keep what is better."""
+    rivals: dict[str, dict[str, float]] = {}
+    for a in list(accepted):
+        less, rest, few = _without(problem, accepted, a.name)
+        taken = {b.name for b in rest}
+        bench = Bench(less, few)
+        trials = ranked(bench, [h for h in found if h.name not in taken], len(found))
+        own = next((t.gain for t in trials if t.name == a.name), -np.inf)
+        if trials and trials[0].name != a.name and trials[0].gain > own + LEAST_GAIN \
+                and acceptable(trials[0], len(found)):
+            best = trials[0]
+            changed = [*rest, Accepted(best.name, best.theta, best.std, best.released, best)]
+            problem, accepted, tangents = joint(less, changed, best.nuisances)
+            own, a = best.gain, accepted[-1]
+        now = {b.name for b in accepted}
+        rivals[a.name] = {t.name: float(t.gain - own) for t in trials
+                          if t.name not in now and np.isfinite(t.gain)}
+    return problem, accepted, tangents, rivals

@@ -1,0 +1,301 @@
+"""One hypothesis beside what is explained already: fitted on training data, judged on the rest."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from forcecal_ros.diagnose.channels import CHANNELS
+from forcecal_ros.diagnose.columns import Column, column, combined
+from forcecal_ros.diagnose.evidence import fit, Gram, predictive, Prior, Score, score
+from forcecal_ros.diagnose.hypotheses import (
+    Atom,
+    bounds_of,
+    Hypothesis,
+    nominal_of,
+    values_of,
+)
+from forcecal_ros.diagnose.problem import FREE, Problem
+from forcecal_ros.geometry import Array
+from forcecal_ros.sim.effects import Effect, EFFECTS
+import numpy as np
+from scipy.stats import norm
+
+FAR = 20.0
+"""A nominal value so many times the typical one stands for no limit at all."""
+
+ROUNDS = 4
+"""Gauss-Newton steps of a refinement."""
+
+
+class Tangent(NamedTuple):
+    """Columns of an accepted effect's parameters at their values, and the unit of each."""
+
+    name: str
+    units: Array
+    columns: tuple[list[Column], ...]
+
+
+class Trial(NamedTuple):
+    """
+    A fitted hypothesis.
+
+    Attributes
+    ----------
+    name : str
+    theta : ndarray, shape (p,)
+        Parameters of the effect; empty where it releases nuisances instead.
+    std : ndarray, shape (p,)
+    nuisances : ndarray, shape (m,)
+        Step of the nuisances that goes with it, in spreads.
+    released : frozenset of str
+    gain : float
+        Held-out log-likelihood above that without the hypothesis.
+    score : Score
+    size : float
+        Largest RMS of what it changes, over channels and kinds of motion, in noise RMS.
+    excess : float
+        Held-out whitened energy above the noise without it.
+    n : int
+        Held-out samples.
+    refined : bool
+        Whether the parameters were refined on simulations.
+    """
+
+    name: str
+    theta: Array
+    std: Array
+    nuisances: Array
+    released: frozenset[str]
+    gain: float
+    score: Score
+    size: float
+    excess: float
+    n: int
+    refined: bool
+
+    @property
+    def p(self) -> float:
+        """One-sided probability of such a score by chance."""
+        return float(norm.sf(self.score.z))
+
+    @property
+    def fraction(self) -> float:
+        """Lower bound of the fraction of the above-noise energy that it explains."""
+        low = self.score.removed - 4.0 * np.sqrt(self.score.energy)
+        high = max(self.score.removed, self.excess + 2.0 * np.sqrt(2.0 * self.n))
+        return float(low / max(high, 1e-9))
+
+
+def unit_of(effect: Effect, theta: Array) -> Array:
+    """Scale of each parameter, shape (p,)."""
+    nominal = nominal_of(effect)
+    typical = np.array([q.typical for q in effect.parameters])
+    unit = np.maximum(np.abs(typical - nominal), np.abs(theta - nominal))
+    limit = np.abs(nominal) > FAR * np.abs(typical)
+    unit = np.where(limit, np.abs(theta), unit)
+    return np.asarray(np.where(unit > 0.0, unit, 1.0))
+
+
+def tangent(problem: Problem, name: str, theta: Array, blocks: Sequence[Array],
+            cases: Sequence[int]) -> Tangent:
+    """
+    Take an effect's columns at its parameters by finite steps.
+
+    Parameters
+    ----------
+    problem : Problem
+    name : str
+    theta : ndarray, shape (p,)
+    blocks : sequence of ndarray, shape (n, 16)
+        Measured less simulated with the effect at ``theta``, of the chosen recordings.
+    cases : sequence of int
+        Chosen recordings; the others get empty columns.
+
+    Returns
+    -------
+    Tangent
+    """
+    effect = EFFECTS[name]
+    units, high = unit_of(effect, theta), bounds_of(effect)[1]
+    fraction = 0.02 if effect.smooth else 0.1
+    columns: list[list[Column]] = [[] for _ in problem.cases]
+    for i, unit in enumerate(units):
+        moved = theta.copy()
+        h = fraction * unit if theta[i] + fraction * unit <= high[i] else -fraction * unit
+        moved[i] += h
+        changed = {**problem.effects, name: values_of(effect, moved)}
+        for case in range(len(problem.cases)):
+            one: Column = {}
+            if case in cases:
+                before = blocks[list(cases).index(case)]
+                one = column((before - problem.simulate(changed, case)) * (unit / h),
+                             problem.level)
+            columns[case].append(one)
+    return Tangent(name, units, tuple(columns))
+
+
+class Bench:
+    """
+    Judges hypotheses against what is explained already.
+
+    Parameters
+    ----------
+    problem : Problem
+    tangents : sequence of Tangent
+        Of the accepted effects.
+    """
+
+    def __init__(self, problem: Problem, tangents: Sequence[Tangent] = ()) -> None:
+        self.problem = problem
+        self.extra: list[list[Column]] = [
+            [c for t in tangents for c in t.columns[i]] for i in range(len(problem.cases))]
+        self.m = len(problem.nuisances)
+        self.base = self.m + len(self.extra[0])
+        self.train, self.held = problem.grams(self.extra)
+        self.null_prior = self._prior(frozenset(), 0)
+        self.null = fit(self.train, self.null_prior)
+        self.null_predictive = predictive(self.train, self.held, self.null_prior)
+        self.noise_rms = [np.stack([n.rms(g) for g in range(3)]) for n in problem.noise]
+        d = self.null.x
+        self.excess = float(self.held.square - 2.0 * self.held.vector @ d
+                            + d @ self.held.matrix @ d - self.held.n)
+
+    def _prior(self, released: frozenset[str], more: int) -> Prior:
+        own = self.problem.prior(released)
+        k = self.base - self.m + more
+        return Prior(np.concatenate([own.centre, np.zeros(k)]),
+                     np.concatenate([own.precision, np.full(k, FREE)]),
+                     np.concatenate([own.bound, np.full(k, np.inf)]))
+
+    def screen(self, hypotheses: Sequence[Hypothesis]) -> list[tuple[Trial, Atom | None]]:
+        """Judge all hypotheses on linear columns, the best start of each, best gain first."""
+        cases = range(len(self.problem.cases))
+        atoms = [(h, a) for h in hypotheses for a in h.atoms]
+        all_columns = [
+            [*self.extra[i], *(c for _, a in atoms for c in a.columns[i])] for i in cases]
+        train, held = self.problem.grams(all_columns)
+        out: list[tuple[Trial, Atom | None]] = []
+        best: dict[str, tuple[Trial, Atom | None]] = {}
+        for h in hypotheses:
+            if h.released and not h.released <= self.problem.released:
+                index = np.arange(self.base)
+                out.append((self._judge(h, None, train.of(index), held.of(index), []), None))
+        position = self.base
+        for h, atom in atoms:
+            k = len(atom.free)
+            index = np.concatenate([np.arange(self.base), position + np.arange(k)])
+            position += k
+            trial = self._judge(h, atom, train.of(index), held.of(index),
+                                [list(atom.columns[i]) for i in cases])
+            if h.name not in best or trial.gain > best[h.name][0].gain:
+                best[h.name] = (trial, atom)
+        return sorted([*out, *best.values()], key=lambda pair: -pair[0].gain)
+
+    def _judge(self, h: Hypothesis, atom: Atom | None, train: Gram, held: Gram,
+               columns: list[list[Column]]) -> Trial:
+        k = len(train.vector) - self.base
+        prior = self._prior(h.released, k)
+        found = fit(train, prior)
+        gain = predictive(train, held, prior) - self.null_predictive
+        null = np.concatenate([self.null.x, np.zeros(k)])
+        s = score(held, null, found.x, np.arange(self.base), self.null.covariance)
+        theta = std = np.zeros(0)
+        if atom is not None:
+            nominal, x = nominal_of(h.effect), found.x[self.base:]
+            unit = (atom.start - nominal)[atom.free]
+            theta, std = atom.start.copy(), np.zeros(len(atom.start))
+            limit = np.abs(nominal) > FAR * np.abs([q.typical for q in h.effect.parameters])
+            theta[atom.free] = np.where(limit[atom.free], atom.start[atom.free],
+                                        nominal[atom.free] + x * unit)
+            if limit.any() and (x < 0.5).any():
+                gain = -np.inf
+            variance = np.diag(found.covariance)[self.base:]
+            std[atom.free] = np.abs(unit) * np.sqrt(variance)
+            low, high = bounds_of(h.effect)
+            if (len(atom.free) == 1 and (theta < low - 1e-12 * np.abs(low)).any()):
+                gain = -np.inf
+            theta = np.clip(theta, low, high)
+        return Trial(h.name, theta, std, found.x[:self.m], h.released, float(gain), s,
+                     self._size(columns, found.x - null), self.excess, held.n, atom is None)
+
+    def _size(self, columns: list[list[Column]], d: Array) -> float:
+        """Largest RMS of a difference, held out, in noise RMS of a channel and kind of motion."""
+        largest = 0.0
+        for i, case in enumerate(self.problem.cases):
+            if not case.held.any():
+                continue
+            every = [*self.problem.columns[i], *self.extra[i], *(columns[i] if columns else [])]
+            difference = combined(every, d, len(case.groups))
+            for g in range(3):
+                rows = case.held & (case.groups == g)
+                if rows.sum() >= 50:
+                    rms = np.sqrt(np.mean(difference[rows] ** 2, axis=0))
+                    there = self.problem.noise[i].sigma[g] > 0.0
+                    ratio = rms[there] / self.noise_rms[i][g][there]
+                    largest = max(largest, float(ratio.max(initial=0.0)))
+        return largest
+
+    def refine(self, h: Hypothesis, trial: Trial) -> Trial:
+        """Fit an effect's parameters on simulations, nuisances along; judge it again."""
+        problem, effect = self.problem, h.effect
+        low, high = bounds_of(effect)
+        fitted = [i for i, c in enumerate(problem.cases) if c.train.any()]
+        theta, best = trial.theta.copy(), (-np.inf, trial.theta, np.zeros(0))
+        step = np.zeros(len(theta))
+        for _ in range(ROUNDS):
+            values = {**problem.effects, h.name: values_of(effect, theta)}
+            blocks = [problem.simulate(values, i) for i in fitted]
+            t = tangent(problem, h.name, theta, blocks, fitted)
+            full = [blocks[fitted.index(i)] if i in fitted else b
+                    for i, b in enumerate(problem.blocks)]
+            columns = [[*self.extra[i], *t.columns[i]] for i in range(len(problem.cases))]
+            train, _ = problem.grams(columns, full)
+            found = fit(train, self._prior(h.released, len(theta)))
+            at_zero = self._at(train, h.released, len(theta))
+            if at_zero > best[0]:
+                best, step = (at_zero, theta, t.units), found.x[self.base:] * t.units
+            else:
+                step = 0.3 * step
+            moved = np.clip(best[1] + step, low, high)
+            if np.abs((moved - theta) / t.units).max() < 1e-3:
+                break
+            theta = moved
+        return self._final(h, best[1])
+
+    def _at(self, train: Gram, released: frozenset[str], k: int) -> float:
+        """Evidence with the effect's parameters as they are."""
+        index = np.arange(self.base)
+        return fit(train.of(index), self._prior(released, 0)).log_evidence
+
+    def _final(self, h: Hypothesis, theta: Array) -> Trial:
+        problem, cases = self.problem, range(len(self.problem.cases))
+        values = {**problem.effects, h.name: values_of(h.effect, theta)}
+        blocks = [problem.simulate(values, i) for i in cases]
+        t = tangent(problem, h.name, theta, blocks, list(cases))
+        moved = [column(b - after, problem.level) for b, after in zip(problem.blocks, blocks)]
+        own = [[*t.columns[i], moved[i]] for i in cases]
+        train, held = problem.grams([[*self.extra[i], *own[i]] for i in cases])
+        k = len(theta)
+        prior = self._prior(h.released, k)
+        shifted_train, shifted_held = _shifted(train), _shifted(held)
+        found = fit(shifted_train, prior)
+        gain = predictive(shifted_train, shifted_held, prior) - self.null_predictive
+        null = np.concatenate([self.null.x, np.zeros(k + 1)])
+        alternative = np.append(found.x, 1.0)
+        s = score(held, null, alternative, np.arange(self.base), self.null.covariance)
+        x, (low, high) = found.x[self.base:], bounds_of(h.effect)
+        std = t.units * np.sqrt(np.diag(found.covariance)[self.base:])
+        return Trial(h.name, np.clip(theta + x * t.units, low, high), std, found.x[:self.m],
+                     h.released, float(gain), s, self._size(own, alternative - null),
+                     self.excess, held.n, True)
+
+
+def _shifted(gram: Gram) -> Gram:
+    """Take the last column off the residual, with coefficient 1."""
+    e = len(gram.vector) - 1
+    return Gram(gram.matrix[:e, :e], (gram.vector - gram.matrix[:, e])[:e],
+                float(gram.square - 2.0 * gram.vector[e] + gram.matrix[e, e]), gram.n)
+
+
+def names(columns: Sequence[Column]) -> set[str]:
+    """Name the channels that columns touch."""
+    return {CHANNELS[c].name for one in columns for c in one}

@@ -1,0 +1,120 @@
+"""Probabilities, candidates and the verdict in one word and one sentence."""
+
+from collections.abc import Mapping, Sequence
+import math
+from typing import NamedTuple
+
+TEMPERATURE = 2.0
+"""Of held-out log-likelihoods."""
+
+CANDIDATES = 0.95
+"""Probability that the candidate set covers."""
+
+NAMED = 0.8
+"""Share of the gap that effects must close to be named although something is left."""
+
+UNKNOWN = 'unknown'
+
+
+class Remains(NamedTuple):
+    """
+    What is left unexplained, as multiples of what noise leaves.
+
+    Attributes
+    ----------
+    ratio : float
+        Largest statistic over its threshold: something is left from 1 on.
+    words : str
+        What it is.
+    """
+
+    ratio: float
+    words: str
+
+
+def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], remains: Remains,
+                  closed: float) -> tuple[dict[str, float], list[tuple[str, float]]]:
+    """
+    Turn held-out log-likelihoods into probabilities.
+
+    Parameters
+    ----------
+    slots : sequence of (str, mapping of str to float)
+        Each accepted effect, and its rivals' log-likelihood less its own.
+    remains : Remains
+    closed : float
+        Share of the gap that is closed.
+
+    Returns
+    -------
+    named : dict of str to float
+        Of each accepted effect.
+    candidates : list of (str, float)
+        Most probable first, as many as cover 95 %, those of every accepted effect.
+    """
+    logit = 8.0 * (min(remains.ratio, 3.0) - 1.0)
+    if slots and closed > NAMED:
+        logit -= 2.0 / max(1e-3, 1.0 - closed)
+    unknown = 1.0 / (1.0 + math.exp(-max(-30.0, min(30.0, logit))))
+    named: dict[str, float] = {}
+    chosen: dict[str, float] = {}
+    for name, rivals in slots:
+        weights = {name: 1.0}
+        weights.update({k: math.exp(min(0.0, v) / TEMPERATURE) for k, v in rivals.items()
+                        if k != name})
+        total = sum(weights.values())
+        shares = {k: (1.0 - unknown) * w / total for k, w in weights.items()}
+        shares[UNKNOWN] = unknown
+        named[name] = shares[name]
+        covered = 0.0
+        for k, share in sorted(shares.items(), key=lambda pair: -pair[1]):
+            if covered >= CANDIDATES:
+                break
+            chosen[k] = max(chosen.get(k, 0.0), share)
+            covered += share
+    if not slots and remains.ratio >= 1.0:
+        chosen[UNKNOWN] = unknown
+    return named, sorted(chosen.items(), key=lambda pair: -pair[1])
+
+
+def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remains: Remains,
+            closed: float, excited: bool) -> tuple[str, str]:
+    """
+    Say it in one word and one sentence.
+
+    Parameters
+    ----------
+    named : sequence of str
+        Accepted effects.
+    candidates : sequence of (str, float)
+    remains : Remains
+    closed : float
+        Share of the gap that the effects close.
+    excited : bool
+        Whether the recording could show most effects.
+
+    Returns
+    -------
+    word, sentence : str
+    """
+    listed = ' and '.join(named)
+    left = remains.ratio >= 1.0
+    if not named:
+        if left:
+            return 'unknown', (f'there is a gap that no effect of the library explains: '
+                               f'{remains.words}')
+        if not excited:
+            return 'not_excited', ('the recording moves too little to show most effects; record '
+                                   'poses, a step, a sweep, slow reversals and contact')
+        return 'no_gap', 'the recalibrated rig explains the recording down to its noise'
+    share = f'{100.0 * closed:.0f} % of the gap'
+    if left and closed < NAMED:
+        return 'unknown', (f'no effect of the library explains the gap: {listed} comes closest '
+                           f'and closes {share}; left is {remains.words}')
+    if left:
+        return 'partial', f'{listed} closes {share}; left is {remains.words}'
+    others = [n for n, _ in candidates if n not in named and n != UNKNOWN]
+    if others:
+        return 'ambiguous', (f'{listed} closes {share}, but {" or ".join(others)} explains it '
+                             'about as well')
+    return 'identified', f'{listed} closes {share}'

@@ -1,0 +1,124 @@
+"""Where the gap is: channel, phase and octave, each with its significance."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from forcecal_ros.diagnose.case import Case
+from forcecal_ros.diagnose.channels import CHANNELS
+from forcecal_ros.diagnose.noise import Noise
+from forcecal_ros.diagnose.remainder import BANDS, RATE
+from forcecal_ros.geometry import Array
+import numpy as np
+from scipy.stats import norm
+
+DISCOVERY = 0.01
+"""False discovery rate (Benjamini and Hochberg)."""
+
+MOST = 40
+"""Places that are reported."""
+
+
+class Place(NamedTuple):
+    """
+    One significant place.
+
+    Attributes
+    ----------
+    stage, channel, phase : str
+    band_hz : tuple of float
+        Octave that holds most of the difference.
+    excess : float
+        RMS of the difference in noise RMS.
+    p : float
+    """
+
+    stage: str
+    channel: str
+    phase: str
+    band_hz: tuple[float, float]
+    excess: float
+    p: float
+
+
+def stage_of(channel: str, phase: str, touched: set[str]) -> str:
+    """
+    Name the first stage along the chain that accounts for an excess, cause unknown.
+
+    Parameters
+    ----------
+    channel, phase : str
+    touched : set of str
+        Channels with an excess anywhere.
+
+    Returns
+    -------
+    str
+    """
+    if any(name.startswith('pose') for name in touched):
+        return 'robot'
+    if phase == 'contact' and not channel.startswith('accel') and 'optidrive' in touched:
+        return 'environment'
+    if 'optidrive' in touched:
+        return 'tool'
+    return next(c.stage for c in CHANNELS if c.name == channel)
+
+
+def places(cases: tuple[Case, ...], noise: list[Noise], residual: list[Array],
+           difference: list[Array], stage: Callable[[str, str, set[str]], str]
+           ) -> tuple[Place, ...]:
+    """
+    Locate what a difference between two simulations explains.
+
+    Parameters
+    ----------
+    cases : tuple of Case
+    noise : list of Noise
+    residual, difference : list of ndarray, shape (n, 16)
+        Measured less the one simulation; the other less the one.
+    stage : callable
+        (channel, phase, touched channels) -> stage.
+
+    Returns
+    -------
+    tuple of Place
+        Strongest first; those that pass the false discovery rate.
+    """
+    sums: dict[tuple[int, str], Array] = {}
+    bands: dict[tuple[int, str], Array] = {}
+    for case, own, r, d in zip(cases, noise, residual, difference):
+        phases = case.phase_rows()
+        for c in range(len(CHANNELS)):
+            if not own.sigma[:, c].any() or not np.abs(d[:, c]).max() > 0.0:
+                continue
+            white = own.whiten(np.stack([r[:, c], d[:, c]]), c)
+            for word, rows in phases.items():
+                key = (c, word)
+                w = white[:, rows]
+                now = np.array([w[0] @ w[1], w[1] @ w[1], float(rows.sum())])
+                sums[key] = sums.get(key, np.zeros(3)) + now
+                bands[key] = bands.get(key, np.zeros(len(BANDS))) + _bands(w[1])
+    tested = sorted(((norm.sf(s[0] / np.sqrt(s[1])), key) for key, s in sums.items()
+                     if s[1] > 1e-9), key=lambda one: one[0])
+    kept = 0
+    for i, (p, _) in enumerate(tested):
+        if p <= DISCOVERY * (i + 1) / len(tested):
+            kept = i + 1
+    chosen = [(p, key) for p, key in tested[:kept] if sums[key][1] > 4.0]
+    touched = {CHANNELS[c].name for _, (c, _) in chosen if sums[c, _][1] > 25.0}
+    found = []
+    for p, (c, word) in chosen:
+        name = CHANNELS[c].name
+        band = BANDS[int(bands[c, word].argmax())]
+        s = sums[c, word]
+        found.append((s[0] / np.sqrt(s[1]), Place(
+            stage(name, word, touched), name, word, band, float(np.sqrt(s[1] / s[2])),
+            float(max(p, 1e-300)))))
+    found.sort(key=lambda one: -one[0])
+    return tuple(place for _, place in found[:MOST])
+
+
+def _bands(white: Array) -> Array:
+    power = np.abs(np.fft.rfft(white)) ** 2
+    frequency = np.arange(len(power)) * RATE / max(1, len(white))
+    return np.array([power[(frequency >= low) & (frequency < high)].sum()
+                     for low, high in BANDS])
