@@ -70,6 +70,8 @@ class Filter(NamedTuple):
     contact: Wrench = NOTHING
     s: float = 0.0
     newton: NewtonState | None = None
+    axis: Vector = ZERO
+    """x of ft_sensor in base, which ``newton`` is along."""
 
 
 def take_pose(motion: Motion, pose: Entry, late: bool, accelerometer: tuple[Entry, ...],
@@ -239,11 +241,11 @@ def observe(filter_: Filter, motion: Motion, t: float, wire: Wrench,
             m0 - c0, m1 - c1, m2 - c2, m3 - c3, m4 - c4, m5 - c5)
         k = 1 - exp(-model.rate * dt)
         contact = (c0 + k * e0, c1 + k * e1, c2 + k * e2, c3 + k * e3, c4 + k * e4, c5 + k * e5)
-    newton = None
+    newton, axis = None, ZERO
     if model.newton:
-        newton, force = _newton(filter_, dt, t, w0 - b0, f, motion, model)
+        newton, axis, force = _newton(filter_, dt, t, w0 - b0, f, motion, model)
         contact = (force, m1, m2, m3, m4, m5)
-    return (Filter(t, contact, s, newton),
+    return (Filter(t, contact, s, newton, axis),
             ContactSample(t, contact, status, measured, innovation, inertial))
 
 
@@ -285,23 +287,30 @@ def _kinematics(status: int, motion: Motion, t: float, accelerometer: tuple[Entr
 
 
 def _newton(filter_: Filter, dt: float, t: float, wire_x: float, f: Vector, motion: Motion,
-            model: Model) -> tuple[NewtonState | None, float]:
+            model: Model) -> tuple[NewtonState | None, Vector, float]:
     """
     Run the paper's observer along x; its force comes back in the wire's sign.
 
     Position and velocity are those of the tool as the pose filter has them; without a position
-    they count as met, which leaves Newton's law.
+    they count as met, which leaves Newton's law. The paper's x does not turn: where the sensor
+    does, the observer's position and velocity are turned along, so that only translation drives
+    its error.
     """
     state, m = filter_.newton, model.load.m
     rotation, place = motion.rotation, motion.place
     if rotation is None or place is None or not motion.position:
-        return None, wire_x + m * f[0]
+        return None, ZERO, wire_x + m * f[0]
     g = gravity_in_sensor(rotation.q, model.gravity)[0]
-    nx, ny, nz = rotate(rotation.q, (1.0, 0.0, 0.0))
+    nx, ny, nz = axis = rotate(rotation.q, (1.0, 0.0, 0.0))
     v = nx * place.v[0] + ny * place.v[1] + nz * place.v[2]
     x = nx * place.p[0] + ny * place.p[1] + nz * place.p[2] + v * (t - place.t)
     if state is None or dt > PAUSE:
         state = NewtonState(x, v)
         dt = 0.0
+    else:
+        dx, dy, dz = nx - filter_.axis[0], ny - filter_.axis[1], nz - filter_.axis[2]
+        (px, py, pz), (vx, vy, vz) = place.p, place.v
+        state = NewtonState(state.x + dx * px + dy * py + dz * pz,
+                            state.v + dx * vx + dy * vy + dz * vz)
     state, force = newton_step(state, dt, -wire_x + m * g, f[0] + g, x, v, m, model.K)
-    return state, -force
+    return state, axis, -force
