@@ -7,11 +7,12 @@ import subprocess
 import sys
 
 import forcecal_ros.sim
+from forcecal_ros.sim.effects import EFFECTS, with_effects
 from numba.extending import is_jitted
 import pytest
 
-MODULES = [import_module(f'forcecal_ros.sim.{m.name}')
-           for m in pkgutil.iter_modules(forcecal_ros.sim.__path__)]
+MODULES = [import_module(m.name) for m in pkgutil.walk_packages(
+    forcecal_ros.sim.__path__, 'forcecal_ros.sim.')]
 COMPILED = {(module.__name__, name): value for module in MODULES
             for name, value in vars(module).items() if is_jitted(value)
             and value.py_func.__module__ == module.__name__}
@@ -35,9 +36,13 @@ def test_simulator_compiles_one_form_of_each_function():
     warm_up()
     from forcecal_ros.sim.rig_file import load_rig
     Simulator(load_rig('rigid_tool.yaml'), 'acc2').advance()
+    every = {effect.name: {q.name: q.typical for q in effect.parameters}
+             for effect in EFFECTS.values()}
+    Simulator(with_effects(load_rig(), every)).advance()
     entries = [COMPILED[f'forcecal_ros.sim.{m}', f] for m, f in (
-        ('robot', 'move'), ('tool', 'slide_along'), ('sensors', 'respond'))]
-    assert [len(entry.signatures) for entry in entries] == [1, 1, 1]
+        ('robot', 'move'), ('tool', 'slide_along'), ('sensors', 'respond'),
+        ('effects.filters', '_filter'), ('effects.play', '_stop'))]
+    assert [len(entry.signatures) for entry in entries] == [1] * len(entries)
 
 
 @pytest.fixture
