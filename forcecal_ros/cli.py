@@ -16,6 +16,7 @@ COMMANDS = {
     'simulate': 'simulate',
     'diagnose': 'diagnose',
     'insitu': 'insitu',
+    'gravity': 'gravity',
     'import': 'import_csv',
 }
 """Word on the command line -> module in ``forcecal_ros.commands``."""
@@ -30,15 +31,26 @@ example:
 """
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """Return the parser of the whole command line, every command with its own help."""
+def build_parser(command: str | None = None) -> argparse.ArgumentParser:
+    """
+    Return the parser of the command line, every command with its own help.
+
+    Parameters
+    ----------
+    command : str, optional
+        The only one that will be needed: the others, and what they import, are not loaded.
+
+    Returns
+    -------
+    argparse.ArgumentParser
+    """
     parser = argparse.ArgumentParser(
         prog='forcecal', epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter,
         description='Calibrate wrist force/torque sensors, estimate contact forces, and find '
                     'out why simulation and robot disagree.')
     parser.add_argument('--version', action='version', version=f'forcecal {__version__}')
     subparsers = parser.add_subparsers(metavar='COMMAND', required=True)
-    for module in COMMANDS.values():
+    for module in [COMMANDS[command]] if command in COMMANDS else COMMANDS.values():
         import_module(f'forcecal_ros.commands.{module}').add_parser(subparsers)
     return parser
 
@@ -57,7 +69,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         0 done, 1 the data cannot answer, 130 interrupted; wrong usage exits with 2.
     """
-    args = build_parser().parse_args(arguments)
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    args = build_parser(arguments[0] if arguments else None).parse_args(arguments)
     try:
         return int(args.run(args))
     except ForcecalError as error:

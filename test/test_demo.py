@@ -1,0 +1,73 @@
+"""The main job as a newcomer runs it: sim, sequencer and observer over DDS, end to end."""
+
+import json
+import subprocess
+import sys
+
+from forcecal_ros.bags import read_recording
+from forcecal_ros.calibration_file import load
+from forcecal_ros.observe import replay
+from forcecal_ros.sim.rig_file import load_rig
+from forcecal_ros.sim.truth import true_calibration
+import numpy as np
+import pytest
+
+WITHIN = {
+    'mass': 13.0 * 3e-4, 'com': 1e-4, 'wrench_bias': np.array([0.02] * 3 + [0.003] * 3),
+    'accelerometer.gain': 0.2937 * 1.5e-3, 'accelerometer.offset': 1.5e-3,
+}
+"""What the estimates may be off by; the offset's own target is judged by its standard error."""
+
+
+@pytest.fixture(scope='module')
+def demo(tmp_path_factory):
+    out = tmp_path_factory.mktemp('demo')
+    ended = subprocess.run(
+        [sys.executable, '-m', 'forcecal_ros.cli', 'demo', '--out', str(out), '--json'],
+        capture_output=True, text=True, timeout=170)
+    assert ended.returncode == 0, ended.stderr
+    return out, json.loads(ended.stdout)
+
+
+@pytest.mark.timeout(180)
+def test_the_rig_is_identified_live(demo):
+    out, _ = demo
+    calibration = load(out / 'calibration.yaml')
+    truth = true_calibration(load_rig(), 'acc1')
+    for key, within in WITHIN.items():
+        estimate = calibration
+        for name in key.split('.'):
+            estimate = getattr(estimate, name)
+        error = np.abs(estimate.value - truth[key])
+        assert (error < within).all(), key
+        assert (error < 5 * estimate.std).all(), key
+    assert calibration.accelerometer.offset.std.max() < 5e-4
+
+
+def test_the_observer_takes_inertia_off_and_leaves_the_contact(demo):
+    _, result = demo
+    assert result['demo']['step']['reduction'] > 33
+    contact = result['demo']['contact']
+    assert contact['truth'] < -10
+    assert abs(contact['observer'] - contact['truth']) < 0.3
+
+
+def test_the_recording_replays_to_what_was_published(demo):
+    out, _ = demo
+    recording = read_recording(out / 'bag')
+    published = read_recording(
+        out / 'bag', {'wrench': '/observer/contact_wrench'}, roles=['wrench']).wrench
+    hold = next(phase for phase in recording.phases if phase.name == 'contact')
+    again = replay(recording, load(out / 'calibration.yaml'))
+    during = (again.t > hold.start + 0.5) & (again.t < hold.end)
+    assert abs(again.contact[during, 0].mean()
+               - published.values[-1500:-1000, 0].mean()) < 50
+    names = [phase.name for phase in recording.phases]
+    for word in ('measure', 'move', 'settle', 'step', 'approach', 'contact', 'retract', 'done'):
+        assert word in names
+
+
+def test_a_report_is_left(demo):
+    out, _ = demo
+    page = (out / 'report.html').read_text()
+    assert 'truth' in page and page.count('<img') == 5
