@@ -5,7 +5,7 @@ import gc
 import signal
 import sys
 from types import FrameType
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from forcecal_ros.errors import ForcecalError
 from forcecal_ros.nodes.parameters import Parameter
@@ -42,6 +42,7 @@ EXECUTOR = Parameter(
     choices=('events', 'single'))
 
 
+@runtime_checkable
 class Stoppable(Protocol):
     """A node that wants to come to rest before it goes."""
 
@@ -136,7 +137,7 @@ def _spin(node: Node, interrupt: Interrupt) -> None:
     try:
         while not interrupt.count and rclpy.ok():
             executor.spin_until_future_complete(Future(), timeout_sec=TURN)
-        if rclpy.ok() and hasattr(node, 'at_rest'):
+        if rclpy.ok() and isinstance(node, Stoppable):
             _come_to_rest(node, executor, interrupt)
     finally:
         executor.shutdown()

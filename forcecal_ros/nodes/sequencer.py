@@ -348,8 +348,9 @@ class Sequencer(Node):
     def _report(self) -> None:
         self._say()
         status, monitor = self._sequence.status, self._monitor
-        values = {f'{channel.topic}': 'heard' if channel.values else 'nothing received'
-                  for channel in monitor.channels.values()}
+        values: dict[str, object] = {
+            channel.topic: 'heard' if channel.values else 'nothing received'
+            for channel in monitor.channels.values()}
         silent = [channel.topic for channel in monitor.channels.values() if not channel.values]
         level = 'error' if status.phase == 'aborted' else 'warn' if silent else 'ok'
         message = f'{status.phase}: {status.reason}' if status.reason else status.phase

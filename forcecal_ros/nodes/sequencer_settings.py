@@ -200,9 +200,7 @@ def settings_of(value: Mapping[str, Any]) -> Settings:
         rate=value['motion.rate'], stop_duration=limits.stop_duration,
         settle_minimum=watch.window + LATENCY, settle_timeout=value['settle.timeout'])
     poses = _poses(value)
-    names, joints, away = list(poses), {}, np.zeros(0)
-    if value['motion.backend'] == 'joint_trajectory':
-        joints, away = _joint_vectors(names, value)
+    joints, away = _joint_vectors(list(poses), value)
     return Settings(
         value['sequence'], poses, joints, away, Timing(**_group(Timing, value, 'timing')),
         Pace(**{name: value[f'pace.{name}'] for name in Pace._fields}), limits, watch, stream,
@@ -233,6 +231,8 @@ def _poses(value: Mapping[str, Any]) -> dict[str, Pose]:
 
 def _joint_vectors(names: list[str], value: Mapping[str, Any]
                    ) -> tuple[dict[str, Array], Array]:
+    if value['motion.backend'] != 'joint_trajectory':
+        return {}, np.zeros(0)
     joints = value['joints.names']
     vectors = np.array(value['joints.values'], dtype=float)
     away = np.array(value['joints.away'], dtype=float)
