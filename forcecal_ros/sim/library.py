@@ -91,8 +91,8 @@ def _change(size: float = 0.9, typical: float = 0.1) -> tuple[Quantity, ...]:
     return (Quantity('change', '1', 0.0, -size, 9.0, typical),)
 
 
-def _delay(high: float = 0.05) -> tuple[Quantity, ...]:
-    return (Quantity('delay', 's', 0.0, 0.0, high, 0.004),)
+def _delay() -> tuple[Quantity, ...]:
+    return (Quantity('delay', 's', 0.0, 0.0, 0.05, 0.004),)
 
 
 def _shape(name: str, unit: str, usual: float, low: float, high: float, unit_size: float,
@@ -110,19 +110,23 @@ _WRENCH = (
     Effect('wrench_delay', 'wrench_sensor', _delay(), FAST, True, 'signal'),
     Effect('wrench_lowpass', 'wrench_sensor', (
         Quantity('time_constant', 's', 0.0, 0.0, 0.2, 0.004),
+        # 1 / (1 + T s + c T^2 s^2): c = 0 first order, 1/2 Butterworth
         _shape('second_order', '1', 0.0, 0.0, 2.0, 0.25, (0.0, 0.5)),
     ), FAST, True, 'signal'),
     Effect('wrench_bias_drift', 'wrench_sensor', (
         *_each(_FORCES[:3], 'N/s', 10.0, 0.05), *_each(_FORCES[3:], 'N m/s', 1.0, 0.005),
+        # 0: a ramp; else it levels off at rate / settling
         _shape('settling', '1/s', 0.0, 0.0, 5.0, 0.02, (0.0, 0.05)),
     ), STATIC, True, 'signal'),
     Effect('wrench_gain', 'wrench_sensor', _each(_FORCES, '1', 0.9, 0.05), ALWAYS, True,
            'signal', 'wrench_gain'),
+    # fx_of_fz: the part of fz that is added to fx
     Effect('wrench_crosstalk', 'wrench_sensor', tuple(
         Quantity(f'{to}_of_{source}', '1', 0.0, -0.9, 0.9, 0.03)
         for group in (_FORCES[:3], _FORCES[3:]) for to in group for source in group
         if to != source), ALWAYS, True, 'signal'),
     Effect('wrench_hysteresis', 'wrench_sensor', (
+        # lags by the height once a force has gone on for the width, or turned for twice that
         Quantity('height', 'N', 0.0, 0.0, 20.0, 1.0, (1.0,)),
         _shape('width', 'N', 2.0, 0.01, 200.0, 1.0, (0.5, 2.0, 10.0, 40.0)),
     ), ('reverse', 'sweep', 'contact', 'measure'), False, 'signal'),
@@ -142,16 +146,19 @@ _ACCELEROMETER = (
            'accelerometer_gain'),
     Effect('accel_bias', 'accelerometer', _each(_AXES, 'V', 5.0, 0.1), STATIC, True, 'signal',
            'accelerometer_offset'),
+    # the rotation vector that turns the axes of S into the accelerometer's
     Effect('accel_misalignment', 'accelerometer', _each(_AXES, 'rad', 0.5, 0.03), ALWAYS, True,
            'signal'),
     Effect('accel_highpass', 'accelerometer', (
         Quantity('rate', '1/s', 0.0, 0.0, 20.0, 0.1, (0.03, 0.3)),
+        # how long it had been switched on at rest
         _shape('before', 's', 1e3, 0.0, 1e4, -1e2, (0.0, 1e3)),
     ), ('measure', 'move'), False, 'signal'),
     Effect('accel_saturation', 'accelerometer', (
         Quantity('limit', 'm/s^2', 1e3, 0.1, 1e3, 9.0, (2.0, 5.0, 9.0, 10.0)),
     ), FAST, False, 'signal'),
     Effect('accel_resonance', 'accelerometer', (
+        # 1: the sensor on a spring; between 0 and 1: part of the way
         Quantity('amplitude', '1', 0.0, -2.0, 2.0, 1.0),
         _shape('frequency', 'Hz', 40.0, 3.0, 400.0, 5.0, (15.0, 40.0, 100.0)),
         _shape('damping', '1', 0.1, 0.005, 2.0, 0.05),
@@ -159,6 +166,7 @@ _ACCELEROMETER = (
 )
 
 _TOOL = (
+    # change: relative, of the rig's number
     Effect('tool_mass', 'tool', _change(0.5, 0.05), ALWAYS, True, 'rig', 'mass'),
     Effect('tool_com', 'tool', _each(_AXES, 'm', 0.2, 0.005), ALWAYS, True, 'rig', 'com'),
     Effect('tool_stiffness', 'tool', _change(), SLIDING, True, 'rig', 'stiffness'),
@@ -167,18 +175,22 @@ _TOOL = (
         Quantity('cubic', 'N/m^3', 0.0, -2e6, 1e9, 1e7),
     ), SLIDING, True, 'rig'),
     Effect('tool_friction', 'tool', (
+        # -force tanh(speed / velocity_scale)
         Quantity('force', 'N', 0.0, 0.0, 30.0, 3.0, (3.0,)),
         _shape('velocity_scale', 'm/s', 0.002, 1e-4, 0.1, 1e-3, (5e-4, 2e-3, 1e-2)),
     ), SLIDING, False, 'rig'),
     Effect('tool_backlash', 'tool', (
+        # in all, half of it either way
         Quantity('gap', 'm', 0.0, 0.0, 0.01, 0.0005, (0.0003, 0.001)),
     ), SLIDING, False, 'rig'),
     Effect('cable_force', 'tool', (
+        # a force fixed in base, and a spring to where the point is at home
         *_each(_AXES, 'N', 100.0, 3.0),
         Quantity('stiffness', 'N/m', 0.0, -200.0, 1000.0, 20.0),
         *_point(0.05, 0.0, 0.18),
     ), ('measure', 'move', 'sweep'), True, 'rig'),
     Effect('spindle_vibration', 'tool', (
+        # in ft_sensor; the phase counts from the start
         *_each(_AXES, 'N', 200.0, 2.0, prefix='sine_'),
         *_each(_AXES, 'N', 200.0, 2.0, prefix='cosine_'),
         _shape('frequency', 'Hz', 30.0, 0.5, 450.0, 0.1, (10.0, 30.0, 50.0, 100.0)),
@@ -189,10 +201,12 @@ _TOOL = (
 _ROBOT = (
     Effect('robot_delay', 'robot', _delay(), MOVING, True, 'rig'),
     Effect('robot_resonance', 'robot', (
+        # 1: the robot's position passes through the mode; less: a part of it
         Quantity('gain', '1', 0.0, -2.0, 2.0, 0.2),
         _shape('frequency', 'Hz', 12.0, 1.0, 100.0, 1.0, (6.0, 12.0, 25.0)),
         _shape('damping', '1', 0.05, 0.005, 1.0, 0.03),
     ), FAST, True, 'rig'),
+    # the rotation vector, about X and Y of base, by which base stands askew
     Effect('base_tilt', 'robot', _each(_AXES[:2], 'rad', 0.5, 0.01), STATIC, True, 'rig'),
 )
 
@@ -207,7 +221,9 @@ _ENVIRONMENT = (
 )
 
 _TIMING = (
+    # by how much the stamps of each stream run fast
     Effect('clock_skew', 'timing', _each(_STREAMS, '1', 0.05, 1e-3), MOVING, True, 'stamps'),
+    # the fraction of each stream's samples that never arrives
     Effect('dropouts', 'timing', tuple(
         Quantity(name, '1', 0.0, 0.0, 0.95, 0.02) for name in _STREAMS), ALWAYS, False,
         'stamps'),

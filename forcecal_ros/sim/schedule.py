@@ -1,21 +1,23 @@
-"""Which command holds in which robot period, and how far a live simulation has to go."""
+"""Which command holds in which robot period of a live simulation."""
 
 from collections import deque
-from typing import Generic, TypeVar
-
-Command = TypeVar('Command')
+from typing import Any
 
 OLDEST = 200_000_000
 """A stamp older than this says nothing about when the command was meant [ns]."""
 
+LONGEST_LAG = 10
+"""A stream that came late lags by so many periods at most; beyond that commands are dropped."""
 
-class CommandSchedule(Generic[Command]):
+
+class CommandSchedule:
     """
     Commands on their way to a robot that takes one a period.
 
     A command acts in the first period that begins at its stamp or later, as in a recording that
     is replayed. Stamps that jitter neither drop nor double a command: one within half a period of
-    the slot that comes next takes that slot.
+    the slot that comes next takes that slot. Nor do commands that come late: they act one after
+    the other, and the stream lags until it rests.
 
     Parameters
     ----------
@@ -23,16 +25,22 @@ class CommandSchedule(Generic[Command]):
         Of the robot [ns].
     start_ns : int
         When period 0 begins [ns].
+
+    Attributes
+    ----------
+    late : int
+        Commands that came too late for their period.
     """
 
     def __init__(self, period_ns: int, start_ns: int) -> None:
         self._period = period_ns
         self._start = start_ns
-        self._queue: deque[tuple[int, Command]] = deque()
+        self._queue: deque[tuple[int, Any]] = deque()
         self._last = -1
+        self._newest: Any = None
         self.late = 0
 
-    def add(self, stamp_ns: int, now_ns: int, next_period: int, command: Command) -> None:
+    def add(self, stamp_ns: int, now_ns: int, next_period: int, command: Any) -> None:
         """
         Take in a command.
 
@@ -44,22 +52,28 @@ class CommandSchedule(Generic[Command]):
         next_period : int
             The first period that is not simulated yet.
         command : object
+            Compared with the one before: equal ones may be dropped.
         """
-        if not now_ns - OLDEST <= stamp_ns <= now_ns:
+        frontier = self._start + next_period * self._period
+        if not frontier - OLDEST <= stamp_ns <= now_ns:
             stamp_ns = now_ns
-        since = stamp_ns - self._start
-        slot = -(-since // self._period)
-        expected, half = self._last + 1, self._period // 2
-        if (slot != expected
-                and abs(since - expected * self._period + half) <= self._period):
-            slot = expected
-        if slot < next_period:
-            self.late += 1
-            slot = next_period
-        self._last = max(slot, self._last)
+        due = self._slot(stamp_ns - self._start)
+        slot = max(due, next_period)
+        self.late += slot > due
+        follows = self._last + 1
+        if slot < follows and command != self._newest and follows - due <= LONGEST_LAG:
+            slot = follows
+        self._last, self._newest = max(slot, self._last), command
         self._queue.append((self._last, command))
 
-    def take(self, period: int) -> Command | None:
+    def _slot(self, since: int) -> int:
+        """Return the period a command is due in, ``since`` the start [ns]."""
+        expected, half = self._last + 1, self._period // 2
+        if abs(since - expected * self._period + half) <= self._period:
+            return expected
+        return -(-since // self._period)
+
+    def take(self, period: int) -> Any:
         """Return the newest command that acts in a period; None: the one before holds."""
         newest = None
         while self._queue and self._queue[0][0] <= period:

@@ -1,6 +1,7 @@
 """What a rig's calibration should come out as, for tables of estimate against truth."""
 
 from forcecal_ros.geometry import Array
+from forcecal_ros.sim.effects.numbers import physical_rig
 from forcecal_ros.sim.rig import AccelerometerModel, Rig
 import numpy as np
 
@@ -12,6 +13,7 @@ def true_calibration(rig: Rig, accelerometer: str | None = None) -> dict[str, Ar
     Parameters
     ----------
     rig : Rig
+        Of its effects, those that are other numbers of tool and wall count.
     accelerometer : str, optional
         ``acc1`` or ``acc2``; the rig's mounted one where none is given.
 
@@ -20,6 +22,7 @@ def true_calibration(rig: Rig, accelerometer: str | None = None) -> dict[str, Ar
     dict of str to ndarray
         By key of ``calibration.yaml``, as ``accelerometer.gain``; SI units, ft_sensor.
     """
+    rig = physical_rig(rig)
     name = accelerometer or rig.accelerometer.mounted
     model: AccelerometerModel = getattr(rig.accelerometer, name)
     truth: dict[str, object] = {

@@ -25,6 +25,12 @@ SLIDE_EFFECTS = (
 )
 """Fields of the record; :mod:`forcecal_ros.sim.tool` says what they do."""
 
+USUAL = 0.015
+"""Displacement up to which a stiffening spring is followed accurately [m]."""
+
+STICKING = 0.5
+"""Part of the rate of creep in friction that has to be followed: it is over at once."""
+
 NAMES = ('tool_stiffening', 'tool_friction', 'tool_backlash', 'cable_force', 'spindle_vibration')
 
 
@@ -76,17 +82,10 @@ def slide_rates(rig: Rig) -> list[float]:
     if 'tool_stiffening' in named and rig.optidrive:
         cubic = named['tool_stiffening']['cubic']
         rates.append(math.sqrt((rig.optidrive.stiffness + rig.wall.stiffness
-                                + 3.0 * max(0.0, cubic) * FURTHEST ** 2) / rig.tool.mass))
+                                + 3.0 * max(0.0, cubic) * USUAL ** 2) / rig.tool.mass))
     if 'tool_friction' in named:
         v = named['tool_friction']
         rates.append(v['force'] / v['velocity_scale'] / rig.tool.mass * STICKING)
     if 'spindle_vibration' in named:
         rates.append(2.0 * math.pi * named['spindle_vibration']['frequency'])
     return rates
-
-
-FURTHEST = 0.015
-"""Displacement up to which a stiffening spring counts [m]."""
-
-STICKING = 0.5
-"""Part of the rate of creep in friction that has to be followed: it is over at once."""
