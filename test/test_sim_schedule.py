@@ -67,8 +67,39 @@ def test_a_stamp_of_another_clock_counts_as_now(stamp):
     assert schedule.late == 0
 
 
-def test_of_two_commands_for_one_period_the_newer_counts():
-    taken, _ = played([START + 5 * PERIOD - 2, START + 5 * PERIOD - 1,
-                       START + 5 * PERIOD])
+@settings(max_examples=100, deadline=None)
+@given(stalls=st.lists(st.integers(0, 6 * PERIOD), min_size=5, max_size=60))
+def test_late_commands_act_one_after_the_other_and_none_is_dropped(stalls):
+    stamps = [START + (5 + i) * PERIOD for i in range(len(stalls))]
+    arrivals = []
+    for stamp, stall in zip(stamps, stalls):
+        arrivals.append(max([stamp + stall, *arrivals[-1:]]))
+    taken, _ = played(stamps, arrivals)
+    acted = [name for name in taken if name is not None]
+    assert acted == list(range(len(acted))) and len(acted) > len(stamps) - 7
+
+
+def test_a_simulation_that_stalled_takes_the_commands_of_that_time_in_their_periods():
+    schedule = CommandSchedule(PERIOD, START)
+    for k in range(10, 150):
+        schedule.add(START + k * PERIOD, START + 150 * PERIOD, 10, k)
+    assert [schedule.take(k) for k in range(10, 150)] == list(range(10, 150))
+
+
+def test_a_lag_ends_when_the_stream_rests():
+    schedule = CommandSchedule(PERIOD, START)
+    for k in range(3):
+        schedule.add(START + k * PERIOD, START + 5 * PERIOD, 5, k)
+    for k in range(3, 20):
+        schedule.add(START + k * PERIOD, START + max(5, k) * PERIOD, max(5, k), min(k, 10))
+    taken = [schedule.take(k) for k in range(20)]
+    assert [name for name in taken if name is not None][:11] == list(range(11))
+    assert taken[19] == 10
+
+
+def test_faster_commands_than_periods_are_thinned_out_and_never_lag_for_long():
+    stamps = [START + 5 * PERIOD + i * PERIOD // 4 for i in range(400)]
+    taken, _ = played(stamps)
     acted = [(k, name) for k, name in enumerate(taken) if name is not None]
-    assert acted[-1][1] == 2 and acted[-1][0] <= 7
+    lags = [k - 5 - name / 4 for k, name in acted]
+    assert max(lags) <= 1.5 and acted[-1][1] == 399

@@ -38,6 +38,7 @@ class CommandSchedule:
         self._queue: deque[tuple[int, Any]] = deque()
         self._last = -1
         self._newest: Any = None
+        self._lag = 0
         self.late = 0
 
     def add(self, stamp_ns: int, now_ns: int, next_period: int, command: Any) -> None:
@@ -52,23 +53,25 @@ class CommandSchedule:
         next_period : int
             The first period that is not simulated yet.
         command : object
-            Compared with the one before: equal ones may be dropped.
+            Compared with the one before: where they are equal the robot rests.
         """
         frontier = self._start + next_period * self._period
         if not frontier - OLDEST <= stamp_ns <= now_ns:
             stamp_ns = now_ns
-        due = self._slot(stamp_ns - self._start)
-        slot = max(due, next_period)
-        self.late += slot > due
-        follows = self._last + 1
-        if slot < follows and command != self._newest and follows - due <= LONGEST_LAG:
-            slot = follows
-        self._last, self._newest = max(slot, self._last), command
+        if command == self._newest:
+            self._lag = 0
+        due = self._due(stamp_ns - self._start)
+        behind = next_period - due
+        if behind > self._lag:
+            self._lag = min(behind, LONGEST_LAG)
+            self.late += 1
+        self._last = max(due + self._lag, next_period, self._last)
+        self._newest = command
         self._queue.append((self._last, command))
 
-    def _slot(self, since: int) -> int:
+    def _due(self, since: int) -> int:
         """Return the period a command is due in, ``since`` the start [ns]."""
-        expected, half = self._last + 1, self._period // 2
+        expected, half = self._last - self._lag + 1, self._period // 2
         if abs(since - expected * self._period + half) <= self._period:
             return expected
         return -(-since // self._period)
