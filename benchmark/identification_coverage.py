@@ -80,8 +80,8 @@ def misalign(recording: Recording, rig: Rig, name: str, rng: np.random.Generator
     return replace(recording, accelerometer=Stream(recording.accelerometer.t, values)), R
 
 
-def one_run(seed: int) -> tuple[Calibration, Truth, str]:
-    """Simulate and identify one run; return the result, the truth, and the coupling."""
+def one_run(seed: int) -> tuple[Calibration, Truth]:
+    """Simulate and identify one run; return the result and the truth."""
     rng = np.random.default_rng([seed, 2005])
     rig, name = draw(rng)
     delay = float(rng.uniform(-0.01, 0.01))
@@ -97,23 +97,21 @@ def one_run(seed: int) -> tuple[Calibration, Truth, str]:
         'accelerometer.cutoff': model.highpass,
         'tool.stiffness': rig.optidrive.stiffness, 'tool.damping': rig.optidrive.damping}
     return (identify(recording, Settings(coupling=coupling)),
-            {key: np.asarray(value, dtype=float) for key, value in truth.items()}, coupling)
+            {key: np.asarray(value, dtype=float) for key, value in truth.items()})
 
 
-def errors(calibration: Calibration, truth: Truth, coupling: str
-           ) -> Iterator[tuple[str, float, float]]:
+def errors(calibration: Calibration, truth: Truth) -> Iterator[tuple[str, float, float]]:
     """Yield name, error and standard error of every estimate, each inertia element once."""
     for row in table(calibration, truth):
         if row.key in ('inertia.yx', 'inertia.zx', 'inertia.zy') or row.truth is None:
             continue
-        key = row.key + (f' {coupling}' if row.key.startswith('accelerometer') else '')
-        yield key, row.value - row.truth, row.std
+        yield row.key, row.value - row.truth, row.std
     a = calibration.accelerometer
     assert a is not None
     for name, estimate in (('position', a.position), ('cutoff', a.cutoff)):
         if estimate is not None:
             for i, (value, std) in enumerate(zip(estimate.value.ravel(), estimate.std.ravel())):
-                yield (f'accelerometer.{name}.{i} {coupling}',
+                yield (f'accelerometer.{name}.{i}',
                        value - truth[f'accelerometer.{name}'].ravel()[i], std)
 
 

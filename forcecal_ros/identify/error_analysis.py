@@ -16,7 +16,7 @@ def x_of(R_base_sensor: Array, vector_base: Array) -> float:
 def mass_from_weight(R_h: Array, R_v: Array, weight_h: Array, weight_v: Array,
                      gravity: float) -> float:
     """
-    Mass from the weight along x in two orientations, [Gamez2005] Eq. 21 and Eq. 22.
+    Mass from the weight along x in two orientations, [Gamez2005] Eq. 21, [Gamez2005] Eq. 22.
 
     Parameters
     ----------
@@ -38,7 +38,9 @@ def mass_from_weight(R_h: Array, R_v: Array, weight_h: Array, weight_v: Array,
 def mass_error(R_h: Array, R_h_assumed: Array, R_v: Array, R_v_assumed: Array,
                weight_h: Array, weight_v: Array, gravity: float) -> float:
     """
-    Error of the mass from errors of orientation, [Gamez2005] Eq. 23: Eq. 21 less Eq. 22.
+    Error of the mass from errors of orientation, [Gamez2005] Eq. 23.
+
+    It is Eq. 21 by the real orientations less Eq. 22 by those assumed.
 
     Parameters
     ----------

@@ -112,7 +112,8 @@ def riccati_gain(A: Array, C: Array, Q: Array, R: Array,
     """
     Gain K = P C^T R^-1 with P A^T + A P - P C^T R^-1 C P + Q = 0.
 
-    That is [Gamez2005] Eq. 18 and Eq. 19 (Eq. 7 and Eq. 8), solved by the control package.
+    [Gamez2005] Eq. 18 and [Gamez2005] Eq. 19 (in the text before: [Gamez2005] Eq. 7 and
+    [Gamez2005] Eq. 8), solved by the control package.
 
     Parameters
     ----------

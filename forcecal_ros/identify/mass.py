@@ -20,7 +20,7 @@ def mass_from_tilt(u_h: float, u_v: float, gravity: float, theta: float = 0.0) -
     Parameters
     ----------
     u_h, u_v : float
-        Mean force along x, [Gamez2005] Eq. 11 and Eq. 14 [N].
+        Mean force along x, Eq. 11 and Eq. 14 [N].
     gravity : float
         Magnitude [m/s^2].
     theta : float

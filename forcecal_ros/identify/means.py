@@ -19,7 +19,7 @@ _FINEST = 1e-7
 
 def window_mean(stream: Stream, start: float, end: float, what: str = 'signal') -> Array:
     """
-    Mean of a signal while the robot stands still, [Gamez2005] Eq. 11 and Eq. 14.
+    Mean of a signal while the robot stands still, [Gamez2005] Eq. 11, [Gamez2005] Eq. 14.
 
     Parameters
     ----------

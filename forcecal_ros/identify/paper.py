@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 from forcecal_ros.errors import UnobservableError
+from forcecal_ros.geometry import Array
 from forcecal_ros.identify.mass import mass_from_tilt
 from forcecal_ros.identify.means import window_mean
 from forcecal_ros.identify.operations import operation_count
@@ -11,7 +12,7 @@ from forcecal_ros.identify.step_gain import plain_offset, step_gain
 from forcecal_ros.samples import Recording
 import numpy as np
 
-_VERTICAL = 0.8
+_VERTICAL = 0.3
 _HORIZONTAL = 0.05
 
 
@@ -52,7 +53,7 @@ class Alignment(NamedTuple):
 def plain_procedure(recording: Recording, poses: list[StaticPose], gravity: float, theta: float,
                     step: tuple[float, float] | None, alignment: Alignment | None) -> Plain:
     """
-    Carry out steps 1 to 8 of the procedure as printed, [Gamez2005] Eq. 11 to 17 and Eq. 20.
+    Carry out steps 1 to 8 of the procedure as printed, [Gamez2005] Eq. 11 to Eq. 17, Eq. 20.
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ def plain_procedure(recording: Recording, poses: list[StaticPose], gravity: floa
     """
     nan = float('nan')
     upright = [abs(p.R_base_sensor[2, 0]) for p in poses]
-    h, v = int(np.argmax(upright)), int(np.argmin(upright))
+    h, v = int(np.argmax(upright)), _level_pose(recording, poses, step)
     if upright[h] < _VERTICAL or upright[v] > _HORIZONTAL:
         return Plain(nan, nan, nan, nan, nan, nan, nan)
     assert recording.wrench is not None
@@ -97,6 +98,19 @@ def plain_procedure(recording: Recording, poses: list[StaticPose], gravity: floa
     return Plain(mass, mass_theta, offset, *gains, operations)
 
 
+def _level_pose(recording: Recording, poses: list[StaticPose],
+                step: tuple[float, float] | None) -> int:
+    """Choose the v pose: x horizontal, and where there is a step, oriented as there."""
+    upright = np.array([abs(p.R_base_sensor[2, 0]) for p in poses])
+    level = upright < max(_HORIZONTAL, upright.min() + 1e-6)
+    away = upright.copy()
+    if step is not None and recording.pose is not None:
+        there = recording.pose.between(*step).R_base_sensor
+        if len(there):
+            away = np.array([np.linalg.norm(p.R_base_sensor - there[0]) for p in poses])
+    return int(np.argmin(np.where(level, away, np.inf)))
+
+
 def _gains(recording: Recording, step: tuple[float, float], alignment: Alignment,
            offset: float, u_v: float, mass: float) -> tuple[float, float, float]:
     """Eq. 17 plain, corrected for noise, and aligned in time as well."""
@@ -104,9 +118,10 @@ def _gains(recording: Recording, step: tuple[float, float], alignment: Alignment
     cut = recording.accelerometer.between(*step)
     shown = cut.values[:, alignment.axis] - offset
 
-    def Y(delay: float) -> np.ndarray:
-        assert recording.wrench is not None
-        return (-recording.wrench.at(cut.t - delay)[:, 0] - u_v) / mass
+    wrench = recording.wrench
+
+    def Y(delay: float) -> Array:
+        return np.asarray((-wrench.at(cut.t - delay)[:, 0] - u_v) / mass)
 
     try:
         return (step_gain(shown, Y(0.0)), step_gain(shown, Y(0.0), alignment.variance),

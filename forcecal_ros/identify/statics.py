@@ -16,7 +16,7 @@ import numpy as np
 def read_statics(recording: Recording, poses: list[StaticPose], settings: Settings,
                  lattice: Lattice | None) -> Statics:
     """
-    Take the means of the static poses, [Gamez2005] Eq. 11 and 14 in all six axes.
+    Take the means of the static poses, [Gamez2005] Eq. 11 and Eq. 14 in all six axes.
 
     Parameters
     ----------
