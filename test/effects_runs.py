@@ -13,7 +13,7 @@ GRAVITY = np.array(RIG.gravity)
 BIAS = np.array(RIG.wrench_sensor.bias)
 
 
-def pressing(n=600):
+def pressing(n=400):
     """Move into the wall and out again, shaking and turning meanwhile."""
     t = 0.004 * np.arange(n)
     slow, shaking = (1.0 - np.cos(4.0 * t)) / 2.0, (1.0 - np.cos(25.0 * t)) / 2.0
