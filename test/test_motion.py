@@ -20,7 +20,12 @@ from forcecal_ros.control.poses import (
     step_goal,
 )
 from forcecal_ros.errors import ConfigError, MotionError
-from forcecal_ros.geometry import rotation_from_vector, rotation_vector
+from forcecal_ros.geometry import (
+    quaternion_from_matrix,
+    quaternion_of,
+    rotation_from_vector,
+    rotation_vector,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -279,3 +284,12 @@ def test_poses_and_joint_vectors_are_not_mixed():
 
 def test_hold_does_not_move():
     assert not hold(HOME).moving
+
+
+@settings(max_examples=200, deadline=None)
+@given(vectors(3.14159), st.sampled_from([1.0, 1e-4, 1e-9]))
+def test_the_quick_quaternion_is_that_of_the_matrix(turn, size):
+    for R in (rotation_from_vector(turn * size), HOME.R_base_sensor @ rotation_from_vector(turn)):
+        quick, exact = np.array(quaternion_of(R)), quaternion_from_matrix(R)
+        assert np.linalg.norm(quick) == pytest.approx(1.0, abs=1e-15)
+        assert min(np.abs(quick - exact).max(), np.abs(quick + exact).max()) < 1e-12

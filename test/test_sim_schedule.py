@@ -97,6 +97,16 @@ def test_a_lag_ends_when_the_stream_rests():
     assert taken[19] == 10
 
 
+def test_commands_that_wait_while_time_is_skipped_act_one_after_the_other():
+    schedule = CommandSchedule(PERIOD, START)
+    for k in range(30):
+        schedule.add(START + k * PERIOD, START + 30 * PERIOD, 0, k)
+    schedule = schedule.restarted(START + 500 * PERIOD)
+    schedule.add(START + 502 * PERIOD, START + 502 * PERIOD, 1, 30)
+    taken = [schedule.take(k) for k in range(40)]
+    assert [name for name in taken if name is not None] == list(range(31))
+
+
 def test_faster_commands_than_periods_are_thinned_out_and_never_lag_for_long():
     stamps = [START + 5 * PERIOD + i * PERIOD // 4 for i in range(400)]
     taken, _ = played(stamps)

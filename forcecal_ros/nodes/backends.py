@@ -7,7 +7,7 @@ from builtin_interfaces.msg import Duration
 from forcecal_ros.control.joints import JointSetpoint
 from forcecal_ros.control.motion import Pose, Setpoint, twist_towards
 from forcecal_ros.errors import ConfigError, DataError
-from forcecal_ros.geometry import Array, matrix_from_quaternion, quaternion_from_matrix
+from forcecal_ros.geometry import Array, matrix_from_quaternion, quaternion_of
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.runtime import OUTPUT, SENSOR
 from forcecal_ros.nodes.wire import Writer
@@ -133,4 +133,4 @@ def _point(positions: Array, velocities: Array, after_ns: int) -> JointTrajector
 
 def pose_numbers(pose: Pose) -> tuple[float, ...]:
     """Return x y z qx qy qz qw of a pose."""
-    return (*pose.position.tolist(), *quaternion_from_matrix(pose.R_base_sensor).tolist())
+    return (*pose.position.tolist(), *quaternion_of(pose.R_base_sensor))

@@ -6,7 +6,7 @@ from struct import error as StructError
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.errors import ConfigError, MotionError
-from forcecal_ros.geometry import matrix_from_quaternion, quaternion_from_matrix
+from forcecal_ros.geometry import matrix_from_quaternion, quaternion_of
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.parameters import declare, Parameter
 from forcecal_ros.nodes.reporting import diagnostic_array
@@ -32,7 +32,8 @@ PARAMETERS = (
     Parameter('speed', 1.0, 'Simulated seconds a second; other than 1 needs a clock of its own: '
               'see clock.publish', low=0.1, high=20.0),
     Parameter('clock.publish', False,
-              'Publish /clock for nodes with use_sim_time; always so where speed is not 1'),
+              'Publish /clock for nodes with use_sim_time; always so where speed is not 1. Its '
+              'time passes more slowly where the machine is too slow'),
     Parameter('latency', 0.004, 'How much later than it could a robot period is simulated, so '
               'that commands of that instant have arrived; header stamps are those of the instant',
               's', 0.0, 0.1),
@@ -45,7 +46,7 @@ PARAMETERS = (
 )
 
 CATCH_UP = 3
-"""Periods simulated in one tick at most, so that commands are heard in between."""
+"""Periods simulated in one tick at most; a clock of one's own goes no faster than that."""
 
 LOST = 0.5
 """After a longer stall, or a jump of the clock, time is skipped instead of caught up [s]."""
@@ -91,6 +92,7 @@ class Sim(Node):
                               'other than 1) makes it; set one of them')
         self._latency_ns = round(value['latency'] * 1e9 * self._speed)
         self._period_ns = round(self._rig.robot.period * 1e9)
+        self._most = max(CATCH_UP, round(2 * self._speed))
         self._steady0 = STEADY.now().nanoseconds
         self._origin = self.get_clock().now().nanoseconds
         self._schedule: CommandSchedule | None = None
@@ -106,7 +108,8 @@ class Sim(Node):
         """Let period 0 of the schedule begin at the next whole period of the clock."""
         self._start = -(-now // self._period_ns) * self._period_ns
         self._next = 0
-        self._schedule = CommandSchedule(self._period_ns, self._start)
+        self._schedule = (self._schedule.restarted(self._start) if self._schedule is not None
+                          else CommandSchedule(self._period_ns, self._start))
         self._sample0 = self._start - round(self._simulator.time * 1e9)
 
     def _tick(self) -> None:
@@ -120,12 +123,15 @@ class Sim(Node):
         if self._schedule is None:
             self._begin(now)
         due = (now - self._latency_ns - self._start) // self._period_ns - self._next
+        if self._own_clock and due > self._most:
+            self._origin -= (due - self._most) * self._period_ns
+            due = self._most
         if abs(due) * self._period_ns > (LOST + 1) * 1e9 * self._speed:
             self.get_logger().warning(
                 f'the clock is {due * self._period_ns * 1e-9:.3g} s ahead: time is skipped')
             self._begin(now)
             return
-        for _ in range(min(due, max(CATCH_UP, round(2 * self._speed)))):
+        for _ in range(min(due, self._most)):
             self._inbox.drain()
             self._advance()
 
@@ -189,7 +195,8 @@ class Sim(Node):
 
     def _stamps(self, t: np.ndarray) -> list[int]:
         """Stamps of samples [ns], exact on the grid of microseconds."""
-        return (self._sample0 + np.round(t * 1e6).astype(np.int64) * 1000).tolist()
+        first = self._sample0
+        return [first + round(x * 1e6) * 1000 for x in t.tolist()]
 
     def _publish(self, samples: Samples) -> None:
         for publisher, t, wrenches in (
@@ -208,7 +215,7 @@ class Sim(Node):
         for stamp, position, R_base_sensor in zip(
                 self._stamps(samples.pose_t), samples.position, samples.R_base_sensor):
             self._pose.publish(self._write_pose(
-                stamp, (*position, *quaternion_from_matrix(R_base_sensor))))
+                stamp, (*position.tolist(), *quaternion_of(R_base_sensor))))
 
     def _publish_imu(self, stamps: Sequence[int], samples: Samples) -> None:
         nothing = (NO_DATA, *(0.0,) * 8)

@@ -6,7 +6,7 @@ from typing import Any
 OLDEST = 200_000_000
 """A stamp older than this says nothing about when the command was meant [ns]."""
 
-LONGEST_LAG = 10
+LONGEST_LAG = 250
 """A stream that came late lags by so many periods at most; beyond that commands are dropped."""
 
 
@@ -75,6 +75,26 @@ class CommandSchedule:
         if abs(since - expected * self._period + half) <= self._period:
             return expected
         return -(-since // self._period)
+
+    def restarted(self, start_ns: int) -> 'CommandSchedule':
+        """
+        Return a schedule for a time that was skipped: what waits acts one after the other.
+
+        Parameters
+        ----------
+        start_ns : int
+            When period 0 begins from now on [ns].
+
+        Returns
+        -------
+        CommandSchedule
+        """
+        schedule = CommandSchedule(self._period, start_ns)
+        schedule._queue.extend((i, command) for i, (_, command) in enumerate(self._queue))
+        schedule._last, schedule._newest = len(self._queue) - 1, self._newest
+        schedule._lag = min(len(self._queue), LONGEST_LAG)
+        schedule.late = self.late
+        return schedule
 
     def take(self, period: int) -> Any:
         """Return the newest command that acts in a period; None: the one before holds."""
