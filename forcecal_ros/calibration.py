@@ -59,7 +59,7 @@ class Estimate:
 @dataclass(frozen=True)
 class Accelerometer:
     """
-    Accelerometer on the tool: ``V_i = offset_i + gain_i (map_i . f)``.
+    Accelerometer on the tool: ``V_i = offset_i + gain_i (map_i . f)``, [Gamez2005] Eq. 2.
 
     Attributes
     ----------
