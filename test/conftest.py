@@ -12,6 +12,9 @@ import subprocess
 from hypothesis import settings
 import pytest
 
+# small matrices are slower on two threads than on one, many times so where cores are busy
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
 settings.register_profile('same_everywhere', derandomize=True, deadline=None)
 settings.load_profile('same_everywhere')
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from forcecal_ros.calibration import Estimate
-from forcecal_ros.errors import DataError
+from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.advice import warnings_of
 from forcecal_ros.insitu.excitation import excitation
@@ -51,13 +51,16 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
     DataError, UnobservableError
         The recordings cannot answer; the message names the data set, numbers and a remedy.
     """
+    if options.moving and not options.matrix:
+        raise UnobservableError('in motion the offset is estimated along with the matrix; record '
+                                'several added masses, or leave `motion` off and move slowly')
     if options.matrix:
         require(_training_loads(data_sets), MOVING if options.moving else STATIC)
     reduced, found_norm = reduce(data_sets, mounting, options)
     moments = [r.moments for r in reduced]
     _check_channels(data_sets, moments, options, manufacturer_matrix)
     excited = excitation(moments, options.gravity)
-    offset = shared_offset(moments)
+    offset = np.zeros_like(moments[0].mean) if options.moving else shared_offset(moments)
     used = [(r.moments, r.blocks, r.use) for r in reduced]
     left = residuals(used)
     covariance = _covariance(moments, left) + doubt_covariance(
@@ -66,14 +69,15 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
     result = SensorResult(
         name=name, options=options, excitation=excited, norm=found_norm,
         offset=Estimate(offset, np.sqrt(np.diag(offset_covariance)), options.raw_unit),
-        offset_scatter=_scatter(moments, left, offset),
+        offset_scatter=np.zeros(len(moments)) if options.moving else _scatter(
+            moments, left, offset),
         causes=None if options.moving else causes([(r.blocks, r.use) for r in reduced]),
         data_sets=tuple(_data_set(d, r, options) for d, r in zip(data_sets, reduced)),
         manufacturer_matrix=manufacturer_matrix)
     if options.matrix:
         noise = np.mean([one.long_run for one in left], axis=0)
-        problem = Problem(tuple(data_sets), tuple(moments), noise, options.gravity)
-        result = with_matrix(result, problem, offset, covariance)
+        result = with_matrix(result, Problem(
+            tuple(data_sets), tuple(moments), offset, noise, covariance, options.gravity))
     return replace(result, warnings=warnings_of(result))
 
 
@@ -109,7 +113,8 @@ def _covariance(moments: Sequence[Moments], left: Sequence[Residual]) -> Array:
     sizes = [len(m.ones) for m in moments]
     starts = n * np.concatenate([[1], 1 + np.cumsum(sizes)])
     total = np.zeros((starts[-1], starts[-1]))
-    weight = sum(m.constant_weight for m in moments)
+    still = moments[0].directions.shape[1] == STATIC
+    weight = sum(m.constant_weight for m in moments) if still else np.inf
     for m, one, start, size in zip(moments, left, starts, sizes):
         scores = score_covariance(one)
         to_offset = np.concatenate([[1.0], -m.ones])[None] / weight

@@ -105,7 +105,8 @@ def causes(data_sets: Sequence[tuple[Blocks, Mask]]) -> Causes:
     -------
     Causes
     """
-    spans = np.asarray(np.max([np.ptp(_fitted(b, u)[u], axis=0) for b, u in data_sets], axis=0))
+    each = [np.ptp(_fitted(blocks, use)[use], axis=0) for blocks, use in data_sets]
+    spans: Array = np.asarray(np.max(each, axis=0))
     parts = [_regression(b, u, spans) for b, u in data_sets]
     left = np.vstack([part[0] for part in parts])
     squares, plays = (np.vstack([part[k] for part in parts]) for k in (1, 2))

@@ -4,7 +4,8 @@
 
     C r = (M_B + M_j) g        M_B unknown, M_j = m_j [I; c_j x] known,
 
-linear in the 40 unknowns vec C and [m_B, m_B c_B] (46 in motion, with the body's inertia). Samples
+linear in the 40 unknowns vec C and [m_B, m_B c_B]; 52 in motion, where the body's inertia and the
+offset's wrench C o are estimated along. Samples
 enter as the pseudo-samples of :class:`~forcecal_ros.insitu.moments.Moments`: raw measurements
 projected on the measured gravity, which frees the regressor of the raw channels' noise.
 """
@@ -18,6 +19,7 @@ from forcecal_ros.insitu.motion import (
     body_map,
     inertia_matrix,
     load_parameters,
+    PHYSICAL,
     point_inertia,
 )
 import numpy as np
@@ -44,8 +46,8 @@ class MatrixFit:
     ----------
     matrix : ndarray, shape (6, n)
         C: raw less offset to wire wrench.
-    body : ndarray, shape (4,) or (10,)
-        Mass [kg], moment [kg m], in motion inertia about the sensor's origin [kg m^2].
+    body : ndarray, shape (4,) or (16,)
+        Mass [kg], moment [kg m]; in motion inertia about the sensor's origin [kg m^2] and C o.
     """
 
     matrix: Array
@@ -58,10 +60,10 @@ def total_map(body: Array, load: Load, regressors: int) -> Array:
 
     Parameters
     ----------
-    body : ndarray, shape (4,) or (10,)
+    body : ndarray, shape (4,) or (16,)
     load : Load
     regressors : int
-        3 at rest, 12 in motion.
+        3 at rest, 13 in motion.
 
     Returns
     -------
@@ -72,18 +74,18 @@ def total_map(body: Array, load: Load, regressors: int) -> Array:
 
 def rows(raw: Array, gravity: Array) -> Array:
     """
-    Rows of the 40 (46) unknowns, [r^T (x) I, -(g^T (x) I) P]. [Traversaro2014] Eq. 22-24.
+    Rows of the 40 (52) unknowns, [r^T (x) I, -(g^T (x) I) P]. [Traversaro2014] Eq. 22-24.
 
     Parameters
     ----------
     raw : ndarray, shape (N, n)
         Offset removed.
     gravity : ndarray, shape (N, m)
-        Three regressors at rest, twelve in motion.
+        Three regressors at rest, thirteen in motion.
 
     Returns
     -------
-    ndarray, shape (6 N, 6 n + 4) or (6 N, 6 n + 10)
+    ndarray, shape (6 N, 6 n + 4) or (6 N, 6 n + 16)
         For [vec C; body], vec stacking columns (Eq. 1).
     """
     of_matrix = np.kron(raw, np.eye(6))
@@ -121,7 +123,7 @@ def system(raw: Sequence[Array], gravity: Sequence[Array], loads: Sequence[Load]
 
     Returns
     -------
-    left : ndarray, shape (6 N, 6 n + 4) or (6 N, 6 n + 10)
+    left : ndarray, shape (6 N, 6 n + 4) or (6 N, 6 n + 16)
     right : ndarray, shape (6 N,)
     """
     return (np.vstack([rows(r, g) for r, g in zip(raw, gravity)]),
@@ -185,7 +187,7 @@ def inertia_about_com(body: Array) -> Array | None:
     if len(body) == 4:
         return None
     shift = point_inertia(float(body[0]), centre_of_mass(body))
-    return inertia_matrix(body[4:] - shift)
+    return inertia_matrix(body[4:10] - shift)
 
 
 def body_of(wrench: Array, gravity: Array) -> Array:
@@ -199,7 +201,9 @@ def body_of(wrench: Array, gravity: Array) -> Array:
 
     Returns
     -------
-    ndarray, shape (4,) or (10,)
+    ndarray, shape (4,) or (16,)
+        Without a constant wrench: the offset is off.
     """
-    left = -rows(np.empty((len(gravity), 0)), gravity)
-    return np.asarray(np.linalg.lstsq(left, wrench.ravel(), rcond=1e-10)[0])
+    left = -rows(np.empty((len(gravity), 0)), gravity)[:, :PHYSICAL]
+    found = np.linalg.lstsq(left, wrench.ravel(), rcond=1e-10)[0]
+    return found if len(found) < PHYSICAL else np.concatenate([found, np.zeros(6)])

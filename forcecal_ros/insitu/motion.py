@@ -2,15 +2,21 @@
 
 At rest the regressor is gravity alone, [Traversaro2014] Eq. 3-5. Its future work, motion, adds
 angular acceleration and products of the angular rate: twelve numbers a sample, in which the wire
-wrench (environment on tool) of a rigid body is still linear.
+wrench (environment on tool) of a rigid body is still linear. The sensor's offset is then estimated
+along with the matrix, as the wrench that the matrix makes of it: a thirteenth regressor, 1. (Apart
+from it, a constant is almost in the span of twelve regressors when a limb swings like a pendulum.)
 """
+
+from functools import cache
 
 from forcecal_ros.geometry import Array, skew
 import numpy as np
 from numpy.typing import ArrayLike
 
-STATIC, MOVING = 3, 12
+STATIC, MOVING = 3, 13
 """Number of regressors at rest and in motion."""
+PHYSICAL = 10
+"""Parameters of a rigid body: mass, moment, inertia."""
 
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
@@ -30,13 +36,13 @@ def moving_regressors(gravity: Array, omega: Array, alpha: Array, position: Arra
 
     Returns
     -------
-    ndarray, shape (n, 12)
-        g - a of the sensor's origin, alpha, and wx wx, wy wy, wz wz, wx wy, wx wz, wy wz.
+    ndarray, shape (n, 13)
+        g - a of the sensor's origin, alpha, wx wx, wy wy, wz wz, wx wy, wx wz, wy wz, and 1.
     """
     p = np.broadcast_to(np.asarray(position, dtype=float), omega.shape)
     at_origin = gravity + np.cross(alpha, p) + np.cross(omega, np.cross(omega, p))
     products = np.stack([omega[:, i] * omega[:, j] for i, j in _PAIRS], axis=1)
-    return np.concatenate([at_origin, alpha, products], axis=1)
+    return np.concatenate([at_origin, alpha, products, np.ones((len(alpha), 1))], axis=1)
 
 
 def gravity_map(mass: float, moment: ArrayLike) -> Array:
@@ -57,9 +63,9 @@ def gravity_map(mass: float, moment: ArrayLike) -> Array:
     return np.vstack([mass * np.eye(3), skew(moment)])
 
 
-def motion_map(mass: float, moment: ArrayLike, inertia: ArrayLike) -> Array:
+def motion_map(mass: float, moment: ArrayLike, inertia: ArrayLike, constant: ArrayLike) -> Array:
     """
-    Extend :func:`gravity_map` to motion, on the twelve regressors.
+    Extend :func:`gravity_map` to motion, on the thirteen regressors.
 
     Parameters
     ----------
@@ -69,10 +75,12 @@ def motion_map(mass: float, moment: ArrayLike, inertia: ArrayLike) -> Array:
         Mass times centre of mass [kg m].
     inertia : array_like, shape (6,)
         xx, yy, zz, xy, xz, yz about the sensor's origin [kg m^2].
+    constant : array_like, shape (6,)
+        Wrench that is always there: what the matrix makes of the sensor's offset [N, N m].
 
     Returns
     -------
-    ndarray, shape (6, 12)
+    ndarray, shape (6, 13)
     """
     h = np.asarray(moment, dtype=float)
     J = inertia_matrix(inertia)
@@ -86,6 +94,7 @@ def motion_map(mass: float, moment: ArrayLike, inertia: ArrayLike) -> Array:
         square = symmetric - np.trace(symmetric) * np.eye(3)
         out[:3, 6 + k] = -square @ h
         out[3:, 6 + k] = -_rate_torque(i, j, J)
+    out[:, 12] = constant
     return out
 
 
@@ -115,45 +124,52 @@ def point_inertia(mass: float, position: ArrayLike) -> Array:
     return inertia_vector(mass * (p @ p * np.eye(3) - np.outer(p, p)))
 
 
+@cache
 def body_basis(regressors: int) -> Array:
     """
-    Return the maps of unit body parameters: mass, three moments, in motion six inertias.
+    Return the maps of unit body parameters: mass, moment; in motion inertia and constant too.
 
     Parameters
     ----------
     regressors : int
-        3 at rest, 12 in motion.
+        3 at rest, 13 in motion.
 
     Returns
     -------
-    ndarray, shape (4, 6, 3) or (10, 6, 12)
-        ``tensordot(theta, body_basis(k), 1)`` is the map of a body theta.
+    ndarray, shape (4, 6, 3) or (16, 6, 13)
+        Read-only; see :func:`body_map`.
     """
-    size = 4 if regressors == STATIC else 10
-    return np.stack([body_map(theta, regressors) for theta in np.eye(size)])
+    if regressors == STATIC:
+        basis = np.stack([gravity_map(unit[0], unit[1:]) for unit in np.eye(4)])
+    else:
+        basis = np.stack([motion_map(unit[0], unit[1:4], unit[4:10], unit[10:])
+                          for unit in np.eye(PHYSICAL + 6)])
+    basis.setflags(write=False)
+    return basis
 
 
 def body_map(theta: Array, regressors: int) -> Array:
     """
-    Map of a body from its parameters.
+    Map of a body from its parameters, in which it is linear.
 
     Parameters
     ----------
-    theta : ndarray, shape (4,) or (10,)
-        Mass [kg], moment [kg m], in motion also the inertia about the origin [kg m^2].
+    theta : ndarray, shape (4,) or (16,)
+        Mass [kg], moment [kg m]; in motion also inertia about the origin [kg m^2] and constant
+        wrench [N, N m].
     regressors : int
 
     Returns
     -------
     ndarray, shape (6, regressors)
     """
-    if regressors == STATIC:
-        return gravity_map(theta[0], theta[1:4])
-    return motion_map(theta[0], theta[1:4], theta[4:])
+    return np.asarray(np.tensordot(theta, body_basis(regressors), 1))
 
 
 def load_parameters(mass: float, position: ArrayLike, regressors: int) -> Array:
-    """Return the parameters of an added point mass, shape (4,) at rest or (10,) in motion."""
+    """Return the parameters of an added point mass, shape (4,) at rest or (16,) in motion."""
     p = np.asarray(position, dtype=float)
     still = np.concatenate([[mass], mass * p])
-    return still if regressors == STATIC else np.concatenate([still, point_inertia(mass, p)])
+    if regressors == STATIC:
+        return still
+    return np.concatenate([still, point_inertia(mass, p), np.zeros(6)])

@@ -30,7 +30,7 @@ class Chunk(NamedTuple):
 
 
 class Prepared(NamedTuple):
-    """``t`` (n,) [s], ``regressors`` (n, 3 or 12) in the sensor frame, ``raw`` (n, k)."""
+    """``t`` (n,) [s], ``regressors`` (n, 3 or 13) in the sensor frame, ``raw`` (n, k)."""
 
     t: Array
     regressors: Array
@@ -82,7 +82,7 @@ def prepare(chunks: Iterable[Chunk], mounting: Mounting, moving: bool) -> Iterat
     chunks : iterable of Chunk
     mounting : Mounting
     moving : bool
-        Use the gyro: twelve regressors instead of three.
+        Use the gyro: thirteen regressors instead of three.
 
     Yields
     ------

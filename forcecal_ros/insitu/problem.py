@@ -1,4 +1,4 @@
-"""The matrix, the body and what the loads feel like, as one function of a few measured numbers.
+"""The matrix, the body and what the loads feel like, from a few measured numbers and their errors.
 
 Every data set has been reduced to as many pseudo-samples as its regressors have directions; with
 the offset they are all that [Traversaro2014] III-C and its tables need, and the errors of these
@@ -15,7 +15,7 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.insitu import matrix as eq
 from forcecal_ros.insitu.matrix import Load, MatrixFit
 from forcecal_ros.insitu.moments import Moments
-from forcecal_ros.insitu.motion import inertia_matrix, inertia_vector
+from forcecal_ros.insitu.motion import inertia_matrix, inertia_vector, PHYSICAL
 from forcecal_ros.insitu.rank import data_rank, RankReport
 from forcecal_ros.insitu.reduce import DataSet
 from forcecal_ros.insitu.result import DataSetResult, SensorResult
@@ -24,89 +24,129 @@ from forcecal_ros.insitu.validate import feel, Felt
 import numpy as np
 
 
-class Solution(NamedTuple):
-    """
-    What follows from the numbers.
+class Training(NamedTuple):
+    """The data sets to train on: raw pseudo-samples, regressors and loads, and which they are."""
 
-    ``matrix`` (6, n); ``body`` mass, centre of mass and, in motion, inertia about it, (4,) or
-    (10,); ``felt`` (k, 7) semi-axes, added mass and its position of every data set.
-    """
+    raw: list[Array]
+    gravity: list[Array]
+    loads: list[Load]
+    numbers: list[int]
+
+
+class Fitted(NamedTuple):
+    """``matrix`` (6, n), ``body`` (4,) or (16,), ``offset`` (n,)."""
 
     matrix: Array
     body: Array
-    felt: Array
+    offset: Array
 
     def pack(self) -> Array:
         """Return all numbers in a row."""
         return np.concatenate([part.ravel() for part in self])
 
-    def unpack(self, flat: Array) -> 'Solution':
-        """Give numbers in a row the shapes of this solution."""
+    def unpack(self, flat: Array) -> 'Fitted':
+        """Give numbers in a row the shapes of this fit."""
         ends = np.cumsum([part.size for part in self])[:-1]
-        return Solution(*(piece.reshape(part.shape)
-                          for piece, part in zip(np.split(flat, ends), self)))
+        return Fitted(*(piece.reshape(part.shape)
+                        for piece, part in zip(np.split(flat, ends), self)))
 
 
 @dataclass(frozen=True)
 class Problem:
     """
-    What does not vary with the noise: which data set is which, and where gravity pointed.
+    What was measured, in the order offset, pseudo-samples of the first data set, of the second...
 
     Attributes
     ----------
     data_sets : tuple of DataSet
     moments : tuple of Moments
+    offset : ndarray, shape (n,)
+        Zero in motion, where it is a result of the fit.
     noise : ndarray, shape (n, n)
         Covariance that the raw channels are scaled by.
+    covariance : ndarray
+        Of the measured numbers.
     gravity : float
         Magnitude [m/s^2].
     """
 
     data_sets: tuple[DataSet, ...]
     moments: tuple[Moments, ...]
+    offset: Array
     noise: Array
+    covariance: Array
     gravity: float
 
-    def pack(self, offset: Array) -> Array:
-        """Return the measured numbers: offset, then the pseudo-samples of every data set."""
-        return np.concatenate([offset, *(m.raw.ravel() for m in self.moments)])
+    def place(self, number: int) -> slice:
+        """Where the pseudo-samples of a data set stand among the measured numbers."""
+        start = len(self.offset) + sum(m.raw.size for m in self.moments[:number])
+        return slice(start, start + self.moments[number].raw.size)
 
-    def raw(self, x: Array) -> list[Array]:
-        """Return the pseudo-samples (q_j, n) of every data set with the offset removed."""
-        n = len(self.noise)
-        ends = np.cumsum([m.raw.size for m in self.moments])[:-1]
-        return [part.reshape(-1, n) - np.outer(m.ones, x[:n])
-                for part, m in zip(np.split(x[n:], ends), self.moments)]
-
-    def training(self, x: Array) -> tuple[list[Array], list[Array], list[Load]]:
-        """Return raw pseudo-samples, regressors and loads of the data sets to train on."""
-        chosen = [(r, m.directions, d.load)
-                  for r, m, d in zip(self.raw(x), self.moments, self.data_sets)
+    def training(self) -> Training:
+        """Return the data sets to train on, the offset taken off."""
+        chosen = [(k, m, d.load) for k, (m, d) in enumerate(zip(self.moments, self.data_sets))
                   if d.train and d.load is not None]
-        return [c[0] for c in chosen], [c[1] for c in chosen], [c[2] for c in chosen]
+        return Training([m.raw - np.outer(m.ones, self.offset) for _, m, _ in chosen],
+                        [m.directions for _, m, _ in chosen], [load for *_, load in chosen],
+                        [k for k, *_ in chosen])
 
-    def fit(self, x: Array) -> MatrixFit:
+    def fit(self) -> Fitted:
         """Return matrix and body, [Traversaro2014] Eq. 21."""
-        raw, gravity, loads = self.training(x)
-        return eq.solve(raw, gravity, loads, eq.six_channels(raw, self.noise))
+        train = self.training()
+        found = eq.solve(train.raw, train.gravity, train.loads,
+                         eq.six_channels(train.raw, self.noise))
+        return Fitted(found.matrix, found.body, self._offset(found))
 
-    def feel(self, x: Array, matrix: Array, body: Array) -> Iterator[Felt]:
-        """Yield Tables I to III for every data set, as a matrix has it."""
-        for r, m, d in zip(self.raw(x), self.moments, self.data_sets):
-            wanted = d.load is not None and d.load.mass > 0
-            yield feel(r @ matrix.T, m.directions, body, self.gravity, wanted)
+    def _offset(self, found: MatrixFit) -> Array:
+        if len(found.body) <= PHYSICAL:
+            return self.offset
+        return np.asarray(np.linalg.pinv(found.matrix) @ found.body[PHYSICAL:])
 
-    def solve(self, x: Array) -> Solution:
-        """Return everything that follows from the numbers."""
-        fit = self.fit(x)
-        felt = [np.concatenate([f.semi_axes, [f.mass], f.position])
-                for f in self.feel(x, fit.matrix, fit.body)]
-        inertia = eq.inertia_about_com(fit.body)
-        body = [fit.body[:1], eq.centre_of_mass(fit.body)]
-        body += [] if inertia is None else [inertia_vector(inertia)]
-        return Solution(fit.matrix, np.concatenate(body), np.array(felt))
+    def sensitivity(self, fitted: Fitted) -> Array:
+        """
+        How the fit changes with the measured numbers, its residual taken to be small.
 
-    def rank(self, x: Array) -> RankReport:
+        Parameters
+        ----------
+        fitted : Fitted
+
+        Returns
+        -------
+        ndarray
+            One row for each number of :meth:`Fitted.pack`, one column for each measured one.
+        """
+        train, n, size = self.training(), len(self.offset), len(fitted.body)
+        channels = eq.six_channels(train.raw, self.noise)
+        left, _ = eq.system([r @ channels for r in train.raw], train.gravity, train.loads)
+        scale = np.linalg.norm(left, axis=0)
+        scale[scale == 0] = 1.0
+        inverse = np.linalg.pinv(left / scale, rcond=1e-10) / scale[:, None]
+        change = -(inverse.reshape(len(scale), -1, 6) @ fitted.matrix)
+        of_matrix = np.einsum('jiqn,cj->icqn', change[:36].reshape(6, 6, -1, n), channels)
+        change = np.concatenate([of_matrix.reshape(6 * n, -1, n), change[36:]])
+        out = np.zeros((6 * n + size + n, len(self.covariance)))
+        first = 0
+        for k, raw in zip(train.numbers, train.raw):
+            part = change[:, first:first + len(raw)]
+            out[:len(change), self.place(k)] = part.reshape(len(change), -1)
+            out[:len(change), :n] -= np.tensordot(part, self.moments[k].ones, (1, 0))
+            first += len(raw)
+        if size <= PHYSICAL:
+            out[-n:, :n] = np.eye(n)
+        else:
+            constant, matrix = out[6 * n + PHYSICAL:6 * n + size], out[:6 * n].reshape(6, n, -1)
+            out[-n:] = np.linalg.pinv(fitted.matrix) @ (
+                constant - np.einsum('ink,n->ik', matrix, fitted.offset))
+        return out
+
+    def feel(self, number: int, fitted: Fitted, raw: Array, matrix: Array) -> Felt:
+        """Return Tables I to III for one data set, as a matrix has it."""
+        m, load = self.moments[number], self.data_sets[number].load
+        wrench = (raw - np.outer(m.ones, fitted.offset)) @ matrix.T
+        return feel(wrench, m.directions, fitted.body, self.gravity,
+                    load is not None and load.mass > 0)
+
+    def rank(self) -> RankReport:
         """
         Return the rank of the unknowns on the data.
 
@@ -115,9 +155,9 @@ class Problem:
         UnobservableError
             More than the body's inertia stays open.
         """
-        raw, gravity, loads = self.training(x)
-        channels = eq.six_channels(raw, self.noise)
-        report = data_rank([r @ channels for r in raw], gravity, loads)
+        train = self.training()
+        channels = eq.six_channels(train.raw, self.noise)
+        report = data_rank([r @ channels for r in train.raw], train.gravity, train.loads)
         if set(report.undetermined) - {'inertia of the body'}:
             raise UnobservableError(
                 f'the data give rank {report.rank} of {report.unknowns} beyond noise: '
@@ -126,8 +166,7 @@ class Problem:
         return report
 
 
-def with_matrix(result: SensorResult, problem: Problem, offset: Array,
-                covariance: Array) -> SensorResult:
+def with_matrix(result: SensorResult, problem: Problem) -> SensorResult:
     """
     Add matrix, body and tables to a result, each number with its standard error.
 
@@ -135,9 +174,6 @@ def with_matrix(result: SensorResult, problem: Problem, offset: Array,
     ----------
     result : SensorResult
     problem : Problem
-    offset : ndarray, shape (n,)
-    covariance : ndarray
-        Of the numbers in the order of :meth:`Problem.pack`.
 
     Returns
     -------
@@ -148,34 +184,52 @@ def with_matrix(result: SensorResult, problem: Problem, offset: Array,
     UnobservableError
         The data do not determine the matrix.
     """
-    x, n, unit = problem.pack(offset), len(offset), result.options.raw_unit
-    rank = problem.rank(x)
-    value = problem.solve(x)
-    spread = propagate(lambda at: problem.solve(at).pack(), x, covariance)
-    std = value.unpack(np.sqrt(np.diag(spread)))
-    bias = np.sqrt(np.diag(value.matrix @ covariance[:n, :n] @ value.matrix.T))
+    rank, fitted = problem.rank(), problem.fit()
+    change = problem.sensitivity(fitted)
+    spread = change @ problem.covariance @ change.T
+    std = fitted.unpack(np.sqrt(np.diag(spread)))
+    n, unit, at = len(fitted.offset), result.options.raw_unit, fitted.matrix.size
+    bias = fitted.matrix @ spread[-n:, -n:] @ fitted.matrix.T
+    body = _words(fitted.body)
+    body_std = np.sqrt(np.diag(propagate(
+        _words, fitted.body, spread[at:at + len(fitted.body), at:at + len(fitted.body)])))
+    known = len(body) > 4 and rank.rank == rank.unknowns
     return replace(
-        result, rank=rank, matrix=Estimate(value.matrix, std.matrix, f'N/{unit}, N m/{unit}'),
-        wrench_bias=Estimate(np.zeros(6), bias, 'N, N m'),
-        mass=Estimate(value.body[0], std.body[0], 'kg'),
-        com=Estimate(value.body[1:4], std.body[1:4], 'm'), inertia=_inertia(value, std, rank),
-        data_sets=tuple(_tables(result, problem, x, value, std)))
+        result, rank=rank, offset=Estimate(fitted.offset, std.offset, unit),
+        matrix=Estimate(fitted.matrix, std.matrix, f'N/{unit}, N m/{unit}'),
+        wrench_bias=Estimate(np.zeros(6), np.sqrt(np.diag(bias)), 'N, N m'),
+        mass=Estimate(body[0], body_std[0], 'kg'), com=Estimate(body[1:4], body_std[1:4], 'm'),
+        inertia=Estimate(inertia_matrix(body[4:]), inertia_matrix(body_std[4:]), 'kg m^2')
+        if known else None,
+        data_sets=tuple(_tables(result, problem, fitted, change)))
 
 
-def _inertia(value: Solution, std: Solution, rank: RankReport) -> Estimate | None:
-    if len(value.body) == 4 or rank.rank < rank.unknowns:
-        return None
-    return Estimate(inertia_matrix(value.body[4:]), inertia_matrix(std.body[4:]), 'kg m^2')
+def _words(body: Array) -> Array:
+    """Body parameters as people name them: mass, centre of mass, in motion inertia about it."""
+    inertia = eq.inertia_about_com(body)
+    parts = [body[:1], eq.centre_of_mass(body)]
+    return np.concatenate(parts if inertia is None else [*parts, inertia_vector(inertia)])
 
 
-def _tables(result: SensorResult, problem: Problem, x: Array, value: Solution, std: Solution
+def _tables(result: SensorResult, problem: Problem, fitted: Fitted, change: Array
             ) -> Iterator[DataSetResult]:
-    maker = result.manufacturer_matrix
-    by_maker = [None] * len(value.felt) if maker is None else problem.feel(
-        x, maker, problem.fit(x).body)
-    for data_set, felt, error, other in zip(result.data_sets, value.felt, std.felt, by_maker):
-        known = bool(np.isfinite(felt[4:]).all())
-        yield replace(data_set, semi_axes=Estimate(felt[:3], error[:3], 'N'),
-                      added_mass=Estimate(felt[3], error[3], 'kg'),
-                      position=Estimate(felt[4:], error[4:], 'm') if known else None,
-                      by_manufacturer=other)
+    count = len(change)
+    for k, data_set in enumerate(result.data_sets):
+        shape, place = problem.moments[k].raw.shape, problem.place(k)
+
+        def felt(numbers: Array, k: int = k, shape: tuple[int, ...] = shape) -> Array:
+            fit = fitted.unpack(numbers[:count])
+            found = problem.feel(k, fit, numbers[count:].reshape(shape), fit.matrix)
+            return np.concatenate([found.semi_axes, [found.mass], found.position])
+
+        own = np.vstack([change, np.eye(len(problem.covariance))[place]])
+        numbers = np.concatenate([fitted.pack(), problem.moments[k].raw.ravel()])
+        value = felt(numbers)
+        std = np.sqrt(np.diag(propagate(felt, numbers, own @ problem.covariance @ own.T)))
+        maker = result.manufacturer_matrix
+        yield replace(
+            data_set, semi_axes=Estimate(value[:3], std[:3], 'N'),
+            added_mass=Estimate(value[3], std[3], 'kg'),
+            position=Estimate(value[4:], std[4:], 'm') if np.isfinite(value[4:]).all() else None,
+            by_manufacturer=None if maker is None else problem.feel(
+                k, fitted, problem.moments[k].raw, maker))

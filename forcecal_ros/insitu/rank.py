@@ -16,7 +16,7 @@ from forcecal_ros.insitu.motion import load_parameters, STATIC
 import numpy as np
 
 RELATIVE = 1e-9
-NOISE_FACTOR = 3.0
+NOISE_FACTOR = 1.5
 """Singular values below this many times what noise alone would make do not count."""
 
 
@@ -48,7 +48,7 @@ def structural_rank(loads: Sequence[Load], regressors: int = STATIC) -> RankRepo
     ----------
     loads : sequence of Load
     regressors : int
-        3 at rest, 12 in motion.
+        3 at rest, 13 in motion.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def structural_rank(loads: Sequence[Load], regressors: int = STATIC) -> RankRepo
     size = max([load.mass for load in loads] + [1e-3])
     reach = max([float(np.linalg.norm(load.position)) for load in loads] + [1e-3])
     body = load_parameters(2.7 * size, np.array([0.11, -0.23, 0.37]) * reach, regressors)
-    body[4:] *= 3.1
+    body[4:] = np.linspace(0.4, 0.9, len(body) - 4) ** 2 * size
     gravity = np.eye(regressors)
     raw = [gravity @ total_map(body, load, regressors).T for load in loads]
     left, _ = system(raw, [gravity] * len(loads), loads)
@@ -109,7 +109,7 @@ def _names(null: Array) -> Iterator[str]:
             yield name
     for part, name in ((open_[36:37], 'mass of the body'),
                        (open_[37:40], 'centre of mass of the body'),
-                       (open_[40:], 'inertia of the body')):
+                       (open_[40:46], 'inertia of the body'), (open_[46:], 'offset')):
         if part.any():
             yield name
 

@@ -22,6 +22,8 @@ BANDWIDTH = 2.3
 """Factor of Andrews' rule, twice his: recordings hold few periods of their slowest motion."""
 MOST_LAGS = 0.25
 """Share of the blocks that the longest lag may reach."""
+NOTHING = 1e-9
+"""Share of the blocks that counts as none: in motion the constant is among the regressors."""
 MOST_PERSISTENT = 0.98
 """AR(1) coefficient that full correlation is taken for."""
 
@@ -36,7 +38,8 @@ class Sums(NamedTuple):
     def weight(self) -> float:
         """What the blocks know of a constant beside the regressors, in blocks."""
         s, G = self.normal[0, 1:], self.normal[1:, 1:]
-        return float(max(self.normal[0, 0] - s @ np.linalg.lstsq(G, s, rcond=None)[0], 0.0))
+        rest = self.normal[0, 0] - s @ np.linalg.lstsq(G, s, rcond=None)[0]
+        return float(rest) if rest > NOTHING * self.normal[0, 0] else 0.0
 
     @property
     def weighted_constant(self) -> Array:
@@ -94,8 +97,8 @@ def residuals(data_sets: Sequence[tuple[Moments, Blocks, Mask]]) -> list[Residua
         for part in _stretches(blocks, use):
             own = _sums(one[part], blocks.raw[part])
             rest = Sums(total.normal - own.normal, total.right - own.right)
-            offset = (constant - total.weighted_constant + rest.weighted_constant) \
-                / (weight - total.weight + rest.weight)
+            offset = _divide(constant - total.weighted_constant + rest.weighted_constant,
+                             weight - total.weight + rest.weight)
             left[part] = blocks.raw[part] - offset - one[part, 1:] @ rest.slopes(offset)
         out.append(_residual(one, left, blocks.samples))
     return out
@@ -118,8 +121,8 @@ def doubt_covariance(data_sets: Sequence[tuple[Moments, Blocks, Mask]],
         Of [offset, raw pseudo-samples of every data set].
     """
     def numbers(sums: Sequence[Sums]) -> Array:
-        offset = np.sum([one.weighted_constant for one in sums], axis=0) \
-            / sum(one.weight for one in sums)
+        offset = _divide(np.sum([one.weighted_constant for one in sums], axis=0),
+                         sum(one.weight for one in sums))
         return np.concatenate([offset, *(
             (np.outer(moments.ones, offset) + one.slopes(offset)).ravel()
             for one, (moments, _, _) in zip(sums, data_sets))])
@@ -134,6 +137,10 @@ def doubt_covariance(data_sets: Sequence[tuple[Moments, Blocks, Mask]],
                             for use in pair)
             total += np.outer(wide - narrow, wide - narrow) / 4
     return total
+
+
+def _divide(weighted: Array, weight: float) -> Array:
+    return weighted / weight if weight > 0 else np.zeros_like(weighted)
 
 
 def _regressors(moments: Moments, blocks: Blocks) -> Array:
@@ -224,7 +231,7 @@ def propagate(function: Callable[[Array], Array], x: Array, covariance: Array) -
     -------
     ndarray, shape (l, l)
     """
-    steps = 0.1 * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    steps = 1e-3 * np.sqrt(np.maximum(np.diag(covariance), 0.0))
     steps = np.where(steps > 0, steps, 1e-9 * np.maximum(np.abs(x), 1.0))
     columns = [(function(x + step) - function(x - step)) / (2 * size)
                for step, size in zip(np.diag(steps), steps)]

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.matrix import body_of
+from forcecal_ros.insitu.motion import body_map
 import numpy as np
 
 
@@ -20,31 +21,34 @@ class Felt(NamedTuple):
     position: Array
 
 
-def force_map(wrench: Array, gravity: Array) -> Array:
+def force_map(wrench: Array, gravity: Array, total: Array) -> Array:
     """
-    Linear map from gravity to the measured force, shape (3, 3) [kg].
+    Linear map from gravity to the measured force, what motion adds taken off.
 
     Parameters
     ----------
     wrench : ndarray, shape (N, 6)
     gravity : ndarray, shape (N, m)
+    total : ndarray, shape (4,) or (16,)
+        Body with what is added to it.
 
     Returns
     -------
     ndarray, shape (3, 3)
-        Mass times identity for a perfect sensor.
+        Mass times identity for a perfect sensor [kg].
     """
-    return np.asarray(np.linalg.lstsq(gravity, wrench[:, :3], rcond=1e-10)[0][:3].T)
+    motion = gravity[:, 3:] @ body_map(total, gravity.shape[1])[:3, 3:].T
+    return np.linalg.lstsq(gravity[:, :3], wrench[:, :3] - motion, rcond=1e-10)[0].T
 
 
-def semi_axes(wrench: Array, gravity: Array, magnitude: float) -> Array:
+def semi_axes(linear: Array, magnitude: float) -> Array:
     """
     Semi-axes of the ellipsoid that gravity's sphere becomes. [Traversaro2014] Table I.
 
     Parameters
     ----------
-    wrench : ndarray, shape (N, 6)
-    gravity : ndarray, shape (N, m)
+    linear : ndarray, shape (3, 3)
+        Map from gravity to force [kg].
     magnitude : float
         Of gravity [m/s^2].
 
@@ -53,7 +57,7 @@ def semi_axes(wrench: Array, gravity: Array, magnitude: float) -> Array:
     ndarray, shape (3,)
         Longest first [N].
     """
-    return magnitude * np.linalg.svd(force_map(wrench, gravity), compute_uv=False)
+    return magnitude * np.linalg.svd(linear, compute_uv=False)
 
 
 def feel(wrench: Array, gravity: Array, body: Array, magnitude: float,
@@ -66,7 +70,7 @@ def feel(wrench: Array, gravity: Array, body: Array, magnitude: float,
     wrench : ndarray, shape (N, 6)
         C (r - o) of the pseudo-samples.
     gravity : ndarray, shape (N, m)
-    body : ndarray, shape (4,) or (10,)
+    body : ndarray, shape (4,) or (16,)
         Without the added mass.
     magnitude : float
         Of gravity [m/s^2].
@@ -77,6 +81,8 @@ def feel(wrench: Array, gravity: Array, body: Array, magnitude: float,
     -------
     Felt
     """
-    added = body_of(wrench, gravity) - body
+    total = body_of(wrench, gravity)
+    added = total - body
     position = added[1:4] / added[0] if position_wanted and added[0] else np.full(3, np.nan)
-    return Felt(semi_axes(wrench, gravity, magnitude), float(added[0]), position)
+    axes = semi_axes(force_map(wrench, gravity, total), magnitude)
+    return Felt(axes, float(added[0]), position)

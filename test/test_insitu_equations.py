@@ -1,0 +1,238 @@
+"""[Traversaro2014] equation by equation, against forms written out anew and other physics."""
+
+from forcecal_ros.geometry import skew
+from forcecal_ros.insitu import matrix as eq
+from forcecal_ros.insitu.blocks import to_blocks
+from forcecal_ros.insitu.matrix import Load
+from forcecal_ros.insitu.moments import accumulate
+from forcecal_ros.insitu.motion import (
+    body_map,
+    gravity_map,
+    load_parameters,
+    moving_regressors,
+    MOVING,
+    STATIC,
+)
+from forcecal_ros.insitu.offset import offset_coordinates, offset_of, shared_offset
+from forcecal_ros.insitu.prepare import Mounting, Prepared, prepare
+from forcecal_ros.insitu.smoothing import smooth, window_samples
+from forcecal_ros.insitu.subspace import (
+    from_coordinates,
+    mean_measurement,
+    principal_directions,
+    Subspace,
+    to_coordinates,
+)
+from hypothesis import given, settings, strategies as st
+import insitu_leg
+from insitu_leg import ACCELEROMETER, GAUGES, Leg, Load as Added, OFFSET, record
+from insitu_runs import chunks_of
+import numpy as np
+import pytest
+from scipy.signal import savgol_filter
+
+QUIET = Leg(noise=0.0)
+ADDED = insitu_leg.PROTOCOL[1]
+
+
+@pytest.fixture(scope='module')
+def log():
+    return record(ADDED, QUIET, 1)
+
+
+@pytest.fixture(scope='module')
+def noisy():
+    return record(ADDED, Leg(), 1)
+
+
+def moments_of(log, window=1, size=None, kept=((-np.inf, np.inf),), corrected=True):
+    def pieces():
+        return prepare(chunks_of(log, size), Mounting(), False)
+    blocks = to_blocks(pieces())
+    scale = 1.0 if corrected else 0.0
+    return accumulate(pieces(), kept, window, 3, scale * blocks.raw_noise,
+                      scale * blocks.gravity_noise)
+
+
+@given(st.lists(st.floats(-3, 3), min_size=7, max_size=7))
+def test_the_map_of_gravity_gives_weight_and_its_moment(numbers):
+    mass, com, gravity = abs(numbers[0]) + 0.1, np.array(numbers[1:4]), np.array(numbers[4:])
+    wrench = gravity_map(mass, mass * com) @ gravity
+    np.testing.assert_allclose(wrench[:3], mass * gravity)
+    np.testing.assert_allclose(wrench[3:], np.cross(com, mass * gravity), atol=1e-12)
+
+
+def test_the_static_map_has_rank_three_so_that_measurements_span_three_dimensions(log):
+    values = np.linalg.svd(log.raw - mean_measurement(log.raw), compute_uv=False)
+    assert (values[3:] < 1e-9 * values[0]).all()
+    assert values[2] > 1e-3 * values[0]
+
+
+def test_coordinates_in_the_subspace_lose_nothing(log):
+    basis, _ = principal_directions(log.raw)
+    subspace = Subspace(mean_measurement(log.raw), basis)
+    np.testing.assert_allclose(basis.T @ basis, np.eye(3), atol=1e-12)
+    back = from_coordinates(subspace, to_coordinates(subspace, log.raw))
+    np.testing.assert_allclose(back, log.raw, atol=1e-8)
+
+
+def test_the_measurements_lie_on_an_ellipsoid_about_the_offset(log):
+    basis, _ = principal_directions(log.raw)
+    subspace = Subspace(mean_measurement(log.raw), basis)
+    y = to_coordinates(subspace, log.raw) - to_coordinates(subspace, OFFSET)
+    shape = np.linalg.lstsq(-log.accel, y, rcond=None)[0].T
+    np.testing.assert_allclose(np.linalg.norm(np.linalg.solve(shape, y.T), axis=0), insitu_leg.G)
+
+
+def test_twelve_unknowns_written_out_give_the_offset(log):
+    basis, _ = principal_directions(log.raw)
+    subspace = Subspace(mean_measurement(log.raw), basis)
+    found = from_coordinates(subspace, offset_coordinates(subspace, -log.accel, log.raw))
+    np.testing.assert_allclose(found, OFFSET, rtol=1e-9)
+
+
+def test_moments_give_the_offset_that_the_twelve_unknowns_give(noisy):
+    basis, _ = principal_directions(noisy.raw)
+    subspace = Subspace(mean_measurement(noisy.raw), basis)
+    direct = from_coordinates(subspace, offset_coordinates(subspace, -noisy.accel, noisy.raw))
+    found = offset_of(moments_of(noisy, corrected=False))
+    np.testing.assert_allclose(found, direct, atol=1e-6)
+
+
+def test_accelerometer_noise_pulls_the_plain_offset_and_correction_takes_it_off():
+    logs = [record(ADDED, Leg(), seed) for seed in range(8)]
+    plain = np.mean([offset_of(moments_of(log, corrected=False)) for log in logs], axis=0)
+    corrected = np.mean([offset_of(moments_of(log)) for log in logs], axis=0)
+    to_newton = np.linalg.inv(GAUGES)[:3]
+    pulled = np.linalg.norm(to_newton @ (plain - OFFSET))
+    left = np.linalg.norm(to_newton @ (corrected - OFFSET))
+    assert pulled > 0.15
+    assert left < pulled / 3
+
+
+def test_a_shared_offset_is_nearer_than_any_single_one():
+    logs = [record(load, Leg(), 50 + k) for k, load in enumerate(insitu_leg.PROTOCOL)]
+    moments = [moments_of(log) for log in logs]
+    to_newton = np.linalg.inv(GAUGES)
+    single = [np.linalg.norm(to_newton @ (offset_of(one) - OFFSET)) for one in moments]
+    shared = np.linalg.norm(to_newton @ (shared_offset(moments) - OFFSET))
+    assert shared < np.median(single)
+
+
+def test_the_size_of_the_pieces_makes_no_difference(noisy):
+    whole, small = (moments_of(noisy, window=301, size=size) for size in (None, 97))
+    for name in ('mean', 'scatter', 'singular_values', 'spread'):
+        np.testing.assert_allclose(getattr(small, name), getattr(whole, name), rtol=1e-8)
+    np.testing.assert_allclose(offset_of(small), offset_of(whole), rtol=1e-9)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(1, 400), st.integers(1, 60), st.sampled_from([1, 5, 21, 301]))
+def test_the_streamed_filter_is_the_whole_one_with_polynomial_ends(n, size, window):
+    values = np.random.default_rng(n).normal(size=(n, 2)).cumsum(axis=0)
+    pieces = [values[i:i + size] for i in range(0, n, size)]
+    found = np.concatenate([part.values for part in smooth(pieces, window, 3)])
+    if window == 1:
+        expected = values
+    elif n >= window:
+        expected = savgol_filter(values, window, 3, axis=0, mode='interp')
+    else:
+        x = np.linspace(-1, 1, n) if n > 1 else np.zeros(1)
+        order = min(3, n - 1)
+        expected = np.stack([np.polyval(np.polyfit(x, y, order), x) for y in values.T], axis=1)
+    np.testing.assert_allclose(found, expected, atol=1e-8)
+
+
+def test_the_noise_gain_of_the_filter_is_what_it_does_to_noise():
+    noise = np.random.default_rng(0).normal(size=(60_000, 4))
+    parts = list(smooth([noise], 301, 3))
+    power = sum((part.values ** 2).sum() for part in parts) / 4
+    gain = sum(part.noise_gain for part in parts)
+    independent = 60_000 / 301
+    assert power == pytest.approx(gain, rel=4 * np.sqrt(2 / (4 * independent)))
+
+
+@pytest.mark.parametrize('rate, samples', [(100.0, 301), (99.0, 299), (1000.0, 3011), (10.0, 31)])
+def test_the_papers_window_is_scaled_to_the_rate(rate, samples):
+    assert abs(window_samples(3.01, 3, rate) - samples) <= 2
+    assert window_samples(3.01, 3, rate) % 2 == 1
+
+
+def test_rows_are_the_equation_written_out():
+    rng = np.random.default_rng(2)
+    C, body = rng.normal(size=(6, 6)), np.array([2.0, 0.1, -0.2, 0.3])
+    raw, gravity = rng.normal(size=(5, 6)), rng.normal(size=(5, 3))
+    left = eq.rows(raw, gravity) @ np.concatenate([C.T.ravel(), body])
+    M = np.vstack([body[0] * np.eye(3), skew(body[1:])])
+    np.testing.assert_allclose(left.reshape(5, 6), raw @ C.T - gravity @ M.T)
+
+
+def test_the_known_side_is_the_wrench_of_the_added_mass():
+    gravity = np.random.default_rng(3).normal(size=(4, 3))
+    load = Load(0.5, (0.1, 0.2, -0.3))
+    wrench = eq.known_side(gravity, load).reshape(4, 6)
+    np.testing.assert_allclose(wrench[:, :3], 0.5 * gravity)
+    np.testing.assert_allclose(wrench[:, 3:], np.cross(load.position, 0.5 * gravity))
+
+
+def solved(channels, noise):
+    leg = Leg(noise=0.0, channels=channels, offset=np.zeros(len(channels)), noise_map=np.zeros(
+        (len(channels), 6)))
+    loads = insitu_leg.PROTOCOL[:4]
+    logs = [record(load, leg, k) for k, load in enumerate(loads)]
+    raws = [log.raw[::50] for log in logs]
+    return leg, eq.solve(raws, [-log.accel[::50] for log in logs],
+                         [Load(load.mass, load.position) for load in loads],
+                         eq.six_channels(raws, noise))
+
+
+def test_without_noise_matrix_and_body_are_exact():
+    leg, fit = solved(GAUGES @ insitu_leg.MAP, np.eye(6))
+    np.testing.assert_allclose(fit.matrix, np.linalg.inv(leg.channels), rtol=1e-6, atol=1e-10)
+    assert fit.body[0] == pytest.approx(insitu_leg.BODY_MASS, rel=1e-8)
+    np.testing.assert_allclose(eq.centre_of_mass(fit.body), insitu_leg.BODY_COM, rtol=1e-6)
+
+
+def test_more_than_six_channels_are_combined_by_their_noise():
+    rng = np.random.default_rng(4)
+    channels = rng.normal(size=(9, 6))
+    noise = np.diag([1.0, 1, 1, 1, 1, 1, 1e4, 1e4, 1e4])
+    _, fit = solved(channels, noise)
+    np.testing.assert_allclose(fit.matrix @ channels, np.eye(6), atol=1e-7)
+    assert np.abs(fit.matrix[:, 6:]).max() < 1e-2 * np.abs(fit.matrix[:, :6]).max()
+
+
+@pytest.mark.parametrize('load', [Added(0.0), ADDED])
+def test_the_map_in_motion_is_what_an_independent_simulator_feels(load):
+    leg = Leg(noise=0.0, inertial=True, speed=8.0)
+    log = record(load, leg, 5)
+    _, omega, alpha = insitu_leg.motion(
+        log.t, np.random.default_rng(5).uniform(0, 2 * np.pi), leg.speed)
+    np.testing.assert_allclose(omega, log.gyro)
+    body = np.concatenate([
+        load_parameters(insitu_leg.BODY_MASS, insitu_leg.BODY_COM, MOVING)])
+    J = insitu_leg.BODY_INERTIA
+    body[4:10] += [J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]]
+    body += load_parameters(load.mass, load.position, MOVING)
+    regressors = moving_regressors(-log.accel, omega, alpha, ACCELEROMETER)
+    np.testing.assert_allclose(regressors @ body_map(body, MOVING).T, log.wrench, atol=1e-10)
+
+
+def test_at_rest_the_map_in_motion_is_the_static_one():
+    gravity = np.random.default_rng(6).normal(size=(3, 3))
+    still = np.zeros((3, 3))
+    theta = load_parameters(1.3, (0.1, 0.2, 0.3), MOVING)
+    moving = moving_regressors(gravity, still, still, (0.4, 0.5, 0.6)) @ body_map(theta, MOVING).T
+    np.testing.assert_allclose(moving, gravity @ body_map(theta[:4], STATIC).T)
+
+
+def test_blocks_of_a_long_recording_stay_few_and_keep_their_noise(noisy):
+    def pieces():
+        for k in range(60):
+            yield Prepared(noisy.t + 60 * k, -noisy.accel, noisy.raw)
+    one, many = to_blocks([Prepared(noisy.t, -noisy.accel, noisy.raw)]), to_blocks(pieces())
+    assert len(many) <= 4096
+    assert many.samples > one.samples
+    np.testing.assert_allclose(np.diag(many.raw_noise), np.diag(one.raw_noise), rtol=0.1)
+    sigma = insitu_leg.ACCELERATION_NOISE
+    np.testing.assert_allclose(np.sqrt(np.diag(one.gravity_noise)), sigma, rtol=0.06)
