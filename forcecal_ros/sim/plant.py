@@ -49,8 +49,7 @@ class Plant:
             raise ConfigError(f'{steps} integration steps per robot period miss samples of the '
                               f'sensors; give a multiple of {common_samples(rig)}')
         self._p = kernel_parameters(rig, accelerometer)[()]
-        self._step = rig.robot.period / self.steps
-        self._effects = MotionEffects(rig, self._step / 2.0)
+        self._rig, self._step = rig, rig.robot.period / self.steps
 
     def rest(self, position: Array, xyzw: Array) -> None:
         """
@@ -63,6 +62,7 @@ class Plant:
         xyzw : ndarray, shape (4,)
         """
         R_base_sensor = matrix_from_quaternion(xyzw)
+        self._effects = MotionEffects(self._rig, self._step / 2.0)
         self._robot = robot_at_rest(position, xyzw)[0]
         self._tool = tool_at_rest(self._p, position, R_base_sensor)[0]
         self._highpass = highpass_settled(self._p, R_base_sensor)[0]
