@@ -59,7 +59,8 @@ class Case:
 
     def phase_rows(self) -> dict[str, NDArray[np.bool_]]:
         """Say which blocks each phase word covers."""
-        t, found = self.times, {}
+        t = self.times
+        found: dict[str, NDArray[np.bool_]] = {}
         for phase in self.phases:
             rows = (t >= phase.start) & (t < phase.end)
             found[phase.name] = found.get(phase.name, np.zeros(len(t), dtype=bool)) | rows

@@ -80,7 +80,7 @@ def nuisance_column(case: Case, nuisance: Nuisance, size: float, rig: Rig, refer
     if nuisance.where == 'rig':
         changed = case.replay.signals(nuisance.apply(rig, size))
         return column(blocks - case.measured.blocks(changed), level)
-    i = nuisance.index
+    i = nuisance.axis
     if nuisance.where == 'wrench':
         channel, signal, rest = i, reference.wrench[:, i], rig.wrench_sensor.bias[i]
     else:

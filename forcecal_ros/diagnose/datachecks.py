@@ -62,7 +62,7 @@ class Clipping(NamedTuple):
 
     channel: str
     limit: float
-    count: int
+    samples: int
 
 
 class Line(NamedTuple):

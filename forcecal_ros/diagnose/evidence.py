@@ -194,8 +194,7 @@ def score(held: Gram, null: Array, alternative: Array, nuisance: NDArray[np.intp
     middle = np.eye(root.shape[1]) + root.T @ inner @ root
     left = root.T @ (held.matrix[nuisance] @ d)
     product = d @ right - left @ np.linalg.solve(middle, root.T @ right[nuisance])
-    energy = d @ held.matrix @ d - left @ np.linalg.solve(middle, left)
-    energy = max(float(energy), 1e-12)
+    energy = max(float(d @ held.matrix @ d - left @ np.linalg.solve(middle, left)), 1e-12)
     return Score(float(product / np.sqrt(energy)), energy, float(product))
 
 

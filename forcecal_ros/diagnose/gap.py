@@ -6,6 +6,7 @@ from forcecal_ros.diagnose.case import Case
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.geometry import Array
 import numpy as np
+from numpy.typing import NDArray
 
 SECOND = 250
 """Blocks that are drawn together in the bootstrap."""
@@ -99,9 +100,9 @@ def gap(cases: tuple[Case, ...], arms: list[Arms], noise: Array, cell_energy: Ar
     w = np.array(weights)
     there = noise > 0.0
 
-    def means(chosen: Array) -> Array:
+    def means(chosen: NDArray[np.intp]) -> Array:
         energy = table[:, chosen].sum(axis=1) / w[chosen].sum() + cell_energy
-        return np.sqrt(np.maximum(energy, 0.0))
+        return np.asarray(np.sqrt(np.maximum(energy, 0.0)))
 
     def overall(rms: Array) -> Array:
         return np.asarray(np.sqrt(np.mean((rms[:, there] / noise[there]) ** 2, axis=1)))

@@ -10,9 +10,13 @@ from forcecal_ros.diagnose.replay import UNSEEN
 from forcecal_ros.geometry import Array
 from forcecal_ros.sim.effects import applicable, Effect, EFFECTS
 import numpy as np
+from numpy.typing import NDArray
 
 MOST_STARTS = 8
 """Shapes that one effect is screened at."""
+
+VIBRATION = 'spindle_vibration'
+"""The effect that shows as a spectral line."""
 
 
 class Atom(NamedTuple):
@@ -30,7 +34,7 @@ class Atom(NamedTuple):
     """
 
     start: Array
-    free: Array
+    free: NDArray[np.intp]
     columns: tuple[list[Column], ...]
 
 
@@ -69,7 +73,7 @@ def bounds_of(effect: Effect) -> tuple[Array, Array]:
             np.array([q.high for q in effect.parameters]))
 
 
-def hypotheses(problem: Problem) -> list[Hypothesis]:
+def hypotheses(problem: Problem, line: float | None = None) -> list[Hypothesis]:
     """
     Screen the library: columns of every effect that applies to the rig and the streams at hand.
 
@@ -77,6 +81,8 @@ def hypotheses(problem: Problem) -> list[Hypothesis]:
     ----------
     problem : Problem
         Recalibrated.
+    line : float, optional
+        Frequency of a spectral line in the residual [Hz], where vibration is looked for.
 
     Returns
     -------
@@ -93,7 +99,7 @@ def hypotheses(problem: Problem) -> list[Hypothesis]:
             if released:
                 found.append(Hypothesis(name, effect, released, ()))
             continue
-        atoms = tuple(_atoms(problem, name, effect))
+        atoms = tuple(_atoms(problem, name, effect, line))
         if atoms:
             found.append(Hypothesis(name, effect, released, atoms))
     return found
@@ -103,7 +109,7 @@ def _moves(columns: list[Column]) -> bool:
     return any(columns)
 
 
-def _atoms(problem: Problem, name: str, effect: Effect) -> list[Atom]:
+def _atoms(problem: Problem, name: str, effect: Effect, line: float | None) -> list[Atom]:
     nominal = nominal_of(effect)
     typical = np.array([q.typical for q in effect.parameters])
     singly: dict[int, list[Column]] = {}
@@ -116,9 +122,12 @@ def _atoms(problem: Problem, name: str, effect: Effect) -> list[Atom]:
                 singly[i] = columns
     if len(singly) == len(nominal) and effect.smooth:
         free = np.arange(len(nominal))
-        return [Atom(typical, free, _transposed([singly[i] for i in free]))]
+        return [Atom(typical, free, _transposed(list(singly.values())))]
     amplitudes = list(singly) or [0]
-    grids = [[q.typical] if i in amplitudes and effect.smooth else list(q.starts or (q.typical,))
+    fixed = {'frequency': [line]} if line and name == VIBRATION else {}
+    grids = [fixed.get(q.name) or (
+                 [q.typical] if i in amplitudes and effect.smooth else
+                 list(q.starts or (q.typical,)))
              for i, q in enumerate(effect.parameters)]
     atoms = []
     for start in list(product(*grids))[:MOST_STARTS]:

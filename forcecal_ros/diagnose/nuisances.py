@@ -2,9 +2,10 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from forcecal_ros.sim.rig import Rig
+from forcecal_ros.geometry import Array
+from forcecal_ros.sim.rig import Rig, Tool
 import numpy as np
 
 LIMIT = 3.0
@@ -23,15 +24,15 @@ class Nuisance(NamedTuple):
     apply : callable
         (rig, physical value) -> rig; relative where the spread is.
     where : str
-        ``wrench`` or ``volts``: known in closed form, column ``index``; ``rig``: simulated.
-    index : int
+        ``wrench`` or ``volts``: known in closed form, channel ``axis``; ``rig``: simulated.
+    axis : int
     """
 
     name: str
     key: str
     apply: Callable[[Rig, float], Rig]
     where: str = 'rig'
-    index: int = 0
+    axis: int = 0
 
 
 def _scaled(section: str, name: str) -> Callable[[Rig, float], Rig]:
@@ -50,7 +51,7 @@ def _shifted(section: str, name: str, index: int | None = None) -> Callable[[Rig
     return apply
 
 
-def _set(values: tuple[float, ...], index: int, value: float) -> tuple[float, ...]:
+def _set(values: Any, index: int, value: float) -> Any:
     return (*values[:index], float(value), *values[index + 1:])
 
 
@@ -58,8 +59,13 @@ def _inertia(axis: int) -> Callable[[Rig, float], Rig]:
     def apply(rig: Rig, x: float) -> Rig:
         matrix = np.array(rig.tool.inertia)
         matrix[axis, axis] *= 1.0 + x
-        return replace(rig, tool=replace(rig.tool, inertia=matrix))
+        tool: Tool = replace(rig.tool, inertia=_rows(matrix))
+        return replace(rig, tool=tool)
     return apply
+
+
+def _rows(matrix: Array) -> Any:
+    return tuple(map(tuple, matrix.tolist()))
 
 
 def _gain(index: int) -> Callable[[Rig, float], Rig]:
@@ -75,8 +81,8 @@ def _accelerometer(field: str, index: int, name: str) -> Callable[[Rig, float], 
         model = rig.accelerometer.model(name)
         old = getattr(model, field)
         new = old[index] * (1 + x) if field == 'gain' else old[index] + x
-        changed = replace(model, **{field: _set(old, index, new)})
-        return replace(rig, accelerometer=replace(rig.accelerometer, **{name: changed}))
+        changed: dict[str, Any] = {name: replace(model, **{field: _set(old, index, new)})}
+        return replace(rig, accelerometer=replace(rig.accelerometer, **changed))
     return apply
 
 

@@ -97,7 +97,7 @@ def from_checks(stamps: Sequence[Corrected], noise: Array
             quantity = EFFECTS[name].parameters[0]
             effects[name] = {quantity.name: Parameter(
                 float(min(abs(x.limit) for x in own)), 0.0, quantity.unit)}
-    notes += [f'{x.channel} stops at {x.limit:.4g} ({x.count} samples)' for x in limits]
+    notes += [f'{x.channel} stops at {x.limit:.4g} ({x.samples} samples)' for x in limits]
     notes += [f'stamps of {c.stream} scatter by {1e3 * c.jitter:.2f} ms' for one in stamps
               for c in one.clocks if c.jitter * c.rate > datachecks.JITTER]
     return effects, tuple(notes)

@@ -86,7 +86,9 @@ def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
     else:
         cases[1] = replace(cases[1], train=cases[1].held, held=cases[1].train)
     p = problem(rig, tuple(cases))
-    return _conclude(p, hypotheses(p), stamps)
+    strongest = max(lines_of(p), key=lambda line: line.power, default=None)
+    found = hypotheses(p, strongest.frequency if strongest else None)
+    return _conclude(p, found, stamps)
 
 
 def _conclude(p: Problem, found: list[Hypothesis], stamps: list[Corrected]) -> Outcome:
@@ -138,15 +140,30 @@ class _Checks:
     @classmethod
     def of(cls, stamps: list[Corrected], final: Problem, noise: Array) -> '_Checks':
         effects, notes = from_checks(stamps, noise)
-        lines: list[datachecks.Line] = []
-        for case, signals in zip(final.cases, final.base):
-            for name in ('wrench', 'accelerometer', 'optidrive'):
-                if name in case.measured.streams:
-                    rows = case.measured.samples(name, signals)
-                    lines += datachecks.lines(rows, getattr(case.recording, name).rate, name)
         count = np.array(sum(remainder.impulses(n, b)
                              for n, b in zip(final.noise, final.blocks)))
-        return cls(effects, notes, tuple(lines), count)
+        return cls(effects, notes, lines_of(final), count)
+
+
+def lines_of(p: Problem) -> tuple[datachecks.Line, ...]:
+    """
+    Find spectral lines at the full rate in what remains.
+
+    Parameters
+    ----------
+    p : Problem
+
+    Returns
+    -------
+    tuple of Line
+    """
+    lines: list[datachecks.Line] = []
+    for case, signals in zip(p.cases, p.base):
+        for name in ('wrench', 'accelerometer', 'optidrive'):
+            if name in case.measured.streams:
+                rows = case.measured.samples(name, signals)
+                lines += datachecks.lines(rows, getattr(case.recording, name).rate, name)
+    return tuple(lines)
 
 
 def patched(p: Problem, selection: Selection, checks: '_Checks') -> Rig:

@@ -9,6 +9,7 @@ from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.replay import Signals
 from forcecal_ros.geometry import Array
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import norm
 
 PREDICTABLE = 5.5
@@ -136,9 +137,10 @@ def ceiling(problem: Problem, signals: list[Signals], blocks: list[Array]) -> Ce
             continue
         white = [n.whiten(np.vstack([b[:, c], i]), c)
                  for n, b, i in zip(problem.noise, blocks, inputs)]
-        train = sum(w[:, p.train] @ w[:, p.train].T for w, p in zip(white, problem.cases))
-        held = sum(w[:, p.held] @ w[:, p.held].T for w, p in zip(white, problem.cases))
-        theta = _ridge(np.asarray(train))
+        train, held = (np.sum([w[:, rows] @ w[:, rows].T for w, rows in zip(
+            white, [getattr(p, part) for p in problem.cases])], axis=0)
+            for part in ('train', 'held'))
+        theta = _ridge(train)
         energy = float(theta @ held[1:, 1:] @ theta)
         if energy > 1e-9:
             z[c] = float(theta @ held[1:, 0]) / np.sqrt(energy)
@@ -219,7 +221,7 @@ def _cube_root(ratio: float, dof: float) -> float:
     return float((np.cbrt(ratio) - (1.0 - q)) / np.sqrt(q))
 
 
-def _octaves(white: Array, rows: Array) -> tuple[Array, Array]:
+def _octaves(white: Array, rows: NDArray[np.bool_]) -> tuple[Array, Array]:
     energy, dof = np.zeros(len(BANDS)), np.zeros(len(BANDS))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], rows.astype(int), [0]])))
     for i, j in zip(edges[::2], edges[1::2]):

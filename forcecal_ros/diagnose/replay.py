@@ -88,7 +88,7 @@ class Replay:
         period = rig.robot.period
         self.start, self.accelerometer = start, accelerometer
         self.n_periods = max(1, int(np.floor((end - start) / period + 1e-6)))
-        starts = start + period * np.arange(self.n_periods)
+        starts = np.asarray(start + period * np.arange(self.n_periods), dtype=np.float64)
         held = held_commands(target.t, starts, period / 2.0)
         positions, xyzw = checked_commands(target.position, target.R_base_sensor)
         self._positions, self._xyzw = positions[held], xyzw[held]
@@ -146,11 +146,10 @@ class Replay:
         slide, response = plant.respond(motion)
         every = round(steps / (RATE * rig.robot.period))
         nodes, ends = slice(2 * every, None, 2 * every), slice(every - 1, None, every)
-        kept = [part[nodes].copy() for part in (
-            motion.position, motion.R_base_sensor, motion.velocity, motion.acceleration,
-            motion.omega, motion.alpha)]
+        m = Motion(*(part[nodes].copy() for part in motion))
         specific_force = response.specific_force[ends].copy()
         return Signals(self.start, response.wrench[ends].copy(), specific_force,
-                       slide.slide[every::every].copy(), *kept,
+                       slide.slide[every::every].copy(), m.position, m.R_base_sensor,
+                       m.velocity, m.acceleration, m.omega, m.alpha,
                        slide.speed[every::every].copy(), response.contact[ends].copy(),
                        specific_force)
