@@ -63,7 +63,7 @@ def test_at_rest_the_accelerometer_reads_g_upwards():
 def internals(rig, target, steps):
     """Motion, slide and response, from the compiled parts."""
     p, period = kernel_parameters(rig)[()], rig.robot.period
-    xyzw = Rotation.from_matrix(target.R_base_sensor).as_quat()
+    xyzw = Rotation.from_matrix(np.array(target.R_base_sensor)).as_quat()
     n = len(target) * steps
     motion, slide, response = Motion.empty(2 * n + 1), Slide.empty(n + 1), Response.empty(n)
     R = target.R_base_sensor[0]
