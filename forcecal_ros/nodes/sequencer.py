@@ -184,7 +184,7 @@ class Sequencer(Node):
             response.success = True
         except ForcecalError as error:
             response.success, response.message = False, str(error)
-            self.get_logger().warning(f'not started: {error}')
+            self.get_logger().warning(f'not started: {error}', throttle_duration_sec=1.0)
         return response
 
     def _start(self) -> str:
