@@ -6,7 +6,6 @@ from forcecal_ros.errors import MotionError
 from forcecal_ros.geometry import Array, quaternion_from_matrix
 from forcecal_ros.sim.effects.signals import AccelerometerEffects, WrenchEffects
 from forcecal_ros.sim.effects.stamps import StampEffects
-from forcecal_ros.sim.plant import enough_steps as enough_steps
 from forcecal_ros.sim.plant import Plant
 from forcecal_ros.sim.rig import Rig
 from forcecal_ros.sim.rig_file import load_rig
