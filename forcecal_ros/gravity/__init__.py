@@ -6,9 +6,9 @@ puts them together; :mod:`live` and :mod:`playback` feed it from the observer. W
 :mod:`orientation` and :mod:`pose_free`.
 """
 
+from forcecal_ros.gravity.imu import Imu, pose_free_model, PoseFreeModel
 from forcecal_ros.gravity.live import begin, Live, on_sample
 from forcecal_ros.gravity.model import Model, model_from_calibration, observability_rank
-from forcecal_ros.gravity.orientation import Imu, pose_free_model, PoseFreeModel
 from forcecal_ros.gravity.playback import Compensated, replay, replay_pose_free
 from forcecal_ros.gravity.pose_free import pose_free_step, PoseFreeEstimate, PoseFreeState
 from forcecal_ros.gravity.settings import Settings

@@ -93,8 +93,10 @@ def cholesky(cov: Array) -> Array:
     NotPositiveDefinite
     """
     factor, info = dpotrf(cov, lower=1, clean=1)
-    if info:
-        raise NotPositiveDefinite(f'leading minor {info} of {len(cov)} is not positive')
+    # LAPACK overlooks NaN, which ends up in the last pivot
+    n = len(cov)
+    if info or not factor[-1, -1] > 0:
+        raise NotPositiveDefinite(f'leading minor {info or n} of {n} is not positive')
     return np.asarray(factor)
 
 

@@ -1,14 +1,14 @@
 """Gravity compensation over a recording, by the same steps as live."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from forcecal_ros.calibration import Accelerometer, Calibration
 from forcecal_ros.errors import ConfigError, DataError, UnobservableError
 from forcecal_ros.geometry import Array
+from forcecal_ros.gravity.imu import Imu, pose_free_model
 from forcecal_ros.gravity.live import begin, on_sample
 from forcecal_ros.gravity.model import model_from_calibration
-from forcecal_ros.gravity.orientation import Imu, pose_free_model
 from forcecal_ros.gravity.pose_free import pose_free_step, PoseFreeEstimate, PoseFreeState
 from forcecal_ros.gravity.settings import Settings
 from forcecal_ros.gravity.step import Estimate
@@ -18,6 +18,8 @@ from forcecal_ros.observe.settings import Settings as ObserverSettings
 from forcecal_ros.samples import Recording, Stream
 import numpy as np
 from numpy.typing import NDArray
+
+Progress = Callable[[int], object]
 
 
 @dataclass(frozen=True)
@@ -55,8 +57,13 @@ class Compensated:
     mass_std: Array | None = None
 
 
+def silent(samples: int) -> None:
+    """Show no progress."""
+
+
 def replay(recording: Recording, calibration: Calibration, settings: Settings = Settings(),
-           observer: ObserverSettings = ObserverSettings()) -> Compensated:
+           observer: ObserverSettings = ObserverSettings(),
+           progress: Progress = silent) -> Compensated:
     """
     Compensate a recording whose pose is known.
 
@@ -67,6 +74,8 @@ def replay(recording: Recording, calibration: Calibration, settings: Settings = 
     settings : Settings
     observer : observe.Settings
         Of the observer that finds the load.
+    progress : callable
+        Told how many samples were done since it was told last.
 
     Returns
     -------
@@ -94,11 +103,13 @@ def replay(recording: Recording, calibration: Calibration, settings: Settings = 
             live, estimate = on_sample(live, sample, state.motion.rotation, model)
             times.append(sample.t)
             estimates.append(estimate)
+        progress(len(samples))
     return _collect(times, estimates)
 
 
 def replay_pose_free(recording: Recording, calibration: Calibration,
-                     settings: Settings = Settings(), imu: Imu = Imu()) -> Compensated:
+                     settings: Settings = Settings(), imu: Imu = Imu(),
+                     progress: Progress = silent) -> Compensated:
     """
     Compensate a recording whose pose is unknown, by its accelerometer and gyro.
 
@@ -109,6 +120,8 @@ def replay_pose_free(recording: Recording, calibration: Calibration,
         Its accelerometer's map holds for the gyro too.
     settings : Settings
     imu : Imu
+    progress : callable
+        As for :func:`replay`.
 
     Returns
     -------
@@ -143,6 +156,7 @@ def replay_pose_free(recording: Recording, calibration: Calibration,
     for row in zip(wrench.values, f, turning, periods.tolist()):
         state, estimate = pose_free_step(state, *row, model)
         estimates.append(estimate)
+        progress(1)
     return _collect_pose_free(wrench.t, estimates)
 
 

@@ -14,13 +14,13 @@ from forcecal_ros.gravity.gaussian import (
     NotPositiveDefinite,
     predict,
 )
+from forcecal_ros.gravity.imu import PoseFreeModel
 from forcecal_ros.gravity.orientation import (
     Belief,
     differentiate,
     LEARNED,
     MASS,
     Motion,
-    PoseFreeModel,
     readings,
     relevelled,
     start_pose_free,
@@ -33,6 +33,8 @@ from forcecal_ros.gravity.step import (
     Estimate,
     estimate_of,
     LONGEST_PERIOD,
+    NO_ACCELEROMETER,
+    NO_GYRO,
     NO_LOAD,
     RESTARTED,
     sensible,
@@ -40,11 +42,6 @@ from forcecal_ros.gravity.step import (
 )
 import numpy as np
 from numpy.typing import ArrayLike
-
-NO_GYRO = 16
-"""The gyro is silent; gravity is followed by the accelerometer alone."""
-NO_ACCELEROMETER = 32
-"""The accelerometer is silent; gravity is carried on by the gyro alone."""
 
 _NOTHING = np.zeros(3)
 _STILL = Motion(_NOTHING, _NOTHING)

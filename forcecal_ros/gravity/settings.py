@@ -12,8 +12,10 @@ Where [Ukf2025] leaves a choice open, this is ours:
 - Scale factors are no states: a scale on F cannot be told from F. They belong into the
   calibration (``matrix``).
 - Q, R, P0. The paper's as ``covariances: paper``. Ours, ``measured``: R is the covariance
-  measured at rest, the accelerometer's share included; P0 the calibration's standard errors; Q is
-  what the rise time asks for. No free motion can tell Q: it is the room left to contact.
+  measured at rest, the accelerometer's share included; P0 of the biases the calibration's
+  standard errors, of the wrench the paper's, since nothing tells what touches the tool at the
+  start; Q is what the rise time asks for. No free motion can tell Q: it is the room left to
+  contact.
 """
 
 from dataclasses import dataclass
@@ -68,7 +70,7 @@ class Settings:
     filter: str = 'ukf'
     states: int = 12
     covariances: str = 'measured'
-    rise_time: float = 0.013
+    rise_time: float = 0.012
     relaxation: float = 0.1
     bias_walk: tuple[float, float] = (4e-4, 4e-5)
     bias_prior: tuple[float, float] = (0.0, 0.0)
@@ -176,7 +178,7 @@ def load_noise(calibration: Calibration, alpha_std: float) -> Array:
 def measured_covariances(calibration: Calibration, rise_time: float,
                          alpha_std: float) -> Covariances:
     """
-    Find Q, R and P0 from what was measured.
+    Find Q and R from what was measured.
 
     R is the noise of the force sensor and of the load. Q = R k^2 / (1 - k) is the random walk
     whose stationary gain k gives the rise time, the same on all axes.
@@ -204,4 +206,4 @@ def measured_covariances(calibration: Calibration, rise_time: float,
                           'calibrate with a stretch at rest or set gravity.covariances: paper')
     R = noise.wrench.value + load_noise(calibration, alpha_std)
     k = gain_of(rise_time, 1 / noise.wrench_rate)
-    return Covariances(R * k * k / (1 - k), R, R.copy(), 1 / noise.wrench_rate)
+    return Covariances(R * k * k / (1 - k), R, paper_covariances().P0, 1 / noise.wrench_rate)

@@ -8,7 +8,7 @@ A wrench F and biases b that both wander freely have rank 6 of 12: a reading sho
   uncertainty still counted (Schmidt's filter): a steady push never becomes a bias.
 
 A push too weak for the test (see :mod:`forcecal_ros.gravity.contact`) is read 6 % short and does
-become bias, over tens of seconds; the correlation of F and b in each estimate says how little the
+become bias, over a minute or more; the correlation of F and b in each estimate says how little the
 two can be told apart.
 
 The load comes from whoever knows the motion: the observer's ``inertial`` (accelerometer and pose),
@@ -35,6 +35,10 @@ NO_LOAD = 4
 """Neither weight nor inertia is known; the last estimate is repeated."""
 RESTARTED = 8
 """The filter lost its footing and started anew."""
+NO_GYRO = 16
+"""Without a pose: the gyro is silent; gravity is followed by the accelerometer alone."""
+NO_ACCELEROMETER = 32
+"""Without a pose: the accelerometer is silent; gravity is carried on by the gyro alone."""
 
 INVALID = BAD_WRENCH | BAD_PERIOD | NO_LOAD
 
@@ -43,6 +47,8 @@ _TEXT = {
     BAD_PERIOD: 'time did not advance; the last estimate is repeated',
     NO_LOAD: 'weight unknown: neither pose nor accelerometer tells; the last estimate is repeated',
     RESTARTED: 'the filter started anew',
+    NO_GYRO: 'the gyro is silent; gravity is followed by the accelerometer alone',
+    NO_ACCELEROMETER: 'the accelerometer is silent; gravity is carried on by the gyro alone',
 }
 
 LONGEST_PERIOD = 10.0
@@ -230,7 +236,7 @@ def estimate_of(state: State, model: Model, status: int, innovation: Array | Non
         bias, bias_std = mean[6:], std[6:]
         correlation = cov.diagonal(6) / (std[:6] * bias_std)
     else:
-        bias, bias_std, correlation = model.bias, _NOTHING, _NOTHING
+        bias, bias_std, correlation = model.bias, np.sqrt(model.bias_cov.diagonal()), _NOTHING
     return Estimate(mean[:6], std[:6], bias, bias_std, correlation,
                     np.full(6, np.nan) if innovation is None else innovation, nis,
                     state.contact.assumed, status)
