@@ -1,10 +1,12 @@
 """A six-axis calibration applied: wrench = matrix (raw - offset), [Traversaro2014] Eq. 2."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.calibration import Calibration
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array
+from forcecal_ros.samples import Recording, Stream
 import numpy as np
 
 Wrench = tuple[float, float, float, float, float, float]
@@ -86,3 +88,68 @@ def all_corrected(raw: Array, part: SixAxis) -> Array:
         [N], [N m].
     """
     return np.asarray((raw - part.offset) @ np.reshape(part.matrix, (6, 6)).T)
+
+
+def recording_corrected(recording: Recording, part: SixAxis) -> Recording:
+    """
+    Apply the matrix to the wrench of a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        Its wrench holds the raw channels.
+    part : SixAxis
+
+    Returns
+    -------
+    Recording
+    """
+    raw = recording.wrench
+    if raw is None:
+        return recording
+    return replace(recording,
+                   wrench=Stream(raw.t, all_corrected(raw.values, part), raw.frame))
+
+
+def with_matrix_of(calibration: Calibration, source: Calibration) -> Calibration:
+    """
+    Return a calibration that takes raw channels by the matrix of another.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Identified from corrected wrenches.
+    source : Calibration
+        Whose matrix corrected them.
+
+    Returns
+    -------
+    Calibration
+    """
+    return replace(calibration, matrix=source.matrix, matrix_offset=source.matrix_offset)
+
+
+def required_six_axis(source: Calibration, name: str) -> SixAxis:
+    """
+    Return the six-axis part of a calibration that was named for it.
+
+    Parameters
+    ----------
+    source : Calibration
+    name : str
+        Of its file, for messages.
+
+    Returns
+    -------
+    SixAxis
+
+    Raises
+    ------
+    ConfigError
+        It holds none, or one of another number of channels.
+    """
+    part = six_axis(source)
+    if part is None:
+        raise ConfigError(f'{name}: holds no key matrix; name the calibration.yaml that '
+                          '`forcecal insitu` wrote')
+    return part

@@ -1,12 +1,15 @@
 """The command line as its user meets it: results on stdout, one line of complaint, statuses."""
 
+from dataclasses import replace
 import json
 import subprocess
 import sys
 
-from forcecal_ros.bags import read_recording
-from forcecal_ros.calibration_file import load
+from forcecal_ros.bags import read_recording, write_recording
+from forcecal_ros.calibration import Estimate
+from forcecal_ros.calibration_file import load, save
 from forcecal_ros.cli import COMMANDS, main
+from forcecal_ros.samples import Stream
 import numpy as np
 import pytest
 
@@ -86,6 +89,28 @@ def test_simulate_answers_recorded_commands_like_the_other_code(
     difference = read_recording(out).wrench.values - clean['wrench']
     assert np.sqrt((difference[:, :3] ** 2).mean()) < 0.005
     assert np.sqrt((difference[:, 3:] ** 2).mean()) < 0.001
+
+
+def test_raw_channels_are_calibrated_and_observed_through_their_matrix(
+        capsys, sample, calibration, tmp_path):
+    matrix = np.eye(6) + 0.1 * np.random.default_rng(2).standard_normal((6, 6))
+    offset = np.arange(6.0)
+    recording = read_recording(sample)
+    wire = recording.wrench
+    write_recording(tmp_path / 'raw', replace(recording, wrench=Stream(
+        wire.t, wire.values @ np.linalg.inv(matrix).T + offset, wire.frame)))
+    save(replace(load(calibration), matrix=Estimate(matrix, 0.0, 'N, N m per count'),
+                 matrix_offset=Estimate(offset, 0.0, 'count')), tmp_path / 'six.yaml')
+    assert run(capsys, 'calibrate', tmp_path / 'raw', '--matrix', tmp_path / 'six.yaml',
+               '-o', tmp_path / 'c.yaml')[0] == 0
+    found, direct = load(tmp_path / 'c.yaml'), load(calibration)
+    assert float(found.mass) == pytest.approx(float(direct.mass), rel=1e-6)
+    np.testing.assert_allclose(found.matrix.value, matrix)
+    outs = []
+    for bag, c in ((tmp_path / 'raw', tmp_path / 'c.yaml'), (sample, calibration)):
+        assert run(capsys, 'estimate', bag, '--calibration', c, '-o', tmp_path / 'o')[0] == 0
+        outs.append(read_recording(tmp_path / 'o', {'wrench': '/observer/contact_wrench'}))
+    np.testing.assert_allclose(outs[0].wrench.values, outs[1].wrench.values, atol=1e-4)
 
 
 def test_what_was_there_is_kept(capsys, sample, tmp_path):

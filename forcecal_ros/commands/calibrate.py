@@ -40,6 +40,9 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--free-motion', metavar='BAG2',
                         help='recording without contact that tells the delay between the sensors, '
                              'where BAG holds resting poses only')
+    parser.add_argument('--matrix', metavar='C.yaml',
+                        help='calibration.yaml of forcecal insitu whose matrix turns the raw '
+                             'channels of the wrench topic into a wrench')
     parser.add_argument('--observer', choices=('kalman', 'newton'), default='kalman',
                         help='which observer the calibration asks for')
     parser.add_argument('--design', choices=('kalman', 'poles'), default='kalman',
@@ -54,21 +57,29 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     from forcecal_ros.bags import read_recording, require
-    from forcecal_ros.calibration_file import save, to_document
+    from forcecal_ros.calibration_file import load, save, to_document
     from forcecal_ros.identify.delay import estimate_delay, with_delay
     from forcecal_ros.report.rows import as_text, table
+    from forcecal_ros.six_axis import recording_corrected, required_six_axis, with_matrix_of
 
     recording = read_recording(
         args.bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
     require(recording, ['wrench', 'pose'])
+    matrix = load(args.matrix) if args.matrix else None
+    if matrix:
+        recording = recording_corrected(recording, required_six_axis(matrix, args.matrix))
     calibration = calibrated(recording, args)
     if args.free_motion:
         motion = read_recording(
             args.free_motion, topics=topic_names(args), wrench_sign=args.wrench_sign)
+        if matrix:
+            motion = recording_corrected(motion, required_six_axis(matrix, args.matrix))
         calibration = with_delay(calibration, estimate_delay(motion, calibration))
-    save(calibration, args.output)
     if args.report:
         write_report(args.report, recording, calibration)
+    if matrix:
+        calibration = with_matrix_of(calibration, matrix)
+    save(calibration, args.output)
     if args.json:
         print_json(to_document(calibration))
         return 0

@@ -9,7 +9,8 @@ from forcecal_ros.control.monitor import Monitor, WatchSettings
 from forcecal_ros.nodes.collector import Collector
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.runtime import STEADY
-from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, stamp_of
+from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Sample, stamp_of
+from forcecal_ros.six_axis import corrected, SixAxis
 from geometry_msgs.msg import AccelStamped, PoseStamped, Vector3Stamped, WrenchStamped
 from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState
@@ -25,6 +26,18 @@ ACCELEROMETERS: dict[str, tuple[str, Any, str]] = {
 """Topic, type and unit of each source of acceleration."""
 
 
+def _wrench_reader(six_axis: SixAxis | None) -> Callable[[bytes], Sample]:
+    read = Reader(WrenchStamped)
+    if six_axis is None:
+        return read
+
+    def read_raw(raw: bytes) -> Sample:
+        stamp_ns, values = read(raw)
+        return Sample(stamp_ns, corrected(values, six_axis))
+
+    return read_raw
+
+
 class Sensors:
     """
     The sequencer's sensors.
@@ -37,6 +50,8 @@ class Sensors:
     watch, limits : WatchSettings, Limits
     recording : callable
         Says whether samples are to be kept.
+    six_axis : SixAxis or None
+        Turns the raw channels of the wrench topic into a wrench.
 
     Attributes
     ----------
@@ -45,7 +60,7 @@ class Sensors:
     """
 
     def __init__(self, node: Node, inbox: Inbox, watch: WatchSettings, limits: Limits,
-                 recording: Callable[[], bool]) -> None:
+                 recording: Callable[[], bool], six_axis: SixAxis | None) -> None:
         self._inbox = inbox
         self._recording = recording
         self._heard: dict[str, bytes] = {}
@@ -56,7 +71,8 @@ class Sensors:
         self.collector = Collector(ACCELEROMETERS.get(source, ACCELEROMETERS['raw'])[2],
                                    node.get_parameter('wrench.sign').value)
         self.monitor = Monitor(watch, limits, topics)
-        self._hear('wrench', 'wrench', WrenchStamped, Reader(WrenchStamped), self.monitor.wrench)
+        self._hear('wrench', 'wrench', WrenchStamped, _wrench_reader(six_axis),
+                   self.monitor.wrench)
         self._hear('pose', 'current_pose', PoseStamped, Reader(PoseStamped), self.monitor.pose)
         if source in ACCELEROMETERS:
             topic, kind, _ = ACCELEROMETERS[source]

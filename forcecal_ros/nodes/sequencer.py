@@ -8,14 +8,14 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.calibration import Calibration
-from forcecal_ros.calibration_file import save
+from forcecal_ros.calibration_file import load, save
 from forcecal_ros.control.joints import JointSetpoint
 from forcecal_ros.control.monitor import Stillness
 from forcecal_ros.control.motion import Pose
 from forcecal_ros.control.plan import check_wrench, Goal, prepare, SEQUENCES
 from forcecal_ros.control.sequence import Command, Sequence, Status
 from forcecal_ros.control.stream import phased, StreamClock
-from forcecal_ros.errors import DataError, ForcecalError, MotionError
+from forcecal_ros.errors import ConfigError, DataError, ForcecalError, MotionError
 from forcecal_ros.geometry import matrix_from_quaternion
 from forcecal_ros.identify.pipeline import identify
 from forcecal_ros.nodes.backends import JointTrajectories, pose_numbers, TargetFrame, TwistCommands
@@ -28,6 +28,7 @@ from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, STEADY
 from forcecal_ros.nodes.sensors import SECOND, Sensors
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
 from forcecal_ros.observe.gains import with_kalman_gains
+from forcecal_ros.six_axis import required_six_axis, SixAxis, with_matrix_of
 from geometry_msgs.msg import InertiaStamped
 from rclpy.node import Node
 from rclpy.time import Time
@@ -58,8 +59,9 @@ class Sequencer(Node):
         self._stillness: Stillness | None = None
         self._simulated = self.get_parameter('use_sim_time').value
         self._inbox = Inbox(self)
+        self._matrix, part = self._load_matrix()
         self._sensors = Sensors(self, self._inbox, settings.watch, settings.limits,
-                                lambda: self._sequence.streaming)
+                                lambda: self._sequence.streaming, part)
         self._monitor = self._sensors.monitor
         self._make_backend()
         self._guard = Guard(self._sensors, self._backend, self._sequence, self.get_clock(),
@@ -276,13 +278,27 @@ class Sequencer(Node):
 
     # Identification -------------------------------------------------------------------------
 
+    def _load_matrix(self) -> tuple[Calibration | None, SixAxis | None]:
+        name = self.get_parameter('wrench.matrix_file').value
+        if not name:
+            return None, None
+        if self.get_parameter('wrench.sign').value != 1:
+            raise ConfigError('wrench.matrix_file gives wrenches of the right sign already; '
+                              'set wrench.sign to 1')
+        source = load(Path(name).expanduser())
+        return source, required_six_axis(source, name)
+
     def _identify(self) -> None:
         recording, settings = self._sensors.collector.recording(), self._settings.identification
+        matrix = self._matrix
         self._result = None
 
         def work() -> None:
             try:
-                self._result = with_kalman_gains(identify(recording, settings))
+                found = identify(recording, settings)
+                if matrix is not None:
+                    found = with_matrix_of(found, matrix)
+                self._result = with_kalman_gains(found)
             except ForcecalError as error:
                 self._result = str(error)
             except Exception as error:

@@ -127,6 +127,8 @@ PARAMETERS = (
     _live('joints.away', [0.0], 'joint_trajectory: joint vector at the end of the step', 'rad'),
     Parameter('wrench.sign', 1, '-1 for a driver that reports the wrench of the tool on its '
               'environment', low=-1, high=1),
+    Parameter('wrench.matrix_file', '', 'calibration.yaml of forcecal insitu whose matrix turns '
+              'the raw channels on the wrench topic into a wrench; empty: they are one'),
     Parameter('accelerometer.source', 'raw', 'Where the accelerometer comes from: '
               'accelerometer/raw in volts, imu/data_raw or accel in m/s^2',
               choices=(*ACCELEROMETERS, 'none')),
