@@ -50,14 +50,16 @@ def split_matrix(matrix: Array, covariance: Array, scaled: bool) -> Axes:
     found = split(flat)
     directions = found[3:].reshape(3, 3)
     return Axes(found[:3], directions, np.sqrt(variance[:3]),
-                np.sqrt(variance[3:].reshape(3, 3) + _curvature(directions, J[3:], covariance)))
+                np.sqrt(np.maximum(variance[3:].reshape(3, 3),
+                                   _curvature(directions, J[3:], covariance))))
 
 
 def _curvature(directions: Array, J: Array, covariance: Array) -> Array:
     """
-    Mean square that the second order adds to each element, shape (3, 3).
+    Mean square of what each element moves by in second order, shape (3, 3).
 
-    Along itself a unit vector moves in second order only, by -e^2 / 2 for a turn by e.
+    Along itself a unit vector moves in second order only, by -e^2 / 2 for a turn by e. Away from
+    there the first order is the larger one.
     """
     turns = (J @ covariance @ J.T).reshape(3, 3, 3, 3)
     out = np.zeros((3, 3))

@@ -133,7 +133,7 @@ def make_grid(t: Array, length: float, windows: list[tuple[float, float]],
     for i, (begin, end) in enumerate(windows):
         still[_within(starts, length, begin, end)] = i
     free = np.zeros(n, dtype=bool)
-    for begin, end in _runs(phases) if phases else [(-np.inf, np.inf)]:
+    for begin, end in phase_spans(phases, FREE) if phases else [(-np.inf, np.inf)]:
         free |= _within(starts, length, begin, end)
     touched = np.zeros(n, dtype=bool)
     for begin, end in windows:
@@ -145,14 +145,26 @@ def _within(starts: Array, length: float, begin: float, end: float) -> NDArray[n
     return (starts >= begin - 1e-9) & (starts + length <= end + 1e-9)
 
 
-def _runs(phases: tuple[Phase, ...]) -> list[tuple[float, float]]:
-    """Join consecutive phases of free motion."""
-    runs: list[tuple[float, float]] = []
+def phase_spans(phases: tuple[Phase, ...], names: tuple[str, ...]) -> list[tuple[float, float]]:
+    """
+    Join consecutive phases of some names.
+
+    Parameters
+    ----------
+    phases : tuple of Phase
+    names : tuple of str
+
+    Returns
+    -------
+    list of tuple of float
+        Start and end of each stretch [s].
+    """
+    spans: list[tuple[float, float]] = []
     for phase in phases:
-        if phase.name not in FREE:
+        if phase.name not in names:
             continue
-        if runs and abs(runs[-1][1] - phase.start) < 1e-6:
-            runs[-1] = (runs[-1][0], phase.end)
+        if spans and abs(spans[-1][1] - phase.start) < 1e-6:
+            spans[-1] = (spans[-1][0], phase.end)
         else:
-            runs.append((phase.start, phase.end))
-    return runs
+            spans.append((phase.start, phase.end))
+    return spans

@@ -11,6 +11,7 @@ from typing import Any
 from forcecal_ros.calibration import Calibration
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.axes import Axes, in_words
+from forcecal_ros.identify.blocks import phase_spans
 from forcecal_ros.identify.error_analysis import (
     acceleration_error,
     force_error,
@@ -95,10 +96,9 @@ def _plain(stages: Stages, calibration: Calibration, settings: Settings) -> Plai
             M = accelerometer.matrix
             variance = float((M @ calibration.noise.specific_force.value @ M.T)[axis, axis])
         alignment = Alignment(axis, float(accelerometer.delay), variance)
-    steps = [p for p in stages.recording.phases if p.name == 'step']
-    span = (steps[0].start, steps[-1].end) if steps else None
+    steps = phase_spans(stages.recording.phases, ('step',))
     return plain_procedure(stages.recording, stages.poses, settings.gravity, settings.theta,
-                           span, alignment)
+                           steps[0] if steps else None, alignment)
 
 
 def _weak(c: Calibration, settings: Settings) -> Iterator[str]:

@@ -65,15 +65,15 @@ class RingFit(NamedTuple):
         How much later than the wrench the Optidrive shows the same instant [s].
     covariance : ndarray, shape (3, 3)
         Of these three, the mass' uncertainty left out.
-    amplitude : float
-        Of the force at the start of the strongest ringing, in standard deviations of its noise.
+    strength : float
+        Root of the strongest ringing's energy over the density of the force's noise.
     """
 
     stiffness: float
     damping: float
     slide_delay: float
     covariance: Array
-    amplitude: float
+    strength: float
 
 
 def rings(windows: list[tuple[float, float]], wrench: Stream, optidrive: Stream | None,
@@ -166,8 +166,8 @@ def stiffness_and_damping(
                for z in (0.05, 0.2, 0.5)]
     best = min(guesses, key=lambda p: float((residuals(p)**2).sum()))
     fit = least_squares(residuals, best, x_scale='jac', method='trf', max_nfev=60)
-    amplitude = _amplitude(ringing, mass, fit.x, force_density)
-    if amplitude < _SIGNIFICANT or not fit.success:
+    strength = _strength(ringing, mass, fit.x, force_density)
+    if strength < _SIGNIFICANT or not fit.success:
         return None
     k, d = np.exp(fit.x[:2])
     inverse = np.linalg.pinv(fit.jac.T @ fit.jac)
@@ -185,7 +185,7 @@ def stiffness_and_damping(
     size = 3 if len(fit.x) == 3 else 2
     covariance[:size, :size] = full * np.outer(scale[:size], scale[:size])
     delay = float(fit.x[2] * _DELAY) if size == 3 else 0.0
-    return RingFit(float(k), float(d), delay, covariance, amplitude)
+    return RingFit(float(k), float(d), delay, covariance, strength)
 
 
 _DELAY = 0.001
@@ -248,7 +248,7 @@ def _problem(ringing: list[Ring], mass: float, force: float, slide: float,
     return residuals, np.zeros(1 if with_slide else 0)
 
 
-def _amplitude(ringing: list[Ring], mass: float, p: Array, force: float) -> float:
+def _strength(ringing: list[Ring], mass: float, p: Array, force: float) -> float:
     k, d = np.exp(p[:2])
     best = 0.0
     for ring in ringing:

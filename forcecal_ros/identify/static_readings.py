@@ -105,7 +105,11 @@ def check_poses(gravity: Array, condition: float) -> None:
     if spread[1] * condition >= spread[0]:
         return
     mean = gravity.mean(axis=0) / np.linalg.norm(gravity, axis=1).mean()
-    axis = int(np.argmax(np.abs(np.cross(mean, directions[1]))))
+    # across the line that gravity moves along, out of the plane it spans with the mean
+    missing = np.cross(directions[0], mean)
+    if np.linalg.norm(missing) < 1e-3:
+        missing = directions[1]
+    axis = int(np.argmax(np.round(np.abs(np.cross(mean, missing)), 3)))
     raise UnobservableError(
         f'centre of mass and torque bias are not observable from {len(gravity)} static poses: '
         f'gravity moves along one line of ft_sensor (condition '

@@ -1,6 +1,6 @@
 """What the static poses and the ringing say about the tool, put together."""
 
-from forcecal_ros.identify.blocks import Averager
+from forcecal_ros.identify.blocks import Averager, phase_spans
 from forcecal_ros.identify.lattice import Lattice, windows_of
 from forcecal_ros.identify.means import autocovariance, window_mean
 from forcecal_ros.identify.poses import StaticPose
@@ -73,7 +73,7 @@ def ring_of(recording: Recording, poses: list[StaticPose], statics: Statics, mas
     if slides(statics):
         optidrive = recording.optidrive
         density = float(statics.slide_variance[0]) * (poses[0].end - poses[0].start)
-    ringing = rings(_phase_spans(recording, 'step'), require_wrench(recording), optidrive,
+    ringing = rings(phase_spans(recording.phases, ('step',)), require_wrench(recording), optidrive,
                     recording.pose, recording.target)
     return stiffness_and_damping(
         ringing, mass, lattice.noise.total[0, 0] * lattice.grid.length, density,
@@ -114,16 +114,3 @@ def with_ring(statics: Statics, mass: float, ring: RingFit | None, settings: Set
 def sag_of(statics: Statics, mass: float) -> Sag | None:
     """Stiffness from the static slide; None without an Optidrive that moves."""
     return stiffness_from_sag(statics, mass) if slides(statics) else None
-
-
-def _phase_spans(recording: Recording, name: str) -> list[tuple[float, float]]:
-    """Stretches of consecutive phases of that name."""
-    spans: list[tuple[float, float]] = []
-    for phase in recording.phases:
-        if phase.name != name:
-            continue
-        if spans and abs(spans[-1][1] - phase.start) < 1e-6:
-            spans[-1] = (spans[-1][0], phase.end)
-        else:
-            spans.append((phase.start, phase.end))
-    return spans
