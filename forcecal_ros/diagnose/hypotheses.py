@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 MOST_STARTS = 8
 """Shapes that one effect is screened at."""
 
+MANY = 4
+"""Parameters from which each is tried by itself as well."""
+
 VIBRATION = 'spindle_vibration'
 """The effect that shows as a spectral line."""
 
@@ -99,7 +102,7 @@ def hypotheses(problem: Problem, line: float | None = None) -> list[Hypothesis]:
             if released:
                 found.append(Hypothesis(name, effect, released, ()))
             continue
-        atoms = tuple(_atoms(problem, name, effect, line))
+        atoms = tuple(_sparse(_atoms(problem, name, effect, line), nominal_of(effect)))
         if atoms:
             found.append(Hypothesis(name, effect, released, atoms))
     return found
@@ -146,6 +149,20 @@ def _atoms(problem: Problem, name: str, effect: Effect, line: float | None) -> l
             theta[still] = nominal[still]
             atoms.append(Atom(theta, np.array(moving), _transposed(several)))
     return atoms
+
+
+def _sparse(atoms: list[Atom], nominal: Array) -> list[Atom]:
+    """Add each parameter of an atom of many by itself: one wrong entry is likelier than twelve."""
+    out = list(atoms)
+    for atom in atoms[:1]:
+        if len(atom.free) < MANY:
+            continue
+        for j, i in enumerate(atom.free):
+            start = atom.start.copy()
+            others = np.delete(atom.free, j)
+            start[others] = nominal[others]
+            out.append(Atom(start, np.array([i]), tuple([one[j]] for one in atom.columns)))
+    return out
 
 
 def _transposed(columns: list[list[Column]]) -> tuple[list[Column], ...]:

@@ -119,10 +119,11 @@ def select(problem: Problem, found: Sequence[Hypothesis]) -> Selection:
     first: tuple[Trial, ...] = ()
     while True:
         left = [h for h in found if h.name not in {a.name for a in accepted}]
-        trials = ranked(Bench(problem, tangents), left, len(left))
+        tested = sum(max(1, len(h.atoms)) for h in left)
+        trials = ranked(Bench(problem, tangents), left, tested)
         if not accepted:
             first = tuple(trials)
-        best = next((t for t in trials if acceptable(t, len(left))), None)
+        best = next((t for t in trials if acceptable(t, tested)), None)
         if best is None or len(accepted) >= MOST_EFFECTS:
             break
         accepted.append(Accepted(best.name, best.theta, best.std, best.released, best))

@@ -79,9 +79,9 @@ class Trial(NamedTuple):
 
     @property
     def fraction(self) -> float:
-        """Lower bound of the fraction of the above-noise energy that it explains."""
+        """Lower bound of the fraction of the significant above-noise energy that it explains."""
         low = self.score.removed - 4.0 * np.sqrt(self.score.energy)
-        high = max(self.score.removed, self.excess + 2.0 * np.sqrt(2.0 * self.n))
+        high = max(self.score.removed, self.excess - 2.0 * np.sqrt(2.0 * self.n))
         return float(low / max(high, 1e-9))
 
 
