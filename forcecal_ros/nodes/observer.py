@@ -45,6 +45,7 @@ EXTRA = {'inertial_wrench': ContactSample._fields.index('inertial'),
          'innovation': ContactSample._fields.index('innovation')}
 """Topics published when asked for, and which part of an estimate they carry."""
 
+
 class Source(NamedTuple):
     """One calibration and where it came from."""
 
@@ -64,7 +65,6 @@ class Observer(LifecycleNode):
         self._failure = ''
         self._active = False
         self._accelerometer: Any = None
-        self._rest = None
         self._heard: dict[str, int] = {}
         self._inbox = Inbox(self)
         self._clear()
@@ -92,8 +92,9 @@ class Observer(LifecycleNode):
         self._changed = False
         self._status = 0
         self._count = 0
-        self._recent: deque[ContactSample] = deque(maxlen=20_000)
-        self._poses: deque[tuple[float, tuple[float, ...]]] = deque(maxlen=20_000)
+        self._recent: deque[ContactSample] = deque()
+        self._poses: deque[tuple[float, tuple[float, ...]]] = deque()
+        self._window = self._value('tare.duration')
 
     def _start(self) -> None:
         self.trigger_configure()
@@ -211,6 +212,7 @@ class Observer(LifecycleNode):
             design(self._source.calibration, settings)
 
     def _on_changed(self, parameters: list[Any]) -> None:
+        self._window = self._value('tare.duration')
         if self._source is not None and any(
                 parameter.name.startswith(('observer.', 'limits.')) for parameter in parameters):
             bias = self._model.bias
@@ -281,6 +283,8 @@ class Observer(LifecycleNode):
 
     def _on_pose(self, t: float, values: tuple[float, ...]) -> Any:
         self._poses.append((t, values))
+        while not t - self._poses[0][0] <= self._window:
+            self._poses.popleft()
         return on_pose(self._state, t, values[:3], values[3:], self._model)
 
     def _on_optidrive(self, t: float, values: tuple[float, ...]) -> Any:
@@ -305,6 +309,8 @@ class Observer(LifecycleNode):
             publisher.publish(self._write(stamp, sample[field]))
         self._last, self._shown = sample, contact
         self._recent.append(sample)
+        while not sample.t - self._recent[0].t <= self._window:
+            self._recent.popleft()
         self._status |= sample.status
         self._count += 1
 
@@ -320,10 +326,9 @@ class Observer(LifecycleNode):
         model, source = self._require_model()
         seconds = self._value('tare.duration')
         newest = self._recent[-1].t if self._recent else 0.0
-        window = [sample for sample in self._recent if newest - seconds <= sample.t <= newest]
         self._refuse_stale('wrench')
         refuse_motion([pose for t, pose in self._poses if newest - seconds <= t], 'tare')
-        result = tare(window, model, noise_levels(source.calibration.noise), seconds)
+        result = tare(tuple(self._recent), model, noise_levels(source.calibration.noise), seconds)
         self._model = with_bias(model, result.bias)
         self._recent.clear()
         shift = ', '.join(f'{x:.3f}' for x in result.shift)
