@@ -141,7 +141,7 @@ def _linear(problem: Problem, delay: float, cutoff: float) -> tuple[Array, float
     volts = problem.volts(delay)
     whole = problem.use & np.isfinite(volts).all(1)
     rows = _columns(problem, cutoff)[whole]
-    solution = np.linalg.lstsq(rows, volts[whole])[0]
+    solution = np.linalg.lstsq(rows, volts[whole], rcond=None)[0]
     return solution, float(((volts[whole] - rows @ solution)**2).mean())
 
 

@@ -40,7 +40,7 @@ def fit_creep(pose: PoseStream) -> Creep:
         return STANDS
     t, x = pose.t - pose.t[0], pose.position @ pose.R_base_sensor[0, :, 0]
     rows = np.column_stack([np.ones(len(t)), np.exp(-RATE * t)])
-    solution = np.linalg.lstsq(rows, x)[0]
+    solution = np.linalg.lstsq(rows, x, rcond=None)[0]
     variance = float(((x - rows @ solution)**2).sum()) / (len(t) - 2)
     return Creep(float(solution[1]), float(np.sqrt(variance * np.linalg.inv(rows.T @ rows)[1, 1])))
 

@@ -42,7 +42,7 @@ def solve_score(score: Callable[[Array], Array], slope: Callable[[Array], Array]
         scale = np.sqrt(np.abs(np.diag(derivative)))
         scale[scale == 0] = 1.0
         scaled = derivative / np.outer(scale, scale)
-        move = np.linalg.lstsq(scaled, score(theta) / scale)[0]
+        move = np.linalg.lstsq(scaled, score(theta) / scale, rcond=None)[0]
         theta = theta - move / scale
         if (np.abs(move) <= _SETTLED).all():
             return theta, derivative

@@ -254,7 +254,7 @@ def _strength(ringing: list[Ring], mass: float, p: Array, force: float) -> float
     for ring in ringing:
         basis = _basis(ring.t, k, d, mass)[1]
         rows = np.column_stack([basis, np.ones(len(ring.t))])
-        coefficients = np.linalg.lstsq(rows, ring.force)[0]
+        coefficients = np.linalg.lstsq(rows, ring.force, rcond=None)[0]
         swing = basis @ coefficients[:2]
         energy = float((swing**2).sum()) * _period(ring.t) / force
         best = max(best, energy**0.5)

@@ -44,7 +44,7 @@ def stiffness_from_sag(statics: Statics, mass: float) -> Sag | None:
     rows = np.stack([weight, np.ones(len(weight))], axis=1)
     if np.ptp(weight) < 0.05 * mass * np.linalg.norm(statics.gravity[0]):
         return None
-    (compliance, zero), *_ = np.linalg.lstsq(rows, statics.slide)
+    (compliance, zero), *_ = np.linalg.lstsq(rows, statics.slide, rcond=None)
     bread = np.linalg.inv(rows.T @ rows)
     slope = (bread @ (rows.T * statics.slide_variance) @ rows @ bread)[0, 0]
     if compliance**2 < 25 * slope:

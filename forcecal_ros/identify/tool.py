@@ -166,7 +166,7 @@ def _fit_weighted(statics: Statics, design: Array, reading: Array) -> tuple[Arra
         weight = 1 / np.sqrt(np.diag(noise))
         rows, right = design * weight[:, None], reading * weight
         _require_rank(rows)
-        theta = np.linalg.lstsq(rows, right)[0]
+        theta = np.linalg.lstsq(rows, right, rcond=None)[0]
         mass = float(theta[0])
     bread = np.linalg.inv(rows.T @ rows) @ (rows * weight[:, None]).T
     residuals = reading - design @ theta
@@ -185,7 +185,7 @@ def _fit_scatter(design: Array, reading: Array) -> tuple[Array, Array]:
     for _ in range(3):
         rows = design * weight[:, None]
         _require_rank(rows)
-        theta = np.linalg.lstsq(rows, reading * weight)[0]
+        theta = np.linalg.lstsq(rows, reading * weight, rcond=None)[0]
         square = ((reading - design @ theta).reshape(n, 6)**2)
         scatter = np.repeat([square[:, :3].mean(), square[:, 3:].mean()], 3)
         weight = np.tile(1 / np.sqrt(np.maximum(scatter, 1e-18)), n)
