@@ -109,6 +109,6 @@ def test_share_holds_what_launch_files_and_tools_look_for(workspace):
 
 def test_colcon_test_finds_the_tests(workspace):
     _colcon(workspace, 'test', '--packages-select', PACKAGE, '--return-code-on-test-failure',
-            '--pytest-args', '-k', 'test_version_is_the_same_everywhere')
+            '--pytest-args', 'test/test_packaging.py', '-k', 'test_version_is_the_same')
     result = _colcon(workspace, 'test-result', '--all')
     assert 'Summary: 1 test, 0 errors, 0 failures, 0 skipped' in result

@@ -1,7 +1,7 @@
 """What is installed is whole, and says the same about itself in every place."""
 
 import ast
-from importlib.metadata import entry_points, requires
+from importlib.metadata import entry_points, requires, version
 from pathlib import Path
 import re
 import shutil
@@ -61,10 +61,10 @@ def _required_by(distribution):
 
 def test_version_is_the_same_everywhere():
     source = (ROOT / PACKAGE / '__init__.py').read_text()
-    version = re.search(r"^__version__ = '(.+)'$", source, re.MULTILINE)[1]
-    assert _setup('--version') == version
-    assert _manifest().findtext('version') == version
-    assert f'## [{version}]' in (ROOT / 'CHANGELOG.md').read_text()
+    wanted = re.search(r"^__version__ = '(.+)'$", source, re.MULTILINE)[1]
+    assert _setup('--version') == wanted
+    assert _manifest().findtext('version') == wanted
+    assert f'## [{wanted}]' in (ROOT / 'CHANGELOG.md').read_text()
 
 
 def test_package_xml_passes_the_checks_of_catkin_pkg():
@@ -111,7 +111,9 @@ def test_every_command_resolves_to_a_function():
 def archives(tmp_path_factory, project_files):
     """Return a source archive of this tree and the wheel that pip makes from it alone."""
     pytest.importorskip('pip')
-    pytest.importorskip('setuptools', minversion='70.1', reason='makes wheels itself from 70.1')
+    setuptools = version('setuptools')
+    if tuple(int(part) for part in setuptools.split('.')[:2]) < (70, 1):
+        pytest.skip(f'setuptools {setuptools} makes no wheels by itself; 70.1 does')
     tree = tmp_path_factory.mktemp('tree')
     for path in project_files:
         (tree / path).parent.mkdir(parents=True, exist_ok=True)
