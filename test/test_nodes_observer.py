@@ -1,11 +1,15 @@
 """The observer as a process: lifecycle, services, and the numbers of the offline replay."""
 
-from forcecal_ros.calibration import Accelerometer, Calibration, Estimate, Tool
+from dataclasses import replace
+
+from forcecal_ros.calibration import Accelerometer, Calibration, Estimate, Noise, Tool
 from forcecal_ros.calibration_file import dump, save
 from forcecal_ros.control.motion import Move, Pose
 from forcecal_ros.control.poses import nominal_poses
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import rotation_from_vector
+from forcecal_ros.gravity.playback import replay as compensate
+from forcecal_ros.gravity.settings import Settings as GravitySettings
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT
 from forcecal_ros.nodes.wire import JointWriter, Writer
 from forcecal_ros.observe import replay
@@ -104,12 +108,30 @@ def state(live):
     return live.call('observer/get_state', GetState).current_state.label
 
 
-def test_node_and_replay_give_the_same_numbers(ros_domain, tmp_path, recording):
+def noisy():
+    """Return the nominal calibration with the rig's noise, which filters want to know."""
+    return replace(nominal(), noise=Noise(
+        Q=Estimate(np.eye(2), 0.0, '(m, m/s)^2 s'),
+        R=Estimate(np.eye(3), 0.0, '(m, m/s, m/s^2)^2 s'),
+        wrench=Estimate(np.diag([0.25**2] * 3 + [0.02**2] * 3), 0.0, '(N, N m)^2'),
+        specific_force=Estimate(np.eye(3) * 0.034**2, 0.0, '(m/s^2)^2'),
+        wrench_rate=1000.0, accelerometer_rate=1000.0))
+
+
+def offline(recording, gravity):
+    """Replay the recording by the observer, or by a filter of gravity compensation."""
+    if gravity == 'none':
+        return replay(recording, noisy()).contact
+    return compensate(recording, noisy(), GravitySettings(filter=gravity)).wrench
+
+
+@pytest.mark.parametrize('gravity', ['none', 'ukf', 'static'])
+def test_node_and_replay_give_the_same_numbers(ros_domain, tmp_path, recording, gravity):
     path = tmp_path / 'calibration.yaml'
-    save(nominal(), path)
+    save(noisy(), path)
     with Live() as live:
         player = Player(live)
-        live.start('observer', calibration__file=path)
+        live.start('observer', calibration__file=path, gravity__filter=gravity)
         player.until_heard()
         live.until(lambda: state(live) == 'active', 'active')
         stamps = player.play(recording)
@@ -118,8 +140,8 @@ def test_node_and_replay_give_the_same_numbers(ros_domain, tmp_path, recording):
         refused = {pair.key: pair.value for pair in live.diagnostics['observer'].values}
         assert refused['wrench samples not used'] == '0'
         assert live.end('observer') == 0
-    offline = replay(recording, nominal())
-    np.testing.assert_allclose(answers, offline.contact[:len(answers)], atol=1e-7)
+    expected = offline(recording, gravity)
+    np.testing.assert_allclose(answers, expected[:len(answers)], atol=1e-7)
     assert np.ptp(recording.wrench.values[:, 0]) > 20
     assert np.abs(answers[1000:, :3]).max() < 2
 

@@ -68,8 +68,8 @@ def free_hypothesis(belief: Gaussian, expected: Expected, reading: Array, R: Arr
     return Free(reading - expected.mean[:6] + belief.mean[:6], cov, cov - R)
 
 
-def assess(contact: Contact, free: Free, dt: float,
-                 model: ContactModel) -> tuple[Contact, float]:
+def assess(contact: Contact, free: Free, dt: float, model: ContactModel
+           ) -> tuple[Contact, float]:
     """
     Test one reading.
 
@@ -102,4 +102,6 @@ def assess(contact: Contact, free: Free, dt: float,
     if max(blow, push) > model.limit:
         return Contact(True, 0.0, average, share), nis
     quiet = contact.quiet + dt
-    return Contact(contact.assumed and quiet < model.release_time, quiet, average, share), nis
+    # half a period of slack: how stamps were rounded must not decide
+    held = contact.assumed and quiet + dt / 2 < model.release_time
+    return Contact(held, quiet, average, share), nis

@@ -10,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.calibration import Calibration
 from forcecal_ros.calibration_file import load, parse
 from forcecal_ros.errors import ConfigError, DataError, ForcecalError
+from forcecal_ros.gravity.compensation import compensated, Compensation, compensation_of, rebiased
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.observer_settings import PARAMETERS, settings_of
 from forcecal_ros.nodes.parameters import declare, guard
@@ -62,6 +63,7 @@ class Observer(LifecycleNode):
         self._source: Source | None = None
         self._text = ''
         self._model: Model | None = None
+        self._gravity: Compensation | None = None
         self._failure = ''
         self._active = False
         self._accelerometer: Any = None
@@ -169,7 +171,7 @@ class Observer(LifecycleNode):
             self.destroy_lifecycle_publisher(publisher)
         self._inputs, self._extra, self._accelerometer = [], [], None
         del self._out
-        self._source = self._model = None
+        self._source = self._model = self._gravity = None
         self._clear()
 
     # Calibration ----------------------------------------------------------------------------
@@ -190,13 +192,22 @@ class Observer(LifecycleNode):
     def _take(self, source: Source) -> None:
         """Take over a calibration, faded in where one was in use."""
         model, chosen = design(source.calibration, self._settings()), self._chosen(source)
+        gravity = self._gravity_of(source.calibration)
         self._set_model(model)
-        self._source = source
+        self._source, self._gravity = source, gravity
         self._sign = source.calibration.wrench_sign
         self._write = Writer(WrenchStamped, source.calibration.sensor_frame)
         self._listen_to_accelerometer(chosen)
         self.get_logger().info(f'calibration taken from {source.name}: mass '
                                f'{float(source.calibration.mass):.4f} kg')
+
+    def _gravity_of(self, calibration: Calibration, changes: dict[str, Any] | None = None
+                    ) -> Compensation | None:
+        """Return the filter that publishes instead of the observer, where one is asked for."""
+        name = (changes or {}).get('gravity.filter', self._value('gravity.filter'))
+        if name == 'none':
+            return None
+        return compensation_of(calibration, name, self._settings(changes))
 
     def _set_model(self, model: Model) -> None:
         self._changed = self._model is not None and self._last is not None
@@ -210,14 +221,17 @@ class Observer(LifecycleNode):
         settings = self._settings(changes)
         if self._source is not None:
             design(self._source.calibration, settings)
+            self._gravity_of(self._source.calibration, changes)
 
     def _on_changed(self, parameters: list[Any]) -> None:
         self._window = self._value('tare.duration')
         if self._source is not None and any(
-                parameter.name.startswith(('observer.', 'limits.')) for parameter in parameters):
+                parameter.name.startswith(('observer.', 'limits.', 'gravity.'))
+                for parameter in parameters):
             bias = self._model.bias
             self._set_model(design(self._source.calibration, self._settings())
                             ._replace(bias=bias))
+            self._gravity = rebiased(self._gravity_of(self._source.calibration), bias)
 
     def _chosen(self, source: Source) -> str:
         """Return which source of acceleration fits a calibration."""
@@ -297,6 +311,9 @@ class Observer(LifecycleNode):
             self._fade = begin_fade(sample.t, self._value('takeover.duration'), before,
                                     sample.contact)
         contact = sample.contact
+        if self._gravity is not None:
+            self._gravity, contact = compensated(self._gravity, sample,
+                                                 self._state.motion.rotation)
         if self._fade is not None:
             smooth = faded(self._fade, sample.t, contact)
             if smooth is None:
@@ -330,6 +347,7 @@ class Observer(LifecycleNode):
         refuse_motion([pose for t, pose in self._poses if newest - seconds <= t], 'tare')
         result = tare(tuple(self._recent), model, noise_levels(source.calibration.noise), seconds)
         self._model = with_bias(model, result.bias)
+        self._gravity = rebiased(self._gravity, result.bias)
         self._recent.clear()
         shift = ', '.join(f'{x:.3f}' for x in result.shift)
         return f'bias shifted by {shift} (N, N m) until the next calibration'

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from math import inf
 from typing import Any
 
+from forcecal_ros.gravity.settings import FILTERS
 from forcecal_ros.nodes.parameters import Parameter
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
@@ -50,6 +51,9 @@ PARAMETERS = (
           'missing', 's', 0.005, 10.0),
     _live('observer.skew', _DEFAULT.skew, 'Greatest difference of transport times between topics '
           'that is waited for', 's', 0.001, 1.0),
+    _live('gravity.filter', 'none', 'Publish what this filter of gravity compensation says '
+          'instead: ukf and ekf estimate the biases along, static filters nothing; none: the '
+          'observer', choices=('none', *FILTERS)),
     _live('limits.force', 0.0, 'End of the force sensor range per axis; 0: unknown', 'N',
           0.0, 1e6),
     _live('limits.torque', 0.0, 'End of the torque range per axis; 0: unknown', 'N m', 0.0, 1e5),
