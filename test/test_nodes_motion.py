@@ -158,8 +158,8 @@ def test_someone_else_commanding_ends_the_motion(ready):
     until_moving(live, robot)
     other = live.node.create_publisher(PoseStamped, 'target_frame', OUTPUT)
     own = len(robot.commands)
-    other.publish(PoseStamped())
-    live.until(lambda: live.phases[-1] == 'aborted', 'aborted')
+    # said again until the two have discovered each other
+    live.until(lambda: other.publish(PoseStamped()) or live.phases[-1] == 'aborted', 'aborted')
     assert 'target_frame: another node commands the robot' in live.reasons[-1]
     assert len(robot.commands) > own
     assert_came_to_rest(live, robot)
