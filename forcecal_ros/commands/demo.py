@@ -33,8 +33,10 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.calibration_file import parse, save, to_document
     from forcecal_ros.files import write_text
     from forcecal_ros.nodes.demo import run_demo
+    from forcecal_ros.observe import replay
     from forcecal_ros.report.calibration import render
     from forcecal_ros.report.rows import as_text, table
+    from forcecal_ros.samples import Stream
     from forcecal_ros.sim.rig_file import load_rig
     from forcecal_ros.sim.truth import true_calibration
 
@@ -43,10 +45,13 @@ def run(args: argparse.Namespace) -> int:
     calibration = parse(result.calibration, 'sequencer/calibration')
     truth = true_calibration(load_rig(), args.accelerometer)
     recording = read_recording(out / 'bag')
-    contact = read_contact(out / 'bag', recording.start_ns)
+    published = read_contact(out / 'bag', recording.start_ns)
+    replayed = replay(recording, calibration)
+    again = Stream(replayed.t, replayed.contact, calibration.sensor_frame)
     save(calibration, out / 'calibration.yaml')
-    write_text(out / 'report.html', render(recording, calibration, contact, truth))
-    step, touch = step_figures(recording, calibration), contact_figures(recording, contact)
+    write_text(out / 'report.html', render(recording, calibration, again, truth))
+    step = step_figures(recording, calibration, again)
+    touch = contact_figures(recording, published)
     if args.json:
         print_json({**to_document(calibration), 'demo': {
             'motion_to_gains': {'value': result.duration, 'std': None, 'unit': 's'},
@@ -75,7 +80,8 @@ def read_contact(bag: Path, start_ns: int) -> 'Stream':
     return Stream(columns.t + shift, columns.values, columns.frame)
 
 
-def step_figures(recording: 'Recording', calibration: 'Calibration') -> dict[str, float | str]:
+def step_figures(recording: 'Recording', calibration: 'Calibration', contact: 'Stream'
+                 ) -> dict[str, float | str]:
     """
     Compare sensor and observer along x while the tool rings after the step, without contact.
 

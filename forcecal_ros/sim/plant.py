@@ -12,6 +12,7 @@ from forcecal_ros.sim.rig import Rig
 from forcecal_ros.sim.robot import Motion, move, robot_at_rest
 from forcecal_ros.sim.sensors import highpass_settled, respond, Response
 from forcecal_ros.sim.tool import Slide, slide_along, tool_at_rest
+import numpy as np
 
 LONGEST_STEP = 0.0005
 """Of the integration [s]; converged to better than 1e-4 N on the nominal rig."""
@@ -83,7 +84,9 @@ class Plant:
             At 2 steps m + 1 nodes.
         """
         motion = Motion.empty(2 * self.steps * len(positions) + 1)
-        move(self._p, self._robot, positions, xyzw, self.steps, motion)
+        # copies: read-only arrays would be another type, and compiled anew
+        move(self._p, self._robot, np.array(positions, dtype=float),
+             np.array(xyzw, dtype=float), self.steps, motion)
         return self._effects(motion)
 
     def respond(self, motion: Motion) -> tuple[Slide, Response]:

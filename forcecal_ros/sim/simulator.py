@@ -163,7 +163,6 @@ class Simulator:
         Samples
             Of these m periods.
         """
-        positions, xyzw = np.array(positions, dtype=float), np.array(xyzw, dtype=float)
         if self._periods == 0:
             self._plant.rest(positions[0], xyzw[0])
         motion = self._plant.move(positions, xyzw)
