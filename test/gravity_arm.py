@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 G = np.array([0.0, 0.0, -9.80665])
 RATE, POSE_EVERY = 1000.0, 4
 FORCE_NOISE, TORQUE_NOISE = 0.05, 0.003
-ACCELERATION_NOISE, ACCELERATION_BIAS, GYRO_NOISE = 0.05, 0.01, 0.003
+ACCELERATION_NOISE, ACCELERATION_BIAS, GYRO_NOISE, GYRO_OFFSET = 0.05, 0.01, 0.003, 0.002
 POSITION_NOISE, ROTATION_NOISE = 20e-6, 20e-6
 
 MASS = 0.6
@@ -150,7 +150,8 @@ def record(motion: Motion, rng: np.random.Generator, contact: Array | float = 0.
         accelerometer=Stream(motion.t, f, 'ft_sensor'), accelerometer_unit='m/s^2',
         pose=PoseStream(motion.t[seen],
                         motion.position[seen] + rng.normal(0, POSITION_NOISE, (k, 3)), R),
-        angular_velocity=Stream(motion.t, motion.omega + rng.normal(0, GYRO_NOISE, (n, 3))),
+        angular_velocity=Stream(motion.t, motion.omega + rng.normal(0, GYRO_OFFSET, 3)
+                                + rng.normal(0, GYRO_NOISE, (n, 3))),
         contact_truth=Stream(motion.t, np.broadcast_to(contact, (n, 6))),
         start_ns=1_700_000_000_000_000_000, source='simulated arm')
 

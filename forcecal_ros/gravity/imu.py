@@ -19,9 +19,11 @@ class Imu(NamedTuple):
     Attributes
     ----------
     gyro_std : float
-        Noise and offset of the gyro, per sample [rad/s].
+        Noise of the gyro, per sample [rad/s].
+    gyro_offset : float
+        Its offset, which counts as constant for ten seconds [rad/s].
     unknown_rate : float
-        How fast the arm may turn when the gyro is silent [rad/s].
+        How fast the arm may turn, for a second, when the gyro is silent [rad/s].
     acceleration_std, acceleration_time : float
         Size and duration of the arm's accelerations [m/s^2], [s].
     tilt_std : float
@@ -35,6 +37,7 @@ class Imu(NamedTuple):
     """
 
     gyro_std: float = 0.005
+    gyro_offset: float = 0.003
     unknown_rate: float = 0.5
     acceleration_std: float = 1.0
     acceleration_time: float = 0.5

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from forcecal_ros.geometry import Array, matrix_from_quaternion
 from forcecal_ros.gravity.model import Model
-from forcecal_ros.gravity.step import Estimate, initial_state, State, step, weight
+from forcecal_ros.gravity.step import Estimate, initial_state, INVALID, State, step, weight
 from forcecal_ros.observe.contact import ContactSample
 from forcecal_ros.observe.status import BAD_WRENCH, NO_GRAVITY
 from forcecal_ros.observe.tracking import Rotation, turned
@@ -59,16 +59,18 @@ def on_sample(live: Live, sample: ContactSample, rotation: Rotation | None, mode
     Live
     Estimate
     """
+    if live.t >= sample.t:
+        # the observer lets time go back only where it starts anew itself
+        live = begin(model)
     dt = sample.t - live.t if live.t == live.t else model.covariances.period
-    if sample.status & (BAD_WRENCH | NO_GRAVITY):
-        wire, load = np.full(6, np.nan) if sample.status & BAD_WRENCH else model.bias, None
-    else:
-        load = np.array(sample.inertial)
-        wire = np.array(sample.measured) + model.bias + load
-    if model.settings.filter == 'static':
-        load = _weight(sample.t, rotation, model)
+    wire, load = np.full(6, np.nan), None
+    if not sample.status & BAD_WRENCH:
+        wire = np.array(sample.measured) + model.bias + sample.inertial
+    if not sample.status & NO_GRAVITY:
+        static = model.settings.filter == 'static'
+        load = _weight(sample.t, rotation, model) if static else np.array(sample.inertial)
     state, estimate = step(live.state, wire, load, dt, model)
-    return Live(sample.t, state), estimate
+    return Live(live.t if estimate.status & INVALID else sample.t, state), estimate
 
 
 def _weight(t: float, rotation: Rotation | None, model: Model) -> Array | None:

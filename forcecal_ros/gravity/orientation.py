@@ -25,6 +25,13 @@ STATES = 18
 LEARNED = slice(6, 13)
 """Biases and mass: what only readings without contact may teach."""
 
+OFFSET_LASTS = 10.0
+"""An offset of the gyro counts as drawn anew that often; as white noise it would count for less
+[s]."""
+
+LEAST_FORCE = 1.0
+"""Specific force below which none tells where down is [m/s^2]."""
+
 
 class Motion(NamedTuple):
     """Angular velocity [rad/s] and acceleration [rad/s^2], (3,) each."""
@@ -48,7 +55,7 @@ def start_pose_free(model: PoseFreeModel, specific_force: Array) -> Belief:
     ----------
     model : PoseFreeModel
     specific_force : ndarray, shape (3,)
-        Gravity is taken to oppose it [m/s^2].
+        Gravity is taken to oppose it; longer than LEAST_FORCE [m/s^2].
 
     Returns
     -------
@@ -64,7 +71,7 @@ def start_pose_free(model: PoseFreeModel, specific_force: Array) -> Belief:
 
 def _level(down: Array) -> Array:
     """Rotation whose third column points down; the other two as they come."""
-    z = down / max(float(np.linalg.norm(down)), 1e-9)
+    z = down / np.linalg.norm(down)
     x = np.eye(3)[int(np.argmin(np.abs(z)))]
     x = x - (x @ z) * z
     x /= np.linalg.norm(x)
@@ -137,8 +144,10 @@ def turned(belief: Belief, model: PoseFreeModel, omega: Array | None, dt: float,
     Q[WRENCH, WRENCH] = wrench.covariances.Q * (dt / wrench.covariances.period)
     Q[BIAS, BIAS] = wrench.bias_walk * dt
     Q[MASS, MASS] = imu.payload_walk ** 2 * dt
-    rate = imu.unknown_rate if omega is None else imu.gyro_std
-    Q[TILT, TILT] = (rate * dt) ** 2 * np.eye(2)
+    tilt = imu.unknown_rate ** 2 * dt
+    if omega is not None:
+        tilt = (imu.gyro_std * dt) ** 2 + imu.gyro_offset ** 2 * OFFSET_LASTS * dt
+    Q[TILT, TILT] = tilt * np.eye(2)
     Q[ACCELERATION, ACCELERATION] = imu.acceleration_std ** 2 * (1 - fade * fade) * np.eye(3)
     return turn @ belief.level, linear(A), Q
 

@@ -19,6 +19,7 @@ from forcecal_ros.gravity.orientation import (
     Belief,
     differentiate,
     LEARNED,
+    LEAST_FORCE,
     MASS,
     Motion,
     readings,
@@ -121,9 +122,9 @@ def pose_free_step(
     y, f, omega = np.asarray(wrench, dtype=float), _vector(specific_force), _vector(
         angular_velocity)
     status = check(y, dt)
-    if state.belief is None and f is None:
+    if state.belief is None and (f is None or np.linalg.norm(f) < LEAST_FORCE):
         status |= NO_LOAD
-    if status & ~RESTARTED:
+    if status:
         return state, _report(state, model, status)
     if state.belief is None and f is not None:
         state = state._replace(belief=start_pose_free(model, f))
