@@ -165,6 +165,7 @@ class Robot:
         self.silent = set()
         self.override = {}
         self.healthy = 0
+        self.ticks = []
         self.rng = np.random.default_rng(1)
         home = nominal_poses()['v']
         self.pose = (*home.position.tolist(),
@@ -184,6 +185,7 @@ class Robot:
 
     def _tick(self):
         stamp = self.now()
+        self.ticks.append(stamp)
         if not (self.silent or self.override):
             self.healthy = stamp
         noise = self.rng.normal(size=16)
@@ -204,6 +206,11 @@ class Robot:
         chord = np.minimum(np.linalg.norm(np.diff(values[:, 3:], axis=0), axis=1),
                            np.linalg.norm(values[1:, 3:] + values[:-1, 3:], axis=1))
         return stamps[1:], speed, 4 * np.arcsin(chord / 2) / dt
+
+    def late(self, since):
+        """Return by how much this robot's own sensors were late in the next 0.2 s [s]."""
+        gaps = np.diff([tick for tick in self.ticks if 0 <= tick - since <= 2e8]) * 1e-9
+        return np.maximum(gaps - 0.006, 0).sum()
 
     def moving(self):
         """Whether the last commands turn."""

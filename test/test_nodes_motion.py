@@ -57,19 +57,20 @@ def until_moving(live, robot):
     live.until(robot.moving, 'motion')
 
 
-def assert_came_to_rest(live, robot, since_ns=None):
+def assert_came_to_rest(live, robot, since_ns=None, sensors=False):
     """
     From then on commands moved for a tenth of a second at most, and never again.
 
     Time is counted in commands, on the stream's own stamps: a machine that lets the sequencer
-    wait commands nothing meanwhile.
+    wait commands nothing meanwhile. Sensors that this process says late are no fault of it.
     """
     live.until(lambda: live.phases and live.phases[-1] == 'aborted', 'aborted')
     live.spin(0.3)
     since_ns = since_ns or live.entered['aborted']
     stamps, speed, spin = robot.speeds()
     moving = ((speed > 0) | (spin > 0))[stamps > since_ns * 1e-9]
-    assert moving.sum() * 0.004 <= 0.1
+    slack = robot.late(since_ns) if sensors else 0.0
+    assert moving.sum() * 0.004 <= 0.1 + slack
     assert not moving[-10:].any()
     assert np.count_nonzero(np.diff(moving.astype(int)) == 1) == 0
     heard = len(robot.commands)
@@ -122,7 +123,7 @@ def test_a_lost_sensor_brings_the_commands_to_rest_and_is_named(ready, topic):
     live, robot = ready
     until_moving(live, robot)
     robot.silent.add(topic)
-    assert_came_to_rest(live, robot, robot.healthy)
+    assert_came_to_rest(live, robot, robot.healthy, sensors=True)
     assert live.reasons[-1].startswith(f'{topic}: silent')
 
 
@@ -137,7 +138,7 @@ def test_a_sensor_that_says_something_else_is_named(ready, topic, values, reason
     live, robot = ready
     until_moving(live, robot)
     robot.override[topic] = values
-    assert_came_to_rest(live, robot, robot.healthy)
+    assert_came_to_rest(live, robot, robot.healthy, sensors=True)
     assert reason in live.reasons[-1]
 
 

@@ -58,9 +58,9 @@ class WatchSettings:
         Standard deviations below which nothing moves, whatever the noise [N], [N m], [m].
     """
 
-    pause_timeout: float = 0.045
+    pause_timeout: float = 0.04
     lost_timeout: float = 1.0
-    frozen_timeout: float = 0.045
+    frozen_timeout: float = 0.035
     max_age: float = 0.25
     window: float = 0.25
     factor: float = 1.25
