@@ -19,7 +19,8 @@ def data_set(log, load=None, name='one', train=True, window=None, size=None):
 
 
 def protocol_sets(leg, seed, protocol=PROTOCOL):
-    return [data_set(record(load, leg, round(1000 * seed) + k), load, f'data set {k + 1}', load.train)
+    first = round(1000 * seed)
+    return [data_set(record(load, leg, first + k), load, f'data set {k + 1}', load.train)
             for k, load in enumerate(protocol)]
 
 

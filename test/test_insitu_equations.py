@@ -9,12 +9,12 @@ from forcecal_ros.insitu.motion import (
     body_map,
     gravity_map,
     load_parameters,
-    moving_regressors,
     MOVING,
+    moving_regressors,
     STATIC,
 )
 from forcecal_ros.insitu.offset import offset_coordinates, offset_of, shared_offset
-from forcecal_ros.insitu.prepare import Mounting, Prepared, prepare
+from forcecal_ros.insitu.prepare import Mounting, prepare, Prepared
 from forcecal_ros.insitu.smoothing import smooth, window_samples
 from forcecal_ros.insitu.subspace import (
     from_coordinates,
@@ -23,9 +23,11 @@ from forcecal_ros.insitu.subspace import (
     Subspace,
     to_coordinates,
 )
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import insitu_leg
-from insitu_leg import ACCELEROMETER, GAUGES, Leg, Load as Added, OFFSET, record
+from insitu_leg import ACCELEROMETER, GAUGES, Leg, OFFSET, record
+from insitu_leg import Load as Added
 from insitu_runs import chunks_of
 import numpy as np
 import pytest
@@ -45,13 +47,14 @@ def noisy():
     return record(ADDED, Leg(), 1)
 
 
-def moments_of(log, window=1, size=None, kept=((-np.inf, np.inf),), corrected=True):
+def moments_of(log, window=1, size=None, kept=((-np.inf, np.inf),), corrected=True,
+               magnitude=None):
     def pieces():
         return prepare(chunks_of(log, size), Mounting(), False)
     blocks = to_blocks(pieces())
     scale = 1.0 if corrected else 0.0
     return accumulate(pieces(), kept, window, 3, scale * blocks.raw_noise,
-                      scale * blocks.gravity_noise)
+                      scale * blocks.gravity_noise, magnitude)
 
 
 @given(st.lists(st.floats(-3, 3), min_size=7, max_size=7))

@@ -64,6 +64,14 @@ def test_the_accelerometers_bias_is_found_in_the_norm_of_gravity(real):
     assert (np.abs(real.norm.offset - bias) < 4 * real.norm.std).all()
 
 
+def test_hysteresis_that_is_taken_off_leaves_smaller_errors():
+    leg = Leg(hysteresis=0.005)
+    without, compensated = (
+        np.array([errors(calibrated(leg, seed, Options(compensate_hysteresis=on)))
+                  for seed in (1, 2)]).max(axis=0) for on in (False, True))
+    assert (compensated < 0.7 * without).all()
+
+
 def test_standard_errors_cover_with_the_filter_and_without():
     leg = Leg(duration=30.0)
     for window in (3.01, 0.0):

@@ -4,7 +4,8 @@ from forcecal_ros.errors import UnobservableError
 from forcecal_ros.insitu.matrix import Load
 from forcecal_ros.insitu.motion import MOVING
 from forcecal_ros.insitu.rank import require, structural_rank
-from insitu_leg import Leg, Load as Added
+from insitu_leg import Leg
+from insitu_leg import Load as Added
 from insitu_runs import calibrated
 import pytest
 

@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Iterator
+import os
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
@@ -31,6 +32,8 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
+    # small matrices are slower on several threads than on one
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     from dataclasses import replace
     import json
 

@@ -77,10 +77,11 @@ def _subspace(result: SensorResult) -> Iterator[str]:
     if bending.significant:
         yield (f'{_size(result, bending)} leave the subspace with the square of gravity: '
                'something bends under load, a joint (lock the knee) or the mount of sensor or '
-               'accelerometer')
+               'accelerometer; the standard errors do not hold what it biases')
     if hysteresis.significant:
+        done = 'taken off' if result.compensated else 'left in, as one recording may just drift'
         yield (f'{_size(result, hysteresis)} depend on where the sensor comes from: hysteresis; '
-               'the standard errors include what it scatters, not what it biases')
+               f'{done}')
 
 
 def _times(data_set: DataSetResult) -> float:

@@ -8,7 +8,7 @@ from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.advice import warnings_of
 from forcecal_ros.insitu.excitation import excitation
-from forcecal_ros.insitu.lemma import causes, departure
+from forcecal_ros.insitu.lemma import causes
 from forcecal_ros.insitu.matrix import Load
 from forcecal_ros.insitu.moments import Moments
 from forcecal_ros.insitu.motion import MOVING, STATIC
@@ -16,7 +16,7 @@ from forcecal_ros.insitu.offset import offset_of, shared_offset
 from forcecal_ros.insitu.prepare import Mounting
 from forcecal_ros.insitu.problem import Problem, with_matrix
 from forcecal_ros.insitu.rank import require
-from forcecal_ros.insitu.reduce import DataSet, Options, reduce, Reduced
+from forcecal_ros.insitu.reduce import DataSet, Options, reduce, Reduced, without_hysteresis
 from forcecal_ros.insitu.result import DataSetResult, SensorResult
 from forcecal_ros.insitu.uncertainty import (
     doubt_covariance,
@@ -25,6 +25,9 @@ from forcecal_ros.insitu.uncertainty import (
     score_covariance,
 )
 import numpy as np
+
+AGREEING = 3
+"""Data sets in which hysteresis must be the same to be taken off: drift or touch is not."""
 
 
 def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, options: Options,
@@ -57,8 +60,12 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
     if options.matrix:
         require(_training_loads(data_sets), MOVING if options.moving else STATIC)
     reduced, found_norm = reduce(data_sets, mounting, options)
+    _check_channels(data_sets, [r.moments for r in reduced], options, manufacturer_matrix)
+    found_causes = None if options.moving else causes([(r.blocks, r.use) for r in reduced])
+    compensate = options.compensate_hysteresis and len(data_sets) >= AGREEING
+    if found_causes and compensate:
+        reduced = without_hysteresis(reduced, found_causes.lags)
     moments = [r.moments for r in reduced]
-    _check_channels(data_sets, moments, options, manufacturer_matrix)
     excited = excitation(moments, options.gravity)
     offset = np.zeros_like(moments[0].mean) if options.moving else shared_offset(moments)
     used = [(r.moments, r.blocks, r.use) for r in reduced]
@@ -71,7 +78,7 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
         offset=Estimate(offset, np.sqrt(np.diag(offset_covariance)), options.raw_unit),
         offset_scatter=np.zeros(len(moments)) if options.moving else _scatter(
             moments, left, offset),
-        causes=None if options.moving else causes([(r.blocks, r.use) for r in reduced]),
+        causes=found_causes, compensated=compensate,
         data_sets=tuple(_data_set(d, r, options) for d, r in zip(data_sets, reduced)),
         manufacturer_matrix=manufacturer_matrix)
     if options.matrix:
@@ -140,6 +147,6 @@ def _data_set(data_set: DataSet, reduced: Reduced, options: Options) -> DataSetR
                    for a, b in reduced.screening.kept),
         cuts=reduced.screening.cuts, samples=reduced.moments.count,
         singular_values=reduced.moments.singular_values,
-        departure=None if options.moving else departure(blocks, use),
-        gravity_scatter=float(blocks.gravity_norm[use].std()), raw=blocks.raw[use],
+        departure=reduced.departure,
+        gravity_scatter=reduced.gravity_scatter, raw=blocks.raw[use],
         gravity=blocks.regressors[use, :3])

@@ -14,9 +14,8 @@ from forcecal_ros.insitu.blocks import Blocks, Mask
 import numpy as np
 from scipy import stats
 
-SIGNIFICANT = 1e-3
-CAUSE = 1e-4
-"""Chances below which a departure, or a cause of it, is not taken for noise."""
+SIGNIFICANT = 1e-4
+"""Chance below which a departure, or a cause of it, is not taken for noise."""
 PLAYS = (0.0025, 0.005, 0.01)
 """Widths of the plays that hysteresis is composed of, as shares of a channel's span."""
 
@@ -56,7 +55,8 @@ def departure(blocks: Blocks, use: Mask) -> Departure:
     -------
     Departure
     """
-    white = _whiten(blocks, blocks.raw[use] - blocks.raw[use].mean(axis=0))
+    root = np.linalg.cholesky(blocks.raw_noise / blocks.samples)
+    white = np.linalg.solve(root, (blocks.raw[use] - blocks.raw[use].mean(axis=0)).T).T
     energy = (np.linalg.svd(white, compute_uv=False)[3:] ** 2).sum()
     freedom = (len(white) - 4) * (white.shape[1] - 3)
     return Departure(float(np.sqrt(max(energy / freedom - 1, 0.0))),
@@ -82,15 +82,25 @@ class Cause:
     @property
     def significant(self) -> bool:
         """Whether it is there."""
-        return self.p < CAUSE
+        return self.p < SIGNIFICANT
 
 
 @dataclass(frozen=True)
 class Causes:
-    """``bending`` beside hysteresis, and ``hysteresis`` beside bending."""
+    """
+    What the affine maps leave, explained.
+
+    Attributes
+    ----------
+    bending, hysteresis : Cause
+        Each beside the other.
+    lags : tuple of ndarray, shape (b, n)
+        Hysteresis in the raw channels of each data set's blocks; zero where there is none.
+    """
 
     bending: Cause
     hysteresis: Cause
+    lags: tuple[Array, ...]
 
 
 def causes(data_sets: Sequence[tuple[Blocks, Mask]]) -> Causes:
@@ -105,19 +115,20 @@ def causes(data_sets: Sequence[tuple[Blocks, Mask]]) -> Causes:
     -------
     Causes
     """
-    each = [np.ptp(_fitted(blocks, use)[use], axis=0) for blocks, use in data_sets]
-    spans: Array = np.asarray(np.max(each, axis=0))
-    parts = [_regression(b, u, spans) for b, u in data_sets]
-    left = np.vstack([part[0] for part in parts])
-    squares, plays = (np.vstack([part[k] for part in parts]) for k in (1, 2))
-    blocks = data_sets[0][0]
-    root = np.linalg.cholesky(blocks.raw_noise / blocks.samples)
-    return Causes(_cause(left, squares, plays, root), _cause(left, plays, squares, root))
-
-
-def _whiten(blocks: Blocks, values: Array) -> Array:
-    root = np.linalg.cholesky(blocks.raw_noise / blocks.samples)
-    return np.asarray(np.linalg.solve(root, values.T).T)
+    fitted = [_fitted(blocks, use) for blocks, use in data_sets]
+    spans = np.max([np.ptp(f[use], axis=0) for f, (_, use) in zip(fitted, data_sets)], axis=0)
+    all_plays = [np.hstack([_play(f / spans, width) for width in PLAYS]) for f in fitted]
+    noise = np.mean([blocks.raw_noise / blocks.samples for blocks, _ in data_sets], axis=0)
+    root = np.linalg.cholesky(noise)
+    left = np.vstack([np.linalg.solve(root, (blocks.raw - f)[use].T).T
+                      for f, (blocks, use) in zip(fitted, data_sets)])
+    squares, plays = (np.vstack([_beside_affine(of, *pair) for of, pair in zip(x, data_sets)])
+                      for x in ([_squares(blocks) for blocks, _ in data_sets], all_plays))
+    bending, _ = _cause(left, squares, plays, root)
+    hysteresis, size = _cause(left, plays, squares, root)
+    if not hysteresis.significant:
+        size = np.zeros_like(size)
+    return Causes(bending, hysteresis, tuple(of @ size for of in all_plays))
 
 
 def _affine(blocks: Blocks) -> Array:
@@ -137,16 +148,17 @@ def _fitted(blocks: Blocks, use: Mask) -> Array:
     return np.asarray(x @ np.linalg.lstsq(x[use], blocks.raw[use], rcond=None)[0])
 
 
-def _regression(blocks: Blocks, use: Mask, spans: Array) -> tuple[Array, Array, Array]:
-    """Return whitened residual, squares of gravity, plays; all with the affine part taken out."""
+def _squares(blocks: Blocks) -> Array:
+    """Squares and products of unit gravity; the last square follows from the others."""
     x = _affine(blocks)
-    squares = np.stack([x[:, i] * x[:, j] for i in range(1, 4) for j in range(i, 4)], axis=1)
-    fitted = _fitted(blocks, use)
-    plays = np.hstack([_play(fitted / spans, width) for width in PLAYS])
-    q, _ = np.linalg.qr(x[use])
-    residual = _whiten(blocks, blocks.raw[use] - fitted[use])
-    squares, plays = (y[use] - q @ (q.T @ y[use]) for y in (squares[:, :-1], plays))
-    return residual, squares, plays
+    products = [x[:, i] * x[:, j] for i in range(1, 4) for j in range(i, 4)]
+    return np.stack(products[:-1], axis=1)
+
+
+def _beside_affine(values: Array, blocks: Blocks, use: Mask) -> Array:
+    """Take the affine map of gravity out of the blocks in use."""
+    q, _ = np.linalg.qr(_affine(blocks)[use])
+    return np.asarray(values[use] - q @ (q.T @ values[use]))
 
 
 def _play(values: Array, width: float) -> Array:
@@ -160,19 +172,26 @@ def _play(values: Array, width: float) -> Array:
     return (values - behind) / half
 
 
-def _cause(left: Array, these: Array, others: Array, root: Array) -> Cause:
-    """F test of some regressors beside others; noise and its correlation are the residual's."""
+def _cause(left: Array, these: Array, others: Array, root: Array) -> tuple[Cause, Array]:
+    """
+    F test of some regressors beside others; noise and its correlation are the residual's.
+
+    Returns the coefficients of these regressors too, in raw units.
+    """
     both = np.hstack([these, others])
     theta = np.linalg.lstsq(both, left, rcond=None)[0]
     rest = left - both @ theta
     freedom = len(left) - both.shape[1]
-    white = np.linalg.inv(np.linalg.cholesky(rest.T @ rest / freedom)).T
+    scatter = rest.T @ rest / freedom + 1e-6 * np.eye(left.shape[1])
+    white = np.linalg.inv(np.linalg.cholesky(scatter)).T
     q, _ = np.linalg.qr(others)
     explained = (((left - q @ (q.T @ left)) @ white) ** 2).sum() - ((rest @ white) ** 2).sum()
     unknowns = these.shape[1] * left.shape[1]
-    part = these @ theta[:these.shape[1]] @ root.T
+    size = theta[:these.shape[1]] @ root.T
+    part = these @ size
     return Cause(part.T @ part / len(left), float(stats.f.sf(
-        explained / unknowns / _inflation(rest @ white), unknowns, freedom * left.shape[1])))
+        explained / unknowns / _inflation(rest @ white), unknowns,
+        freedom * left.shape[1]))), size
 
 
 def _inflation(rest: Array) -> float:

@@ -1,7 +1,7 @@
 """A data set of any length as one small triangular factor: all that least squares needs of it."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
@@ -53,6 +53,27 @@ class Moments:
     regressor_mean: Array
     spread: Array
 
+    def without(self, part: Array, raw: Array, regressors: Array) -> 'Moments':
+        """
+        Take a known part off the raw measurements.
+
+        Parameters
+        ----------
+        part, raw : ndarray, shape (b, n)
+            The part, and raw measurements with it, as means of equally long blocks.
+        regressors : ndarray, shape (b, m)
+            Of the same blocks.
+
+        Returns
+        -------
+        Moments
+        """
+        rest = raw - part
+        change = np.cov(rest.T, bias=True) - np.cov(raw.T, bias=True)
+        each = self.count / len(part)
+        return replace(self, mean=self.mean - part.mean(axis=0), scatter=self.scatter + change,
+                       raw=self.raw - each * (regressors @ self.combine).T @ part)
+
     @property
     def constant_weight(self) -> float:
         """Samples' worth of information on a constant beside the regressors."""
@@ -60,12 +81,14 @@ class Moments:
 
 
 def accumulate(pieces: Iterable[Prepared], kept: tuple[tuple[float, float], ...], window: int,
-               order: int, raw_noise: Array, gravity_noise: Array) -> Moments:
+               order: int, raw_noise: Array, gravity_noise: Array, magnitude: float | None
+               ) -> Moments:
     """
     Filter the kept stretches and fold all samples into their moments, in constant memory.
 
-    The accelerometer's noise is an error in the regressor: its share of the second moments,
-    scaled by the filter's gain, is taken off before anything is regressed on them.
+    At rest the accelerometer tells a direction only: its readings are scaled to the magnitude of
+    gravity. What is left of its noise is an error in the regressor: its share of the second
+    moments, scaled by the filter's gain, is taken off before anything is regressed on them.
 
     Parameters
     ----------
@@ -78,6 +101,8 @@ def accumulate(pieces: Iterable[Prepared], kept: tuple[tuple[float, float], ...]
         Covariance of a raw sample's white noise.
     gravity_noise : ndarray, shape (3, 3)
         The same of the accelerometer [(m/s^2)^2].
+    magnitude : float or None
+        Of gravity [m/s^2]; None in motion.
 
     Returns
     -------
@@ -96,12 +121,29 @@ def accumulate(pieces: Iterable[Prepared], kept: tuple[tuple[float, float], ...]
             if reference is None:
                 reference = part.values[0].copy()
                 reference[:-len(raw_noise)] = 0.0
-            rows = np.column_stack([np.ones(len(part.values)), part.values - reference])
+            values = part.values - reference
+            if magnitude is not None:
+                values[:, :3] = to_magnitude(values[:, :3], magnitude)
+            rows = np.column_stack([np.ones(len(values)), values])
             factor = np.linalg.qr(rows if factor is None else np.vstack([factor, rows]), 'r')
             gain += part.noise_gain
     if factor is None or reference is None:
         raise DataError('no sample lies in the stretches that are used')
+    if magnitude is not None:
+        gravity_noise = _tangential(factor, gravity_noise, magnitude)
     return _moments(factor, reference[-len(raw_noise):], gain, raw_noise, gravity_noise)
+
+
+def to_magnitude(gravity: Array, magnitude: float) -> Array:
+    """Scale vectors (n, 3) to a magnitude."""
+    return np.asarray(gravity * (magnitude / np.linalg.norm(gravity, axis=1, keepdims=True)))
+
+
+def _tangential(factor: Array, gravity_noise: Array, magnitude: float) -> Array:
+    """Mean covariance of noise across gravity, which is what scaling leaves of it."""
+    gram = factor[:, 1:4].T @ factor[:, 1:4]
+    along = gram / (factor[0, 0] * magnitude) ** 2
+    return np.asarray(np.trace(gravity_noise) / 3 * (np.eye(3) - along))
 
 
 def _runs(pieces: Iterable[Prepared], kept: tuple[tuple[float, float], ...]

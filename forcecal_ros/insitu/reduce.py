@@ -5,11 +5,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from forcecal_ros.errors import ForcecalError
-from forcecal_ros.geometry import STANDARD_GRAVITY
+from forcecal_ros.geometry import Array, STANDARD_GRAVITY
 from forcecal_ros.insitu.blocks import Blocks, Mask, to_blocks
 from forcecal_ros.insitu.excitation import Norm, norm
+from forcecal_ros.insitu.lemma import Departure, departure
 from forcecal_ros.insitu.matrix import Load
-from forcecal_ros.insitu.moments import accumulate, Moments
+from forcecal_ros.insitu.moments import accumulate, Moments, to_magnitude
 from forcecal_ros.insitu.prepare import Mounting, prepare, Source
 from forcecal_ros.insitu.screen import given_window, screen, Screening, whole
 from forcecal_ros.insitu.smoothing import PAPER_ORDER, PAPER_WINDOW, window_samples
@@ -36,6 +37,8 @@ class Options:
         Estimate the matrix, not the offset alone.
     level_accelerometer : bool
         Take off the accelerometer's offset where |g| shows it (at rest only).
+    compensate_hysteresis : bool
+        Take off the hysteresis of the raw channels where they show it (at rest only).
     accelerometer_noise : float or None
         White noise of a sample [m/s^2]; None: measured.
     raw_unit : str
@@ -48,6 +51,7 @@ class Options:
     screening: bool = True
     matrix: bool = True
     level_accelerometer: bool = True
+    compensate_hysteresis: bool = True
     accelerometer_noise: float | None = None
     raw_unit: str = 'raw'
 
@@ -78,11 +82,18 @@ class DataSet:
 
 @dataclass(frozen=True)
 class Reduced:
-    """A data set after both passes over its samples."""
+    """
+    A data set after both passes over its samples.
+
+    ``gravity_scatter`` is the standard deviation of |g| [m/s^2]; ``departure`` from the subspace
+    is None in motion.
+    """
 
     blocks: Blocks
     screening: Screening
     moments: Moments
+    gravity_scatter: float
+    departure: Departure | None
 
     @property
     def use(self) -> Mask:
@@ -128,11 +139,37 @@ def reduce(data_sets: Sequence[DataSet], mounting: Mounting, options: Options
     reduced = []
     for data_set, (blocks, screening) in zip(data_sets, screened):
         with _named(data_set):
+            scatter = float(blocks.gravity_norm[screening.use].std())
+            if not options.moving:
+                blocks = replace(blocks, regressors=to_magnitude(
+                    blocks.regressors, options.gravity))
             window = window_samples(options.filter_window, options.filter_order, 1 / blocks.period)
             reduced.append(Reduced(blocks, screening, accumulate(
                 prepare(data_set.source(), mounting, options.moving), screening.kept, window,
-                options.filter_order, blocks.raw_noise, blocks.gravity_noise)))
+                options.filter_order, blocks.raw_noise, blocks.gravity_noise,
+                None if options.moving else options.gravity), scatter,
+                None if options.moving else departure(blocks, screening.use)))
     return reduced, found
+
+
+def without_hysteresis(reduced: Sequence[Reduced], lags: Sequence[Array]) -> list[Reduced]:
+    """
+    Take the hysteresis that was found off the raw measurements.
+
+    Parameters
+    ----------
+    reduced : sequence of Reduced
+    lags : sequence of ndarray, shape (b, n)
+        Of each data set's blocks.
+
+    Returns
+    -------
+    list of Reduced
+    """
+    return [replace(r, blocks=replace(r.blocks, raw=r.blocks.raw - lag),
+                    moments=r.moments.without(lag[r.use], r.blocks.raw[r.use],
+                                              r.blocks.regressors[r.use]))
+            for r, lag in zip(reduced, lags)]
 
 
 def _screen(blocks: Blocks, data_set: DataSet, options: Options) -> Screening:

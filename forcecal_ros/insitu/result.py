@@ -79,6 +79,8 @@ class SensorResult:
         How far each data set's own offset is from the shared one, in its standard errors.
     causes : Causes or None
         What the affine maps of gravity leave; None in motion.
+    compensated : bool
+        Whether hysteresis, where there is some, was taken off.
     data_sets : tuple of DataSetResult
     manufacturer_matrix : ndarray or None, shape (6, n)
     matrix : Estimate or None, shape (6, n)
@@ -100,6 +102,7 @@ class SensorResult:
     offset: Estimate
     offset_scatter: Array
     causes: Causes | None
+    compensated: bool
     data_sets: tuple[DataSetResult, ...]
     manufacturer_matrix: Array | None
     matrix: Estimate | None = None

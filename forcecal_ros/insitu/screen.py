@@ -13,9 +13,15 @@ from forcecal_ros.insitu.blocks import Blocks, Mask
 import numpy as np
 
 NOISE_LIMIT = 6.0
-"""A block is out when its residual exceeds this many standard deviations of a mean's noise ..."""
+"""A block is out when its whitened residual exceeds this many deviations of a mean's noise ..."""
 SIGNAL_LIMIT = 0.03
-"""... and this share of what gravity moves the channels by (both over all channels, whitened)."""
+"""... and this share of what gravity moves the channels by ..."""
+USUAL_LIMIT = 3.0
+"""... and this many times what is usual in quiet stretches (hysteresis and the like)."""
+USUAL = 15.0
+"""Length of these stretches [s]."""
+MOST_LIMIT = 0.15
+"""... but never more than this share of what gravity moves the channels by."""
 ROUGH_LIMIT = 3.0
 """A block is out when its noise is this many times the usual."""
 STRAY_SHARE = 0.01
@@ -82,9 +88,12 @@ def screen(blocks: Blocks) -> Screening:
         There is no such window.
     """
     fit = _Fit(blocks)
-    use = np.zeros(len(blocks), dtype=bool)
+    use = ~fit.bad
     shortest = SHORTEST
-    while True:
+    all_agree = use.sum() * fit.length >= SHORTEST and fit.score(use) > -np.inf
+    if not all_agree:
+        use[:] = False
+    while not all_agree:
         found = _best(fit, use, shortest)
         if found is None:
             break
@@ -143,20 +152,34 @@ class _Fit:
         self.white -= np.median(self.white, axis=0)
         self.x = np.column_stack([np.ones(len(blocks)), blocks.regressors])
         self.bad = blocks.gap | blocks.clipped.any(axis=1) | (blocks.roughness > ROUGH_LIMIT)
+        self.usual = 0.0
+        self.usual = self._usual()
 
-    def residual(self, use: Mask) -> tuple[Array, float]:
-        """Whitened residual of every block under the fit to some, and the limit for its norm."""
+    def _usual(self) -> float:
+        """Residual that a quarter of all stretches of some seconds stay below, 0 where few."""
+        length, found = round(USUAL / self.length), []
+        for start in range(0, len(self.bad) - length + 1, max(1, len(self.bad) // POSITIONS)):
+            use = np.zeros(len(self.bad), dtype=bool)
+            use[start:start + length] = ~self.bad[start:start + length]
+            if use.sum() > 0.8 * length and length > 2 * self.x.shape[1]:
+                norms = np.linalg.norm(self.residual(use)[0][use], axis=1)
+                found.append(np.quantile(norms, 0.95))
+        return float(np.quantile(found, 0.25)) if len(found) > 3 else 0.0
+
+    def residual(self, use: Mask) -> tuple[Array, float, float]:
+        """Whitened residual of all blocks under the fit to some; what its norm should, may be."""
         theta = np.linalg.lstsq(self.x[use], self.white[use], rcond=None)[0]
         fitted = self.x @ theta
         moved = fitted[use] - fitted[use].mean(axis=0)
         signal = np.sqrt((moved ** 2).sum(axis=1).mean())
         limit = max(NOISE_LIMIT * np.sqrt(self.white.shape[1]), SIGNAL_LIMIT * signal)
-        return self.white - fitted, float(limit)
+        most = max(limit, min(USUAL_LIMIT * self.usual, MOST_LIMIT * signal))
+        return self.white - fitted, float(limit), float(most)
 
     def out(self, use: Mask) -> Mask:
         """Return which blocks do not agree with the fit to some."""
-        residual, limit = self.residual(use)
-        return np.asarray(np.linalg.norm(residual, axis=1) > limit)
+        residual, _, most = self.residual(use)
+        return np.asarray(np.linalg.norm(residual, axis=1) > most)
 
     def score(self, use: Mask) -> float:
         """
@@ -166,9 +189,11 @@ class _Fit:
         """
         if use.sum() <= self.x.shape[1]:
             return -np.inf
-        residual, limit = self.residual(use)
-        share = (residual[use] ** 2).sum(axis=1) / limit ** 2
-        return float((1 - share).sum()) if (share > 1).mean() <= STRAY_SHARE else -np.inf
+        residual, limit, most = self.residual(use)
+        norms = np.linalg.norm(residual[use], axis=1)
+        if (norms > most).mean() > STRAY_SHARE:
+            return -np.inf
+        return float((1 - (norms / limit) ** 2).sum())
 
 
 def _best(fit: _Fit, base: Mask, shortest: float) -> slice | None:
@@ -180,7 +205,7 @@ def _best(fit: _Fit, base: Mask, shortest: float) -> slice | None:
                     for a in range(run.start, run.stop, step)
                     for b in range(run.stop, a, -step) if b - a >= least),
                    key=lambda entry: entry[0], reverse=True)
-    best, found, already = -np.inf, None, int(base.sum())
+    best, found, already = fit.score(base), None, int(base.sum())
     for length, a, b, run in tries:
         if already + length <= best:
             break
@@ -220,7 +245,7 @@ def _runs(mask: Mask) -> Iterator[slice]:
 
 def _doubts(fit: _Fit, use: Mask) -> Iterator[tuple[Mask, Mask]]:
     """Move each found end in, and out as far as the blocks there are not unmistakably others."""
-    residual, limit = fit.residual(use)
+    residual, limit, _ = fit.residual(use)
     hopeless = fit.bad | (np.linalg.norm(residual, axis=1) > UNMISTAKABLE * limit)
     reach = max(1, round(EDGE / fit.length))
     for run in _runs(use):
@@ -252,7 +277,7 @@ def _cuts(fit: _Fit, use: Mask) -> Iterator[Cut]:
 def _cuts_of(fit: _Fit, use: Mask, run: slice) -> Iterator[Cut]:
     """Say why a run of blocks is not used; runs that were cut for two reasons are split."""
     blocks = fit.blocks
-    residual, _ = fit.residual(use)
+    residual, *_ = fit.residual(use)
     channel = int(np.abs(residual[run]).max(axis=0).argmax())
     clipped = blocks.clipped[run].any(axis=0)
     rough = float(blocks.roughness[run].max())

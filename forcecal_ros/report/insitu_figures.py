@@ -81,11 +81,14 @@ def singular_values(result: SensorResult) -> Figure:
 def _grid(data_sets: Sequence[DataSetResult]) -> tuple[Figure, list[Any]]:
     columns = min(len(data_sets), COLUMNS)
     rows = -(-len(data_sets) // columns)
-    figure = Figure(figsize=(max(2.6 * columns, 4.0), 2.7 * rows + 0.4), layout='constrained')
+    height = 2.7 * rows + 0.5
+    figure = Figure(figsize=(max(2.6 * columns, 4.0), height))
+    figure.subplots_adjust(0.02, 0.02, 0.96, 1 - 0.7 / height, 0.2, 0.12)
     axes = [figure.add_subplot(rows, columns, k + 1, projection='3d')
             for k in range(len(data_sets))]
     for one in axes:
         one.tick_params(labelsize=5, pad=-2)
+        one.locator_params(nbins=4)
     return figure, axes
 
 
@@ -101,7 +104,7 @@ def _cloud(axes: Any, points: Array, colour: str, label: str) -> None:
 
 def _ellipsoid(axes: Any, linear: Array, centre: Array, colour: str) -> None:
     """Draw the image of the unit sphere."""
-    u, v = np.mgrid[0:2 * np.pi:25j, 0:np.pi:13j]
+    u, v = np.mgrid[0:2 * np.pi:19j, 0:np.pi:10j]
     sphere = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
     x, y, z = np.tensordot(linear, sphere, 1) + centre[:, None, None]
     axes.plot_wireframe(x, y, z, color=colour, linewidth=0.25, alpha=0.6)
