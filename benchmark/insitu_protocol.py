@@ -123,8 +123,8 @@ def read_long(path):
     status = Path('/proc/self/status').read_text()
     peak = int(re.search(r'VmHWM:\s*(\d+)', status)[1]) / 1024
     off = np.abs(np.linalg.inv(insitu_leg.GAUGES) @ (result.offset.value - insitu_leg.OFFSET))
-    print(f'{result.data_sets[0].samples} used, offset within {off[:3].max():.3f} N, peak resident memory {peak:.0f} MB '
-          '(interpreter and libraries included)')
+    print(f'{result.data_sets[0].samples} used, offset within {off[:3].max():.3f} N, '
+          f'peak resident memory {peak:.0f} MB (interpreter and libraries included)')
 
 
 def main():
