@@ -114,18 +114,18 @@ class Sim(Node):
 
     def _tick(self) -> None:
         now = self._now()
-        if self._own_clock:
-            message = ClockMessage()
-            message.clock = Time(nanoseconds=now).to_msg()
-            self._clock_out.publish(message)
         if now <= 0:
             return
         if self._schedule is None:
             self._begin(now)
         due = (now - self._latency_ns - self._start) // self._period_ns - self._next
-        if self._own_clock and due > self._most:
-            self._origin -= (due - self._most) * self._period_ns
-            due = self._most
+        if self._own_clock:
+            late = max(0, due - self._most)
+            self._origin -= late * self._period_ns
+            due -= late
+            message = ClockMessage()
+            message.clock = Time(nanoseconds=now - late * self._period_ns).to_msg()
+            self._clock_out.publish(message)
         if abs(due) * self._period_ns > (LOST + 1) * 1e9 * self._speed:
             self.get_logger().warning(
                 f'the clock is {due * self._period_ns * 1e-9:.3g} s ahead: time is skipped')
