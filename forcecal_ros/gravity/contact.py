@@ -37,6 +37,10 @@ class Contact(NamedTuple):
     share: float = 0.0
 
 
+ROOM = 10.0
+"""How much less certain than its bias a wrench is at the onset of contact, in variance."""
+
+
 class Free(NamedTuple):
     """A reading under the hypothesis of no contact: residual (6,) and its covariance (6, 6)."""
 
@@ -105,3 +109,24 @@ def assess(contact: Contact, free: Free, dt: float, model: ContactModel
     # half a period of slack: how stamps were rounded must not decide
     held = contact.assumed and quiet + dt / 2 < model.release_time
     return Contact(held, quiet, average, share), nis
+
+
+def opened(belief: Gaussian) -> Gaussian:
+    """
+    Return the belief at the onset of contact: a wrench of any size may have come up.
+
+    The biases are frozen from here on. Where little is known of them yet, a wrench thought to be
+    small would take a second to follow, for all that time suspecting the bias.
+
+    Parameters
+    ----------
+    belief : Gaussian
+        Its first six states are the wrench, the next six its biases.
+
+    Returns
+    -------
+    Gaussian
+    """
+    cov = belief.cov.copy()
+    cov[:6, :6] += ROOM * cov[6:12, 6:12]
+    return Gaussian(belief.mean, cov)

@@ -72,6 +72,11 @@ class Expected(NamedTuple):
     cross: Array
 
 
+def first(k: int, expected: Expected) -> Expected:
+    """Return the first k elements of a reading, for when the others are missing."""
+    return Expected(expected.mean[:k], expected.cov[:k, :k], expected.cross[:, :k])
+
+
 class NotPositiveDefinite(ArithmeticError):
     """A covariance has lost its meaning; the caller starts anew."""
 

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.gravity import kalman, ukf
-from forcecal_ros.gravity.contact import assess, Contact, free_hypothesis
+from forcecal_ros.gravity.contact import assess, Contact, free_hypothesis, opened
 from forcecal_ros.gravity.gaussian import (
     condition,
-    Expected,
+    first,
     Gaussian,
     NotPositiveDefinite,
     predict,
@@ -146,15 +146,16 @@ def _filter(state: PoseFreeState, y: Array, f: Array | None, omega: Array | None
         expect = partial(ukf.expect, scaling=settings.scaling)
     level, transition, Q = turned(state.belief, model, omega, dt, state.contact.assumed)
     moved = predict(state.belief.states, transition, Q)
-    expected = expect(moved, readings(level, model, motion), model.noise)
-    reading = np.concatenate([y, _NOTHING if f is None else f])
-    if f is None:
-        reading, expected = y, Expected(
-            expected.mean[:6], expected.cov[:6, :6], expected.cross[:, :6])
+    h, k = readings(level, model, motion), 6 if f is None else 9
+    reading = np.concatenate([y, _NOTHING if f is None else f])[:k]
+    expected = first(k, expect(moved, h, model.noise))
     free = free_hypothesis(moved, expected, y, model.noise[:6, :6])
     contact, nis = assess(state.contact, free, dt, model.wrench.contact)
-    belief = relevelled(
-        level, condition(moved, expected, reading, LEARNED if contact.assumed else None))
+    frozen = LEARNED if contact.assumed else None
+    if frozen and not state.contact.assumed:
+        moved = opened(moved)
+        expected = first(k, expect(moved, h, model.noise))
+    belief = relevelled(level, condition(moved, expected, reading, frozen))
     state = PoseFreeState(belief, contact, filtered)
     return state, _report(state, model, status, y - expected.mean[:6], nis)
 

@@ -13,9 +13,8 @@ Where [Ukf2025] leaves a choice open, this is ours:
   calibration (``matrix``).
 - Q, R, P0. The paper's as ``covariances: paper``. Ours, ``measured``: R is the covariance
   measured at rest, the accelerometer's share included; P0 of the biases the calibration's
-  standard errors, of the wrench the paper's, since nothing tells what touches the tool at the
-  start; Q is what the rise time asks for. No free motion can tell Q: it is the room left to
-  contact.
+  standard errors, of the wrench R, so that the first estimate is no raw reading; Q is what the
+  rise time asks for. No free motion can tell Q: it is the room left to contact.
 """
 
 from dataclasses import dataclass
@@ -178,7 +177,7 @@ def load_noise(calibration: Calibration, alpha_std: float) -> Array:
 def measured_covariances(calibration: Calibration, rise_time: float,
                          alpha_std: float) -> Covariances:
     """
-    Find Q and R from what was measured.
+    Find Q, R and P0 from what was measured.
 
     R is the noise of the force sensor and of the load. Q = R k^2 / (1 - k) is the random walk
     whose stationary gain k gives the rise time, the same on all axes.
@@ -206,4 +205,4 @@ def measured_covariances(calibration: Calibration, rise_time: float,
                           'calibrate with a stretch at rest or set gravity.covariances: paper')
     R = noise.wrench.value + load_noise(calibration, alpha_std)
     k = gain_of(rise_time, 1 / noise.wrench_rate)
-    return Covariances(R * k * k / (1 - k), R, paper_covariances().P0, 1 / noise.wrench_rate)
+    return Covariances(R * k * k / (1 - k), R, R.copy(), 1 / noise.wrench_rate)

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.gravity import kalman, ukf
-from forcecal_ros.gravity.contact import assess, Contact, free_hypothesis
+from forcecal_ros.gravity.contact import assess, Contact, free_hypothesis, opened
 from forcecal_ros.gravity.gaussian import condition, Gaussian, NotPositiveDefinite, predict
 from forcecal_ros.gravity.model import measurement, Model, start, transition
 import numpy as np
@@ -219,10 +219,14 @@ def _filter(state: State, y: Array, load: Array, dt: float,
     if model.settings.filter == 'ukf':
         expect = partial(ukf.expect, scaling=model.settings.scaling)
     moved = predict(state.belief, *transition(model, dt, state.contact.assumed))
-    expected = expect(moved, measurement(model, load), R)
+    h = measurement(model, load)
+    expected = expect(moved, h, R)
     contact, nis = assess(state.contact, free_hypothesis(moved, expected, y, R), dt,
                           model.contact)
     frozen = slice(6, 12) if contact.assumed and model.augmented else None
+    if frozen and not state.contact.assumed:
+        moved = opened(moved)
+        expected = expect(moved, h, R)
     state = State(condition(moved, expected, y, frozen), contact)
     return state, estimate_of(state, model, 0, y - expected.mean, nis)
 
