@@ -125,8 +125,10 @@ def test_a_shared_offset_is_nearer_than_any_single_one():
 def test_the_size_of_the_pieces_makes_no_difference(noisy):
     whole, small = (moments_of(noisy, window=301, size=size) for size in (None, 97))
     for name in ('mean', 'scatter', 'singular_values', 'spread'):
-        np.testing.assert_allclose(getattr(small, name), getattr(whole, name), rtol=1e-8)
-    np.testing.assert_allclose(offset_of(small), offset_of(whole), rtol=1e-9)
+        expected = getattr(whole, name)
+        np.testing.assert_allclose(getattr(small, name), expected, rtol=1e-6,
+                                   atol=1e-7 * np.abs(expected).max())
+    np.testing.assert_allclose(offset_of(small), offset_of(whole), rtol=1e-6)
 
 
 @settings(max_examples=30, deadline=None)
@@ -229,13 +231,22 @@ def test_at_rest_the_map_in_motion_is_the_static_one():
     np.testing.assert_allclose(moving, gravity @ body_map(theta[:4], STATIC).T)
 
 
-def test_blocks_of_a_long_recording_stay_few_and_keep_their_noise(noisy):
+def test_blocks_of_a_long_recording_stay_few_and_keep_their_noise(noisy, monkeypatch):
     def pieces():
-        for k in range(60):
+        for k in range(5):
             yield Prepared(noisy.t + 60 * k, -noisy.accel, noisy.raw)
-    one, many = to_blocks([Prepared(noisy.t, -noisy.accel, noisy.raw)]), to_blocks(pieces())
-    assert len(many) <= 4096
+    one = to_blocks([Prepared(noisy.t, -noisy.accel, noisy.raw)])
+    monkeypatch.setattr('forcecal_ros.insitu.blocks.MOST_BLOCKS', 500)
+    many = to_blocks(pieces())
+    assert len(many) <= 500
     assert many.samples > one.samples
-    np.testing.assert_allclose(np.diag(many.raw_noise), np.diag(one.raw_noise), rtol=0.1)
+    np.testing.assert_allclose(many.raw_noise, one.raw_noise, atol=0.1 * one.raw_noise.max())
     sigma = insitu_leg.ACCELERATION_NOISE
     np.testing.assert_allclose(np.sqrt(np.diag(one.gravity_noise)), sigma, rtol=0.06)
+
+
+def test_the_noise_of_coupled_channels_is_measured_with_its_correlation(noisy):
+    blocks = to_blocks([Prepared(noisy.t, -noisy.accel, noisy.raw)])
+    size = np.repeat([insitu_leg.FORCE_NOISE, insitu_leg.TORQUE_NOISE], 3) ** 2
+    true = (GAUGES * size) @ GAUGES.T
+    np.testing.assert_allclose(blocks.raw_noise, true, atol=0.06 * true.max())

@@ -64,6 +64,14 @@ def test_the_accelerometers_bias_is_found_in_the_norm_of_gravity(real):
     assert (np.abs(real.norm.offset - bias) < 4 * real.norm.std).all()
 
 
+def test_blocks_as_long_as_the_motion_bias_nothing(monkeypatch):
+    monkeypatch.setattr('forcecal_ros.insitu.blocks.MOST_BLOCKS', 60)
+    leg = Leg(accelerometer_bias=(0.05, -0.05, 0.05), duration=120.0)
+    result = calibrated(leg, 3)
+    assert (np.abs(result.norm.offset + leg.accelerometer_bias) < 4 * result.norm.std).all()
+    assert np.abs(sigmas(result, leg)).max() < 4.0
+
+
 def test_hysteresis_that_is_taken_off_leaves_smaller_errors():
     leg = Leg(hysteresis=0.005)
     without, compensated = (

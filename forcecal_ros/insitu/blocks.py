@@ -1,8 +1,8 @@
 """A recording of any length as at most a few thousand blocks: means, noise, suspicious samples."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 
 BLOCK = 0.25
 """Length of a block [s], doubled as often as :data:`MOST_BLOCKS` wants."""
-MOST_BLOCKS = 4096
+MOST_BLOCKS = 65536
 GAP = 5.0
 """A step of the stamps longer than this many median periods is a gap."""
+TINY = 1e-200
 FLOOR = 1e-4
 """No channel is taken to be less noisy than this share of its span over the recording."""
 
 Mask = NDArray[np.bool_]
+Values = NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,8 @@ class Blocks:
         Stamps of the first and last sample [s].
     regressors, raw : ndarray, shape (b, m), (b, n)
         Means.
+    square : ndarray, shape (b,)
+        Mean of |g|^2 over the samples, noise taken off [(m/s^2)^2].
     raw_noise, gravity_noise : ndarray, shape (n, n), (3, 3)
         Covariance of a sample's white noise, from third differences in quiet blocks.
     roughness : ndarray, shape (b,)
@@ -52,6 +56,7 @@ class Blocks:
     end: Array
     regressors: Array
     raw: Array
+    square: Array
     raw_noise: Array
     gravity_noise: Array
     roughness: Array
@@ -62,24 +67,44 @@ class Blocks:
         return len(self.start)
 
     @property
+    def length(self) -> float:
+        """Length of a block [s]."""
+        return self.samples * self.period
+
+    @property
     def gravity_norm(self) -> Array:
-        """Norm of the mean of the first three regressors, shape (b,) [m/s^2]."""
-        return np.asarray(np.linalg.norm(self.regressors[:, :3], axis=1))
+        """Magnitude of measured gravity, shape (b,) [m/s^2]."""
+        return np.sqrt(np.maximum(self.square, 0.0))
+
+    def levelled(self, offset: Array) -> 'Blocks':
+        """Take an offset (3,) off measured gravity."""
+        regressors = self.regressors.copy()
+        regressors[:, :3] -= offset
+        square = self.square - 2 * self.regressors[:, :3] @ offset + offset @ offset
+        return replace(self, regressors=regressors, square=square)
+
+    def of_magnitude(self, magnitude: float) -> 'Blocks':
+        """Scale measured gravity to a magnitude [m/s^2]."""
+        regressors = self.regressors.copy()
+        regressors[:, :3] *= (magnitude / self.gravity_norm)[:, None]
+        return replace(self, regressors=regressors,
+                       square=np.full(len(self), magnitude ** 2))
 
 
 class _Tally(NamedTuple):
     """What is summed, counted or compared in each block; the first axis is the block."""
 
-    start: Array
-    end: Array
-    step: Array
-    sums: Array
-    differences: Array
-    low: Array
-    high: Array
-    at_low: Array
-    at_high: Array
-    still: Array
+    start: Values
+    end: Values
+    step: Values
+    sums: Values
+    square: Values
+    differences: Values
+    low: Values
+    high: Values
+    at_low: Values
+    at_high: Values
+    still: Values
 
 
 def to_blocks(pieces: Iterable[Prepared]) -> Blocks:
@@ -100,6 +125,8 @@ def to_blocks(pieces: Iterable[Prepared]) -> Blocks:
         There are fewer samples than a block has.
     """
     tallies: list[_Tally] = []
+    correlation: Array = np.zeros(())
+    loudness: Array | None = None
     held: Prepared | None = None
     samples, period = 0, float('nan')
     for piece in pieces:
@@ -112,7 +139,11 @@ def to_blocks(pieces: Iterable[Prepared]) -> Blocks:
             samples = max(1, round(BLOCK / period))
         whole = len(held.t) // samples
         if whole:
-            tallies.append(_tally(held.take(slice(whole * samples)), samples))
+            tally, differences = _tally(held.take(slice(whole * samples)), samples)
+            tallies.append(tally)
+            if loudness is None:
+                loudness = np.maximum(np.median(tally.differences, axis=0), TINY)
+            correlation = correlation + _correlation(differences, loudness)
             held = held.take(slice(whole * samples, None))
         if sum(len(tally.start) for tally in tallies) > MOST_BLOCKS:
             tallies = [_merge(_join(tallies))]
@@ -120,21 +151,34 @@ def to_blocks(pieces: Iterable[Prepared]) -> Blocks:
     if not tallies:
         raise DataError(f'{0 if held is None else len(held.t)} samples are too few for one block '
                         f'of {BLOCK:g} s; is the time in seconds?')
-    return _finish(_join(tallies), samples, period)
+    return _finish(_join(tallies), samples, period, correlation)
 
 
-def _tally(piece: Prepared, samples: int) -> _Tally:
+def _tally(piece: Prepared, samples: int) -> tuple[_Tally, Array]:
+    """Return the tally of some blocks, and their third differences."""
     t = piece.t.reshape(-1, samples)
     raw = piece.raw.reshape(len(t), samples, -1)
     regressors = piece.regressors.reshape(len(t), samples, -1)
     rough = np.diff(np.concatenate([raw, regressors[..., :3]], axis=2), 3, axis=1)
     low, high = raw.min(axis=1), raw.max(axis=1)
+    power = (rough ** 2).sum(axis=1)
     return _Tally(
         t[:, 0], t[:, -1], np.diff(t, axis=1).max(axis=1, initial=0.0),
         np.concatenate([regressors, raw], axis=2).sum(axis=1),
-        np.einsum('bsi,bsj->bij', rough, rough), low, high,
-        (raw == low[:, None]).sum(axis=1), (raw == high[:, None]).sum(axis=1),
-        (np.diff(raw, axis=1) == 0).sum(axis=1))
+        (regressors[..., :3] ** 2).sum(axis=(1, 2)), power.astype(np.float32), low, high,
+        _count(raw == low[:, None]), _count(raw == high[:, None]),
+        _count(np.diff(raw, axis=1) == 0)), rough
+
+
+def _correlation(differences: Array, loudness: Array) -> Array:
+    """Sum of the blocks' covariances, loud ones scaled down to the others."""
+    loud = np.maximum(((differences ** 2).sum(axis=1) / loudness).mean(axis=1), TINY)
+    scaled = differences / np.sqrt(loud)[:, None, None]
+    return np.asarray(np.tensordot(scaled, scaled, ((0, 1), (0, 1))))
+
+
+def _count(true: Mask) -> Values:
+    return true.sum(axis=1, dtype=np.int32)
 
 
 def _join(tallies: list[_Tally]) -> _Tally:
@@ -147,32 +191,35 @@ def _merge(tally: _Tally) -> _Tally:
     step = np.maximum(np.maximum(a.step, b.step), b.start - a.end)
     low, high = np.minimum(a.low, b.low), np.maximum(a.high, b.high)
     return _Tally(
-        a.start, b.end, step, a.sums + b.sums, a.differences + b.differences, low, high,
+        a.start, b.end, step, a.sums + b.sums, a.square + b.square,
+        a.differences + b.differences, low, high,
         a.at_low * (a.low == low) + b.at_low * (b.low == low),
         a.at_high * (a.high == high) + b.at_high * (b.high == high), a.still + b.still)
 
 
-def _finish(tally: _Tally, samples: int, period: float) -> Blocks:
+def _finish(tally: _Tally, samples: int, period: float, correlation: Array) -> Blocks:
     n = tally.low.shape[1]
     means = tally.sums / samples
-    noise, roughness = _noise(tally, samples, n)
+    noise, roughness = _noise(tally, samples, n, correlation)
     before = np.concatenate([[period], tally.start[1:] - tally.end[:-1]])
     return Blocks(
         samples, period, tally.start, tally.end, means[:, :-n], means[:, -n:],
-        noise[:n, :n], noise[n:, n:], roughness,
+        tally.square / samples - np.trace(noise[n:, n:]), noise[:n, :n], noise[n:, n:], roughness,
         np.maximum(tally.step, before) > GAP * period, _clipped(tally, samples))
 
 
-def _noise(tally: _Tally, samples: int, n: int) -> tuple[Array, Array]:
+def _noise(tally: _Tally, samples: int, n: int, correlation: Array) -> tuple[Array, Array]:
     """Return the noise covariance of raw and gravity, and the roughness of each block."""
     span = np.append(np.ptp(np.concatenate([tally.low, tally.high]), axis=0), np.zeros(3))
-    floor = np.diag((FLOOR * span) ** 2)
-    per_block = tally.differences / max(1, 20 * (samples - 3))
-    level = np.maximum(np.einsum('bii->bi', per_block), np.diag(floor))
-    typical = np.maximum(np.median(level, axis=0), np.finfo(float).tiny)
+    floor = (FLOOR * span) ** 2
+    power = tally.differences.astype(float) / max(1, 20 * (samples - 3))
+    level = np.maximum(power, floor)
+    typical = np.maximum(np.median(level, axis=0), TINY)
     roughness = np.sqrt((level[:, :n] / typical[:n]).mean(axis=1))
     quiet = roughness <= np.median(roughness) * 1.5
-    return per_block[quiet].mean(axis=0) + floor, roughness
+    size = np.sqrt(power[quiet].mean(axis=0))
+    scale = np.sqrt(np.maximum(np.diag(correlation), TINY))
+    return correlation * np.outer(size / scale, size / scale) + np.diag(floor), roughness
 
 
 def _clipped(tally: _Tally, samples: int) -> Mask:

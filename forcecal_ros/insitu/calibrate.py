@@ -26,6 +26,8 @@ from forcecal_ros.insitu.uncertainty import (
 )
 import numpy as np
 
+COARSE = 1.0
+"""Blocks of recordings of many hours are too long to say why they leave the subspace [s]."""
 AGREEING = 3
 """Data sets in which hysteresis must be the same to be taken off: drift or touch is not."""
 
@@ -61,7 +63,9 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
         require(_training_loads(data_sets), MOVING if options.moving else STATIC)
     reduced, found_norm = reduce(data_sets, mounting, options)
     _check_channels(data_sets, [r.moments for r in reduced], options, manufacturer_matrix)
-    found_causes = None if options.moving else causes([(r.blocks, r.use) for r in reduced])
+    coarse = max(r.blocks.length for r in reduced) > COARSE
+    found_causes = None if options.moving or coarse else causes(
+        [(r.blocks, r.use) for r in reduced])
     compensate = options.compensate_hysteresis and len(data_sets) >= AGREEING
     if found_causes and compensate:
         reduced = without_hysteresis(reduced, found_causes.lags)

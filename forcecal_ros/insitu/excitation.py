@@ -134,9 +134,7 @@ def norm(data_sets: Sequence[tuple[Blocks, Mask]], gravity: float) -> Norm:
         The magnitude has nothing to do with the stated one.
     """
     g = np.vstack([blocks.regressors[use, :3] for blocks, use in data_sets])
-    noise = np.concatenate([
-        np.full(int(use.sum()), np.trace(b.gravity_noise) / b.samples) for b, use in data_sets])
-    square = (g ** 2).sum(axis=1) - noise
+    square = np.concatenate([blocks.square[use] for blocks, use in data_sets])
     typical = float(np.sqrt(np.median(square)))
     if abs(typical / gravity - 1) > WRONG_UNIT:
         raise DataError(f'the accelerometer shows {typical:.4g} m/s^2 at rest, gravity is '

@@ -10,7 +10,7 @@ from forcecal_ros.insitu.blocks import Blocks, Mask, to_blocks
 from forcecal_ros.insitu.excitation import Norm, norm
 from forcecal_ros.insitu.lemma import Departure, departure
 from forcecal_ros.insitu.matrix import Load
-from forcecal_ros.insitu.moments import accumulate, Moments, to_magnitude
+from forcecal_ros.insitu.moments import accumulate, Moments
 from forcecal_ros.insitu.prepare import Mounting, prepare, Source
 from forcecal_ros.insitu.screen import given_window, screen, Screening, whole
 from forcecal_ros.insitu.smoothing import PAPER_ORDER, PAPER_WINDOW, window_samples
@@ -135,14 +135,13 @@ def reduce(data_sets: Sequence[DataSet], mounting: Mounting, options: Options
         [(blocks, screening.use) for blocks, screening in screened], options.gravity)
     if found and found.usable and options.level_accelerometer:
         mounting = mounting.shifted(found.offset)
-        screened = [(replace(b, regressors=b.regressors - found.offset), s) for b, s in screened]
+        screened = [(blocks.levelled(found.offset), s) for blocks, s in screened]
     reduced = []
     for data_set, (blocks, screening) in zip(data_sets, screened):
         with _named(data_set):
             scatter = float(blocks.gravity_norm[screening.use].std())
             if not options.moving:
-                blocks = replace(blocks, regressors=to_magnitude(
-                    blocks.regressors, options.gravity))
+                blocks = blocks.of_magnitude(options.gravity)
             window = window_samples(options.filter_window, options.filter_order, 1 / blocks.period)
             reduced.append(Reduced(blocks, screening, accumulate(
                 prepare(data_set.source(), mounting, options.moving), screening.kept, window,

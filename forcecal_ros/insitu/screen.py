@@ -126,7 +126,7 @@ def given_window(blocks: Blocks, start: float, end: float) -> Screening:
         The window holds too little.
     """
     use = (blocks.start >= start - blocks.period / 2) & (blocks.end <= end + blocks.period / 2)
-    if use.sum() * blocks.samples * blocks.period < SHORTEST_PIECE:
+    if use.sum() * blocks.length < SHORTEST_PIECE:
         raise DataError(
             f'window {start:g}..{end:g} s holds {use.sum() * blocks.samples} samples of a '
             f'recording from {blocks.start[0]:g} to {blocks.end[-1]:g} s; widen it')
@@ -146,7 +146,7 @@ class _Fit:
 
     def __init__(self, blocks: Blocks) -> None:
         self.blocks = blocks
-        self.length = blocks.samples * blocks.period
+        self.length = blocks.length
         noise = blocks.raw_noise / blocks.samples
         self.white = np.linalg.solve(np.linalg.cholesky(noise), blocks.raw.T).T
         self.white -= np.median(self.white, axis=0)

@@ -20,6 +20,8 @@ STRETCH = 6.0
 """Length of the stretches that are held out, at most a fifth of what is used [s]."""
 BANDWIDTH = 2.3
 """Factor of Andrews' rule, twice his: recordings hold few periods of their slowest motion."""
+MOST_STRETCHES = 200
+"""Longer recordings have longer stretches."""
 MOST_LAGS = 0.25
 """Share of the blocks that the longest lag may reach."""
 NOTHING = 1e-9
@@ -154,8 +156,7 @@ def _sums(x: Array, raw: Array) -> Sums:
 def _stretches(blocks: Blocks, use: Mask) -> Iterator[NDArray[np.intp]]:
     """Index sets of consecutive used blocks that are held out together."""
     used = np.flatnonzero(use)
-    length = blocks.samples * blocks.period
-    count = max(5, round(len(used) * length / STRETCH))
+    count = min(max(5, round(len(used) * blocks.length / STRETCH)), MOST_STRETCHES)
     yield from (part for part in np.array_split(used, min(count, len(used))) if len(part))
 
 
