@@ -120,6 +120,19 @@ def test_an_accelerometer_in_another_unit_is_refused(log):
         offset_only(replace(log, accel=log.accel / insitu_leg.G))
 
 
+def test_a_channel_that_never_changes_is_refused_by_its_number(log):
+    raw = log.raw.copy()
+    raw[:, 4] = 17.0
+    with pytest.raises(DataError, match='one: channel 5 never changes'):
+        offset_only(with_raw(log, raw))
+
+
+def test_a_few_blocks_name_no_cause_of_what_is_left(log):
+    blocks = to_blocks(prepare(chunks_of(log), Mounting(), False))
+    few = np.arange(len(blocks)) < 20
+    assert causes([(blocks, few)]) is None
+
+
 def test_motion_about_one_axis_is_refused_with_the_axis(log):
     t = log.t
     angle = np.deg2rad(40) * np.sin(2 * np.pi * t / 20)

@@ -142,7 +142,7 @@ def to_blocks(pieces: Iterable[Prepared]) -> Blocks:
             tally, differences = _tally(held.take(slice(whole * samples)), samples)
             tallies.append(tally)
             if loudness is None:
-                loudness = np.maximum(np.median(tally.differences, axis=0), TINY)
+                loudness = np.maximum(np.median(tally.differences.astype(float), axis=0), TINY)
             correlation = correlation + _correlation(differences, loudness)
             held = held.take(slice(whole * samples, None))
         if sum(len(tally.start) for tally in tallies) > MOST_BLOCKS:

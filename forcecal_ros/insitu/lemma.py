@@ -16,6 +16,8 @@ from scipy import stats
 
 SIGNIFICANT = 1e-4
 """Chance below which a departure, or a cause of it, is not taken for noise."""
+ENOUGH = 2
+"""Blocks a regressor that are needed to tell causes apart."""
 PLAYS = (0.0025, 0.005, 0.01)
 """Widths of the plays that hysteresis is composed of, as shares of a channel's span."""
 
@@ -103,7 +105,7 @@ class Causes:
     lags: tuple[Array, ...]
 
 
-def causes(data_sets: Sequence[tuple[Blocks, Mask]]) -> Causes:
+def causes(data_sets: Sequence[tuple[Blocks, Mask]]) -> Causes | None:
     """
     Regress what the affine maps leave on squares of gravity and on plays of the channels.
 
@@ -113,7 +115,8 @@ def causes(data_sets: Sequence[tuple[Blocks, Mask]]) -> Causes:
 
     Returns
     -------
-    Causes
+    Causes or None
+        None where there are too few blocks to tell.
     """
     fitted = [_fitted(blocks, use) for blocks, use in data_sets]
     spans = np.max([np.ptp(f[use], axis=0) for f, (_, use) in zip(fitted, data_sets)], axis=0)
@@ -124,6 +127,8 @@ def causes(data_sets: Sequence[tuple[Blocks, Mask]]) -> Causes:
                       for f, (blocks, use) in zip(fitted, data_sets)])
     squares, plays = (np.vstack([_beside_affine(of, *pair) for of, pair in zip(x, data_sets)])
                       for x in ([_squares(blocks) for blocks, _ in data_sets], all_plays))
+    if len(left) < ENOUGH * (squares.shape[1] + plays.shape[1]):
+        return None
     bending, _ = _cause(left, squares, plays, root)
     hysteresis, size = _cause(left, plays, squares, root)
     if not hysteresis.significant:

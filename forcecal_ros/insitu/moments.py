@@ -37,7 +37,6 @@ class Moments:
         The constant 1 projected on the same pseudo-samples.
     combine : ndarray, shape (m, q)
         Regressors of a sample times this are its weights in the pseudo-samples.
-    regressor_mean : ndarray, shape (m,)
     spread : ndarray, shape (3, 3)
         Covariance of measured gravity, noise taken off [(m/s^2)^2].
     """
@@ -50,7 +49,6 @@ class Moments:
     raw: Array
     ones: Array
     combine: Array
-    regressor_mean: Array
     spread: Array
 
     def without(self, part: Array, raw: Array, regressors: Array) -> 'Moments':
@@ -87,8 +85,9 @@ def accumulate(pieces: Iterable[Prepared], kept: tuple[tuple[float, float], ...]
     Filter the kept stretches and fold all samples into their moments, in constant memory.
 
     At rest the accelerometer tells a direction only: its readings are scaled to the magnitude of
-    gravity. What is left of its noise is an error in the regressor: its share of the second
-    moments, scaled by the filter's gain, is taken off before anything is regressed on them.
+    gravity, before the filter, which is linear and so keeps what holds for a sample. What is left
+    of its noise is an error in the regressor: its share of the second moments, scaled by the
+    filter's gain, is taken off before anything is regressed on them.
 
     Parameters
     ----------
@@ -116,15 +115,16 @@ def accumulate(pieces: Iterable[Prepared], kept: tuple[tuple[float, float], ...]
     factor: Array | None = None
     reference: Array | None = None
     gain = 0.0
+    if magnitude is not None:
+        size = magnitude + np.trace(gravity_noise) / (3 * magnitude)
+        pieces = (piece._replace(regressors=to_magnitude(piece.regressors, size))
+                  for piece in pieces)
     for run in _runs(pieces, kept):
         for part in smooth(run, window, order):
             if reference is None:
                 reference = part.values[0].copy()
                 reference[:-len(raw_noise)] = 0.0
-            values = part.values - reference
-            if magnitude is not None:
-                values[:, :3] = to_magnitude(values[:, :3], magnitude)
-            rows = np.column_stack([np.ones(len(values)), values])
+            rows = np.column_stack([np.ones(len(part.values)), part.values - reference])
             factor = np.linalg.qr(rows if factor is None else np.vstack([factor, rows]), 'r')
             gain += part.noise_gain
     if factor is None or reference is None:
@@ -135,7 +135,7 @@ def accumulate(pieces: Iterable[Prepared], kept: tuple[tuple[float, float], ...]
 
 
 def to_magnitude(gravity: Array, magnitude: float) -> Array:
-    """Scale vectors (n, 3) to a magnitude."""
+    """Scale vectors (n, 3) to a magnitude; noise across them makes their mean shorter."""
     return np.asarray(gravity * (magnitude / np.linalg.norm(gravity, axis=1, keepdims=True)))
 
 
@@ -191,5 +191,4 @@ def _moments(factor: Array, reference: Array, gain: float, raw_noise: Array,
         raw=combine.T @ (gram[1:m + 1, m + 1:] + np.outer(gram[1:m + 1, 0], reference)),
         ones=combine.T @ gram[1:m + 1, 0],
         combine=combine,
-        regressor_mean=gram[0, 1:m + 1] / count,
         spread=spread)

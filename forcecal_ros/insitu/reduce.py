@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
-from forcecal_ros.errors import ForcecalError
+from forcecal_ros.errors import DataError, ForcecalError
 from forcecal_ros.geometry import Array, STANDARD_GRAVITY
 from forcecal_ros.insitu.blocks import Blocks, Mask, to_blocks
 from forcecal_ros.insitu.excitation import Norm, norm
@@ -127,6 +127,7 @@ def reduce(data_sets: Sequence[DataSet], mounting: Mounting, options: Options
     for data_set in data_sets:
         with _named(data_set):
             blocks = to_blocks(prepare(data_set.source(), mounting, options.moving))
+            _require_signal(blocks)
             if options.accelerometer_noise is not None:
                 known = options.accelerometer_noise ** 2 * np.eye(3)
                 blocks = replace(blocks, gravity_noise=known)
@@ -169,6 +170,14 @@ def without_hysteresis(reduced: Sequence[Reduced], lags: Sequence[Array]) -> lis
                     moments=r.moments.without(lag[r.use], r.blocks.raw[r.use],
                                               r.blocks.regressors[r.use]))
             for r, lag in zip(reduced, lags)]
+
+
+def _require_signal(blocks: Blocks) -> None:
+    """Refuse channels that stand still all the time."""
+    still = np.flatnonzero(np.ptp(blocks.raw, axis=0) == 0)
+    if len(still):
+        raise DataError(f'channel {", ".join(str(k + 1) for k in still)} never changes; is it '
+                        'connected, and the right column?')
 
 
 def _screen(blocks: Blocks, data_set: DataSet, options: Options) -> Screening:
