@@ -55,10 +55,18 @@ class Stoppable(Protocol):
 
 
 class Interrupt:
-    """Counts SIGINT and SIGTERM instead of tearing the node's publishers down at once."""
+    """
+    Counts SIGINT and SIGTERM instead of tearing the node's publishers down at once.
+
+    Attributes
+    ----------
+    count : int
+    running : bool
+        False while the node is being made, which the first signal ends there and then.
+    """
 
     def __init__(self) -> None:
-        self.count = 0
+        self.count, self.running = 0, False
         self._before = {number: signal.signal(number, self._note)
                         for number in (signal.SIGINT, signal.SIGTERM)}
 
@@ -69,6 +77,8 @@ class Interrupt:
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.count += 1
+        if not self.running:
+            raise KeyboardInterrupt
         if self.count > 2:
             sys.exit(1)
 
@@ -99,6 +109,7 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
+        interrupt.running = True
         try:
             _spin(node, interrupt)
         finally:

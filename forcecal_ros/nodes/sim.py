@@ -7,6 +7,8 @@ from struct import error as StructError
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.errors import ConfigError, MotionError
 from forcecal_ros.geometry import matrix_from_quaternion, quaternion_of
+from forcecal_ros.nodes.faults import Faults
+from forcecal_ros.nodes.faults import PARAMETERS as FAULT_PARAMETERS
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.parameters import declare, Parameter
 from forcecal_ros.nodes.reporting import diagnostic_array
@@ -43,6 +45,7 @@ PARAMETERS = (
     Parameter('frames.accelerometer', 'accelerometer', 'frame_id of the accelerometer'),
     Parameter('command_timeout', 0.1, 'After so long without a command the stream counts as '
               'ended: the robot holds where it was told to be', 's', low=0.01, high=10.0),
+    *FAULT_PARAMETERS,
 )
 
 CATCH_UP = 3
@@ -50,6 +53,9 @@ CATCH_UP = 3
 
 LOST = 0.5
 """After a longer stall, or a jump of the clock, time is skipped instead of caught up [s]."""
+
+SILENCE = 10**12
+"""Before the first command there was none for that long [ns]."""
 
 NO_DATA = -1.0
 """First element of an Imu's covariance where that part is not measured."""
@@ -74,7 +80,10 @@ class Sim(Node):
         self._make_publishers(value)
         self._read = Reader(PoseStamped)
         self._checked_frame = b''
-        self._ignored, self._last_command = 0, None
+        self._ignored, self._heard = 0, -SILENCE
+        self._last_command: Sequence[float] | None = None
+        self._faults = Faults(self, value['seed'] if value['seed'] >= 0 else None,
+                              self._jump if self._own_clock else None)
         self._inbox = Inbox(self)
         self._inbox.subscribe(PoseStamped, 'target_frame', self._on_target)
         period = max(0.001, self._period_ns * 1e-9 / self._speed)
@@ -93,7 +102,7 @@ class Sim(Node):
         self._latency_ns = round(value['latency'] * 1e9 * self._speed)
         self._period_ns = round(self._rig.robot.period * 1e9)
         self._most = max(CATCH_UP, round(2 * self._speed))
-        self._steady0 = STEADY.now().nanoseconds
+        self._steady0 = self._ticked = STEADY.now().nanoseconds
         self._origin = self.get_clock().now().nanoseconds
         self._schedule: CommandSchedule | None = None
         if self._own_clock:
@@ -104,6 +113,12 @@ class Sim(Node):
             return self._origin + round((STEADY.now().nanoseconds - self._steady0) * self._speed)
         return self.get_clock().now().nanoseconds
 
+    def _jump(self, by: int) -> None:
+        """Let the published clock jump by ``by`` [ns]; everything simulated goes with it."""
+        self._origin += by
+        if self._schedule is not None:
+            self._begin(self._now())
+
     def _begin(self, now: int) -> None:
         """Let period 0 of the schedule begin at the next whole period of the clock."""
         self._start = -(-now // self._period_ns) * self._period_ns
@@ -113,6 +128,12 @@ class Sim(Node):
         self._sample0 = self._start - round(self._simulator.time * 1e9)
 
     def _tick(self) -> None:
+        steady = STEADY.now().nanoseconds
+        if self._faults.clock_stopped:
+            self._origin -= round((steady - self._ticked) * self._speed)
+        self._ticked = steady
+        if self._schedule is not None and steady - self._heard > self._timeout * 1e9:
+            self._schedule.drop()
         now = self._now()
         if now <= 0:
             return
@@ -137,14 +158,21 @@ class Sim(Node):
 
     def _advance(self) -> None:
         command = self._schedule.take(self._next)
-        if command is not None:
-            try:
-                position = command[:3]
-                self._simulator.command(position, matrix_from_quaternion(command[3:]))
-            except (MotionError, ValueError) as error:
-                self._ignore(f'target_frame: {error}')
-        self._publish(self._simulator.advance(self._noise))
+        self._last_command = command or self._last_command
+        if self._last_command is not None and (command or self._faults.runaway):
+            self._follow(self._last_command)
+        self._publish(self._faults.said(self._simulator.advance(self._noise)))
         self._next += 1
+
+    def _follow(self, command: Sequence[float]) -> None:
+        position = self._faults.command(np.array(command[:3]), self._rig.robot.period)
+        if position is None:
+            return
+        try:
+            self._simulator.command(position, matrix_from_quaternion(command[3:]))
+        except (MotionError, ValueError) as error:
+            self._ignore(f'target_frame: {error}')
+            self._last_command = None
 
     def destroy_node(self) -> None:
         """Free what the node holds."""
@@ -167,9 +195,8 @@ class Sim(Node):
                              f'{self._frame!r}')
                 return
             self._checked_frame = head
-        now = self._now()
-        self._last_command = now
-        self._schedule.add(stamp, now, self._next, values)
+        self._heard = STEADY.now().nanoseconds
+        self._schedule.add(stamp, self._now(), self._next, values)
 
     def _ignore(self, why: str) -> None:
         self._ignored += 1
@@ -236,12 +263,13 @@ class Sim(Node):
             self._diagnostics.publish(diagnostic_array(
                 self, '', 'stale', 'waiting for /clock', {}))
             return
-        silent = ((self._now() - self._last_command) * 1e-9
-                  if self._last_command is not None else float('inf'))
+        silent = (STEADY.now().nanoseconds - self._heard) * 1e-9
         message = 'following target_frame' if silent < self._timeout else 'holding'
+        if self._faults.active:
+            message += f'; faults switched on: {", ".join(self._faults.active)}'
         behind = (self._now() - self._start) * 1e-9 - self._next * self._period_ns * 1e-9
         self._diagnostics.publish(diagnostic_array(
-            self, '', 'warn' if behind > LOST else 'ok', message, {
+            self, '', 'warn' if behind > LOST or self._faults.active else 'ok', message, {
                 'behind [s]': behind, 'commands late': self._schedule.late,
                 'commands ignored': self._ignored, 'simulated [s]': self._simulator.time}))
 

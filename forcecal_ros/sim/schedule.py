@@ -96,6 +96,10 @@ class CommandSchedule:
         schedule.late = self.late
         return schedule
 
+    def drop(self) -> None:
+        """Forget what waits: its sender has fallen silent."""
+        self._queue.clear()
+
     def take(self, period: int) -> Any:
         """Return the newest command that acts in a period; None: the one before holds."""
         newest = None
