@@ -3,6 +3,7 @@ from glob import glob
 from setuptools import find_packages, setup
 
 PACKAGE = 'forcecal_ros'
+SCALE = ['distributed>=2024.1', 'joblib>=1.4']
 
 setup(
     name=PACKAGE,
@@ -35,6 +36,8 @@ setup(
         'tqdm>=4.66',
     ],
     extras_require={
+        # many recordings on many cores or machines: --jobs, --dask
+        'scale': SCALE,
         # for machines without a ROS 2 distribution; colcon and rosdep never ask for it
         'ros': [
             'ros-jazzy-common-interfaces==5.3.6',
@@ -45,6 +48,7 @@ setup(
             'pytest>=7.4',
             'pytest-timeout>=2.1',
             'hypothesis>=6.98',
+            *SCALE,
             'colcon-common-extensions>=0.3.0',
             'mypy>=2.4,<2.5',
             'ruff>=0.17.5,<0.18',

@@ -24,7 +24,7 @@ NUMERICS = (
 )
 LAYERS = (
     *NUMERICS,
-    ('bags', 'messages', 'report'),
+    ('bags', 'messages', 'report', 'scale'),
     ('nodes',),
     ('commands',),
     ('cli',),

@@ -25,6 +25,7 @@ ROSDEP_KEYS = {  # name in an import -> key; a key that ends in -pip exists for 
     'yaml': 'python3-yaml',
 }
 PIP_NAMES = {'yaml': 'pyyaml'}
+OPTIONAL = {'distributed', 'joblib'}
 
 
 def _run(*arguments, cwd=ROOT, **options):
@@ -51,7 +52,7 @@ def _imported():
                 names.update(alias.name.split('.')[0] for alias in node.names)
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
                 names.add(node.module.split('.')[0])
-    return names - set(sys.stdlib_module_names) - {PACKAGE, 'compression'}
+    return names - set(sys.stdlib_module_names) - {PACKAGE, 'compression'} - OPTIONAL
 
 
 def _required_by(distribution):
@@ -98,6 +99,12 @@ def test_every_import_is_declared_to_pip():
     assert python <= ours
     assert not {name for name in ours - transitive
                 if name not in {PIP_NAMES.get(key, key) for key in ROSDEP_KEYS}}
+
+
+def test_what_is_optional_is_declared_as_such():
+    extra = {re.match(r'\w+', line)[0] for line in requires(PACKAGE) if "extra == 'scale'" in
+             line.replace('"', "'")}
+    assert extra == OPTIONAL
 
 
 def test_every_command_resolves_to_a_function():
