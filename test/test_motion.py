@@ -2,13 +2,23 @@
 
 from forcecal_ros.control.joints import JointMove
 from forcecal_ros.control.limits import check_joint_move, check_move, check_workspace, Limits
-from forcecal_ros.control.motion import hold, Move, Pace, Pose, quintic, shortest_duration
+from forcecal_ros.control.motion import (
+    hold,
+    Move,
+    Pace,
+    peak_rates,
+    Pose,
+    quintic,
+    shortest_duration,
+    stop_time,
+)
 from forcecal_ros.control.plan import (
     calibration_plan,
     check_wrench,
     contact_plan,
     expected_duration,
     prepare,
+    Segment,
     Timing,
 )
 from forcecal_ros.control.poses import (
@@ -33,6 +43,7 @@ import pytest
 
 HOME = nominal_poses()['v']
 LIMITS = Limits()
+REST = np.array([4, -3, -119.5, 1.6, -4, 0.1])
 PERIOD = 0.004
 
 
@@ -125,6 +136,7 @@ def test_shortest_duration_keeps_to_the_pace(line, turn):
 @pytest.mark.parametrize('change, key, number', [
     ({'speed': 0.15}, 'limits.speed is 0.15', '0.1875 m/s'),
     ({'speed': 0.19, 'acceleration': 6.4}, 'limits.acceleration is 6.4', 'm/s^2'),
+    ({'jerk': 800.0}, 'limits.jerk is 800', 'm/s^3'),
 ])
 def test_a_step_beyond_a_limit_is_refused_with_number_and_key(change, key, number):
     with pytest.raises(MotionError) as caught:
@@ -165,6 +177,30 @@ def test_nan_never_passes_a_check():
         check_workspace(bad.position[None], LIMITS, 'it')
     with pytest.raises(MotionError):
         check_wrench([], np.full(6, np.nan), LIMITS)
+
+
+def test_peaks_of_acceleration_and_jerk_are_those_of_the_commands_stops_included():
+    duration, stop, dt = 0.4, 0.045, 1e-4
+    peak = peak_rates(duration, stop)
+    accelerations, jerks = [], []
+    for begin in np.linspace(0.0, duration, 41):
+        t = np.arange(0.0, stop, dt)
+        s, _, _ = quintic((begin + stop * stop_time(t / stop)[0]) / duration)
+        accelerations.append(np.abs(np.diff(s, 2)).max() / dt**2)
+        jerks.append(np.abs(np.diff(s, 3)).max() / dt**3)
+    assert peak.acceleration == pytest.approx(max(accelerations), rel=0.02)
+    assert peak.jerk == pytest.approx(max(jerks), rel=0.03)
+
+
+def test_inertia_of_a_turn_counts_towards_force_and_torque():
+    plan = (Segment('move', 'to h', nominal_poses()['h'], 1.6),)
+    parts = prepare(plan, HOME, Pace(), Limits(angular_speed=2.0, angular_acceleration=100.0,
+                                               angular_jerk=9000.0))
+    check_wrench(parts, REST, LIMITS)
+    with pytest.raises(MotionError, match=r'move to h would add .* N of inertia'):
+        check_wrench(parts, REST, Limits(force=130.0))
+    with pytest.raises(MotionError, match=r'would add .* N m of inertia .* limits.torque is 6'):
+        check_wrench(parts, REST, Limits(torque=6.0))
 
 
 def test_limits_that_cannot_be_stopped_from_are_refused():

@@ -419,12 +419,35 @@ def test_a_collision_is_named_with_force_and_limit(bench):
 
 
 def test_a_robot_that_runs_away_is_named(bench):
-    for _ in range(50):
-        bench.position[1] += 0.4 * 0.004
+    for k in range(100):
+        bench.position[1] += min(0.4, 0.01 * k) * 0.004
         fault = bench.tick(moving=True)
         if fault:
             break
     assert 'above limits.overspeed 1.5 times limits.speed 0.25 m/s' in fault
+
+
+@pytest.mark.parametrize('limits, reason', [
+    (Limits(overspeed=1.0), 'times limits.acceleration 8 m/s^2'),
+    (Limits(overspeed=1.0, acceleration=20.0, jerk=760.0), 'times limits.jerk 760 m/s^3')])
+def test_a_robot_that_shakes_is_named_by_its_acceleration_or_its_jerk(bench, limits, reason):
+    bench.monitor.limits = limits
+    for k in range(50):
+        bench.position[1] = HOME.position[1] + 0.004 * np.sin(2 * np.pi * 10 * 0.004 * k)
+        fault = bench.tick(moving=True)
+    assert reason in fault
+
+
+def test_a_tip_that_leaves_the_box_is_named_where_the_sensor_does_not(bench):
+    bench.position[0] = 1.06
+    fault, _ = bench.until_fault(3)
+    assert 'x = 1.26' in fault and 'm of the tip is outside' in fault
+
+
+def test_an_orientation_that_is_none_is_named(bench):
+    bench.quaternion = np.zeros(4)
+    fault, _ = bench.until_fault(3)
+    assert fault == 'current_pose: a quaternion has norm 0, not 1'
 
 
 def test_a_robot_that_leaves_the_box_is_named(bench):

@@ -2,9 +2,13 @@
 
 from collections import deque
 from math import asin, inf, sqrt
+from typing import TypeAlias
 
 from forcecal_ros.geometry import Array
 import numpy as np
+
+Timed: TypeAlias = tuple[float, tuple[float, ...]]
+"""A time [s] and values of it."""
 
 KEPT = 2.0
 """Samples are kept for that long to judge stillness [s]."""
@@ -20,7 +24,7 @@ class Channel:
         self.stamp = -inf
         self.late_since = inf
         self.values: tuple[float, ...] = ()
-        self.recent: deque[tuple[float, tuple[float, ...]]] = deque()
+        self.recent: deque[Timed] = deque()
 
     def take(self, alive: float, stamp: float, values: tuple[float, ...]) -> None:
         """Note a sample; ``alive`` is the caller's time of arrival."""
@@ -40,6 +44,16 @@ class Channel:
         """How long the samples kept reach back [s]."""
         return self.recent[-1][0] - self.recent[0][0] if self.recent else 0.0
 
+    def every(self, interval: float, count: int) -> list[Timed]:
+        """Return up to ``count`` of the samples kept, newest first, ``interval`` [s] apart."""
+        chosen: list[Timed] = []
+        for sample in reversed(self.recent):
+            if not chosen or chosen[-1][0] - sample[0] >= interval - 1e-6:
+                chosen.append(sample)
+                if len(chosen) == count:
+                    break
+        return chosen
+
     def window(self, length: float, columns: int) -> Array:
         """Return the samples of the newest ``length`` seconds, (n, columns); empty if short."""
         recent = self.recent
@@ -54,6 +68,21 @@ def angle_between(a: tuple[float, ...], b: tuple[float, ...]) -> float:
     same = sum((x - y) ** 2 for x, y in zip(a, b))
     opposite = sum((x + y) ** 2 for x, y in zip(a, b))
     return 4.0 * asin(min(1.0, sqrt(min(same, opposite)) / 2))
+
+
+def carried(point: Array, pose: tuple[float, ...]) -> tuple[float, float, float]:
+    """Return in base where a pose, x y z [m] qx qy qz qw, carries a point of its frame [m]."""
+    x, y, z, qx, qy, qz, qw = pose
+    a, b, c = point.tolist()
+    u, v, w = 2 * (qy * c - qz * b), 2 * (qz * a - qx * c), 2 * (qx * b - qy * a)
+    return (x + a + qw * u + qy * w - qz * v, y + b + qw * v + qz * u - qx * w,
+            z + c + qw * w + qx * v - qy * u)
+
+
+def rates(samples: list[Timed]) -> list[Timed]:
+    """Return how fast values change from each sample to the next, with the times in between."""
+    return [((t1 + t0) / 2, tuple((x1 - x0) / (t1 - t0) for x1, x0 in zip(v1, v0)))
+            for (t1, v1), (t0, v0) in zip(samples, samples[1:])]
 
 
 def distance_between(a: tuple[float, ...], b: tuple[float, ...]) -> float:

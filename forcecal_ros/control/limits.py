@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from forcecal_ros.control.joints import JointMove
-from forcecal_ros.control.motion import Move, peak_rates, PEAK_STOP
+from forcecal_ros.control.motion import Move, peak_rates, PEAK_STOP, PEAK_STOP_JERK
 from forcecal_ros.errors import ConfigError, MotionError
 from forcecal_ros.geometry import Array
 import numpy as np
@@ -16,12 +16,12 @@ class Limits:
 
     Attributes
     ----------
-    speed, acceleration : float
-        Of the origin of ft_sensor [m/s], [m/s^2].
-    angular_speed, angular_acceleration : float
-        [rad/s], [rad/s^2]
-    joint_speed, joint_acceleration : float
-        Of each joint, where joints are commanded [rad/s], [rad/s^2].
+    speed, acceleration, jerk : float
+        Of the origin of ft_sensor [m/s], [m/s^2], [m/s^3].
+    angular_speed, angular_acceleration, angular_jerk : float
+        [rad/s], [rad/s^2], [rad/s^3]
+    joint_speed, joint_acceleration, joint_jerk : float
+        Of each joint, where joints are commanded [rad/s], [rad/s^2], [rad/s^3].
     workspace_min, workspace_max : ndarray, shape (3,)
         Box in base that the origin of ft_sensor and the tool's tip stay in [m].
     tip : ndarray, shape (3,)
@@ -31,17 +31,20 @@ class Limits:
     tracking_error, tracking_angle : float
         Measured against commanded pose [m], [rad].
     overspeed : float
-        Measured speeds may exceed ``speed`` and ``angular_speed`` by this factor.
+        What is measured may exceed speeds, acceleration and jerk by this factor.
     stop_duration : float
         From a stop's first command to rest [s].
     """
 
     speed: float = 0.25
     acceleration: float = 8.0
+    jerk: float = 1500.0
     angular_speed: float = 1.5
     angular_acceleration: float = 60.0
+    angular_jerk: float = 6000.0
     joint_speed: float = 1.5
     joint_acceleration: float = 60.0
+    joint_jerk: float = 6000.0
     workspace_min: Array = (0.6, -0.4, 0.6)  # type: ignore[assignment]
     workspace_max: Array = (1.25, 0.4, 1.4)  # type: ignore[assignment]
     tip: Array = (0.2, 0.0, 0.1)  # type: ignore[assignment]
@@ -64,15 +67,18 @@ class Limits:
                 f'limits.workspace_min {self.workspace_min.tolist()} m is not below '
                 f'limits.workspace_max {self.workspace_max.tolist()} m on every axis')
         for name in ('speed', 'angular_speed', 'joint_speed'):
-            self._check_can_stop(name, name.replace('speed', 'acceleration'))
+            self._check_can_stop(name, name.replace('speed', 'acceleration'),
+                                 PEAK_STOP / self.stop_duration)
+            self._check_can_stop(name, name.replace('speed', 'jerk'),
+                                 PEAK_STOP_JERK / self.stop_duration**2)
 
-    def _check_can_stop(self, speed: str, acceleration: str) -> None:
-        needed = PEAK_STOP * getattr(self, speed) / self.stop_duration
-        if needed > getattr(self, acceleration) * 1.05:
+    def _check_can_stop(self, speed: str, limit: str, peak: float) -> None:
+        needed = peak * getattr(self, speed)
+        if needed > getattr(self, limit) * 1.05:
             raise ConfigError(
                 f'limits.{speed} {getattr(self, speed):g} stops within limits.stop_duration '
-                f'{self.stop_duration:g} s at {needed:.3g}, above limits.{acceleration} '
-                f'{getattr(self, acceleration):g}; lower the one or raise the other')
+                f'{self.stop_duration:g} s at {needed:.3g}, above limits.{limit} '
+                f'{getattr(self, limit):g}; lower the one or raise the other')
 
 
 def check_move(move: Move, limits: Limits, name: str = 'the move') -> None:
@@ -91,13 +97,15 @@ def check_move(move: Move, limits: Limits, name: str = 'the move') -> None:
     MotionError
         With the number, the limit and its key.
     """
-    rate, acceleration = peak_rates(move.duration, limits.stop_duration)
+    peak = peak_rates(move.duration, limits.stop_duration)
     for key, planned, limit, unit in (
-            ('speed', move.distance * rate, limits.speed, 'm/s'),
-            ('acceleration', move.distance * acceleration, limits.acceleration, 'm/s^2'),
-            ('angular_speed', move.angle * rate, limits.angular_speed, 'rad/s'),
-            ('angular_acceleration', move.angle * acceleration, limits.angular_acceleration,
-             'rad/s^2')):
+            ('speed', move.distance * peak.speed, limits.speed, 'm/s'),
+            ('acceleration', move.distance * peak.acceleration, limits.acceleration, 'm/s^2'),
+            ('jerk', move.distance * peak.jerk, limits.jerk, 'm/s^3'),
+            ('angular_speed', move.angle * peak.speed, limits.angular_speed, 'rad/s'),
+            ('angular_acceleration', move.angle * peak.acceleration,
+             limits.angular_acceleration, 'rad/s^2'),
+            ('angular_jerk', move.angle * peak.jerk, limits.angular_jerk, 'rad/s^3')):
         if not planned <= limit:
             raise MotionError(f'{name} needs {planned:.4g} {unit}, limits.{key} is {limit:g} '
                               f'{unit}; give it more time or a shorter way')
@@ -149,12 +157,14 @@ def check_joint_move(move: JointMove, limits: Limits, name: str) -> None:
     MotionError
         With the joint, the number, the limit and its key.
     """
-    rate, acceleration = peak_rates(move.duration, limits.stop_duration)
+    peak = peak_rates(move.duration, limits.stop_duration)
     joint = int(np.argmax(np.abs(move.way)))
     way = float(np.abs(move.way[joint]))
     for key, planned, limit, unit in (
-            ('joint_speed', way * rate, limits.joint_speed, 'rad/s'),
-            ('joint_acceleration', way * acceleration, limits.joint_acceleration, 'rad/s^2')):
+            ('joint_speed', way * peak.speed, limits.joint_speed, 'rad/s'),
+            ('joint_acceleration', way * peak.acceleration, limits.joint_acceleration,
+             'rad/s^2'),
+            ('joint_jerk', way * peak.jerk, limits.joint_jerk, 'rad/s^3')):
         if not planned <= limit:
             raise MotionError(f'{name} needs {planned:.4g} {unit} of joint {joint + 1}, '
                               f'limits.{key} is {limit:g} {unit}; give it more time or a '

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import inf, isfinite, sqrt
 from typing import NamedTuple
 
-from forcecal_ros.control.channel import angle_between, Channel, distance_between
+from forcecal_ros.control.channel import angle_between, carried, Channel, distance_between, rates
 from forcecal_ros.control.limits import Limits
 from forcecal_ros.errors import DataError, MotionError
 from forcecal_ros.geometry import Array
@@ -23,6 +23,15 @@ LATE_PATIENCE = 0.02
 
 SPEED_WINDOW = 0.04
 """Measured speeds are differences over that long [s]."""
+
+CHANGE_WINDOW = 0.02
+"""Measured accelerations and jerks are differences of positions that far apart [s]."""
+
+WORKSPACE_SLACK = 0.002
+"""A measured place may be that far outside: a robot at the face overshoots a little [m]."""
+
+UNIT_NORM = 1e-2
+"""Most that the squared norm of a measured quaternion departs from 1."""
 
 NAMES = {'wrench': ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z'),
          'pose': ('position.x', 'position.y', 'position.z')}
@@ -44,6 +53,8 @@ class WatchSettings:
     ----------
     pause_timeout : float
         Silence of a sensor that brings the motion to rest until it is back [s].
+    most_pauses : int
+        So many times a sensor may fall silent or late in one sequence; 0: as often as it likes.
     lost_timeout : float
         A sensor that stays silent or late for that long ends the sequence [s].
     frozen_timeout : float
@@ -59,6 +70,7 @@ class WatchSettings:
     """
 
     pause_timeout: float = 0.04
+    most_pauses: int = 5
     lost_timeout: float = 1.0
     frozen_timeout: float = 0.035
     max_age: float = 0.25
@@ -109,13 +121,16 @@ class Monitor:
     def pose(self, stamp: float, values: tuple[float, ...]) -> None:
         """Take one measured pose, x y z [m] qx qy qz qw, at ``stamp`` [s]."""
         channel = self._take('pose', stamp, values)
-        limits = self.limits
-        for axis, x, low, high in zip('xyz', values, limits.workspace_min, limits.workspace_max):
-            if not low <= x <= high:
-                self._blame(f'{channel.topic}: {axis} = {x:.4f} m is outside '
-                            f'limits.workspace_min/max {low:g} to {high:g} m')
+        norm = sum(x * x for x in values[3:])
+        if not abs(norm - 1.0) <= UNIT_NORM:
+            self._blame(f'{channel.topic}: a quaternion has norm {sqrt(max(norm, 0.0)):.3g}, '
+                        'not 1')
+            return
+        self._check_place(channel, values[:3], 'ft_sensor')
+        self._check_place(channel, carried(self.limits.tip, values), 'the tip')
         channel.keep()
         self._check_speed(channel)
+        self._check_changes(channel)
 
     def other(self, name: str, stamp: float, values: tuple[float, ...]) -> None:
         """Take a sample of any other channel."""
@@ -130,6 +145,13 @@ class Monitor:
 
     def _blame(self, fault: str) -> None:
         self.fault = self.fault or fault
+
+    def _check_place(self, channel: Channel, place: tuple[float, ...], name: str) -> None:
+        limits = self.limits
+        for axis, x, low, high in zip('xyz', place, limits.workspace_min, limits.workspace_max):
+            if not low - WORKSPACE_SLACK <= x <= high + WORKSPACE_SLACK:
+                self._blame(f'{channel.topic}: {axis} = {x:.4f} m of {name} is outside '
+                            f'limits.workspace_min/max {low:g} to {high:g} m')
 
     def _check_speed(self, channel: Channel) -> None:
         now, values = channel.recent[-1]
@@ -148,6 +170,22 @@ class Monitor:
             self._blame(f'{channel.topic}: turns at {turning:.3f} rad/s, above limits.overspeed '
                         f'{limits.overspeed:g} times limits.angular_speed '
                         f'{limits.angular_speed:g} rad/s')
+
+    def _check_changes(self, channel: Channel) -> None:
+        """Judge acceleration and jerk by differences of the newest positions, a window apart."""
+        apart = channel.every(CHANGE_WINDOW, 4)
+        if len(apart) < 4:
+            return
+        limits = self.limits
+        acceleration = rates(rates([(t, values[:3]) for t, values in apart]))
+        for key, rows, limit, unit in (
+                ('acceleration', acceleration, limits.acceleration, 'm/s^2'),
+                ('jerk', rates(acceleration), limits.jerk, 'm/s^3')):
+            found = sqrt(sum(x * x for x in rows[0][1]))
+            if found > limits.overspeed * limit:
+                self._blame(f'{channel.topic}: {key} of {found:.3g} {unit}, above '
+                            f'limits.overspeed {limits.overspeed:g} times limits.{key} '
+                            f'{limit:g} {unit}')
 
     # Verdicts out ---------------------------------------------------------------------------
 

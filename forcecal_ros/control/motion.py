@@ -19,8 +19,14 @@ PEAK_SPEED = 15 / 8
 PEAK_ACCELERATION = 10 / np.sqrt(3)
 """Peak of d2s/dt2 of the quintic, times its duration squared."""
 
+PEAK_JERK = 60.0
+"""Peak of d3s/dt3 of the quintic, times its duration cubed."""
+
 PEAK_STOP = 1.5
 """Peak deceleration of a stop, times its duration, of unit speed."""
+
+PEAK_STOP_JERK = 6.0
+"""Peak jerk of a stop, times its duration squared, of unit speed."""
 
 SHORTEST_MOVE = 0.1
 """A move lasts at least that long [s]."""
@@ -151,10 +157,10 @@ class Move:
         """Angle of the rotation [rad]."""
         return float(np.linalg.norm(self.turn))
 
-    @cached_property
-    def peak_acceleration(self) -> float:
-        """Peak acceleration of the line [m/s^2]."""
-        return float(self.distance * PEAK_ACCELERATION / self.duration**2)
+    def peak_acceleration_at(self, lever: float) -> float:
+        """Most that a point ``lever`` [m] away from ft_sensor's origin accelerates [m/s^2]."""
+        turning = np.hypot(PEAK_ACCELERATION, PEAK_SPEED**2 * self.angle) * self.angle
+        return float((self.distance * PEAK_ACCELERATION + lever * turning) / self.duration**2)
 
     def at(self, t: float, rate: float = 1.0) -> Setpoint:
         """
@@ -244,7 +250,15 @@ def shortest_duration(start: Pose, goal: Pose, pace: Pace) -> float:
                float(np.sqrt(PEAK_ACCELERATION * move.angle / pace.angular_acceleration)))
 
 
-def peak_rates(duration: float, stop_duration: float) -> tuple[float, float]:
+class PeakRates(NamedTuple):
+    """Peaks of |ds/dt| [1/s], |d2s/dt2| [1/s^2] and |d3s/dt3| [1/s^3] of a quintic's fraction."""
+
+    speed: float
+    acceleration: float
+    jerk: float
+
+
+def peak_rates(duration: float, stop_duration: float) -> PeakRates:
     """
     Worst rates of a quintic's fraction, a stop at any instant of it included.
 
@@ -255,13 +269,18 @@ def peak_rates(duration: float, stop_duration: float) -> tuple[float, float]:
 
     Returns
     -------
-    tuple of float
-        Peak |ds/dt| [1/s] and |d2s/dt2| [1/s^2].
+    PeakRates
     """
     begin = np.linspace(0.0, duration, 81)[:, None]
-    u, du, ddu = stop_time(np.linspace(0.0, 1.0, 41))
-    _, ds, dds = quintic((begin + u * stop_duration) / duration)
-    rate = ds / duration
-    acceleration = dds / duration**2 * du**2 + rate * ddu / stop_duration
-    return float(rate.max()), max(float(np.abs(acceleration).max()),
-                                  float(PEAK_ACCELERATION) / duration**2)
+    stopped = np.linspace(0.0, 1.0, 41)
+    u, du, ddu = stop_time(stopped)
+    tau = np.minimum((begin + u * stop_duration) / duration, 1.0)
+    _, ds, dds = quintic(tau)
+    rate, change, ddds = ds / duration, dds / duration**2, 60 * (1 - 6 * tau * (1 - tau))
+    acceleration = change * du**2 + rate * ddu / stop_duration
+    jerk = (ddds / duration**3 * du**3 + 3 * change * du * ddu / stop_duration
+            + rate * (12 * stopped - 6) / stop_duration**2)
+    return PeakRates(float(rate.max()),
+                     max(float(np.abs(acceleration).max()),
+                         float(PEAK_ACCELERATION) / duration**2),
+                     max(float(np.abs(jerk).max()), PEAK_JERK / duration**3))

@@ -215,7 +215,7 @@ def check_wrench(parts: Sequence[Part], wrench: Array, limits: Limits) -> None:
     Refuse a plan whose inertial forces would pass the limits on what the sensor reads.
 
     Before a calibration the tool's mass is known by its weight only: what is read at rest,
-    divided by g, stands for it.
+    divided by g, stands for it, and the tip for the lever it has.
 
     Parameters
     ----------
@@ -238,12 +238,16 @@ def check_wrench(parts: Sequence[Part], wrench: Array, limits: Limits) -> None:
     for part in parts:
         if not isinstance(part.move, Move):
             continue
-        inertial = force / STANDARD_GRAVITY * part.move.peak_acceleration
-        if not force + inertial <= limits.force:
-            raise MotionError(
-                f'{part.segment.phase} {part.segment.label} would add {inertial:.4g} N of inertia '
-                f'to the {force:.4g} N read at rest, limits.force is {limits.force:g} N; '
-                'give it more time or raise the limit')
+        lever = float(np.linalg.norm(limits.tip))
+        inertial = force / STANDARD_GRAVITY * part.move.peak_acceleration_at(lever)
+        for key, at_rest, added, limit, unit in (
+                ('force', force, inertial, limits.force, 'N'),
+                ('torque', torque, lever * inertial, limits.torque, 'N m')):
+            if not at_rest + added <= limit:
+                raise MotionError(
+                    f'{part.segment.phase} {part.segment.label} would add {added:.4g} {unit} of '
+                    f'inertia to the {at_rest:.4g} {unit} read at rest, limits.{key} is '
+                    f'{limit:g} {unit}; give it more time or raise the limit')
 
 
 def expected_duration(parts: Sequence[Part], settle: float) -> float:

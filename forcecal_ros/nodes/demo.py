@@ -39,6 +39,7 @@ FOR_SIMULATION = {
     'limits.tracking_error': 0.2,
     'limits.tracking_angle': 1.0,
     'watch.max_age': 5.0,
+    'watch.most_pauses': 0,
     'watch.lost_timeout': 10.0,
     'settle.timeout': 20.0,
     'timing.approach': 1.5,

@@ -98,6 +98,9 @@ class Guard:
         if self._doubtful_since is None:
             self._doubtful_since = steady
             self.pauses += 1
+            if 0 < monitor.settings.most_pauses < self.pauses:
+                return (f'{self.doubt}, for the {self.pauses}th time; watch.most_pauses is '
+                        f'{monitor.settings.most_pauses}')
         lost = monitor.settings.lost_timeout - monitor.settings.pause_timeout
         return self.doubt if steady - self._doubtful_since > lost * SECOND else ''
 

@@ -289,13 +289,13 @@ class Sequencer(Node):
         return source, required_six_axis(source, name)
 
     def _identify(self) -> None:
-        recording, settings = self._sensors.collector.recording(), self._settings.identification
+        collector, settings = self._sensors.collector, self._settings.identification
         matrix = self._matrix
         self._result = None
 
         def work() -> None:
             try:
-                found = identify(recording, settings)
+                found = identify(collector.recording(), settings)
                 if matrix is not None:
                     found = with_matrix_of(found, matrix)
                 self._result = with_kalman_gains(found)

@@ -71,14 +71,18 @@ PARAMETERS = (
           'limits.overspeed stops', 'm/s', 0.001, 2.0),
     _live('limits.acceleration', _LIMITS.acceleration, 'No plan accelerates more, stops '
           'included', 'm/s^2', 0.01, 50.0),
+    _live('limits.jerk', _LIMITS.jerk, 'No plan jerks more, stops included', 'm/s^3', 1.0, 1e5),
     _live('limits.angular_speed', _LIMITS.angular_speed, 'No plan turns faster', 'rad/s',
           0.01, 5.0),
     _live('limits.angular_acceleration', _LIMITS.angular_acceleration,
           'No plan accelerates its turning more, stops included', 'rad/s^2', 0.1, 300.0),
+    _live('limits.angular_jerk', _LIMITS.angular_jerk, 'No plan jerks its turning more, stops '
+          'included', 'rad/s^3', 1.0, 1e6),
     _live('limits.joint_speed', _LIMITS.joint_speed, 'Of each joint, where joints are commanded',
           'rad/s', 0.01, 10.0),
     _live('limits.joint_acceleration', _LIMITS.joint_acceleration, 'Of each joint likewise',
           'rad/s^2', 0.1, 300.0),
+    _live('limits.joint_jerk', _LIMITS.joint_jerk, 'Of each joint likewise', 'rad/s^3', 1.0, 1e6),
     _live('limits.workspace_min', _LIMITS.workspace_min.tolist(), 'Lower corner, in base, of the '
           'box that ft_sensor and the tip stay in', 'm'),
     _live('limits.workspace_max', _LIMITS.workspace_max.tolist(), 'Upper corner of that box', 'm'),
@@ -91,12 +95,14 @@ PARAMETERS = (
           'm', 0.0005, 1.0),
     _live('limits.tracking_angle', _LIMITS.tracking_angle,
           'Measured against commanded orientation', 'rad', 0.005, 3.0),
-    _live('limits.overspeed', _LIMITS.overspeed, 'Measured speeds may exceed the limits by this '
-          'factor', '', 1.0, 10.0),
+    _live('limits.overspeed', _LIMITS.overspeed, 'Measured speeds, accelerations and jerks may '
+          'exceed the limits by this factor', '', 1.0, 10.0),
     _live('limits.stop_duration', _LIMITS.stop_duration, 'From the first command of a stop to '
           'rest', 's', 0.01, 0.5),
     _live('watch.pause_timeout', _WATCH.pause_timeout, 'Silence of a sensor that brings the '
           'motion to rest until it is back', 's', 0.01, 10.0),
+    _live('watch.most_pauses', _WATCH.most_pauses, 'So many times a sensor may fall silent or '
+          'late in one sequence; 0: as often as it likes', '', 0, 1_000_000),
     _live('watch.lost_timeout', _WATCH.lost_timeout, 'A sensor that stays silent or late for '
           'that long ends the sequence', 's', 0.05, 60.0),
     _live('watch.frozen_timeout', _WATCH.frozen_timeout, 'Readings that repeat to the last bit '
@@ -195,7 +201,7 @@ def settings_of(value: Mapping[str, Any]) -> Settings:
     limits = Limits(**_group(Limits, value, 'limits'))
     watch = WatchSettings(
         **{name: value[f'watch.{name}'] for name in
-           ('pause_timeout', 'lost_timeout', 'frozen_timeout', 'max_age')},
+           ('pause_timeout', 'most_pauses', 'lost_timeout', 'frozen_timeout', 'max_age')},
         **{name: value[f'settle.{name}'] for name in
            ('window', 'factor', 'force_floor', 'torque_floor', 'position_floor')})
     stream = StreamSettings(
