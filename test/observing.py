@@ -126,7 +126,7 @@ def record(seconds, swing=Swing(), contact=None, seed=0, noise=1.0, delay=0.0, h
 
 def calibration(delay=0.0, wash=0.0, K=K1, rigid=False, noise=1.0, **changes):
     """Give the calibration that belongs to :func:`record`."""
-    def known(value, unit=''):
+    def known(value, unit='1'):
         return Estimate(value, 0.0, unit)
     sigma = noise * np.array([FORCE_NOISE] * 3 + [TORQUE_NOISE] * 3)
     accelerometer = Accelerometer(
@@ -137,9 +137,11 @@ def calibration(delay=0.0, wash=0.0, K=K1, rigid=False, noise=1.0, **changes):
         'mass': known(MASS, 'kg'), 'com': known(COM, 'm'), 'wrench_bias': known(BIAS, 'N, N m'),
         'inertia': known(INERTIA, 'kg m^2'), 'accelerometer': accelerometer,
         'tool': None if rigid else Tool(known(5000.0, 'N/m'), known(130.0, 'N s/m')),
-        'noise': Noise(known(1e-6 * np.eye(2)), known(1e-6 * np.eye(3)),
-                       known(np.diag(sigma ** 2)),
-                       known((noise * VOLTS_NOISE / GAIN) ** 2 * np.eye(3)), 1000.0, 1000.0),
+        'noise': Noise(known(1e-6 * np.eye(2), '(m, m/s)^2 s'),
+                       known(1e-6 * np.eye(3), '(m, m/s, m/s^2)^2 s'),
+                       known(np.diag(sigma ** 2), '(N, N m)^2'),
+                       known((noise * VOLTS_NOISE / GAIN) ** 2 * np.eye(3), '(m/s^2)^2'),
+                       1000.0, 1000.0),
         'observer': ObserverGain(known(K), known([[0.0, 1.0], [0.0, 0.0]]),
                                  known([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]), 0.001)}
     return Calibration(**{**parts, **changes})

@@ -4,15 +4,9 @@ import argparse
 from datetime import datetime, timezone
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.commands.common import (
-    add_bag,
-    add_json,
-    new_parser,
-    print_json,
-    say,
-    topic_names,
-    warn,
-)
+from forcecal_ros.commands.common import new_parser, topic_names
+from forcecal_ros.commands.fleet import add_bags, Answer
+from forcecal_ros.commands.fleet import run as run_each
 from forcecal_ros.geometry import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -26,7 +20,7 @@ def add_parser(subparsers: Any) -> None:
         subparsers, 'calibrate',
         summary='identify tool, accelerometer and noise from a recording, design the observer',
         example='forcecal calibrate my_bag --topic wrench=/ft/data -o calibration.yaml')
-    add_bag(parser)
+    add_bags(parser)
     parser.add_argument('--gravity', metavar='M/S^2', type=float, default=STANDARD_GRAVITY,
                         help='magnitude of gravity where the robot stands')
     parser.add_argument('--coupling', choices=('dc', 'ac'), default='dc',
@@ -48,14 +42,21 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--design', choices=('kalman', 'poles'), default='kalman',
                         help="how the paper's gain is found: Riccati equation or pole placement")
     parser.add_argument('-o', '--output', metavar='FILE', default='calibration.yaml',
-                        help='calibration to write; one that is there is kept as FILE~')
-    parser.add_argument('--report', metavar='FILE', help='write an HTML report as well')
-    add_json(parser)
+                        help='calibration to write; one that is there is kept as FILE~; of '
+                             'several BAGs, a folder for them')
+    parser.add_argument('--report', metavar='FILE',
+                        help='write an HTML report as well; of several BAGs, a folder for them')
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
+    return run_each(args, answer, {'output': '.yaml', 'report': '.html'},
+                    ['free_motion', 'matrix'])
+
+
+def answer(args: argparse.Namespace) -> Answer:
+    """Calibrate from one recording."""
     from forcecal_ros.bags import read_recording, require
     from forcecal_ros.calibration_file import load, save, to_document
     from forcecal_ros.identify.delay import estimate_delay, with_delay
@@ -80,14 +81,12 @@ def run(args: argparse.Namespace) -> int:
     if matrix:
         calibration = with_matrix_of(calibration, matrix)
     save(calibration, args.output)
-    if args.json:
-        print_json(to_document(calibration))
-        return 0
-    for note in (*recording.notes, *calibration.quality.get('warnings', ())):
-        warn(note)
-    say(as_text(table(calibration)))
-    say(f'\nwritten to {args.output}')
-    return 0
+    return Answer(
+        to_document(calibration),
+        f'{as_text(table(calibration))}\n\nwritten to {args.output}',
+        f'mass {float(calibration.mass):.4f} +- {float(calibration.mass.std):.4f} kg, '
+        f'written to {args.output}',
+        (*recording.notes, *calibration.quality.get('warnings', ())))
 
 
 def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration':

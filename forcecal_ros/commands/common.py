@@ -38,9 +38,14 @@ def new_parser(
     return parser
 
 
-def add_bag(parser: argparse.ArgumentParser) -> None:
+def add_bag(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
     """Add the recording to read, how its topics are called, and the sign of its wrench."""
-    parser.add_argument('bag', metavar='BAG', help='rosbag2 folder or file (mcap, sqlite3)')
+    if several:
+        parser.add_argument('bag', metavar='BAG', nargs='+',
+                            help='rosbag2 folder or file (mcap, sqlite3); several, or @FILE with '
+                                 'one a line: each by itself')
+    else:
+        parser.add_argument('bag', metavar='BAG', help='rosbag2 folder or file (mcap, sqlite3)')
     add_topics(parser)
     parser.add_argument(
         '--wrench-sign', type=int, choices=(1, -1), default=1,
@@ -84,7 +89,7 @@ def print_json(document: Mapping[str, Any]) -> None:
 
 def say(text: str) -> None:
     """Print one line of result."""
-    print(text)
+    print(text, flush=True)
 
 
 def warn(text: str) -> None:

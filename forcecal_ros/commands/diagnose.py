@@ -3,15 +3,9 @@
 import argparse
 from typing import Any
 
-from forcecal_ros.commands.common import (
-    add_bag,
-    add_json,
-    new_parser,
-    print_json,
-    say,
-    topic_names,
-    warn,
-)
+from forcecal_ros.commands.common import new_parser, topic_names
+from forcecal_ros.commands.fleet import add_bags, Answer
+from forcecal_ros.commands.fleet import run as run_each
 
 
 def add_parser(subparsers: Any) -> None:
@@ -21,7 +15,7 @@ def add_parser(subparsers: Any) -> None:
         summary='find where and why a recording departs from the simulator, and how far the gap '
                 'shrinks',
         example='forcecal diagnose my_bag --heldout another_bag -o diagnosis')
-    add_bag(parser)
+    add_bags(parser)
     parser.add_argument('--heldout', metavar='BAG',
                         help='second recording, another trajectory, to judge on (default: parts '
                              'of every phase of the first)')
@@ -31,13 +25,18 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--accelerometer', choices=('acc1', 'acc2'),
                         help='which one is mounted (default: recognised by its volts)')
     parser.add_argument('-o', '--output', metavar='DIR', required=True,
-                        help='folder for diagnosis.json, rig_patched.yaml and report.html')
-    add_json(parser)
+                        help='folder for diagnosis.json, rig_patched.yaml and report.html; of '
+                             'several BAGs, a folder of such folders')
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
+    return run_each(args, answer, {'output': ''}, ['heldout', 'rig'])
+
+
+def answer(args: argparse.Namespace) -> Answer:
+    """Diagnose one recording."""
     import json
     from pathlib import Path
 
@@ -62,13 +61,6 @@ def run(args: argparse.Namespace) -> int:
     if answered:
         write_text(folder / 'rig_patched.yaml', dump_rig(outcome.rig))
         write_text(folder / 'report.html', render(outcome))
-    if args.json:
-        print_json(document)
-    else:
-        for note in (*recording.notes, *diagnosis.notes):
-            warn(note)
-        say(f'{diagnosis.verdict}: {diagnosis.reason}')
-        say(f'written to {folder}')
-    if not answered:
-        warn(diagnosis.reason)
-    return 0 if answered else 1
+    verdict = f'{diagnosis.verdict}: {diagnosis.reason}'
+    return Answer(document, f'{verdict}\nwritten to {folder}', verdict,
+                  (*recording.notes, *diagnosis.notes), 0 if answered else 1)

@@ -4,15 +4,9 @@ import argparse
 from collections import Counter
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.commands.common import (
-    add_bag,
-    add_json,
-    new_parser,
-    print_json,
-    say,
-    topic_names,
-    warn,
-)
+from forcecal_ros.commands.common import new_parser, topic_names
+from forcecal_ros.commands.fleet import add_bags, Answer
+from forcecal_ros.commands.fleet import run as run_each
 
 if TYPE_CHECKING:
     from forcecal_ros.calibration import Calibration
@@ -28,7 +22,7 @@ def add_parser(subparsers: Any) -> None:
         subparsers, 'estimate',
         summary='run the contact-force observer over a recording',
         example='forcecal estimate my_bag --calibration calibration.yaml -o contact_bag')
-    add_bag(parser)
+    add_bags(parser)
     parser.add_argument('--calibration', metavar='C.yaml', required=True,
                         help='written by forcecal calibrate, demo or the sequencer')
     parser.add_argument('--mode', choices=('kalman', 'newton'),
@@ -36,13 +30,18 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--bandwidth', metavar='HZ', type=float,
                         help='of the contact wrench in mode kalman (default: from the noise)')
     parser.add_argument('-o', '--output', metavar='OUT_BAG', required=True,
-                        help='recording to write; one that is there is kept as OUT_BAG~')
-    add_json(parser)
+                        help='recording to write; one that is there is kept as OUT_BAG~; of '
+                             'several BAGs, a folder for them')
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
+    return run_each(args, answer, {'output': ''}, ['calibration'])
+
+
+def answer(args: argparse.Namespace) -> Answer:
+    """Estimate over one recording."""
     from forcecal_ros.bags import read_recording, write_signals
     from forcecal_ros.calibration_file import dump, load
     from forcecal_ros.observe import describe, replay, Settings
@@ -69,16 +68,13 @@ def run(args: argparse.Namespace) -> int:
     notes = [*recording.notes, *about_delay, *(f'{text} ({n} of {len(estimate.t)} samples)'
                                  for text, n in seen.items())]
     mean, std = estimate.contact.mean(axis=0), estimate.contact.std(axis=0)
-    if args.json:
-        print_json({'output': args.output, 'samples': len(estimate.t), 'notes': notes,
-                    'mean': mean.tolist(), 'std': std.tolist(), 'unit': 'N, N m'})
-        return 0
-    for note in notes:
-        warn(note)
-    say(f'{args.output}: {len(estimate.t)} contact wrenches')
-    say('mean [N, N m]  ' + '  '.join(f'{x:9.4f}' for x in mean))
-    say('std  [N, N m]  ' + '  '.join(f'{x:9.4f}' for x in std))
-    return 0
+    document = {'output': args.output, 'samples': len(estimate.t), 'notes': notes,
+                'mean': mean.tolist(), 'std': std.tolist(), 'unit': 'N, N m'}
+    means = 'mean [N, N m]  ' + '  '.join(f'{x:9.4f}' for x in mean)
+    count = f'{len(estimate.t)} contact wrenches'
+    text = '\n'.join((f'{args.output}: {count}', means,
+                      'std  [N, N m]  ' + '  '.join(f'{x:9.4f}' for x in std)))
+    return Answer(document, text, f'{count}, {means}', tuple(notes))
 
 
 def with_known_delay(calibration: 'Calibration', recording: 'Recording'

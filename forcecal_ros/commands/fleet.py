@@ -1,0 +1,158 @@
+"""One command over one recording or many: here, on several cores, or on a Dask cluster."""
+
+import argparse
+from collections.abc import Callable, Mapping, Sequence
+import json
+import os
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from forcecal_ros.commands.common import add_bag, add_json, print_json, say, warn
+from forcecal_ros.errors import ConfigError, DataError
+
+
+class Answer(NamedTuple):
+    """
+    What a command has to say about one recording.
+
+    Attributes
+    ----------
+    document : mapping
+        What ``--json`` prints.
+    text : str
+        The same to read.
+    headline : str
+        One line of it, for many recordings.
+    notes : tuple of str
+        What the user should know of.
+    status : int
+        Exit status.
+    """
+
+    document: Mapping[str, Any]
+    text: str
+    headline: str
+    notes: tuple[str, ...] = ()
+    status: int = 0
+
+
+def add_bags(parser: argparse.ArgumentParser) -> None:
+    """Add the recordings, what :func:`add_bag` adds, ``--jobs``, ``--dask`` and ``--json``."""
+    parser.fromfile_prefix_chars = '@'
+    add_bag(parser, several=True)
+    parser.add_argument('--jobs', metavar='N', type=int, default=1,
+                        help='how many recordings are worked on at once')
+    parser.add_argument('--dask', metavar='ADDRESS', default='',
+                        help='scheduler of a Dask cluster to work there, as tcp://host:8786; its '
+                             'workers need this package and the same files in the same places')
+    add_json(parser)
+
+
+def run(args: argparse.Namespace, answer: Callable[[argparse.Namespace], Answer],
+        outputs: Mapping[str, str], inputs: Sequence[str] = ()) -> int:
+    """
+    Answer for every recording and print each answer as soon as it is there.
+
+    One recording is written to what ``--output`` names. Of many, or where ``--output`` ends with
+    a slash, that is a folder which holds the results under the names of the recordings, below
+    what their paths have in common.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Of a parser with :func:`add_bags` and ``--output``.
+    answer : callable
+        Of a module of this package; takes the same arguments with one ``bag``.
+    outputs : mapping of str to str
+        Arguments that say where to write, and what is added to a recording's name there.
+    inputs : sequence of str
+        Arguments that may name files to read.
+
+    Returns
+    -------
+    int
+        Exit status: 1 where any recording has no answer.
+    """
+    bags = [bag for bag in args.bag if bag and not bag.startswith('#')]
+    if not bags:
+        raise ConfigError('no recording is named; give BAG or @FILE with one a line')
+    many = len(bags) > 1 or args.output.endswith('/')
+    tasks = _tasks(args, bags, outputs, inputs) if many else [_with(args, bag=bags[0])]
+    if many or args.dask:
+        return _show_each(tasks, answer, args, many)
+    return _show(answer(tasks[0]), args.json)
+
+
+def _with(args: argparse.Namespace, **changes: Any) -> argparse.Namespace:
+    return argparse.Namespace(**{**vars(args), **changes})
+
+
+def _tasks(args: argparse.Namespace, bags: Sequence[str], outputs: Mapping[str, str],
+           inputs: Sequence[str]) -> list[argparse.Namespace]:
+    """Return the arguments for each recording alone, which any working directory will do for."""
+    paths = [Path(bag).absolute() for bag in bags]
+    common = Path(os.path.commonpath([path.parent for path in paths]))
+    shared = {name: str(Path(value).absolute()) for name in inputs
+              if (value := getattr(args, name)) and Path(value).exists()}
+    tasks, owner = [], dict[Path, Path]()
+    for path in paths:
+        inside = path.relative_to(common)
+        name = inside.with_suffix('') if path.suffix in ('.mcap', '.db3') else inside
+        if name in owner:
+            raise ConfigError(f'{owner[name]} and {path} would both be written to {name}; '
+                              'give each its own command')
+        owner[name] = path
+        written = {key: str(Path(value).absolute() / f'{name}{suffix}')
+                   for key, suffix in outputs.items() if (value := getattr(args, key))}
+        tasks.append(_with(args, bag=str(path), **shared, **written))
+    return tasks
+
+
+def _show_each(tasks: Sequence[argparse.Namespace],
+               answer: Callable[[argparse.Namespace], Answer], args: argparse.Namespace,
+               many: bool) -> int:
+    from forcecal_ros.scale import each
+    from tqdm import tqdm
+
+    answered = 0
+    with tqdm(total=len(tasks), unit=' recordings', leave=False, disable=None) as bar:
+        for outcome in each(answer, tasks, jobs=args.jobs, dask=args.dask):
+            bar.clear()
+            if not many and outcome.error:
+                raise DataError(outcome.error)
+            if not many and outcome.value is not None:
+                return _show(outcome.value, args.json)
+            answered += _show_one_of_many(
+                tasks[outcome.index].bag, outcome.value, outcome.error, args.json)
+            bar.update()
+    if not args.json:
+        say(f'{answered} of {len(tasks)} recordings have an answer, in {args.output}')
+    return 0 if answered == len(tasks) else 1
+
+
+def _show(answer: Answer, as_json: bool) -> int:
+    if as_json:
+        print_json(answer.document)
+    else:
+        for note in answer.notes:
+            warn(note)
+        say(answer.text)
+    if answer.status:
+        warn(answer.headline)
+    return answer.status
+
+
+def _show_one_of_many(bag: str, answer: Answer | None, error: str, as_json: bool) -> bool:
+    """Print one line, with ``--json`` one document; tell whether there is an answer."""
+    if answer is None:
+        warn(f'{bag}: {error}')
+        if as_json:
+            say(json.dumps({'recording': bag, 'error': error}))
+        return False
+    if as_json:
+        say(json.dumps({'recording': bag, **answer.document}, allow_nan=False))
+    else:
+        for note in answer.notes:
+            warn(f'{bag}: {note}')
+        say(f'{bag}: {answer.headline}')
+    return answer.status == 0
