@@ -108,44 +108,26 @@ def hypotheses(problem: Problem, line: float | None = None) -> list[Hypothesis]:
     return found
 
 
-def _moves(columns: list[Column]) -> bool:
-    return any(columns)
-
-
 def _atoms(problem: Problem, name: str, effect: Effect, line: float | None) -> list[Atom]:
     nominal = nominal_of(effect)
-    typical = np.array([q.typical for q in effect.parameters])
-    singly: dict[int, list[Column]] = {}
-    for i in range(len(nominal)):
-        theta = nominal.copy()
-        theta[i] = typical[i]
-        if theta[i] != nominal[i]:
-            columns = problem.difference({**problem.effects, name: values_of(effect, theta)})
-            if _moves(columns):
-                singly[i] = columns
-    if len(singly) == len(nominal) and effect.smooth:
-        free = np.arange(len(nominal))
-        return [Atom(typical, free, _transposed(list(singly.values())))]
-    amplitudes = list(singly) or [0]
-    fixed = {'frequency': [line]} if line and name == VIBRATION else {}
-    grids = [fixed.get(q.name) or (
-                 [q.typical] if i in amplitudes and effect.smooth else
-                 list(q.starts or (q.typical,)))
-             for i, q in enumerate(effect.parameters)]
+    sized = [i for i, q in enumerate(effect.parameters) if not q.shapes]
+    fixed = {'frequency': (line,)} if line and name == VIBRATION else {}
+    grids = [fixed.get(q.name) or (q.starts if q.shapes or not effect.smooth else ())
+             or (q.typical,) for q in effect.parameters]
     atoms = []
     for start in list(product(*grids))[:MOST_STARTS]:
         several, moving = [], []
-        for i in amplitudes:
+        for i in sized:
             theta = np.array(start, dtype=float)
-            theta[[j for j in amplitudes if j != i]] = nominal[
-                [j for j in amplitudes if j != i]]
+            others = [j for j in sized if j != i]
+            theta[others] = nominal[others]
             columns = problem.difference({**problem.effects, name: values_of(effect, theta)})
-            if _moves(columns):
+            if any(columns):
                 several.append(columns)
                 moving.append(i)
         if several:
             theta = np.array(start, dtype=float)
-            still = [j for j in amplitudes if j not in moving]
+            still = [j for j in sized if j not in moving]
             theta[still] = nominal[still]
             atoms.append(Atom(theta, np.array(moving), _transposed(several)))
     return atoms

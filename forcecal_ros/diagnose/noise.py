@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
+from forcecal_ros.sim.compiled import compiled
 import numpy as np
 from numpy.typing import NDArray
 
@@ -51,13 +52,13 @@ class Noise(NamedTuple):
         ndarray, shape (k, n)
             Zero where the history is missing.
         """
-        a = self.coefficients[self.groups, channel]
-        out = columns.copy()
-        for i in range(ORDER):
-            out[:, i + 1:] -= a[i + 1:, i] * columns[:, :-i - 1]
-        sigma = self.sigma[self.groups, channel]
-        scale = np.where(self.rows[:, channel] & (sigma > 0.0), 1.0, 0.0)
-        return np.asarray(out * (scale / np.where(sigma > 0.0, sigma, 1.0)))
+        sigma = self.sigma[:, channel]
+        scale = np.where(sigma > 0.0, 1.0 / np.where(sigma > 0.0, sigma, 1.0), 0.0)
+        out = np.empty(columns.shape)
+        _whiten(np.ascontiguousarray(columns, dtype=float),
+                np.ascontiguousarray(self.coefficients[:, channel]), scale, self.groups,
+                np.ascontiguousarray(self.rows[:, channel]), out)
+        return out
 
     def rms(self, group: int = 0) -> Array:
         """Stationary RMS of each channel's noise in one group, shape (channels,)."""
@@ -69,6 +70,21 @@ class Noise(NamedTuple):
         z = np.exp(-2j * np.pi * np.outer(frequency / rate, np.arange(1, ORDER + 1)))
         response = np.abs(1.0 - z @ self.coefficients[group, channel]) ** 2
         return np.asarray(2.0 * self.sigma[group, channel] ** 2 / rate / response)
+
+
+@compiled
+def _whiten(columns: Array, coefficients: Array, scale: Array, groups: IntArray,
+            rows: BoolArray, out: Array) -> None:
+    order = coefficients.shape[1]
+    for i in range(len(columns)):
+        for t in range(columns.shape[1]):
+            out[i, t] = 0.0
+            if rows[t]:
+                g = groups[t]
+                value = columns[i, t]
+                for j in range(order):
+                    value -= coefficients[g, j] * columns[i, t - 1 - j]
+                out[i, t] = value * scale[g]
 
 
 def _stationary(a: Array, sigma: float) -> float:

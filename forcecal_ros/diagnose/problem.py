@@ -18,6 +18,12 @@ import numpy as np
 FREE = 1e-4
 """Prior precision of a released parameter, in units of its spread or typical size."""
 
+MOST_ROUNDS = 4
+"""Of recalibration."""
+
+CONVERGED = 0.05
+"""Step of the nuisances, in spreads, that ends it."""
+
 Values = Mapping[str, Mapping[str, float]]
 """Effect -> parameter -> value."""
 
@@ -53,13 +59,16 @@ class Problem:
     blocks: list[Array] = field(default_factory=list)
     columns: list[list[Column]] = field(default_factory=list)
     noise: list[Noise] = field(default_factory=list)
+    _calibrated: tuple[bytes, Rig] | None = None
 
     def current(self, effects: Values | None = None) -> Rig:
         """Return the rig at the centre, with the accepted effects or with others."""
-        values = dict(zip((n.name for n in self.nuisances), self.centre * self.sizes))
-        rig = apply_all(self.rig, self.nuisances, values)
+        key = self.centre.tobytes()
+        if self._calibrated is None or self._calibrated[0] != key:
+            values = dict(zip((n.name for n in self.nuisances), self.centre * self.sizes))
+            self._calibrated = key, apply_all(self.rig, self.nuisances, values)
         chosen = self.effects if effects is None else effects
-        return with_effects(rig, chosen) if chosen else rig
+        return with_effects(self._calibrated[1], chosen) if chosen else self._calibrated[1]
 
     def prior(self, released: frozenset[str] = frozenset()) -> Prior:
         """Return the prior of the nuisances, some of them released."""
@@ -107,17 +116,17 @@ class Problem:
             fit_noise(b - combined(columns, x, len(b)), c.measured.present, c.groups)
             for b, columns, c in zip(self.blocks, self.columns, self.cases)]
 
-    def recalibrate(self, rounds: int = 2) -> None:
+    def recalibrate(self) -> None:
         """Move the centre to the best nuisances, noise refitted on the way."""
-        for i in range(rounds):
-            self.refit_noise(np.zeros(len(self.nuisances)))
-            self.refit_noise(self.fit_nuisances().x)
-            self.centre = self.centre + self.fit_nuisances().x
-            if i == 0:
-                self.linearise()
-            else:
-                self.settle()
         self.refit_noise(np.zeros(len(self.nuisances)))
+        self.refit_noise(self.fit_nuisances().x)
+        for _ in range(MOST_ROUNDS):
+            step = self.fit_nuisances().x
+            self.centre = self.centre + step
+            self.settle()
+            self.refit_noise(np.zeros(len(self.nuisances)))
+            if np.abs(step).max(initial=0.0) < CONVERGED:
+                break
 
     def difference(self, effects: Values) -> list[Column]:
         """Return what other effects do to each recording, as columns."""

@@ -137,9 +137,8 @@ def ceiling(problem: Problem, signals: list[Signals], blocks: list[Array]) -> Ce
             continue
         white = [n.whiten(np.vstack([b[:, c], i]), c)
                  for n, b, i in zip(problem.noise, blocks, inputs)]
-        train, held = (np.sum([w[:, rows] @ w[:, rows].T for w, rows in zip(
-            white, [getattr(p, part) for p in problem.cases])], axis=0)
-            for part in ('train', 'held'))
+        train, held = (np.sum([_products(w, getattr(p, part)) for w, p in zip(
+            white, problem.cases)], axis=0) for part in ('train', 'held'))
         theta = _ridge(train)
         energy = float(theta @ held[1:, 1:] @ theta)
         if energy > 1e-9:
@@ -152,6 +151,13 @@ def ceiling(problem: Problem, signals: list[Signals], blocks: list[Array]) -> Ce
                     ratio = np.sqrt(np.mean(one[rows, c] ** 2)) / noise.rms(g)[c]
                     size[c] = max(size[c], float(ratio))
     return Ceiling(z, size, predictions)
+
+
+def _products(white: Array, rows: NDArray[np.bool_]) -> Array:
+    if not rows.any():
+        return np.zeros((len(white), len(white)))
+    chosen = white if rows.all() else white[:, rows]
+    return np.asarray(chosen @ chosen.T)
 
 
 def _padded(rows: Array, k: int) -> Array:

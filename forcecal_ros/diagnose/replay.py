@@ -7,7 +7,7 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.samples import PoseStream
 from forcecal_ros.sim.effects import AccelerometerEffects, EFFECTS, WrenchEffects
 from forcecal_ros.sim.offline import held_commands
-from forcecal_ros.sim.plant import Plant, same_motion
+from forcecal_ros.sim.plant import common_samples, enough_steps, Plant, same_motion
 from forcecal_ros.sim.rig import Rig
 from forcecal_ros.sim.robot import Motion
 from forcecal_ros.sim.simulator import checked_commands
@@ -18,6 +18,9 @@ RATE = 1000.0
 
 KEPT = 2
 """Simulations that are remembered, for effects that only act on their signals."""
+
+COARSER = 2
+"""Fewer integration steps than a simulator takes; right to 1e-4 N on the nominal rig."""
 
 UNSEEN = ('wrench_quantisation', 'clock_skew', 'dropouts')
 """Effects that show in values and stamps, not in the mean of a signal."""
@@ -92,7 +95,7 @@ class Replay:
         held = held_commands(target.t, starts, period / 2.0)
         positions, xyzw = checked_commands(target.position, target.R_base_sensor)
         self._positions, self._xyzw = positions[held], xyzw[held]
-        self._motions: dict[object, Motion] = {}
+        self._motions: dict[object, tuple[Motion, Motion]] = {}
         self._cached: dict[object, Signals] = {}
         self.simulations = 0
 
@@ -135,21 +138,25 @@ class Replay:
 
     def _simulated(self, rig: Rig) -> Signals:
         self.simulations += 1
-        plant = Plant(rig, self.accelerometer)
+        common = common_samples(rig)
+        steps = common * -(-enough_steps(rig) // (COARSER * common))
+        plant = Plant(rig, self.accelerometer, steps)
         plant.rest(self._positions[0], self._xyzw[0])
-        steps, key = plant.steps, (same_motion(rig), plant.steps)
+        every = round(steps / (RATE * rig.robot.period))
+        motion, m = self._moved(plant, (same_motion(rig), steps), 2 * every)
+        slide, response = plant.respond(motion)
+        ends = slice(every - 1, None, every)
+        specific_force = response.specific_force[ends]
+        return Signals(self.start, response.wrench[ends], specific_force,
+                       slide.slide[every::every], m.position, m.R_base_sensor,
+                       m.velocity, m.acceleration, m.omega, m.alpha,
+                       slide.speed[every::every], response.contact[ends], specific_force)
+
+    def _moved(self, plant: Plant, key: object, nodes: int) -> tuple[Motion, Motion]:
+        """Move the robot, unless it has moved just so before: at all nodes, and at samples."""
         if key not in self._motions:
             if len(self._motions) >= KEPT:
                 self._motions.pop(next(reversed(self._motions)))
-            self._motions[key] = plant.move(self._positions, self._xyzw)
-        motion = self._motions[key]
-        slide, response = plant.respond(motion)
-        every = round(steps / (RATE * rig.robot.period))
-        nodes, ends = slice(2 * every, None, 2 * every), slice(every - 1, None, every)
-        m = Motion(*(part[nodes].copy() for part in motion))
-        specific_force = response.specific_force[ends].copy()
-        return Signals(self.start, response.wrench[ends].copy(), specific_force,
-                       slide.slide[every::every].copy(), m.position, m.R_base_sensor,
-                       m.velocity, m.acceleration, m.omega, m.alpha,
-                       slide.speed[every::every].copy(), response.contact[ends].copy(),
-                       specific_force)
+            motion = plant.move(self._positions, self._xyzw)
+            self._motions[key] = motion, Motion(*(part[nodes::nodes].copy() for part in motion))
+        return self._motions[key]

@@ -14,7 +14,12 @@ EXACT = 1e-3
 
 
 class _Stream(NamedTuple):
-    """How one stream's samples fall into blocks and onto the simulated samples."""
+    """
+    How one stream's samples fall into blocks and onto the simulated samples.
+
+    ``gapless``: they are consecutive simulated ones; ``alike``: every block has so many of them,
+    0 where the blocks differ; ``means``: of the values, block by block.
+    """
 
     values: Array
     first: NDArray[np.intp]
@@ -22,7 +27,9 @@ class _Stream(NamedTuple):
     starts: NDArray[np.intp]
     counts: Array
     blocks: NDArray[np.intp]
-    kept: NDArray[np.intp]
+    gapless: bool
+    alike: int
+    means: Array
 
 
 class Measured:
@@ -80,8 +87,11 @@ class Measured:
             weights = _lagrange(u - first)
         starts = np.flatnonzero(np.diff(block, prepend=-1))
         counts = np.diff(starts, append=len(block)).astype(float)
-        self._streams[name] = _Stream(values[kept], first, weights, starts, counts,
-                                      block[starts], kept)
+        gapless = weights is None and bool((np.diff(first) == 1).all())
+        alike = int(counts[0]) if (counts == counts[0]).all() else 0
+        stream = _Stream(values[kept], first, weights, starts, counts, block[starts], gapless,
+                         alike, np.zeros(0))
+        self._streams[name] = stream._replace(means=_means(stream.values, stream))
 
     @property
     def streams(self) -> tuple[str, ...]:
@@ -103,7 +113,11 @@ class Measured:
         """
         out = np.zeros((self.n_blocks, len(CHANNELS)))
         for name, stream in self._streams.items():
-            out[stream.blocks, COLUMNS[name]] = _means(self._rows(name, stream, signals), stream)
+            if name == 'pose':
+                means = _means(self._rows(name, stream, signals), stream)
+            else:
+                means = stream.means - _means(_at(_simulated(name, signals), stream), stream)
+            out[stream.blocks, COLUMNS[name]] = means
         return out
 
     def scatter(self, signals: Signals) -> Array:
@@ -144,6 +158,9 @@ def _simulated(name: str, s: Signals) -> Array:
 
 def _at(values: Array, stream: _Stream) -> Array:
     if stream.weights is None:
+        first = int(stream.first[0])
+        if stream.gapless:
+            return values[first:first + len(stream.first)]
         return values[stream.first]
     out = np.zeros((len(stream.first), values.shape[1]))
     for i in range(4):
@@ -152,6 +169,12 @@ def _at(values: Array, stream: _Stream) -> Array:
 
 
 def _means(rows: Array, stream: _Stream) -> Array:
+    k = stream.alike
+    if k:
+        total = rows[::k].copy()
+        for i in range(1, k):
+            total += rows[i::k]
+        return np.asarray(total / k)
     return np.asarray(np.add.reduceat(rows, stream.starts, axis=0)
                       / stream.counts[:, np.newaxis])
 

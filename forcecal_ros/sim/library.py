@@ -27,6 +27,8 @@ class Quantity(NamedTuple):
     starts : tuple of float
         Where to begin a search: several values where one may miss, the usual value where the
         parameter only shapes the effect.
+    shapes : bool
+        It only shapes the effect.
     """
 
     name: str
@@ -36,6 +38,7 @@ class Quantity(NamedTuple):
     high: float
     typical: float
     starts: tuple[float, ...] = ()
+    shapes: bool = False
 
 
 class Effect(NamedTuple):
@@ -98,7 +101,7 @@ def _delay() -> tuple[Quantity, ...]:
 def _shape(name: str, unit: str, usual: float, low: float, high: float, unit_size: float,
            starts: tuple[float, ...] = ()) -> Quantity:
     """Make a parameter that only shapes its effect, and is usually so and so."""
-    return Quantity(name, unit, usual, low, high, usual + unit_size, starts or (usual,))
+    return Quantity(name, unit, usual, low, high, usual + unit_size, starts or (usual,), True)
 
 
 def _point(x: float, y: float, z: float) -> tuple[Quantity, ...]:
