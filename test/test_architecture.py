@@ -15,7 +15,7 @@ ROS = re.compile(
 
 NUMERICS = (
     ('errors',),
-    ('documents', 'geometry', 'files', 'topics'),
+    ('compiled', 'documents', 'geometry', 'files', 'topics'),
     ('samples',),
     ('calibration', 'calibration_file', 'tables'),
     ('six_axis',),

@@ -49,7 +49,7 @@ def test_simulator_compiles_one_form_of_each_function():
 def unwritable(tmp_path):
     """Make a module whose folder can take no machine code."""
     (tmp_path / 'twice.py').write_text(
-        'from forcecal_ros.sim.compiled import compiled\n\n\n'
+        'from forcecal_ros.compiled import compiled\n\n\n'
         '@compiled\ndef twice(x):\n    return 2 * x\n')
     (tmp_path / '__pycache__').touch()
     return tmp_path

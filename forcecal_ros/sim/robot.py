@@ -8,8 +8,8 @@ SO(3), integrated by Runge-Kutta 4 in unit quaternions (xyzw).
 import math
 from typing import NamedTuple
 
+from forcecal_ros.compiled import compiled, Record
 from forcecal_ros.geometry import Array
-from forcecal_ros.sim.compiled import compiled, Record
 import numpy as np
 
 ROBOT_STATE = np.dtype([

@@ -3,8 +3,8 @@
 import math
 from typing import NamedTuple
 
+from forcecal_ros.compiled import compiled, Record
 from forcecal_ros.geometry import Array, rotation_from_vector
-from forcecal_ros.sim.compiled import compiled, Record
 from forcecal_ros.sim.rig import Rig
 from forcecal_ros.sim.robot import Motion
 from forcecal_ros.sim.tool import Slide

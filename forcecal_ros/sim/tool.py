@@ -12,8 +12,8 @@ home; the spindle shakes the tool at another point with a force that is sinusoid
 import math
 from typing import NamedTuple
 
+from forcecal_ros.compiled import compiled, Record
 from forcecal_ros.geometry import Array
-from forcecal_ros.sim.compiled import compiled, Record
 from forcecal_ros.sim.robot import Motion
 import numpy as np
 

@@ -1,7 +1,7 @@
 """Hysteresis: what a signal's reversals leave behind."""
 
+from forcecal_ros.compiled import compiled
 from forcecal_ros.geometry import Array
-from forcecal_ros.sim.compiled import compiled
 import numpy as np
 
 
