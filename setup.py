@@ -47,6 +47,7 @@ setup(
         'test': [
             'pytest>=7.4',
             'pytest-timeout>=2.1',
+            'pytest-xdist>=3.5',
             'hypothesis>=6.98',
             *SCALE,
             'colcon-common-extensions>=0.3.0',

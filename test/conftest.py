@@ -22,6 +22,14 @@ ROOT = Path(__file__).resolve().parents[1]
 GENERATED = re.compile(r'(__pycache__|build|install|log|dist|.+\.egg-info|\.(?!ci|gitignore).+)')
 
 
+def pytest_collection_modifyitems(items):
+    """Keep what runs nodes to one worker of several, where it has the DDS traffic to itself."""
+    for item in items:
+        live = item.get_closest_marker('live') or any(
+            name.startswith('ros_domain') for name in item.fixturenames)
+        item.add_marker(pytest.mark.xdist_group('live' if live else item.path.stem))
+
+
 def _shared(variable: str, name: str) -> Path:
     path = Path(os.environ.get(variable, ROOT.parent / 'shared' / name))
     if not path.is_dir():

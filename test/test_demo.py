@@ -13,6 +13,8 @@ from forcecal_ros.sim.truth import true_calibration
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.live
+
 WITHIN = {
     'mass': 13.0 * 3e-4, 'com': 1e-4, 'wrench_bias': np.array([0.02] * 3 + [0.003] * 3),
     'accelerometer.gain': 0.2937 * 1.5e-3, 'accelerometer.offset': 1.5e-3,
