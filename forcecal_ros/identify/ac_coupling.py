@@ -1,6 +1,10 @@
 """The first-order high-pass of an AC-coupled accelerometer."""
 
+from dataclasses import replace
+
 from forcecal_ros.geometry import Array
+from forcecal_ros.identify.poses import StaticPose
+from forcecal_ros.samples import Stream
 import numpy as np
 from scipy.signal import lfilter
 
@@ -47,3 +51,31 @@ def fading(n: int, length: float, cutoff: float) -> Array:
     """
     x = 2 * np.pi * cutoff * length
     return np.asarray(np.exp(-x * np.arange(n)) * (1 - np.exp(-x)) / x)
+
+
+def without_fading(stream: Stream, poses: list[StaticPose], cutoff: float) -> Stream:
+    """
+    Take off what fades in each static pose, once it is fitted as a * exp(-2 pi cutoff t).
+
+    Parameters
+    ----------
+    stream : Stream
+        Behind the high-pass.
+    poses : list of StaticPose
+    cutoff : float
+        Corner [Hz].
+
+    Returns
+    -------
+    Stream
+        The same outside the poses.
+    """
+    values = stream.values.copy()
+    for pose in poses:
+        i, j = np.searchsorted(stream.t, [pose.start, pose.end])
+        shape = np.exp(-2 * np.pi * cutoff * (stream.t[i:j] - pose.start))
+        x = np.column_stack([shape, np.ones_like(shape)])
+        good = np.isfinite(values[i:j]).all(axis=1)
+        size = np.linalg.lstsq(x[good], values[i:j][good], rcond=None)[0][0]
+        values[i:j] -= np.outer(shape, size)
+    return replace(stream, values=values)

@@ -60,7 +60,7 @@ def identify(recording: Recording, settings: Settings = Settings()) -> Calibrati
         The poses do not determine the tool or the accelerometer.
     """
     stages = identify_stages(recording, settings)
-    noise = noise_of(stages)
+    noise = noise_of(stages, settings.coupling)
     tool, std = stages.tool, np.sqrt(np.diag(stages.tool.covariance))
     calibration = Calibration(
         mass=Estimate(tool.mass, std[0], 'kg'),

@@ -10,6 +10,7 @@ from forcecal_ros.calibration import (
     Tool,
 )
 from forcecal_ros.geometry import Array
+from forcecal_ros.identify.ac_coupling import without_fading
 from forcecal_ros.identify.accelerometer import AccelerometerFit
 from forcecal_ros.identify.axes import split_matrix
 from forcecal_ros.identify.covariance import (
@@ -107,17 +108,24 @@ def accelerometer_of(stages: Stages, settings: Settings) -> Accelerometer | None
         settings.coupling, cutoff, place)
 
 
-def specific_force(stages: Stages) -> Stream | None:
-    """Return the accelerometer's readings as specific force in ft_sensor [m/s^2]."""
+def specific_force(stages: Stages, coupling: str) -> Stream | None:
+    """
+    Return the accelerometer's readings as specific force in ft_sensor [m/s^2].
+
+    What fades at rest where it is AC-coupled is no noise, and is taken off.
+    """
     fit, stream = stages.accelerometer, stages.recording.accelerometer
     if fit is None or stream is None:
         return None
-    return Stream(stream.t, np.linalg.solve(fit.matrix, (stream.values - fit.offset).T).T)
+    felt = Stream(stream.t, np.linalg.solve(fit.matrix, (stream.values - fit.offset).T).T)
+    if coupling == 'ac':
+        return without_fading(felt, stages.poses, fit.cutoff)
+    return felt
 
 
-def noise_of(stages: Stages) -> Noise | None:
+def noise_of(stages: Stages, coupling: str) -> Noise | None:
     """Carry out step 9: covariances at rest; None where they could not be measured."""
-    recording, felt = stages.recording, specific_force(stages)
+    recording, felt = stages.recording, specific_force(stages, coupling)
     if recording.wrench is None or recording.pose is None or felt is None:
         return None
     wrench = stream_covariance(recording.wrench, stages.poses)
