@@ -370,13 +370,13 @@ def test_noise_at_rest_is_what_the_sensors_have(calibration):
     assert R[0, 0] == pytest.approx(2 * (20e-6)**2, rel=0.2)
     assert R[1, 1] == pytest.approx(2 * R[0, 0] / 0.004**2, rel=0.2)
     assert R[0, 1] == pytest.approx(R[0, 0] / 0.004, rel=0.2)
+    assert R[2, 2] == pytest.approx((0.010 / 0.2937)**2 / 4, rel=0.25)
 
 
 def test_what_fades_behind_a_high_pass_is_no_noise(coupled):
     noise = identify(coupled, Settings(coupling='ac', cutoff=0.01)).noise
     np.testing.assert_allclose(np.sqrt(np.diag(noise.specific_force.value)), 0.010 / 0.2525,
                                rtol=0.06)
-    assert R[2, 2] == pytest.approx((0.010 / 0.2937)**2 / 4, rel=0.25)
 
 
 def test_the_observer_gain_is_the_papers_with_k23_of_one(calibration):
