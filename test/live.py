@@ -61,14 +61,16 @@ class Live:
         self.node.destroy_node()
         self.context.try_shutdown()
 
-    def start(self, module, **parameters):
-        """Start a node; ``a__b=1`` sets its parameter ``a.b``."""
-        arguments = [part for name, value in parameters.items()
-                     for part in ('-p', f'{name.replace("__", ".")}:={value}')]
-        self.output[module] = tempfile.TemporaryFile()
-        self.processes[module] = subprocess.Popen(
+    def start(self, module, name=None, remap=(), **parameters):
+        """Start a node, under a name of its own if it has one; ``a__b=1`` sets ``a.b``."""
+        name = name or module
+        arguments = [part for key, value in parameters.items()
+                     for part in ('-p', f'{key.replace("__", ".")}:={value}')]
+        arguments += [part for rule in remap for part in ('-r', rule)]
+        self.output[name] = tempfile.TemporaryFile()
+        self.processes[name] = subprocess.Popen(
             [sys.executable, '-m', f'forcecal_ros.nodes.{module}', '--ros-args', *arguments],
-            stdin=subprocess.DEVNULL, stdout=self.output[module], stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL, stdout=self.output[name], stderr=subprocess.STDOUT,
             env=os.environ.copy(), start_new_session=True)
 
     def said(self, module):
@@ -139,6 +141,17 @@ class Live:
             self.diagnostics[status.name] = status
 
 
+def speeds(commands):
+    """Return stamps [s], and speeds [m/s], [rad/s] from one (stamp [ns], pose) to the next."""
+    stamps = np.array([stamp for stamp, _ in commands]) * 1e-9
+    values = np.array([values for _, values in commands])
+    dt = np.diff(stamps)
+    speed = np.linalg.norm(np.diff(values[:, :3], axis=0), axis=1) / dt
+    chord = np.minimum(np.linalg.norm(np.diff(values[:, 3:], axis=0), axis=1),
+                       np.linalg.norm(values[1:, 3:] + values[:-1, 3:], axis=1))
+    return stamps[1:], speed, 4 * np.arcsin(chord / 2) / dt
+
+
 class Robot:
     """
     A robot that is where it was told to be, with sensors that say so, played by the test.
@@ -199,13 +212,7 @@ class Robot:
 
     def speeds(self, first=0):
         """Return stamps [s], and speeds [m/s], [rad/s] from one command to the next."""
-        stamps = np.array([stamp for stamp, _ in self.commands[first:]]) * 1e-9
-        values = np.array([values for _, values in self.commands[first:]])
-        dt = np.diff(stamps)
-        speed = np.linalg.norm(np.diff(values[:, :3], axis=0), axis=1) / dt
-        chord = np.minimum(np.linalg.norm(np.diff(values[:, 3:], axis=0), axis=1),
-                           np.linalg.norm(values[1:, 3:] + values[:-1, 3:], axis=1))
-        return stamps[1:], speed, 4 * np.arcsin(chord / 2) / dt
+        return speeds(self.commands[first:])
 
     def late(self, since):
         """Return by how much this robot's own sensors were late in the next 0.2 s [s]."""

@@ -383,6 +383,21 @@ def test_a_stall_of_ones_own_does_not_blame_the_sensors(bench):
     assert not bench.doubt()
 
 
+def test_a_sensor_that_never_repeats_itself_is_found_frozen_at_rest(bench):
+    bench.frozen['wrench'] = bench.monitor.channels['wrench'].values
+    fault, after = bench.until_fault(30, moving=False)
+    assert 'wrench: the same reading' in fault and after < 0.06
+
+
+def test_a_sensor_that_always_repeats_itself_at_rest_may_do_so():
+    bench = Bench()
+    bench.frozen['pose'] = (*HOME.position, *bench.quaternion)
+    for _ in range(500):
+        bench.tick()
+    bench.monitor.begin(bench.ms * 1e-3)
+    assert bench.until_fault(100, moving=False)[0] == ''
+
+
 @pytest.mark.parametrize('name', list(TOPICS))
 def test_a_frozen_sensor_is_found_in_motion(bench, name):
     bench.tick(moving=True)

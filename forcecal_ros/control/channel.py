@@ -10,6 +10,9 @@ import numpy as np
 Timed: TypeAlias = tuple[float, tuple[float, ...]]
 """A time [s] and values of it."""
 
+SURELY_FROZEN = 3.0
+"""Readings at rest that repeat for so many times as long as ever before are frozen."""
+
 KEPT = 2.0
 """Samples are kept for that long to judge stillness [s]."""
 
@@ -21,6 +24,9 @@ class Channel:
         self.topic = topic
         self.heard = -inf
         self.changed = -inf
+        self.changes = 0
+        self.longest_same = 0.0
+        self.rest_timeout = inf
         self.stamp = -inf
         self.late_since = inf
         self.values: tuple[float, ...] = ()
@@ -29,8 +35,17 @@ class Channel:
     def take(self, alive: float, stamp: float, values: tuple[float, ...]) -> None:
         """Note a sample; ``alive`` is the caller's time of arrival."""
         if values != self.values:
+            if self.values:
+                self.longest_same = max(self.longest_same, self.heard - self.changed)
+                self.changes += 1
             self.changed = alive
         self.heard, self.stamp, self.values = alive, stamp, values
+
+    def begin(self, shortest: float) -> None:
+        """Learn how long readings repeat at rest, ``shortest`` [s] or longer; never: for ever."""
+        same = max(self.longest_same, self.heard - self.changed)
+        self.rest_timeout = max(shortest, SURELY_FROZEN * same) if self.changes else inf
+        self.changes, self.longest_same = 0, 0.0
 
     def keep(self) -> None:
         """Keep the last sample to judge stillness by."""

@@ -58,7 +58,8 @@ class WatchSettings:
     lost_timeout : float
         A sensor that stays silent or late for that long ends the sequence [s].
     frozen_timeout : float
-        Readings that repeat to the last bit for that long while moving [s]; 0: not looked at.
+        Readings that repeat to the last bit for that long while moving [s]; 0: not looked at. At
+        rest only those of sensors that are never that quiet, see :meth:`Channel.begin`.
     max_age : float
         Age of the newest header stamp above which it is late [s]; 0: not looked at.
     window : float
@@ -99,6 +100,7 @@ class Monitor:
         self.fault = ''
         self._alive = 0.0
         self._ticked = -inf
+        self._doubted = False
         self._moving_since = inf
         self._commands: deque[tuple[float, tuple[float, ...]]] = deque()
         self._noise: dict[str, Array] = {}
@@ -229,7 +231,10 @@ class Monitor:
         str
             One line that names the topic; empty where all is well.
         """
-        return self._silence(self.settings.pause_timeout) or self._late(ros_now)
+        patience = 0.0 if self._doubted else LATE_PATIENCE
+        doubt = self._silence(self.settings.pause_timeout) or self._late(ros_now, patience)
+        self._doubted = bool(doubt)
+        return doubt
 
     def _silence(self, timeout: float) -> str:
         for channel in self.channels.values():
@@ -238,7 +243,7 @@ class Monitor:
                 return f'{channel.topic}: silent for {silent:.3f} s'
         return ''
 
-    def _late(self, ros_now: float, patience: float = LATE_PATIENCE) -> str:
+    def _late(self, ros_now: float, patience: float) -> str:
         for channel in self.channels.values():
             age = ros_now - channel.stamp
             if not 0 < self.settings.max_age < age:
@@ -256,6 +261,9 @@ class Monitor:
             stuck = channel.heard - max(channel.changed, self._moving_since)
             if 0 < timeout < stuck:
                 return f'{channel.topic}: the same reading for {stuck:.3f} s of motion'
+            resting = channel.heard - channel.changed
+            if timeout and resting > channel.rest_timeout:
+                return f'{channel.topic}: the same reading for {resting:.3f} s'
         return ''
 
     def _astray(self) -> str:
@@ -298,6 +306,8 @@ class Monitor:
                 raise DataError(fault)
         for name in NAMES:
             self._noise[name] = self._noise_at_rest(name)
+        for channel in self.channels.values():
+            channel.begin(self.settings.frozen_timeout)
 
     def _noise_at_rest(self, name: str) -> Array:
         channel, window = self.channels[name], self.settings.window

@@ -5,9 +5,11 @@ the ``sim`` node and recordings made offline take them from here.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
+from forcecal_ros.samples import Recording
 from forcecal_ros.sim.simulator import Samples, SIGNALS
 import numpy as np
 from numpy.typing import NDArray
@@ -102,17 +104,19 @@ class SensorFault:
     def __call__(self, samples: Samples) -> Samples:
         """Pass on the next samples of all sensors, those of this one as it says them."""
         stamps, *names = SIGNALS[self.sensor]
-        if self.kind == 'none' and self._held is None:
-            t = getattr(samples, stamps)
-            if len(t):
-                self._last = _Block(t[-1:], {k: getattr(samples, k)[-1:] for k in names})
-            return samples
-        block = _Block(getattr(samples, stamps), {k: getattr(samples, k) for k in names})
+        block = self.block(_Block(getattr(samples, stamps),
+                                  {name: getattr(samples, name) for name in names}))
+        return samples._replace(**{stamps: block.t}, **block.fields)
+
+    def block(self, block: _Block) -> _Block:
+        """Return what the sensor says instead of its next samples."""
         if self.kind != 'delayed':
             self._held = None
         if self.kind != 'none':
-            block = self._ways[self.kind](block)
-        return samples._replace(**{stamps: block.t}, **block.fields)
+            return self._ways[self.kind](block)
+        if len(block.t):
+            self._last = block.where(block.t == block.t[-1])
+        return block
 
     def _stuck(self, block: _Block) -> _Block:
         if self._last is None:
@@ -166,3 +170,36 @@ class RobotFault:
         self._away = self._away + RUNAWAY * period if self.kind == 'runaway' else 0.0
         return np.asarray(position) - [self._away, 0.0, 0.0]
 
+
+
+def in_recording(recording: Recording, sensor: str, kind: str, start: float,
+                 seed: int | None = None) -> Recording:
+    """
+    Return a recording in which one sensor became faulty.
+
+    Parameters
+    ----------
+    recording : Recording
+    sensor, kind : str
+        Of ``SENSORS`` and ``FAULTS``.
+    start : float
+        From when on [s].
+    seed : int, optional
+        Of garbage.
+
+    Returns
+    -------
+    Recording
+    """
+    stream = getattr(recording, sensor)
+    names = [name for name in ('values', 'position', 'R_base_sensor') if hasattr(stream, name)]
+    fields = dict(zip(SIGNALS[sensor][1:], names))
+    fault = SensorFault(sensor, seed)
+    parts = []
+    for fault.kind, inside in (('none', stream.t < start), (kind, stream.t >= start)):
+        block = {field: getattr(stream, name)[inside] for field, name in fields.items()}
+        parts.append(fault.block(_Block(stream.t[inside], block)))
+    t = np.concatenate([part.t for part in parts])
+    values = {name: np.concatenate([part.fields[field] for part in parts])
+              for field, name in fields.items()}
+    return replace(recording, **{sensor: replace(stream, t=t, **values)})
