@@ -223,9 +223,20 @@ def lines(rows: Array, rate: float, name: str) -> tuple[Line, ...]:
         narrow = np.sum(wide > 0.25 * ratio[k]) <= 8
         if ratio[k] > LINE and narrow:
             amplitude = float(np.sqrt(power[k]) * 2.0 / window.sum())
-            found.append(Line(CHANNELS[COLUMNS[name].start + i].name, float(frequency[k]),
+            found.append(Line(CHANNELS[COLUMNS[name].start + i].name,
+                              _peak(rows[:, i] * window, float(frequency[k]), rate),
                               amplitude, float(ratio[k])))
     return tuple(found)
+
+
+def _peak(rows: Array, near: float, rate: float) -> float:
+    """Frequency of the strongest line within a bin of one [Hz]."""
+    t, width = np.arange(len(rows)) / rate, rate / len(rows)
+    for fineness in (0.25, 0.05, 0.01):
+        tried = near + fineness * width * np.arange(-5, 6)
+        power = [abs(np.exp(-2j * np.pi * f * t) @ rows) for f in tried]
+        near = float(tried[int(np.argmax(power))])
+    return near
 
 
 def _floor(power: Array) -> Array:

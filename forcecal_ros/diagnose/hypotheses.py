@@ -15,9 +15,6 @@ from numpy.typing import NDArray
 MOST_STARTS = 8
 """Shapes that one effect is screened at."""
 
-MANY = 4
-"""Parameters from which each is tried by itself as well."""
-
 VIBRATION = 'spindle_vibration'
 """The effect that shows as a spectral line."""
 
@@ -49,15 +46,20 @@ class Hypothesis(NamedTuple):
     ----------
     name : str
     effect : Effect
-    released : frozenset of str
-        Nuisances whose prior the effect lifts; such an effect has no atoms.
+    releases : tuple of frozenset of str
+        Sets of nuisances of which it may lift the prior; such an effect has no atoms.
     atoms : tuple of Atom
     """
 
     name: str
     effect: Effect
-    released: frozenset[str]
+    releases: tuple[frozenset[str], ...]
     atoms: tuple[Atom, ...]
+
+    @property
+    def ways(self) -> int:
+        """In how many ways it is tried."""
+        return len(self.releases) + len(self.atoms)
 
 
 def values_of(effect: Effect, theta: Array) -> dict[str, float]:
@@ -97,15 +99,27 @@ def hypotheses(problem: Problem, line: float | None = None) -> list[Hypothesis]:
     for name, effect in EFFECTS.items():
         if name in UNSEEN or not applicable(effect, problem.rig, accelerometer):
             continue
-        released = frozenset(n.name for n in problem.nuisances if n.key == effect.nuisance)
         if effect.nuisance:
-            if released:
-                found.append(Hypothesis(name, effect, released, ()))
+            own = [n.name for n in problem.nuisances if n.key == effect.nuisance]
+            if own:
+                found.append(Hypothesis(name, effect, tuple(
+                    frozenset(own[i] for i in part) for part in _parts(effect, len(own))), ()))
             continue
-        atoms = tuple(_sparse(_atoms(problem, name, effect, line), nominal_of(effect)))
+        atoms = tuple(_sparse(_atoms(problem, name, effect, line), effect))
         if atoms:
-            found.append(Hypothesis(name, effect, released, atoms))
+            found.append(Hypothesis(name, effect, (), atoms))
     return found
+
+
+def _parts(effect: Effect, n: int) -> list[list[int]]:
+    """List which of an effect's first n parameters may be wrong together: all, or one alone."""
+    names = [q.name for q in effect.parameters[:n]]
+    if n == 1:
+        return [[0]]
+    if 'sine_x' in names:
+        pairs = [[i for i, name in enumerate(names) if name.endswith(f'ine_{a}')] for a in 'xyz']
+        return [list(range(n)), *(p for p in pairs if p)]
+    return [list(range(n)), *([i] for i in range(n))]
 
 
 def _atoms(problem: Problem, name: str, effect: Effect, line: float | None) -> list[Atom]:
@@ -133,17 +147,20 @@ def _atoms(problem: Problem, name: str, effect: Effect, line: float | None) -> l
     return atoms
 
 
-def _sparse(atoms: list[Atom], nominal: Array) -> list[Atom]:
-    """Add each parameter of an atom of many by itself: one wrong entry is likelier than twelve."""
-    out = list(atoms)
-    for atom in atoms[:1]:
-        if len(atom.free) < MANY:
-            continue
-        for j, i in enumerate(atom.free):
+def _sparse(atoms: list[Atom], effect: Effect) -> list[Atom]:
+    """Add fewer parameters by themselves: one wrong entry is likelier than twelve."""
+    out, nominal = list(atoms), nominal_of(effect)
+    sized = [i for i, q in enumerate(effect.parameters) if not q.shapes]
+    for atom in atoms:
+        for part in _parts(effect, len(sized))[1:]:
+            chosen = [j for j, i in enumerate(atom.free) if i in part]
+            if not chosen or len(chosen) == len(atom.free):
+                continue
             start = atom.start.copy()
-            others = np.delete(atom.free, j)
+            others = np.delete(atom.free, chosen)
             start[others] = nominal[others]
-            out.append(Atom(start, np.array([i]), tuple([one[j]] for one in atom.columns)))
+            out.append(Atom(start, atom.free[chosen],
+                            tuple([one[j] for j in chosen] for one in atom.columns)))
     return out
 
 

@@ -32,8 +32,11 @@ def parameters_of(problem: Problem, a: Accepted) -> dict[str, Parameter]:
         return {q.name: Parameter(float(v), float(s), q.unit)
                 for q, v, s in zip(quantities, a.theta, a.std)}
     out, covariance = {}, problem.fit_nuisances().covariance
-    index = [i for i, n in enumerate(problem.nuisances) if n.name in a.released]
+    index = [i for i, n in enumerate(problem.nuisances) if n.key == EFFECTS[a.name].nuisance]
     for i, q in zip(index, quantities):
+        if problem.nuisances[i].name not in a.released:
+            out[q.name] = Parameter(q.nominal, 0.0, q.unit)
+            continue
         scale = float(problem.sizes[i]) * _physical(problem, problem.nuisances[i].key, q.unit)
         out[q.name] = Parameter(q.nominal + float(problem.centre[i]) * scale,
                                 abs(scale) * float(np.sqrt(covariance[i, i])), q.unit)

@@ -284,8 +284,8 @@ def not_excited(p: Problem, found: list[Hypothesis]) -> list[str]:
     energy = np.diag(train.matrix) + np.diag(held.matrix)
     visible, position = set(), m
     for h in found:
-        if h.released:
-            index = [i for i, n in enumerate(p.nuisances) if n.name in h.released]
+        if h.releases:
+            index = [i for i, n in enumerate(p.nuisances) if n.name in h.releases[0]]
             best = 9.0 * max(energy[i] for i in index)
         else:
             k = len(h.atoms[0].free)

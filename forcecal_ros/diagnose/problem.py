@@ -16,7 +16,13 @@ from forcecal_ros.sim.rig import Rig
 import numpy as np
 
 FREE = 1e-4
-"""Prior precision of a released parameter, in units of its spread or typical size."""
+"""Prior precision of the step of an accepted effect's parameter, in units of its size."""
+
+EFFECT = 1.0 / 3.0 ** 2
+"""Prior precision of an effect's parameter, in units of its typical size."""
+
+RELEASED = 1.0 / 15.0 ** 2
+"""Prior precision of a released nuisance, in units of its spread."""
 
 MOST_ROUNDS = 4
 """Of recalibration."""
@@ -73,7 +79,7 @@ class Problem:
     def prior(self, released: frozenset[str] = frozenset()) -> Prior:
         """Return the prior of the nuisances, some of them released."""
         free = np.array([n.name in released | self.released for n in self.nuisances], dtype=bool)
-        return Prior(self.centre, np.where(free, FREE, 1.0), np.where(free, np.inf, LIMIT))
+        return Prior(self.centre, np.where(free, RELEASED, 1.0), np.where(free, np.inf, LIMIT))
 
     def simulate(self, effects: Values, case: int) -> Array:
         """Return measured less simulated of one recording with other effects, (n, 16)."""

@@ -10,6 +10,7 @@ from forcecal_ros.diagnose.trial import Bench, Tangent, tangent, Trial
 from forcecal_ros.geometry import Array
 from forcecal_ros.sim.effects import EFFECTS
 import numpy as np
+from numpy.typing import NDArray
 
 SIGNIFICANT = 0.01
 """Family-wise error of a round (Holm's first step)."""
@@ -42,6 +43,8 @@ class Accepted(NamedTuple):
     name : str
     theta, std : ndarray, shape (p,)
         Empty where the effect is a released nuisance.
+    free : ndarray of int
+        Which of them are estimated.
     released : frozenset of str
     trial : Trial
         At its acceptance.
@@ -50,8 +53,14 @@ class Accepted(NamedTuple):
     name: str
     theta: Array
     std: Array
+    free: NDArray[np.intp]
     released: frozenset[str]
     trial: Trial
+
+    @classmethod
+    def of(cls, trial: Trial) -> 'Accepted':
+        """Accept a trial."""
+        return cls(trial.name, trial.theta, trial.std, trial.free, trial.released, trial)
 
 
 class Selection(NamedTuple):
@@ -84,20 +93,21 @@ def acceptable(trial: Trial, tested: int) -> bool:
 
 
 def ranked(bench: Bench, found: Sequence[Hypothesis], tested: int) -> list[Trial]:
-    """Screen hypotheses, refine the best, and return all trials, best gain first."""
+    """Screen hypotheses, refine the best, and return all trials, likeliest first."""
     screened = bench.screen(found)
     by_name = {h.name: h for h in found}
-    best = max((t.gain for t, _ in screened), default=0.0)
+    best = max((t.evidence for t, _ in screened), default=0.0)
     out, refined = [], 0
     for trial, atom in screened:
-        promising = trial.gain > max(LEAST_GAIN - 2.0, CLOSE * best) and np.isfinite(trial.gain)
-        promising |= refined < SHORTLIST and trial.gain > 1.0
-        if atom is not None and promising and refined < 2 * SHORTLIST:
+        promising = trial.evidence > CLOSE * best and np.isfinite(trial.evidence)
+        promising |= refined < SHORTLIST
+        if atom is not None and promising and trial.gain > 1.0 and refined < 2 * SHORTLIST:
             refined += 1
             better = bench.refine(by_name[trial.name], trial)
-            trial = better if better.gain > trial.gain or acceptable(trial, tested) else trial
+            if better.evidence > trial.evidence or acceptable(better, tested):
+                trial = better
         out.append(trial)
-    return sorted(out, key=lambda t: -t.gain)
+    return sorted(out, key=lambda t: -t.evidence)
 
 
 def select(problem: Problem, found: Sequence[Hypothesis]) -> Selection:
@@ -119,14 +129,14 @@ def select(problem: Problem, found: Sequence[Hypothesis]) -> Selection:
     first: tuple[Trial, ...] = ()
     while True:
         left = [h for h in found if h.name not in {a.name for a in accepted}]
-        tested = sum(max(1, len(h.atoms)) for h in left)
+        tested = sum(h.ways for h in left)
         trials = ranked(Bench(problem, tangents), left, tested)
         if not accepted:
             first = tuple(trials)
         best = next((t for t in trials if acceptable(t, tested)), None)
         if best is None or len(accepted) >= MOST_EFFECTS:
             break
-        accepted.append(Accepted(best.name, best.theta, best.std, best.released, best))
+        accepted.append(Accepted.of(best))
         problem, accepted, tangents = joint(problem, accepted, best.nuisances)
     if len(accepted) > 1:
         problem, accepted, tangents = _drop(problem, accepted, tangents)
@@ -171,11 +181,13 @@ def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = N
         for j, a in enumerate(now):
             if len(a.theta):
                 t = next(t for t in tangents if t.name == a.name)
-                part = slice(position, position + len(a.theta))
+                part = slice(position, position + len(a.free))
                 low, high = bounds_of(EFFECTS[a.name])
-                now[j] = a._replace(theta=np.clip(a.theta + x[part] * t.units, low, high),
-                                    std=t.units * np.sqrt(variance[part]))
-                position += len(a.theta)
+                theta, std = a.theta.copy(), np.zeros(len(a.theta))
+                theta[a.free] += x[part] * t.units
+                std[a.free] = t.units * np.sqrt(variance[part])
+                now[j] = a._replace(theta=np.clip(theta, low, high), std=std)
+                position += len(a.free)
         out.effects = _effects(now)
         out.settle()
         small = np.abs(x[m:]).max(initial=0.0) < 1e-3 and np.abs(x[:m]).max(initial=0.0) < 0.1
@@ -190,7 +202,8 @@ def _effects(accepted: Sequence[Accepted]) -> dict[str, dict[str, float]]:
 
 
 def _tangent(problem: Problem, a: Accepted) -> Tangent:
-    return tangent(problem, a.name, a.theta, problem.blocks, range(len(problem.cases)))
+    return tangent(problem, a.name, a.theta, a.free, problem.blocks,
+                   range(len(problem.cases)))
 
 
 def _without(problem: Problem, accepted: Sequence[Accepted], name: str) -> tuple[
@@ -227,14 +240,14 @@ def _exchange(problem: Problem, accepted: list[Accepted], tangents: list[Tangent
         taken = {b.name for b in rest}
         bench = Bench(less, few)
         trials = ranked(bench, [h for h in found if h.name not in taken], len(found))
-        own = next((t.gain for t in trials if t.name == a.name), -np.inf)
-        if trials and trials[0].name != a.name and trials[0].gain > own + LEAST_GAIN \
+        own = next((t.evidence for t in trials if t.name == a.name), -np.inf)
+        if trials and trials[0].name != a.name and trials[0].evidence > own + LEAST_GAIN \
                 and acceptable(trials[0], len(found)):
             best = trials[0]
-            changed = [*rest, Accepted(best.name, best.theta, best.std, best.released, best)]
+            changed = [*rest, Accepted.of(best)]
             problem, accepted, tangents = joint(less, changed, best.nuisances)
-            own, a = best.gain, accepted[-1]
+            own, a = best.evidence, accepted[-1]
         now = {b.name for b in accepted}
-        rivals[a.name] = {t.name: float(t.gain - own) for t in trials
-                          if t.name not in now and np.isfinite(t.gain)}
+        rivals[a.name] = {t.name: float(t.evidence - own) for t in trials
+                          if t.name not in now and np.isfinite(t.evidence)}
     return problem, accepted, tangents, rivals

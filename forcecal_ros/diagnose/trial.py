@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.columns import Column, column, combined
-from forcecal_ros.diagnose.evidence import fit, Gram, predictive, Prior, Score, score
+from forcecal_ros.diagnose.evidence import fit, Gram, Prior, Score, score
 from forcecal_ros.diagnose.hypotheses import (
     Atom,
     bounds_of,
@@ -13,10 +13,11 @@ from forcecal_ros.diagnose.hypotheses import (
     nominal_of,
     values_of,
 )
-from forcecal_ros.diagnose.problem import FREE, Problem
+from forcecal_ros.diagnose.problem import EFFECT, FREE, Problem
 from forcecal_ros.geometry import Array
 from forcecal_ros.sim.effects import Effect, EFFECTS
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import norm
 
 FAR = 20.0
@@ -27,9 +28,10 @@ ROUNDS = 4
 
 
 class Tangent(NamedTuple):
-    """Columns of an accepted effect's parameters at their values, and the unit of each."""
+    """Columns of an effect's estimated parameters at their values, and the unit of each."""
 
     name: str
+    free: NDArray[np.intp]
     units: Array
     columns: tuple[list[Column], ...]
 
@@ -44,11 +46,15 @@ class Trial(NamedTuple):
     theta : ndarray, shape (p,)
         Parameters of the effect; empty where it releases nuisances instead.
     std : ndarray, shape (p,)
+    free : ndarray of int
+        Which of them are estimated.
     nuisances : ndarray, shape (m,)
         Step of the nuisances that goes with it, in spreads.
     released : frozenset of str
     gain : float
         Held-out log-likelihood above that without the hypothesis.
+    evidence : float
+        Marginal likelihood of all data, likewise, parameters' priors included.
     score : Score
     size : float
         Largest RMS of what it changes, over channels and kinds of motion, in noise RMS.
@@ -63,9 +69,11 @@ class Trial(NamedTuple):
     name: str
     theta: Array
     std: Array
+    free: NDArray[np.intp]
     nuisances: Array
     released: frozenset[str]
     gain: float
+    evidence: float
     score: Score
     size: float
     excess: float
@@ -85,6 +93,12 @@ class Trial(NamedTuple):
         return float(low / max(high, 1e-9))
 
 
+def estimated(effect: Effect, atom: Atom) -> NDArray[np.intp]:
+    """Return the parameters to estimate from an atom: those it moves, and those that shape."""
+    return np.array([i for i, q in enumerate(effect.parameters)
+                     if q.shapes or i in atom.free], dtype=np.intp)
+
+
 def unit_of(effect: Effect, theta: Array) -> Array:
     """Scale of each parameter, shape (p,)."""
     nominal = nominal_of(effect)
@@ -95,8 +109,8 @@ def unit_of(effect: Effect, theta: Array) -> Array:
     return np.asarray(np.where(unit > 0.0, unit, 1.0))
 
 
-def tangent(problem: Problem, name: str, theta: Array, blocks: Sequence[Array],
-            cases: Sequence[int]) -> Tangent:
+def tangent(problem: Problem, name: str, theta: Array, free: NDArray[np.intp],
+            blocks: Sequence[Array], cases: Sequence[int]) -> Tangent:
     """
     Take an effect's columns at its parameters by finite steps.
 
@@ -105,6 +119,8 @@ def tangent(problem: Problem, name: str, theta: Array, blocks: Sequence[Array],
     problem : Problem
     name : str
     theta : ndarray, shape (p,)
+    free : ndarray of int, shape (k,)
+        Which parameters.
     blocks : sequence of ndarray, shape (n, 16)
         Measured less simulated with the effect at ``theta``, of the chosen recordings.
     cases : sequence of int
@@ -115,10 +131,10 @@ def tangent(problem: Problem, name: str, theta: Array, blocks: Sequence[Array],
     Tangent
     """
     effect = EFFECTS[name]
-    units, high = unit_of(effect, theta), bounds_of(effect)[1]
+    units, high = unit_of(effect, theta)[free], bounds_of(effect)[1]
     fraction = 0.02 if effect.smooth else 0.1
     columns: list[list[Column]] = [[] for _ in problem.cases]
-    for i, unit in enumerate(units):
+    for i, unit in zip(free, units):
         moved = theta.copy()
         h = fraction * unit if theta[i] + fraction * unit <= high[i] else -fraction * unit
         moved[i] += h
@@ -130,7 +146,7 @@ def tangent(problem: Problem, name: str, theta: Array, blocks: Sequence[Array],
                 one = column((before - problem.simulate(changed, case)) * (unit / h),
                              problem.level)
             columns[case].append(one)
-    return Tangent(name, units, tuple(columns))
+    return Tangent(name, free, units, tuple(columns))
 
 
 class Bench:
@@ -151,55 +167,63 @@ class Bench:
         self.m = len(problem.nuisances)
         self.base = self.m + len(self.extra[0])
         self.train, self.held = problem.grams(self.extra)
-        self.null_prior = self._prior(frozenset(), 0)
+        self.null_prior = self._prior(frozenset(), np.zeros(0))
         self.null = fit(self.train, self.null_prior)
-        self.null_predictive = predictive(self.train, self.held, self.null_prior)
+        self.null_evidence = fit(self.train + self.held, self.null_prior).log_evidence
+        self.null_predictive = self.null_evidence - self.null.log_evidence
         self.noise_rms = [np.stack([n.rms(g) for g in range(3)]) for n in problem.noise]
         d = self.null.x
         self.excess = float(self.held.square - 2.0 * self.held.vector @ d
                             + d @ self.held.matrix @ d - self.held.n)
 
-    def _prior(self, released: frozenset[str], more: int) -> Prior:
+    def _prior(self, released: frozenset[str], centre: Array) -> Prior:
+        """Return the prior of nuisances, accepted effects, and an effect's parameters."""
         own = self.problem.prior(released)
-        k = self.base - self.m + more
-        return Prior(np.concatenate([own.centre, np.zeros(k)]),
-                     np.concatenate([own.precision, np.full(k, FREE)]),
-                     np.concatenate([own.bound, np.full(k, np.inf)]))
+        k = self.base - self.m
+        return Prior(np.concatenate([own.centre, np.zeros(k), centre]),
+                     np.concatenate([own.precision, np.full(k, FREE),
+                                     np.full(len(centre), EFFECT)]),
+                     np.concatenate([own.bound, np.full(k + len(centre), np.inf)]))
 
     def screen(self, hypotheses: Sequence[Hypothesis]) -> list[tuple[Trial, Atom | None]]:
-        """Judge all hypotheses on linear columns, the best start of each, best gain first."""
+        """Judge all hypotheses on linear columns, the best start of each, likeliest first."""
         cases = range(len(self.problem.cases))
         atoms = [(h, a) for h in hypotheses for a in h.atoms]
         all_columns = [
             [*self.extra[i], *(c for _, a in atoms for c in a.columns[i])] for i in cases]
         train, held = self.problem.grams(all_columns)
-        out: list[tuple[Trial, Atom | None]] = []
         best: dict[str, tuple[Trial, Atom | None]] = {}
+
+        def keep(h: Hypothesis, trial: Trial, atom: Atom | None) -> None:
+            if h.name not in best or trial.evidence > best[h.name][0].evidence:
+                best[h.name] = (trial, atom)
+
         for h in hypotheses:
-            if h.released and not h.released <= self.problem.released:
+            for released in h.releases:
                 index = np.arange(self.base)
-                out.append((self._judge(h, None, train.of(index), held.of(index), []), None))
+                keep(h, self._judge(h, None, released, train.of(index), held.of(index), []), None)
         position = self.base
         for h, atom in atoms:
             k = len(atom.free)
             index = np.concatenate([np.arange(self.base), position + np.arange(k)])
             position += k
-            trial = self._judge(h, atom, train.of(index), held.of(index),
-                                [list(atom.columns[i]) for i in cases])
-            if h.name not in best or trial.gain > best[h.name][0].gain:
-                best[h.name] = (trial, atom)
-        return sorted([*out, *best.values()], key=lambda pair: -pair[0].gain)
+            keep(h, self._judge(h, atom, frozenset(), train.of(index), held.of(index),
+                                [list(atom.columns[i]) for i in cases]), atom)
+        return sorted(best.values(), key=lambda pair: -pair[0].evidence)
 
-    def _judge(self, h: Hypothesis, atom: Atom | None, train: Gram, held: Gram,
-               columns: list[list[Column]]) -> Trial:
+    def _judge(self, h: Hypothesis, atom: Atom | None, released: frozenset[str], train: Gram,
+               held: Gram, columns: list[list[Column]]) -> Trial:
         k = len(train.vector) - self.base
-        prior = self._prior(h.released, k)
-        found = fit(train, prior)
-        gain = predictive(train, held, prior) - self.null_predictive
+        prior = self._prior(released, np.zeros(k))
+        found, joint = fit(train, prior), fit(train + held, prior)
+        evidence = joint.log_evidence - self.null_evidence - np.log(h.ways)
+        gain = joint.log_evidence - found.log_evidence - self.null_predictive
         null = np.concatenate([self.null.x, np.zeros(k)])
         s = score(held, null, found.x, np.arange(self.base), self.null.covariance)
         theta = std = np.zeros(0)
+        free = np.zeros(0, dtype=np.intp)
         if atom is not None:
+            free = estimated(h.effect, atom)
             nominal, x = nominal_of(h.effect), found.x[self.base:]
             unit = (atom.start - nominal)[atom.free]
             theta, std = atom.start.copy(), np.zeros(len(atom.start))
@@ -207,15 +231,16 @@ class Bench:
             theta[atom.free] = np.where(limit[atom.free], atom.start[atom.free],
                                         nominal[atom.free] + x * unit)
             if limit.any() and (x < 0.5).any():
-                gain = -np.inf
+                gain = evidence = -np.inf
             variance = np.diag(found.covariance)[self.base:]
             std[atom.free] = np.abs(unit) * np.sqrt(variance)
             low, high = bounds_of(h.effect)
             if (len(atom.free) == 1 and (theta < low - 1e-12 * np.abs(low)).any()):
-                gain = -np.inf
+                gain = evidence = -np.inf
             theta = np.clip(theta, low, high)
-        return Trial(h.name, theta, std, found.x[:self.m], h.released, float(gain), s,
-                     self._size(columns, found.x - null), self.excess, held.n, atom is None)
+        return Trial(h.name, theta, std, free, found.x[:self.m], released, float(gain),
+                     float(evidence), s, self._size(columns, found.x - null), self.excess,
+                     held.n, atom is None)
 
     def _size(self, columns: list[list[Column]], d: Array) -> float:
         """Largest RMS of a difference, held out, in noise RMS of a channel and kind of motion."""
@@ -239,54 +264,61 @@ class Bench:
         problem, effect = self.problem, h.effect
         low, high = bounds_of(effect)
         fitted = [i for i, c in enumerate(problem.cases) if c.train.any()]
-        theta, best = trial.theta.copy(), (-np.inf, trial.theta, np.zeros(0))
-        step = np.zeros(len(theta))
+        theta, free = trial.theta.copy(), trial.free
+        best, step = (-np.inf, theta), np.zeros(len(free))
         for _ in range(ROUNDS):
             values = {**problem.effects, h.name: values_of(effect, theta)}
             blocks = [problem.simulate(values, i) for i in fitted]
-            t = tangent(problem, h.name, theta, blocks, fitted)
+            t = tangent(problem, h.name, theta, free, blocks, fitted)
             full = [blocks[fitted.index(i)] if i in fitted else b
                     for i, b in enumerate(problem.blocks)]
             columns = [[*self.extra[i], *t.columns[i]] for i in range(len(problem.cases))]
             train, _ = problem.grams(columns, full)
-            found = fit(train, self._prior(h.released, len(theta)))
-            at_zero = self._at(train, h.released, len(theta))
+            found = fit(train, self._prior(frozenset(), self._centre(effect, theta, t)))
+            at_zero = self._at(train)
             if at_zero > best[0]:
-                best, step = (at_zero, theta, t.units), found.x[self.base:] * t.units
+                best, step = (at_zero, theta), found.x[self.base:] * t.units
             else:
                 step = 0.3 * step
-            moved = np.clip(best[1] + step, low, high)
-            if np.abs((moved - theta) / t.units).max() < 1e-3:
+            moved = best[1].copy()
+            moved[free] = np.clip(moved[free] + step, low[free], high[free])
+            if np.abs((moved - theta)[free] / t.units).max() < 1e-3:
                 break
             theta = moved
-        return self._final(h, best[1])
+        return self._final(h, best[1], free)
 
-    def _at(self, train: Gram, released: frozenset[str], k: int) -> float:
+    def _centre(self, effect: Effect, theta: Array, t: Tangent) -> Array:
+        """How far the parameters are from where the effect does nothing, in their units."""
+        away = (theta - nominal_of(effect))[t.free] / t.units
+        return np.asarray(np.where(np.abs(away) > FAR, 0.0, away))
+
+    def _at(self, train: Gram) -> float:
         """Evidence with the effect's parameters as they are."""
-        index = np.arange(self.base)
-        return fit(train.of(index), self._prior(released, 0)).log_evidence
+        return fit(train.of(np.arange(self.base)), self.null_prior).log_evidence
 
-    def _final(self, h: Hypothesis, theta: Array) -> Trial:
+    def _final(self, h: Hypothesis, theta: Array, free: NDArray[np.intp]) -> Trial:
         problem, cases = self.problem, range(len(self.problem.cases))
         values = {**problem.effects, h.name: values_of(h.effect, theta)}
         blocks = [problem.simulate(values, i) for i in cases]
-        t = tangent(problem, h.name, theta, blocks, list(cases))
+        t = tangent(problem, h.name, theta, free, blocks, list(cases))
         moved = [column(b - after, problem.level) for b, after in zip(problem.blocks, blocks)]
         own = [[*t.columns[i], moved[i]] for i in cases]
-        train, held = problem.grams([[*self.extra[i], *own[i]] for i in cases])
-        k = len(theta)
-        prior = self._prior(h.released, k)
-        shifted_train, shifted_held = _shifted(train), _shifted(held)
-        found = fit(shifted_train, prior)
-        gain = predictive(shifted_train, shifted_held, prior) - self.null_predictive
-        null = np.concatenate([self.null.x, np.zeros(k + 1)])
+        grams = problem.grams([[*self.extra[i], *own[i]] for i in cases])
+        train, held = map(_shifted, grams)
+        prior = self._prior(frozenset(), self._centre(h.effect, theta, t))
+        found, joint = fit(train, prior), fit(train + held, prior)
+        gain = joint.log_evidence - found.log_evidence - self.null_predictive
+        evidence = joint.log_evidence - self.null_evidence - np.log(h.ways)
+        null = np.concatenate([self.null.x, np.zeros(len(free) + 1)])
         alternative = np.append(found.x, 1.0)
-        s = score(held, null, alternative, np.arange(self.base), self.null.covariance)
-        x, (low, high) = found.x[self.base:], bounds_of(h.effect)
-        std = t.units * np.sqrt(np.diag(found.covariance)[self.base:])
-        return Trial(h.name, np.clip(theta + x * t.units, low, high), std, found.x[:self.m],
-                     h.released, float(gain), s, self._size(own, alternative - null),
-                     self.excess, held.n, True)
+        s = score(grams[1], null, alternative, np.arange(self.base), self.null.covariance)
+        low, high = bounds_of(h.effect)
+        std, out = np.zeros(len(theta)), theta.copy()
+        std[free] = t.units * np.sqrt(np.diag(found.covariance)[self.base:])
+        out[free] = np.clip(theta[free] + found.x[self.base:] * t.units, low[free], high[free])
+        return Trial(h.name, out, std, free, found.x[:self.m], frozenset(), float(gain),
+                     float(evidence), s, self._size(own, alternative - null), self.excess,
+                     held.n, True)
 
 
 def _shifted(gram: Gram) -> Gram:
