@@ -1,9 +1,14 @@
 """The one way this package compiles numerical loops."""
 
 from collections.abc import Callable
+from hashlib import sha256
+from inspect import isfunction
+from pathlib import Path
+from types import FunctionType
 from typing import Any, cast, TypeVar
 
 from numba import njit
+from numba.extending import register_jitable
 
 F = TypeVar('F', bound=Callable[..., Any])
 
@@ -32,3 +37,43 @@ def compiled(function: F) -> F:
         return cast(F, njit(cache=True, nogil=True)(function))
     except RuntimeError:  # nowhere to keep it: compile anew in each process
         return cast(F, njit(nogil=True)(function))
+
+
+def compiled_with_all_it_calls(function: F) -> F:
+    """
+    Compile a function together with the plain functions of its folder that it calls.
+
+    They stay what they are for the interpreter, so that the same source runs sample by sample
+    and over whole recordings. The machine code on disk is good for the text of all files in the
+    folder, and made anew when any of them changes.
+
+    Parameters
+    ----------
+    function : callable
+
+    Returns
+    -------
+    callable
+    """
+    for called in _called_by(cast(FunctionType, function)):
+        register_jitable(called)
+    folder = Path(function.__code__.co_filename).parent
+    text = b''.join(path.read_bytes() for path in sorted(folder.glob('*.py')))
+    function.__qualname__ += f'-{sha256(text).hexdigest()[:12]}'
+    return compiled(function)
+
+
+def _called_by(function: FunctionType) -> list[FunctionType]:
+    """Return the plain functions of the same package it calls, and all that those call."""
+    package = function.__module__.rpartition('.')[0] + '.'
+    found: list[FunctionType] = []
+    waiting = [function]
+    while waiting:
+        one = waiting.pop()
+        for name in one.__code__.co_names:
+            called = one.__globals__.get(name)
+            if (isfunction(called) and called.__module__.startswith(package)
+                    and called not in found):
+                found.append(called)
+                waiting.append(called)
+    return found

@@ -2,6 +2,7 @@
 
 calibration, settings -> design (bandwidth, riccati) -> model
 events -> step (align -> contact (tracking, inertial, newton)) -> contact wrench, status
+recording -> batch (the same functions, compiled) -> the same for all wrenches at once
 """
 
 from forcecal_ros.observe.bandwidth import noise_levels, NoiseLevels

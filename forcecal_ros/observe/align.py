@@ -12,8 +12,10 @@ stamps only. They hold as long as no message is overtaken by more than ``skew``:
 - A stream that stops holds the output back once, for ``timeout + skew``, and no longer.
 """
 
-from math import inf
+from math import inf, nan
 from typing import Any, NamedTuple
+
+from forcecal_ros.geometry import Array
 
 SAME = 1e-7
 """Stamps closer than this are one instant; a float holds them better than clocks do [s]."""
@@ -22,6 +24,9 @@ _HANDFUL = 6
 
 Entry = tuple[Any, ...]
 """(time, usable from, values...)"""
+
+Samples = tuple[Entry, ...] | Array
+"""Entries, or an array with one in each row."""
 
 
 class Channel(NamedTuple):
@@ -76,13 +81,13 @@ def usable_from(
     return t + skew - min(lead, 0.0) if t - before > timeout else -inf
 
 
-def around(samples: tuple[Entry, ...], t: float, timeout: float) -> tuple[Entry, Entry] | None:
+def around(samples: Samples, t: float, timeout: float) -> tuple[int, int]:
     """
     Find the samples before and after ``t``.
 
     Parameters
     ----------
-    samples : tuple of Entry
+    samples : tuple of Entry, or ndarray
         In order of time.
     t : float
         [s]
@@ -91,23 +96,109 @@ def around(samples: tuple[Entry, ...], t: float, timeout: float) -> tuple[Entry,
 
     Returns
     -------
-    tuple of two Entry, or None
-        The same one twice where it lies at ``t``; None where ``t`` is in a gap.
+    tuple of two int
+        The same one twice where it lies at ``t``; -1 twice where ``t`` is in a gap.
     """
     i = len(samples) - 1
     while i >= 0 and samples[i][0] > t:
         i -= 1
+    if i < 0 or samples[i][1] > t:
+        return -1, -1
+    before = samples[i][0]
+    if t - before < SAME:
+        return i, i
+    if i + 1 == len(samples) or samples[i + 1][0] - before > timeout:
+        return -1, -1
+    return i, i + 1
+
+
+class Reading(NamedTuple):
+    """
+    What the accelerometer says at one instant.
+
+    Attributes
+    ----------
+    known : bool
+        Whether it says anything.
+    full : bool
+        Whether it is at the end of its range.
+    run : float
+        Which uninterrupted run of samples this belongs to.
+    f : tuple of 3 float
+        Specific force [m/s^2].
+    integral : tuple of 3 float
+        Of it over time since the run began [m/s]; zero where nobody asked for it.
+    """
+
+    known: bool
+    full: bool
+    run: float
+    f: tuple[float, float, float]
+    integral: tuple[float, float, float]
+
+
+SILENT = Reading(False, False, inf, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def force_at(samples: Samples, t: float, timeout: float, integrated: bool) -> Reading:
+    """
+    Interpolate the accelerometer.
+
+    Parameters
+    ----------
+    samples : tuple of Entry, or ndarray
+        ``(time, usable from, specific force (3), its integral (3), full)``
+    t : float
+        [s]
+    timeout : float
+        Longest gap that is bridged [s].
+    integrated : bool
+        Whether the integral is wanted.
+
+    Returns
+    -------
+    Reading
+    """
+    i, j = around(samples, t, timeout)
     if i < 0:
-        return None
-    before = samples[i]
-    if before[1] > t:
-        return None
-    if t - before[0] < SAME:
-        return before, before
-    if i + 1 == len(samples):
-        return None
-    after = samples[i + 1]
-    return (before, after) if after[0] - before[0] <= timeout else None
+        return SILENT
+    a, b = samples[i], samples[j]
+    x, y, z = a[2], a[3], a[4]
+    if i < j:
+        k = (t - a[0]) / (b[0] - a[0])
+        x, y, z = x + k * (b[2] - x), y + k * (b[3] - y), z + k * (b[4] - z)
+    integral = (0.0, 0.0, 0.0)
+    if integrated:
+        h = (t - a[0]) / 2
+        integral = (a[5] + h * (a[2] + x), a[6] + h * (a[3] + y), a[7] + h * (a[4] + z))
+    return Reading(True, a[8] > 0 or b[8] > 0, a[1], (x, y, z), integral)
+
+
+def displacement_at(samples: Samples, t: float, timeout: float) -> float:
+    """
+    Interpolate the displacement.
+
+    Parameters
+    ----------
+    samples : tuple of Entry, or ndarray
+        ``(time, usable from, displacement)``
+    t : float
+        [s]
+    timeout : float
+        Longest gap that is bridged [s].
+
+    Returns
+    -------
+    float
+        NaN where no sensor tells [m].
+    """
+    i, j = around(samples, t, timeout)
+    if i < 0:
+        return nan
+    a, b = samples[i], samples[j]
+    if i == j:
+        return a[2]  # type: ignore[no-any-return]
+    return a[2] + (t - a[0]) / (b[0] - a[0]) * (b[2] - a[2])  # type: ignore[no-any-return]
 
 
 def pruned(samples: tuple[Entry, ...], t: float) -> tuple[Entry, ...]:
@@ -151,21 +242,21 @@ def pruned_channel(channel: Channel, t: float) -> Channel:
     return Channel(pruned(samples, t), channel.last, channel.wash)
 
 
-def bounded(samples: tuple[Entry, ...], wait: float) -> tuple[Entry, ...]:
+def bounded(samples: tuple[Entry, ...], memory: float) -> tuple[Entry, ...]:
     """
     Drop samples that are too old for any wrench still to come, lest they pile up without one.
 
     Parameters
     ----------
     samples : tuple of Entry
-    wait : float
-        Longest that a wrench waits [s].
+    memory : float
+        Age that no sample is kept beyond [s].
 
     Returns
     -------
     tuple of Entry
     """
-    oldest = samples[-1][0] - 2 * wait
+    oldest = samples[-1][0] - memory
     return samples if samples[0][0] >= oldest else pruned(samples, oldest)
 
 
@@ -212,7 +303,7 @@ def pose_ready(queue: PoseQueue, t: float, now: float, first: float, timeout: fl
 
 
 def queued_pose(queue: PoseQueue, t: float, value: Entry, first: float, timeout: float,
-                skew: float) -> PoseQueue:
+                skew: float, memory: float) -> PoseQueue:
     """
     Append a pose.
 
@@ -223,7 +314,7 @@ def queued_pose(queue: PoseQueue, t: float, value: Entry, first: float, timeout:
         Its stamp, later than the last [s].
     value : tuple
         Position and quaternion.
-    first, timeout, skew : float
+    first, timeout, skew, memory : float
         [s]
 
     Returns
@@ -233,5 +324,5 @@ def queued_pose(queue: PoseQueue, t: float, value: Entry, first: float, timeout:
     usable = usable_from(queue.last, t, 0.0, first, timeout, skew)
     interval = t - queue.last
     due = t + 0.9 * interval if interval <= timeout else t
-    pending = bounded((*queue.pending, (t, max(t, queue.due, usable), *value)), timeout + skew)
+    pending = bounded((*queue.pending, (t, max(t, queue.due, usable), *value)), memory)
     return PoseQueue(pending, t, due)

@@ -1,19 +1,36 @@
 """From aligned signals to one contact wrench: what the step does once all has arrived."""
 
-from math import exp, inf, isfinite
+from math import exp, inf, isfinite, nan
 from typing import NamedTuple
 
 from forcecal_ros.observe import status as st
-from forcecal_ros.observe.align import around, Entry
+from forcecal_ros.observe.align import Reading
 from forcecal_ros.observe.design import Model
-from forcecal_ros.observe.inertial import gravity_in_sensor, Place, tool_wrench, track_place
+from forcecal_ros.observe.inertial import (
+    gravity_in_sensor,
+    NO_RUN,
+    Place,
+    tool_wrench,
+    track_place,
+)
 from forcecal_ros.observe.newton import newton_step, NewtonState
-from forcecal_ros.observe.tracking import Poles, rotate, Rotation, track_rotation, Vector
+from forcecal_ros.observe.status import saturated
+from forcecal_ros.observe.tracking import (
+    Poles,
+    Quaternion,
+    rotate,
+    Rotation,
+    track_rotation,
+    Vector,
+)
 
 Wrench = tuple[float, float, float, float, float, float]
 
 ZERO: Vector = (0.0, 0.0, 0.0)
 NOTHING: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+NOWHERE = Place(-inf, -inf, NO_RUN, ZERO, ZERO, ZERO, ZERO)
+STOPPED = NewtonState(nan, nan)
 
 PAUSE = 0.1
 """After a longer pause of the wrench the contact filter starts anew [s]."""
@@ -54,98 +71,127 @@ class ContactSample(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """What the poses taught; None before the first, or where nothing tells."""
+    """
+    What the poses taught.
 
-    rotation: Rotation | None = None
-    place: Place | None = None
-    offset: Vector | None = None
-    """Of the accelerometer beyond its calibration, ft_sensor [m/s^2]."""
+    Attributes
+    ----------
+    rotation : Rotation
+        Of time -inf before the first pose.
+    place : Place
+        Of time -inf where nothing tells.
+    offset : tuple of 3 float
+        Of the accelerometer beyond its calibration, ft_sensor [m/s^2].
+    offset_known, position : bool
+        Whether there is an offset, and whether the last pose held a position.
+    """
+
+    rotation: Rotation = Rotation(-inf, (0.0, 0.0, 0.0, 1.0), ZERO, ZERO)
+    place: Place = NOWHERE
+    offset: Vector = ZERO
+    offset_known: bool = False
     position: bool = False
 
 
 class Filter(NamedTuple):
-    """The contact filter after the wrench of time ``t``."""
+    """
+    The contact filter.
+
+    Attributes
+    ----------
+    t : float
+        Stamp of the last wrench that was used [s].
+    contact : tuple of 6 float
+        [N, N m]
+    s : float
+        Displacement of the tool then [m].
+    newton : NewtonState
+        NaN where it is not running.
+    axis : tuple of 3 float
+        x of ft_sensor in base, which ``newton`` is along.
+    """
 
     t: float = -inf
     contact: Wrench = NOTHING
     s: float = 0.0
-    newton: NewtonState | None = None
+    newton: NewtonState = STOPPED
     axis: Vector = ZERO
-    """x of ft_sensor in base, which ``newton`` is along."""
 
 
-def take_pose(motion: Motion, pose: Entry, late: bool, accelerometer: tuple[Entry, ...],
-              displacement: tuple[Entry, ...], s: float, model: Model) -> Motion:
+def take_pose(motion: Motion, t: float, position: Vector, q: Quaternion, late: bool,
+              force: Reading, s: float, model: Model) -> Motion:
     """
     Take in a pose whose turn has come.
 
     Parameters
     ----------
     motion : Motion
-    pose : tuple
-        Of a :class:`~forcecal_ros.observe.align.PoseQueue`.
+    t : float
+        Its stamp [s].
+    position : tuple of 3 float
+        [m]; not finite where only the orientation is known.
+    q : tuple of 4 float
+        xyzw, normalised.
     late : bool
         Whether the samples around its stamp may be gone: then only the rotation is followed.
-    accelerometer, displacement : tuple of Entry
-        Samples around the pose's stamp.
+    force : Reading
+        Of the accelerometer at ``t``, with integral.
     s : float
-        Displacement where no sensor tells [m].
+        Displacement at ``t`` [m].
     model : Model
 
     Returns
     -------
     Motion
     """
-    t, _, position, q = pose
-    rotation, place, offset = motion.rotation, motion.place, motion.offset
-    if rotation is None or not 0 < t - rotation.t <= model.pose_timeout:
-        rotation = Rotation(t, q, ZERO, ZERO)
-    else:
+    rotation, place = motion.rotation, motion.place
+    offset, offset_known = motion.offset, motion.offset_known
+    if 0 < t - rotation.t <= model.pose_timeout:
         rotation = track_rotation(rotation, t, q, model.rotation_poles)
-    if late and place is not None:
-        return Motion(rotation, place, offset, motion.position)
+    else:
+        rotation = Rotation(t, q, ZERO, ZERO)
+    if late:
+        return Motion(rotation, place, offset, offset_known, motion.position)
     known = isfinite(position[0] + position[1] + position[2])
-    fresh = (place is not None and known == motion.position
-             and 0 < t - place.t <= model.pose_timeout)
+    fresh = known == motion.position and 0 < t - place.t <= model.pose_timeout
     anchor = ZERO
     if known:
-        s = _displacement(displacement, t, s, model)
         qx, qy, qz = model.place
         rx, ry, rz = rotate(rotation.q, (qx + s, qy, qz))
         anchor = (position[0] + rx, position[1] + ry, position[2] + rz)
-    pair = around(accelerometer, t, model.timeout)
-    if pair is None:
-        place = _place_by_pose(place if fresh else None, rotation, anchor, known, model)
-    elif model.ac_rate or (known and (model.track_offset or model.newton)):
-        f, integral, run = _at(pair, t, 2), _integral(pair, t), pair[0][1]
-        if place is None or not fresh or place.run != run:
-            if model.ac_rate and (place is None or place.run != run):
-                g = gravity_in_sensor(rotation.q, model.gravity)
-                offset = f[0] + g[0], f[1] + g[1], f[2] + g[2]
-            place = Place(t, t, run, anchor, ZERO, offset or ZERO, integral)
+    if not force.known:
+        place = _place_by_pose(place, rotation, anchor, fresh and known, model)
+    elif model.ac_rate > 0 or (known and (model.track_offset or model.newton)):
+        f, run = force.f, force.run
+        if not fresh or place.run != run:
+            if model.ac_rate > 0 and place.run != run:
+                gx, gy, gz = gravity_in_sensor(rotation.q, model.gravity)
+                offset, offset_known = (f[0] + gx, f[1] + gy, f[2] + gz), True
+            place = Place(t, t, run, anchor, ZERO, offset, force.integral)
         else:
             poles = model.offset_poles if known else model.reach_poles
             age = t - place.since
-            if model.ac_rate and age * poles.real < _FORGET:
+            if model.ac_rate > 0 and age * poles.real < _FORGET:
                 poles = Poles(_FORGET / age, poles.mean, poles.split)
-            place = track_place(place, t, rotation.q, rotation.omega, anchor, integral,
+            place = track_place(place, t, rotation.q, rotation.omega, anchor, force.integral,
                                 model.gravity, poles)
-            if model.ac_rate or model.track_offset:
-                offset = place.o
+            if model.ac_rate > 0 or model.track_offset:
+                offset, offset_known = place.o, True
     else:
-        place = None
-    return Motion(rotation, place, offset, known)
+        place = NOWHERE
+    return Motion(rotation, place, offset, offset_known, known)
 
 
-def _place_by_pose(place: Place | None, rotation: Rotation, anchor: Vector, known: bool,
-                   model: Model) -> Place:
-    """Carry on without an accelerometer; at rest where the pose holds no position."""
+def _place_by_pose(place: Place, rotation: Rotation, anchor: Vector, moving: bool, model: Model
+                   ) -> Place:
+    """Carry on without an accelerometer; at rest where the place was not known before."""
     t = rotation.t
-    if place is None or place.run is not None or not known:
-        v = ZERO if place is None or not known else place.v
-        return Place(t, t, None, anchor, v, gravity_in_sensor(rotation.q, model.gravity), ZERO)
-    place = place._replace(o=_carried(place.o, rotation.omega, t - place.t))
-    return track_place(place, t, rotation.q, rotation.omega, anchor, ZERO, model.gravity,
+    if not moving or place.run != NO_RUN:
+        v = place.v if moving else ZERO
+        return Place(t, t, NO_RUN, anchor, v, gravity_in_sensor(rotation.q, model.gravity), ZERO)
+    carried = Place(place.t, place.since, place.run, place.p, place.v,
+                    _carried(place.o, rotation.omega, t - place.t), place.integral)
+    return track_place(carried, t, rotation.q, rotation.omega, anchor, ZERO, model.gravity,
                        model.motion_poles)
 
 
@@ -155,37 +201,8 @@ def _carried(v: Vector, omega: Vector, dt: float) -> Vector:
     return (x - dt * (wy * z - wz * y), y - dt * (wz * x - wx * z), z - dt * (wx * y - wy * x))
 
 
-def _at(pair: tuple[Entry, Entry], t: float, i: int) -> Vector:
-    """Interpolate three values from column ``i`` on."""
-    a, b = pair
-    if a is b:
-        return a[i], a[i + 1], a[i + 2]
-    k = (t - a[0]) / (b[0] - a[0])
-    x, y, z = a[i], a[i + 1], a[i + 2]
-    return x + k * (b[i] - x), y + k * (b[i + 1] - y), z + k * (b[i + 2] - z)
-
-
-def _integral(pair: tuple[Entry, Entry], t: float) -> Vector:
-    """Integral of the specific force up to ``t``."""
-    a = pair[0]
-    h = (t - a[0]) / 2
-    x, y, z = _at(pair, t, 2)
-    return a[5] + h * (a[2] + x), a[6] + h * (a[3] + y), a[7] + h * (a[4] + z)
-
-
-def _displacement(samples: tuple[Entry, ...], t: float, s: float, model: Model) -> float:
-    pair = around(samples, t, model.timeout)
-    if pair is None:
-        return s
-    a, b = pair
-    if a is b:
-        return float(a[2])
-    return float(a[2] + (t - a[0]) / (b[0] - a[0]) * (b[2] - a[2]))
-
-
-def observe(filter_: Filter, motion: Motion, t: float, wire: Wrench,
-            accelerometer: tuple[Entry, ...], displacement: tuple[Entry, ...], model: Model,
-            ) -> tuple[Filter, ContactSample]:
+def observe(filter_: Filter, motion: Motion, t: float, wire: Wrench, force: Reading, s: float,
+            model: Model) -> tuple[Filter, ContactSample]:
     """
     Answer one wrench.
 
@@ -197,8 +214,10 @@ def observe(filter_: Filter, motion: Motion, t: float, wire: Wrench,
         [s]
     wire : tuple of 6 float
         As on the wire.
-    accelerometer, displacement : tuple of Entry
-        Samples around ``t``.
+    force : Reading
+        Of the accelerometer at ``t``.
+    s : float
+        Displacement at ``t``; NaN where no sensor tells [m].
     model : Model
 
     Returns
@@ -210,20 +229,18 @@ def observe(filter_: Filter, motion: Motion, t: float, wire: Wrench,
     b0, b1, b2, b3, b4, b5 = model.bias
     dt = t - filter_.t
     status = 0
-    pair = around(displacement, t, model.timeout)
-    if pair is not None:
-        a, b = pair
-        s = a[2] if a is b else a[2] + (t - a[0]) / (b[0] - a[0]) * (b[2] - a[2])
+    if isfinite(s):
+        pass
     elif model.stiffness > 0:
         status = st.DISPLACEMENT_FROM_FORCE
         s = filter_.s
         s += (1 - exp(-model.relaxation * dt)) * ((w0 - b0) / model.stiffness - s)
     else:
         s = 0.0
-    status, f, omega, alpha = _kinematics(status, motion, t, accelerometer, model)
+    status, f, omega, alpha = _kinematics(status, motion, t, force, model)
     if status & st.NO_GRAVITY:
         return filter_, ContactSample(t, filter_.contact, status, NOTHING, NOTHING, NOTHING)
-    if model.limited and st.saturated(wire, model.wrench_limit):
+    if model.limited and saturated(wire, model.wrench_limit):
         status |= st.SATURATED
     i0, i1, i2, i3, i4, i5 = inertial = tool_wrench(model.load, f, omega, alpha, s)
     m0, m1, m2 = w0 - b0 - i0, w1 - b1 - i1, w2 - b2 - i2
@@ -241,21 +258,21 @@ def observe(filter_: Filter, motion: Motion, t: float, wire: Wrench,
             m0 - c0, m1 - c1, m2 - c2, m3 - c3, m4 - c4, m5 - c5)
         k = 1 - exp(-model.rate * dt)
         contact = (c0 + k * e0, c1 + k * e1, c2 + k * e2, c3 + k * e3, c4 + k * e4, c5 + k * e5)
-    newton, axis = None, ZERO
+    newton, axis = STOPPED, ZERO
     if model.newton:
-        newton, axis, force = _newton(filter_, dt, t, w0 - b0, f, motion, model)
-        contact = (force, m1, m2, m3, m4, m5)
+        newton, axis, along = _newton(filter_, dt, t, w0 - b0, f, motion, model)
+        contact = (along, m1, m2, m3, m4, m5)
     return (Filter(t, contact, s, newton, axis),
             ContactSample(t, contact, status, measured, innovation, inertial))
 
 
-def _kinematics(status: int, motion: Motion, t: float, accelerometer: tuple[Entry, ...],
-                model: Model) -> tuple[int, Vector, Vector, Vector]:
+def _kinematics(status: int, motion: Motion, t: float, force: Reading, model: Model
+                ) -> tuple[int, Vector, Vector, Vector]:
     """Return status, specific force at the accelerometer, angular velocity and acceleration."""
     rotation, place = motion.rotation, motion.place
-    if rotation is None or t - rotation.t > model.pose_timeout:
+    omega = alpha = ZERO
+    if t - rotation.t > model.pose_timeout:
         status |= st.NO_POSE
-        omega = alpha = ZERO
     else:
         h = t - rotation.t
         wx, wy, wz = rotation.omega
@@ -263,31 +280,29 @@ def _kinematics(status: int, motion: Motion, t: float, accelerometer: tuple[Entr
         omega = (wx + h * ax, wy + h * ay, wz + h * az)
         if not motion.position:
             status |= st.NO_POSITION
-    pair = around(accelerometer, t, model.timeout)
-    if pair is not None:
-        fx, fy, fz = _at(pair, t, 2)
-        if pair[0][8] or pair[1][8]:
+    if force.known:
+        fx, fy, fz = force.f
+        if force.full:
             status |= st.SATURATED
-        offset = motion.offset
-        if offset is not None:
-            fx, fy, fz = fx - offset[0], fy - offset[1], fz - offset[2]
-        elif model.ac_rate:
+        if motion.offset_known:
+            ox, oy, oz = motion.offset
+            fx, fy, fz = fx - ox, fy - oy, fz - oz
+        elif model.ac_rate > 0:
             status |= st.NO_GRAVITY
-        if place is None or status & st.NO_POSE:
+        if place.t == -inf or status & st.NO_POSE:
             status |= st.OFFSET_HELD
         return status, (fx, fy, fz), omega, alpha
-    if rotation is None or status & st.NO_POSE:
+    if status & st.NO_POSE:
         return status | st.NO_ACCELEROMETER | st.NO_GRAVITY, ZERO, omega, alpha
-    if place is None or place.run is not None:
+    o = place.o
+    if place.run != NO_RUN or place.t < rotation.t:
         o = gravity_in_sensor(rotation.q, model.gravity)
-    else:
-        o = place.o
-    o = _carried(o, omega, t - rotation.t)
-    return status | st.NO_ACCELEROMETER, (-o[0], -o[1], -o[2]), omega, alpha
+    ox, oy, oz = _carried(o, omega, t - rotation.t)
+    return status | st.NO_ACCELEROMETER, (-ox, -oy, -oz), omega, alpha
 
 
 def _newton(filter_: Filter, dt: float, t: float, wire_x: float, f: Vector, motion: Motion,
-            model: Model) -> tuple[NewtonState | None, Vector, float]:
+            model: Model) -> tuple[NewtonState, Vector, float]:
     """
     Run the paper's observer along x; its force comes back in the wire's sign.
 
@@ -298,13 +313,13 @@ def _newton(filter_: Filter, dt: float, t: float, wire_x: float, f: Vector, moti
     """
     state, m = filter_.newton, model.load.m
     rotation, place = motion.rotation, motion.place
-    if rotation is None or place is None or not motion.position:
-        return None, ZERO, wire_x + m * f[0]
+    if place.t == -inf or not motion.position:
+        return STOPPED, ZERO, wire_x + m * f[0]
     g = gravity_in_sensor(rotation.q, model.gravity)[0]
     nx, ny, nz = axis = rotate(rotation.q, (1.0, 0.0, 0.0))
     v = nx * place.v[0] + ny * place.v[1] + nz * place.v[2]
     x = nx * place.p[0] + ny * place.p[1] + nz * place.p[2] + v * (t - place.t)
-    if state is None or dt > PAUSE:
+    if not isfinite(state.x) or dt > PAUSE:
         state = NewtonState(x, v)
         dt = 0.0
     else:

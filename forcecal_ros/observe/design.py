@@ -56,6 +56,10 @@ class Model(NamedTuple):
     timeout: float
     pose_timeout: float
     skew: float
+    reach: float
+    """Poses further behind a wrench than this do not count for it [s]."""
+    memory: float
+    """Samples older than this are not kept, whether a wrench comes or not [s]."""
     limited: bool
     """Whether ``wrench_limit`` is known."""
     wrench_limit: tuple[float, ...]
@@ -156,13 +160,15 @@ def design(calibration: Calibration, settings: Settings = Settings()) -> Model:
     stiffness = float(tool.stiffness) if tool is not None else 0.0
     damping = float(tool.damping) if tool is not None else 0.0
     rotation = rotation_corner(calibration, load, levels, rate, settings)
+    reach = 2 * (max(settings.accelerometer_timeout, settings.pose_timeout) + settings.skew)
+    delay = _delay(accelerometer)
     return Model(
         newton=mode == 'newton', load=load, six_axis=six_axis(calibration),
         bias=_bias(calibration),
         gravity=calibration.gravity, accelerometer=accelerometer is not None,
         ac_rate=_ac_rate(accelerometer),
         volts=_volts(calibration),
-        delay=_delay(accelerometer),
+        delay=delay,
         place=(load.cx - load.dx, load.cy - load.dy, load.cz - load.dz),
         stiffness=stiffness, relaxation=stiffness / damping if damping > 0 else inf,
         rate=rate, track_offset=track, rotation_poles=butterworth(rotation),
@@ -170,6 +176,7 @@ def design(calibration: Calibration, settings: Settings = Settings()) -> Model:
         motion_poles=butterworth(motion_corner(levels, load.m, rate, settings)),
         reach_poles=offset_poles(levels, settings, _REACH), K=_gain(calibration),
         timeout=settings.accelerometer_timeout, pose_timeout=settings.pose_timeout,
-        skew=settings.skew, limited=settings.wrench_limit is not None,
+        skew=settings.skew, reach=reach, memory=2 * reach + abs(delay),
+        limited=settings.wrench_limit is not None,
         wrench_limit=settings.wrench_limit or (inf,) * 6,
         accelerometer_limit=(settings.accelerometer_limit or inf,) * 3)

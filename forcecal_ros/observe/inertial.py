@@ -6,6 +6,7 @@ itself, as the second derivative of the pose has it. Force innovations never ent
 contact must not become an offset.
 """
 
+from math import inf
 from typing import NamedTuple
 
 from forcecal_ros.observe.tracking import (
@@ -20,6 +21,8 @@ from forcecal_ros.observe.tracking import (
 OFFSET_DELAY = 0.3
 """Time a started filter is given to find its velocity before it moves the offset [s]."""
 
+NO_RUN = inf
+"""Stands for the run of an accelerometer where there is none."""
 
 _JUMP = 0.25
 """Square of the surprise that starts the filter anew, at the place measured [m^2]."""
@@ -35,8 +38,8 @@ class Place(NamedTuple):
         Stamp of the pose [s].
     since : float
         Stamp the filter was started at [s].
-    run : float or None
-        Which uninterrupted run of the accelerometer drives it; None: no accelerometer does.
+    run : float
+        Which uninterrupted run of the accelerometer drives it; ``NO_RUN``: none does.
     p, v : tuple of 3 float
         In base [m], [m/s].
     o : tuple of 3 float
@@ -47,7 +50,7 @@ class Place(NamedTuple):
 
     t: float
     since: float
-    run: float | None
+    run: float
     p: Vector
     v: Vector
     o: Vector
@@ -117,7 +120,7 @@ def track_place(
     if not ex * ex + ey * ey + ez * ez < _JUMP:
         return Place(t, t, place.run, position, (0.0, 0.0, 0.0), place.o, integral)
     k1, k2, k3 = tracking_gains(dt, poles)
-    if place.run is None or t - place.since > OFFSET_DELAY:
+    if place.run == NO_RUN or t - place.since > OFFSET_DELAY:
         cx, cy, cz = rotate_back(q, (ex, ey, ez))
         ox, oy, oz = ox - k3 * cx, oy - k3 * cy, oz - k3 * cz
     return Place(

@@ -1,4 +1,4 @@
-"""The observer over a recording, by the same step as in the node."""
+"""The observer over a recording, by the same step as in the node, sample by sample or at once."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -59,6 +59,9 @@ def replay(recording: Recording, calibration: Calibration,
     """
     Estimate the contact wrench over a recording.
 
+    All at once (:mod:`forcecal_ros.observe.batch`) where the stamps of each stream increase, else
+    sample by sample.
+
     Parameters
     ----------
     recording : Recording
@@ -84,7 +87,17 @@ def replay(recording: Recording, calibration: Calibration,
         raise DataError(
             f'the accelerometer is recorded in {recording.accelerometer_unit}, the calibration '
             f'is for {wanted.unit}; calibrate with the same sensor')
-    return _collect(*run(recording, design(calibration, settings)))
+    # the node, which never replays, need not load the compiler
+    from forcecal_ros.observe.batch import estimates, in_order
+
+    model = design(calibration, settings)
+    if not in_order(recording):
+        return _collect(*run(recording, model))
+    t, wrenches, status, dropped = estimates(recording, model)
+    for array in (wrenches, status):
+        array.setflags(write=False)
+    contact, measured, innovation, inertial = wrenches
+    return ContactEstimate(t, contact, measured, innovation, inertial, status, dropped)
 
 
 def run(recording: Recording, model: Model) -> tuple[State, list[ContactSample]]:

@@ -93,4 +93,7 @@ def saturated(values: tuple[float, ...], limits: tuple[float, ...]) -> bool:
     -------
     bool
     """
-    return any(abs(value) >= limit for value, limit in zip(values, limits))
+    for value, limit in zip(values, limits):
+        if abs(value) >= limit:
+            return True
+    return False

@@ -13,13 +13,16 @@ one period of the accelerometer.
 from math import inf, sqrt
 from typing import NamedTuple
 
-from forcecal_ros.observe import status as st
 from forcecal_ros.observe.align import (
     bounded,
     Channel,
     channel_ready,
+    displacement_at,
+    Entry,
+    force_at,
     pose_ready,
     PoseQueue,
+    pruned,
     pruned_channel,
     queued_pose,
     SAME,
@@ -32,9 +35,9 @@ from forcecal_ros.observe.contact import (
     observe,
     take_pose,
     Wrench,
-    ZERO,
 )
 from forcecal_ros.observe.design import Model
+from forcecal_ros.observe.specific_force import next_sample, NOTHING_BEFORE
 from forcecal_ros.observe.tracking import Quaternion, Vector
 from forcecal_ros.six_axis import corrected
 
@@ -44,7 +47,7 @@ CLOCK_JUMP = 1.0
 KEEP = 0.005
 """Samples are kept a little longer than the wrench needs them, for poses that come late [s]."""
 
-_ABSURD = 1e9
+ABSURD = 1e9
 """Readings beyond this, in any unit, are no readings; neither is NaN."""
 
 
@@ -155,40 +158,23 @@ def on_accelerometer(state: State, t: float, reading: Vector, model: Model) -> R
     """
     channel = state.accelerometer
     last = channel.last
-    v0, v1, v2 = reading
-    if not (t - last > SAME and t < inf
-            and abs(v0) + abs(v1) + abs(v2) < _ABSURD and model.accelerometer):
+    if not (t - last > SAME and t < inf and model.accelerometer
+            and abs(reading[0]) + abs(reading[1]) + abs(reading[2]) < ABSURD):
         state, again = _refuse(state, 1, t, last)
         if again:
             return on_accelerometer(
                 state._replace(accelerometer=Channel()), t, reading, model)
         return state, ()
-    o0, o1, o2, a, b, c, d, e, f, g, h, i = model.volts
-    limits = model.accelerometer_limit
-    full = limits[0] < inf and st.saturated(reading, limits)
-    v0, v1, v2 = v0 - o0, v1 - o1, v2 - o2
-    fx, fy, fz = a * v0 + b * v1 + c * v2, d * v0 + e * v1 + f * v2, g * v0 + h * v1 + i * v2
-    tau = t - model.delay
     samples = channel.samples
-    jx = jy = jz = 0.0
-    wash = ZERO
-    if t - last > model.timeout:
+    begins = t - last > model.timeout
+    if begins:
         usable = usable_from(last, t, model.delay, state.first, model.timeout, model.skew)
+        before = NOTHING_BEFORE
     else:
-        _, usable, px, py, pz, jx, jy, jz, _ = samples[-1]
-        half = (tau - samples[-1][0]) / 2
-        if model.ac_rate:
-            # y is what the high-pass leaves of f: dz/dt = rate y, f = y + z
-            zx, zy, zz = channel.wash
-            gain = half * model.ac_rate
-            zx += gain * (px - zx + fx)
-            zy += gain * (py - zy + fy)
-            zz += gain * (pz - zz + fz)
-            wash = (zx, zy, zz)
-            fx, fy, fz = fx + zx, fy + zy, fz + zz
-        jx, jy, jz = jx + half * (px + fx), jy + half * (py + fy), jz + half * (pz + fz)
-    samples = bounded((*samples, (tau, usable, fx, fy, fz, jx, jy, jz, full)),
-                      model.timeout + model.skew)
+        before = samples[-1]
+        usable = before[1]
+    sample, wash = next_sample(before, channel.wash, t, reading, usable, begins, model)
+    samples = bounded((*samples, sample), model.memory)
     return _release(State(
         state.wrenches, state.newest, state.first, Channel(samples, t, wash), state.displacement,
         state.poses, state.motion, state.filter, state.refusals), model)
@@ -214,7 +200,7 @@ def on_displacement(state: State, t: float, s: float, model: Model) -> Result:
     """
     channel = state.displacement
     last = channel.last
-    if not (t - last > SAME and t < inf and abs(s) < _ABSURD):
+    if not (t - last > SAME and t < inf and abs(s) < ABSURD):
         state, again = _refuse(state, 3, t, last)
         if again:
             return on_displacement(state._replace(displacement=Channel()), t, s, model)
@@ -224,7 +210,7 @@ def on_displacement(state: State, t: float, s: float, model: Model) -> Result:
         usable = usable_from(last, t, 0.0, state.first, model.timeout, model.skew)
     else:
         usable = samples[-1][1]
-    samples = bounded((*samples, (t, usable, s)), model.timeout + model.skew)
+    samples = bounded((*samples, (t, usable, s)), model.memory)
     return _release(State(
         state.wrenches, state.newest, state.first, state.accelerometer, Channel(samples, t),
         state.poses, state.motion, state.filter, state.refusals), model)
@@ -260,7 +246,7 @@ def on_pose(state: State, t: float, position: Vector, q: Quaternion, model: Mode
         return state, ()
     n = 1 / sqrt(n2)
     poses = queued_pose(state.poses, t, (position, (x * n, y * n, z * n, w * n)), state.first,
-                        model.pose_timeout, model.skew)
+                        model.pose_timeout, model.skew, model.memory)
     return _release(state._replace(poses=poses), model)
 
 
@@ -281,14 +267,12 @@ def _release(state: State, model: Model) -> Result:
                 and pose_ready(poses, t, now, first, model.pose_timeout, model.skew)):
             break
         wrenches = wrenches[1:]
-        pending = poses.pending
-        while pending and pending[0][1] <= t:
-            motion = take_pose(motion, pending[0], pending[0][0] < t - KEEP,
-                               accelerometer.samples, displacement.samples, filter_.s, model)
-            pending = pending[1:]
-            poses = PoseQueue(pending, poses.last, poses.due)
-        filter_, sample = observe(filter_, motion, t, wire, accelerometer.samples,
-                                  displacement.samples, model)
+        if poses.pending and poses.pending[0][1] <= t:
+            poses, motion = _take_poses(poses, motion, t, accelerometer.samples,
+                                        displacement.samples, filter_.s, model)
+        filter_, sample = observe(
+            filter_, motion, t, wire, force_at(accelerometer.samples, t, model.timeout, False),
+            displacement_at(displacement.samples, t, model.timeout), model)
         out.append(sample)
         accelerometer = pruned_channel(accelerometer, t - KEEP)
         displacement = pruned_channel(displacement, t - KEEP)
@@ -296,6 +280,22 @@ def _release(state: State, model: Model) -> Result:
         return state, ()
     return State(wrenches, now, first, accelerometer, displacement, poses, motion, filter_,
                  state.refusals), tuple(out)
+
+
+def _take_poses(poses: PoseQueue, motion: Motion, t: float, accelerometer: tuple[Entry, ...],
+                displacement: tuple[Entry, ...], s: float, model: Model
+                ) -> tuple[PoseQueue, Motion]:
+    """Take in the poses that count for a wrench at ``t``."""
+    pending = pruned(poses.pending, t - model.reach)
+    while pending and pending[0][1] <= t:
+        stamp, _, position, q = pending[0]
+        slid = displacement_at(displacement, stamp, model.timeout)
+        motion = take_pose(
+            motion, stamp, position, q, stamp < t - KEEP,
+            force_at(accelerometer, stamp, model.timeout, True), slid if slid == slid else s,
+            model)
+        pending = pending[1:]
+    return PoseQueue(pending, poses.last, poses.due), motion
 
 
 def finish(state: State, model: Model) -> Result:

@@ -1,0 +1,192 @@
+"""The observer over a whole recording at once: the functions of the step, compiled.
+
+Only what decides which samples a wrench sees is written anew, for arrays: a recording holds all
+of them, so nothing is waited for.
+"""
+
+from math import inf
+
+from forcecal_ros.compiled import compiled_with_all_it_calls
+from forcecal_ros.geometry import Array, quaternion_from_matrix
+from forcecal_ros.observe.align import displacement_at, force_at, SAME, usable_from
+from forcecal_ros.observe.contact import ContactSample, Filter, Motion, observe, take_pose
+from forcecal_ros.observe.design import Model
+from forcecal_ros.observe.specific_force import next_sample, NOTHING_BEFORE
+from forcecal_ros.observe.step import ABSURD, KEEP
+from forcecal_ros.samples import PoseStream, Recording, Stream
+from forcecal_ros.six_axis import all_corrected
+import numpy as np
+from numpy.typing import NDArray
+
+Mask = NDArray[np.bool_]
+
+
+def in_order(recording: Recording) -> bool:
+    """
+    Whether the stamps of all streams increase, as the batch wants them.
+
+    Parameters
+    ----------
+    recording : Recording
+
+    Returns
+    -------
+    bool
+    """
+    streams = (recording.wrench, recording.accelerometer, recording.optidrive, recording.pose)
+    return all(np.isfinite(one.t).all() and (np.diff(one.t) > SAME).all()
+               for one in streams if one is not None)
+
+
+def estimates(recording: Recording, model: Model
+              ) -> tuple[Array, Array, NDArray[np.int64], tuple[int, ...]]:
+    """
+    Answer every wrench of a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        With a wrench, its streams :func:`in_order`.
+    model : Model
+
+    Returns
+    -------
+    t : ndarray, shape (n,)
+    wrenches : ndarray, shape (4, n, 6)
+        Contact, measured, innovation, inertial; see :class:`ContactSample`.
+    status : ndarray of int, shape (n,)
+    dropped : tuple of int, length 4
+        Samples not used: wrench, accelerometer, pose, displacement.
+    """
+    wrench = recording.wrench
+    assert wrench is not None
+    wires = wrench.values
+    if model.six_axis is not None:
+        wires = all_corrected(wires, model.six_axis)
+    first = float(wrench.t[0])
+    force, no_force = _forces(recording.accelerometer, first, model)
+    slide, no_slide = _slides(recording.optidrive, first, model)
+    poses, no_pose = _poses(recording.pose, first, model)
+    wrenches, status = np.empty((4, len(wrench), 6)), np.empty(len(wrench), np.int64)
+    _observe_all(wrench.t, np.ascontiguousarray(wires), force, slide, poses,
+                 model._replace(six_axis=None), Motion(), Filter(), wrenches, status)
+    return wrench.t, wrenches, status, (0, no_force, no_pose, no_slide)
+
+
+def _begins(t: Array, timeout: float) -> Mask:
+    """Tell where a stream begins, and where it begins again."""
+    return np.asarray(np.diff(t, prepend=-inf) > timeout)
+
+
+def _usable(t: Array, begins: Mask, lead: float, first: float, timeout: float, skew: float
+            ) -> Array:
+    """Return for each sample when its run may be used; -inf where it only continues one."""
+    usable = np.full(len(t), -inf)
+    for i in np.flatnonzero(begins):
+        last = float(t[i - 1]) if i else -inf
+        usable[i] = usable_from(
+            last, float(t[i]), lead, first if t[i] > first else inf, timeout, skew)
+    return usable
+
+
+def _of_run(values: Array, begins: Mask) -> Array:
+    """Let every sample have the value of the one its run begins with."""
+    return np.asarray(values[begins][np.cumsum(begins) - 1])
+
+
+def _forces(stream: Stream | None, first: float, model: Model) -> tuple[Array, int]:
+    """Return samples as rows, and how many readings were not used."""
+    if stream is None or not model.accelerometer:
+        return np.empty((0, 9)), 0 if stream is None else len(stream)
+    with np.errstate(invalid='ignore'):
+        good = np.abs(stream.values).sum(axis=1) < ABSURD
+    t = stream.t[good]
+    begins = _begins(t, model.timeout)
+    usable = _usable(t, begins, model.delay, first, model.timeout, model.skew)
+    samples = np.empty((len(t), 9))
+    _integrate(t, stream.values[good], _of_run(usable, begins), begins,
+               model._replace(six_axis=None), samples)
+    return samples, int((~good).sum())
+
+
+def _slides(stream: Stream | None, first: float, model: Model) -> tuple[Array, int]:
+    if stream is None:
+        return np.empty((0, 3)), 0
+    good = np.abs(stream.values[:, 0]) < ABSURD
+    t = stream.t[good]
+    begins = _begins(t, model.timeout)
+    usable = _usable(t, begins, 0.0, first, model.timeout, model.skew)
+    return (np.column_stack([t, _of_run(usable, begins), stream.values[good, 0]]),
+            int((~good).sum()))
+
+
+def _poses(stream: PoseStream | None, first: float, model: Model) -> tuple[Array, int]:
+    """Return rows of stamp, stamp from which on it counts, position, quaternion."""
+    if stream is None:
+        return np.empty((0, 9)), 0
+    q = quaternion_from_matrix(stream.R_base_sensor) if len(stream) else np.empty((0, 4))
+    n2 = (q * q).sum(axis=1)
+    good = (n2 > 0.25) & (n2 < 4.0)
+    t, q, n2 = stream.t[good], q[good], n2[good]
+    begins = _begins(t, model.pose_timeout)
+    usable = _usable(t, begins, 0.0, first, model.pose_timeout, model.skew)
+    due = np.where(begins, t, t + 0.9 * np.diff(t, prepend=t[:1]))
+    effective = np.maximum(np.maximum(t, usable), np.concatenate([[-inf], due])[:len(t)])
+    return (np.column_stack([t, effective, stream.position[good], q / np.sqrt(n2)[:, np.newaxis]]),
+            int((~good).sum()))
+
+
+@compiled_with_all_it_calls
+def _integrate(t: Array, readings: Array, usable: Array, begins: Mask, model: Model,
+               samples: Array) -> None:
+    before, wash = NOTHING_BEFORE, (0.0, 0.0, 0.0)
+    for i in range(len(t)):
+        reading = (readings[i, 0], readings[i, 1], readings[i, 2])
+        before, wash = next_sample(before, wash, t[i], reading, usable[i], begins[i], model)
+        (samples[i, 0], samples[i, 1], samples[i, 2], samples[i, 3], samples[i, 4],
+         samples[i, 5], samples[i, 6], samples[i, 7], samples[i, 8]) = before
+
+
+def _last_before(table: Array, i: int, t: float) -> int:
+    """Go on from row i to the last one not after t."""
+    while i + 1 < len(table) and table[i + 1, 0] <= t:
+        i += 1
+    return i
+
+
+def _write(sample: ContactSample, out: Array) -> None:
+    for i in range(6):
+        out[0, i] = sample.contact[i]
+        out[1, i] = sample.measured[i]
+        out[2, i] = sample.innovation[i]
+        out[3, i] = sample.inertial[i]
+
+
+@compiled_with_all_it_calls
+def _observe_all(times: Array, wires: Array, force: Array, slide: Array, poses: Array,
+                 model: Model, motion: Motion, filter_: Filter, wrenches: Array,
+                 status: NDArray[np.int64]) -> None:
+    f = s = p = pose_f = pose_s = 0
+    for k in range(len(times)):
+        t = times[k]
+        if p < len(poses) and poses[p, 1] <= t:
+            while p + 1 < len(poses) and poses[p + 1, 0] <= t - model.reach:
+                p += 1
+            while p < len(poses) and poses[p, 1] <= t:
+                stamp, row = poses[p, 0], poses[p]
+                pose_f = _last_before(force, pose_f, stamp)
+                pose_s = _last_before(slide, pose_s, stamp)
+                slid = displacement_at(slide[pose_s:pose_s + 2], stamp, model.timeout)
+                motion = take_pose(
+                    motion, stamp, (row[2], row[3], row[4]), (row[5], row[6], row[7], row[8]),
+                    stamp < t - KEEP,
+                    force_at(force[pose_f:pose_f + 2], stamp, model.timeout, True),
+                    slid if slid == slid else filter_.s, model)
+                p += 1
+        f, s = _last_before(force, f, t), _last_before(slide, s, t)
+        wire = (wires[k, 0], wires[k, 1], wires[k, 2], wires[k, 3], wires[k, 4], wires[k, 5])
+        filter_, sample = observe(
+            filter_, motion, t, wire, force_at(force[f:f + 2], t, model.timeout, False),
+            displacement_at(slide[s:s + 2], t, model.timeout), model)
+        status[k] = sample.status
+        _write(sample, wrenches[:, k])
