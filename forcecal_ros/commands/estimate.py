@@ -29,6 +29,10 @@ def add_parser(subparsers: Any) -> None:
                         help='which observer (default: as the calibration says)')
     parser.add_argument('--bandwidth', metavar='HZ', type=float,
                         help='of the contact wrench in mode kalman (default: from the noise)')
+    parser.add_argument('--inertial-wrench', action='store_true',
+                        help='write what weight and motion of the tool put on the sensor as well')
+    parser.add_argument('--innovation', action='store_true',
+                        help='write what the filter did not expect as well')
     parser.add_argument('-o', '--output', metavar='OUT_BAG', required=True,
                         help='recording to write; one that is there is kept as OUT_BAG~; of '
                              'several BAGs, a folder for them')
@@ -57,8 +61,9 @@ def answer(args: argparse.Namespace) -> Answer:
     frame = calibration.sensor_frame
     write_signals(args.output, {
         'contact_wrench': Stream(estimate.t, estimate.contact, frame),
-        'inertial_wrench': Stream(estimate.t, estimate.inertial, frame),
-        'innovation': Stream(estimate.t, estimate.innovation, frame),
+        'inertial_wrench': Stream(estimate.t, estimate.inertial, frame)
+        if args.inertial_wrench else None,
+        'innovation': Stream(estimate.t, estimate.innovation, frame) if args.innovation else None,
         'calibration': dump(calibration),
     }, recording.start_ns)
     seen: Counter[str] = Counter()

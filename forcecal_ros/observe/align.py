@@ -236,10 +236,10 @@ def pruned_channel(channel: Channel, t: float) -> Channel:
     Channel
         The same one where there is little to drop.
     """
-    samples = channel.samples
+    samples, last, wash = channel
     if len(samples) <= _HANDFUL or samples[_HANDFUL][0] > t:
         return channel
-    return Channel(pruned(samples, t), channel.last, channel.wash)
+    return Channel(pruned(samples, t), last, wash)
 
 
 def bounded(samples: tuple[Entry, ...], memory: float) -> tuple[Entry, ...]:
@@ -277,8 +277,10 @@ def channel_ready(
     -------
     bool
     """
-    samples = channel.samples
-    return bool(samples and samples[-1][0] > t - SAME) or now >= max(channel.last, first) + wait
+    samples, last, _ = channel
+    if samples and samples[-1][0] > t - SAME:
+        return True
+    return now >= (last if last > first else first) + wait
 
 
 def pose_ready(queue: PoseQueue, t: float, now: float, first: float, timeout: float,

@@ -158,8 +158,9 @@ def on_accelerometer(state: State, t: float, reading: Vector, model: Model) -> R
     """
     channel = state.accelerometer
     last = channel.last
+    v0, v1, v2 = reading
     if not (t - last > SAME and t < inf and model.accelerometer
-            and abs(reading[0]) + abs(reading[1]) + abs(reading[2]) < ABSURD):
+            and abs(v0) + abs(v1) + abs(v2) < ABSURD):
         state, again = _refuse(state, 1, t, last)
         if again:
             return on_accelerometer(
@@ -247,19 +248,18 @@ def on_pose(state: State, t: float, position: Vector, q: Quaternion, model: Mode
     n = 1 / sqrt(n2)
     poses = queued_pose(state.poses, t, (position, (x * n, y * n, z * n, w * n)), state.first,
                         model.pose_timeout, model.skew, model.memory)
-    return _release(state._replace(poses=poses), model)
+    return _release(State(
+        state.wrenches, state.newest, state.first, state.accelerometer, state.displacement,
+        poses, state.motion, state.filter, state.refusals), model)
 
 
 def _release(state: State, model: Model) -> Result:
     """Answer the wrenches that have waited long enough."""
-    wrenches = state.wrenches
-    if not wrenches:
+    if not state.wrenches:
         return state, ()
-    now, first, poses = state.newest, state.first, state.poses
+    wrenches, now, first, accelerometer, displacement, poses, motion, filter_, refusals = state
     wait = model.timeout + model.skew
     out: list[ContactSample] = []
-    accelerometer, displacement = state.accelerometer, state.displacement
-    motion, filter_ = state.motion, state.filter
     while wrenches:
         t, wire = wrenches[0]
         if not ((not model.accelerometer or channel_ready(accelerometer, t, now, first, wait))
@@ -279,7 +279,7 @@ def _release(state: State, model: Model) -> Result:
     if not out:
         return state, ()
     return State(wrenches, now, first, accelerometer, displacement, poses, motion, filter_,
-                 state.refusals), tuple(out)
+                 refusals), tuple(out)
 
 
 def _take_poses(poses: PoseQueue, motion: Motion, t: float, accelerometer: tuple[Entry, ...],
