@@ -1,5 +1,7 @@
 """What shows in stamps and values before any model: clocks, gaps, lattices, clipping, lines."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.channels import CHANNELS, COLUMNS
@@ -9,6 +11,9 @@ import numpy as np
 
 SKEW = 1e-5
 """Relative difference of two clocks that is no rounding."""
+
+FARTHEST = 0.02
+"""Relative difference of two clocks beyond which the rate is another one."""
 
 LOST = 5e-4
 """Fraction of missing samples that counts as dropouts."""
@@ -34,13 +39,15 @@ class Clock(NamedTuple):
     ----------
     stream : str
     rate : float
-        [Hz] of whole numbers, that the stamps come closest to.
+        [Hz] that the stream should have: the rig's, else the nearest whole number.
     skew : float
         Relative excess of the stamped period.
     lost : float
         Fraction of samples missing.
     jitter : float
         RMS about a straight line [s].
+    std : float
+        Of the skew.
     """
 
     stream: str
@@ -48,6 +55,7 @@ class Clock(NamedTuple):
     skew: float
     lost: float
     jitter: float
+    std: float
 
 
 class Lattice(NamedTuple):
@@ -74,13 +82,16 @@ class Line(NamedTuple):
     power: float
 
 
-def clocks(recording: Recording) -> tuple[Clock, ...]:
+def clocks(recording: Recording, rates: Mapping[str, float] = MappingProxyType({})
+           ) -> tuple[Clock, ...]:
     """
     Judge the stamps of every stream.
 
     Parameters
     ----------
     recording : Recording
+    rates : mapping of str to float
+        Of each stream, where they are known [Hz].
 
     Returns
     -------
@@ -90,27 +101,31 @@ def clocks(recording: Recording) -> tuple[Clock, ...]:
     for name in ('wrench', 'accelerometer', 'optidrive', 'pose', 'target'):
         stream = getattr(recording, name)
         if stream is not None and len(stream) > 100:
-            found.append(_clock(name, np.asarray(stream.t)))
+            found.append(_clock(name, np.asarray(stream.t), rates.get(name)))
     return tuple(found)
 
 
-def _clock(name: str, t: Array) -> Clock:
+def _clock(name: str, t: Array, nominal: float | None) -> Clock:
     period = float(np.median(np.diff(t)))
     index = np.concatenate([[0.0], np.cumsum(np.maximum(1.0, np.rint(np.diff(t) / period)))])
     slope, offset = np.polyfit(index, t, 1)
     index = np.rint((t - offset) / slope)
     slope, offset = np.polyfit(index, t, 1)
     rate = max(1.0, round(1.0 / slope))
+    if nominal and abs(nominal * slope - 1.0) < FARTHEST:
+        rate = nominal
     lost = 1.0 - len(t) / (index[-1] - index[0] + 1.0)
     scatter = float(np.std(t - offset - slope * index))
-    return Clock(name, rate, float(slope * rate - 1.0), float(max(0.0, lost)), scatter)
+    std = scatter * rate / float(np.std(index) * np.sqrt(len(index)))
+    return Clock(name, rate, float(slope * rate - 1.0), float(max(0.0, lost)), scatter, std)
 
 
 def skew_between(found: tuple[Clock, ...]) -> dict[str, float]:
     """Return the skew of each sensor's clock against that of the commands, where it counts."""
     reference = next((c.skew for c in found if c.stream == 'target'), 0.0)
     return {c.stream: c.skew - reference for c in found
-            if c.stream != 'target' and SKEW < abs(c.skew - reference) < 0.02
+            if c.stream != 'target' and abs(c.skew - reference) < FARTHEST
+            and abs(c.skew - reference) > SKEW + 5.0 * c.std
             and c.jitter * c.rate < JITTER}
 
 

@@ -112,14 +112,22 @@ def hypotheses(problem: Problem, line: float | None = None) -> list[Hypothesis]:
 
 
 def _parts(effect: Effect, n: int) -> list[list[int]]:
-    """List which of an effect's first n parameters may be wrong together: all, or one alone."""
+    """
+    List which of an effect's first n parameters may be wrong together.
+
+    All, those of one vector, those of one axis of a vibration, or one alone.
+    """
     names = [q.name for q in effect.parameters[:n]]
-    if n == 1:
-        return [[0]]
+    parts = [list(range(n))]
     if 'sine_x' in names:
-        pairs = [[i for i, name in enumerate(names) if name.endswith(f'ine_{a}')] for a in 'xyz']
-        return [list(range(n)), *(p for p in pairs if p)]
-    return [list(range(n)), *([i] for i in range(n))]
+        groups = [f'ine_{axis}' for axis in 'xyz']
+        parts += [[i for i, name in enumerate(names) if name.endswith(g)] for g in groups]
+    else:
+        stems = dict.fromkeys(name[:-1] for name in names if name[-1] in 'xyz')
+        parts += [[i for i, name in enumerate(names) if name[:-1] == stem and name[-1] in 'xyz']
+                  for stem in stems]
+        parts += [[i] for i in range(n)]
+    return [part for i, part in enumerate(parts) if part and part not in parts[:i]]
 
 
 def _atoms(problem: Problem, name: str, effect: Effect, line: float | None) -> list[Atom]:

@@ -1,6 +1,6 @@
 """Effects found, in the library's own parameters."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from forcecal_ros.diagnose import datachecks
 from forcecal_ros.diagnose.problem import Problem
@@ -71,18 +71,15 @@ def from_checks(stamps: Sequence[Corrected], noise: Array
     """
     effects: dict[str, dict[str, Parameter]] = {}
     notes: list[str] = []
-    skews = [s for one in stamps for s in one.skew.values()]
+    skews = [s for one in stamps for s in one.skew.items()]
     if skews:
-        quantity = EFFECTS['clock_skew'].parameters[0]
-        effects['clock_skew'] = {quantity.name: Parameter(
-            float(np.mean(skews)), float(np.std(skews)) + 1e-7, quantity.unit)}
+        effects['clock_skew'] = _by_stream('clock_skew', skews, {
+            c.stream: c.std for one in stamps for c in one.clocks})
         notes.append('clocks run apart: ' + ', '.join(
             f'{k} {1e6 * v:+.1f} ppm' for one in stamps for k, v in one.skew.items()))
-    lost = [v for one in stamps for v in one.lost.values()]
+    lost = [v for one in stamps for v in one.lost.items()]
     if lost:
-        quantity = EFFECTS['dropouts'].parameters[0]
-        effects['dropouts'] = {quantity.name: Parameter(
-            float(np.mean(lost)), float(np.std(lost)), quantity.unit)}
+        effects['dropouts'] = _by_stream('dropouts', lost, {})
         notes.append('samples are lost: ' + ', '.join(
             f'{k} {100 * v:.2f} %' for one in stamps for k, v in one.lost.items()))
     steps = [x for one in stamps for x in datachecks.lattices(one.recording, noise)]
@@ -104,3 +101,16 @@ def from_checks(stamps: Sequence[Corrected], noise: Array
     notes += [f'stamps of {c.stream} scatter by {1e3 * c.jitter:.2f} ms' for one in stamps
               for c in one.clocks if c.jitter * c.rate > datachecks.JITTER]
     return effects, tuple(notes)
+
+
+def _by_stream(effect: str, found: Sequence[tuple[str, float]], std: Mapping[str, float]
+               ) -> dict[str, Parameter]:
+    """Average what each stream's stamps say, recording by recording."""
+    out = {}
+    for q in EFFECTS[effect].parameters:
+        values = [value for stream, value in found if stream == q.name]
+        if values:
+            scatter = float(np.std(values)) / np.sqrt(len(values))
+            out[q.name] = Parameter(float(np.mean(values)), max(scatter, std.get(q.name, 0.0)),
+                                    q.unit)
+    return out

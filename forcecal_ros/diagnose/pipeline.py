@@ -1,11 +1,12 @@
 """From one recording, or a pair, to a diagnosis."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from forcecal_ros.diagnose import datachecks, remainder
 from forcecal_ros.diagnose.case import Case, prepare, split
 from forcecal_ros.diagnose.channels import CHANNELS
-from forcecal_ros.diagnose.gap import Arms, Gap, gap
+from forcecal_ros.diagnose.gap import Arms, contact_error, Errors, Gap, gap
 from forcecal_ros.diagnose.hypotheses import hypotheses, Hypothesis
 from forcecal_ros.diagnose.nuisances import apply_all
 from forcecal_ros.diagnose.parameters import from_checks, parameters_of
@@ -14,6 +15,7 @@ from forcecal_ros.diagnose.remainder import Ceiling, Cell
 from forcecal_ros.diagnose.result import Diagnosis, Found, Parameter
 from forcecal_ros.diagnose.selection import select, Selection
 from forcecal_ros.diagnose.stamps import Corrected, corrected
+from forcecal_ros.diagnose.trial import Bench, Tangent
 from forcecal_ros.diagnose.verdict import probabilities, Remains, verdict
 from forcecal_ros.diagnose.where import Place, places, stage_of
 from forcecal_ros.errors import DataError
@@ -25,6 +27,9 @@ import numpy as np
 
 VISIBLE = 25.0
 """Whitened energy that a typical size must have in order to be seen."""
+
+CLIPPING = ('wrench_saturation', 'accel_saturation')
+"""Effects that the data show without a model and that a model has to follow."""
 
 MOVING = 2.0
 """Motion that a recording needs [s]."""
@@ -86,23 +91,33 @@ def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
     else:
         cases[1] = replace(cases[1], train=cases[1].held, held=cases[1].train)
     p = problem(rig, tuple(cases))
+    checks = _Checks.of(stamps, sample_noise(p, np.zeros(len(CHANNELS))))
+    known = {name: {k: v.value for k, v in found.items()}
+             for name, found in checks.effects.items() if name in CLIPPING}
+    first = p
+    if known:
+        p = replace(p, fixed=known, centre=p.centre.copy())
+        p.settle()
+        p.recalibrate()
     strongest = max(lines_of(p), key=lambda line: line.power, default=None)
     found = hypotheses(p, strongest.frequency if strongest else None)
-    return _conclude(p, found, stamps)
+    return _conclude(first, p, found, checks)
 
 
-def _conclude(p: Problem, found: list[Hypothesis], stamps: list[Corrected]) -> Outcome:
+def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Checks') -> Outcome:
     selection = select(p, found)
     final = selection.problem
-    noise = sample_noise(final)
-    checks = _Checks.of(stamps, final, noise)
+    lines, impulses = lines_of(final), sum(
+        remainder.impulses(n, b) for n, b in zip(final.noise, final.blocks))
     ceiling = remainder.ceiling(final, final.base, final.blocks)
     strongest = [c for case, n, b in zip(final.cases, final.noise, final.blocks)
                  for c in remainder.cells(case, n, b)]
     strongest.sort(key=lambda cell: -cell.z)
-    remains = _remains(ceiling, strongest, checks, final)
+    remains = _remains(ceiling, strongest, lines, np.asarray(impulses))
     left = [_left(ceiling, i) for i in range(len(final.cases))]
-    measured = _gap(p, final, left, noise, strongest)
+    errors = parameter_errors(final, selection.tangents)
+    noise = sample_noise(final, errors.expected(), left)
+    measured = _gap(first, final, left, noise, strongest, errors)
     named = [a.name for a in selection.accepted]
     slots = [(a.name, selection.rivals.get(a.name, {})) for a in selection.accepted]
     shares, candidates = probabilities(slots, remains, measured.closed)
@@ -120,10 +135,10 @@ def _conclude(p: Problem, found: list[Hypothesis], stamps: list[Corrected]) -> O
         effects = [Found('unknown', {}, dict(candidates).get('unknown', 0.9))]
     diagnosis = Diagnosis(
         word, sentence, tuple(effects), tuple(candidates),
-        _where(p, final, selection, ceiling), measured, tuple(invisible), checks.notes,
+        _where(first, final, selection, ceiling), measured, tuple(invisible), checks.notes,
         {'ceiling_sigma': float(ceiling.z.max()), 'cell_sigma': strongest[0].z,
          'ratio': remains.ratio})
-    return Outcome(diagnosis, patched(final, selection, checks), tuple(p.blocks),
+    return Outcome(diagnosis, patched(final, selection, checks), tuple(first.blocks),
                    tuple(final.blocks),
                    final.cases, noise)
 
@@ -134,15 +149,10 @@ class _Checks:
 
     effects: dict[str, dict[str, Parameter]]
     notes: tuple[str, ...]
-    lines: tuple[datachecks.Line, ...]
-    impulses: Array
 
     @classmethod
-    def of(cls, stamps: list[Corrected], final: Problem, noise: Array) -> '_Checks':
-        effects, notes = from_checks(stamps, noise)
-        count = np.array(sum(remainder.impulses(n, b)
-                             for n, b in zip(final.noise, final.blocks)))
-        return cls(effects, notes, lines_of(final), count)
+    def of(cls, stamps: list[Corrected], noise: Array) -> '_Checks':
+        return cls(*from_checks(stamps, noise))
 
 
 def lines_of(p: Problem) -> tuple[datachecks.Line, ...]:
@@ -191,31 +201,71 @@ def patched(p: Problem, selection: Selection, checks: '_Checks') -> Rig:
     return with_effects(rig, effects) if effects else rig
 
 
-def sample_noise(p: Problem) -> Array:
+def sample_noise(p: Problem, explained: Array, left: Sequence[Array] = ()) -> Array:
     """
-    RMS of the noise of one sample of every channel.
+    RMS of the noise of one sample of every channel: of what is neither explained nor predicted.
 
     Parameters
     ----------
     p : Problem
+        As far as is explained.
+    explained : ndarray, shape (16,)
+        Mean square that wrong parameters leave.
+    left : sequence of ndarray, shape (n, 16)
+        What else is predicted, in each recording.
 
     Returns
     -------
     ndarray, shape (16,)
         0 where there is no channel.
     """
-    total = np.zeros(len(CHANNELS))
-    for case, noise, signals in zip(p.cases, p.noise, p.base):
-        within = case.measured.scatter(signals)
-        total += np.where(noise.sigma[0] > 0.0, noise.rms(0) ** 2 + within, 0.0)
-    return np.asarray(np.sqrt(total / len(p.cases)))
+    total, weight, within = np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS)), []
+    for i, case in enumerate(p.cases):
+        rest = p.blocks[i] - (left[i] if left else 0.0)
+        rows = case.held[:, np.newaxis] & case.measured.present
+        total += np.sum(np.where(rows, rest, 0.0) ** 2, axis=0)
+        weight += rows.sum(axis=0)
+        if case.held.any():
+            within.append(case.measured.scatter(p.base[i]))
+    mean = np.maximum(total / np.maximum(weight, 1.0) - explained, 0.0)
+    return np.asarray(np.sqrt(np.where(weight > 0.0, mean + np.mean(within, axis=0), 0.0)))
 
 
-def _remains(ceiling: Ceiling, cells: list[Cell], checks: _Checks, p: Problem) -> Remains:
+def parameter_errors(p: Problem, tangents: Sequence[Tangent]) -> Errors:
+    """
+    Say what wrong parameters leave on held-out blocks.
+
+    Parameters
+    ----------
+    p : Problem
+        At the joint fit.
+    tangents : sequence of Tangent
+        Of its effects.
+
+    Returns
+    -------
+    Errors
+    """
+    bench = Bench(p, tangents)
+    k = len(bench.null.x)
+    grams, n = np.zeros((len(CHANNELS), k, k)), 0
+    for i, case in enumerate(p.cases):
+        columns = [*p.columns[i], *bench.extra[i]]
+        n += int(case.held.sum())
+        for c in range(len(CHANNELS)):
+            there = [j for j in range(k) if c in columns[j]]
+            if there and case.held.any():
+                rows = np.stack([columns[j][c][case.held] for j in there]).astype(float)
+                grams[c][np.ix_(there, there)] += rows @ rows.T
+    return Errors(grams / max(1, n), bench.null.covariance)
+
+
+def _remains(ceiling: Ceiling, cells: list[Cell], lines: tuple[datachecks.Line, ...],
+             impulses: Array) -> Remains:
     z = np.where(ceiling.size > remainder.SMALL, ceiling.z, 0.0)
     c, cell = int(z.argmax()), cells[0]
-    several = int(checks.impulses.max())
-    line = max(checks.lines, key=lambda one: one.power, default=None)
+    several = int(impulses.max())
+    line = max(lines, key=lambda one: one.power, default=None)
     options = [
         (float(z[c]) / remainder.PREDICTABLE,
          f'{CHANNELS[c].name}, predictable from the motion ({z[c]:.1f} sigma)'),
@@ -223,7 +273,7 @@ def _remains(ceiling: Ceiling, cells: list[Cell], checks: _Checks, p: Problem) -
          f'{CHANNELS[cell.channel].name} in {cell.phase}, {cell.band[0]:g} to '
          f'{cell.band[1]:g} Hz ({cell.z:.1f} sigma)'),
         (several / remainder.IMPULSES,
-         f'{several} impulses in {CHANNELS[int(checks.impulses.argmax())].name}')]
+         f'{several} impulses in {CHANNELS[int(impulses.argmax())].name}')]
     if line is not None:
         options.append((line.power / datachecks.LINE,
                         f'a line at {line.frequency:.2f} Hz in {line.channel}'))
@@ -236,11 +286,13 @@ def _left(ceiling: Ceiling, case: int) -> Array:
 
 
 def _gap(p: Problem, final: Problem, left: list[Array], noise: Array,
-         cells: list[Cell]) -> Gap:
-    arms = []
-    for before, after, rest, case in zip(p.blocks, final.blocks, left, p.cases):
+         cells: list[Cell], errors: Errors) -> Gap:
+    arms, contact = [], []
+    for i, (before, after, case) in enumerate(zip(p.blocks, final.blocks, p.cases)):
         nominal = case.measured.blocks(case.nominal)
-        arms.append(Arms(before, nominal - before, before - after, rest))
+        arms.append(Arms(before, nominal - before, before - after, left[i]))
+        contact.append([case.measured.of_wrench(s.contact) for s in (
+            case.nominal, p.base[i], final.base[i])])
     energy = np.zeros(len(CHANNELS))
     for c in range(len(CHANNELS)):
         strong = [x for x in cells if x.channel == c and x.z > remainder.STRONG]
@@ -249,7 +301,10 @@ def _gap(p: Problem, final: Problem, left: list[Array], noise: Array,
             rms = [b[r, c] for b, r in zip(final.blocks, rows)]
             level = np.mean([n.rms(0)[c] ** 2 for n in final.noise])
             energy[c] = max(0.0, float(np.mean(np.concatenate(rms) ** 2) - level))
-    return gap(p.cases, arms, noise, energy)
+    out = gap(p.cases, arms, noise, energy, errors)
+    remaining = np.array([out.channels[c.name][2] ** 2 for c in CHANNELS[:3]
+                          if c.name in out.channels])
+    return out._replace(contact_force=contact_error(p.cases, arms, contact, remaining))
 
 
 def _where(p: Problem, final: Problem, selection: Selection, ceiling: Ceiling

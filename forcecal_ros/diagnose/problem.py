@@ -15,9 +15,6 @@ from forcecal_ros.sim.effects import with_effects
 from forcecal_ros.sim.rig import Rig
 import numpy as np
 
-FREE = 1e-4
-"""Prior precision of the step of an accepted effect's parameter, in units of its size."""
-
 EFFECT = 1.0 / 3.0 ** 2
 """Prior precision of an effect's parameter, in units of its typical size."""
 
@@ -47,6 +44,8 @@ class Problem:
         To fit on and to judge on; one recording may do both.
     effects : Values
         Accepted, beside released nuisances.
+    fixed : Values
+        Known from the data without any model.
     centre : ndarray, shape (m,)
         Nuisances where residuals and columns are taken, in spreads.
     released : frozenset of str
@@ -59,6 +58,7 @@ class Problem:
     sizes: Array = field(default_factory=lambda: np.zeros(0))
     level: Array = field(default_factory=lambda: np.ones(len(CHANNELS)))
     effects: Values = field(default_factory=dict)
+    fixed: Values = field(default_factory=dict)
     released: frozenset[str] = frozenset()
     centre: Array = field(default_factory=lambda: np.zeros(0))
     base: list[Signals] = field(default_factory=list)
@@ -73,7 +73,7 @@ class Problem:
         if self._calibrated is None or self._calibrated[0] != key:
             values = dict(zip((n.name for n in self.nuisances), self.centre * self.sizes))
             self._calibrated = key, apply_all(self.rig, self.nuisances, values)
-        chosen = self.effects if effects is None else effects
+        chosen = {**self.fixed, **(self.effects if effects is None else effects)}
         return with_effects(self._calibrated[1], chosen) if chosen else self._calibrated[1]
 
     def prior(self, released: frozenset[str] = frozenset()) -> Prior:

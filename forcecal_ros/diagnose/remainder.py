@@ -27,6 +27,12 @@ IMPULSES = 4
 SMALL = 0.05
 """RMS of what is left, in noise RMS, that is no gap."""
 
+STEEPEST = 2.2
+"""By how much coloured noise may grow from one octave to the next lower one."""
+
+LOWEST = 2.5
+"""And by how much more in the lowest band, which is many octaves."""
+
 LAGS = (-4, -2, -1, 1, 2, 4, 8)
 """Blocks by which the main inputs are shifted."""
 
@@ -208,9 +214,11 @@ def cells(case: Case, noise: Noise, blocks: Array) -> list[Cell]:
         if not noise.sigma[:, c].any():
             continue
         white = rest.whiten(blocks[:, c][np.newaxis], c)[0]
-        for word, rows in phases.items():
-            energy, dof = _octaves(white, rows & noise.rows[:, c])
-            ratio = energy / np.maximum(dof, 1.0)
+        octaves = {word: _octaves(white, rows & noise.rows[:, c])
+                   for word, rows in phases.items()}
+        expected = _colour(list(octaves.values()))
+        for word, (energy, dof) in octaves.items():
+            ratio = energy / np.maximum(dof, 1.0) / expected
             common = max(1.0, float(ratio[-1])) if dof[-1] > 20 else 1.0
             for b, band in enumerate(BANDS[:-1]):
                 if dof[b] >= 4:
@@ -219,6 +227,23 @@ def cells(case: Case, noise: Noise, blocks: Array) -> list[Cell]:
                     z = min(z, _cube_root(ratio[b] / common, dof[b]))
                     found.append(Cell(c, word, band, float(np.sqrt(max(0.0, over))), float(z)))
     return sorted(found, key=lambda cell: -cell.z)
+
+
+def _colour(octaves: list[tuple[Array, Array]]) -> Array:
+    """
+    Follow a channel's noise to low frequencies, where a short rest says nothing about it.
+
+    Noise grows steadily from octave to octave and is there in most phases; shape (bands,).
+    """
+    ratios = np.array([np.where(dof >= 4, energy / np.maximum(dof, 1.0), np.nan)
+                       for energy, dof in octaves])
+    expected = np.ones(len(BANDS))
+    for b in range(len(BANDS) - 2, -1, -1):
+        there = ratios[np.isfinite(ratios[:, b]), b]
+        steepest = expected[b + 1] * STEEPEST * (LOWEST if b == 0 else 1.0)
+        if len(there):
+            expected[b] = min(max(1.0, float(np.median(there))), steepest)
+    return expected
 
 
 def _cube_root(ratio: float, dof: float) -> float:

@@ -120,6 +120,14 @@ class Measured:
             out[stream.blocks, COLUMNS[name]] = means
         return out
 
+    def of_wrench(self, simulated: Array) -> Array:
+        """Block means of another simulated signal at the samples of the wrench, (n_blocks, k)."""
+        out = np.zeros((self.n_blocks, simulated.shape[1]))
+        if 'wrench' in self._streams:
+            stream = self._streams['wrench']
+            out[stream.blocks] = _means(_at(simulated, stream), stream)
+        return out
+
     def scatter(self, signals: Signals) -> Array:
         """Mean square of the samples about their block means, shape (16,)."""
         out = np.zeros(len(CHANNELS))

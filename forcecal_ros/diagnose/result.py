@@ -98,10 +98,8 @@ def to_document(diagnosis: Diagnosis, units: dict[str, str], rig: str | None) ->
             'per_channel': {name: {
                 'nominal_rms': v[0], 'recalibrated_rms': v[1], 'explained_rms': v[2],
                 'noise_rms': v[3], 'unit': units[name]} for name, v in g.channels.items()},
-            'contact_force_error': {
-                arm: sum(v[i] ** 2 for n, v in g.channels.items()
-                         if n.startswith('force')) ** 0.5
-                for i, arm in enumerate(('nominal', 'recalibrated', 'explained'))}}
+            'contact_force_error': dict(zip(
+                ('nominal', 'recalibrated', 'explained'), g.contact_force))}
     if rig:
         document['rig'] = rig
     return document

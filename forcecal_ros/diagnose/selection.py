@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.hypotheses import bounds_of, Hypothesis, values_of
+from forcecal_ros.diagnose.memory import slow_gain
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.trial import Bench, Tangent, tangent, Trial
 from forcecal_ros.geometry import Array
@@ -17,6 +18,9 @@ SIGNIFICANT = 0.01
 
 LEAST_GAIN = 3.0
 """Held-out log-likelihood that an effect has to bring."""
+
+LEAST_SLOW_GAIN = 8.0
+"""Log-likelihood that it has to bring on all data where the noise may have a long memory."""
 
 LEAST_FRACTION = 0.05
 """Of the above-noise energy, its lower bound."""
@@ -32,6 +36,13 @@ SHORTLIST = 3
 
 CLOSE = 0.5
 """Fraction of the best gain from which a hypothesis is refined as well."""
+
+
+ROUNDS = 3
+"""Gauss-Newton steps of a joint refit."""
+
+SHORTEST = 0.02
+"""Fraction of such a step below which it is given up."""
 
 
 class Accepted(NamedTuple):
@@ -127,17 +138,21 @@ def select(problem: Problem, found: Sequence[Hypothesis]) -> Selection:
     accepted: list[Accepted] = []
     tangents: list[Tangent] = []
     first: tuple[Trial, ...] = ()
-    while True:
-        left = [h for h in found if h.name not in {a.name for a in accepted}]
+    out: set[str] = set()
+    while len(accepted) < MOST_EFFECTS:
+        left = [h for h in found if h.name not in out | {a.name for a in accepted}]
         tested = sum(h.ways for h in left)
         trials = ranked(Bench(problem, tangents), left, tested)
-        if not accepted:
-            first = tuple(trials)
-        best = next((t for t in trials if acceptable(t, tested)), None)
-        if best is None or len(accepted) >= MOST_EFFECTS:
+        first = first or tuple(trials)
+        while (best := next((t for t in trials if t.name not in out
+                             and acceptable(t, tested)), None)) is not None:
+            fitted = joint(problem, [*accepted, Accepted.of(best)], best.nuisances)
+            if slow_gain(problem, fitted[0]) > LEAST_SLOW_GAIN:
+                problem, accepted, tangents = fitted
+                break
+            out.add(best.name)
+        if best is None:
             break
-        accepted.append(Accepted.of(best))
-        problem, accepted, tangents = joint(problem, accepted, best.nuisances)
     if len(accepted) > 1:
         problem, accepted, tangents = _drop(problem, accepted, tangents)
     problem, accepted, tangents, rivals = _exchange(problem, accepted, tangents, found)
@@ -171,30 +186,45 @@ def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = N
     else:
         out.settle()
     tangents: list[Tangent] = []
-    for _ in range(2):
+    for _ in range(ROUNDS):
         tangents = [_tangent(out, a) for a in now if len(a.theta)]
-        extra = [[c for t in tangents for c in t.columns[i]] for i in range(len(out.cases))]
         out.refit_noise(np.zeros(m))
         bench = Bench(out, tangents)
-        x, variance = bench.null.x, np.diag(bench.null.covariance)
-        out.centre, position = out.centre + x[:m], m
-        for j, a in enumerate(now):
-            if len(a.theta):
-                t = next(t for t in tangents if t.name == a.name)
-                part = slice(position, position + len(a.free))
-                low, high = bounds_of(EFFECTS[a.name])
-                theta, std = a.theta.copy(), np.zeros(len(a.theta))
-                theta[a.free] += x[part] * t.units
-                std[a.free] = t.units * np.sqrt(variance[part])
-                now[j] = a._replace(theta=np.clip(theta, low, high), std=std)
-                position += len(a.free)
-        out.effects = _effects(now)
-        out.settle()
-        small = np.abs(x[m:]).max(initial=0.0) < 1e-3 and np.abs(x[:m]).max(initial=0.0) < 0.1
-        if small or not extra:
+        before, fraction = out.fit_nuisances().log_evidence, 1.0
+        while fraction > SHORTEST:
+            moved = _moved(now, tangents, bench, fraction)
+            tried = replace(out, centre=out.centre + fraction * bench.null.x[:m],
+                            effects=_effects(moved))
+            tried.settle()
+            if not tangents or tried.fit_nuisances().log_evidence > before - 0.1:
+                out, now = tried, moved
+                break
+            fraction *= 0.3
+        step = np.abs(bench.null.x)
+        if fraction <= SHORTEST or not tangents \
+                or step[m:].max() < 1e-3 and step[:m].max(initial=0.0) < 0.1:
             break
     out.refit_noise(np.zeros(m))
     return out, now, tangents
+
+
+def _moved(accepted: Sequence[Accepted], tangents: Sequence[Tangent], bench: Bench,
+           fraction: float) -> list[Accepted]:
+    """Go a fraction of the way to the best parameters of all accepted effects."""
+    by_name = {t.name: t for t in tangents}
+    x, variance = bench.null.x, np.diag(bench.null.covariance)
+    position, out = len(bench.problem.nuisances), []
+    for a in accepted:
+        if len(a.theta):
+            part, units = slice(position, position + len(a.free)), by_name[a.name].units
+            low, high = bounds_of(EFFECTS[a.name])
+            theta, std = a.theta.copy(), np.zeros(len(a.theta))
+            theta[a.free] += fraction * x[part] * units
+            std[a.free] = units * np.sqrt(variance[part])
+            a = a._replace(theta=np.clip(theta, low, high), std=std)
+            position += len(a.free)
+        out.append(a)
+    return out
 
 
 def _effects(accepted: Sequence[Accepted]) -> dict[str, dict[str, float]]:

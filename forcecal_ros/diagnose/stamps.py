@@ -51,7 +51,7 @@ def corrected(recording: Recording, rig: Rig) -> Corrected:
         Commands or sensors are missing, not finite, or do not overlap.
     """
     _check(recording)
-    found = datachecks.clocks(recording)
+    found = datachecks.clocks(recording, _rates(rig))
     skew = datachecks.skew_between(found)
     start = float(recording.target.t[0]) if recording.target is not None else 0.0
     changed = {}
@@ -59,6 +59,12 @@ def corrected(recording: Recording, rig: Rig) -> Corrected:
         stream = getattr(recording, name)
         changed[name] = replace(stream, t=start + (stream.t - start) / (1.0 + value))
     return Corrected(replace(recording, **changed), found, skew, datachecks.dropouts(found))
+
+
+def _rates(rig: Rig) -> dict[str, float]:
+    rates = {'wrench': rig.wrench_sensor.rate, 'accelerometer': rig.accelerometer.rate,
+             'pose': rig.pose_sensor.rate, 'target': 1.0 / rig.robot.period}
+    return rates | ({'optidrive': rig.optidrive.rate} if rig.optidrive else {})
 
 
 def _check(recording: Recording) -> None:

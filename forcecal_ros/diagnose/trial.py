@@ -13,7 +13,7 @@ from forcecal_ros.diagnose.hypotheses import (
     nominal_of,
     values_of,
 )
-from forcecal_ros.diagnose.problem import EFFECT, FREE, Problem
+from forcecal_ros.diagnose.problem import EFFECT, Problem
 from forcecal_ros.geometry import Array
 from forcecal_ros.sim.effects import Effect, EFFECTS
 import numpy as np
@@ -28,11 +28,26 @@ ROUNDS = 4
 
 
 class Tangent(NamedTuple):
-    """Columns of an effect's estimated parameters at their values, and the unit of each."""
+    """
+    Columns of an effect's estimated parameters at their values.
+
+    Attributes
+    ----------
+    name : str
+    free : ndarray of int, shape (k,)
+        Which parameters.
+    units : ndarray, shape (k,)
+        Of the columns.
+    away : ndarray, shape (k,)
+        How far the parameters are from where the effect does nothing, in these units.
+    columns : tuple of list of Column
+        One list per recording.
+    """
 
     name: str
     free: NDArray[np.intp]
     units: Array
+    away: Array
     columns: tuple[list[Column], ...]
 
 
@@ -106,6 +121,8 @@ def unit_of(effect: Effect, theta: Array) -> Array:
     unit = np.maximum(np.abs(typical - nominal), np.abs(theta - nominal))
     limit = np.abs(nominal) > FAR * np.abs(typical)
     unit = np.where(limit, np.abs(theta), unit)
+    shapes = np.array([q.shapes for q in effect.parameters])
+    unit = np.where(shapes, np.abs(typical - nominal), unit)
     return np.asarray(np.where(unit > 0.0, unit, 1.0))
 
 
@@ -146,7 +163,10 @@ def tangent(problem: Problem, name: str, theta: Array, free: NDArray[np.intp],
                 one = column((before - problem.simulate(changed, case)) * (unit / h),
                              problem.level)
             columns[case].append(one)
-    return Tangent(name, free, units, tuple(columns))
+    away = (theta - nominal_of(effect))[free] / units
+    shapes = np.array([effect.parameters[i].shapes for i in free])
+    return Tangent(name, free, units, np.where(shapes | (np.abs(away) > FAR), 0.0, away),
+                   tuple(columns))
 
 
 class Bench:
@@ -165,6 +185,7 @@ class Bench:
         self.extra: list[list[Column]] = [
             [c for t in tangents for c in t.columns[i]] for i in range(len(problem.cases))]
         self.m = len(problem.nuisances)
+        self._away = np.concatenate([np.zeros(0), *(t.away for t in tangents)])
         self.base = self.m + len(self.extra[0])
         self.train, self.held = problem.grams(self.extra)
         self.null_prior = self._prior(frozenset(), np.zeros(0))
@@ -179,11 +200,10 @@ class Bench:
     def _prior(self, released: frozenset[str], centre: Array) -> Prior:
         """Return the prior of nuisances, accepted effects, and an effect's parameters."""
         own = self.problem.prior(released)
-        k = self.base - self.m
-        return Prior(np.concatenate([own.centre, np.zeros(k), centre]),
-                     np.concatenate([own.precision, np.full(k, FREE),
-                                     np.full(len(centre), EFFECT)]),
-                     np.concatenate([own.bound, np.full(k + len(centre), np.inf)]))
+        away = np.concatenate([self._away, centre])
+        return Prior(np.concatenate([own.centre, away]),
+                     np.concatenate([own.precision, np.full(len(away), EFFECT)]),
+                     np.concatenate([own.bound, np.full(len(away), np.inf)]))
 
     def screen(self, hypotheses: Sequence[Hypothesis]) -> list[tuple[Trial, Atom | None]]:
         """Judge all hypotheses on linear columns, the best start of each, likeliest first."""
@@ -274,7 +294,7 @@ class Bench:
                     for i, b in enumerate(problem.blocks)]
             columns = [[*self.extra[i], *t.columns[i]] for i in range(len(problem.cases))]
             train, _ = problem.grams(columns, full)
-            found = fit(train, self._prior(frozenset(), self._centre(effect, theta, t)))
+            found = fit(train, self._prior(frozenset(), t.away))
             at_zero = self._at(train)
             if at_zero > best[0]:
                 best, step = (at_zero, theta), found.x[self.base:] * t.units
@@ -286,11 +306,6 @@ class Bench:
                 break
             theta = moved
         return self._final(h, best[1], free)
-
-    def _centre(self, effect: Effect, theta: Array, t: Tangent) -> Array:
-        """How far the parameters are from where the effect does nothing, in their units."""
-        away = (theta - nominal_of(effect))[t.free] / t.units
-        return np.asarray(np.where(np.abs(away) > FAR, 0.0, away))
 
     def _at(self, train: Gram) -> float:
         """Evidence with the effect's parameters as they are."""
@@ -305,7 +320,7 @@ class Bench:
         own = [[*t.columns[i], moved[i]] for i in cases]
         grams = problem.grams([[*self.extra[i], *own[i]] for i in cases])
         train, held = map(_shifted, grams)
-        prior = self._prior(frozenset(), self._centre(h.effect, theta, t))
+        prior = self._prior(frozenset(), t.away)
         found, joint = fit(train, prior), fit(train + held, prior)
         gain = joint.log_evidence - found.log_evidence - self.null_predictive
         evidence = joint.log_evidence - self.null_evidence - np.log(h.ways)
