@@ -39,6 +39,24 @@ def compiled(function: F) -> F:
         return cast(F, njit(nogil=True)(function))
 
 
+def waits_for_compiler(*functions: Callable[..., Any]) -> bool:
+    """
+    Whether the first call of any compiles it, since no earlier process left its machine code.
+
+    Parameters
+    ----------
+    functions : callable
+        Results of :func:`compiled` or :func:`compiled_with_all_it_calls`.
+
+    Returns
+    -------
+    bool
+        False as well where numba does not tell.
+    """
+    files = (getattr(getattr(one, '_cache', None), '_cache_file', None) for one in functions)
+    return not all(file._load_index() for file in files if file is not None)
+
+
 def compiled_with_all_it_calls(function: F) -> F:
     """
     Compile a function together with the plain functions of its folder that it calls.

@@ -59,14 +59,18 @@ def run(folder, cache):
     environment = {**os.environ, 'XDG_CACHE_HOME': str(cache), 'PYTHONDONTWRITEBYTECODE': '1',
                    'PYTHONPATH': os.pathsep.join([str(folder), *sys.path])}
     environment.pop('NUMBA_CACHE_DIR', None)
-    done = subprocess.run([sys.executable, '-c', 'from twice import twice; print(twice(21))'],
-                          env=environment, capture_output=True, text=True, timeout=60)
-    assert done.stdout.strip() == '42', done.stderr
+    done = subprocess.run(
+        [sys.executable, '-c', 'from forcecal_ros.compiled import waits_for_compiler as waits\n'
+         'from twice import twice; print(waits(twice), twice(21))'],
+        env=environment, capture_output=True, text=True, timeout=60)
+    assert done.stdout.split()[1] == '42', done.stderr
+    return done.stdout.split()[0]
 
 
 def test_machine_code_goes_to_the_user_cache_where_the_package_cannot_be_written(unwritable):
-    run(unwritable, unwritable / 'cache')
+    assert run(unwritable, unwritable / 'cache') == 'True'
     assert list((unwritable / 'cache').rglob('*.nbc'))
+    assert run(unwritable, unwritable / 'cache') == 'False'
 
 
 def test_without_any_place_to_cache_it_still_runs(unwritable):

@@ -92,6 +92,13 @@ def say(text: str) -> None:
     print(text, flush=True)
 
 
+def say_if_compiling(waits: bool, what: str) -> None:
+    """Say what a first run waits for."""
+    if waits:
+        warn(f'compiling {what} for this computer, some ten seconds; only the first run waits '
+             'for that')
+
+
 def warn(text: str) -> None:
     """Print one line that the user should know of, on stderr."""
     print(f'forcecal: note: {" ".join(text.split())}', file=sys.stderr)

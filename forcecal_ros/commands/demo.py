@@ -5,7 +5,14 @@ from pathlib import Path
 import sys
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.commands.common import add_json, new_parser, print_json, say, warn
+from forcecal_ros.commands.common import (
+    add_json,
+    new_parser,
+    print_json,
+    say,
+    say_if_compiling,
+    warn,
+)
 
 if TYPE_CHECKING:
     from forcecal_ros.calibration import Calibration
@@ -33,14 +40,17 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.calibration_file import parse, save, to_document
     from forcecal_ros.files import write_text
     from forcecal_ros.nodes.demo import run_demo
-    from forcecal_ros.observe import replay
+    from forcecal_ros.observe import batch, replay
     from forcecal_ros.report.calibration import render
     from forcecal_ros.report.rows import as_text, table
     from forcecal_ros.samples import Stream
+    from forcecal_ros.sim import simulator
     from forcecal_ros.sim.rig_file import load_rig
     from forcecal_ros.sim.truth import true_calibration
 
     out = Path(args.out)
+    say_if_compiling(simulator.waits_for_compiler() or batch.waits_for_compiler(),
+                     'simulator and observer')
     result = run_demo(args.accelerometer, out, args.seed, _Progress())
     calibration = parse(result.calibration, 'sequencer/calibration')
     truth = true_calibration(load_rig(), args.accelerometer)

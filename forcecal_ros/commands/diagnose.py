@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from forcecal_ros.commands.common import new_parser, topic_names
+from forcecal_ros.commands.common import new_parser, say_if_compiling, topic_names
 from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
 
@@ -47,11 +47,13 @@ def answer(args: argparse.Namespace) -> Answer:
     from forcecal_ros.files import write_text
     from forcecal_ros.report.diagnosis import render
     from forcecal_ros.sim.rig_file import dump_rig, load_rig
+    from forcecal_ros.sim.simulator import waits_for_compiler
 
     rig = load_rig(args.rig)
     recording, *more = (
         read_recording(bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
         for bag in (args.bag, args.heldout) if bag is not None)
+    say_if_compiling(waits_for_compiler(), 'the simulator')
     outcome = diagnose(recording, more[0] if more else None, rig, args.accelerometer)
     diagnosis, folder = outcome.diagnosis, Path(args.output)
     answered = diagnosis.verdict != 'invalid_data'

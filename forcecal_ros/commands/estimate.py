@@ -4,7 +4,7 @@ import argparse
 from collections import Counter
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.commands.common import new_parser, topic_names
+from forcecal_ros.commands.common import new_parser, say_if_compiling, topic_names
 from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
 
@@ -49,6 +49,7 @@ def answer(args: argparse.Namespace) -> Answer:
     from forcecal_ros.bags import read_recording, write_signals
     from forcecal_ros.calibration_file import dump, load
     from forcecal_ros.observe import describe, replay, Settings
+    from forcecal_ros.observe.batch import waits_for_compiler
     from forcecal_ros.samples import Stream
     import numpy as np
 
@@ -56,6 +57,7 @@ def answer(args: argparse.Namespace) -> Answer:
     recording = read_recording(
         args.bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
     calibration, about_delay = with_known_delay(calibration, recording)
+    say_if_compiling(waits_for_compiler(), 'the observer')
     estimate = replay(recording, calibration, Settings(
         mode=args.mode, bandwidth_hz=args.bandwidth))
     frame = calibration.sensor_frame

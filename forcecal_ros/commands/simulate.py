@@ -10,6 +10,7 @@ from forcecal_ros.commands.common import (
     new_parser,
     print_json,
     say,
+    say_if_compiling,
     topic_names,
 )
 
@@ -41,11 +42,13 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.bags import read_recording, require, write_recording
     from forcecal_ros.sim.offline import simulate
     from forcecal_ros.sim.rig_file import load_rig
+    from forcecal_ros.sim.simulator import waits_for_compiler
 
     rig = load_rig(args.rig)
     commands = read_recording(args.commands, topics=topic_names(args))
     require(commands, ['target'])
     assert commands.target is not None
+    say_if_compiling(waits_for_compiler(), 'the simulator')
     simulated = simulate(rig, commands.target, accelerometer=args.accelerometer,
                          noise=not args.noise_free, seed=args.seed)
     write_recording(args.output, replace(

@@ -16,7 +16,7 @@ from forcecal_ros.nodes.runtime import EXECUTOR, OUTPUT, run, STEADY
 from forcecal_ros.nodes.wire import frame_of, JointWriter, Reader, Writer
 from forcecal_ros.sim.rig_file import load_rig
 from forcecal_ros.sim.schedule import CommandSchedule
-from forcecal_ros.sim.simulator import Samples, Simulator, warm_up
+from forcecal_ros.sim.simulator import Samples, Simulator, waits_for_compiler, warm_up
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
 import numpy as np
 from rclpy.node import Node
@@ -69,6 +69,9 @@ class Sim(Node):
         declare(self, PARAMETERS)
         value = {row.name: self.get_parameter(row.name).value for row in PARAMETERS}
         self._rig = load_rig(Path(value['rig']) if value['rig'] else None)
+        if waits_for_compiler():
+            self.get_logger().info('compiling the simulator for this computer, some ten seconds; '
+                                   'only the first run waits for that')
         warm_up()
         self._simulator = Simulator(
             self._rig, value['accelerometer'] or None,

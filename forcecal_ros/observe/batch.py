@@ -6,6 +6,7 @@ of them, so nothing is waited for.
 
 from math import inf
 
+from forcecal_ros import compiled
 from forcecal_ros.compiled import compiled_with_all_it_calls
 from forcecal_ros.geometry import Array, quaternion_from_matrix
 from forcecal_ros.observe.align import displacement_at, force_at, SAME, usable_from
@@ -71,6 +72,11 @@ def estimates(recording: Recording, model: Model
     _observe_all(wrench.t, np.ascontiguousarray(wires), force, slide, poses,
                  model._replace(six_axis=None), Motion(), Filter(), wrenches, status)
     return wrench.t, wrenches, status, (0, no_force, no_pose, no_slide)
+
+
+def waits_for_compiler() -> bool:
+    """Whether the first recording has to wait until the observer is compiled."""
+    return compiled.waits_for_compiler(_integrate, _observe_all)
 
 
 def _begins(t: Array, timeout: float) -> Mask:

@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from forcecal_ros import compiled
 from forcecal_ros.errors import MotionError
 from forcecal_ros.geometry import Array, quaternion_from_matrix
 from forcecal_ros.sim.effects.signals import AccelerometerEffects, WrenchEffects
@@ -9,9 +10,9 @@ from forcecal_ros.sim.effects.stamps import StampEffects
 from forcecal_ros.sim.plant import Plant
 from forcecal_ros.sim.rig import Rig
 from forcecal_ros.sim.rig_file import load_rig
-from forcecal_ros.sim.robot import Motion
-from forcecal_ros.sim.sensors import Noise, Response
-from forcecal_ros.sim.tool import Slide
+from forcecal_ros.sim.robot import Motion, move
+from forcecal_ros.sim.sensors import Noise, respond, Response
+from forcecal_ros.sim.tool import Slide, slide_along
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -249,6 +250,11 @@ def checked_commands(positions: Array, R_base_sensor: Array) -> tuple[Array, Arr
         raise MotionError(f'a commanded orientation is no rotation (R^T R departs from 1 by '
                           f'{worst:.2g}, or it is left-handed); send unit quaternions')
     return positions, quaternion_from_matrix(R_base_sensor)
+
+
+def waits_for_compiler() -> bool:
+    """Whether the first period has to wait until the rig is compiled."""
+    return compiled.waits_for_compiler(move, slide_along, respond)
 
 
 def warm_up() -> None:
