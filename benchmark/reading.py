@@ -11,7 +11,6 @@ import argparse
 from collections import defaultdict
 from operator import attrgetter
 from pathlib import Path
-import resource
 import subprocess
 import sys
 import tempfile
@@ -91,15 +90,20 @@ def hour(folder: Path) -> None:
     print(said, end='')
 
 
+def most_memory() -> float:
+    """Return the most that this program has occupied so far [MB]."""
+    status = Path('/proc/self/status').read_text()
+    return int(status.partition('VmHWM:')[2].split()[0]) / 1024
+
+
 def read(path: Path) -> None:
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    before = most_memory()
     start = time.process_time()
     r = read_recording(path)
     seconds = time.process_time() - start
     count = sum(len(s) for s in (r.wrench, r.accelerometer, r.optidrive, r.pose))
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     row('messages', f'{count / 1e6:.1f} million in {seconds:.1f} s', '')
-    row('most memory of the process', f'{peak:.0f} MB ({before:.0f} before)', '1000 MB')
+    row('most memory of the process', f'{most_memory():.0f} MB ({before:.0f} before)', '1000 MB')
 
 
 def main() -> None:
