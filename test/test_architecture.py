@@ -20,7 +20,7 @@ NUMERICS = (
     ('calibration', 'calibration_file', 'tables'),
     ('six_axis',),
     ('control', 'gravity', 'identify', 'insitu', 'observe', 'sim'),
-    ('diagnose',),
+    ('diagnose', 'impedance'),
 )
 LAYERS = (
     *NUMERICS,

@@ -2,7 +2,6 @@
 
 import base64
 from collections.abc import Mapping
-from io import BytesIO
 from typing import Any
 
 from forcecal_ros.calibration import Calibration
@@ -76,13 +75,8 @@ def _pictures(recording: Recording, calibration: Calibration,
         ]
     for title, words, figure in drawn:
         if figure is not None:
-            yield {'title': title, 'words': words, 'png': _png(figure)}
-
-
-def _png(figure: Figure) -> str:
-    buffer = BytesIO()
-    figure.savefig(buffer, format='png', dpi=130)
-    return base64.b64encode(buffer.getvalue()).decode()
+            yield {'title': title, 'words': words,
+                   'png': base64.b64encode(figures.png(figure)).decode()}
 
 
 def _flat(quality: Mapping[str, Any], prefix: str = '') -> Any:

@@ -1,5 +1,6 @@
 """The pictures of a calibration report, each a function of a recording and its calibration."""
 
+from io import BytesIO
 from typing import Any
 
 from forcecal_ros.calibration import Calibration
@@ -47,7 +48,7 @@ def pose_means(recording: Recording, calibration: Calibration) -> Figure | None:
             means.append(part.values[:, :3].mean(axis=0))
             predicted.append(float(calibration.mass) * gravity_in_sensor(
                 pose, middle, calibration.gravity)[0] + calibration.wrench_bias.value[:3])
-    figure, (left, right) = _axes(1, 2, height=3.0)
+    figure, (left, right) = axes_grid(1, 2, height=3.0)
     x = np.arange(1, len(means) + 1)
     residual = np.array(means) - np.array(predicted)
     for axis, mark in enumerate('os^'):
@@ -76,7 +77,7 @@ def step_fit(recording: Recording, calibration: Calibration) -> Figure | None:
     measured = part.values[:, 0] - calibration.wrench_bias.value[0]
     predicted = -float(calibration.mass) * f.at(part.t)[:, 0]
     offset = (measured - predicted).mean()
-    figure, (top, bottom) = _axes(2, 1, height=4.2, sharex=True)
+    figure, (top, bottom) = axes_grid(2, 1, height=4.2, sharex=True)
     t = part.t - span.start
     top.plot(t, measured, color=MEASURED, linewidth=1, label='sensor, bias removed')
     top.plot(t, predicted + offset, color=ESTIMATED, linewidth=1, label='mass x acceleration')
@@ -98,7 +99,7 @@ def accelerometer_regression(recording: Recording, calibration: Calibration) -> 
     axis = int(np.argmax(np.abs(sensor.map.value[:, 0])))
     f = -(wrench.at(part.t - float(sensor.delay))[:, 0]
           - calibration.wrench_bias.value[0]) / float(calibration.mass)
-    figure, (axes,) = _axes(1, 1, height=3.4)
+    figure, (axes,) = axes_grid(1, 1, height=3.4)
     axes.plot(f, part.values[:, axis], '.', markersize=2, color=MEASURED, label='samples')
     line = np.array([f.min(), f.max()])
     slope = sensor.matrix[axis, 0]
@@ -115,7 +116,7 @@ def observer_output(recording: Recording, calibration: Calibration, contact: Str
     """Draw sensor and observer over the whole recording, as [Gamez2005] Fig. 5."""
     if recording.wrench is None:
         return None
-    figure, (axes,) = _axes(1, 1, height=3.6)
+    figure, (axes,) = axes_grid(1, 1, height=3.6)
     every = max(1, len(recording.wrench) // 6000)
     sensor = recording.wrench.values[::every, axis] - calibration.wrench_bias.value[axis]
     axes.plot(recording.wrench.t[::every], sensor, color=MEASURED, linewidth=0.8,
@@ -143,7 +144,7 @@ def spectra(recording: Recording, calibration: Calibration, contact: Stream) -> 
     if min(len(wrench), len(output)) < 256:
         return None
     direct = wrench.values[:, 0] + float(calibration.mass) * f.at(wrench.t)[:, 0]
-    figure, (axes,) = _axes(1, 1, height=3.4)
+    figure, (axes,) = axes_grid(1, 1, height=3.4)
     for values, rate, colour, label in (
             (direct, wrench.rate, MEASURED, 'u - m a'),
             (output.values[:, 0], output.rate, ESTIMATED, 'observer')):
@@ -155,11 +156,19 @@ def spectra(recording: Recording, calibration: Calibration, contact: Stream) -> 
     return figure
 
 
-def _axes(rows: int, columns: int, *, height: float, sharex: bool = False
-          ) -> tuple[Figure, list[Any]]:
+def axes_grid(rows: int, columns: int, *, height: float, sharex: bool = False,
+              sharey: bool = False) -> tuple[Figure, list[Any]]:
+    """Return a figure of the reports' width and its axes, row by row."""
     figure = Figure(figsize=(WIDTH, height), layout='constrained')
-    axes = figure.subplots(rows, columns, squeeze=False, sharex=sharex)
+    axes = figure.subplots(rows, columns, squeeze=False, sharex=sharex, sharey=sharey)
     for one in axes.flat:
         one.grid(alpha=0.25)
         one.spines[['top', 'right']].set_visible(False)
     return figure, list(axes.flat)
+
+
+def png(figure: Figure, dpi: int = 130) -> bytes:
+    """Return a figure as a PNG."""
+    buffer = BytesIO()
+    figure.savefig(buffer, format='png', dpi=dpi)
+    return buffer.getvalue()

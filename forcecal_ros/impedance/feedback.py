@@ -1,0 +1,135 @@
+"""The force that closes the loop: sensor as read, static compensation, or either observer."""
+
+from typing import Protocol
+
+from forcecal_ros.calibration import Calibration
+from forcecal_ros.errors import ConfigError
+from forcecal_ros.geometry import quaternion_from_matrix
+from forcecal_ros.observe import (
+    design,
+    on_accelerometer,
+    on_displacement,
+    on_pose,
+    on_wrench,
+    Settings,
+    State,
+)
+from forcecal_ros.sim.simulator import Samples
+
+SOURCES = ('true', 'raw', 'static', 'newton', 'kalman')
+"""
+What may close the loop: the true force, which only a simulator knows; the sensor as read; the
+sensor less bias and weight; the paper's observer; the six-axis Kalman observer.
+"""
+
+
+class Feedback(Protocol):
+    """Hears what the sensors say and answers with the contact force along x of ft_sensor."""
+
+    def hear(self, samples: Samples) -> list[tuple[float, float]]:
+        """
+        Take in what one or more periods brought.
+
+        Returns
+        -------
+        list of tuple
+            Stamp [s] and force of the environment on the tool [N], in order of time.
+        """
+
+
+class Truth:
+    """The true contact force, without noise or delay."""
+
+    def hear(self, samples: Samples) -> list[tuple[float, float]]:
+        """Return what only a simulator knows."""
+        return list(zip(samples.contact_t.tolist(), samples.contact[:, 0].tolist()))
+
+
+class Raw:
+    """The sensor as read, bias included."""
+
+    def hear(self, samples: Samples) -> list[tuple[float, float]]:
+        """Return the readings themselves."""
+        return list(zip(samples.wrench_t.tolist(), samples.wrench[:, 0].tolist()))
+
+
+class Static:
+    """
+    The sensor less bias and weight: what gravity compensation without an accelerometer leaves.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    """
+
+    def __init__(self, calibration: Calibration) -> None:
+        self._bias = float(calibration.wrench_bias.value[0])
+        self._weight = float(calibration.mass) * calibration.gravity
+
+    def hear(self, samples: Samples) -> list[tuple[float, float]]:
+        """Return what is left; the weight by the newest measured pose."""
+        # at rest and unloaded the wire reads m g, which points along -z of base
+        weight = -self._weight * float(samples.R_base_sensor[-1][2, 0])
+        force = samples.wrench[:, 0] - self._bias - weight
+        return list(zip(samples.wrench_t.tolist(), force.tolist()))
+
+
+class Observed:
+    """
+    The observer, by the step that its node runs.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    mode : str
+        ``newton`` or ``kalman``.
+    """
+
+    def __init__(self, calibration: Calibration, mode: str) -> None:
+        self._model = design(calibration, Settings(mode=mode))
+        self._state = State()
+
+    def hear(self, samples: Samples) -> list[tuple[float, float]]:
+        """Return the contact forces that these samples complete."""
+        state, model, s = self._state, self._model, samples
+        out: list[tuple[float, float]] = []
+        for t, place, R in zip(s.pose_t.tolist(), s.position.tolist(), s.R_base_sensor):
+            x, y, z, w = quaternion_from_matrix(R).tolist()
+            state, done = on_pose(state, t, tuple(place), (x, y, z, w), model)
+            out += [(one.t, one.contact[0]) for one in done]
+        for t, slide in zip(s.optidrive_t.tolist(), s.optidrive.tolist()):
+            state, done = on_displacement(state, t, slide, model)
+            out += [(one.t, one.contact[0]) for one in done]
+        for t, (x, y, z) in zip(s.accelerometer_t.tolist(), s.volts.tolist()):
+            state, done = on_accelerometer(state, t, (x, y, z), model)
+            out += [(one.t, one.contact[0]) for one in done]
+        for t, row in zip(s.wrench_t.tolist(), s.wrench.tolist()):
+            state, done = on_wrench(state, t, tuple(row), model)
+            out += [(one.t, one.contact[0]) for one in done]
+        self._state = state
+        return out
+
+
+def feedback_of(source: str, calibration: Calibration) -> Feedback:
+    """
+    Return one of :data:`SOURCES`.
+
+    Parameters
+    ----------
+    source : str
+    calibration : Calibration
+
+    Raises
+    ------
+    ConfigError
+        There is no such source, or the calibration does not hold what it needs.
+    """
+    if source == 'true':
+        return Truth()
+    if source == 'raw':
+        return Raw()
+    if source == 'static':
+        return Static(calibration)
+    if source in ('newton', 'kalman'):
+        return Observed(calibration, source)
+    raise ConfigError(f'feedback {source!r}: expected one of {", ".join(SOURCES)}')

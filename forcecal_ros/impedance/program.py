@@ -1,0 +1,167 @@
+"""The reference of a contact task along one line: free, approach, constrained, back."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+from forcecal_ros.control.motion import quintic
+from forcecal_ros.errors import ConfigError
+import numpy as np
+
+FREE = ('free', 'retract')
+"""Stages in which nothing should be touched, once the way back has left the wall."""
+
+
+class Stage(NamedTuple):
+    """
+    One minimum-jerk move of the reference, or a hold.
+
+    Attributes
+    ----------
+    phase : str
+        ``free``, ``approach``, ``contact`` or ``retract``.
+    goal : float
+        Where the reference is at the end, from the start of the program [m].
+    duration : float
+        [s]
+    """
+
+    phase: str
+    goal: float
+    duration: float
+
+
+class Reference(NamedTuple):
+    """Where the reference is [m], [m/s], from the start of the program, and in which phase."""
+
+    position: float
+    velocity: float
+    phase: str
+
+
+@dataclass(frozen=True)
+class Program:
+    """
+    Stages one after another, beginning at zero.
+
+    Attributes
+    ----------
+    stages : tuple of Stage
+    """
+
+    stages: tuple[Stage, ...]
+
+    def __post_init__(self) -> None:
+        for stage in self.stages:
+            if not (stage.duration > 0 and np.isfinite([stage.goal, stage.duration]).all()):
+                raise ConfigError(f'a stage of phase {stage.phase} goes to {stage.goal:g} m in '
+                                  f'{stage.duration:g} s; it wants finite numbers and a duration')
+
+    @cached_property
+    def ends(self) -> tuple[float, ...]:
+        """When each stage ends [s]."""
+        return tuple(float(t) for t in np.cumsum([stage.duration for stage in self.stages]))
+
+    @property
+    def duration(self) -> float:
+        """Length of the whole [s]."""
+        return self.ends[-1]
+
+    @property
+    def farthest(self) -> tuple[float, float]:
+        """Least and greatest goal [m]."""
+        goals = [0.0, *(stage.goal for stage in self.stages)]
+        return min(goals), max(goals)
+
+    def at(self, t: float) -> Reference:
+        """
+        Return the reference at one time.
+
+        Parameters
+        ----------
+        t : float
+            Since the start [s]; held beyond the ends.
+
+        Returns
+        -------
+        Reference
+        """
+        i = min(int(np.searchsorted(self.ends, t, side='right')), len(self.stages) - 1)
+        stage = self.stages[i]
+        start = self.stages[i - 1].goal if i else 0.0
+        begin = self.ends[i] - stage.duration
+        s, ds, _ = quintic((t - begin) / stage.duration)
+        way = stage.goal - start
+        return Reference(start + way * float(s), way * float(ds) / stage.duration, stage.phase)
+
+    def first_hold(self, phase: str) -> float:
+        """Return when the first stage of a phase ends [s]."""
+        return next(end for stage, end in zip(self.stages, self.ends) if stage.phase == phase)
+
+    def span(self, phase: str) -> tuple[float, float]:
+        """Return when a phase begins first and ends last [s]."""
+        begins = (0.0, *self.ends[:-1])
+        times = [(a, b) for stage, a, b in zip(self.stages, begins, self.ends)
+                 if stage.phase == phase]
+        return times[0][0], times[-1][1]
+
+
+@dataclass(frozen=True)
+class Task:
+    """
+    The three phases of [Gamez2005] V in numbers.
+
+    Attributes
+    ----------
+    swing, swing_duration : float
+        Each free move, back and forth, and how long it takes [m], [s].
+    swings : int
+        How often it goes back and forth.
+    clearance : float
+        From the start to the wall [m].
+    depth : float
+        How far behind the wall the reference goes, which is what presses [m].
+    approach : float
+        Duration of the way there, and of the way back [s].
+    sweep : float
+        In contact the reference moves between ``depth`` plus and minus that [m].
+    hold : float
+        Duration of each of the three holds in contact, moves not counted [s].
+    rest : float
+        Before, after and between the free moves [s].
+    """
+
+    swing: float = 0.04
+    swing_duration: float = 0.3
+    swings: int = 3
+    clearance: float = 0.08
+    depth: float = 0.02
+    approach: float = 1.1
+    sweep: float = 0.005
+    hold: float = 1.0
+    rest: float = 0.25
+
+    def program(self, cycles: int = 1) -> Program:
+        """
+        Return the reference of this task.
+
+        Parameters
+        ----------
+        cycles : int
+            How often free movement, contact and way back follow one another.
+
+        Returns
+        -------
+        Program
+        """
+        free = [Stage('free', 0.0, self.rest)]
+        for _ in range(self.swings):
+            for goal in (-self.swing, 0.0):
+                free += [Stage('free', goal, self.swing_duration), Stage('free', goal, self.rest)]
+        pressed = self.clearance + self.depth
+        contact = [Stage('contact', pressed, self.hold)]
+        for goal in (pressed + self.sweep, pressed - self.sweep):
+            contact += [Stage('contact', goal, 0.5), Stage('contact', goal, self.hold)]
+        back = [Stage('retract', 0.0, self.approach), Stage('retract', 0.0, self.rest)]
+        return Program((*free, Stage('approach', pressed, self.approach), *contact, *back)
+                       * max(1, cycles))

@@ -1,0 +1,76 @@
+"""A calibration run in simulation: the sequencer's motion, the rig's sensors, identification."""
+
+from dataclasses import replace
+
+from forcecal_ros.calibration import Calibration
+from forcecal_ros.control.limits import Limits
+from forcecal_ros.control.motion import Move, Pace, Pose
+from forcecal_ros.control.plan import calibration_plan, prepare, Timing
+from forcecal_ros.control.poses import nominal_poses, step_goal
+from forcecal_ros.identify.pipeline import identify
+from forcecal_ros.identify.settings import Settings
+from forcecal_ros.observe.gains import with_kalman_gains
+from forcecal_ros.samples import Phase, PoseStream
+from forcecal_ros.sim.offline import simulate
+from forcecal_ros.sim.rig import Rig
+import numpy as np
+
+SETTLE = 1.0
+"""Rest before each measurement, for the tool to become still [s]."""
+
+
+def calibration_motion(period: float) -> tuple[PoseStream, tuple[Phase, ...]]:
+    """
+    Return what the sequencer would command in its default sequence.
+
+    Parameters
+    ----------
+    period : float
+        Between commands [s].
+
+    Returns
+    -------
+    target : PoseStream
+    phases : tuple of Phase
+    """
+    timing, poses = Timing(), nominal_poses()
+    home = next(iter(poses.values()))
+    plan = calibration_plan(poses, step_goal(home, timing.step_distance), timing)
+    commands: list[Pose] = []
+    phases: list[Phase] = []
+    rest = home
+    for part in prepare(plan, home, Pace(), Limits()):
+        begin = len(commands) * period
+        n = round((SETTLE if part.duration is None else part.duration) / period)
+        if isinstance(part.move, Move):
+            commands += [part.move.at(k * period).pose for k in range(n)]
+            rest = part.move.goal
+        else:
+            commands += [rest] * n
+        phases.append(Phase(part.segment.phase, begin, len(commands) * period))
+    return PoseStream(np.arange(len(commands), dtype=float) * period,
+                      np.array([pose.position for pose in commands]),
+                      np.array([pose.R_base_sensor for pose in commands])), tuple(phases)
+
+
+def rehearse(rig: Rig, accelerometer: str | None = None, seed: int | None = None) -> Calibration:
+    """
+    Calibrate a simulated rig as the sequencer would, nothing known beforehand.
+
+    Parameters
+    ----------
+    rig : Rig
+    accelerometer : str, optional
+        ``acc1`` or ``acc2``; the rig's mounted one where none is given.
+    seed : int, optional
+        Of the sensor noise.
+
+    Returns
+    -------
+    Calibration
+    """
+    target, phases = calibration_motion(rig.robot.period)
+    recording = replace(simulate(rig, target, accelerometer=accelerometer, seed=seed),
+                        phases=phases)
+    coupling = 'ac' if rig.accelerometer.model(accelerometer).highpass > 0.0 else 'dc'
+    return with_kalman_gains(identify(recording, Settings(coupling=coupling)))
