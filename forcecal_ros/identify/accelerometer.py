@@ -18,6 +18,7 @@ from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.ac_coupling import fading
 from forcecal_ros.identify.accelerometer_model import DEFAULT_CUTOFF, Motion, Problem, ToolPart
+from forcecal_ros.identify.departures import memory_of, Residuals
 from forcecal_ros.identify.estimating import jacobian, solve_score
 from forcecal_ros.identify.means import Autocovariance, autocovariance, correlated_sum
 import numpy as np
@@ -48,6 +49,8 @@ class AccelerometerFit(NamedTuple):
         Of the residuals of the static poses' means by that noise.
     misfit : float
         The largest of these residuals [V].
+    residuals : Residuals or None
+        Of all blocks, moving and still [V]; times in blocks' lengths since the first.
     """
 
     offset: Array
@@ -60,6 +63,7 @@ class AccelerometerFit(NamedTuple):
     chi_square: float
     degrees: int
     misfit: float
+    residuals: Residuals | None = None
 
 
 def identify_accelerometer(
@@ -208,7 +212,18 @@ def _result(problem: Problem, theta: Array, derivative: Array, weight: Array,
     cutoff = problem.split(theta)[5] if problem.ac else np.nan
     return AccelerometerFit(
         theta[:3], matrix, float(theta[12]) if problem.moving.any() else np.nan, cutoff,
-        position, pick @ joint @ pick.T, noise, *_static_misfit(problem, theta, noise))
+        position, pick @ joint @ pick.T, noise, *_static_misfit(problem, theta, noise),
+        _residuals(problem, theta, weight, noise))
+
+
+def _residuals(problem: Problem, theta: Array, weight: Array, noise: Autocovariance
+               ) -> Residuals:
+    values = problem.residuals(theta, problem.tool.vector)
+    variance = np.diagonal(np.linalg.inv(weight), axis1=1, axis2=2)
+    sigma = np.sqrt(variance)
+    memory = memory_of(noise).clip(min=float(memory_of(problem.motion.force_noise).max()))
+    times = np.arange(len(values), dtype=np.float64) * problem.motion.length
+    return Residuals(times, values, np.broadcast_to(sigma, values.shape), memory, problem.use)
 
 
 def _static_misfit(problem: Problem, theta: Array, noise: Autocovariance

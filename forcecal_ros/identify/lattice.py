@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.blocks import Averager, block_length, Grid, make_grid
-from forcecal_ros.identify.kinematics import Motions
+from forcecal_ros.identify.kinematics import Motions, Turning
 from forcecal_ros.identify.means import Autocovariance, autocovariance, SHORTEST
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.identify.settings import Settings
@@ -30,6 +30,23 @@ class Lattice(NamedTuple):
     wrench: Array
     noise: Autocovariance
     motions: Motions
+
+
+class Moved(NamedTuple):
+    """
+    A recording in blocks with what was found of its motion.
+
+    Attributes
+    ----------
+    lattice : Lattice
+    slide : ndarray, shape (n,)
+        Of the tool along x of ft_sensor [m].
+    turning : Turning
+    """
+
+    lattice: Lattice
+    slide: Array
+    turning: Turning
 
 
 def lay_lattice(recording: Recording, poses: list[StaticPose], settings: Settings

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from forcecal_ros.calibration import Calibration, Estimate, Noise, ObserverGain
-from forcecal_ros.errors import UnobservableError
+from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.ac_coupling import lowpassed
 from forcecal_ros.identify.accelerometer import AccelerometerFit, identify_accelerometer
@@ -11,13 +11,18 @@ from forcecal_ros.identify.accelerometer_model import Motion, ToolPart
 from forcecal_ros.identify.blocks import Averager
 from forcecal_ros.identify.inertia import identify_inertia, InertiaFit
 from forcecal_ros.identify.kinematics import pose_delay, Turning
-from forcecal_ros.identify.lattice import Lattice, lay_lattice
+from forcecal_ros.identify.lattice import Lattice, lay_lattice, Moved
 from forcecal_ros.identify.mass import weigh, Weight
 from forcecal_ros.identify.means import Autocovariance, window_mean
 from forcecal_ros.identify.moving_tool import identify_moving_tool
 from forcecal_ros.identify.poses import static_poses, StaticPose
 from forcecal_ros.identify.quality import quality_of
-from forcecal_ros.identify.readings import clean, refuse_stuck, require_wrench
+from forcecal_ros.identify.readings import (
+    clean,
+    refuse_frozen_pose,
+    refuse_stuck,
+    require_wrench,
+)
 from forcecal_ros.identify.result import (
     accelerometer_of,
     inertia_of,
@@ -59,7 +64,12 @@ def identify(recording: Recording, settings: Settings = Settings()) -> Calibrati
     UnobservableError
         The poses do not determine the tool or the accelerometer.
     """
-    stages = identify_stages(recording, settings)
+    try:
+        with np.errstate(all='ignore'):
+            stages = identify_stages(recording, settings)
+    except np.linalg.LinAlgError as error:
+        raise DataError(f'{recording.source or "the recording"}: the fit breaks down ({error}); '
+                        'look for readings of absurd size') from error
     noise = noise_of(stages, settings.coupling)
     tool, std = stages.tool, np.sqrt(np.diag(stages.tool.covariance))
     calibration = Calibration(
@@ -109,6 +119,7 @@ def identify_stages(recording: Recording, settings: Settings) -> Stages:
     wrench = require_wrench(recording)
     poses = static_poses(recording)
     refuse_stuck(wrench, recording.accelerometer, poses)
+    refuse_frozen_pose(recording)
     lattice = lay_lattice(recording, poses, settings)
     statics = read_statics(recording, poses, settings, lattice)
     if lattice is None:
@@ -122,7 +133,8 @@ def identify_stages(recording: Recording, settings: Settings) -> Stages:
     tool, inertia, late = _tool(lattice, statics, weight, slide, settings)
     turn = lattice.motions.turning(late[0] if late else 0.0)
     return Stages(recording, removed, poses, statics, tool, sag, ring,
-                  _accelerometer(recording, lattice, tool, turn, settings), inertia, late)
+                  _accelerometer(recording, lattice, tool, turn, settings), inertia, late,
+                  Moved(lattice, slide, turn))
 
 
 def _single_samples(recording: Recording, removed: dict[str, int], poses: list[StaticPose],
@@ -134,7 +146,8 @@ def _single_samples(recording: Recording, removed: dict[str, int], poses: list[S
         volts = np.stack([window_mean(recording.accelerometer, p.start, p.end, 'accelerometer')
                           for p in poses])
         accelerometer = identify_static_accelerometer(statics.gravity, volts, None, condition)
-    return Stages(recording, removed, poses, statics, tool, None, None, accelerometer, None, None)
+    return Stages(recording, removed, poses, statics, tool, None, None, accelerometer, None, None,
+                  None)
 
 
 def _tool(lattice: Lattice, statics: Statics, weight: Weight, slide: Array, settings: Settings

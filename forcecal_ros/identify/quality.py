@@ -19,20 +19,15 @@ from forcecal_ros.identify.error_analysis import (
     mass_error,
     offset_error,
 )
+from forcecal_ros.identify.findings import ALL, Finding, findings, MOTION
 from forcecal_ros.identify.inertia import ELEMENTS
-from forcecal_ros.identify.means import drift
 from forcecal_ros.identify.paper import Alignment, Plain, plain_procedure
 from forcecal_ros.identify.poses import orientation_h, orientation_v
-from forcecal_ros.identify.readings import CHANNELS, clipped
 from forcecal_ros.identify.result import Stages
 from forcecal_ros.identify.settings import Settings
-from forcecal_ros.samples import Stream
 import numpy as np
-from scipy.stats import chi2
 
-_DRIFT = 6.0
 _PEAK = 10.0
-_SMALL = 1e-4
 
 
 def quality_of(stages: Stages, calibration: Calibration, settings: Settings) -> dict[str, Any]:
@@ -49,14 +44,16 @@ def quality_of(stages: Stages, calibration: Calibration, settings: Settings) -> 
     Returns
     -------
     dict
-        ``warnings`` (sentences), ``notes``, ``poses``, ``condition``, ``chi_square``, ``paper``
+        ``warnings`` (sentences), ``suspect`` (keys of estimates that they call into question),
+        ``notes``, ``poses``, ``condition``, ``chi_square``, ``paper``
         (the plain equations beside the joint estimates), ``errors`` (Eq. 23, 24, 26, 27), ...
     """
     tool = stages.tool
     plain = _plain(stages, calibration, settings)
+    found = [*findings(stages, settings), *_disagreement(plain, calibration, settings)]
     quality: dict[str, Any] = {
-        'warnings': [*_weak(calibration, settings), *_misfit(stages, settings),
-                     *_disagreement(plain, calibration, settings), *_sensors(stages, settings)],
+        'warnings': [*_weak(calibration, settings), *(finding.line for finding in found)],
+        'suspect': [key for key in ALL if any(key in finding.suspect for finding in found)],
         'notes': [*stages.recording.notes, *_notes(stages, calibration, plain)],
         'poses': [{'start': round(p.start, 3), 'gravity': g, 'residual': r} for p, g, r in
                   zip(stages.poses, stages.statics.gravity, tool.residuals)],
@@ -135,68 +132,23 @@ def _relative(estimate: Any) -> float:
     return float((estimate.std / np.abs(estimate.value)).max())
 
 
-def _misfit(stages: Stages, settings: Settings) -> Iterator[str]:
-    """Poses that disagree with one rigid tool by more than noise."""
-    tool, statics = stages.tool, stages.statics
-    if tool.probability < settings.thresholds.probability and statics.covariance is not None:
-        weight = tool.mass * settings.gravity
-        small = _SMALL * weight * np.array([1.0] * 3 + [float(np.linalg.norm(tool.com))] * 3)
-        sigma = np.sqrt(np.diagonal(statics.covariance, axis1=1, axis2=2))
-        i, j = np.unravel_index(np.argmax(np.abs(tool.residuals) / sigma), sigma.shape)
-        if abs(tool.residuals[i, j]) > small[j]:
-            yield (f'the static poses do not fit one tool (chi-square {tool.chi_square:.3g} for '
-                   f'{tool.degrees} degrees of freedom): pose {i + 1} is off by '
-                   f'{tool.residuals[i, j]:+.3g} {"N" if j < 3 else "N m"} in {CHANNELS[j]}; '
-                   'look for a cable that pulls, contact, a loose mount, or a pose measured '
-                   'before it was still. The standard errors are widened by it')
-    fit = stages.accelerometer
-    if fit is not None and np.isfinite(fit.chi_square):
-        probability = float(chi2.sf(fit.chi_square, max(fit.degrees, 1)))
-        large = fit.misfit > _SMALL * settings.gravity * np.abs(np.linalg.det(fit.matrix))**(1 / 3)
-        if probability < settings.thresholds.probability and large:
-            yield (f'the accelerometer does not follow gravity in the static poses (chi-square '
-                   f'{fit.chi_square:.3g} for {fit.degrees} readings, up to {fit.misfit:.2g} '
-                   f'{stages.recording.accelerometer_unit}); look for a loose mount, '
-                   'or for the wrong accelerometer.coupling')
-
-
-def _disagreement(plain: Plain, c: Calibration, settings: Settings) -> Iterator[str]:
+def _disagreement(plain: Plain, c: Calibration, settings: Settings) -> Iterator[Finding]:
     """Compare the paper's estimates with the joint ones."""
     limit = settings.thresholds.agreement
     off = plain.mass_theta / float(c.mass) - 1
     if abs(off) > limit:
-        yield (f'mass: Eq. 16 gives {plain.mass_theta:.4g} kg, all poses together '
-               f"{float(c.mass):.4g} kg ({off:+.1%}); look at the poses' orientation, gravity, "
-               'and a sensor that was tared between two poses')
+        yield Finding(
+            f'mass: Eq. 16 gives {plain.mass_theta:.4g} kg, all poses together '
+            f"{float(c.mass):.4g} kg ({off:+.1%}); look at the poses' orientation, gravity, "
+            'and a sensor that was tared between two poses', ALL)
     if c.accelerometer:
         gain = float(c.accelerometer.gain.value[_axis_of_x(c)])
         off = abs(plain.gain_aligned) / abs(gain) - 1
         if abs(off) > limit and c.accelerometer.coupling == 'dc':
-            yield (f'accelerometer gain: the step alone gives {plain.gain_aligned:.4g}, gravity '
-                   f'and motion together {gain:.4g} ({off:+.1%}); look at the mount of the '
-                   'accelerometer, contact during the step, and the coupling')
-
-
-def _sensors(stages: Stages, settings: Settings) -> Iterator[str]:
-    """Find readings that drift at rest or stay at an extreme."""
-    recording = stages.recording
-    streams: tuple[tuple[str, Stream | None, tuple[str, ...]], ...] = (
-        ('wrench', recording.wrench, CHANNELS),
-        ('accelerometer', recording.accelerometer, ('x', 'y', 'z')))
-    for name, stream, channels in streams:
-        if stream is None:
-            continue
-        found = clipped(stream, channels)
-        if found:
-            yield f'{name} may be clipped: {", ".join(found)}; raise its range or lower the load'
-        if name == 'accelerometer' and settings.coupling == 'ac':
-            continue
-        sigmas, pose, channel = drift(stream, [(p.start, p.end) for p in stages.poses])
-        if sigmas > _DRIFT:
-            look = ('an AC-coupled accelerometer (accelerometer.coupling: ac)'
-                    if name == 'accelerometer' else 'ringing that had not settled, or warming up')
-            yield (f'{name} {channels[channel]} drifts by {sigmas:.0f} standard errors while the '
-                   f'robot stands in pose {pose + 1}; look for {look}')
+            yield Finding(
+                f'accelerometer gain: the step alone gives {plain.gain_aligned:.4g}, gravity '
+                f'and motion together {gain:.4g} ({off:+.1%}); look at the mount of the '
+                'accelerometer, contact during the step, and the coupling', MOTION)
 
 
 def _notes(stages: Stages, c: Calibration, plain: Plain) -> Iterator[str]:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from forcecal_ros.errors import DataError
+from forcecal_ros.identify.blocks import phase_spans
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.samples import Recording, Stream
 import numpy as np
@@ -12,6 +13,9 @@ _STREAMS = ('wrench', 'accelerometer', 'optidrive')
 
 _LONG, _OFTEN = 10, 0.05
 _NOISY = 1e-4
+_DEAD = 100
+_TURNING = ('move', 'sweep', 'reverse')
+_LONG_MOVE, _FROZEN = 0.3, 0.5
 
 
 def clean(recording: Recording) -> tuple[Recording, dict[str, int]]:
@@ -86,6 +90,9 @@ def refuse_stuck(wrench: Stream, accelerometer: Stream | None, poses: list[Stati
         if stream is None:
             continue
         prefix = '' if stream is wrench else 'accelerometer.'
+        if len(stream) > _DEAD:
+            for j in np.flatnonzero(np.ptp(stream.values, axis=0) == 0):
+                stuck.append(f'{prefix}{names[j]} stands at {stream.values[0, j]:.6g} throughout')
         cuts = [stream.between(p.start, p.end).values for p in poses]
         cuts = [cut for cut in cuts if len(cut) >= 20]
         if len(cuts) < 2:
@@ -97,6 +104,35 @@ def refuse_stuck(wrench: Stream, accelerometer: Stream | None, poses: list[Stati
     if stuck:
         raise DataError(f'saturated or stuck: {"; ".join(stuck)}; lower the load, or raise the '
                         'range of the sensor')
+
+
+def refuse_frozen_pose(recording: Recording) -> None:
+    """
+    Refuse a pose that repeats itself to the last bit while the robot moves.
+
+    Parameters
+    ----------
+    recording : Recording
+
+    Raises
+    ------
+    DataError
+        Says when.
+    """
+    pose = recording.pose
+    assert pose is not None
+    for start, end in phase_spans(recording.phases, _TURNING):
+        cut = pose.between(start, end)
+        if end - start < _LONG_MOVE or len(cut) < 2:
+            continue
+        rows = np.hstack([cut.R_base_sensor.reshape(len(cut), 9), np.nan_to_num(cut.position)])
+        changes = np.flatnonzero((np.diff(rows, axis=0) != 0).any(axis=1))
+        times = np.concatenate([[start], cut.t[changes + 1], [end]])
+        i = int(np.argmax(np.diff(times)))
+        if times[i + 1] - times[i] > _FROZEN * (end - start):
+            raise DataError(f'current_pose repeats itself to the last bit from {times[i]:.2f} s '
+                            f'to {times[i + 1]:.2f} s of {recording.source or "the recording"}, '
+                            'while the robot moves; look at its driver')
 
 
 def clipped(stream: Stream, names: tuple[str, ...]) -> list[str]:
@@ -117,12 +153,13 @@ def clipped(stream: Stream, names: tuple[str, ...]) -> list[str]:
     found = []
     for name, column in zip(names, stream.values.T):
         same = np.diff(column) == 0
-        if not same.any() or same.mean() > _OFTEN:
+        if not same.any():
             continue
         edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
         runs = edges[1::2] - edges[::2]
         i = int(np.argmax(runs))
-        if runs[i] >= _LONG:
+        elsewhere = (same.sum() - runs[i]) / max(len(same) - runs[i], 1)
+        if runs[i] >= _LONG and elsewhere <= _OFTEN:
             found.append(f'{name} at {column[edges[2 * i]]:.6g} for {runs[i] + 1} samples from '
                          f'{stream.t[edges[2 * i]]:.3f} s on')
     return found

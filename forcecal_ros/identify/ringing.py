@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.creep import Creep, fit_creep, follow, STANDS
+from forcecal_ros.identify.departures import Residuals
 from forcecal_ros.samples import PoseStream, Stream
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -67,6 +68,8 @@ class RingFit(NamedTuple):
         Of these three, the mass' uncertainty left out.
     strength : float
         Root of the strongest ringing's energy over the density of the force's noise.
+    residuals : Residuals
+        Of the samples, in standard deviations; times in samples.
     """
 
     stiffness: float
@@ -74,6 +77,7 @@ class RingFit(NamedTuple):
     slide_delay: float
     covariance: Array
     strength: float
+    residuals: Residuals
 
 
 def rings(windows: list[tuple[float, float]], wrench: Stream, optidrive: Stream | None,
@@ -185,7 +189,10 @@ def stiffness_and_damping(
     size = 3 if len(fit.x) == 3 else 2
     covariance[:size, :size] = full * np.outer(scale[:size], scale[:size])
     delay = float(fit.x[2] * _DELAY) if size == 3 else 0.0
-    return RingFit(float(k), float(d), delay, covariance, strength)
+    n = len(fit.fun)
+    left = Residuals(np.arange(n, dtype=float), fit.fun[:, None], np.ones((n, 1)), np.ones(1),
+                     np.ones(n, dtype=bool))
+    return RingFit(float(k), float(d), delay, covariance, strength, left)
 
 
 _DELAY = 0.001

@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from forcecal_ros.errors import DataError
 from forcecal_ros.identify.static_readings import Statics
 import numpy as np
 
@@ -38,6 +39,11 @@ def stiffness_from_sag(statics: Statics, mass: float) -> Sag | None:
     -------
     Sag or None
         None where the poses hardly load x.
+
+    Raises
+    ------
+    DataError
+        The tool slides against its load.
     """
     assert statics.slide is not None
     weight = mass * statics.gravity[:, 0]
@@ -49,4 +55,7 @@ def stiffness_from_sag(statics: Statics, mass: float) -> Sag | None:
     slope = (bread @ (rows.T * statics.slide_variance) @ rows @ bread)[0, 0]
     if compliance**2 < 25 * slope:
         return None
+    if compliance < 0:
+        raise DataError('optidrive: the tool slides against its load '
+                        f'({1e3 * compliance:.3g} mm for each N); turn the sign of the optidrive')
     return Sag(float(1 / compliance), float(slope / compliance**4), float(zero))

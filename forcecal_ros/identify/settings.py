@@ -51,7 +51,7 @@ class Thresholds:
     offset: float = 0.02
     delay: float = 2e-4
     condition: float = 100.0
-    probability: float = 1e-4
+    probability: float = 1e-3
     agreement: float = 0.02
 
 

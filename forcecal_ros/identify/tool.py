@@ -68,7 +68,7 @@ class ToolFit(NamedTuple):
     condition: float
 
 
-def identify_tool(statics: Statics, condition: float = 100.0, probability: float = 1e-4
+def identify_tool(statics: Statics, condition: float = 100.0, probability: float = 1e-3
                   ) -> ToolFit:
     """
     Fit mass, centre of mass and biases to all static poses at once.

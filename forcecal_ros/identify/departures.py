@@ -1,0 +1,102 @@
+"""Where residuals depart from noise: one instant, a stretch, or all along."""
+
+from typing import NamedTuple
+
+from forcecal_ros.geometry import Array
+from forcecal_ros.identify.means import Autocovariance
+import numpy as np
+from numpy.typing import NDArray
+
+SIGNIFICANT = 5.2
+"""Departures by fewer standard errors are chance: in 80 healthy runs the largest was 5.0."""
+
+_STRETCHES = (1, 5, 25, 125, 400)
+_WHOLE = 0.6
+
+
+class Residuals(NamedTuple):
+    """
+    What a fit leaves of a signal.
+
+    Attributes
+    ----------
+    times : ndarray, shape (n,)
+        [s]
+    values : ndarray, shape (n, k)
+        Unit of the signal.
+    sigma : ndarray, shape (n, k)
+        Noise of each value.
+    memory : ndarray, shape (k,)
+        Variance of the mean of n values, times n, over that of one.
+    use : ndarray of bool, shape (n,)
+        Which of them count.
+    """
+
+    times: Array
+    values: Array
+    sigma: Array
+    memory: Array
+    use: NDArray[np.bool_]
+
+
+class Departure(NamedTuple):
+    """
+    The stretch that departs most.
+
+    Attributes
+    ----------
+    sigmas : float
+        Of its mean, in standard errors.
+    size : float
+        Its mean [unit of the signal].
+    channel : int
+    time : float
+        Its middle [s].
+    """
+
+    sigmas: float
+    size: float
+    channel: int
+    time: float
+
+
+def memory_of(noise: Autocovariance) -> Array:
+    """Return by how much the noise of each channel remembers itself; 1 where white or less."""
+    return np.maximum(1.0, np.diag(noise.total) / np.diag(noise.lags[0]))
+
+
+def strongest(residuals: Residuals) -> Departure:
+    """
+    Find the stretch whose mean departs most from zero, whatever its length.
+
+    Parameters
+    ----------
+    residuals : Residuals
+
+    Returns
+    -------
+    Departure
+        Of 0 standard errors where nothing counts.
+    """
+    found = Departure(0.0, 0.0, 0, 0.0)
+    use = residuals.use & np.isfinite(residuals.values).all(axis=1)
+    z = np.where(use[:, None], residuals.values / residuals.sigma, 0.0)
+    sums = np.concatenate([np.zeros((1, z.shape[1])), np.cumsum(z, axis=0)])
+    counts = np.concatenate([[0], np.cumsum(use)])
+    for length in _STRETCHES:
+        if length > len(z):
+            break
+        n = counts[length:] - counts[:-length]
+        whole = n >= _WHOLE * length
+        if not whole.any():
+            continue
+        sigmas = np.abs(sums[length:] - sums[:-length])[whole] / np.sqrt(
+            n[whole, None] * residuals.memory)
+        i, channel = (int(j) for j in np.unravel_index(np.argmax(sigmas), sigmas.shape))
+        if sigmas[i, channel] > found.sigmas:
+            first = int(np.flatnonzero(whole)[i])
+            stretch = slice(first, first + length)
+            size = residuals.values[stretch, channel][use[stretch]].mean()
+            found = Departure(float(sigmas[i, channel]), float(size), channel,
+                              float(residuals.times[stretch].mean()))
+    return found

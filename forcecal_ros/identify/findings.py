@@ -1,0 +1,232 @@
+"""What speaks against estimates: one check a function, each finding names what it spoils.
+
+The fits assume one rigid tool that nothing touches, sensors that stay as they are, and clocks
+that agree. What they leave over is to be noise, at every instant and over every stretch; where
+it is not, an estimate may be off by many of its standard errors.
+
+No recording of one motion shows a wrong gain of all force axes alike, a wrong magnitude of
+gravity, or a force that never changes: they look like another mass and another bias.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from forcecal_ros.geometry import Array, rotation_vector
+from forcecal_ros.identify.departures import memory_of, Residuals, SIGNIFICANT, strongest
+from forcecal_ros.identify.inertia import inertia_regressor, unexplained_torque
+from forcecal_ros.identify.means import autocovariance, drift
+from forcecal_ros.identify.readings import CHANNELS, clipped
+from forcecal_ros.identify.result import Stages
+from forcecal_ros.identify.settings import Settings
+from forcecal_ros.samples import Recording
+import numpy as np
+from scipy.stats import chi2
+
+REST = ('mass', 'com', 'wrench_bias')
+ACCELEROMETER = ('accelerometer',)
+MOTION = ('inertia', 'accelerometer', 'tool')
+ALL = (*REST, *MOTION)
+"""Keys of calibration.yaml by what they are estimated from."""
+
+_DRIFT = 6.0
+_SMALL = 1e-4
+_ASTRAY = 3e-3
+_TURNS_SLOWLY = 0.01
+
+
+class Finding(NamedTuple):
+    """
+    One sentence, and the keys of the estimates that it calls into question.
+
+    Attributes
+    ----------
+    text : str
+    suspect : tuple of str
+        None where it is only a weak one, whose standard error says so already.
+    """
+
+    text: str
+    suspect: tuple[str, ...] = ()
+
+    @property
+    def line(self) -> str:
+        """The sentence with the estimates that it spoils."""
+        return f'{self.text}; suspect: {", ".join(self.suspect)}' if self.suspect else self.text
+
+
+def findings(stages: Stages, settings: Settings) -> Iterator[Finding]:
+    """
+    Make every check of this module.
+
+    Parameters
+    ----------
+    stages : Stages
+    settings : Settings
+
+    Yields
+    ------
+    Finding
+    """
+    yield from poses_disagree(stages, settings)
+    yield from torque_departs(stages, settings)
+    yield from accelerometer_disagrees(stages, settings)
+    yield from accelerometer_departs(stages, settings)
+    yield from ringing_departs(stages)
+    yield from delays_too_long(stages, settings)
+    yield from pose_astray(stages.recording, stages)
+    yield from clips_or_drifts(stages, settings)
+
+
+def poses_disagree(stages: Stages, settings: Settings) -> Iterator[Finding]:
+    """Compare the static poses' readings with one rigid tool."""
+    tool, statics = stages.tool, stages.statics
+    if not tool.probability < settings.thresholds.probability or statics.covariance is None:
+        return
+    weight = tool.mass * settings.gravity
+    small = _SMALL * weight * np.array([1.0] * 3 + [float(np.linalg.norm(tool.com))] * 3)
+    sigma = np.sqrt(np.diagonal(statics.covariance, axis1=1, axis2=2))
+    i, j = np.unravel_index(np.argmax(np.abs(tool.residuals) / sigma), sigma.shape)
+    if abs(tool.residuals[i, j]) > small[j]:
+        yield Finding(
+            f'the static poses do not fit one tool (chi-square {tool.chi_square:.3g} for '
+            f'{tool.degrees} degrees of freedom): pose {i + 1} is off by '
+            f'{tool.residuals[i, j]:+.3g} {"N" if j < 3 else "N m"} in {CHANNELS[j]}; '
+            'look for a cable that pulls, contact, a loose mount, or a pose measured '
+            'before it was still. The standard errors are widened by it', ALL)
+
+
+def torque_residuals(stages: Stages) -> Residuals | None:
+    """Torques that neither force nor turning explains, where free or still; None: unknown."""
+    if stages.moved is None:
+        return None
+    lattice, slide, turning = stages.moved
+    tool, grid = stages.tool, lattice.grid
+    theta = np.concatenate([[tool.mass], tool.force_bias, tool.com, tool.torque_bias])
+    values = unexplained_torque(lattice.wrench, slide, theta)
+    use = (grid.free | (grid.still >= 0)) & np.isfinite(values).all(axis=1)
+    use &= np.isfinite(turning.alpha).all(axis=1)
+    if stages.inertia is None:
+        use &= np.linalg.norm(turning.omega, axis=1) < _TURNS_SLOWLY
+    else:
+        values = values + inertia_regressor(turning.omega, turning.alpha) @ stages.inertia.elements
+    noise = autocovariance([values[grid.still == i] for i in range(grid.still.max() + 1)])
+    sigma = np.broadcast_to(np.sqrt(np.diag(noise.lags[0])), values.shape)
+    return Residuals(grid.starts + grid.length / 2, values, sigma, memory_of(noise), use)
+
+
+def torque_departs(stages: Stages, settings: Settings) -> Iterator[Finding]:
+    """Look for torques in motion and at rest that one tool does not explain."""
+    residuals = torque_residuals(stages)
+    if residuals is None or stages.moved is None:
+        return
+    turns = np.linalg.norm(stages.moved.turning.omega, axis=1) > _TURNS_SLOWLY
+    by_motion = stages.tool.condition > settings.thresholds.condition
+    small = _SMALL * stages.tool.mass * settings.gravity * np.linalg.norm(stages.tool.com)
+    for where, part, suspect in (('at rest', ~turns, ALL),
+                                 ('in motion', turns, ALL if by_motion else MOTION)):
+        found = strongest(residuals._replace(use=residuals.use & part))
+        if found.sigmas > SIGNIFICANT and abs(found.size) > small:
+            yield Finding(
+                f'torque.{"xyz"[found.channel]} is off by {found.size:+.2g} N m '
+                f'({found.sigmas:.0f} standard errors) {where} about {found.time:.2f} s; look for '
+                'contact, a cable, a tool that was changed, drift, or a pose that does not '
+                'belong to that instant', suspect)
+
+
+def accelerometer_disagrees(stages: Stages, settings: Settings) -> Iterator[Finding]:
+    """Compare the accelerometer with gravity in the static poses."""
+    fit = stages.accelerometer
+    if fit is None or not np.isfinite(fit.chi_square):
+        return
+    probability = float(chi2.sf(fit.chi_square, max(fit.degrees, 1)))
+    if probability < settings.thresholds.probability and fit.misfit > _small_volts(
+            fit.matrix, settings):
+        yield Finding(
+            f'the accelerometer does not follow gravity in the static poses (chi-square '
+            f'{fit.chi_square:.3g} for {fit.degrees} readings, up to {fit.misfit:.2g} '
+            f'{stages.recording.accelerometer_unit}); look for a loose mount, '
+            'or for the wrong accelerometer.coupling', ACCELEROMETER)
+
+
+def _small_volts(matrix: Array, settings: Settings) -> float:
+    return float(_SMALL * settings.gravity * np.abs(np.linalg.det(matrix))**(1 / 3))
+
+
+def accelerometer_departs(stages: Stages, settings: Settings) -> Iterator[Finding]:
+    """Look for readings of the accelerometer that the force does not explain."""
+    fit = stages.accelerometer
+    if fit is None or fit.residuals is None or stages.moved is None:
+        return
+    found = strongest(fit.residuals)
+    if found.sigmas > SIGNIFICANT and abs(found.size) > _small_volts(fit.matrix, settings):
+        grid = stages.moved.lattice.grid
+        yield Finding(
+            f'accelerometer {"xyz"[found.channel]} is off by {found.size:+.2g} '
+            f'{stages.recording.accelerometer_unit} ({found.sigmas:.0f} standard errors) about '
+            f'{grid.starts[0] + found.time:.2f} s; look for contact, a loose mount, a slow or '
+            'saturated sensor, or the wrong accelerometer.coupling', MOTION)
+
+
+def ringing_departs(stages: Stages) -> Iterator[Finding]:
+    """Compare the ringing with that of a spring and a damper."""
+    if stages.ring is None:
+        return
+    found = strongest(stages.ring.residuals)
+    if found.sigmas > SIGNIFICANT:
+        yield Finding(
+            f'the tool does not ring like a spring and a damper ({found.sigmas:.0f} standard '
+            'errors); look for friction, a stop, contact, or a robot that still moves', ('tool',))
+
+
+def delays_too_long(stages: Stages, settings: Settings) -> Iterator[Finding]:
+    """Look for delays beyond what is plausible."""
+    limit = settings.largest_delay
+    ring, fit = stages.ring, stages.accelerometer
+    for name, delay, suspect in (
+            ('pose', stages.pose_delay[0] if stages.pose_delay else 0.0, ALL),
+            ('accelerometer', fit.delay if fit and np.isfinite(fit.delay) else 0.0, MOTION),
+            ('optidrive', ring.slide_delay if ring else 0.0, MOTION)):
+        if abs(delay) >= 0.95 * limit:
+            yield Finding(f'{name}: {1e3 * delay:.1f} ms behind the wrench is not plausible '
+                          f'(largest_delay {1e3 * limit:.0f} ms); set the clocks right', suspect)
+
+
+def pose_astray(recording: Recording, stages: Stages) -> Iterator[Finding]:
+    """Compare how the robot was told to turn from pose to pose with how it is said to have."""
+    target = recording.target
+    if target is None or len(target) < 2:
+        return
+    index = [np.searchsorted(target.t, p.start, side='right') - 1 for p in stages.poses]
+    if min(index) < 0:
+        return
+    apart = [target.R_base_sensor[i].T @ p.R_base_sensor for i, p in zip(index, stages.poses)]
+    turns = [float(np.linalg.norm(rotation_vector(apart[0].T @ R))) for R in apart]
+    worst = int(np.argmax(turns))
+    if turns[worst] > _ASTRAY:
+        yield Finding(
+            f'current_pose and target_frame disagree by {np.degrees(turns[worst]):.2g} deg more '
+            f'in pose {worst + 1} than in pose 1; look at the encoders, and whether both are the '
+            'same frame', ALL)
+
+
+def clips_or_drifts(stages: Stages, settings: Settings) -> Iterator[Finding]:
+    """Look for readings that drift at rest or stay at an extreme."""
+    recording = stages.recording
+    for name, stream, channels, suspect in (
+            ('wrench', recording.wrench, CHANNELS, ALL),
+            ('accelerometer', recording.accelerometer, ('x', 'y', 'z'), ACCELEROMETER)):
+        if stream is None:
+            continue
+        found = clipped(stream, channels)
+        if found:
+            yield Finding(f'{name} may be clipped: {", ".join(found)}; raise its range or lower '
+                          'the load', suspect)
+        if name == 'accelerometer' and settings.coupling == 'ac':
+            continue
+        sigmas, pose, channel = drift(stream, [(p.start, p.end) for p in stages.poses])
+        if sigmas > _DRIFT:
+            look = ('an AC-coupled accelerometer (accelerometer.coupling: ac)'
+                    if name == 'accelerometer' else 'ringing that had not settled, or warming up')
+            yield Finding(
+                f'{name} {channels[channel]} drifts by {sigmas:.0f} standard errors while the '
+                f'robot stands in pose {pose + 1}; look for {look}', suspect)

@@ -1,0 +1,38 @@
+"""A calibration is never wrong in silence: faulty runs are refused, or say what they spoil."""
+
+from fault_calibration_runs import FAULTS, judged
+import pytest
+
+CLEAR = {
+    'collision on the way': 'inertia', 'collision in the step': 'accelerometer',
+    'contact in one pose': 'mass', 'tool changed half-way': 'mass', 'tool friction': 'tool',
+    'wrench axes swapped': 'mass', 'wrench tared half-way': 'wrench_bias',
+    'ac accelerometer declared dc': 'accelerometer', 'accelerometer saturates': '',
+    'accelerometer axis dead': '', 'accelerometer late': '', 'gravity not down': 'mass',
+    'wrench of wrong sign': '', 'wrench channel stuck half-way': '', 'pose stuck': '',
+    'optidrive of wrong sign': '', 'pose slips half-way': ''}
+"""Faults, and an estimate that is called into question where they are strong."""
+
+
+@pytest.mark.parametrize('fault', CLEAR)
+def test_no_estimate_is_far_off_without_being_called_into_question(fault):
+    verdicts = [judged(fault, seed) for seed in (0, 1)]
+    assert {verdict.word for verdict in verdicts} <= {'refused', 'flagged', 'right'}
+    if CLEAR[fault]:
+        assert any(CLEAR[fault] in line.partition('suspect: ')[2] for verdict in verdicts
+                   for line in verdict.said)
+    else:
+        assert all(verdict.word != 'right' for verdict in verdicts)
+    for verdict in verdicts:
+        assert all('\n' not in line for line in verdict.said)
+
+
+def test_a_healthy_run_says_nothing():
+    verdicts = [judged('none', seed) for seed in range(200, 204)]
+    assert [verdict.word for verdict in verdicts] == ['right'] * 4
+
+
+def test_the_matrix_has_every_kind_of_fault_that_a_sensor_can_have():
+    for sensor in ('wrench', 'accelerometer', 'optidrive'):
+        assert {f'{sensor} {kind}' for kind in ('off', 'stuck', 'garbage', 'wrong', 'slow',
+                                                'intermittent')} <= set(FAULTS)
