@@ -12,7 +12,7 @@ from forcecal_ros.sim.effects import applicable, Effect, EFFECTS
 import numpy as np
 from numpy.typing import NDArray
 
-MOST_STARTS = 8
+MOST_STARTS = 12
 """Shapes that one effect is screened at."""
 
 VIBRATION = 'spindle_vibration'

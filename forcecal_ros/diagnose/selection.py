@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.hypotheses import bounds_of, Hypothesis, values_of
 from forcecal_ros.diagnose.memory import slow_gain
 from forcecal_ros.diagnose.problem import Problem
@@ -21,6 +22,21 @@ LEAST_GAIN = 3.0
 
 LEAST_SLOW_GAIN = 8.0
 """Log-likelihood that it has to bring on all data where the noise may have a long memory."""
+
+MISMATCH = 1e-3
+"""Part of the energy of an effect in which two sound models of it may differ."""
+
+FORM = 5e-3
+"""Part of it that another form of the same effect may leave in each channel."""
+
+LEAST_BEYOND = 25.0
+"""Whitened energy that a further effect has to explain beyond that."""
+
+TEMPERATURE = 2.0
+"""Of log-likelihoods."""
+
+PARSIMONY = 0.5
+"""Log-odds that each parameter costs besides."""
 
 LEAST_FRACTION = 0.05
 """Of the above-noise energy, its lower bound."""
@@ -85,7 +101,7 @@ class Selection(NamedTuple):
     accepted : tuple of Accepted
     tangents : tuple of Tangent
     rivals : dict of str to dict of str to float
-        Log-likelihood of each hypothesis in the place of an accepted one, less that one's.
+        Log-odds of each hypothesis in the place of an accepted one against that one.
     screened : tuple of Trial
         The first round, best first.
     """
@@ -118,7 +134,53 @@ def ranked(bench: Bench, found: Sequence[Hypothesis], tested: int) -> list[Trial
             if better.evidence > trial.evidence or acceptable(better, tested):
                 trial = better
         out.append(trial)
-    return sorted(out, key=lambda t: -t.evidence)
+    weight = weights(out)
+    return sorted(out, key=lambda t: -weight[t.name])
+
+
+def weights(trials: Sequence[Trial]) -> dict[str, float]:
+    """
+    Weigh hypotheses against the likeliest one.
+
+    Beside gross effects, likelihoods tell apart what no model gets right: they are tempered by
+    the energy at stake, and then fewer parameters count.
+
+    Parameters
+    ----------
+    trials : sequence of Trial
+
+    Returns
+    -------
+    dict of str to float
+        Log-odds; -inf where a hypothesis is impossible.
+    """
+    best = max((t.evidence for t in trials), default=0.0)
+    temperature = TEMPERATURE + MISMATCH * max(0.0, best)
+    return {t.name: (t.evidence - best) / temperature - PARSIMONY * max(1, len(t.free))
+            for t in trials}
+
+
+def beyond_mismatch(first: Problem, before: Problem, after: Problem) -> float:
+    """
+    Energy that the last effect explains beyond what a wrong form of the others may leave.
+
+    Parameters
+    ----------
+    first, before, after : Problem
+        Without any effect, without the last one, with it.
+
+    Returns
+    -------
+    float
+    """
+    total = 0.0
+    for noise, r0, r1, r2 in zip(after.noise, first.blocks, before.blocks, after.blocks):
+        for c in range(len(CHANNELS)):
+            if noise.sigma[:, c].any():
+                white = noise.whiten(np.stack([r0[:, c] - r1[:, c], r1[:, c] - r2[:, c]]), c)
+                others, last = np.sum(white ** 2, axis=1)
+                total += max(0.0, float(last) - FORM * float(others))
+    return total
 
 
 def select(problem: Problem, found: Sequence[Hypothesis]) -> Selection:
@@ -135,6 +197,7 @@ def select(problem: Problem, found: Sequence[Hypothesis]) -> Selection:
     -------
     Selection
     """
+    start = problem
     accepted: list[Accepted] = []
     tangents: list[Tangent] = []
     first: tuple[Trial, ...] = ()
@@ -147,7 +210,8 @@ def select(problem: Problem, found: Sequence[Hypothesis]) -> Selection:
         while (best := next((t for t in trials if t.name not in out
                              and acceptable(t, tested)), None)) is not None:
             fitted = joint(problem, [*accepted, Accepted.of(best)], best.nuisances)
-            if slow_gain(problem, fitted[0]) > LEAST_SLOW_GAIN:
+            if slow_gain(problem, fitted[0]) > LEAST_SLOW_GAIN and (
+                    not accepted or beyond_mismatch(start, problem, fitted[0]) > LEAST_BEYOND):
                 problem, accepted, tangents = fitted
                 break
             out.add(best.name)
@@ -270,14 +334,14 @@ def _exchange(problem: Problem, accepted: list[Accepted], tangents: list[Tangent
         taken = {b.name for b in rest}
         bench = Bench(less, few)
         trials = ranked(bench, [h for h in found if h.name not in taken], len(found))
-        own = next((t.evidence for t in trials if t.name == a.name), -np.inf)
-        if trials and trials[0].name != a.name and trials[0].evidence > own + LEAST_GAIN \
-                and acceptable(trials[0], len(found)):
+        weight = weights(trials)
+        if trials and trials[0].name != a.name and acceptable(trials[0], len(found)):
             best = trials[0]
-            changed = [*rest, Accepted.of(best)]
-            problem, accepted, tangents = joint(less, changed, best.nuisances)
-            own, a = best.evidence, accepted[-1]
+            problem, accepted, tangents = joint(
+                less, [*rest, Accepted.of(best)], best.nuisances)
+            a = accepted[-1]
         now = {b.name for b in accepted}
-        rivals[a.name] = {t.name: float(t.evidence - own) for t in trials
-                          if t.name not in now and np.isfinite(t.evidence)}
+        own = weight.get(a.name, max(weight.values(), default=0.0))
+        rivals[a.name] = {name: float(value - own) for name, value in weight.items()
+                          if name not in now and np.isfinite(value)}
     return problem, accepted, tangents, rivals

@@ -109,9 +109,14 @@ class Trial(NamedTuple):
 
 
 def estimated(effect: Effect, atom: Atom) -> NDArray[np.intp]:
-    """Return the parameters to estimate from an atom: those it moves, and those that shape."""
-    return np.array([i for i, q in enumerate(effect.parameters)
-                     if q.shapes or i in atom.free], dtype=np.intp)
+    """
+    Return the parameters to estimate from an atom: those it moves, and those that shape.
+
+    A shape that begins at its lowest value, where it is absent, stays absent.
+    """
+    return np.array([i for i, (q, start) in enumerate(zip(effect.parameters, atom.start))
+                     if i in atom.free or q.shapes and not q.low == q.nominal == start],
+                    dtype=np.intp)
 
 
 def unit_of(effect: Effect, theta: Array) -> Array:

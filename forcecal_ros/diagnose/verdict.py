@@ -4,14 +4,14 @@ from collections.abc import Mapping, Sequence
 import math
 from typing import NamedTuple
 
-TEMPERATURE = 2.0
-"""Of held-out log-likelihoods."""
-
 CANDIDATES = 0.95
 """Probability that the candidate set covers."""
 
 NAMED = 0.8
 """Share of the gap that effects must close to be named although something is left."""
+
+WHOLE = 0.95
+"""Share from which what is left does not matter beside it."""
 
 UNKNOWN = 'unknown'
 
@@ -35,12 +35,12 @@ class Remains(NamedTuple):
 def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], remains: Remains,
                   closed: float) -> tuple[dict[str, float], list[tuple[str, float]]]:
     """
-    Turn held-out log-likelihoods into probabilities.
+    Turn log-odds into probabilities.
 
     Parameters
     ----------
     slots : sequence of (str, mapping of str to float)
-        Each accepted effect, and its rivals' log-likelihood less its own.
+        Each accepted effect, and its rivals' log-odds against it.
     remains : Remains
     closed : float
         Share of the gap that is closed.
@@ -60,7 +60,7 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], remains: Rem
     chosen: dict[str, float] = {}
     for name, rivals in slots:
         weights = {name: 1.0}
-        weights.update({k: math.exp(min(0.0, v) / TEMPERATURE) for k, v in rivals.items()
+        weights.update({k: math.exp(min(0.0, v)) for k, v in rivals.items()
                         if k != name})
         total = sum(weights.values())
         shares = {k: (1.0 - unknown) * w / total for k, w in weights.items()}
@@ -111,10 +111,11 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remai
     if left and closed < NAMED:
         return 'unknown', (f'no effect of the library explains the gap: {listed} comes closest '
                            f'and closes {share}; left is {remains.words}')
-    if left:
-        return 'partial', f'{listed} closes {share}; left is {remains.words}'
+    rest = f'; left is {remains.words}' if left else ''
+    if left and closed < WHOLE:
+        return 'partial', f'{listed} closes {share}{rest}'
     others = [n for n, _ in candidates if n not in named and n != UNKNOWN]
     if others:
         return 'ambiguous', (f'{listed} closes {share}, but {" or ".join(others)} explains it '
-                             'about as well')
-    return 'identified', f'{listed} closes {share}'
+                             f'about as well{rest}')
+    return 'identified', f'{listed} closes {share}{rest}'

@@ -178,9 +178,11 @@ _TOOL = (
         Quantity('cubic', 'N/m^3', 0.0, -2e6, 1e9, 1e7),
     ), SLIDING, True, 'rig'),
     Effect('tool_friction', 'tool', (
-        # -force tanh(speed / velocity_scale)
-        Quantity('force', 'N', 0.0, 0.0, 30.0, 3.0, (3.0,)),
+        # -force tanh(speed / velocity_scale); with presliding it holds at rest, too: -force z /
+        # presliding, z following the displacement within +-presliding
+        Quantity('force', 'N', 0.0, 0.0, 30.0, 3.0, (0.3, 3.0)),
         _shape('velocity_scale', 'm/s', 0.002, 1e-4, 0.1, 1e-3, (5e-4, 2e-3, 1e-2)),
+        _shape('presliding', 'm', 0.0, 0.0, 1e-3, 5e-5, (0.0, 5e-5)),
     ), SLIDING, False, 'rig'),
     Effect('tool_backlash', 'tool', (
         # in all, half of it either way

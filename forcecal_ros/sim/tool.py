@@ -4,9 +4,10 @@ The slide is integrated by Runge-Kutta 4; the instants at which contact begins a
 by bisection, since a step across them would be of first order only.
 
 Effects, all absent from the nominal rig: with z the displacement s beyond the play of +-gap / 2,
-the slide's force is -(k + k3 z^2) z - d ds/dt - f tanh(ds/dt / v0); a cable pulls at a point of
-the tool with a force that is constant in base plus that of a spring to where the point is at
-home; the spindle shakes the tool at another point with a force that is sinusoidal in S.
+the slide's force is -(k + k3 z^2) z - d ds/dt - f tanh(ds/dt / v0), or, where friction holds at
+rest, -f b / w with b following s within +-w in the place of the last term; a cable pulls at a
+point of the tool with a force that is constant in base plus that of a spring to where the point
+is at home; the spindle shakes the tool at another point with a force that is sinusoidal in S.
 """
 
 import math
@@ -22,6 +23,7 @@ TOOL_STATE = np.dtype([
     ('speed', 'f8'),       # [m/s]
     ('touching', 'f8'),    # 1: the wall pushes
     ('steps', 'f8'),       # since the start
+    ('anchor', 'f8'),      # [m] displacement at which friction that holds does not pull
 ])
 
 MOST_EVENTS = 8
@@ -94,7 +96,7 @@ def tool_at_rest(p: Record, position: Array, R_base_sensor: Array) -> Array:
             wall = p['wall_stiffness'] * tilt
             slide = (weight - wall * depth) / (p['stiffness'] + wall * tilt)
     touching = depth + tilt * slide > 0.0
-    return np.array([(slide, 0.0, touching, 0.0)], dtype=TOOL_STATE)
+    return np.array([(slide, 0.0, touching, 0.0, slide)], dtype=TOOL_STATE)
 
 
 def _rest_with_effects(p: Record, position: Array, R_base_sensor: Array) -> float:
@@ -243,10 +245,24 @@ def _touches(p: Record, f: Array, s: float, v: float) -> bool:
 
 
 @compiled
-def _slide_acceleration(p: Record, f: Array, s: float, v: float, touching: bool) -> float:
+def _held(p: Record, s: float, anchor: float) -> float:
+    """Give how far friction that holds is bent [m]."""
+    return min(max(s - anchor, -p.presliding), p.presliding)  # type: ignore[no-any-return]
+
+
+@compiled
+def _friction(p: Record, s: float, v: float, anchor: float) -> float:
+    if p.presliding > 0.0:
+        return p.friction * _held(p, s, anchor) / p.presliding  # type: ignore[no-any-return]
+    return p.friction * math.tanh(v / p.friction_speed)  # type: ignore[no-any-return]
+
+
+@compiled
+def _slide_acceleration(p: Record, f: Array, s: float, v: float, touching: bool,
+                        anchor: float) -> float:
     force = -p.stiffness * s - p.damping * v
     if p.extra > 0.0:
-        force = -p.damping * v - p.friction * math.tanh(v / p.friction_speed)
+        force = -p.damping * v - _friction(p, s, v, anchor)
         force -= _spring(p.stiffness, p.stiffening, p.half_gap, s)
     if touching:
         force -= _push(p, f, s, v) * f[5]
@@ -263,18 +279,18 @@ def _interpolate(f: Array, fraction: float, out: Array) -> None:
 
 @compiled
 def _advance(p: Record, f: Array, begin: float, end: float, h: float, s: float, v: float,
-             touching: bool) -> tuple[float, float]:
+             touching: bool, anchor: float) -> tuple[float, float]:
     """Go over a part of the step by Runge-Kutta 4, contact kept as it is; give s, v."""
     at, dt = np.empty((3, 6)), (end - begin) * h
     for i in range(3):
         _interpolate(f, begin + 0.5 * i * (end - begin), at[i])
-    a1 = _slide_acceleration(p, at[0], s, v, touching)
+    a1 = _slide_acceleration(p, at[0], s, v, touching, anchor)
     v2 = v + 0.5 * dt * a1
-    a2 = _slide_acceleration(p, at[1], s + 0.5 * dt * v, v2, touching)
+    a2 = _slide_acceleration(p, at[1], s + 0.5 * dt * v, v2, touching, anchor)
     v3 = v + 0.5 * dt * a2
-    a3 = _slide_acceleration(p, at[1], s + 0.5 * dt * v2, v3, touching)
+    a3 = _slide_acceleration(p, at[1], s + 0.5 * dt * v2, v3, touching, anchor)
     v4 = v + dt * a3
-    a4 = _slide_acceleration(p, at[2], s + dt * v3, v4, touching)
+    a4 = _slide_acceleration(p, at[2], s + dt * v3, v4, touching, anchor)
     return (s + dt / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4),
             v + dt / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4))
 
@@ -283,28 +299,30 @@ def _advance(p: Record, f: Array, begin: float, end: float, h: float, s: float, 
 def _step(p: Record, state: Record, f: Array, h: float) -> None:
     """Advance by one step, cut where contact begins or ends."""
     s, v, touching, begin = state.slide, state.speed, state.touching > 0.0, 0.0
-    at = np.empty(6)
+    at, anchor = np.empty(6), state.anchor
     if p.rigid > 0.0:
         state.touching = _touches(p, f[2], s, v)
         return
     for _ in range(MOST_EVENTS):
-        s_end, v_end = _advance(p, f, begin, 1.0, h, s, v, touching)
+        s_end, v_end = _advance(p, f, begin, 1.0, h, s, v, touching, anchor)
         if _touches(p, f[2], s_end, v_end) == touching:
             break
         low, high = begin, 1.0
         for _ in range(BISECTIONS):
             middle = 0.5 * (low + high)
-            s_end, v_end = _advance(p, f, begin, middle, h, s, v, touching)
+            s_end, v_end = _advance(p, f, begin, middle, h, s, v, touching, anchor)
             _interpolate(f, middle, at)
             if _touches(p, at, s_end, v_end) == touching:
                 low = middle
             else:
                 high = middle
-        s, v = _advance(p, f, begin, high, h, s, v, touching)
+        s, v = _advance(p, f, begin, high, h, s, v, touching, anchor)
+        anchor = s - _held(p, s, anchor)
         touching, begin = not touching, high
     else:
-        s_end, v_end = _advance(p, f, begin, 1.0, h, s, v, touching)
+        s_end, v_end = _advance(p, f, begin, 1.0, h, s, v, touching, anchor)
     state.slide, state.speed, state.touching = s_end, v_end, touching
+    state.anchor = s_end - _held(p, s_end, anchor)
 
 
 @compiled
@@ -313,5 +331,5 @@ def _write_slide(p: Record, state: Record, f: Array, i: int, out: Slide) -> None
     out.slide[i], out.speed[i] = s, v
     out.acceleration[i] = 0.0
     if p.rigid == 0.0:
-        out.acceleration[i] = _slide_acceleration(p, f, s, v, touching)
+        out.acceleration[i] = _slide_acceleration(p, f, s, v, touching, state.anchor)
     out.push[i] = _push(p, f, s, v) if touching else 0.0

@@ -13,6 +13,7 @@ SLIDE_EFFECTS = (
     ('stiffening', 'f8'),                 # [N/m^3]
     ('friction', 'f8'),                   # [N]
     ('friction_speed', 'f8'),             # [m/s] at which 76 % of it act
+    ('presliding', 'f8'),                 # [m] after which it acts in full; 0: by speed instead
     ('half_gap', 'f8'),                   # [m] of play either way
     ('cable_force', 'f8', 3),             # [N] in base, S at home and the tool undisplaced
     ('cable_stiffness', 'f8'),            # [N/m]
@@ -55,7 +56,7 @@ def slide_effects(rig: Rig) -> tuple[Any, ...]:
     cable_point = [cable[f'point_{axis}'] for axis in 'xyz']
     return (
         extra, stiffening['cubic'], friction['force'], friction['velocity_scale'],
-        0.5 * backlash['gap'],
+        friction['presliding'], 0.5 * backlash['gap'],
         [cable[axis] for axis in 'xyz'], cable['stiffness'], cable_point,
         np.array(rig.home.position) + rig.home.R_base_sensor @ cable_point,
         [spindle[f'sine_{axis}'] for axis in 'xyz'],
@@ -85,7 +86,11 @@ def slide_rates(rig: Rig) -> list[float]:
                                 + 3.0 * max(0.0, cubic) * USUAL ** 2) / rig.tool.mass))
     if 'tool_friction' in named:
         v = named['tool_friction']
-        rates.append(v['force'] / v['velocity_scale'] / rig.tool.mass * STICKING)
+        if v['presliding']:
+            stiffness = rig.optidrive.stiffness if rig.optidrive else 0.0
+            rates.append(math.sqrt((stiffness + v['force'] / v['presliding']) / rig.tool.mass))
+        else:
+            rates.append(v['force'] / v['velocity_scale'] / rig.tool.mass * STICKING)
     if 'spindle_vibration' in named:
         rates.append(2.0 * math.pi * named['spindle_vibration']['frequency'])
     return rates
