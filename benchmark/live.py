@@ -33,8 +33,8 @@ def process(arguments: Sequence[str], parameters: Mapping[str, object] = {}) -> 
     """Run a python program with ROS parameters, and give its process id."""
     given = [part for name, value in parameters.items() for part in ('-p', f'{name}:={value}')]
     running = subprocess.Popen(
-        [sys.executable, *arguments, '--ros-args', *given, '--log-level', 'warn'],
-        stdout=subprocess.DEVNULL)
+        [sys.executable, *arguments, '--ros-args', *given],
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         yield running.pid
     finally:

@@ -23,10 +23,13 @@ class Inbox:
     Parameters
     ----------
     node : Node
+    polled : bool
+        False: leave the subscriptions to the executor, which wakes up for every message.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, polled: bool = True) -> None:
         self._node = node
+        self._wanted = polled
         self._polled: list[tuple[Subscription, Any, Callable[[bytes], None]]] = []
 
     def subscribe(self, message_type: Any, topic: str, take: Callable[[bytes], None]
@@ -34,6 +37,8 @@ class Inbox:
         """Subscribe as to a sensor; ``take`` gets each message as it came over the wire."""
         subscription = self._node.create_subscription(
             message_type, topic, take, SENSOR, raw=True)
+        if not self._wanted:
+            return subscription
         try:
             # Without this list rclpy's executors do not know of it.
             self._node._subscriptions.remove(subscription)

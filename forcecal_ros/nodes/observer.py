@@ -68,12 +68,13 @@ class Observer(LifecycleNode):
         self._active = False
         self._accelerometer: Any = None
         self._heard: dict[str, int] = {}
-        self._inbox = Inbox(self)
+        self._inbox = Inbox(self, polled=self._value('poll_rate') > 0)
         self._clear()
         guard(self, self._check_changes)
         self.add_post_set_parameters_callback(self._on_changed)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', OUTPUT)
-        self.create_timer(1 / self._value('poll_rate'), self._inbox.drain, clock=STEADY)
+        if self._value('poll_rate') > 0:
+            self.create_timer(1 / self._value('poll_rate'), self._inbox.drain, clock=STEADY)
         self.create_timer(1.0, self._report, clock=STEADY)
         for name, answer in (('tare', self._tare), ('reset', self._reset),
                              ('reload_calibration', self._reload)):

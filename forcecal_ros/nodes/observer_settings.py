@@ -30,8 +30,9 @@ PARAMETERS = (
     Parameter('accelerometer.source', 'auto', 'accelerometer/raw (volts), imu/data_raw or accel '
               '(m/s^2); auto: by the unit of the calibration',
               choices=('auto', *ACCELEROMETERS, 'none')),
-    Parameter('poll_rate', 500.0, 'How often the topics are looked into: half a period is added '
-              'to the latency on average', 'Hz', 50.0, 2000.0),
+    Parameter('poll_rate', 0.0, 'How often the topics are looked into, which halves what the node '
+              'costs and adds half a period to the latency; 0: every message is taken at once',
+              'Hz', 0.0, 2000.0),
     Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool; '
               'empty: no such sensor'),
     Parameter('publish.inertial_wrench', False, 'Publish observer/inertial_wrench: what weight '
