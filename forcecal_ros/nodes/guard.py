@@ -1,10 +1,11 @@
 """Whoever may end a motion besides the plan: sensors, robot, clocks, other nodes, a person."""
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
-from forcecal_ros.control.sequence import Sequence
+from forcecal_ros.control.monitor import Monitor
 from forcecal_ros.nodes.backends import Backend
-from forcecal_ros.nodes.sensors import SECOND, Sensors
+from forcecal_ros.nodes.deadman import Deadman
+from forcecal_ros.nodes.runtime import SECOND
 from rclpy.clock import Clock
 
 CLOCK_JUMP = 0.1
@@ -27,24 +28,38 @@ class Fault(NamedTuple):
     at_once: bool = False
 
 
+class Watched(Protocol):
+    """What is heard while the robot moves."""
+
+    monitor: Monitor
+    deadman: Deadman
+
+
+class Pausable(Protocol):
+    """A motion that can stand for a while."""
+
+    def pause(self, paused: bool) -> None:
+        """Stand, or go on."""
+
+
 class Guard:
     """
     Watch over one motion after another.
 
     Parameters
     ----------
-    sensors : Sensors
+    sensors : Watched
     backend : Backend
-    sequence : Sequence
+    motion : Pausable
     clock : Clock
         Of the header stamps.
     simulated : bool
         Whether that clock also drives the motion.
     """
 
-    def __init__(self, sensors: Sensors, backend: Backend, sequence: Sequence, clock: Clock,
+    def __init__(self, sensors: Watched, backend: Backend, motion: Pausable, clock: Clock,
                  simulated: bool) -> None:
-        self._sensors, self._backend, self._sequence = sensors, backend, sequence
+        self._sensors, self._backend, self._motion = sensors, backend, motion
         self._clock, self._simulated = clock, simulated
         self._foreign, self._foreign_heard = 0, -SECOND
         self.pauses = 0
@@ -64,7 +79,7 @@ class Guard:
         self.listen(steady)
         if steady - self._foreign_heard < FOREIGN * SECOND:
             return f'{self._backend.topic}: another node commands the robot; stop it'
-        return self._sensors.deadman_fault(steady)
+        return self._sensors.deadman.fault(steady)
 
     def listen(self, steady: int) -> None:
         """Note commands that were not one's own."""
@@ -81,7 +96,7 @@ class Guard:
         drift = (now - steady - self._offset) / SECOND
         if not self._simulated and abs(drift) > CLOCK_JUMP:
             return Fault(f'the system clock jumped by {drift:.2f} s')
-        reason = self._sensors.monitor.check(moving) or self._sensors.deadman_fault(steady)
+        reason = self._sensors.monitor.check(moving) or self._sensors.deadman.fault(steady)
         if not reason and self._foreign_heard > self._started:
             reason = f'{self._backend.topic}: another node commands the robot'
         reason = reason or self._stand_while_in_doubt(steady, now)
@@ -91,7 +106,7 @@ class Guard:
         """Pause while a sensor is silent or late; return why where that lasts for too long."""
         monitor = self._sensors.monitor
         self.doubt = monitor.doubt(now * 1e-9)
-        self._sequence.pause(bool(self.doubt))
+        self._motion.pause(bool(self.doubt))
         if not self.doubt:
             self._doubtful_since = None
             return ''

@@ -15,8 +15,8 @@ from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.observer_settings import PARAMETERS, settings_of
 from forcecal_ros.nodes.parameters import declare, guard
 from forcecal_ros.nodes.reporting import diagnostic_array
-from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, STEADY
-from forcecal_ros.nodes.sensors import ACCELEROMETERS, SECOND
+from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, SECOND, STEADY
+from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.nodes.wire import JointReader, Reader, Writer
 from forcecal_ros.observe import (
     ContactSample,

@@ -36,6 +36,9 @@ LATCHED = QoSProfile(depth=1, history=HistoryPolicy.KEEP_LAST,
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
+SECOND = 1_000_000_000
+"""One second [ns]."""
+
 EXECUTOR = Parameter(
     'executor', 'events',
     'Executor: events is two to three times cheaper a message, single is the plain one',

@@ -7,16 +7,13 @@ from typing import Any
 from forcecal_ros.control.limits import Limits
 from forcecal_ros.control.monitor import Monitor, WatchSettings
 from forcecal_ros.nodes.collector import Collector
+from forcecal_ros.nodes.deadman import Deadman
 from forcecal_ros.nodes.inbox import Inbox
-from forcecal_ros.nodes.runtime import STEADY
 from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Sample, stamp_of
 from forcecal_ros.six_axis import corrected, SixAxis
 from geometry_msgs.msg import AccelStamped, PoseStamped, Vector3Stamped, WrenchStamped
 from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState
-from std_msgs.msg import Header
-
-SECOND = 1_000_000_000
 
 ACCELEROMETERS: dict[str, tuple[str, Any, str]] = {
     'raw': ('accelerometer/raw', Vector3Stamped, 'V'),
@@ -57,6 +54,7 @@ class Sensors:
     ----------
     monitor : Monitor
     collector : Collector
+    deadman : Deadman
     """
 
     def __init__(self, node: Node, inbox: Inbox, watch: WatchSettings, limits: Limits,
@@ -79,10 +77,7 @@ class Sensors:
             self._hear('accelerometer', topic, kind, Reader(kind), self._on_accelerometer)
         self._hear('optidrive', 'optidrive', JointState,
                    JointReader(node.get_parameter('optidrive.joint').value), None)
-        self._deadman_heard = 0
-        self.deadman_timeout = round(node.get_parameter('motion.deadman_timeout').value * SECOND)
-        if self.deadman_timeout:
-            inbox.subscribe(Header, 'deadman', self._on_deadman)
+        self.deadman = Deadman(inbox, node.get_parameter('motion.deadman_timeout').value)
 
     def _hear(self, channel: str, topic: str, message_type: Any, read: Any, watch: Any) -> None:
         add, recording, heard = self.collector.add, self._recording, self._heard
@@ -105,19 +100,6 @@ class Sensors:
 
     def _on_accelerometer(self, stamp: float, values: tuple[float, ...]) -> None:
         self.monitor.other('accelerometer', stamp, values)
-
-    def _on_deadman(self, raw: bytes) -> None:
-        self._deadman_heard = STEADY.now().nanoseconds
-
-    def deadman_fault(self, steady_ns: int) -> str:
-        """Return what to say where the dead-man switch is asked for and silent; else nothing."""
-        quiet = steady_ns - self._deadman_heard
-        if not 0 < self.deadman_timeout < quiet:
-            return ''
-        if not self._deadman_heard:
-            return 'deadman: nothing received; press the switch, or set ' \
-                   'motion.deadman_timeout to 0.0'
-        return f'deadman: silent for {quiet / SECOND:.3f} s'
 
     def begin_recording(self) -> None:
         """Forget what was recorded; the frames of the newest messages count."""

@@ -24,8 +24,8 @@ from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.parameters import declare, guard
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.results import calibration_message, gain_message, inertia_message
-from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, STEADY
-from forcecal_ros.nodes.sensors import SECOND, Sensors
+from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, SECOND, STEADY
+from forcecal_ros.nodes.sensors import Sensors
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
 from forcecal_ros.observe.gains import with_kalman_gains
 from forcecal_ros.six_axis import required_six_axis, SixAxis, with_matrix_of

@@ -1,0 +1,249 @@
+"""A contact task from start to done or aborted: the law within its limits, and the way out."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from forcecal_ros.errors import ConfigError, MotionError
+from forcecal_ros.impedance.program import Program, Reference
+from forcecal_ros.impedance.trial import Controller, Heard
+from forcecal_ros.impedance.withdraw import Motion, to_rest, Withdrawal
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """
+    What the command of S may not exceed, and when a force ends the task.
+
+    Attributes
+    ----------
+    speed, acceleration : float
+        The law's command is held to these [m/s], [m/s^2].
+    deviation : float
+        Command from the reference, beyond which the loop counts as unstable [m].
+    force : float
+        Contact force along x that ends the task wherever it occurs [N].
+    free_force : float
+        The same where no wall is expected [N].
+    margin : float
+        So much before the wall it is expected already [m].
+    touch : float
+        Contact force above which the tool touches [N].
+    stop_duration : float
+        From a stop's first command to rest [s].
+    retract : float
+        How far a stop in contact, or without knowing, takes the tool back [m].
+    closing : float
+        A stream ends with commands at rest for that long [s].
+    """
+
+    speed: float = 0.25
+    acceleration: float = 8.0
+    deviation: float = 0.06
+    force: float = 100.0
+    free_force: float = 10.0
+    margin: float = 0.01
+    touch: float = 1.0
+    stop_duration: float = 0.065
+    retract: float = 0.006
+    closing: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            if not getattr(self, name) > 0.0:
+                raise ConfigError(f'{name} is {getattr(self, name)}; it wants a positive number')
+
+
+class Status(NamedTuple):
+    """
+    How far a task got.
+
+    Attributes
+    ----------
+    phase : str
+        ``idle``, a phase of the program, ``done`` or ``aborted``.
+    reason : str
+        Why it was aborted.
+    contacts, missed : int
+        Visits of the wall in which it was touched, and in which it was not.
+    limited : int
+        Commands that were held to the bounds.
+    """
+
+    phase: str = 'idle'
+    reason: str = ''
+    contacts: int = 0
+    missed: int = 0
+    limited: int = 0
+
+
+class Session:
+    """
+    One task at a time.
+
+    Parameters
+    ----------
+    period : float
+        Of the control loop [s].
+    """
+
+    def __init__(self, period: float) -> None:
+        self._period = period
+        self._motion = Motion(0.0)
+        self._stop: Withdrawal | None = None
+        self._paused = False
+        self._closing = 0
+        self._streaming = False
+        self.status = Status()
+
+    @property
+    def running(self) -> bool:
+        """Whether a task is under way."""
+        return self.status.phase not in ('idle', 'done', 'aborted')
+
+    @property
+    def streaming(self) -> bool:
+        """Whether :meth:`step` has commands to give."""
+        return self._streaming
+
+    @property
+    def moving(self) -> bool:
+        """Whether the command moves."""
+        return abs(self._motion.velocity) > 1e-4
+
+    def start(self, program: Program, wall: float, controller: Controller, bounds: Bounds
+              ) -> None:
+        """
+        Begin a task; the first command is where the robot stands.
+
+        Parameters
+        ----------
+        program : Program
+        wall : float
+            Where it is expected, from the start [m].
+        controller : callable
+            At rest at zero.
+        bounds : Bounds
+
+        Raises
+        ------
+        MotionError
+            One is under way already.
+        """
+        if self.running or self._streaming:
+            raise MotionError(f'a task is under way already ({self.status.phase}); abort it first')
+        self._program, self._wall = program, wall
+        self._controller, self._bounds = controller, bounds
+        self._motion, self._stop, self._time = Motion(0.0), None, 0.0
+        self._closing, self._streaming, self._paused = 0, True, False
+        self._touched, self._force = False, 0.0
+        self.status = Status(program.at(0.0).phase)
+
+    def abort(self, reason: str) -> bool:
+        """
+        Come to rest within the stop's duration, away from what may be touched.
+
+        Parameters
+        ----------
+        reason : str
+            One line for the user.
+
+        Returns
+        -------
+        bool
+            False where nothing was under way.
+        """
+        if not self.running:
+            return False
+        bounds = self._bounds
+        near = self.status.phase != 'free' or -self._force > bounds.touch
+        retract = bounds.retract if near else 0.0
+        self._stop = to_rest(self._motion, bounds.stop_duration, retract, bounds.acceleration)
+        self._time = 0.0
+        self.status = self.status._replace(phase='aborted', reason=reason)
+        return True
+
+    def pause(self, paused: bool) -> None:
+        """Let the reference stand, or go on; the law goes on in either case."""
+        self._paused = paused
+
+    def step(self, heard: Heard) -> float | None:
+        """
+        Advance by one period.
+
+        Parameters
+        ----------
+        heard : Heard
+
+        Returns
+        -------
+        float or None
+            Command of S from the start [m]; None where the stream is silent.
+        """
+        if not self._streaming:
+            return None
+        if self._stop is None and not self._closing:
+            self._follow(heard)
+        if self._stop is not None:
+            self._time += self._period
+            self._motion = self._stop.at(self._time)
+            if self._time >= self._stop.duration - 1e-9:
+                self._stop, self._closing = None, self._closing_periods
+        elif self._closing:
+            self._closing -= 1
+            self._streaming = self._closing > 0
+        return self._motion.position
+
+    @property
+    def _closing_periods(self) -> int:
+        return max(2, round(self._bounds.closing / self._period))
+
+    def _follow(self, heard: Heard) -> None:
+        self._time += 0.0 if self._paused else self._period
+        reference = self._program.at(self._time)
+        self._note(reference.phase, heard)
+        wanted = self._controller(reference, heard)
+        if fault := self._fault(reference, heard, wanted):
+            self.abort(fault)
+        elif self._time >= self._program.duration:
+            self.status = self.status._replace(phase='done')
+            self._stop = to_rest(self._motion, self._bounds.stop_duration, 0.0,
+                                 self._bounds.acceleration)
+            self._time = 0.0
+        else:
+            self._motion = self._limited(wanted)
+
+    def _note(self, phase: str, heard: Heard) -> None:
+        """Keep count of the visits of the wall, and of those that touched it."""
+        status, self._force = self.status, heard.force
+        if phase == 'contact':
+            self._touched |= -heard.force > self._bounds.touch
+        elif status.phase == 'contact':
+            hit = 'contacts' if self._touched else 'missed'
+            status = status._replace(**{hit: getattr(status, hit) + 1})
+            self._touched = False
+        self.status = status._replace(phase=phase)
+
+    def _fault(self, reference: Reference, heard: Heard, wanted: float) -> str:
+        bounds, force = self._bounds, abs(heard.force)
+        tool = heard.position + heard.slide
+        if force > bounds.force:
+            return f'contact force {force:.1f} N exceeds limits.force {bounds.force:g} N'
+        expected = reference.phase != 'free' and tool > self._wall - bounds.margin
+        if not expected and force > bounds.free_force:
+            return (f'contact force {force:.1f} N {self._wall - tool:.3f} m before the wall is '
+                    f'expected; limits.free_force is {bounds.free_force:g} N')
+        if not abs(wanted - reference.position) <= bounds.deviation:
+            return (f'the command is {wanted - reference.position:.3f} m from the reference, '
+                    f'limits.deviation is {bounds.deviation:g} m; the loop is not stable here')
+        return ''
+
+    def _limited(self, wanted: float) -> Motion:
+        """Return the command one period on, held to speed and acceleration."""
+        dt, before, bounds = self._period, self._motion, self._bounds
+        velocity = (wanted - before.position) / dt
+        change = bounds.acceleration * dt
+        held = min(max(velocity, -bounds.speed, before.velocity - change), bounds.speed,
+                   before.velocity + change)
+        if held != velocity:
+            self.status = self.status._replace(limited=self.status.limited + 1)
+        return Motion(before.position + held * dt, held, (held - before.velocity) / dt)
