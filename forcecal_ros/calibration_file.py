@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from datetime import date, datetime
+from hashlib import sha256
 import math
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ from forcecal_ros.files import write_text
 from forcecal_ros.geometry import Array
 import numpy as np
 import yaml
+
+_CHECKSUM = 'checksum: '
 
 _Shape = tuple[int, ...]
 _Schema = dict[str, tuple[_Shape, tuple[str, ...]]]
@@ -109,8 +112,22 @@ def to_document(calibration: Calibration) -> dict[str, Any]:
 
 def dump(calibration: Calibration) -> str:
     """Return the text of ``calibration.yaml`` for a calibration."""
-    return yaml.safe_dump(to_document(calibration), sort_keys=False, width=99,
+    text = yaml.safe_dump(to_document(calibration), sort_keys=False, width=99,
                           default_flow_style=None, allow_unicode=True)
+    return f'{text}{_CHECKSUM}{_digest(text)}\n'
+
+
+def _digest(text: str) -> str:
+    return f'sha256-{sha256(text.encode()).hexdigest()}'
+
+
+def _check_sum(text: str, name: str) -> None:
+    """Refuse a text that is not what was written; one without checksum passes."""
+    body, mark, rest = text.rpartition(f'\n{_CHECKSUM}')
+    if mark and rest.strip() != _digest(body + '\n'):
+        raise ConfigError(f'{name}: its checksum does not fit: it is damaged or was edited; take '
+                          f'{name}~ or calibrate again, or drop the line `checksum` if you edited '
+                          'it on purpose')
 
 
 def save(calibration: Calibration, path: Path | str) -> None:
@@ -141,7 +158,8 @@ def load(path: Path | str) -> Calibration:
     ------
     ConfigError
         It is not there, too large, not YAML, of another format, or a key is missing, has the
-        wrong shape or unit, or is not finite; the message names file and key.
+        wrong shape or unit, or is not finite, or the checksum does not fit; the message names
+        file and key.
     """
     path = Path(path)
     try:
@@ -176,6 +194,7 @@ def parse(text: str, name: str = 'calibration') -> Calibration:
         As :func:`load`.
     """
     document = load_yaml(text, name)
+    _check_sum(text, name)
     if not isinstance(document, dict):
         raise ConfigError(f'{name}: expected keys such as mass, com and wrench_bias')
     if document.get('format') != FORMAT:

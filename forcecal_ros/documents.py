@@ -7,10 +7,11 @@ import yaml
 
 LARGEST = 1 << 18
 _DEEPEST = 32
+_LONGEST_NUMBER = 1000
 
 
 class _Loader(yaml.SafeLoader):
-    """Safe loader without aliases and deep nests, which only traps need."""
+    """Safe loader without aliases, deep nests, endless numbers and keys that come twice."""
 
     _depth = 0
 
@@ -23,6 +24,26 @@ class _Loader(yaml.SafeLoader):
         node = super().compose_node(parent, index)
         self._depth -= 1
         return node
+
+    def construct_yaml_int(self, node: Any) -> int:
+        if len(node.value) > _LONGEST_NUMBER:
+            raise yaml.YAMLError(f'a number of {len(node.value)} digits')
+        return int(super().construct_yaml_int(node))
+
+    def construct_yaml_float(self, node: Any) -> float:
+        if len(node.value) > _LONGEST_NUMBER:
+            raise yaml.YAMLError(f'a number of {len(node.value)} digits')
+        return float(super().construct_yaml_float(node))
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        mapping = super().construct_mapping(node, deep=deep)
+        if len(mapping) != len(node.value):
+            raise yaml.YAMLError(f'a key comes twice {node.start_mark}')
+        return mapping
+
+
+_Loader.add_constructor('tag:yaml.org,2002:int', _Loader.construct_yaml_int)
+_Loader.add_constructor('tag:yaml.org,2002:float', _Loader.construct_yaml_float)
 
 
 def load_yaml(text: str | bytes, name: str, largest: int = LARGEST) -> Any:
@@ -45,12 +66,12 @@ def load_yaml(text: str | bytes, name: str, largest: int = LARGEST) -> Any:
     Raises
     ------
     ConfigError
-        It is too large, nested too deep, has aliases or tags, or is no YAML.
+        It is too large, nested too deep, has aliases, tags or a key twice, or is no YAML.
     """
     if len(text) > largest:
         raise ConfigError(f'{name}: larger than {largest} bytes')
     try:
         return yaml.load(text, Loader=_Loader)
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, OverflowError) as error:
+    except (yaml.YAMLError, ValueError, OverflowError, RecursionError, TypeError) as error:
         raise ConfigError(f'{name}: not YAML of plain values: '
                           f'{" ".join(str(error).split())[:200]}') from error

@@ -17,6 +17,7 @@ from forcecal_ros.control.poses import (
     step_goal,
 )
 from forcecal_ros.control.sequence import StreamSettings
+from forcecal_ros.documents import LARGEST, load_yaml
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array, STANDARD_GRAVITY
 from forcecal_ros.identify.settings import COMPLIANCES, COUPLINGS, DESIGNS, MODES
@@ -25,7 +26,6 @@ from forcecal_ros.nodes.parameters import Parameter
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
 import numpy as np
-import yaml
 
 LATENCY = 0.05
 """Readings may be that old when they arrive; settling waits so much longer [s]."""
@@ -265,10 +265,9 @@ def poses_from_file(path: Path) -> dict[str, Pose]:
     """
     try:
         with path.open('rb') as file:
-            data = file.read(100_001)
-        entries = yaml.safe_load(data) if len(data) <= 100_000 else None
-    except (OSError, yaml.YAMLError, RecursionError, UnicodeDecodeError) as error:
-        raise ConfigError(f'poses.file {path}: {" ".join(str(error).split())}') from error
+            entries = load_yaml(file.read(LARGEST + 1), f'poses.file {path}')
+    except OSError as error:
+        raise ConfigError(f'poses.file {path}: cannot be read ({error.strerror})') from error
     try:
         names = [entry['name'] for entry in entries]
         numbers = [float(x) for entry in entries

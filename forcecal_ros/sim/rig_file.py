@@ -8,6 +8,7 @@ from types import UnionType
 import typing
 from typing import Any
 
+from forcecal_ros.documents import LARGEST, load_yaml
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.sim.chosen import Chosen, chosen_effects, named_effects
 from forcecal_ros.sim.library import EFFECTS
@@ -42,14 +43,11 @@ def load_rig(path: Path | str | None = None) -> Rig:
     take_packaged = path is None or (
         Path(source).name == source and not Path(source).exists() and packaged.is_file())
     try:
-        text = packaged.read_text() if take_packaged else Path(source).read_text()
-        document = yaml.safe_load(text)
+        with (packaged if take_packaged else Path(source)).open('rb') as file:
+            document = load_yaml(file.read(LARGEST + 1), source)
     except OSError as error:
         raise ConfigError(f'{source}: cannot be read ({error.strerror}); give the path of a rig '
                           'file, or none for the nominal rig') from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f'{source}: no YAML ({" ".join(str(error).split())}); compare with '
-                          'config/rig.yaml') from error
     try:
         rig: Rig = _section(Rig, document, '')
     except ConfigError as error:
