@@ -9,7 +9,8 @@ from blind import effects_physics, effects_sensing, outside
 from blind.effect import Effect
 from blind.motion import lazy, trajectory
 from blind.noise import Colour, draw_colours
-from blind.rig import astray, Commands, draw_nuisances, nominal, Rig, run
+from blind.rig import astray, Commands, draw_nuisances, follow, nominal, Rig, run, Truth
+from blind.robot import Motion
 from blind.sensors import record, Recorded
 import numpy as np
 
@@ -133,19 +134,45 @@ def draw(kind: str, seed: int, seconds: float, name: str | None = None,
                 (int(how.integers(2**32)), int(how.integers(2**32))))
 
 
-def rig_of(case: Case, parts: tuple[Part, ...] | None = None,
-           extra: Mapping[str, Any] | None = None) -> Rig:
-    """Return the rig of a case, with other effects or nuisances where they are given."""
-    rig = astray(nominal(case.accelerometer), {**case.nuisances, **(extra or {})})
+def rig_of(case: Case, parts: tuple[Part, ...] | None = None) -> Rig:
+    """Return the rig of a case, with other effects where they are given."""
+    rig = astray(nominal(case.accelerometer), case.nuisances)
     for part in case.parts if parts is None else parts:
         rig = part.effect.apply(rig, part.size, np.random.default_rng(part.seed))
     return rig
 
 
-def recordings(case: Case, parts: tuple[Part, ...] | None = None, noise: bool = True,
-               extra: Mapping[str, Any] | None = None) -> tuple[Recorded, Recorded]:
-    """Return what a case records: to fit on, to judge on; see :func:`rig_of`."""
-    rig = rig_of(case, parts, extra)
-    first, second = (record(rig, run(rig, commands), case.colours if noise else None, seed)
-                     for commands, seed in zip(case.commands, case.seeds))
-    return first, second
+class Runner:
+    """Recordings of one case, with and without its effects; no motion is integrated twice."""
+
+    def __init__(self, case: Case) -> None:
+        self._case = case
+        self._motions: dict[str, Motion] = {}
+        self._runs: dict[str, Truth] = {}
+
+    def _run(self, rig: Rig, which: int) -> Truth:
+        commands, key = self._case.commands[which], f'{which} {rig.robot}'
+        if key not in self._motions:
+            self._motions[key] = follow(rig.robot, commands)
+        whole = f'{key} {rig.tool} {rig.wall}'
+        if whole not in self._runs:
+            self._runs[whole] = run(rig, commands, self._motions[key])
+        return self._runs[whole]
+
+    def recording(self, which: int, parts: tuple[Part, ...] | None = None, noise: bool = True
+                  ) -> Recorded:
+        """Return one recording: 0 to fit on, 1 to judge on."""
+        rig = rig_of(self._case, parts)
+        return record(rig, self._run(rig, which), self._case.colours if noise else None,
+                      self._case.seeds[which])
+
+    def recordings(self, parts: tuple[Part, ...] | None = None, noise: bool = True
+                   ) -> tuple[Recorded, Recorded]:
+        """Return both; ``parts``: the effects, those of the case if not given."""
+        return self.recording(0, parts, noise), self.recording(1, parts, noise)
+
+
+def recordings(case: Case, parts: tuple[Part, ...] | None = None, noise: bool = True
+               ) -> tuple[Recorded, Recorded]:
+    """Return what a case records: to fit on, to judge on."""
+    return Runner(case).recordings(parts, noise)

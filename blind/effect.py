@@ -1,7 +1,7 @@
 """What an effect is: a name, where it acts, a range of sizes and one function."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from blind.rig import Rig, Stage
 import numpy as np
@@ -46,11 +46,12 @@ def sign(rng: np.random.Generator) -> float:
 def direction(rng: np.random.Generator) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """Draw a unit vector."""
     v = rng.standard_normal(3)
-    return v / np.linalg.norm(v)  # type: ignore[no-any-return]
+    return v / np.linalg.norm(v)
 
 
 def sensing(rig: Rig, **stages: Stage) -> Rig:
     """Return the rig with one stage more in the named chains of its sensors."""
     sensors = rig.sensors
-    return rig._replace(sensors=sensors._replace(
-        **{name: (*getattr(sensors, name), stage) for name, stage in stages.items()}))
+    longer: dict[str, Any] = {
+        name: (*getattr(sensors, name), stage) for name, stage in stages.items()}
+    return rig._replace(sensors=sensors._replace(**longer))

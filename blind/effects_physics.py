@@ -10,7 +10,7 @@ Random = np.random.Generator
 
 
 def _mass(rig: Rig, size: float, rng: Random) -> Rig:
-    """A payload clamped at the CoM."""
+    """Clamp a payload at the CoM."""
     return rig._replace(tool=rig.tool._replace(mass=rig.tool.mass * (1 + sign(rng) * size)))
 
 
@@ -29,13 +29,13 @@ def _damping(rig: Rig, size: float, rng: Random) -> Rig:
 
 
 def _stiffening(rig: Rig, size: float, rng: Random) -> Rig:
-    """k s0 sinh(s / s0): all odd powers; ``size`` is the cubic term it begins with."""
+    """Take k s0 sinh(s / s0), all odd powers; ``size`` is the cubic term it begins with."""
     hardening = math.sqrt(6.0 * size / rig.tool.stiffness)
     return rig._replace(tool=rig.tool._replace(hardening=hardening))
 
 
 def _friction(rig: Rig, size: float, rng: Random) -> Rig:
-    """Dahl: it springs before it slides, and knows no velocity."""
+    """Follow Dahl: it springs before it slides, and knows no velocity."""
     return rig._replace(tool=rig.tool._replace(
         friction=size, presliding=float(np.exp(rng.uniform(np.log(8e-5), np.log(2e-4))))))
 
@@ -45,7 +45,7 @@ def _backlash(rig: Rig, size: float, rng: Random) -> Rig:
 
 
 def _cable(rig: Rig, size: float, rng: Random) -> Rig:
-    """A spring to a point above and beside the robot; its tension grows as it is drawn out."""
+    """Tie a spring to a point above the robot; its tension grows as it is drawn out."""
     anchor = np.array([rng.uniform(0.4, 1.0), rng.uniform(-0.5, 0.5), rng.uniform(1.8, 2.4)])
     end = np.array([rng.uniform(0.0, 0.1), rng.uniform(-0.05, 0.05), rng.uniform(0.05, 0.2)])
     length = float(np.linalg.norm(anchor - np.array([1.0, 0.0, 1.0])))
@@ -55,7 +55,7 @@ def _cable(rig: Rig, size: float, rng: Random) -> Rig:
 
 
 def _spindle(rig: Rig, size: float, rng: Random) -> Rig:
-    """Unbalance: a force that turns in the x-y plane at a speed that wanders a little."""
+    """Turn a force in the x-y plane (unbalance) at a speed that wanders a little."""
     return rig._replace(tool=rig.tool._replace(
         whirl=size, whirl_hz=rng.uniform(25.0, 180.0), whirl_wander=rng.uniform(0.0, 0.004)))
 
@@ -65,7 +65,7 @@ def _robot_delay(rig: Rig, size: float, rng: Random) -> Rig:
 
 
 def _robot_resonance(rig: Rig, size: float, rng: Random) -> Rig:
-    """A mode that the acceleration of S excites, not a filter in its path."""
+    """Add a mode that the acceleration of S excites, not a filter in its path."""
     return rig._replace(robot=rig.robot._replace(
         mode_share=size, mode_hz=float(np.exp(rng.uniform(np.log(6.0), np.log(25.0)))),
         mode_damping=rng.uniform(0.02, 0.08)))

@@ -35,13 +35,13 @@ def _wrench_delay(rig: Rig, size: float, rng: Random) -> Rig:
 
 
 def _wrench_lowpass(rig: Rig, size: float, rng: Random) -> Rig:
-    """Second order; ``size`` is its delay at low frequency."""
+    """Filter by second order; ``size`` is its delay at low frequency."""
     damping = rng.uniform(0.65, 1.0)
     return sensing(rig, wrench=lambda truth, u, _: second_order(u, 2 * damping / size, damping))
 
 
 def _drift(rig: Rig, size: float, rng: Random) -> Rig:
-    """A sensor that warms up: the bias settles exponentially."""
+    """Let the bias settle exponentially, as the sensor warms up."""
     along = np.concatenate([direction(rng), 0.05 * direction(rng)])
     settle = rng.uniform(6.0, 40.0)
 
@@ -67,7 +67,7 @@ def _wrench_gain(rig: Rig, size: float, rng: Random) -> Rig:
 
 
 def _wrench_crosstalk(rig: Rig, size: float, rng: Random) -> Rig:
-    """One or two forces that leak into other channels; into torques by a lever of 50 mm."""
+    """Let one or two forces leak into other channels; into torques by a lever of 50 mm."""
     matrix = np.eye(6)
     for _ in range(rng.integers(1, 3)):
         source = rng.integers(3)
@@ -87,12 +87,12 @@ def _bouc_wen(x, width):  # type: ignore[no-untyped-def]
 
 
 def _wrench_hysteresis(rig: Rig, size: float, rng: Random) -> Rig:
-    """Bouc-Wen: a smooth loop, never a corner; ``size`` is its half height on the forces."""
+    """Add a Bouc-Wen loop, smooth everywhere; ``size`` is its half height on the forces."""
     scale = np.array([1.0, 1.0, 1.0, 0.05, 0.05, 0.05])
     yields = scale * rng.uniform(10.0, 25.0)
 
     def stage(truth: Any, u: Array, _: Random) -> Array:
-        return u + size * scale * (_bouc_wen(u, yields) / yields)
+        return np.asarray(u + size * scale * (_bouc_wen(u, yields) / yields))
 
     return sensing(rig, wrench=stage)
 
@@ -106,7 +106,7 @@ def _limited(values: Array, limit: float, knee: float) -> Array:
 
 
 def _wrench_saturation(rig: Rig, size: float, rng: Random) -> Rig:
-    """An amplifier at its limit, with a knee of 1 %; ``size``: how far below usual peaks."""
+    """Limit an amplifier, with a knee of 1 %; ``size``: how far below usual peaks."""
     axis = int(rng.integers(3))
     limit = (1 - size) * (90.0, 90.0, 180.0)[axis]
 
@@ -119,7 +119,7 @@ def _wrench_saturation(rig: Rig, size: float, rng: Random) -> Rig:
 
 
 def _wrench_quantisation(rig: Rig, size: float, rng: Random) -> Rig:
-    """A converter whose codes stand for the middle of their interval."""
+    """Convert with codes that stand for the middle of their interval."""
     step = size * SIGMA['wrench'] / 0.25
     return sensing(rig, wrench_reading=lambda truth, u, _: step * (np.floor(u / step) + 0.5))
 
@@ -146,7 +146,7 @@ def _accel_misalignment(rig: Rig, size: float, rng: Random) -> Rig:
 
 
 def _accel_highpass(rig: Rig, size: float, rng: Random) -> Rig:
-    """A charge amplifier, reset as the recording starts: what it holds leaks away from then on."""
+    """Let a charge amplifier, reset as the recording starts, leak from then on."""
     pole = math.exp(-size * FINE)
 
     def stage(truth: Any, f: Array, _: Random) -> Array:
@@ -156,7 +156,7 @@ def _accel_highpass(rig: Rig, size: float, rng: Random) -> Rig:
 
 
 def _accel_saturation(rig: Rig, size: float, rng: Random) -> Rig:
-    """A range too small, with a knee of 1 %; ``size``: how far below usual peaks."""
+    """Limit the range, with a knee of 1 %; ``size``: how far below usual peaks."""
     axis = int(rng.integers(3))
     limit = (1 - size) * (7.0, 8.0, 14.5)[axis]
 
@@ -169,15 +169,15 @@ def _accel_saturation(rig: Rig, size: float, rng: Random) -> Rig:
 
 
 def _accel_resonance(rig: Rig, size: float, rng: Random) -> Rig:
-    """The sensor on a soft mount: all of its signal passes a second-order system."""
+    """Mount it softly: all of its signal passes a second-order system."""
     damping = rng.uniform(0.02, 0.1)
     return sensing(rig, specific=lambda truth, f, _: second_order(
         f, 2 * math.pi / size, damping))
 
 
 def _clock_skew(rig: Rig, size: float, rng: Random) -> Rig:
-    """A driver with a clock of its own, whose speed changes a little as it warms up."""
-    which, fast = rng.choice(['wrench_t', 'volts_t']), sign(rng)
+    """Stamp by a clock of its own, whose speed changes a little as it warms up."""
+    which, fast = str(rng.choice(['wrench_t', 'volts_t'])), sign(rng)
     wander = rng.uniform(0.0, 0.03)
 
     def stage(truth: Any, recorded: Any, _: Random) -> Any:
@@ -189,7 +189,7 @@ def _clock_skew(rig: Rig, size: float, rng: Random) -> Rig:
 
 
 def _dropouts(rig: Rig, size: float, rng: Random) -> Rig:
-    """Losses in bursts of a few messages (Gilbert), of one topic or of both sensors."""
+    """Lose bursts of a few messages (Gilbert), of one topic or of both sensors."""
     burst = rng.uniform(1.0, 6.0)
     topics = [['wrench'], ['volts'], ['wrench', 'volts']][rng.integers(3)]
 

@@ -1,10 +1,10 @@
-"""Trajectories: still, static poses, step, free sweep, slow reversals, approach, contact, retract."""
+"""Trajectories: rest, static poses, step, free sweep, slow reversals, contact."""
 
 from collections.abc import Callable
 from typing import NamedTuple
 
-from blind.rig import Commands, rotation
-from blind.robot import Array, matrices, quaternions
+from blind.rig import Commands, rotations
+from blind.robot import Array
 import numpy as np
 
 RATE = 250
@@ -75,8 +75,7 @@ class Path:
     def commands(self) -> Commands:
         """Return the finished trajectory."""
         turns = np.concatenate(self._turns)
-        R = np.stack([R_HOME @ rotation(v) for v in turns])
-        return Commands(np.concatenate(self._positions), matrices(quaternions(R)),
+        return Commands(np.concatenate(self._positions), R_HOME @ rotations(turns),
                         tuple(self._phases))
 
 

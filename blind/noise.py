@@ -20,7 +20,8 @@ class Colour(NamedTuple):
 
     def draw(self, count: int, sigma: float, rng: np.random.Generator) -> Array:
         """Return ``count`` samples."""
-        return self.level * sigma * lfilter(self.b, self.a, rng.standard_normal(count))
+        white = rng.standard_normal(count)
+        return np.asarray(self.level * sigma * lfilter(self.b, self.a, white))
 
     def whiten(self, signal: Array, sigma: float) -> Array:
         """Return the signal in units in which this noise is white with 1 sigma."""
@@ -55,7 +56,7 @@ COLOURS = (_white, _red, _blue, _floor_and_red, _hump)
 
 def draw_colours(rng: np.random.Generator) -> dict[str, list[Colour]]:
     """Draw a level (a factor of 2, 1 sigma, within 0.4 to 2.5) and a colour for each channel."""
-    colours = {}
+    colours: dict[str, list[Colour]] = {}
     for name, sigma in SIGMA.items():
         shape = COLOURS[rng.integers(len(COLOURS))]
         level = float(np.exp(np.clip(rng.normal(0.0, np.log(2.0)), np.log(0.4), np.log(2.5))))

@@ -1,18 +1,18 @@
 """The second rig: numbers, how far a healthy one strays, and a run of it without sensors."""
 
 from collections.abc import Callable
-import math
 from typing import Any, NamedTuple
 
-from blind.robot import Array, matrices, Motion, move, quaternions, Robot
+from blind.robot import Array, Motion, move, quaternions, Robot
 from blind.tool import feel, Felt, Tool, Wall
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 GRAVITY = 9.80665
 ACCELEROMETERS = {'acc1': (-0.2937, 5.0938, 0.0), 'acc2': (0.2525, 5.9616, 0.01)}
 """Gain [V/(m/s^2)], offset [V], high-pass [Hz]."""
 
-Stage = Callable[[Any, Array, np.random.Generator], Array]
+Stage = Callable[[Any, Any, np.random.Generator], Any]
 """(fine truth, signal, randomness) -> signal: one thing a sensor does to what it feels."""
 
 
@@ -125,18 +125,24 @@ class Truth(NamedTuple):
     commands: Commands
 
 
-def run(rig: Rig, commands: Commands) -> Truth:
-    """Run the rig on commands."""
-    motion = move(rig.robot, commands.position, quaternions(commands.R))
+def follow(robot: Robot, commands: Commands) -> Motion:
+    """Return the motion of S that a robot makes of commands."""
+    return move(robot, commands.position, quaternions(commands.R))
+
+
+def run(rig: Rig, commands: Commands, motion: Motion | None = None) -> Truth:
+    """Run the rig on commands; ``motion``: what its robot makes of them, where that is known."""
+    motion = motion or follow(rig.robot, commands)
     felt = feel(rig.tool, rig.wall, motion, rig.sensors.place)
     coarse = Motion(*(one[:-1:2][:len(felt.slide)] for one in motion))
-    return Truth(np.arange(len(felt.slide)) * 0.00025, felt, coarse, commands)
+    return Truth(0.00025 * np.arange(len(felt.slide), dtype=float), felt, coarse, commands)
+
+
+def rotations(vectors: Array) -> Array:
+    """Return the matrices (n, 3, 3) of rotation vectors (n, 3) [rad]."""
+    return np.asarray(Rotation.from_rotvec(vectors).as_matrix())
 
 
 def rotation(vector: Array) -> Array:
     """Return the matrix of a rotation vector [rad]."""
-    angle = math.sqrt(float(vector @ vector))
-    axis = vector / angle if angle else vector
-    q = np.concatenate([[math.cos(angle / 2)], axis * math.sin(angle / 2)])
-    out: Array = matrices(q[None])[0]
-    return out
+    return np.asarray(rotations(vector[None])[0])

@@ -15,7 +15,7 @@ import secrets
 from typing import Any
 
 from blind import outside
-from blind.cases import draw, kinds, recordings, seed_of
+from blind.cases import draw, kinds, Runner, seed_of
 from blind.sensors import Recorded
 from blind.truth import describe
 import numpy as np
@@ -128,9 +128,10 @@ def make(job: tuple[str, str, int, str]) -> str:
     if entry.exists():
         return identity
     case = draw(kind, seed_of(master, index), plan['seconds'])
+    runner = Runner(case)
     path = folder / 'cases' / f'{identity}.npz'
-    save_case(path, recordings(case))
-    label = {'index': index, **describe(case)}
+    save_case(path, runner.recordings())
+    label = {'index': index, **describe(case, runner)}
     write_json(entry, {'label': label, 'nonce': digest(f'{master}/{index}/nonce'.encode()),
                        'case_sha256': digest(path.read_bytes())}, private=True)
     return identity
@@ -252,9 +253,10 @@ def open_labels(folder: Path, labels: Path, ledger: Path) -> dict[str, dict[str,
 def save_case(path: Path, pair: tuple[Recorded, Recorded]) -> None:
     """Write both recordings of a case."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    arrays = {f'{number}.{name}': np.array(json.dumps(value)) if name == 'phases' else value
-              for number, recorded in enumerate(pair)
-              for name, value in recorded._asdict().items()}
+    arrays: dict[str, Any] = {}
+    for number, recorded in enumerate(pair):
+        arrays |= {f'{number}.{name}': value for name, value in recorded._asdict().items()}
+        arrays[f'{number}.phases'] = np.array(json.dumps(recorded.phases))
     scratch = path.with_name(f'.{path.name}')
     with scratch.open('wb') as file:
         np.savez(file, **arrays)

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from blind.noise import Colour, SIGMA
-from blind.rig import Rig, rotation, Truth
+from blind.rig import Rig, rotations, Truth
 from blind.robot import Array
 import numpy as np
 
@@ -100,14 +100,14 @@ def record(rig: Rig, truth: Truth, colours: dict[str, list[Colour]] | None, seed
         volts = stage(truth, volts, rng[6])
     position, R = truth.motion.position, truth.motion.R
     for stage in sensors.pose:
-        position, R = stage(truth, (position, R), rng[7])  # type: ignore
+        position, R = stage(truth, (position, R), rng[7])
     position = noisy(position[slow], 'position', rng[8])
     turn = noisy(np.zeros_like(position), 'turn', rng[8])
-    R = R[slow] @ np.stack([rotation(v) for v in turn])
+    R = R[slow] @ rotations(turn)
     commands = truth.commands
     recorded = Recorded(t[each], wrench, t[each], volts, t[each], slide, t[slow], position, R,
-                        np.arange(len(commands.position)) * 0.004, commands.position,
+                        0.004 * np.arange(len(commands.position), dtype=float), commands.position,
                         commands.R, commands.phases)
     for stage in sensors.stamps:
-        recorded = stage(truth, recorded, rng[9])  # type: ignore
+        recorded = stage(truth, recorded, rng[9])
     return recorded

@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from blind.cases import Case, Part, recordings
+from blind.cases import Case, Part, Runner
 from blind.noise import Colour, SIGMA
 from blind.robot import Array
 from blind.sensors import Recorded
@@ -83,7 +83,7 @@ def _by_phase(t: Array, left: Array, phases: Any) -> dict[str, float]:
             in sums.items()}
 
 
-def describe(case: Case) -> dict[str, Any]:
+def describe(case: Case, runner: Runner) -> dict[str, Any]:
     """
     Return the label of a case as a document.
 
@@ -91,15 +91,15 @@ def describe(case: Case) -> dict[str, Any]:
     ``energy`` that each adds to what is there without it, held out), ``energy`` and ``cells`` of
     all parts together, held out, and ``energy_fit`` in the recording to fit on.
     """
-    whole = recordings(case, noise=False)
-    none = recordings(case, (), noise=False)
+    whole = runner.recordings(noise=False)
+    none = runner.recordings((), noise=False)
     fit, held = (excess(a, b, case.colours) for a, b in zip(whole, none))
     parts = []
     for part in case.parts:
         alone = held
         if len(case.parts) > 1:
             others = tuple(one for one in case.parts if one is not part)
-            alone = excess(whole[1], recordings(case, others, noise=False)[1], case.colours)
+            alone = excess(whole[1], runner.recording(1, others, noise=False), case.colours)
         parts.append({**_plain(part), 'energy': alone.energy})
     return {'kind': case.kind, 'accelerometer': case.accelerometer, 'parts': parts,
             'energy': held.energy, 'energy_fit': fit.energy, 'cells': held.cells}
