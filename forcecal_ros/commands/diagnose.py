@@ -22,47 +22,87 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--rig', metavar='RIG.yaml',
                         help='rig to compare with: a file, or rig.yaml and rigid_tool.yaml of '
                              'this package (default: rig.yaml)')
+    parser.add_argument('--calibration', metavar='C.yaml',
+                        help='what is known of tool and sensors where no commands were recorded: '
+                             'the wrench is then compared with the measured motion (default: the '
+                             'numbers of the rig)')
     parser.add_argument('--accelerometer', choices=('acc1', 'acc2'),
                         help='which one is mounted (default: recognised by its volts)')
     parser.add_argument('-o', '--output', metavar='DIR', required=True,
-                        help='folder for diagnosis.json, rig_patched.yaml and report.html; of '
-                             'several BAGs, a folder of such folders')
+                        help='folder for diagnosis.json, rig_patched.yaml (or '
+                             'calibration_patched.yaml) and report.html; of several BAGs, a '
+                             'folder of such folders')
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    return run_each(args, answer, {'output': ''}, ['heldout', 'rig'])
+    return run_each(args, answer, {'output': ''}, ['heldout', 'rig', 'calibration'])
 
 
 def answer(args: argparse.Namespace) -> Answer:
     """Diagnose one recording."""
-    import json
-    from pathlib import Path
-
     from forcecal_ros.bags import read_recording
+
+    recording, *more = (
+        read_recording(bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
+        for bag in (args.bag, args.heldout) if bag is not None)
+    heldout = more[0] if more else None
+    if args.calibration or recording.target is None:
+        return _by_motion(args, recording, heldout)
+    return _by_commands(args, recording, heldout)
+
+
+def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any) -> Answer:
+    """Replay the commands through the rig."""
     from forcecal_ros.diagnose.channels import CHANNELS
     from forcecal_ros.diagnose.pipeline import diagnose
     from forcecal_ros.diagnose.result import to_document
-    from forcecal_ros.files import write_text
     from forcecal_ros.report.diagnosis import render
     from forcecal_ros.sim.rig_file import dump_rig, load_rig
     from forcecal_ros.sim.simulator import waits_for_compiler
 
-    rig = load_rig(args.rig)
-    recording, *more = (
-        read_recording(bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
-        for bag in (args.bag, args.heldout) if bag is not None)
     say_if_compiling(waits_for_compiler(), 'the simulator')
-    outcome = diagnose(recording, more[0] if more else None, rig, args.accelerometer)
-    diagnosis, folder = outcome.diagnosis, Path(args.output)
-    answered = diagnosis.verdict != 'invalid_data'
-    document = to_document(diagnosis, {c.name: c.unit for c in CHANNELS},
+    outcome = diagnose(recording, heldout, load_rig(args.rig), args.accelerometer)
+    answered = outcome.diagnosis.verdict != 'invalid_data'
+    document = to_document(outcome.diagnosis, {c.name: c.unit for c in CHANNELS},
                            'rig_patched.yaml' if answered else None)
-    write_text(folder / 'diagnosis.json', json.dumps(document, indent=2, allow_nan=False) + '\n')
-    if answered:
-        write_text(folder / 'rig_patched.yaml', dump_rig(outcome.rig))
-        write_text(folder / 'report.html', render(outcome))
+    files = {'rig_patched.yaml': dump_rig(outcome.rig),
+             'report.html': render(outcome)} if answered else {}
+    return _written(args, recording, outcome.diagnosis, document, files)
+
+
+def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any) -> Answer:
+    """Compare the wrench with the measured motion."""
+    from forcecal_ros.calibration_file import dump, load
+    from forcecal_ros.diagnose.motion.document import to_document
+    from forcecal_ros.diagnose.motion.known import known_from_calibration, known_from_rig
+    from forcecal_ros.diagnose.motion.pipeline import diagnose_motion, patched
+    from forcecal_ros.sim.rig_file import load_rig
+
+    calibration = load(args.calibration) if args.calibration else None
+    known = (known_from_calibration(calibration) if calibration
+             else known_from_rig(load_rig(args.rig), args.accelerometer))
+    outcome = diagnose_motion(recording, heldout, known)
+    files = {}
+    if calibration and outcome.arms:
+        files['calibration_patched.yaml'] = dump(patched(calibration, outcome.values))
+    document = to_document(outcome, 'calibration_patched.yaml' if files else None)
+    return _written(args, recording, outcome.diagnosis, document, files)
+
+
+def _written(args: argparse.Namespace, recording: Any, diagnosis: Any,
+             document: dict[str, Any], files: dict[str, str]) -> Answer:
+    import json
+    from pathlib import Path
+
+    from forcecal_ros.files import write_text
+
+    folder = Path(args.output)
+    files = {'diagnosis.json': json.dumps(document, indent=2, allow_nan=False) + '\n', **files}
+    for name, text in files.items():
+        write_text(folder / name, text)
     verdict = f'{diagnosis.verdict}: {diagnosis.reason}'
     return Answer(document, f'{verdict}\nwritten to {folder}', verdict,
-                  (*recording.notes, *diagnosis.notes), 0 if answered else 1)
+                  (*recording.notes, *diagnosis.notes),
+                  1 if diagnosis.verdict == 'invalid_data' else 0)

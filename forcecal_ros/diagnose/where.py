@@ -1,9 +1,9 @@
 """Where the gap is: channel, phase and octave, each with its significance."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.case import Case
+from forcecal_ros.diagnose.blocked import Blocked
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.noise import Noise
 from forcecal_ros.diagnose.remainder import BANDS, RATE
@@ -63,7 +63,7 @@ def stage_of(channel: str, phase: str, touched: set[str]) -> str:
     return next(c.stage for c in CHANNELS if c.name == channel)
 
 
-def places(cases: tuple[Case, ...], noise: list[Noise], residual: list[Array],
+def places(cases: Sequence[Blocked], noise: list[Noise], residual: list[Array],
            difference: list[Array], stage: Callable[[str, str, set[str]], str]
            ) -> tuple[Place, ...]:
     """
@@ -71,7 +71,7 @@ def places(cases: tuple[Case, ...], noise: list[Noise], residual: list[Array],
 
     Parameters
     ----------
-    cases : tuple of Case
+    cases : sequence of Blocked
     noise : list of Noise
     residual, difference : list of ndarray, shape (n, 16)
         Measured less the one simulation; the other less the one.

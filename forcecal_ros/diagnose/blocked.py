@@ -1,0 +1,21 @@
+"""What locating a gap asks of a recording, whether commands or measured motion explain it."""
+
+from collections.abc import Mapping
+from typing import Protocol
+
+from forcecal_ros.geometry import Array
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Blocked(Protocol):
+    """A recording in blocks, of which each phase covers some."""
+
+    groups: NDArray[np.intp]
+
+    @property
+    def times(self) -> Array:
+        """Middle of each block [s]."""
+
+    def phase_rows(self) -> Mapping[str, NDArray[np.bool_]]:
+        """Say which blocks each phase word covers."""
