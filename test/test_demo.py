@@ -1,8 +1,11 @@
 """The main job as a newcomer runs it: sim, sequencer and observer over DDS, end to end."""
 
 import json
+from pathlib import Path
+import re
 import subprocess
 import sys
+from xml.etree import ElementTree
 
 from forcecal_ros.bags import read_recording
 from forcecal_ros.calibration_file import load
@@ -12,7 +15,9 @@ from forcecal_ros.sim.rig_file import load_rig
 from forcecal_ros.sim.truth import true_calibration
 import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
 
+LAYOUTS = Path(__file__).resolve().parents[1] / 'layouts'
 pytestmark = pytest.mark.live
 
 WITHIN = {
@@ -73,3 +78,37 @@ def test_a_report_is_left(demo):
     out, _ = demo
     page = (out / 'report.html').read_text()
     assert 'truth' in page and page.count('<img') == 5
+
+
+def plotjuggler_curves():
+    """Topic and field of each curve; PlotJuggler puts a joint's name where its index stands."""
+    root = ElementTree.parse(LAYOUTS / 'plotjuggler.xml').getroot()
+    for curve in root.iter('curve'):
+        name = curve.get('name').replace('/optidrive/position', '/position[0]')
+        topic, field = re.fullmatch(
+            r'(.+?)/((?:wrench/(?=force|torque)|vector|pose|position).*)', name).groups()
+        yield topic, field.replace('/', '.')
+
+
+def foxglove_paths():
+    configs = json.loads((LAYOUTS / 'foxglove.json').read_text())['configById'].values()
+    for config in configs:
+        for path in config.get('paths', ()):
+            yield path['value'].split('.', 1)
+        if 'topicPath' in config:
+            yield config['topicPath'].split('.', 1)
+
+
+@pytest.mark.parametrize('layout', [plotjuggler_curves, foxglove_paths])
+def test_every_curve_of_a_layout_is_in_the_recording(demo, layout):
+    curves = list(layout())
+    assert len(curves) > 10
+    with AnyReader([demo[0] / 'bag']) as reader:
+        for topic, field in curves:
+            connections = [c for c in reader.connections if c.topic == topic]
+            assert connections, topic
+            connection, _, data = next(reader.messages(connections))
+            value = reader.deserialize(data, connection.msgtype)
+            for name, index in re.findall(r'(\w+)|\[(\d+)\]', field):
+                value = value[int(index)] if index else getattr(value, name)
+            assert isinstance(value, (float, str)), (topic, field)
