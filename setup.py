@@ -60,6 +60,7 @@ setup(
     entry_points={
         'console_scripts': [
             'forcecal = forcecal_ros.cli:main',
+            'impedance = forcecal_ros.nodes.impedance:main',
             'observer = forcecal_ros.nodes.observer:main',
             'sequencer = forcecal_ros.nodes.sequencer:main',
             'sim = forcecal_ros.nodes.sim:main',

@@ -43,7 +43,7 @@ class Bounds:
     free_force: float = 10.0
     margin: float = 0.01
     touch: float = 1.0
-    stop_duration: float = 0.065
+    stop_duration: float = 0.055
     retract: float = 0.006
     closing: float = 0.1
 

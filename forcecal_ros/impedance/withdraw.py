@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
-
 STEPS = 8
 """Ends of a stop that are tried, from the farthest back to the gentlest."""
 
