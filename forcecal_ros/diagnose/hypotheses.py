@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.columns import Column
+from forcecal_ros.diagnose.limits import CLIPPING, limit_starts
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.replay import UNSEEN
 from forcecal_ros.geometry import Array
@@ -97,7 +98,8 @@ def hypotheses(problem: Problem, line: float | None = None) -> list[Hypothesis]:
     found = []
     accelerometer = problem.cases[0].replay.accelerometer
     for name, effect in EFFECTS.items():
-        if name in UNSEEN or not applicable(effect, problem.rig, accelerometer):
+        if name in UNSEEN or name in problem.fixed \
+                or not applicable(effect, problem.rig, accelerometer):
             continue
         if effect.nuisance:
             own = [n.name for n in problem.nuisances if n.key == effect.nuisance]
@@ -105,7 +107,10 @@ def hypotheses(problem: Problem, line: float | None = None) -> list[Hypothesis]:
                 found.append(Hypothesis(name, effect, tuple(
                     frozenset(own[i] for i in part) for part in _parts(effect, len(own))), ()))
             continue
-        atoms = tuple(_sparse(_atoms(problem, name, effect, line), effect))
+        if name in CLIPPING:
+            atoms = tuple(_limits(problem, name, effect))
+        else:
+            atoms = tuple(_sparse(_atoms(problem, name, effect, line), effect))
         if atoms:
             found.append(Hypothesis(name, effect, (), atoms))
     return found
@@ -155,21 +160,37 @@ def _atoms(problem: Problem, name: str, effect: Effect, line: float | None) -> l
     return atoms
 
 
+def _limits(problem: Problem, name: str, effect: Effect) -> list[Atom]:
+    """Try each axis by itself, at the limit that its samples suggest."""
+    atoms, names = [], [q.name for q in effect.parameters]
+    for parameter, limit in limit_starts(problem, name).items():
+        theta, i = nominal_of(effect), names.index(parameter)
+        theta[i] = limit
+        columns = problem.difference({**problem.effects, name: values_of(effect, theta)})
+        if any(columns):
+            atoms.append(Atom(theta, np.array([i]), _transposed([columns])))
+    return atoms
+
+
 def _sparse(atoms: list[Atom], effect: Effect) -> list[Atom]:
     """Add fewer parameters by themselves: one wrong entry is likelier than twelve."""
-    out, nominal = list(atoms), nominal_of(effect)
+    out = list(atoms)
     sized = [i for i, q in enumerate(effect.parameters) if not q.shapes]
     for atom in atoms:
         for part in _parts(effect, len(sized))[1:]:
             chosen = [j for j, i in enumerate(atom.free) if i in part]
-            if not chosen or len(chosen) == len(atom.free):
-                continue
-            start = atom.start.copy()
-            others = np.delete(atom.free, chosen)
-            start[others] = nominal[others]
-            out.append(Atom(start, atom.free[chosen],
-                            tuple([one[j] for j in chosen] for one in atom.columns)))
+            if chosen and len(chosen) < len(atom.free):
+                out.append(fewer(effect, atom, np.array(chosen)))
     return out
+
+
+def fewer(effect: Effect, atom: Atom, part: NDArray[np.intp]) -> Atom:
+    """Keep some of the parameters that an atom moves, the others where they do nothing."""
+    if len(part) == len(atom.free):
+        return atom
+    start, others = atom.start.copy(), np.delete(atom.free, part)
+    start[others] = nominal_of(effect)[others]
+    return Atom(start, atom.free[part], tuple([one[j] for j in part] for one in atom.columns))
 
 
 def _transposed(columns: list[list[Column]]) -> tuple[list[Column], ...]:

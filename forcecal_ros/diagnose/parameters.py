@@ -3,12 +3,15 @@
 from collections.abc import Mapping, Sequence
 
 from forcecal_ros.diagnose import datachecks
+from forcecal_ros.diagnose.channels import CHANNELS
+from forcecal_ros.diagnose.limits import CLIPPING
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.result import Parameter
 from forcecal_ros.diagnose.selection import Accepted
 from forcecal_ros.diagnose.stamps import Corrected
 from forcecal_ros.geometry import Array
 from forcecal_ros.sim.effects import EFFECTS
+from forcecal_ros.sim.rig import AccelerometerModel
 import numpy as np
 
 
@@ -53,7 +56,7 @@ def _physical(problem: Problem, key: str, unit: str) -> float:
     return relative.get(key, 1.0) if unit != '1' else 1.0
 
 
-def from_checks(stamps: Sequence[Corrected], noise: Array
+def from_checks(stamps: Sequence[Corrected], noise: Array, model: AccelerometerModel
                 ) -> tuple[dict[str, dict[str, Parameter]], tuple[str, ...]]:
     """
     Name the effects that stamps and values show without a model.
@@ -63,6 +66,8 @@ def from_checks(stamps: Sequence[Corrected], noise: Array
     stamps : sequence of Corrected
     noise : ndarray, shape (16,)
         RMS of one sample.
+    model : AccelerometerModel
+        Of the accelerometer that was mounted.
 
     Returns
     -------
@@ -83,24 +88,35 @@ def from_checks(stamps: Sequence[Corrected], noise: Array
         notes.append('samples are lost: ' + ', '.join(
             f'{k} {100 * v:.2f} %' for one in stamps for k, v in one.lost.items()))
     steps = [x for one in stamps for x in datachecks.lattices(one.recording, noise)]
-    wrench = [x for x in steps if x.channel.startswith(('force', 'torque'))]
-    if wrench:
-        quantities = EFFECTS['wrench_quantisation'].parameters
-        effects['wrench_quantisation'] = {
-            quantities[0].name: Parameter(wrench[0].step, 0.0, quantities[0].unit)}
+    quantised = {}
+    for prefix, quantity in zip(('force', 'torque'), EFFECTS['wrench_quantisation'].parameters):
+        own_steps = [x.step for x in steps if x.channel.startswith(prefix)]
+        if own_steps:
+            quantised[quantity.name] = Parameter(max(own_steps), 0.0, quantity.unit)
+    if quantised:
+        effects['wrench_quantisation'] = quantised
     notes += [f'{x.channel} comes in steps of {x.step:.4g}' for x in steps]
     limits = [x for one in stamps
               for x in datachecks.clipping(one.recording, tuple(steps))]
-    for prefix, name in (('force', 'wrench_saturation'), ('accel', 'accel_saturation')):
-        own = [x for x in limits if x.channel.startswith(prefix)]
-        if own:
-            quantity = EFFECTS[name].parameters[0]
-            effects[name] = {quantity.name: Parameter(
-                float(min(abs(x.limit) for x in own)), 0.0, quantity.unit)}
+    for name, quantities in ((n, EFFECTS[n].parameters) for n in CLIPPING):
+        by_channel = dict(zip(CLIPPING[name], quantities[-len(CLIPPING[name]):]))
+        found = {by_channel[x.channel].name: Parameter(x.limit, 0.0,
+                                                       by_channel[x.channel].unit)
+                 for x in limits if x.channel in by_channel}
+        if name.startswith('accel') and stamps[0].recording.accelerometer_unit == 'V':
+            found = _as_force(found, model)
+        if found:
+            effects[name] = {k: Parameter(abs(p.value), p.std, p.unit) for k, p in found.items()}
     notes += [f'{x.channel} stops at {x.limit:.4g} ({x.samples} samples)' for x in limits]
     notes += [f'stamps of {c.stream} scatter by {1e3 * c.jitter:.2f} ms' for one in stamps
               for c in one.clocks if c.jitter * c.rate > datachecks.JITTER]
     return effects, tuple(notes)
+
+
+def _as_force(found: dict[str, Parameter], model: AccelerometerModel) -> dict[str, Parameter]:
+    """Turn volts at which axes stop into specific forces."""
+    return {axis: Parameter((p.value - model.offset[i]) / model.gain[i], 0.0, p.unit)
+            for i, axis in enumerate('xyz') if (p := found.get(axis)) is not None}
 
 
 def _by_stream(effect: str, found: Sequence[tuple[str, float]], std: Mapping[str, float]
@@ -114,3 +130,11 @@ def _by_stream(effect: str, found: Sequence[tuple[str, float]], std: Mapping[str
             out[q.name] = Parameter(float(np.mean(values)), max(scatter, std.get(q.name, 0.0)),
                                     q.unit)
     return out
+
+
+def seen_in(name: str, found: Mapping[str, Parameter]) -> str:
+    """Name the channel that shows an effect of stamps or values most."""
+    if name == 'wrench_quantisation':
+        return 'force.x' if 'step' in found else 'torque.x'
+    stream = max(found, key=lambda key: found[key].value)
+    return next(c.name for c in CHANNELS if c.stream == stream)

@@ -1,21 +1,21 @@
 """From one recording, or a pair, to a diagnosis."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from forcecal_ros.diagnose import datachecks, remainder
 from forcecal_ros.diagnose.case import Case, prepare, split
 from forcecal_ros.diagnose.channels import CHANNELS
-from forcecal_ros.diagnose.gap import Arms, contact_error, Errors, Gap, gap
 from forcecal_ros.diagnose.hypotheses import hypotheses, Hypothesis
+from forcecal_ros.diagnose.limits import CLIPPING
+from forcecal_ros.diagnose.measure import measured_gap, parameter_errors, sample_noise
 from forcecal_ros.diagnose.nuisances import apply_all
-from forcecal_ros.diagnose.parameters import from_checks, parameters_of
+from forcecal_ros.diagnose.parameters import from_checks, parameters_of, seen_in
 from forcecal_ros.diagnose.problem import Problem, problem
 from forcecal_ros.diagnose.remainder import Ceiling, Cell
+from forcecal_ros.diagnose.residual import Measured
 from forcecal_ros.diagnose.result import Diagnosis, Found, Parameter
 from forcecal_ros.diagnose.selection import select, Selection
-from forcecal_ros.diagnose.stamps import Corrected, corrected
-from forcecal_ros.diagnose.trial import Bench, Tangent
+from forcecal_ros.diagnose.stamps import corrected
 from forcecal_ros.diagnose.verdict import probabilities, Remains, verdict
 from forcecal_ros.diagnose.where import Place, places, stage_of
 from forcecal_ros.errors import DataError
@@ -28,8 +28,8 @@ import numpy as np
 VISIBLE = 25.0
 """Whitened energy that a typical size must have in order to be seen."""
 
-CLIPPING = ('wrench_saturation', 'accel_saturation')
-"""Effects that the data show without a model and that a model has to follow."""
+WITHOUT_MEAN = ('wrench_quantisation', 'dropouts')
+"""Effects that move no signal's mean."""
 
 MOVING = 2.0
 """Motion that a recording needs [s]."""
@@ -90,8 +90,11 @@ def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
         cases = [split(cases[0])]
     else:
         cases[1] = replace(cases[1], train=cases[1].held, held=cases[1].train)
+    observed = [_observed(c, r, rig) if s.skew else c.measured
+                for c, r, s in zip(cases, given, stamps)]
     p = problem(rig, tuple(cases))
-    checks = _Checks.of(stamps, sample_noise(p, np.zeros(len(CHANNELS))))
+    checks = _Checks(*from_checks(stamps, sample_noise(p, np.zeros(len(CHANNELS))),
+                                  rig.accelerometer.model(cases[0].replay.accelerometer)))
     known = {name: {k: v.value for k, v in found.items()}
              for name, found in checks.effects.items() if name in CLIPPING}
     first = p
@@ -101,10 +104,18 @@ def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
         p.recalibrate()
     strongest = max(lines_of(p), key=lambda line: line.power, default=None)
     found = hypotheses(p, strongest.frequency if strongest else None)
-    return _conclude(first, p, found, checks)
+    return _conclude(first, p, found, checks, observed)
 
 
-def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Checks') -> Outcome:
+def _observed(case: Case, recording: Recording, rig: Rig) -> Measured:
+    """Take a recording by the stamps that it came with."""
+    model = rig.accelerometer.model(case.replay.accelerometer)
+    return Measured(recording, case.measured.start, case.measured.n_blocks,
+                    np.array(model.gain), np.array(model.offset))
+
+
+def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Checks',
+              observed: list[Measured]) -> Outcome:
     selection = select(p, found)
     final = selection.problem
     lines, impulses = lines_of(final), sum(
@@ -117,7 +128,9 @@ def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Che
     left = [_left(ceiling, i) for i in range(len(final.cases))]
     errors = parameter_errors(final, selection.tangents)
     noise = sample_noise(final, errors.expected(), left)
-    measured = _gap(first, final, left, noise, strongest, errors)
+    before = [o.blocks(s) for o, s in zip(observed, first.base)]
+    nominal = [o.blocks(c.nominal) for o, c in zip(observed, first.cases)]
+    measured = measured_gap(first, final, (nominal, before, left), noise, strongest, errors)
     named = [a.name for a in selection.accepted]
     slots = [(a.name, selection.rivals.get(a.name, {})) for a in selection.accepted]
     shares, candidates = probabilities(slots, remains, measured.closed)
@@ -135,7 +148,8 @@ def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Che
         effects = [Found('unknown', {}, dict(candidates).get('unknown', 0.9))]
     diagnosis = Diagnosis(
         word, sentence, tuple(effects), tuple(candidates),
-        _where(first, final, selection, ceiling), measured, tuple(invisible), checks.notes,
+        _where(first, final, before, selection, ceiling, checks), measured, tuple(invisible),
+        checks.notes,
         {'ceiling_sigma': float(ceiling.z.max()), 'cell_sigma': strongest[0].z,
          'ratio': remains.ratio})
     return Outcome(diagnosis, patched(final, selection, checks), tuple(first.blocks),
@@ -149,10 +163,6 @@ class _Checks:
 
     effects: dict[str, dict[str, Parameter]]
     notes: tuple[str, ...]
-
-    @classmethod
-    def of(cls, stamps: list[Corrected], noise: Array) -> '_Checks':
-        return cls(*from_checks(stamps, noise))
 
 
 def lines_of(p: Problem) -> tuple[datachecks.Line, ...]:
@@ -201,65 +211,6 @@ def patched(p: Problem, selection: Selection, checks: '_Checks') -> Rig:
     return with_effects(rig, effects) if effects else rig
 
 
-def sample_noise(p: Problem, explained: Array, left: Sequence[Array] = ()) -> Array:
-    """
-    RMS of the noise of one sample of every channel: of what is neither explained nor predicted.
-
-    Parameters
-    ----------
-    p : Problem
-        As far as is explained.
-    explained : ndarray, shape (16,)
-        Mean square that wrong parameters leave.
-    left : sequence of ndarray, shape (n, 16)
-        What else is predicted, in each recording.
-
-    Returns
-    -------
-    ndarray, shape (16,)
-        0 where there is no channel.
-    """
-    total, weight, within = np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS)), []
-    for i, case in enumerate(p.cases):
-        rest = p.blocks[i] - (left[i] if left else 0.0)
-        rows = case.held[:, np.newaxis] & case.measured.present
-        total += np.sum(np.where(rows, rest, 0.0) ** 2, axis=0)
-        weight += rows.sum(axis=0)
-        if case.held.any():
-            within.append(case.measured.scatter(p.base[i]))
-    mean = np.maximum(total / np.maximum(weight, 1.0) - explained, 0.0)
-    return np.asarray(np.sqrt(np.where(weight > 0.0, mean + np.mean(within, axis=0), 0.0)))
-
-
-def parameter_errors(p: Problem, tangents: Sequence[Tangent]) -> Errors:
-    """
-    Say what wrong parameters leave on held-out blocks.
-
-    Parameters
-    ----------
-    p : Problem
-        At the joint fit.
-    tangents : sequence of Tangent
-        Of its effects.
-
-    Returns
-    -------
-    Errors
-    """
-    bench = Bench(p, tangents)
-    k = len(bench.null.x)
-    grams, n = np.zeros((len(CHANNELS), k, k)), 0
-    for i, case in enumerate(p.cases):
-        columns = [*p.columns[i], *bench.extra[i]]
-        n += int(case.held.sum())
-        for c in range(len(CHANNELS)):
-            there = [j for j in range(k) if c in columns[j]]
-            if there and case.held.any():
-                rows = np.stack([columns[j][c][case.held] for j in there]).astype(float)
-                grams[c][np.ix_(there, there)] += rows @ rows.T
-    return Errors(grams / max(1, n), bench.null.covariance)
-
-
 def _remains(ceiling: Ceiling, cells: list[Cell], lines: tuple[datachecks.Line, ...],
              impulses: Array) -> Remains:
     z = np.where(ceiling.size > remainder.SMALL, ceiling.z, 0.0)
@@ -285,38 +236,21 @@ def _left(ceiling: Ceiling, case: int) -> Array:
     return np.where(real, ceiling.prediction[case], 0.0)
 
 
-def _gap(p: Problem, final: Problem, left: list[Array], noise: Array,
-         cells: list[Cell], errors: Errors) -> Gap:
-    arms, contact = [], []
-    for i, (before, after, case) in enumerate(zip(p.blocks, final.blocks, p.cases)):
-        nominal = case.measured.blocks(case.nominal)
-        arms.append(Arms(before, nominal - before, before - after, left[i]))
-        contact.append([case.measured.of_wrench(s.contact) for s in (
-            case.nominal, p.base[i], final.base[i])])
-    energy = np.zeros(len(CHANNELS))
-    for c in range(len(CHANNELS)):
-        strong = [x for x in cells if x.channel == c and x.z > remainder.STRONG]
-        if strong and not np.any([x[:, c].any() for x in left]):
-            rows = [case.held for case in final.cases]
-            rms = [b[r, c] for b, r in zip(final.blocks, rows)]
-            level = np.mean([n.rms(0)[c] ** 2 for n in final.noise])
-            energy[c] = max(0.0, float(np.mean(np.concatenate(rms) ** 2) - level))
-    out = gap(p.cases, arms, noise, energy, errors)
-    remaining = np.array([out.channels[c.name][2] ** 2 for c in CHANNELS[:3]
-                          if c.name in out.channels])
-    return out._replace(contact_force=contact_error(p.cases, arms, contact, remaining))
-
-
-def _where(p: Problem, final: Problem, selection: Selection, ceiling: Ceiling
-           ) -> tuple[Place, ...]:
+def _where(p: Problem, final: Problem, before: list[Array], selection: Selection,
+           ceiling: Ceiling, checks: '_Checks') -> tuple[Place, ...]:
     differences = [b - a + _left(ceiling, i)
-                   for i, (b, a) in enumerate(zip(p.blocks, final.blocks))]
-    stages = {EFFECTS[a.name].stage for a in selection.accepted}
+                   for i, (b, a) in enumerate(zip(before, final.blocks))]
+    stages = {EFFECTS[n].stage for n in (*(a.name for a in selection.accepted), *checks.effects)}
 
     def stage(channel: str, phase: str, touched: set[str]) -> str:
         return next(iter(stages)) if len(stages) == 1 else stage_of(channel, phase, touched)
 
-    return places(p.cases, final.noise, p.blocks, differences, stage)
+    found = places(p.cases, final.noise, before, differences, stage)
+    phase = max(p.cases[-1].phases, key=lambda one: one.end - one.start).name
+    shown = tuple(Place(EFFECTS[n].stage, seen_in(n, v), phase, remainder.BANDS[-1],
+                        max(q.value for q in v.values()), 0.0)
+                  for n, v in checks.effects.items() if n in WITHOUT_MEAN)
+    return (*shown, *found)
 
 
 def not_excited(p: Problem, found: list[Hypothesis]) -> list[str]:

@@ -142,6 +142,10 @@ class Measured:
         """Measured less simulated of one stream, sample by sample, shape (n, columns)."""
         return self._rows(name, self._streams[name], signals)
 
+    def values(self, name: str) -> Array:
+        """Return the measured samples of one stream, shape (n, columns)."""
+        return self._streams[name].values
+
     def _rows(self, name: str, stream: _Stream, signals: Signals) -> Array:
         simulated = _at(_simulated(name, signals), stream)
         if name != 'pose':

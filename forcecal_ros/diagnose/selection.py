@@ -50,6 +50,9 @@ MOST_EFFECTS = 4
 SHORTLIST = 3
 """Hypotheses that are refined in each round."""
 
+WORTH = 2.0
+"""Evidence of the linear screen from which the best are refined whatever their rank."""
+
 CLOSE = 0.5
 """Fraction of the best gain from which a hypothesis is refined as well."""
 
@@ -127,7 +130,7 @@ def ranked(bench: Bench, found: Sequence[Hypothesis], tested: int) -> list[Trial
     out, refined = [], 0
     for trial, atom in screened:
         promising = trial.evidence > CLOSE * best and np.isfinite(trial.evidence)
-        promising |= refined < SHORTLIST
+        promising |= refined < SHORTLIST and trial.evidence > WORTH
         if atom is not None and promising and trial.gain > 1.0 and refined < 2 * SHORTLIST:
             refined += 1
             better = bench.refine(by_name[trial.name], trial)

@@ -9,6 +9,7 @@ from forcecal_ros.diagnose.evidence import fit, Gram, Prior, Score, score
 from forcecal_ros.diagnose.hypotheses import (
     Atom,
     bounds_of,
+    fewer,
     Hypothesis,
     nominal_of,
     values_of,
@@ -22,6 +23,12 @@ from scipy.stats import norm
 
 FAR = 20.0
 """A nominal value so many times the typical one stands for no limit at all."""
+
+MANY = 4
+"""Parameters from which a few are chosen among them as well, at most so many."""
+
+WORTHWHILE = 3.0
+"""Evidence that each further one has to bring."""
 
 ROUNDS = 4
 """Gauss-Newton steps of a refinement."""
@@ -229,12 +236,35 @@ class Bench:
                 keep(h, self._judge(h, None, released, train.of(index), held.of(index), []), None)
         position = self.base
         for h, atom in atoms:
-            k = len(atom.free)
-            index = np.concatenate([np.arange(self.base), position + np.arange(k)])
-            position += k
-            keep(h, self._judge(h, atom, frozenset(), train.of(index), held.of(index),
-                                [list(atom.columns[i]) for i in cases]), atom)
+            chosen = [np.arange(len(atom.free))]
+            if len(atom.free) >= MANY:
+                chosen.append(self._grown(position, len(atom.free), train + held))
+            for part in chosen:
+                index = np.concatenate([np.arange(self.base), position + part])
+                own = fewer(h.effect, atom, part)
+                keep(h, self._judge(h, own, frozenset(), train.of(index), held.of(index),
+                                    [list(own.columns[i]) for i in cases]), own)
+            position += len(atom.free)
         return sorted(best.values(), key=lambda pair: -pair[0].evidence)
+
+    def _grown(self, position: int, k: int, data: Gram) -> NDArray[np.intp]:
+        """Choose some of k columns, one after the other, as long as each is worth it."""
+        chosen: list[int] = []
+        value = -np.inf
+        while len(chosen) < min(k - 1, MANY):
+            left = [j for j in range(k) if j not in chosen]
+            scores = []
+            for j in left:
+                index = np.concatenate([np.arange(self.base),
+                                        position + np.array([*chosen, j], dtype=np.intp)])
+                prior = self._prior(frozenset(), np.zeros(len(chosen) + 1))
+                scores.append(fit(data.of(index), prior).log_evidence)
+            best = int(np.argmax(scores))
+            if scores[best] < value + WORTHWHILE:
+                break
+            value = scores[best]
+            chosen.append(left[best])
+        return np.array(sorted(chosen), dtype=np.intp)
 
     def _judge(self, h: Hypothesis, atom: Atom | None, released: frozenset[str], train: Gram,
                held: Gram, columns: list[list[Column]]) -> Trial:

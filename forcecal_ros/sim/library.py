@@ -124,18 +124,26 @@ _WRENCH = (
     Effect('wrench_gain', 'wrench_sensor', _each(_FORCES, '1', 0.9, 0.05), ALWAYS, True,
            'signal', 'wrench_gain'),
     # fx_of_fz: the part of fz that is added to fx
-    Effect('wrench_crosstalk', 'wrench_sensor', tuple(
-        Quantity(f'{to}_of_{source}', '1', 0.0, -0.9, 0.9, 0.03)
-        for group in (_FORCES[:3], _FORCES[3:]) for to in group for source in group
-        if to != source), ALWAYS, True, 'signal'),
+    Effect('wrench_crosstalk', 'wrench_sensor', (
+        *(Quantity(f'{to}_of_{source}', '1', 0.0, -0.9, 0.9, 0.03)
+          for group in (_FORCES[:3], _FORCES[3:]) for to in group for source in group
+          if to != source),
+        *(Quantity(f'{to}_of_{source}', 'm', 0.0, -0.5, 0.5, 0.003)
+          for to in _FORCES[3:] for source in _FORCES[:3])), ALWAYS, True, 'signal'),
     Effect('wrench_hysteresis', 'wrench_sensor', (
-        # lags by the height once a force has gone on for the width, or turned for twice that
-        Quantity('height', 'N', 0.0, 0.0, 20.0, 1.0, (1.0,)),
+        # lags by the height once a force has gone on for the width, or turned for twice that;
+        # runs ahead where it is negative; the torques' width is the forces' times the lever
+        Quantity('height', 'N', 0.0, -20.0, 20.0, 1.0, (1.0,)),
+        Quantity('torque_height', 'N m', 0.0, -2.0, 2.0, 0.05, (0.05,)),
         _shape('width', 'N', 2.0, 0.01, 200.0, 1.0, (0.5, 2.0, 10.0, 40.0)),
+        _shape('lever', 'm', 0.05, 1e-3, 1.0, 0.02),
     ), ('reverse', 'sweep', 'contact', 'measure'), False, 'signal'),
     Effect('wrench_saturation', 'wrench_sensor', (
         Quantity('limit', 'N', 1e4, 1.0, 1e4, 120.0, (30.0, 60.0, 100.0, 130.0)),
         Quantity('torque_limit', 'N m', 1e3, 0.1, 1e3, 5.0, (1e3, 5.0)),
+        # of one axis alone
+        *(Quantity(name, 'N', 1e4, 0.1, 1e4, 60.0) for name in _FORCES[:3]),
+        *(Quantity(name, 'N m', 1e3, 0.01, 1e3, 5.0) for name in _FORCES[3:]),
     ), ALWAYS, False, 'signal'),
     Effect('wrench_quantisation', 'wrench_sensor', (
         Quantity('step', 'N', 0.0, 0.0, 20.0, 1.0, (0.5, 2.0)),
@@ -159,6 +167,7 @@ _ACCELEROMETER = (
     ), ('measure', 'move'), False, 'signal'),
     Effect('accel_saturation', 'accelerometer', (
         Quantity('limit', 'm/s^2', 1e3, 0.1, 1e3, 9.0, (2.0, 5.0, 9.0, 10.0)),
+        *(Quantity(axis, 'm/s^2', 1e3, 0.1, 1e3, 9.0) for axis in _AXES),  # of one axis alone
     ), FAST, False, 'signal'),
     Effect('accel_resonance', 'accelerometer', (
         # 1: the sensor on a spring; between 0 and 1: part of the way

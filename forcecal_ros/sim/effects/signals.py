@@ -67,12 +67,13 @@ def _wrench_crosstalk(v: Named, dt: float) -> Operator:
 
 
 def _wrench_hysteresis(v: Named, dt: float) -> Operator:
-    play = Hysteresis(v['height'], v['width'])
-    return lambda wrench: np.hstack([play(wrench[:, :3]), wrench[:, 3:]])
+    forces = Hysteresis(v['height'], v['width'])
+    torques = Hysteresis(v['torque_height'], v['width'] * v['lever'])
+    return lambda wrench: np.hstack([forces(wrench[:, :3]), torques(wrench[:, 3:])])
 
 
 def _wrench_saturation(v: Named, dt: float) -> Operator:
-    limit = np.repeat([v['limit'], v['torque_limit']], 3)
+    limit = np.minimum(np.repeat([v['limit'], v['torque_limit']], 3), _listed(v, *FORCES))
     return lambda wrench: np.clip(wrench, -limit, limit)
 
 
@@ -114,7 +115,8 @@ def _accel_resonance(v: Named, dt: float) -> Operator:
 
 
 def _accel_saturation(v: Named, dt: float) -> Operator:
-    return lambda force: np.clip(force, -v['limit'], v['limit'])
+    limit = np.minimum(v['limit'], _listed(v, *'xyz'))
+    return lambda force: np.clip(force, -limit, limit)
 
 
 def _accel_bias(v: Named, dt: float) -> Operator:

@@ -1,0 +1,113 @@
+"""How strong the noise is, how sure the parameters are, and how far the gap shrinks."""
+
+from collections.abc import Sequence
+
+from forcecal_ros.diagnose import remainder
+from forcecal_ros.diagnose.channels import CHANNELS
+from forcecal_ros.diagnose.gap import Arms, contact_error, Errors, Gap, gap
+from forcecal_ros.diagnose.problem import Problem
+from forcecal_ros.diagnose.remainder import Cell
+from forcecal_ros.diagnose.trial import Bench, Tangent
+from forcecal_ros.geometry import Array
+import numpy as np
+
+
+def sample_noise(p: Problem, explained: Array, left: Sequence[Array] = ()) -> Array:
+    """
+    RMS of the noise of one sample of every channel: of what is neither explained nor predicted.
+
+    Parameters
+    ----------
+    p : Problem
+        As far as is explained.
+    explained : ndarray, shape (16,)
+        Mean square that wrong parameters leave.
+    left : sequence of ndarray, shape (n, 16)
+        What else is predicted, in each recording.
+
+    Returns
+    -------
+    ndarray, shape (16,)
+        0 where there is no channel.
+    """
+    total, weight, within = np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS)), []
+    for i, case in enumerate(p.cases):
+        rest = p.blocks[i] - (left[i] if left else 0.0)
+        rows = case.held[:, np.newaxis] & case.measured.present
+        total += np.sum(np.where(rows, rest, 0.0) ** 2, axis=0)
+        weight += rows.sum(axis=0)
+        if case.held.any():
+            within.append(case.measured.scatter(p.base[i]))
+    mean = np.maximum(total / np.maximum(weight, 1.0) - explained, 0.0)
+    return np.asarray(np.sqrt(np.where(weight > 0.0, mean + np.mean(within, axis=0), 0.0)))
+
+
+def parameter_errors(p: Problem, tangents: Sequence[Tangent]) -> Errors:
+    """
+    Say what wrong parameters leave on held-out blocks.
+
+    Parameters
+    ----------
+    p : Problem
+        At the joint fit.
+    tangents : sequence of Tangent
+        Of its effects.
+
+    Returns
+    -------
+    Errors
+    """
+    bench = Bench(p, tangents)
+    k = len(bench.null.x)
+    grams, n = np.zeros((len(CHANNELS), k, k)), 0
+    for i, case in enumerate(p.cases):
+        columns = [*p.columns[i], *bench.extra[i]]
+        n += int(case.held.sum())
+        for c in range(len(CHANNELS)):
+            there = [j for j in range(k) if c in columns[j]]
+            if there and case.held.any():
+                rows = np.stack([columns[j][c][case.held] for j in there]).astype(float)
+                grams[c][np.ix_(there, there)] += rows @ rows.T
+    return Errors(grams / max(1, n), bench.null.covariance)
+
+
+def measured_gap(p: Problem, final: Problem, residuals: tuple[list[Array], ...], noise: Array,
+                 cells: list[Cell], errors: Errors) -> Gap:
+    """
+    Measure the gap in its three arms, the error of the contact force with it.
+
+    Parameters
+    ----------
+    p, final : Problem
+        Recalibrated; with the effects.
+    residuals : tuple of three lists of ndarray, shape (n, 16)
+        Of each recording: measured less nominal, measured less recalibrated, and what of the
+        final remainder is predictable.
+    noise : ndarray, shape (16,)
+        RMS of one sample.
+    cells : list of Cell
+        Of the final remainder.
+    errors : Errors
+
+    Returns
+    -------
+    Gap
+    """
+    arms, contact = [], []
+    for i, (nominal, before, left) in enumerate(zip(*residuals)):
+        case = p.cases[i]
+        arms.append(Arms(before, nominal - before, before - final.blocks[i], left))
+        contact.append([case.measured.of_wrench(s.contact) for s in (
+            case.nominal, p.base[i], final.base[i])])
+    energy = np.zeros(len(CHANNELS))
+    for c in range(len(CHANNELS)):
+        strong = [x for x in cells if x.channel == c and x.z > remainder.STRONG]
+        if strong and not np.any([x[:, c].any() for x in residuals[2]]):
+            rows = [case.held for case in final.cases]
+            rms = [b[r, c] for b, r in zip(final.blocks, rows)]
+            level = np.mean([n.rms(0)[c] ** 2 for n in final.noise])
+            energy[c] = max(0.0, float(np.mean(np.concatenate(rms) ** 2) - level))
+    out = gap(p.cases, arms, noise, energy, errors)
+    remaining = np.array([out.channels[c.name][2] ** 2 for c in CHANNELS[:3]
+                          if c.name in out.channels])
+    return out._replace(contact_force=contact_error(p.cases, arms, contact, remaining))
