@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
+from forcecal_ros.compiled import compiled
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.prepare import Prepared
@@ -143,7 +144,7 @@ def to_blocks(pieces: Iterable[Prepared]) -> Blocks:
             tallies.append(tally)
             if loudness is None:
                 loudness = np.maximum(np.median(tally.differences.astype(float), axis=0), TINY)
-            correlation = correlation + _correlation(differences, loudness)
+            correlation = correlation + _correlation(differences, tally.differences, loudness)
             held = held.take(slice(whole * samples, None))
         if sum(len(tally.start) for tally in tallies) > MOST_BLOCKS:
             tallies = [_merge(_join(tallies))]
@@ -157,28 +158,57 @@ def to_blocks(pieces: Iterable[Prepared]) -> Blocks:
 def _tally(piece: Prepared, samples: int) -> tuple[_Tally, Array]:
     """Return the tally of some blocks, and their third differences."""
     t = piece.t.reshape(-1, samples)
-    raw = piece.raw.reshape(len(t), samples, -1)
-    regressors = piece.regressors.reshape(len(t), samples, -1)
-    rough = np.diff(np.concatenate([raw, regressors[..., :3]], axis=2), 3, axis=1)
-    low, high = raw.min(axis=1), raw.max(axis=1)
-    power = (rough ** 2).sum(axis=1)
-    return _Tally(
+    blocks, n, m = len(t), piece.raw.shape[1], piece.regressors.shape[1]
+    raw = np.ascontiguousarray(piece.raw).reshape(blocks, samples, n)
+    regressors = np.ascontiguousarray(piece.regressors).reshape(blocks, samples, m)
+    rough = np.empty((blocks, max(samples - 3, 0), n + 3))
+    tally = _Tally(
         t[:, 0], t[:, -1], np.diff(t, axis=1).max(axis=1, initial=0.0),
-        np.concatenate([regressors, raw], axis=2).sum(axis=1),
-        (regressors[..., :3] ** 2).sum(axis=(1, 2)), power.astype(np.float32), low, high,
-        _count(raw == low[:, None]), _count(raw == high[:, None]),
-        _count(np.diff(raw, axis=1) == 0)), rough
+        np.zeros((blocks, m + n)), np.zeros(blocks), np.zeros((blocks, n + 3), np.float32),
+        np.empty((blocks, n)), np.empty((blocks, n)),
+        *(np.zeros((blocks, n), np.int32) for _ in range(3)))
+    _look(raw, regressors, rough, *tally[3:])
+    return tally, rough
 
 
-def _correlation(differences: Array, loudness: Array) -> Array:
+@compiled
+def _look(raw: Array, regressors: Array, rough: Array, sums: Array, square: Array,
+          differences: Array, low: Array, high: Array, at_low: Array, at_high: Array,
+          still: Array) -> None:
+    """Look at every sample of some blocks; fill what is given, see :class:`_Tally`."""
+    blocks, samples, n = raw.shape
+    m = regressors.shape[2]
+    for b in range(blocks):
+        for k in range(m):
+            for i in range(samples):
+                x = regressors[b, i, k]
+                sums[b, k] += x
+                square[b] += x * x if k < 3 else 0.0
+        for k in range(n):
+            low[b, k] = high[b, k] = raw[b, 0, k]
+            for i in range(samples):
+                x = raw[b, i, k]
+                sums[b, m + k] += x
+                low[b, k], high[b, k] = min(low[b, k], x), max(high[b, k], x)
+                still[b, k] += i > 0 and x == raw[b, i - 1, k]
+            for i in range(samples):
+                at_low[b, k] += raw[b, i, k] == low[b, k]
+                at_high[b, k] += raw[b, i, k] == high[b, k]
+        for k in range(n + 3):
+            signal = raw[b, :, k] if k < n else regressors[b, :, k - n]
+            power = 0.0
+            for i in range(samples - 3):
+                d = signal[i + 3] - signal[i] - 3.0 * (signal[i + 2] - signal[i + 1])
+                rough[b, i, k] = d
+                power += d * d
+            differences[b, k] = power
+
+
+def _correlation(differences: Array, power: Values, loudness: Array) -> Array:
     """Sum of the blocks' covariances, loud ones scaled down to the others."""
-    loud = np.maximum(((differences ** 2).sum(axis=1) / loudness).mean(axis=1), TINY)
+    loud = np.maximum((power / loudness).mean(axis=1), TINY)
     scaled = differences / np.sqrt(loud)[:, None, None]
     return np.asarray(np.tensordot(scaled, scaled, ((0, 1), (0, 1))))
-
-
-def _count(true: Mask) -> Values:
-    return true.sum(axis=1, dtype=np.int32)
 
 
 def _join(tallies: list[_Tally]) -> _Tally:

@@ -9,6 +9,7 @@ hysteresis; the rest is drift, cables or a light touch.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from forcecal_ros.compiled import compiled
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.blocks import Blocks, Mask
 import numpy as np
@@ -170,11 +171,18 @@ def _play(values: Array, width: float) -> Array:
     """How far each column is ahead of a play that it drags along, -1..1."""
     half = width / 2
     behind = np.empty_like(values)
-    state = values[0]
-    for i, row in enumerate(values):
-        state = np.minimum(np.maximum(state, row - half), row + half)
-        behind[i] = state
+    _drag(values, half, behind)
     return (values - behind) / half
+
+
+@compiled
+def _drag(values: Array, half: float, behind: Array) -> None:
+    """Let every column drag something along that it can be ahead or short of by ``half``."""
+    for k in range(values.shape[1]):
+        state = values[0, k]
+        for i in range(len(values)):
+            state = min(max(state, values[i, k] - half), values[i, k] + half)
+            behind[i, k] = state
 
 
 def _cause(left: Array, these: Array, others: Array, root: Array) -> tuple[Cause, Array]:

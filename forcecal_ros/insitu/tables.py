@@ -56,15 +56,16 @@ class TableSource:
             else:
                 stamps = (row + np.arange(len(rows))) / self._spec.rate
             row += len(rows)
-            good = np.isfinite(rows).all(axis=1)
-            before = np.maximum.accumulate(np.concatenate(
-                [[last], np.where(good, stamps, -np.inf)]))[:-1]
-            good &= stamps > before
-            self.left_out += int((~good).sum())
-            if good.any():
-                last = stamps[good][-1]
-                yield Chunk(stamps[good], raw[good], f[good] * accelerometer,
-                            turn[good] * gyro.scale if gyro else None)
+            good = np.isfinite(rows @ np.ones(rows.shape[1]))
+            if not (good.all() and stamps[0] > last and (np.diff(stamps) > 0).all()):
+                before = np.maximum.accumulate(np.concatenate(
+                    [[last], np.where(good, stamps, -np.inf)]))[:-1]
+                good &= stamps > before
+                self.left_out += int((~good).sum())
+                stamps, raw, f, turn = stamps[good], raw[good], f[good], turn[good]
+            if len(stamps):
+                last = stamps[-1]
+                yield Chunk(stamps, raw, f * accelerometer, turn * gyro.scale if gyro else None)
 
     def _rows(self, columns: Sequence[Column]) -> Iterator[Array]:
         if self._path.suffix == '.npy':
