@@ -14,6 +14,7 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import argparse
 from pathlib import Path
+import shutil
 import sys
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -81,8 +82,23 @@ def work(args, folder, labels):
                          seal.read_json(folder / 'opened.json'))
     (folder / 'RESULTS.md').write_text(text)
     report.draw(figures, folder)
+    if args.seeds == seal.SEALED:
+        keep(text, folder)
     print(text)
     return 0
+
+
+def keep(text, folder):
+    """Add an opening to those that were before it, whatever it says."""
+    OPENINGS.mkdir(exist_ok=True)
+    path = OPENINGS / 'RESULTS.md'
+    number = len((OPENINGS / 'openings.jsonl').read_text().splitlines())
+    before = path.read_text() if path.exists() else '# Openings of the blind check\n'
+    pictures = [f'opening-{number}-{one}.png' for one in report.PICTURES]
+    for name, one in zip(pictures, report.PICTURES):
+        shutil.copy(folder / f'{one}.png', OPENINGS / name)
+    path.write_text(before + '\n' + text + '\n' + '\n'.join(
+        f'![{one}]({one})' for one in pictures) + '\n')
 
 
 def go(function, items, what, args):

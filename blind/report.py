@@ -45,9 +45,7 @@ def _row(row: Rate | Value) -> str:
 def draw(figures: Figures, folder: Path) -> None:
     """Write ``detection.png``, ``confusion.png`` and ``reliability.png``."""
     from matplotlib.figure import Figure
-    for name, paint, size in (('detection', _detection, (6, 3.5)),
-                              ('confusion', _confusion, (9, 8)),
-                              ('reliability', _reliability, (4.5, 4))):
+    for name, (paint, size) in PICTURES.items():
         figure = Figure(figsize=size, layout='constrained')
         paint(figure.add_subplot(), figures)
         figure.savefig(folder / f'{name}.png', dpi=110)
@@ -97,3 +95,8 @@ def _reliability(axes: Any, figures: Figures) -> None:
     axes.set(xlabel='stated probability', ylabel='share that is so', xlim=(0, 1.02),
              ylim=(-0.02, 1.05),
              title=f'expected calibration error {calibration_error(stated):.3f}')
+
+
+PICTURES = {'detection': (_detection, (6, 3.5)), 'confusion': (_confusion, (9, 8)),
+            'reliability': (_reliability, (4.5, 4))}
+"""Name -> how it is painted, size [inch]."""

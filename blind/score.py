@@ -206,6 +206,8 @@ def _naming(single: list[Answered]) -> list[Rate | Value]:
     sizes = [len(c.candidates) for c in single]
     covered = [c.names[0] in c.candidates for c in single]
     return [
+        _rate('with a remainder (`partial`), of the detected', '',
+              (c.verdict == 'partial' for c in single)),
         _rate('right effect first, of the detected', '', (c.first == c.names[0] for c in single)),
         _rate('right effect or an alias first', '>= 90 %',
               (same_class(c.first, c.names[0]) for c in single), 0.90),
