@@ -1,0 +1,81 @@
+"""Parts of the diagnosis by themselves: limits, slow noise, intervals, odds, stamps."""
+
+from forcecal_ros.diagnose import remainder
+from forcecal_ros.diagnose.datachecks import clocks, skew_between
+from forcecal_ros.diagnose.evidence import Score
+from forcecal_ros.diagnose.gap import Errors
+from forcecal_ros.diagnose.limits import _best_limit
+from forcecal_ros.diagnose.memory import _unpredicted
+from forcecal_ros.diagnose.selection import MISMATCH, PARSIMONY, TEMPERATURE, weights
+from forcecal_ros.diagnose.trial import Trial
+from forcecal_ros.diagnose.verdict import probabilities, Remains, verdict
+from forcecal_ros.samples import Recording, Stream
+import numpy as np
+import pytest
+
+NOTHING_LEFT = Remains(0.4, '')
+
+
+def trial(name, evidence, free=1):
+    return Trial(name, np.zeros(free), np.zeros(free), np.arange(free), np.zeros(0), frozenset(),
+                 evidence / 2.0, evidence, Score(10.0, 100.0, 100.0), 1.0, 0.0, 1000, True)
+
+
+def test_a_soft_limit_under_noise_is_found_where_it_is():
+    rng = np.random.default_rng(0)
+    signal = 100.0 * np.sin(np.linspace(0.0, 60.0, 6000))
+    measured = np.clip(signal, -80.0, 80.0) + 0.3 * rng.standard_normal(6000)
+    limit, removed = _best_limit(signal, measured)
+    assert limit == pytest.approx(80.0, abs=100.0 * 0.5 / 40)
+    assert removed > 0.9 * np.sum((measured - signal) ** 2)
+
+
+def test_slow_noise_is_predicted_from_its_past_and_white_noise_is_not():
+    rng = np.random.default_rng(1)
+    white = rng.standard_normal(10_000)
+    slow = white + np.cumsum(rng.standard_normal(10_000)) * 0.02
+    rows = np.ones(10_000, dtype=bool)
+    assert _unpredicted(white, rows) > white @ white - 5.0 * 4.0 * np.sqrt(2.0)
+    assert _unpredicted(slow, rows) < 0.9 * (slow @ slow)
+
+
+def test_noise_that_grows_from_octave_to_octave_is_expected_and_one_strong_octave_is_not():
+    dof = np.full(len(remainder.BANDS), 100.0)
+    pink = np.array([8.0, 4.0, 2.0, 1.2, 1.0, 1.0, 1.0, 1.0])
+    assert remainder._colour([(pink * dof, dof)] * 3) == pytest.approx(pink)
+    alone = np.array([1.0, 1.0, 50.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+    assert remainder._colour([(alone * dof, dof)] * 3)[2] == remainder.STEEPEST
+
+
+def test_a_clock_that_is_wrong_by_more_than_half_a_hertz_is_wrong_against_the_rig():
+    t = 1e-3 * np.arange(20_000) * (1.0 + 1e-3)
+    recording = Recording(wrench=Stream(t, np.zeros((len(t), 6))))
+    found = clocks(recording, {'wrench': 1000.0})
+    assert skew_between(found)['wrench'] == pytest.approx(1e-3, rel=1e-6)
+
+
+def test_errors_of_parameters_are_drawn_as_large_as_they_are_expected():
+    rng = np.random.default_rng(2)
+    root = rng.standard_normal((16, 3, 3))
+    errors = Errors(root @ np.swapaxes(root, 1, 2), np.diag([1.0, 4.0, 0.25]))
+    draws = np.array([errors.drawn(rng) for _ in range(2000)])
+    scatter = draws.std(axis=0) / np.sqrt(len(draws))
+    assert (np.abs(draws.mean(axis=0) - errors.expected()) < 5.0 * scatter).all()
+
+
+def test_beside_a_gross_effect_a_small_lead_does_not_decide_and_fewer_parameters_do():
+    weight = weights([trial('wrench_lowpass', 150_070.0, 2), trial('wrench_delay', 150_000.0)])
+    assert weight['wrench_delay'] > weight['wrench_lowpass'] - PARSIMONY
+    small = weights([trial('wrench_lowpass', 170.0, 2), trial('wrench_delay', 100.0)])
+    lead = 70.0 / (TEMPERATURE + MISMATCH * 170.0)
+    assert small['wrench_lowpass'] - small['wrench_delay'] == pytest.approx(lead - PARSIMONY)
+
+
+def test_equal_odds_make_the_verdict_ambiguous_and_a_bad_fit_makes_it_unknown():
+    named, candidates = probabilities([('base_tilt', {'cable_force': -0.2})], NOTHING_LEFT, 0.98)
+    assert {n for n, _ in candidates} == {'base_tilt', 'cable_force'}
+    assert named['base_tilt'] == pytest.approx(1.0 / (1.0 + np.exp(-0.2)), abs=0.01)
+    assert verdict(['base_tilt'], candidates, NOTHING_LEFT, 0.98, True)[0] == 'ambiguous'
+    left = Remains(5.0, 'force.x')
+    assert verdict(['base_tilt'], [('base_tilt', 0.9)], left, 0.4, True)[0] == 'unknown'
+    assert verdict(['base_tilt'], [('base_tilt', 0.9)], left, 0.9, True)[0] == 'partial'
