@@ -15,8 +15,10 @@ COMMANDS = {
     'estimate': 'estimate',
     'simulate': 'simulate',
     'diagnose': 'diagnose',
+    'plan': 'plan',
     'insitu': 'insitu',
     'gravity': 'gravity',
+    'impedance': 'impedance',
     'import': 'import_csv',
 }
 """Word on the command line -> module in ``forcecal_ros.commands``."""
@@ -69,6 +71,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         0 done, 1 the data cannot answer, 130 interrupted; wrong usage exits with 2.
     """
+    # small matrices are slower on several threads, and round in another order on other machines
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     args = build_parser(arguments[0] if arguments else None).parse_args(arguments)
     try:
