@@ -62,6 +62,8 @@ class WatchSettings:
         rest only those of sensors that are never that quiet, see :meth:`Channel.begin`.
     max_age : float
         Age of the newest header stamp above which it is late [s]; 0: not looked at.
+    clock_timeout : float
+        A simulated clock that stands for longer ends the sequence [s].
     window : float
         Stillness is judged over that long [s].
     factor : float
@@ -75,6 +77,7 @@ class WatchSettings:
     lost_timeout: float = 1.0
     frozen_timeout: float = 0.035
     max_age: float = 0.25
+    clock_timeout: float = 0.1
     window: float = 0.25
     factor: float = 1.25
     force_floor: float = 0.02

@@ -11,9 +11,6 @@ from rclpy.clock import Clock
 CLOCK_JUMP = 0.1
 """The clock of the stamps may depart from the steady one by that much in a sequence [s]."""
 
-CLOCK_STOPPED = 0.1
-"""A /clock that stands for longer ends the sequence [s]."""
-
 STALL = 0.5
 """A motion whose commands ceased for longer is not resumed [s]."""
 
@@ -126,6 +123,6 @@ class Guard:
             jumped = not 0 < now - self._seen < SECOND
             self._seen, self._advanced = now, steady
             return Fault('/clock jumped', at_once=True) if jumped else None
-        if steady - self._advanced > CLOCK_STOPPED * SECOND:
+        if steady - self._advanced > self._sensors.monitor.settings.clock_timeout * SECOND:
             return Fault('/clock has stopped', at_once=True)
         return None
