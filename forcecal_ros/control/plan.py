@@ -1,6 +1,6 @@
 """Sequences as data: which poses, how long, and the phase word each part is recorded under."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -69,6 +69,8 @@ class Timing:
         How far the tool is brought forward along x of ft_sensor to touch something [m].
     approach, contact : float
         Duration of the way there (and back), and of the hold at its end [s].
+    contacts : int
+        How often a diagnosis touches it.
     """
 
     measure: float = 1.0
@@ -78,6 +80,7 @@ class Timing:
     contact_distance: float = 0.086
     approach: float = 3.0
     contact: float = 2.0
+    contacts: int = 0
 
 
 def calibration_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing
@@ -106,11 +109,26 @@ def calibration_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing
                  Segment('measure', name, duration=timing.measure)]
     if len(names) > 1:
         plan += [Segment('move', f'to {names[0]}', home), Segment('settle', names[0])]
-    plan += [Segment('step', 'out', away, timing.step_duration),
-             Segment('step', 'ring', duration=timing.ring),
-             Segment('step', 'back', home, timing.step_duration),
-             Segment('step', 'ring', duration=timing.ring)]
-    return tuple(plan)
+    return (*plan, *step_segments(home, away, timing))
+
+
+def step_segments(home: Goal, away: Goal, timing: Timing) -> tuple[Segment, ...]:
+    """
+    Step out and back, with time for the tool to ring after each.
+
+    Parameters
+    ----------
+    home, away : Pose or ndarray
+    timing : Timing
+
+    Returns
+    -------
+    tuple of Segment
+    """
+    return (Segment('step', 'out', away, timing.step_duration),
+            Segment('step', 'ring', duration=timing.ring),
+            Segment('step', 'back', home, timing.step_duration),
+            Segment('step', 'ring', duration=timing.ring))
 
 
 def contact_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing) -> tuple[Segment, ...]:
@@ -137,32 +155,6 @@ def contact_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing) -> tuple
             Segment('contact', 'hold', duration=timing.contact),
             Segment('retract', 'back', home, timing.approach),
             Segment('settle', name))
-
-
-class Program(NamedTuple):
-    """
-    A sequence that can be run.
-
-    Attributes
-    ----------
-    plan : callable
-        Takes goals, the pose away from the first, timing; returns the segments.
-    distance : callable
-        How far away that is along x of ft_sensor, of the timing [m].
-    identifies : bool
-        Whether a calibration is identified from it.
-    """
-
-    plan: Callable[[Mapping[str, Goal], Goal, Timing], tuple[Segment, ...]]
-    distance: Callable[[Timing], float]
-    identifies: bool
-
-
-SEQUENCES: Mapping[str, Program] = {
-    'calibrate': Program(calibration_plan, lambda timing: timing.step_distance, True),
-    'contact': Program(contact_plan, lambda timing: timing.contact_distance, False),
-}
-"""What the sequencer can run, by the name its parameter takes."""
 
 
 def prepare(plan: Sequence[Segment], start: Goal, pace: Pace, limits: Limits

@@ -12,7 +12,8 @@ from forcecal_ros.calibration_file import load, save
 from forcecal_ros.control.joints import JointSetpoint
 from forcecal_ros.control.monitor import Stillness
 from forcecal_ros.control.motion import Pose
-from forcecal_ros.control.plan import check_wrench, Goal, prepare, SEQUENCES
+from forcecal_ros.control.plan import check_wrench, Goal, prepare
+from forcecal_ros.control.programs import SEQUENCES
 from forcecal_ros.control.sequence import Command, Sequence, Status
 from forcecal_ros.control.stream import phased, StreamClock
 from forcecal_ros.errors import ConfigError, DataError, ForcecalError, MotionError

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from forcecal_ros.control.limits import Limits
 from forcecal_ros.control.monitor import WatchSettings
 from forcecal_ros.control.motion import Pace, Pose
-from forcecal_ros.control.plan import Goal, SEQUENCES, Timing
+from forcecal_ros.control.plan import Goal, Timing
 from forcecal_ros.control.poses import (
     anchor,
     flatten_poses,
@@ -16,6 +16,7 @@ from forcecal_ros.control.poses import (
     read_poses,
     step_goal,
 )
+from forcecal_ros.control.programs import SEQUENCES
 from forcecal_ros.control.sequence import StreamSettings
 from forcecal_ros.documents import LARGEST, load_yaml
 from forcecal_ros.errors import ConfigError
@@ -60,6 +61,8 @@ PARAMETERS = (
     _live('timing.approach', _TIMING.approach, 'contact: duration of that way, and of the way '
           'back', 's', 0.5, 60.0),
     _live('timing.contact', _TIMING.contact, 'contact: hold at its end', 's', 0.1, 600.0),
+    _live('timing.contacts', _TIMING.contacts, 'diagnose: how often it touches; 0: never',
+          low=0, high=10),
     _live('pace.speed', _PACE.speed, 'Peak speed of moves between poses', 'm/s', 0.001, 2.0),
     _live('pace.acceleration', _PACE.acceleration, 'Peak acceleration of those', 'm/s^2',
           0.01, 20.0),
@@ -109,6 +112,8 @@ PARAMETERS = (
           'for that long in motion stop it; 0: not looked at', 's', 0.0, 10.0),
     _live('watch.max_age', _WATCH.max_age, 'Age of its newest header stamp above which a sensor '
           'is late; 0: not looked at, for clocks that are not in step', 's', 0.0, 10.0),
+    _live('watch.clock_timeout', _WATCH.clock_timeout, 'With use_sim_time, a clock that stands '
+          'for longer ends the sequence', 's', 0.02, 60.0),
     _live('settle.window', _WATCH.window, 'The tool is still when the readings of such a window '
           'are as quiet as before the start', 's', 0.05, 5.0),
     _live('settle.factor', _WATCH.factor, 'Standard deviations may exceed those before the start '
@@ -201,7 +206,8 @@ def settings_of(value: Mapping[str, Any]) -> Settings:
     limits = Limits(**_group(Limits, value, 'limits'))
     watch = WatchSettings(
         **{name: value[f'watch.{name}'] for name in
-           ('pause_timeout', 'most_pauses', 'lost_timeout', 'frozen_timeout', 'max_age')},
+           ('pause_timeout', 'most_pauses', 'lost_timeout', 'frozen_timeout', 'max_age',
+            'clock_timeout')},
         **{name: value[f'settle.{name}'] for name in
            ('window', 'factor', 'force_floor', 'torque_floor', 'position_floor')})
     stream = StreamSettings(

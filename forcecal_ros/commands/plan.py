@@ -1,0 +1,54 @@
+"""``forcecal plan``: a recording sequence that shows every effect of the library."""
+
+import argparse
+from typing import Any
+
+from forcecal_ros.commands.common import (
+    add_json,
+    new_parser,
+    print_json,
+    say,
+    say_if_compiling,
+)
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(
+        subparsers, 'plan',
+        summary='plan a recording that shows every effect a diagnosis knows, and say what it '
+                'could not tell apart',
+        example='forcecal plan --rig rig.yaml -o plan.yaml\n'
+                '  ros2 run forcecal_ros sequencer --ros-args --params-file plan.yaml')
+    parser.add_argument('--rig', metavar='RIG.yaml',
+                        help='rig to plan for: a file, or rig.yaml and rigid_tool.yaml of this '
+                             'package (default: rig.yaml)')
+    parser.add_argument('--contact', action='store_true',
+                        help="touch the rig's wall as well; its effects show in no other way")
+    parser.add_argument('-o', '--output', metavar='PLAN.yaml',
+                        help='parameters for the sequencer to write')
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    from forcecal_ros.diagnose.plan_file import as_text, to_document, to_parameters
+    from forcecal_ros.diagnose.planning import plan_for
+    from forcecal_ros.files import write_text
+    from forcecal_ros.sim.rig_file import load_rig
+    from forcecal_ros.sim.simulator import waits_for_compiler
+
+    say_if_compiling(waits_for_compiler(), 'the simulator')
+    planned = plan_for(load_rig(args.rig), contact=args.contact)
+    if args.output:
+        write_text(args.output, to_parameters(planned))
+    if args.json:
+        print_json(to_document(planned))
+    else:
+        say(as_text(planned.excitation))
+        seconds = planned.target.t[-1] - planned.target.t[0]
+        say(f'the sequence takes about {seconds:.0f} s')
+        if args.output:
+            say(f'written to {args.output}')
+    return 0
