@@ -59,9 +59,14 @@ def main() -> int:
                 if fault.startswith('clock') != clock or args.fault not in fault:
                     continue
                 for phase in PHASES:
-                    if args.phase in phase:
+                    if args.phase not in phase:
+                        continue
+                    try:
                         outcomes.append(bench.run(fault, phase))
-                        print(outcomes[-1], file=sys.stderr, flush=True)
+                    except AssertionError as error:
+                        why = f'FAILED: {str(error)[:60]}'
+                        outcomes.append(Outcome(fault, phase, why, 0.0, ''))
+                    print(outcomes[-1], file=sys.stderr, flush=True)
     failed = [outcome for outcome in outcomes if not outcome.survived]
     print(table(outcomes))
     print(f'\n{len(outcomes)} tried, {len(outcomes) - len(failed)} survived')

@@ -7,9 +7,6 @@ from forcecal_ros.identify.means import Autocovariance
 import numpy as np
 from numpy.typing import NDArray
 
-SIGNIFICANT = 5.2
-"""Departures by fewer standard errors are chance: in 80 healthy runs the largest was 5.0."""
-
 _STRETCHES = (1, 5, 25, 125, 400)
 _WHOLE = 0.6
 

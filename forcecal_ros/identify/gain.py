@@ -130,7 +130,7 @@ def riccati_gain(A: Array, C: Array, Q: Array, R: Array,
     Raises
     ------
     UnobservableError
-        Not detectable, or R is singular.
+        Not detectable, R is singular, or Q and R lie too far apart.
     """
     check_detectable(A, C, names)
     scale = np.sqrt(np.diag(R))
@@ -138,7 +138,13 @@ def riccati_gain(A: Array, C: Array, Q: Array, R: Array,
         raise UnobservableError('R is singular: a measurement without any noise, or two that '
                                 'carry the same; record the sensors at their own resolution')
     # measurements in units of their own noise: metres and m/s^2 lie ten decades apart
-    K, _, _ = control.lqe(A, np.eye(len(A)), C / scale[:, None], Q, R / np.outer(scale, scale))
+    try:
+        K, _, _ = control.lqe(A, np.eye(len(A)), C / scale[:, None], Q, R / np.outer(scale, scale))
+    except np.linalg.LinAlgError as error:
+        raise UnobservableError(f'no stationary gain for these covariances ({error}); they lie '
+                                'too many decades apart: check the units') from error
+    if not np.isfinite(K).all():
+        raise UnobservableError('no finite gain for these covariances; check their units')
     return np.asarray(K) / scale
 
 

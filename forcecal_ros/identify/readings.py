@@ -14,13 +14,14 @@ _STREAMS = ('wrench', 'accelerometer', 'optidrive')
 _LONG, _OFTEN = 10, 0.05
 _NOISY = 1e-4
 _DEAD = 100
+_ABSURD = 1e9
 _TURNING = ('move', 'sweep', 'reverse')
 _LONG_MOVE, _FROZEN = 0.3, 0.5
 
 
 def clean(recording: Recording) -> tuple[Recording, dict[str, int]]:
     """
-    Leave out samples that are not finite.
+    Leave out samples that are not finite, or as good as.
 
     Parameters
     ----------
@@ -39,7 +40,7 @@ def clean(recording: Recording) -> tuple[Recording, dict[str, int]]:
         stream: Stream | None = getattr(recording, name)
         if stream is None:
             continue
-        whole = np.isfinite(stream.values).all(axis=1)
+        whole = (np.abs(stream.values) < _ABSURD).all(axis=1)
         if not whole.all():
             removed[name] = int((~whole).sum())
             changes[name] = replace(stream, t=stream.t[whole], values=stream.values[whole])
@@ -48,6 +49,7 @@ def clean(recording: Recording) -> tuple[Recording, dict[str, int]]:
     pose = recording.pose
     if pose is not None:
         whole = np.isfinite(pose.R_base_sensor).all(axis=(1, 2))
+        whole &= ~(np.abs(pose.position) >= _ABSURD).any(axis=1)
         if not whole.all():
             removed['pose'] = int((~whole).sum())
             changes['pose'] = replace(pose, t=pose.t[whole], position=pose.position[whole],

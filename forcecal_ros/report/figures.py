@@ -96,6 +96,8 @@ def accelerometer_regression(recording: Recording, calibration: Calibration) -> 
     span = step_phase(recording)
     assert span is not None
     part = raw.between(span.start, span.end)
+    if len(part) < 2:
+        return None
     axis = int(np.argmax(np.abs(sensor.map.value[:, 0])))
     f = -(wrench.at(part.t - float(sensor.delay))[:, 0]
           - calibration.wrench_bias.value[0]) / float(calibration.mass)

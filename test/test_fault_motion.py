@@ -1,0 +1,50 @@
+"""Motion safety over DDS with the simulated rig: faults in the middle of a sequence."""
+
+from fault_motion_runs import ABORT, Bench, FOREIGN, SECOND, STOP
+import pytest
+
+
+@pytest.fixture(scope='module')
+def bench(ros_domain_of_module):
+    with Bench() as bench:
+        yield bench
+
+
+@pytest.mark.parametrize('fault, phase, reason', [
+    ('wrench off', 'approach', 'wrench: silent'),
+    ('wrench stuck', 'measure', 'wrench: the same reading'),
+    ('wrench garbage', 'contact', 'wrench: '),
+    ('accelerometer stuck', 'retract', 'accelerometer/raw: the same reading'),
+    ('pose delayed', 'move', 'current_pose: newest stamp is'),
+    ('pose wrong', 'contact', 'current_pose: '),
+    ('robot runaway', 'approach', 'current_pose: '),
+    (ABORT, 'step', 'asked to by sequencer/abort'),
+    (FOREIGN, 'retract', 'target_frame: another node commands the robot'),
+    ('SIGTERM to sequencer', 'approach', 'the sequencer was told to go'),
+    ('SIGKILL to sim', 'move', 'silent'),
+])
+def test_the_commands_come_to_rest_and_stay_there(bench, fault, phase, reason):
+    outcome = bench.run(fault, phase)
+    assert outcome.end == 'stopped', outcome
+    assert outcome.moving <= STOP
+    assert reason in outcome.reason
+
+
+def test_a_killed_sequencer_leaves_a_robot_that_stands(bench):
+    outcome = bench.run('SIGKILL to sequencer', 'approach')
+    assert outcome.end == 'stopped' and outcome.moving <= 0.02
+    place = [values[:3] for _, values in bench.poses[-100:]]
+    assert max(max(abs(a - b) for a, b in zip(p, place[0])) for p in place) < 3e-4
+
+
+def test_a_second_sequencer_is_refused_and_the_first_goes_on(bench):
+    outcome = bench.run(SECOND, 'approach')
+    assert outcome.end == 'went on', outcome
+
+
+@pytest.mark.parametrize('fault', ['clock stopped', 'clock forward', 'clock back'])
+def test_a_clock_that_stops_or_jumps_brings_the_commands_to_rest(ros_domain, fault):
+    with Bench(clock=True) as bench:
+        outcome = bench.run(fault, 'approach')
+        assert outcome.end == 'stopped', outcome
+        assert '/clock' in outcome.reason or 'clock' in outcome.reason

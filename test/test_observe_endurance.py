@@ -1,0 +1,154 @@
+"""The observer in the long run, on any input, and with any covariances."""
+
+from dataclasses import replace
+from math import isfinite
+import pickle
+
+from forcecal_ros.errors import ForcecalError
+from forcecal_ros.identify.gain import observer_model, riccati_gain
+from forcecal_ros.observe import (
+    describe,
+    on_accelerometer,
+    on_displacement,
+    on_pose,
+    on_wrench,
+    State,
+)
+from forcecal_ros.observe.design import design
+from forcecal_ros.observe.playback import answers, run
+from forcecal_ros.observe.riccati import stationary_filter
+from forcecal_ros.observe.status import BAD_WRENCH, INVALID
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+from observing import calibration, push, record, Swing
+import pytest
+from scipy.stats import chi2
+
+MODEL = design(calibration())
+DAY = 86_400.0
+SWING = Swing(place=(0.004, 0.006, 0.006), turn=0.3, axis=(0.2, 1.0, 0.0), slide=0.002)
+
+ANY = st.floats() | st.sampled_from([0.0, -0.0, 1e308, -1e308, 5e-324, 1e9, 130.0])
+NEAR = st.floats(0.0, 3.0)
+
+
+def numbers(n):
+    return st.tuples(*[ANY] * n)
+
+
+EVENTS = st.lists(st.tuples(NEAR | ANY, st.one_of(
+    st.tuples(st.just('wrench'), numbers(6)), st.tuples(st.just('accelerometer'), numbers(3)),
+    st.tuples(st.just('displacement'), numbers(1)), st.tuples(st.just('pose'), numbers(7)))),
+    max_size=40)
+
+
+def fed(events, model):
+    """Return every estimate of a list of (stamp, (kind, values))."""
+    state, out = State(), []
+    for t, (kind, values) in events:
+        if kind == 'wrench':
+            state, some = on_wrench(state, t, values, model)
+        elif kind == 'accelerometer':
+            state, some = on_accelerometer(state, t, values, model)
+        elif kind == 'displacement':
+            state, some = on_displacement(state, t, values[0], model)
+        else:
+            state, some = on_pose(state, t, values[:3], values[3:], model)
+        out += some
+    return out
+
+
+@given(EVENTS)
+@settings(max_examples=80)
+def test_the_step_never_raises_and_its_status_tells(events):
+    for sample in fed(events, MODEL):
+        assert all(map(isfinite, sample.contact))
+        if not all(map(isfinite, sample.measured)):
+            assert sample.status & INVALID
+        assert sample.status == 0 or describe(sample.status)
+
+
+@given(st.lists(st.tuples(st.floats(0.001, 0.01), numbers(6)), min_size=3, max_size=20))
+@settings(max_examples=50)
+def test_a_wrench_that_is_no_number_is_said_to_be_none(steps):
+    t, events = 0.0, []
+    for dt, values in steps:
+        t += dt
+        events.append((t, ('wrench', values)))
+    bad = {t for t, (_, values) in events if not all(abs(v) <= 1e9 for v in values)}
+    for sample in fed(events, MODEL):
+        assert bool(sample.status & BAD_WRENCH) or sample.t not in bad
+
+
+@given(st.lists(st.sampled_from([0.0, 1e-30, 1e-12, 1e-6, 1.0, 1e6, 1e30]), min_size=4,
+                max_size=4), st.floats(0.1, 1000.0))
+def test_gains_of_any_covariance_are_finite_or_refused_in_one_line(sizes, mass):
+    model = observer_model(mass)
+    Q, R = np.diag([0.0, sizes[0]]), np.diag(sizes[1:])
+    try:
+        assert np.isfinite(riccati_gain(model.A, model.C, Q, R)).all()
+    except ForcecalError as error:
+        assert '\n' not in str(error)
+
+
+def test_normalised_innovations_are_those_of_chi_square_over_a_hundred_runs():
+    """Bar-Shalom's test: mean of nu^T S^-1 nu over runs and steps within its 99.9 % interval."""
+    dt, rng = 0.01, np.random.default_rng(7)
+    A, C = np.array([[1.0, dt], [0.0, 1.0]]), np.array([[1.0, 0.0], [0.3, 1.0]])
+    Q = 0.2 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+    R = np.array([[0.04, 0.01], [0.01, 0.09]])
+    found = stationary_filter(A, C, Q, R, ('a', 'b'))
+    S = C @ found.predicted @ C.T + R
+    runs, steps = 100, 50
+    truth = np.zeros((runs, 2))
+    guess = rng.multivariate_normal(np.zeros(2), found.predicted, size=runs)
+    total = 0.0
+    for _ in range(steps):
+        y = truth @ C.T + rng.multivariate_normal(np.zeros(2), R, size=runs)
+        nu = y - guess @ C.T
+        total += float(np.einsum('ni,ij,nj->', nu, np.linalg.inv(S), nu))
+        guess = (guess + nu @ found.gain.T) @ A.T
+        truth = truth @ A.T + rng.multivariate_normal(np.zeros(2), Q, size=runs)
+    low, high = chi2.ppf([0.0005, 0.9995], 2 * runs * steps)
+    assert low < total < high
+
+
+@pytest.mark.parametrize('days', [1, 10])
+def test_estimates_a_day_later_are_the_same(days):
+    """Stamps at that distance are exact to 1.5e-11 s a day, which the microsecond outlives."""
+    recording = record(2.0, SWING, push(0, 20.0, 1.0))
+    _, early = run(recording, MODEL)
+    late = run(shifted(recording, days * DAY), MODEL)[1]
+    assert len(early) == len(late)
+    np.testing.assert_allclose([s.t - days * DAY for s in late], [s.t for s in early], atol=1e-7)
+    np.testing.assert_allclose([s.contact for s in late], [s.contact for s in early], atol=2e-3)
+
+
+def shifted(recording, by):
+    return replace(recording, **{
+        name: replace(stream, t=stream.t + by) for name in
+        ('wrench', 'accelerometer', 'pose', 'optidrive') if (stream := getattr(recording, name))})
+
+
+def test_memory_does_not_grow_and_the_estimate_does_not_drift():
+    recording = record(12.0)
+    sizes, contact = [], []
+    for i, (state, out) in enumerate(answers(recording, MODEL)):
+        contact += [sample.contact for sample in out]
+        if i % 3250 == 3249:
+            sizes.append(len(pickle.dumps(state)))
+    assert max(sizes[3:]) <= 1.2 * max(sizes[1:3])
+    early, late = np.array(contact[2000:6000]), np.array(contact[-4000:])
+    sigma = early.std(axis=0) / np.sqrt(20)  # a filter of 16 Hz leaves five samples a second
+    assert (np.abs(late.mean(axis=0) - early.mean(axis=0)) < 5 * sigma).all()
+
+
+def test_ten_observers_in_one_process_do_not_know_each_other():
+    recordings = [record(0.5, SWING, push(0, 5.0 * i), seed=i) for i in range(10)]
+    alone = [run(recording, MODEL)[1] for recording in recordings]
+    together = [[] for _ in recordings]
+    for step in zip(*(answers(recording, MODEL) for recording in recordings)):
+        for i, (_, out) in enumerate(step):
+            together[i] += out
+    assert together == alone
