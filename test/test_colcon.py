@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = 'forcecal_ros'
-NODES = ('observer', 'sequencer', 'sim')
+NODES = ('impedance', 'observer', 'sequencer', 'sim')
 START_SECONDS = 120.0
 
 pytestmark = [pytest.mark.workspace, pytest.mark.timeout(400)]

@@ -88,7 +88,8 @@ def test_a_joint_written_is_what_ros_reads():
 
 
 @pytest.mark.parametrize('node, table', [
-    ('sequencer', 'sequencer_settings'), ('observer', 'observer_settings'), ('sim', 'sim')])
+    ('sequencer', 'sequencer_settings'), ('observer', 'observer_settings'), ('sim', 'sim'),
+    ('impedance', 'impedance_settings')])
 def test_the_parameter_file_holds_every_parameter_at_its_default(node, table):
     rows = import_module(f'forcecal_ros.nodes.{table}').PARAMETERS
     path = Path(__file__).parents[1] / 'config' / f'{node}.yaml'
@@ -113,7 +114,8 @@ def test_the_parameter_file_holds_every_parameter_at_its_default(node, table):
             assert value == expected, row.name
 
 
-@pytest.mark.parametrize('table', ['sequencer_settings', 'observer_settings', 'sim'])
+@pytest.mark.parametrize('table', [
+    'sequencer_settings', 'observer_settings', 'sim', 'impedance_settings'])
 def test_every_parameter_is_described_and_every_number_has_a_range(table):
     for row in import_module(f'forcecal_ros.nodes.{table}').PARAMETERS:
         assert len(row.description) > 10, row.name

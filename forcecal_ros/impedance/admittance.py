@@ -18,8 +18,8 @@ class Wanted:
         [kg], [N s/m], [N/m]
     """
 
-    mass: float = 13.0
-    damping: float = 250.0
+    mass: float = 25.0
+    damping: float = 500.0
     stiffness: float = 1000.0
 
     def __post_init__(self) -> None:

@@ -1,5 +1,6 @@
 """The figures of one closed-loop run: what the force feedback was worth."""
 
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
@@ -16,6 +17,21 @@ SETTLED = 0.05
 
 SETTLED_FLOOR = 1.0
 """The same at least [N]."""
+
+
+EVEN = 0.05
+"""Figures that differ by less than this share are even."""
+
+COMPARED = {
+    'phantom_rms': 'Phantom force in free motion, RMS [N]',
+    'phantom_peak': 'Phantom force in free motion, peak [N]',
+    'strayed': 'Strayed in free motion [m]',
+    'peak': 'Peak at contact [N]',
+    'bounces': 'Bounces',
+    'settling': 'Settling [s]',
+    'force_error': 'Force error in contact [N]',
+}
+"""Figures of which less is better, in words."""
 
 
 class Figures(NamedTuple):
@@ -89,6 +105,46 @@ def assess(trial: Trial, ideal: Trial, program: Program) -> Figures:
 def rms(values: Array) -> float:
     """Return the root of the mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
+
+
+def exceptions(figures: Mapping[str, Figures]) -> Iterator[str]:
+    """
+    Say where the Kalman observer is not the best feedback, and what the true force would give.
+
+    Parameters
+    ----------
+    figures : mapping of str to Figures
+        By feedback, ``true`` among them.
+
+    Yields
+    ------
+    str
+        One sentence a figure.
+    """
+    kalman, ideal = figures['kalman'], figures['true']
+    others = {name: one for name, one in figures.items() if name not in ('kalman', 'true')}
+    for field, words in COMPARED.items():
+        mine, best = getattr(kalman, field), min(others, key=lambda name: _rank(
+            getattr(others[name], field)))
+        theirs = getattr(others[best], field)
+        if _rank(mine) <= (1.0 + EVEN) * _rank(theirs):
+            continue
+        perfect = getattr(ideal, field)
+        yield (f'{words}: kalman {mine:.3g}, {best} {theirs:.3g}; with the true force '
+               f'{perfect:.3g}. {_why(mine, perfect, theirs)}')
+
+
+def _rank(value: float) -> float:
+    """Return a figure so that less is better: what never settles is last."""
+    return value if value == value else float('inf')
+
+
+def _why(mine: float, perfect: float, theirs: float) -> str:
+    if _rank(perfect) > (1.0 + EVEN) * _rank(theirs):
+        return ('The true force fares no better: it is the law that gains from a sensor which '
+                'reads the spring between robot and tool, damped as it is, and not the contact.')
+    return ('The observer answers later than the sensor, by its filter: that costs while the '
+            'force changes.')
 
 
 def losses(touching: NDArray[np.bool_]) -> int:

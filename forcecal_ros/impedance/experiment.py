@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from forcecal_ros.calibration import Calibration
-from forcecal_ros.impedance.assess import assess, Figures
+from forcecal_ros.impedance.assess import assess, exceptions, Figures
 from forcecal_ros.impedance.feedback import feedback_of, SOURCES
 from forcecal_ros.impedance.program import Program, Stage, Task
 from forcecal_ros.impedance.rehearsal import rehearse
@@ -40,6 +40,8 @@ class Experiment:
     oscillations : mapping of str to Trial
         In free space with feedback ``kalman``, by accelerometer.
     rows : tuple of Row
+    notes : mapping of str to tuple of str
+        Where the Kalman observer does not come out first, by accelerometer.
     """
 
     program: Program
@@ -47,6 +49,7 @@ class Experiment:
     trials: Mapping[tuple[str, str], Trial]
     oscillations: Mapping[str, Trial]
     rows: tuple[Row, ...]
+    notes: Mapping[str, tuple[str, ...]]
 
 
 def conduct(rig: Rig, accelerometers: Sequence[str], controller: Callable[[], Controller], *,
@@ -90,4 +93,6 @@ def conduct(rig: Rig, accelerometers: Sequence[str], controller: Callable[[], Co
             rows.append(Row(name, source, assess(trials[name, source], trials[name, 'true'],
                                                  program)))
         oscillations[name] = follow(OSCILLATION, 'kalman')
-    return Experiment(program, calibrations, trials, oscillations, tuple(rows))
+    notes = {name: tuple(exceptions({row.feedback: row.figures for row in rows
+                                     if row.accelerometer == name})) for name in accelerometers}
+    return Experiment(program, calibrations, trials, oscillations, tuple(rows), notes)

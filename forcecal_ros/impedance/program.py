@@ -131,12 +131,12 @@ class Task:
         Before, after and between the free moves [s].
     """
 
-    swing: float = 0.04
+    swing: float = 0.035
     swing_duration: float = 0.3
-    swings: int = 3
+    swings: int = 2
     clearance: float = 0.08
     depth: float = 0.02
-    approach: float = 1.1
+    approach: float = 1.65
     sweep: float = 0.005
     hold: float = 1.0
     rest: float = 0.25

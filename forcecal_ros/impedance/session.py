@@ -43,8 +43,8 @@ class Bounds:
     free_force: float = 10.0
     margin: float = 0.01
     touch: float = 1.0
-    stop_duration: float = 0.055
-    retract: float = 0.006
+    stop_duration: float = 0.062
+    retract: float = 0.005
     closing: float = 0.1
 
     def __post_init__(self) -> None:
@@ -200,6 +200,8 @@ class Session:
     def _follow(self, heard: Heard) -> None:
         self._time += 0.0 if self._paused else self._period
         reference = self._program.at(self._time)
+        if self._paused:
+            reference = reference._replace(velocity=0.0)
         self._note(reference.phase, heard)
         wanted = self._controller(reference, heard)
         if fault := self._fault(reference, heard, wanted):

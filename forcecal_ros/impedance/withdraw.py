@@ -85,7 +85,7 @@ def to_rest(motion: Motion, duration: float, retract: float, acceleration: float
         return Withdrawal(motion, gentlest, duration)
     for share in range(STEPS, 0, -1):
         back = share / STEPS
-        goal = motion.position - retract
+        goal = min(motion.position - retract, gentlest)
         chosen = Withdrawal(motion, gentlest + back * (goal - gentlest), duration)
         if _peak_acceleration(chosen) <= acceleration:
             return chosen

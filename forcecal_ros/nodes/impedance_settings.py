@@ -15,7 +15,8 @@ from forcecal_ros.nodes.runtime import EXECUTOR
 
 _BOUNDS, _LIMITS, _TASK, _WANTED = Bounds(), Limits(), Task(), Wanted()
 
-WATCH = WatchSettings(pause_timeout=0.025, lost_timeout=0.029, max_age=0.03, most_pauses=0)
+WATCH = WatchSettings(pause_timeout=0.025, lost_timeout=0.029, frozen_timeout=0.03, max_age=0.03,
+                      most_pauses=0)
 """Silence is at rest within 0.1 s: found, and stopped in the time of ``limits.stop_duration``."""
 
 

@@ -1,0 +1,76 @@
+"""``forcecal impedance``: the contact experiment of [Gamez2005] V and VI, offline."""
+
+import argparse
+from math import isfinite
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+from forcecal_ros.commands.common import add_json, new_parser, print_json, say, say_if_compiling
+
+if TYPE_CHECKING:
+    from forcecal_ros.impedance.experiment import Experiment
+
+RUNS = 7
+"""Steps of work for each accelerometer: calibration, five feedbacks, the oscillation."""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(
+        subparsers, 'impedance',
+        summary='simulate the contact experiment: which force feedback is worth what',
+        example='forcecal impedance -o contact_experiment')
+    parser.add_argument('-o', '--output', metavar='DIR', required=True,
+                        help='folder for report.html and the pictures')
+    parser.add_argument('--accelerometer', choices=('acc1', 'acc2'),
+                        help='only this one (default: both, one after the other)')
+    parser.add_argument('--rig', metavar='RIG.yaml', help='rig file (default: the nominal rig)')
+    parser.add_argument('--seed', type=int, default=0, help='of the sensor noise')
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    from forcecal_ros.files import write_bytes, write_text
+    from forcecal_ros.impedance.admittance import Admittance, Wanted
+    from forcecal_ros.impedance.experiment import conduct
+    from forcecal_ros.report.impedance import pictures, render, text
+    from forcecal_ros.sim.rig_file import load_rig
+    from forcecal_ros.sim.simulator import waits_for_compiler
+    from tqdm import tqdm
+
+    say_if_compiling(waits_for_compiler(), 'the simulator')
+    names = [args.accelerometer] if args.accelerometer else ['acc1', 'acc2']
+    with tqdm(total=RUNS * len(names), unit=' runs', leave=False, disable=None) as bar:
+        def tell(what: str) -> None:
+            bar.set_description(what)
+            bar.update()
+
+        rig = load_rig(args.rig)
+        experiment = conduct(rig, names, lambda: Admittance(Wanted(), rig.robot.period),
+                             seed=args.seed, tell=tell)
+    out = Path(args.output)
+    images = pictures(experiment)
+    for name, image in images.items():
+        write_bytes(out / name, image)
+    origin = f'simulated rig{f" {args.rig}" if args.rig else ""}, noise seed {args.seed}'
+    write_text(out / 'report.html', render(experiment, images, origin))
+    if args.json:
+        print_json(document(experiment))
+        return 0
+    say(text(experiment))
+    say(f'written to {out}: report.html, {", ".join(images)}')
+    return 0
+
+
+def document(experiment: 'Experiment') -> dict[str, Any]:
+    """Return the tables as JSON can hold them; what never settles is null."""
+    return {name: {
+        'feedback': {
+            row.feedback: {key: value if isfinite(value) else None
+                           for key, value in row.figures._asdict().items()}
+            for row in experiment.rows if row.accelerometer == name},
+        'notes': list(experiment.notes[name]),
+        'K': (calibration.observer.K.value.tolist() if calibration.observer else None),
+    } for name, calibration in experiment.calibrations.items()}

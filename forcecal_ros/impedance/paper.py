@@ -1,0 +1,64 @@
+"""The observer gains that [Gamez2005] prints, and what makes gains comparable."""
+
+from math import sqrt
+from typing import NamedTuple
+
+from forcecal_ros.geometry import Array
+from forcecal_ros.identify.gain import error_dynamics, observer_model
+import numpy as np
+
+PRINTED = {
+    'acc1': np.array([[0.0400, 0.0006, -0.0073], [0.1000, 0.0001, 1.0000]]),
+    'acc2': np.array([[0.0600, 0.0002, -0.0012], [0.2250, -0.0002, 1.0000]]),
+}
+"""K1 and K2 of [Gamez2005] Eq. 32 and 33, by accelerometer."""
+
+PERIOD = 0.004
+"""
+Of the paper's observer [s], which it does not print.
+
+At 4 ms, k11 and k21 of K1 and K2 are to the last digit those of double poles at 5.0 and 7.5 rad/s
+(0.04 = 2 x 5.0 x 4 ms, 0.1 = 5.0^2 x 4 ms, and so on), critically damped. Taken as continuous
+gains the same numbers would ring for minutes.
+"""
+
+
+class Poles(NamedTuple):
+    """Of the observer's error: natural frequency [rad/s] and damping ratio."""
+
+    frequency: float
+    damping: float
+
+
+def continuous(K: Array) -> Array:
+    """
+    Return a printed gain per second.
+
+    Parameters
+    ----------
+    K : ndarray, shape (2, 3)
+        Per ``PERIOD``, but for its last column, which no dynamics depend on.
+
+    Returns
+    -------
+    ndarray, shape (2, 3)
+    """
+    return np.column_stack([K[:, :2] / PERIOD, K[:, 2]])
+
+
+def error_poles(K: Array) -> Poles:
+    """
+    Return how fast the error of [Gamez2005] Eq. 4 fades, and how it rings.
+
+    Parameters
+    ----------
+    K : ndarray, shape (2, 3)
+        Continuous.
+
+    Returns
+    -------
+    Poles
+    """
+    matrix, _ = error_dynamics(observer_model(1.0), K)
+    frequency = sqrt(float(np.linalg.det(matrix)))
+    return Poles(frequency, -float(np.trace(matrix)) / (2.0 * frequency))

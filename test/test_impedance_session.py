@@ -1,0 +1,180 @@
+"""A contact task within its limits and its way out, with a force of the test's making."""
+
+from forcecal_ros.errors import ConfigError, MotionError
+from forcecal_ros.impedance.program import Program, Stage, Task
+from forcecal_ros.impedance.session import Bounds, Session
+from forcecal_ros.impedance.trial import Heard
+from forcecal_ros.impedance.withdraw import Motion, to_rest
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+PERIOD = 0.004
+WALL = 0.08
+STIFFNESS = 3000.0
+BOUNDS = Bounds()
+TASK = Task(swings=1, hold=0.3)
+
+
+def follow(reference, heard):
+    """Give way to the force by a spring, and be where the reference is otherwise."""
+    return reference.position + heard.force / 1000.0
+
+
+class Bench:
+    """A session against a wall that pushes back as a spring, behind a lag that keeps it calm."""
+
+    def __init__(self, program=None, controller=follow, wall=WALL, bounds=BOUNDS):
+        self.session = Session(PERIOD)
+        self.session.start(program or TASK.program(), WALL, controller, bounds)
+        self.wall, self.x, self.force = wall, 0.0, 0.0
+
+    @property
+    def status(self):
+        return self.session.status
+
+    def drive(self, seconds=60.0):
+        """Go on, and return the commands."""
+        commands = []
+        for _ in range(round(seconds / PERIOD)):
+            command = self.session.step(Heard(self.x, 0.0, self.force))
+            if command is None:
+                break
+            commands.append(command)
+            self.x = command
+            self.force += 0.2 * (-STIFFNESS * max(0.0, command - self.wall) - self.force)
+        return np.array(commands)
+
+
+def speeds(commands):
+    return np.diff(commands) / PERIOD
+
+
+def test_a_task_is_idle_until_it_is_started():
+    session = Session(PERIOD)
+    assert session.step(Heard(0.0, 0.0, 0.0)) is None
+    assert not session.running and not session.abort('nothing there')
+
+
+def test_a_task_visits_the_wall_as_often_as_it_says_and_ends_at_rest_where_it_began():
+    bench = Bench(TASK.program(cycles=2))
+    commands = bench.drive()
+    assert bench.status.phase == 'done'
+    assert (bench.status.contacts, bench.status.missed) == (2, 0)
+    assert not bench.session.streaming
+    assert abs(commands[-1]) < 1e-3 and commands[-1] == commands[-2]
+
+
+def test_a_wall_that_is_not_there_is_counted_as_missed():
+    bench = Bench(wall=1.0)
+    bench.drive()
+    assert (bench.status.contacts, bench.status.missed) == (0, 1)
+
+
+def test_a_second_start_is_refused():
+    bench = Bench()
+    bench.drive(0.1)
+    with pytest.raises(MotionError, match='under way'):
+        bench.session.start(TASK.program(), WALL, follow, BOUNDS)
+
+
+def test_a_wall_where_none_was_expected_ends_the_task_away_from_it_within_100_ms():
+    bench = Bench(wall=0.04)
+    commands = bench.drive()
+    assert bench.status.phase == 'aborted'
+    assert bench.status.reason.startswith('contact force 1')
+    assert 'before the wall is expected; limits.free_force is 10 N' in bench.status.reason
+    still = np.flatnonzero(np.abs(speeds(commands)) > 1e-6)[-1]
+    turned = np.argmax(commands)
+    assert (still - turned) * PERIOD < 0.1
+    assert commands[-1] < commands[turned] - 1e-3
+
+
+def test_too_much_force_in_contact_ends_the_task():
+    bench = Bench(bounds=Bounds(force=12.0))
+    bench.drive()
+    assert bench.status.reason.startswith('contact force 12.')
+    assert bench.status.reason.endswith('exceeds limits.force 12 N')
+
+
+def test_a_controller_that_runs_away_ends_the_task():
+    growing = iter(range(10_000))
+    bench = Bench(controller=lambda reference, heard: reference.position
+                      + 1e-4 * (-1.03) ** next(growing))
+    commands = bench.drive()
+    assert 'the loop is not stable here' in bench.status.reason
+    assert np.abs(commands).max() < BOUNDS.deviation
+
+
+def test_a_command_that_is_no_number_ends_the_task():
+    bench = Bench(controller=lambda reference, heard: float('nan'))
+    commands = bench.drive(1.0)
+    assert bench.status.phase == 'aborted' and np.isfinite(commands).all()
+
+
+def test_an_abort_in_contact_leads_away_from_the_wall_and_to_rest():
+    bench = Bench()
+    bench.drive(3.6)
+    assert bench.status.phase == 'contact'
+    before = bench.drive(PERIOD)[-1]
+    assert bench.session.abort('asked to')
+    commands = bench.drive(1.0)
+    assert commands[round(0.064 / PERIOD)] == commands[-1]
+    assert commands[-1] == pytest.approx(before - BOUNDS.retract, abs=1e-3)
+    assert (np.diff(commands) <= 1e-4).all()
+    assert bench.status.phase == 'aborted' and not bench.session.streaming
+
+
+def test_an_abort_in_free_space_stops_gently_on_its_way():
+    bench = Bench()
+    bench.drive(0.4)
+    assert bench.status.phase == 'free'
+    moving = bench.drive(2 * PERIOD)
+    velocity = speeds(moving)[-1]
+    bench.session.abort('asked to')
+    commands = bench.drive(1.0)
+    way = commands[-1] - moving[-1]
+    assert way == pytest.approx(0.5 * velocity * BOUNDS.stop_duration, rel=0.05)
+
+
+def test_commands_are_held_to_speed_and_acceleration():
+    jump = Program((Stage('free', 0.05, 0.012), Stage('free', 0.05, 1.0)))
+    bench = Bench(jump, bounds=Bounds(deviation=1.0))
+    commands = bench.drive(1.0)
+    assert bench.status.limited > 0
+    assert np.abs(speeds(commands)).max() <= BOUNDS.speed * (1 + 1e-9)
+    assert np.abs(np.diff(speeds(commands))).max() <= BOUNDS.acceleration * PERIOD * (1 + 1e-9)
+
+
+def test_a_pause_lets_the_reference_stand():
+    bench = Bench()
+    bench.drive(0.4)
+    bench.session.pause(True)
+    standing = bench.drive(0.2)
+    bench.session.pause(False)
+    assert np.ptp(standing[30:]) < 1e-9
+    assert np.ptp(bench.drive(0.1)) > 1e-3
+
+
+@given(st.floats(-0.25, 0.25), st.floats(-3.0, 3.0), st.floats(0.0, 0.01))
+def test_a_stop_begins_as_the_motion_is_and_ends_at_rest(velocity, acceleration, retract):
+    motion = Motion(0.3, velocity, acceleration)
+    stop = to_rest(motion, 0.062, retract, 8.0)
+    assert stop.at(0.0) == pytest.approx(motion, abs=1e-9)
+    end = stop.at(0.062 - 1e-9)
+    assert end == pytest.approx((stop.goal, 0.0, 0.0), abs=1e-5)
+    assert stop.at(1.0) == (stop.goal, 0.0, 0.0)
+
+
+@given(st.floats(-0.1, 0.1), st.floats(0.001, 0.05))
+def test_a_retract_is_shortened_until_its_acceleration_is_within_the_limit(velocity, retract):
+    stop = to_rest(Motion(0.0, velocity), 0.062, retract, 8.0)
+    peak = max(abs(stop.at(t).acceleration) for t in np.linspace(0.0, 0.062, 200))
+    assert peak < 8.0 * 1.05
+    assert stop.goal <= 0.5 * velocity * 0.062 + 1e-12
+
+
+def test_bounds_want_positive_numbers():
+    with pytest.raises(ConfigError, match='free_force'):
+        Bounds(free_force=-1.0)
