@@ -17,9 +17,9 @@ NUMERICS = (
     ('errors',),
     ('compiled', 'documents', 'geometry', 'files', 'topics'),
     ('samples',),
-    ('calibration', 'calibration_file', 'tables'),
-    ('six_axis',),
-    ('control', 'gravity', 'identify', 'insitu', 'observe', 'sim'),
+    ('calibration', 'calibration_file', 'foreign', 'tables'),
+    ('exports', 'six_axis'),
+    ('control', 'gravity', 'identify', 'insitu', 'observe', 'plant', 'sim'),
     ('diagnose', 'impedance'),
 )
 LAYERS = (

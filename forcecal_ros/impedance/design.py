@@ -1,0 +1,203 @@
+"""From models and the wanted impedance to a law that is known to be stable.
+
+The cost of the linear-quadratic regulator is the impedance relation that the user asks for,
+
+    e = M d2x/dt2 + D dx/dt + K (x - x_r) - f
+
+of the tool's position x and the contact force f: driven to zero, the tool gives way as wanted.
+Steady force and reference are exact by the choice of c and l_r.
+"""
+
+from typing import NamedTuple
+
+import control
+from forcecal_ros.errors import ConfigError
+from forcecal_ros.geometry import Array
+from forcecal_ros.impedance.law import Law
+from forcecal_ros.impedance.process import Process, process, Wall
+from forcecal_ros.impedance.settings import DesignSettings, Wanted
+from forcecal_ros.impedance.stability import Loop, loop, Margins, margins
+from forcecal_ros.plant.model import Plant
+import numpy as np
+
+STIFFEST = 1e6
+"""Of the walls that are looked at beyond the stated range [N/m]."""
+
+WALLS = 60
+"""Stiffnesses looked at in the stated range, and as many beyond it."""
+
+AGREEMENT = 1.0
+"""Frequency up to which the impedance is compared with the wanted one [Hz]."""
+
+
+class Relation(NamedTuple):
+    """The impedance relation as a row: e = X . C + D u + F f - K x_r, in N."""
+
+    C: Array
+    D: float
+    F: float
+    K: float
+
+
+class Design(NamedTuple):
+    """
+    A law and what it is worth.
+
+    Attributes
+    ----------
+    law : Law
+    margins : tuple of Margins
+        Without contact, against the softest and against the stiffest wall of the stated range.
+    unstable_from : float
+        Softest wall that makes it unstable; inf: none up to 1 MN/m does [N/m].
+    disagreement : float
+        Greatest relative error of the compliance up to 1 Hz, without contact.
+    """
+
+    law: Law
+    margins: tuple[Margins, ...]
+    unstable_from: float
+    disagreement: float
+
+
+def design(plant: Plant, wanted: Wanted = Wanted(), settings: DesignSettings = DesignSettings()
+           ) -> Design:
+    """
+    Design the law [Gamez2005] Eq. 31 and check it.
+
+    Parameters
+    ----------
+    plant : Plant
+    wanted : Wanted
+    settings : DesignSettings
+
+    Returns
+    -------
+    Design
+
+    Raises
+    ------
+    ConfigError
+        The loop is unstable without contact or against a wall of the stated range, or has no
+        optimal gain.
+    """
+    free = process(plant, settings.latency)
+    law = _law(plant, free, wanted, settings)
+    without = loop(law, free, settings.force_lag)
+    if without.radius >= 1.0:
+        raise ConfigError(
+            f'the impedance loop is unstable without contact (eigenvalue of magnitude '
+            f'{without.radius:.4f}, it must lie below 1); {_remedy(settings)}')
+    unstable_from = _unstable_from(law, plant, settings)
+    low, high = settings.wall_stiffness
+    if unstable_from <= high:
+        raise ConfigError(
+            f'the impedance loop is unstable against a wall of {unstable_from:.0f} N/m, within '
+            f'the stated range of {low:.0f} to {high:.0f} N/m; {_remedy(settings)}')
+    touched = [margins(_against(law, plant, settings, k), law.period, k) for k in (low, high)]
+    return Design(law, (margins(without, law.period), *touched), unstable_from,
+                  _disagreement(law, free, wanted, settings))
+
+
+def _remedy(settings: DesignSettings) -> str:
+    given = [f'design.{name}' for name in ('state_gain', 'force_gain', 'position_gain')
+             if getattr(settings, name) is not None]
+    if given:
+        return f'leave out {", ".join(given)}'
+    return 'ask for more damping or mass, less latency, or a narrower design.wall_stiffness'
+
+
+def _against(law: Law, plant: Plant, settings: DesignSettings, stiffness: float) -> Loop:
+    wall = Wall(stiffness, settings.wall_damping)
+    return loop(law, process(plant, settings.latency, wall), settings.force_lag)
+
+
+def _unstable_from(law: Law, plant: Plant, settings: DesignSettings) -> float:
+    low, high = settings.wall_stiffness
+    walls = {*np.geomspace(low, high, WALLS).tolist(), high,
+             *np.geomspace(high, max(high, STIFFEST), WALLS).tolist()}
+    return next((k for k in sorted(walls)
+                 if _against(law, plant, settings, k).radius >= 1.0), np.inf)
+
+
+def relation(free: Process, wanted: Wanted, period: float) -> Relation:
+    """
+    Write the impedance relation as a row of the process.
+
+    The acceleration is the change of velocity over the period that follows, so that it needs no
+    derivative of the position of S.
+
+    Parameters
+    ----------
+    free : Process
+        Without a wall.
+    wanted : Wanted
+    period : float
+        [s]
+
+    Returns
+    -------
+    Relation
+    """
+    inertia, v = wanted.mass / period, free.velocity
+    return Relation(
+        inertia * (v @ free.A - v) + wanted.damping * v + wanted.stiffness * free.tool,
+        float(inertia * (v @ free.B)), float(inertia * (v @ free.F)) - 1.0, wanted.stiffness)
+
+
+def _law(plant: Plant, free: Process, wanted: Wanted, settings: DesignSettings) -> Law:
+    e = relation(free, wanted, plant.robot.period)
+    C = np.array([free.robot, free.tool - free.robot])
+    try:
+        L, _, _ = control.dlqr(
+            free.A, free.B[:, np.newaxis], np.outer(e.C, e.C),
+            [[e.D**2 + settings.effort**2]], e.D * e.C[:, np.newaxis])
+        K = _kalman_gain(free, C, settings)
+    except (ValueError, np.linalg.LinAlgError, control.ControlArgument) as error:
+        raise ConfigError(f'no optimal gain for this impedance: {error}; change design.effort '
+                          'or the noise levels of design') from error
+    L = np.ravel(L)
+    if settings.state_gain is not None:
+        if len(settings.state_gain) != len(L):
+            raise ConfigError(f'design.state_gain has {len(settings.state_gain)} numbers; this '
+                              f'plant has {len(L)} states')
+        L = np.array(settings.state_gain)
+    c, l_r = _steady_gains(free, e, L)
+    return Law(plant.robot.period, free.A, free.B, free.F, C, K, L,
+               c if settings.force_gain is None else settings.force_gain,
+               l_r if settings.position_gain is None else settings.position_gain,
+               wanted.damping / wanted.stiffness)
+
+
+def _kalman_gain(free: Process, C: Array, settings: DesignSettings) -> Array:
+    """Return the gain of the steady-state Kalman filter; its inputs and outputs scaled to 1."""
+    noise = np.column_stack([free.F * settings.force_std, free.B * settings.command_std])
+    scale = np.array([settings.position_std, settings.slide_std])
+    size = settings.position_std
+    K, _, _ = control.dlqe(free.A, noise / size, C * (size / scale)[:, np.newaxis],
+                           np.eye(2), np.eye(2))
+    return np.asarray(K) * (size / scale)
+
+
+def _steady_gains(free: Process, e: Relation, L: Array) -> tuple[float, float]:
+    """Return c and l_r that make e vanish at rest, whatever force and reference are."""
+    n = len(L)
+    rest = np.block([[free.A - np.eye(n), free.B[:, np.newaxis]], [e.C, e.D]])
+    steady = np.linalg.solve(rest, -np.column_stack(
+        [np.append(free.F, e.F), np.append(np.zeros(n), -e.K)]))
+    c, l_r = steady[-1] + L @ steady[:-1]
+    return float(c), float(l_r)
+
+
+def _disagreement(law: Law, free: Process, wanted: Wanted, settings: DesignSettings) -> float:
+    open_loop = loop(law, free, settings.force_lag)
+    n = len(law.B)
+    A = open_loop.A + np.outer(open_loop.B, open_loop.C)
+    heard = 1.0 - np.exp(-law.period / settings.force_lag)
+    B = np.concatenate([free.F, [heard], np.zeros(n)])
+    frequency = np.linspace(0.02, 1.0, 50) * AGREEMENT * 2.0 * np.pi
+    z = np.exp(1j * frequency * law.period)[:, np.newaxis, np.newaxis]
+    states = np.linalg.solve(z * np.eye(len(B)) - A, B[:, np.newaxis].astype(complex))[..., 0]
+    compliance = states[:, :n] @ free.tool
+    ideal = wanted.stiffness + 1j * frequency * wanted.damping - wanted.mass * frequency**2
+    return float(np.abs(compliance * ideal - 1.0).max())

@@ -1,0 +1,136 @@
+"""The control law [Gamez2005] Eq. 31 with its estimator: one pure step, which never raises."""
+
+from math import isfinite
+from typing import NamedTuple
+
+from forcecal_ros.geometry import Array
+import numpy as np
+
+OK = 'ok'
+COASTING = 'coasting'
+LATE = 'late'
+
+LONGEST = 250
+"""Most periods that one step predicts over."""
+
+
+class Law(NamedTuple):
+    """
+    Everything the step needs besides its state; along x of ft_sensor, from the start.
+
+    Attributes
+    ----------
+    period : float
+        [s]
+    A : ndarray, shape (n, n)
+    B, F : ndarray, shape (n,)
+        Of the process: what a command [m] and a force on the tool [N] do to the state.
+    C : ndarray, shape (2, n)
+        Rows that give the position of S and the tool's displacement against it [m].
+    K : ndarray, shape (n, 2)
+        Steady-state Kalman gain of the two measurements.
+    L : ndarray, shape (n,)
+        State gain.
+    force_gain : float
+        c of Eq. 31 [m/N].
+    position_gain : float
+        l_r of Eq. 31 [1].
+    lead : float
+        Wanted damping over stiffness: how far ahead the reference counts [s].
+    """
+
+    period: float
+    A: Array
+    B: Array
+    F: Array
+    C: Array
+    K: Array
+    L: Array
+    force_gain: float
+    position_gain: float
+    lead: float
+
+
+class State(NamedTuple):
+    """
+    Of the law; replace ``command`` where limits let another one through.
+
+    Attributes
+    ----------
+    estimate : ndarray, shape (n,)
+        Of the process at the last step.
+    command, force, goal : float
+        The last ones [m], [N], [m].
+    """
+
+    estimate: Array
+    command: float = 0.0
+    force: float = 0.0
+    goal: float = 0.0
+
+
+class Measurement(NamedTuple):
+    """
+    What is heard at one step, from the start, where everything was at rest at 0.
+
+    Attributes
+    ----------
+    position : float
+        Of S [m].
+    slide : float
+        The tool's displacement against S [m].
+    force : float
+        Contact force on the tool: a wall ahead pushes back, which is negative [N].
+    """
+
+    position: float
+    slide: float
+    force: float
+
+
+def at_rest(law: Law) -> State:
+    """Return the state of a law whose plant has rested at 0 for ever, untouched."""
+    return State(np.zeros(len(law.B)))
+
+
+def step(law: Law, state: State, heard: Measurement, position: float, velocity: float = 0.0,
+         dt: float | None = None) -> tuple[State, float, str]:
+    """
+    Take one control step, [Gamez2005] Eq. 31: u = -L X + c F + l_r x_r.
+
+    X comes from the Kalman estimator. What is not finite is replaced: a measurement by what the
+    estimator predicts, a force or a reference by the last one.
+
+    Parameters
+    ----------
+    law : Law
+    state : State
+    heard : Measurement
+    position, velocity : float
+        Of the reference [m], [m/s].
+    dt : float, optional
+        Since the last step [s]; a period where none is given.
+
+    Returns
+    -------
+    state : State
+    command : float
+        Of S [m].
+    status : str
+        ``ok``, ``coasting`` (something was not finite) or ``late`` (periods were left out).
+    """
+    periods = 1 if dt is None or not isfinite(dt) else round(dt / law.period)
+    status = LATE if periods > 1 else OK
+    if not (all(map(isfinite, heard)) and isfinite(position) and isfinite(velocity)):
+        status = COASTING
+    estimate = state.estimate
+    for _ in range(min(max(periods, 1), LONGEST)):
+        estimate = law.A @ estimate + law.B * state.command + law.F * state.force
+    force = heard.force if isfinite(heard.force) else state.force
+    goal = position + law.lead * velocity
+    if not isfinite(goal):
+        goal = state.goal
+    error = np.array(heard[:2]) - law.C @ estimate
+    estimate = estimate + law.K @ np.where(np.isfinite(error), error, 0.0)
+    command = float(-law.L @ estimate + law.force_gain * force + law.position_gain * goal)
+    return State(estimate, command, force, goal), command, status
