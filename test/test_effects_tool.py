@@ -101,6 +101,18 @@ def test_friction_holds_what_is_less_than_its_force():
     assert s[-1] < 0.4 * free[-1]
 
 
+def test_friction_with_presliding_bends_by_its_stiffness_and_does_not_creep():
+    coulomb, presliding = 4.0, 5e-5
+    t = 0.004 * np.arange(1000)
+    angle = 0.02 * np.minimum(t, 1.0)  # 2.5 N of weight along the slide
+    target = PoseStream(t, np.tile(HOME, (len(t), 1)), np.array([tilted(a) for a in angle]))
+    s = clean(having('tool_friction', force=coulomb, presliding=presliding),
+              target).optidrive.values[:, 0]
+    assert s[-1] == pytest.approx(
+        WEIGHT * np.sin(0.02) / (STIFFNESS + coulomb / presliding), rel=1e-2)
+    assert np.ptp(s[-400:]) < 1e-9
+
+
 @pytest.mark.parametrize('rig', [RIG, RIGID], ids=['compliant', 'rigid'])
 def test_cable_pulls_at_its_point_with_a_force_fixed_in_base(rig):
     pull, point = np.array([2.0, -3.0, 4.0]), np.array([0.1, 0.02, -0.05])

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 from forcecal_ros.diagnose import datachecks, remainder
 from forcecal_ros.diagnose.case import Case, prepare, split
-from forcecal_ros.diagnose.channels import CHANNELS
+from forcecal_ros.diagnose.channels import CHANNELS, COLUMNS
 from forcecal_ros.diagnose.hypotheses import hypotheses, Hypothesis
 from forcecal_ros.diagnose.limits import CLIPPING
 from forcecal_ros.diagnose.measure import measured_gap, parameter_errors, sample_noise
@@ -31,8 +31,8 @@ VISIBLE = 25.0
 WITHOUT_MEAN = ('wrench_quantisation', 'dropouts')
 """Effects that move no signal's mean."""
 
-MOVING = 2.0
-"""Motion that a recording needs [s]."""
+ENOUGH = 3.0
+"""Scatter of a simulated signal, in its noise, from which a recording can answer."""
 
 
 @dataclass(frozen=True)
@@ -137,15 +137,16 @@ def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Che
     candidates = sorted([*candidates, *((n, 0.99) for n in checks.effects)],
                         key=lambda pair: -pair[1])
     invisible = not_excited(p, found)
-    moving = sum(float((c.groups > 0).sum()) for c in p.cases) * 0.004 > MOVING
-    excited = moving and len(invisible) <= 0.5 * len(EFFECTS)
+    excited = excitation(p) > ENOUGH
     word, sentence = verdict([*named, *checks.effects], candidates, remains,
-                             measured.closed if named else 1.0, excited)
+                             measured.closed if named else 1.0, excited or bool(checks.effects))
     effects = [Found(a.name, parameters_of(final, a), shares[a.name])
                for a in selection.accepted]
     effects += [Found(n, v, 0.99) for n, v in checks.effects.items()]
     if word == 'unknown':
         effects = [Found('unknown', {}, dict(candidates).get('unknown', 0.9))]
+    elif word == 'not_excited':
+        effects = []
     diagnosis = Diagnosis(
         word, sentence, tuple(effects), tuple(candidates),
         _where(first, final, before, selection, ceiling, checks), measured, tuple(invisible),
@@ -251,6 +252,29 @@ def _where(p: Problem, final: Problem, before: list[Array], selection: Selection
                         max(q.value for q in v.values()), 0.0)
                   for n, v in checks.effects.items() if n in WITHOUT_MEAN)
     return (*shown, *found)
+
+
+def excitation(p: Problem) -> float:
+    """
+    Say how much the motion moves the signal that it moves most.
+
+    Parameters
+    ----------
+    p : Problem
+
+    Returns
+    -------
+    float
+        RMS about the mean over the rig's noise, of wrench and specific force.
+    """
+    most = 0.0
+    for case in p.cases:
+        for name, signal in (('wrench', case.nominal.wrench), ('accelerometer',
+                                                               case.nominal.volts)):
+            if name in case.measured.streams:
+                noise = 2.0 * p.level[COLUMNS[name]]
+                most = max(most, float((signal.std(axis=0) / noise).max()))
+    return most
 
 
 def not_excited(p: Problem, found: list[Hypothesis]) -> list[str]:

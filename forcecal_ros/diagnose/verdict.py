@@ -91,7 +91,7 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remai
     closed : float
         Share of the gap that the effects close.
     excited : bool
-        Whether the recording could show most effects.
+        Whether the recording moves enough to tell effects apart.
 
     Returns
     -------
@@ -99,13 +99,13 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remai
     """
     listed = ' and '.join(named)
     left = remains.ratio >= 1.0
+    if not excited:
+        return 'not_excited', ('the recording moves too little to tell effects apart; record '
+                               'poses, a step, a sweep, slow reversals and contact')
     if not named:
         if left:
             return 'unknown', (f'there is a gap that no effect of the library explains: '
                                f'{remains.words}')
-        if not excited:
-            return 'not_excited', ('the recording moves too little to show most effects; record '
-                                   'poses, a step, a sweep, slow reversals and contact')
         return 'no_gap', 'the recalibrated rig explains the recording down to its noise'
     share = f'{100.0 * closed:.0f} % of the gap'
     if left and closed < NAMED:
