@@ -235,7 +235,7 @@ class Bench:
             return 'FAILED: commands jumped', total
         if fault in HARMLESS | GRADUAL | RECOVERING and self.live.phases[-1] != 'aborted':
             return 'went on', total
-        if fault not in RECOVERING | GRADUAL:
+        if fault not in RECOVERING | GRADUAL | HARMLESS:
             if total > STOP:
                 return f'FAILED: moved for {total:.3f} s', total
             if np.count_nonzero(np.diff(moving.astype(int)) == 1):

@@ -389,6 +389,18 @@ def test_a_sensor_that_never_repeats_itself_is_found_frozen_at_rest(bench):
     assert 'wrench: the same reading' in fault and after < 0.06
 
 
+def test_an_earlier_fault_is_forgotten(bench):
+    bench.frozen['wrench'] = bench.monitor.channels['wrench'].values
+    for _ in range(300):
+        bench.tick()
+    bench.frozen.clear()
+    for _ in range(1100):
+        bench.tick()
+    bench.monitor.begin(bench.ms * 1e-3)
+    bench.frozen['wrench'] = bench.monitor.channels['wrench'].values
+    assert 'the same reading' in bench.until_fault(30, moving=False)[0]
+
+
 def test_a_sensor_that_always_repeats_itself_at_rest_may_do_so():
     bench = Bench()
     bench.frozen['pose'] = (*HOME.position, *bench.quaternion)

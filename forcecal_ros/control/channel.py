@@ -25,7 +25,8 @@ class Channel:
         self.heard = -inf
         self.changed = -inf
         self.changes = 0
-        self.longest_same = 0.0
+        self._same = self._same_before = 0.0
+        self._same_since = -inf
         self.rest_timeout = inf
         self.stamp = -inf
         self.late_since = inf
@@ -36,16 +37,22 @@ class Channel:
         """Note a sample; ``alive`` is the caller's time of arrival."""
         if values != self.values:
             if self.values:
-                self.longest_same = max(self.longest_same, self.heard - self.changed)
+                self._note_same(alive, self.heard - self.changed)
                 self.changes += 1
             self.changed = alive
         self.heard, self.stamp, self.values = alive, stamp, values
 
+    def _note_same(self, alive: float, same: float) -> None:
+        """Remember the longest that a reading was repeated, for ``KEPT`` to twice as long."""
+        if alive - self._same_since > KEPT:
+            self._same_before, self._same, self._same_since = self._same, 0.0, alive
+        self._same = max(self._same, same)
+
     def begin(self, shortest: float) -> None:
         """Learn how long readings repeat at rest, ``shortest`` [s] or longer; never: for ever."""
-        same = max(self.longest_same, self.heard - self.changed)
+        same = max(self._same_before, self._same, self.heard - self.changed)
         self.rest_timeout = max(shortest, SURELY_FROZEN * same) if self.changes else inf
-        self.changes, self.longest_same = 0, 0.0
+        self.changes = 0
 
     def keep(self) -> None:
         """Keep the last sample to judge stillness by."""
