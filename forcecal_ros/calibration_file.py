@@ -20,6 +20,7 @@ from forcecal_ros.calibration import (
 from forcecal_ros.documents import LARGEST, load_yaml
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.files import write_text
+from forcecal_ros.foreign import recognise
 from forcecal_ros.geometry import Array
 import numpy as np
 import yaml
@@ -144,7 +145,7 @@ def save(calibration: Calibration, path: Path | str) -> None:
 
 def load(path: Path | str) -> Calibration:
     """
-    Read a calibration file.
+    Read a calibration file, or one of force_torque_tools (KTH) or ft_tools_ros2.
 
     Parameters
     ----------
@@ -197,6 +198,8 @@ def parse(text: str, name: str = 'calibration') -> Calibration:
     _check_sum(text, name)
     if not isinstance(document, dict):
         raise ConfigError(f'{name}: expected keys such as mass, com and wrench_bias')
+    if 'format' not in document and (foreign := recognise(document, name)) is not None:
+        return foreign
     if document.get('format') != FORMAT:
         raise ConfigError(f'{name}: format is {str(document.get("format"))[:80]!r}, this version '
                           f'reads {FORMAT!r}; calibrate again')

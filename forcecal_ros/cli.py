@@ -13,6 +13,7 @@ COMMANDS = {
     'demo': 'demo',
     'calibrate': 'calibrate',
     'estimate': 'estimate',
+    'export': 'export',
     'simulate': 'simulate',
     'diagnose': 'diagnose',
     'plan': 'plan',

@@ -2,6 +2,7 @@
 
 import argparse
 from datetime import datetime, timezone
+from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands.common import new_parser, topic_names
@@ -19,7 +20,9 @@ def add_parser(subparsers: Any) -> None:
     parser = new_parser(
         subparsers, 'calibrate',
         summary='identify tool, accelerometer and noise from a recording, design the observer',
-        example='forcecal calibrate my_bag --topic wrench=/ft/data -o calibration.yaml')
+        example='forcecal calibrate my_bag --topic wrench=/ft/data -o calibration.yaml\n'
+                '  forcecal calibrate ft_calib_data.yaml   # a file of force_torque_tools or '
+                'ft_tools')
     add_bags(parser)
     parser.add_argument('--gravity', metavar='M/S^2', type=float, default=STANDARD_GRAVITY,
                         help='magnitude of gravity where the robot stands')
@@ -58,11 +61,12 @@ def run(args: argparse.Namespace) -> int:
 def answer(args: argparse.Namespace) -> Answer:
     """Calibrate from one recording."""
     from forcecal_ros.bags import read_recording, require
-    from forcecal_ros.calibration_file import load, save, to_document
+    from forcecal_ros.calibration_file import load
     from forcecal_ros.identify.delay import estimate_delay, with_delay
-    from forcecal_ros.report.rows import as_text, table
     from forcecal_ros.six_axis import recording_corrected, required_six_axis, with_matrix_of
 
+    if Path(args.bag).suffix in ('.yaml', '.yml'):
+        return _written(load(args.bag), args, ())
     recording = read_recording(
         args.bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
     require(recording, ['wrench', 'pose'])
@@ -80,13 +84,22 @@ def answer(args: argparse.Namespace) -> Answer:
         write_report(args.report, recording, calibration)
     if matrix:
         calibration = with_matrix_of(calibration, matrix)
+    return _written(calibration, args, recording.notes)
+
+
+def _written(calibration: 'Calibration', args: argparse.Namespace, notes: tuple[str, ...]
+             ) -> Answer:
+    """Write a calibration and say what is in it."""
+    from forcecal_ros.calibration_file import save, to_document
+    from forcecal_ros.report.rows import as_text, table
+
     save(calibration, args.output)
     return Answer(
         to_document(calibration),
         f'{as_text(table(calibration))}\n\nwritten to {args.output}',
         f'mass {float(calibration.mass):.4f} +- {float(calibration.mass.std):.4f} kg, '
         f'written to {args.output}',
-        (*recording.notes, *calibration.quality.get('warnings', ())))
+        (*notes, *calibration.quality.get('warnings', ())))
 
 
 def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration':

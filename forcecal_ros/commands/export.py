@@ -1,0 +1,53 @@
+"""``forcecal export``: a calibration for other packages."""
+
+import argparse
+from typing import Any
+
+from forcecal_ros.commands.common import new_parser, say
+
+FLANGE = ('X', 'Y', 'Z', 'QX', 'QY', 'QZ', 'QW')
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(
+        subparsers, 'export',
+        summary='write a calibration as another package wants it, with its keys and signs',
+        example='forcecal export calibration.yaml --for broadcaster -o broadcaster.yaml')
+    parser.add_argument('calibration', metavar='CALIBRATION', help='calibration.yaml')
+    parser.add_argument('--for', dest='consumer', required=True, choices=(
+        'broadcaster', 'gravity_filter', 'admittance', 'ur', 'kth', 'ft_tools'),
+        help='force_torque_sensor_broadcaster, GravityCompensation of control_filters, '
+             'admittance_controller, payload of a Universal Robot, force_torque_tools of KTH, '
+             'ft_tools_ros2')
+    parser.add_argument('--node', metavar='NAME',
+                        help='node that takes the parameters (default: the usual name)')
+    parser.add_argument('--base-frame', metavar='FRAME', default='base_link',
+                        help='frame whose z points up')
+    parser.add_argument('--sensor-in-flange', metavar=FLANGE, nargs=7, type=float,
+                        help='ur: pose of the sensor in the flange (default: they are one) [m]')
+    parser.add_argument('-o', '--output', metavar='FILE',
+                        help='file to write (default: print); one that is there is kept as FILE~')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    from forcecal_ros.calibration_file import load
+    from forcecal_ros.errors import ConfigError
+    from forcecal_ros.exports import export, Place
+    from forcecal_ros.files import write_text
+    from forcecal_ros.geometry import matrix_from_quaternion
+    import numpy as np
+
+    place = np.array(args.sensor_in_flange or (0, 0, 0, 0, 0, 0, 1))
+    if not np.isfinite(place).all() or not place[3:].any():
+        raise ConfigError('--sensor-in-flange: expected x y z [m] and a quaternion qx qy qz qw')
+    text = export(load(args.calibration), args.consumer, Place(
+        args.node or '', args.base_frame, matrix_from_quaternion(place[3:]), place[:3]))
+    if args.output:
+        write_text(args.output, text)
+        say(f'written to {args.output}')
+    else:
+        print(text, end='')
+    return 0
