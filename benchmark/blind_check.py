@@ -22,7 +22,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / 'benchmark')]
 os.environ['PYTHONPATH'] = os.pathsep.join(
     [str(ROOT), str(ROOT / 'benchmark'), os.environ.get('PYTHONPATH', '')])
 
-from blind import report, score, seal
+from blind import compare, report, score, seal
 import blind_tool
 from forcecal_ros.errors import ForcecalError
 from forcecal_ros.scale import each
@@ -53,6 +53,8 @@ def parse():
                         help='cases that go as real bags through the command')
     parser.add_argument('--run', type=Path, metavar='DIR', help='folder of the run')
     parser.add_argument('--labels', type=Path, metavar='DIR', help='folder of the labels')
+    parser.add_argument('--baselines', action='store_true',
+                        help='let simpler methods judge the same cases')
     parser.add_argument('--until', choices=('made', 'run'), help='stop after this step')
     parser.add_argument('--jobs', type=int, default=2)
     parser.add_argument('--dask', default='', metavar='ADDRESS')
@@ -72,6 +74,9 @@ def work(args, folder, labels):
         bags = set(order[:args.bags])
         go(blind_tool.answer, [(str(folder), one, one in bags) for one in seal.waiting(folder)],
            'diagnosing', args)
+    if args.baselines:
+        go(compare.judge_case, [(str(folder), one) for one in seal.read_json(
+            folder / 'commitments.json')], 'baselines', args)
     if args.until == 'run':
         return 0
     found = seal.open_labels(folder, labels, OPENINGS / 'openings.jsonl')
@@ -80,6 +85,8 @@ def work(args, folder, labels):
     text = report.render(figures, seal.read_json(folder / 'plan.json'),
                          seal.read_json(folder / 'run.json'),
                          seal.read_json(folder / 'opened.json'))
+    if args.baselines:
+        text += compare.table(found, folder)
     (folder / 'RESULTS.md').write_text(text)
     report.draw(figures, folder)
     if args.seeds == seal.SEALED:

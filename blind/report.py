@@ -21,7 +21,7 @@ def render(figures: Figures, plan: Mapping[str, Any], run: Mapping[str, Any],
         f'files (thresholds included) {tool["thresholds"][:16]}, recorded {run["started"]}, '
         'before the first case. '
         f'Master `{opened["master"]}` (SHA-256 published before: {plan["master_sha256"][:16]}); '
-        + ', '.join(f'`{name}` {value[:16]}' for name, value in plan['outside_sha256'].items())
+        + ', '.join(f'`{name}` {value}' for name, value in plan['outside_sha256'].items())
         + '.', '',
         f'Verdicts right: {figures.right} of {figures.total}.', '',
         '| figure | target | here | 95 % interval | cases | |', '|---|---|---|---|---|---|',

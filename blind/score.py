@@ -127,14 +127,14 @@ class Answered:
     @property
     def first(self) -> str:
         """What the answer names first; the verdict where it names nothing."""
-        if self.verdict == 'identified' and self.effects:
-            return self.effects[0]
-        return self.ranked[0] if self.ranked and self.detected else self.verdict
+        if not self.detected:
+            return self.verdict
+        return (self.effects or self.ranked or [self.verdict])[0]
 
     @property
     def says_unknown(self) -> bool:
         """Whether the answer is that the cause is none of the library."""
-        return self.verdict == 'unknown' or self.detected and self.first == 'unknown'
+        return self.verdict == 'unknown' or self.detected and self.ranked[:1] == ['unknown']
 
     def right(self) -> bool:
         """Tell whether the verdict is what it should be."""
@@ -173,8 +173,10 @@ def score(labels: Mapping[str, Mapping[str, Any]], results: Mapping[str, Mapping
     misses = tuple(_miss(c) for c in cases if not c.right())
     swept = tuple((c.label['energy'], c.detected) for c in cases
                   if c.kind in ('single', 'outside'))
-    confusion = Counter((c.names[0] if c.kind == 'single' else 'unknown', c.first)
-                        for c in cases if c.kind in ('single', 'outside') and c.visible)
+    confusion = Counter(
+        (c.names[0], c.first) if c.kind == 'single' else
+        ('unknown', 'unknown' if c.says_unknown else c.first)
+        for c in cases if c.kind in ('single', 'outside') and c.visible)
     return Figures(rows, misses, len(cases) - len(misses), len(cases), swept, confusion,
                    tuple(_stated(cases)))
 
@@ -276,7 +278,8 @@ def _stated(cases: list[Answered]) -> Iterable[tuple[float, bool]]:
     for c in cases:
         if c.kind in ('single', 'outside') and c.visible and c.detected:
             truth = c.names[0] if c.kind == 'single' else 'unknown'
-            yield min(1.0, c.probability.get(c.first, 1.0)), c.first == truth
+            top = c.ranked[0] if c.ranked else c.verdict
+            yield min(1.0, c.probability.get(top, 1.0)), top == truth
 
 
 def calibration_error(stated: Iterable[tuple[float, bool]], bins: int = 10) -> float:
