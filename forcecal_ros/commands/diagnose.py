@@ -55,39 +55,51 @@ def answer(args: argparse.Namespace) -> Answer:
 
 def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any) -> Answer:
     """Replay the commands through the rig."""
+    from forcecal_ros.diagnose.advice import advice
     from forcecal_ros.diagnose.channels import CHANNELS
     from forcecal_ros.diagnose.pipeline import diagnose
     from forcecal_ros.diagnose.result import to_document
     from forcecal_ros.report.diagnosis import render
+    from forcecal_ros.report.diagnosis_view import view_of
     from forcecal_ros.sim.rig_file import dump_rig, load_rig
     from forcecal_ros.sim.simulator import waits_for_compiler
 
     say_if_compiling(waits_for_compiler(), 'the simulator')
-    outcome = diagnose(recording, heldout, load_rig(args.rig), args.accelerometer)
+    rig = load_rig(args.rig)
+    outcome = diagnose(recording, heldout, rig, args.accelerometer)
     answered = outcome.diagnosis.verdict != 'invalid_data'
     document = to_document(outcome.diagnosis, {c.name: c.unit for c in CHANNELS},
                            'rig_patched.yaml' if answered else None)
-    files = {'rig_patched.yaml': dump_rig(outcome.rig),
-             'report.html': render(outcome)} if answered else {}
+    files = {}
+    if answered:
+        view = view_of(outcome, advice(outcome.diagnosis, rig))
+        files = {'rig_patched.yaml': dump_rig(outcome.rig), 'report.html': render(view)}
     return _written(args, recording, outcome.diagnosis, document, files)
 
 
 def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any) -> Answer:
     """Compare the wrench with the measured motion."""
     from forcecal_ros.calibration_file import dump, load
+    from forcecal_ros.diagnose.advice import advice
     from forcecal_ros.diagnose.motion.document import to_document
     from forcecal_ros.diagnose.motion.known import known_from_calibration, known_from_rig
     from forcecal_ros.diagnose.motion.pipeline import diagnose_motion, patched
+    from forcecal_ros.report.diagnosis import render
+    from forcecal_ros.report.diagnosis_view import view_of_motion
     from forcecal_ros.sim.rig_file import load_rig
 
     calibration = load(args.calibration) if args.calibration else None
+    rig = load_rig(args.rig)
     known = (known_from_calibration(calibration) if calibration
-             else known_from_rig(load_rig(args.rig), args.accelerometer))
+             else known_from_rig(rig, args.accelerometer))
     outcome = diagnose_motion(recording, heldout, known)
     files = {}
-    if calibration and outcome.arms:
-        files['calibration_patched.yaml'] = dump(patched(calibration, outcome.values))
-    document = to_document(outcome, 'calibration_patched.yaml' if files else None)
+    if outcome.arms:
+        files['report.html'] = render(view_of_motion(outcome, advice(outcome.diagnosis, rig)))
+        if calibration:
+            files['calibration_patched.yaml'] = dump(patched(calibration, outcome.values))
+    document = to_document(
+        outcome, 'calibration_patched.yaml' if calibration and outcome.arms else None)
     return _written(args, recording, outcome.diagnosis, document, files)
 
 

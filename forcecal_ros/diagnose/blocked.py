@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 class Blocked(Protocol):
     """A recording in blocks, of which each phase covers some."""
 
-    groups: NDArray[np.intp]
+    @property
+    def groups(self) -> NDArray[np.intp]:
+        """Say of each block whether it rests (0), moves (1) or is in contact (2)."""
 
     @property
     def times(self) -> Array:

@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from forcecal_ros.diagnose.blocked import Blocked
 from forcecal_ros.diagnose.case import Case
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.noise import Noise
@@ -188,7 +189,7 @@ def _ridge(gram: Array) -> Array:
     return np.asarray(vectors @ (turned / (values + best)) / scale)
 
 
-def cells(case: Case, noise: Noise, blocks: Array) -> list[Cell]:
+def cells(case: Blocked, noise: Noise, blocks: Array) -> list[Cell]:
     """
     Compare the energy of every channel, phase and octave with the noise at rest.
 
@@ -197,7 +198,7 @@ def cells(case: Case, noise: Noise, blocks: Array) -> list[Cell]:
 
     Parameters
     ----------
-    case : Case
+    case : Blocked
     noise : Noise
     blocks : ndarray, shape (n, 16)
 

@@ -3,19 +3,26 @@
 import base64
 from io import BytesIO
 
-from forcecal_ros.diagnose.pipeline import Outcome
 from forcecal_ros.report import diagnosis_figures as figures
+from forcecal_ros.report.diagnosis_view import View
 import jinja2
 from matplotlib.figure import Figure
 
+CAPTIONS = {
+    'Where': 'Excess of the recalibrated residual over the noise at rest, by stage and channel, '
+             'phase and octave. Grey: within the noise.',
+    'Signals': 'The channels where most has changed, on the recording that was judged.',
+    'Spectra': 'What is left in motion before and after the effects, against the noise at rest.',
+}
 
-def render(outcome: Outcome) -> str:
+
+def render(view: View) -> str:
     """
-    Return a diagnosis as a page: verdict first, then why, where, and how far.
+    Return a diagnosis as a page: verdict first, then where, which, how far and what next.
 
     Parameters
     ----------
-    outcome : Outcome
+    view : View
 
     Returns
     -------
@@ -25,18 +32,19 @@ def render(outcome: Outcome) -> str:
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader('forcecal_ros', 'report'), autoescape=True,
         trim_blocks=True, undefined=jinja2.StrictUndefined)
-    drawn = (('Where', figures.heat_map(outcome)), ('Signals', figures.overlays(outcome)),
-             ('Spectra', figures.spectra(outcome)))
-    d = outcome.diagnosis
-    effects = [(e.name, name, f'{p.value:.5g}', f'{p.std:.2g}', p.unit)
+    drawn = (('Where', figures.heat_map(view)), ('Signals', figures.overlays(view)),
+             ('Spectra', figures.spectra(view)))
+    d = view.diagnosis
+    effects = [(e.name, name, f'{p.value:.5g}', f'{p.std:.2g}', '' if p.unit == '1' else p.unit)
                for e in d.effects for name, p in e.parameters.items()]
     return environment.get_template('diagnosis.html.j2').render(
         title='Sim-to-real gap', verdict=d.verdict.replace('_', ' '), reason=d.reason,
         notes=d.notes, effects=effects, not_excited=d.not_excited, gap=d.gap,
-        candidates=[(name, f'{100.0 * p:.1f}') for name, p in d.candidates],
-        channels=[(name, *(f'{x:.4g}' for x in rms))
+        advice=view.advice, candidates=[(name, 100.0 * p) for name, p in d.candidates],
+        channels=[(name, view.units[name], *(f'{x:.3g}' for x in rms))
                   for name, rms in (d.gap.channels.items() if d.gap else ())],
-        figures=[(title, _png(figure)) for title, figure in drawn if figure is not None])
+        figures=[(title, CAPTIONS[title], _png(figure)) for title, figure in drawn
+                 if figure is not None])
 
 
 def _png(figure: Figure) -> str:

@@ -1,77 +1,108 @@
 """The pictures of a diagnosis: where the gap is, signals over each other, spectra."""
 
-from forcecal_ros.diagnose.channels import CHANNELS
-from forcecal_ros.diagnose.pipeline import Outcome
+from forcecal_ros.diagnose.channels import CHANNELS, STAGES
+from forcecal_ros.diagnose.remainder import BANDS, RATE
+from forcecal_ros.geometry import Array
+from forcecal_ros.report.diagnosis_view import View
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 import numpy as np
 from scipy import signal
 
-BEFORE, AFTER, NOISE = '#D55E00', '#0072B2', '#555555'
+MEASURED, BEFORE, AFTER, NOISE = '#222222', '#D55E00', '#0072B2', '#999999'
+
+SEEN = 4.0
+"""Sigmas from which a cell is coloured."""
+
+SHOWN = 4
+"""Channels that are drawn."""
+
+MOST_POINTS = 3000
+"""Points of a line; more than that cannot be seen."""
 
 
-def heat_map(outcome: Outcome) -> Figure | None:
-    """Draw the excess of every channel and phase, in noise RMS."""
-    places = outcome.diagnosis.where
-    if not places:
+def heat_map(view: View) -> Figure | None:
+    """Draw the excess of every channel, phase and octave over the noise, by stage."""
+    found = [c for c in view.cells if c.z > SEEN and c.excess > 0.05]
+    if not found:
         return None
-    channels = [c.name for c in CHANNELS if any(w.channel == c.name for w in places)]
-    phases = list(dict.fromkeys(w.phase for w in places))
-    table = np.full((len(channels), len(phases)), np.nan)
-    for w in places:
-        table[channels.index(w.channel), phases.index(w.phase)] = w.excess
-    figure = Figure(figsize=(8.0, 1.2 + 0.28 * len(channels)), layout='constrained')
+    there = {c.channel for c in view.cells}
+    rows = [i for stage in STAGES for i, c in enumerate(CHANNELS) if c.stage == stage
+            and i in there]
+    phases = list(dict.fromkeys(p.name for p in view.phases
+                                if any(c.phase == p.name for c in view.cells)))
+    bands = BANDS[:-1]
+    table = np.full((len(rows), len(phases) * len(bands)), np.nan)
+    for c in found:
+        column = phases.index(c.phase) * len(bands) + bands.index(c.band)
+        table[rows.index(c.channel), column] = c.excess
+    figure = Figure(figsize=(10.0, 1.4 + 0.27 * len(rows)), layout='constrained')
     axes = figure.subplots()
-    image = axes.imshow(table, aspect='auto', cmap='viridis')
-    axes.set_xticks(range(len(phases)), phases)
-    axes.set_yticks(range(len(channels)), channels)
+    axes.set_facecolor('#f2f2f2')
+    image = axes.imshow(table, aspect='auto', cmap='viridis', interpolation='none',
+                        norm=LogNorm(0.05, max(1.0, float(np.nanmax(table)))))
+    for i in range(1, len(phases)):
+        axes.axvline(i * len(bands) - 0.5, color='white', linewidth=2)
+    axes.set_xticks([(i + 0.5) * len(bands) - 0.5 for i in range(len(phases))], phases)
+    axes.set_yticks(range(len(rows)), [f'{CHANNELS[i].stage}  {CHANNELS[i].name}' for i in rows],
+                    fontsize=8)
+    axes.set_xlabel(f'phase; within each, octaves from below {bands[0][1]:g} Hz to '
+                    f'{bands[-1][1]:g} Hz')
     figure.colorbar(image, label='excess [noise RMS]')
     return figure
 
 
-def _strongest(outcome: Outcome, count: int) -> list[int]:
-    """Name the channels where most has changed or, where nothing has, the first ones."""
-    index = {c.name: i for i, c in enumerate(CHANNELS)}
-    listed = list(dict.fromkeys(index[w.channel] for w in outcome.diagnosis.where))
-    assert outcome.noise is not None
-    listed += [i for i in range(len(CHANNELS)) if outcome.noise[i] > 0.0 and i not in listed]
-    return listed[:count]
-
-
-def overlays(outcome: Outcome) -> Figure | None:
-    """Draw the residual of the strongest channels before and after, over time."""
-    if not outcome.cases or outcome.noise is None:
-        return None
-    case, before, after = outcome.cases[-1], outcome.recalibrated[-1], outcome.explained[-1]
-    chosen = _strongest(outcome, 3)
-    figure = Figure(figsize=(8.0, 2.0 * len(chosen)), layout='constrained')
-    axes = np.atleast_1d(figure.subplots(len(chosen), 1, sharex=True))
-    for ax, c in zip(axes, chosen):
-        ax.plot(case.times, before[:, c], color=BEFORE, linewidth=0.6, label='recalibrated')
-        ax.plot(case.times, after[:, c], color=AFTER, linewidth=0.6, label='explained')
-        ax.set_ylabel(f'{CHANNELS[c].name} [{CHANNELS[c].unit}]')
-    axes[0].set_title('measured less simulated')
-    axes[0].legend(fontsize=7, ncols=2)
-    axes[-1].set_xlabel('time [s]')
+def overlays(view: View) -> Figure:
+    """Draw measured, nominal and explained signals over each other, and what is left of each."""
+    chosen = view.channels(SHOWN)
+    figure = Figure(figsize=(10.0, 2.3 * len(chosen)), layout='constrained')
+    grid = np.atleast_2d(figure.subplots(len(chosen), 2, sharex=True))
+    thin = max(1, len(view.times) // MOST_POINTS)
+    t = view.times[::thin]
+    for (left, right), c in zip(grid, chosen):
+        name = CHANNELS[c].name
+        measured = view.measured[:, c]
+        for residual, color, label in ((None, MEASURED, 'measured'),
+                                       (view.nominal, BEFORE, 'nominal'),
+                                       (view.explained, AFTER, 'explained')):
+            line = measured if residual is None else measured - residual[:, c]
+            left.plot(t, line[::thin], color=color, linewidth=0.8, label=label)
+        for residual, color, label in ((view.recalibrated, BEFORE, 'recalibrated'),
+                                       (view.explained, AFTER, 'explained')):
+            line = np.where(view.present[:, c], residual[:, c], np.nan)
+            right.plot(t, line[::thin], color=color, linewidth=0.5, label=label)
+        left.set_ylabel(f'{name} [{view.units[name]}]')
+    grid[0, 0].set_title('signals')
+    grid[0, 1].set_title('measured less simulated')
+    for axes in grid[0]:
+        axes.legend(fontsize=7, ncols=3, loc='upper right')
+    for axes in grid[-1]:
+        axes.set_xlabel('time [s]')
     return figure
 
 
-def spectra(outcome: Outcome) -> Figure | None:
+def spectra(view: View) -> Figure:
     """Draw the residual's spectra before and after against those at rest."""
-    if not outcome.cases or outcome.noise is None:
-        return None
-    case, before, after = outcome.cases[-1], outcome.recalibrated[-1], outcome.explained[-1]
-    chosen = _strongest(outcome, 3)
-    figure = Figure(figsize=(8.0, 2.6), layout='constrained')
+    chosen = view.channels(SHOWN)
+    figure = Figure(figsize=(10.0, 2.8), layout='constrained')
     axes = np.atleast_1d(figure.subplots(1, len(chosen)))
-    rest = case.groups == 0
     for ax, c in zip(axes, chosen):
-        for rows, color, label in ((before[:, c], BEFORE, 'recalibrated'),
-                                   (after[:, c], AFTER, 'explained'),
-                                   (after[rest, c], NOISE, 'at rest')):
-            if len(rows) > 256:
-                f, power = signal.welch(rows, 250.0, nperseg=256)
-                ax.loglog(f[1:], power[1:], color=color, linewidth=1.0, label=label)
-        ax.set(title=CHANNELS[c].name, xlabel='frequency [Hz]')
+        there = view.present[:, c]
+        for rows, color, label in (
+                (view.recalibrated[there & (view.groups > 0), c], BEFORE, 'recalibrated'),
+                (view.explained[there & (view.groups > 0), c], AFTER, 'explained'),
+                (view.explained[there & (view.groups == 0), c], NOISE, 'at rest')):
+            if len(rows) > 64:
+                _spectrum(ax, rows, color, label)
+        name = CHANNELS[c].name
+        ax.set(xlabel='frequency [Hz]')
+        ax.set_title(f'{name} [({view.units[name]})²/Hz]', fontsize=9)
     axes[0].set_ylabel('power density')
     axes[0].legend(fontsize=7)
     return figure
+
+
+def _spectrum(axes: Axes, rows: Array, color: str, label: str) -> None:
+    f, power = signal.welch(rows, RATE, nperseg=min(256, len(rows)))
+    axes.loglog(f[1:], power[1:], color=color, linewidth=1.0, label=label)

@@ -1,0 +1,118 @@
+"""What to record next: the motion that tells two effects apart, or shows what none has shown."""
+
+from collections.abc import Iterator, Sequence
+
+from forcecal_ros.control.diagnosis_plan import diagnosis_plan
+from forcecal_ros.control.limits import Limits
+from forcecal_ros.control.motion import Pace
+from forcecal_ros.control.plan import prepare, Timing
+from forcecal_ros.control.poses import step_goal
+from forcecal_ros.control.preview import preview
+from forcecal_ros.diagnose.planning import poses_of, SETTLE
+from forcecal_ros.diagnose.result import Diagnosis
+from forcecal_ros.errors import ForcecalError
+from forcecal_ros.geometry import Array
+from forcecal_ros.samples import Phase, PoseStream, Recording
+from forcecal_ros.sim.effects import EFFECTS, with_effects
+from forcecal_ros.sim.offline import simulate
+from forcecal_ros.sim.rig import Rig
+import numpy as np
+
+STREAMS = ('wrench', 'accelerometer', 'optidrive')
+
+
+def advice(diagnosis: Diagnosis, rig: Rig) -> tuple[str, ...]:
+    """
+    Say what to record next.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    rig : Rig
+        As given, without what was found.
+
+    Returns
+    -------
+    tuple of str
+        One sentence each.
+    """
+    return (*_to_tell_apart(diagnosis, rig), *_to_show(diagnosis.not_excited))
+
+
+def _to_show(names: Sequence[str]) -> Iterator[str]:
+    by_phases: dict[tuple[str, ...], list[str]] = {}
+    for name in names:
+        if name in EFFECTS:
+            by_phases.setdefault(EFFECTS[name].excited_by, []).append(name)
+    for phases, group in by_phases.items():
+        yield f'To see {", ".join(group)}: record {" or ".join(phases)}.'
+
+
+def _to_tell_apart(diagnosis: Diagnosis, rig: Rig) -> Iterator[str]:
+    if diagnosis.verdict != 'ambiguous':
+        return
+    named = [e.name for e in diagnosis.effects if e.name in EFFECTS]
+    rivals = [n for n, _ in diagnosis.candidates if n in EFFECTS and n not in named]
+    for one in named[:1]:
+        for other in rivals[:2]:
+            try:
+                ranked = separating(rig, one, other)
+            except ForcecalError:
+                continue
+            words = ', then '.join(f'{name} ({energy:.2g})' for name, energy in ranked[:3])
+            yield (f'To tell {one} from {other}: {words}; in brackets the energy over the noise '
+                   'by which they would differ at typical sizes.')
+
+
+def separating(rig: Rig, one: str, other: str) -> list[tuple[str, float]]:
+    """
+    Rank the motions of the planned sequence by how far apart two effects come in them.
+
+    Parameters
+    ----------
+    rig : Rig
+    one, other : str
+        Effects, taken at their typical sizes.
+
+    Returns
+    -------
+    list of (str, float)
+        Phase and whitened energy of what the one does beyond the other's best imitation, best
+        first.
+    """
+    target, phases = _planned(rig)
+    sound = simulate(rig, target, noise=False)
+    deltas = [_difference(simulate(_with(rig, name), target, noise=False), sound, rig)
+              for name in (one, other)]
+    overlap = sum(float(a.ravel() @ b.ravel()) for a, b in zip(*(d.values() for d in deltas)))
+    size = sum(float(np.sum(b ** 2)) for b in deltas[1].values())
+    share = overlap / size if size > 0.0 else 0.0
+    energy: dict[str, float] = {}
+    for role, a in deltas[0].items():
+        t = getattr(sound, role).t
+        rest = np.sum((a - share * deltas[1][role]) ** 2, axis=1)
+        for phase in phases:
+            rows = (t >= phase.start) & (t < phase.end)
+            energy[phase.name] = energy.get(phase.name, 0.0) + float(rest[rows].sum())
+    return sorted(energy.items(), key=lambda pair: -pair[1])
+
+
+def _planned(rig: Rig) -> tuple[PoseStream, tuple[Phase, ...]]:
+    poses, timing = poses_of(rig), Timing()
+    home = next(iter(poses.values()))
+    segments = diagnosis_plan(poses, step_goal(home, timing.contact_distance), timing)
+    parts = prepare(segments, home, Pace(), Limits(tip=np.array(rig.tool.tip)))
+    return preview(parts, 1.0 / rig.robot.period, SETTLE)
+
+
+def _with(rig: Rig, name: str) -> Rig:
+    return with_effects(rig, {name: {q.name: q.typical for q in EFFECTS[name].parameters}})
+
+
+def _difference(changed: Recording, sound: Recording, rig: Rig) -> dict[str, Array]:
+    """Return what an effect does to each sensor, in its noise."""
+    force, torque = rig.wrench_sensor.force_noise, rig.wrench_sensor.torque_noise
+    noise = {'wrench': np.repeat([force, torque], 3), 'accelerometer': rig.accelerometer.noise,
+             'optidrive': rig.optidrive.noise if rig.optidrive else 1.0}
+    return {role: (getattr(changed, role).values - getattr(sound, role).values) / noise[role]
+            for role in STREAMS if getattr(sound, role) is not None}

@@ -1,0 +1,124 @@
+"""What the report of a diagnosis shows, whether commands or measured motion explain the data."""
+
+from dataclasses import dataclass
+
+from forcecal_ros.diagnose.blocked import Blocked
+from forcecal_ros.diagnose.channels import CHANNELS
+from forcecal_ros.diagnose.motion.document import UNITS
+from forcecal_ros.diagnose.motion.pipeline import MotionOutcome
+from forcecal_ros.diagnose.noise import fit_noise
+from forcecal_ros.diagnose.pipeline import Outcome
+from forcecal_ros.diagnose.remainder import Cell, cells
+from forcecal_ros.diagnose.replay import Signals
+from forcecal_ros.diagnose.result import Diagnosis
+from forcecal_ros.geometry import Array
+from forcecal_ros.samples import Phase
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class View:
+    """
+    A diagnosis and the signals of the recording it was judged on, in block means.
+
+    Attributes
+    ----------
+    diagnosis : Diagnosis
+    advice : tuple of str
+        What to record next.
+    units : dict of str to str
+        Of the channels.
+    times : ndarray, shape (n,)
+    phases : tuple of Phase
+    groups : ndarray of int, shape (n,)
+        0 at rest.
+    present : ndarray of bool, shape (n, 16)
+    measured : ndarray, shape (n, 16)
+    nominal, recalibrated, explained : ndarray, shape (n, 16)
+        Measured less simulated.
+    cells : tuple of Cell
+        Excess of the recalibrated residual.
+    """
+
+    diagnosis: Diagnosis
+    advice: tuple[str, ...]
+    units: dict[str, str]
+    times: Array
+    phases: tuple[Phase, ...]
+    groups: NDArray[np.intp]
+    present: NDArray[np.bool_]
+    measured: Array
+    nominal: Array
+    recalibrated: Array
+    explained: Array
+    cells: tuple[Cell, ...]
+
+    def channels(self, count: int) -> list[int]:
+        """Name the channels where most has changed or, where nothing has, the first ones."""
+        index = {c.name: i for i, c in enumerate(CHANNELS)}
+        listed = list(dict.fromkeys(index[w.channel] for w in self.diagnosis.where))
+        listed += [i for i in range(len(CHANNELS))
+                   if self.present[:, i].mean() > 0.5 and i not in listed]
+        return listed[:count]
+
+
+def view_of(outcome: Outcome, advice: tuple[str, ...]) -> View:
+    """
+    Show a diagnosis by commands.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        With cases.
+    advice : tuple of str
+
+    Returns
+    -------
+    View
+    """
+    case = outcome.cases[-1]
+    present = case.measured.present
+    nominal = case.measured.blocks(case.nominal)
+    measured = np.where(present, _means(case.nominal, len(case.groups)) + nominal, np.nan)
+    return View(outcome.diagnosis, advice, {c.name: c.unit for c in CHANNELS}, case.times,
+                case.phases, case.groups, present, measured, nominal, outcome.recalibrated[-1],
+                outcome.explained[-1],
+                _cells(case, present, outcome.recalibrated[-1], outcome.explained[-1]))
+
+
+def view_of_motion(outcome: MotionOutcome, advice: tuple[str, ...]) -> View:
+    """
+    Show a diagnosis by measured motion.
+
+    Parameters
+    ----------
+    outcome : MotionOutcome
+        With arms.
+    advice : tuple of str
+
+    Returns
+    -------
+    View
+    """
+    assert outcome.arms is not None
+    arms = outcome.arms
+    case = arms.cases[-1]
+    measured = np.where(case.present, case.measured, np.nan)
+    return View(outcome.diagnosis, advice, UNITS, case.times, case.phases, case.groups,
+                case.present, measured, arms.nominal[-1], arms.recalibrated[-1],
+                arms.explained[-1],
+                _cells(case, case.present, arms.recalibrated[-1], arms.explained[-1]))
+
+
+def _cells(case: Blocked, present: NDArray[np.bool_], before: Array, after: Array
+           ) -> tuple[Cell, ...]:
+    noise = fit_noise(after, present, case.groups)
+    return tuple(cells(case, noise, before))
+
+
+def _means(s: Signals, n: int) -> Array:
+    """Block means of what noise-free sensors say; turns, which are differences, as zero."""
+    rows = np.concatenate([s.wrench, s.volts, s.optidrive[:, np.newaxis], s.position], axis=1)
+    blocks = rows.reshape(n, -1, rows.shape[1]).mean(axis=1)
+    return np.concatenate([blocks, np.zeros((n, 3))], axis=1)
