@@ -32,7 +32,8 @@ def table(labels: Mapping[str, Mapping[str, Any]], folder: Path) -> str:
 
     def located(one: str) -> bool:
         best = {name: max(row.values()) for name, row in labels[one]['cells'].items()}
-        return best.get(judged[one]['rmse']['channel'], 0.0) >= 0.5 * max(best.values())
+        return bool(
+            best.get(judged[one]['rmse']['channel'], 0.0) >= 0.5 * max(best.values()))
 
     lines = ['', '### Baselines on the same cases', '',
              '| method | false alarms | right effect or an alias first | right channel |',
