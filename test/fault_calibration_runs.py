@@ -17,7 +17,7 @@ from forcecal_ros.sim.chosen import chosen_effects
 from forcecal_ros.sim.faults import in_recording
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'benchmark'))
+sys.path.append(str(Path(__file__).resolve().parents[1] / 'benchmark'))
 from identification_coverage import draw, errors  # noqa: E402
 
 WORST = 5.0
