@@ -23,7 +23,10 @@ def render(figures: Figures, plan: Mapping[str, Any], run: Mapping[str, Any],
         f'Master `{opened["master"]}` (SHA-256 published before: {plan["master_sha256"][:16]}); '
         + ', '.join(f'`{name}` {value}' for name, value in plan['outside_sha256'].items())
         + '.', '',
-        f'Verdicts right: {figures.right} of {figures.total}.', '',
+        f'Verdicts right: {figures.right} of {figures.total}. Right is: no gap where no effect '
+        'is or none is visible (energy < 50), `not_excited` where too little moves, unknown '
+        'where the library lacks it, else exactly the effects there are (one of an ambiguous '
+        'set for single ones).', '',
         '| figure | target | here | 95 % interval | cases | |', '|---|---|---|---|---|---|',
         *(_row(row) for row in figures.rows), '', '### Misses', '']
     lines += [f'- `{miss.identity}` {miss.kind}, {miss.truth}: {miss.answer}. {miss.why}.'

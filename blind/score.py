@@ -138,8 +138,9 @@ class Answered:
 
     def right(self) -> bool:
         """Tell whether the verdict is what it should be."""
-        if self.kind == 'lazy':
-            return self.verdict == 'not_excited'
+        if self.kind == 'lazy':  # losses and the like show without motion
+            return self.verdict == 'not_excited' or bool(self.names) and (
+                self.effects == self.names)
         if self.kind == 'none' or not self.visible and self.verdict == 'no_gap':
             return self.verdict == 'no_gap'
         if self.kind == 'outside':
@@ -296,7 +297,7 @@ def calibration_error(stated: Iterable[tuple[float, bool]], bins: int = 10) -> f
 
 def _others(cases: list[Answered]) -> list[Rate | Value]:
     stated = list(_stated(cases))
-    lazy = [c for c in cases if c.kind == 'lazy']
+    lazy = [c for c in cases if c.kind == 'lazy' and not (c.names and c.effects == c.names)]
     return [
         _value('expected calibration error', '<= 0.05', stated, calibration_error, most=0.05),
         _rate('too little motion recognised', '', (c.verdict == 'not_excited' for c in lazy)),
