@@ -1,0 +1,71 @@
+"""``forcecal identify-robot``: models of robot and tool from a recording."""
+
+import argparse
+from typing import Any, TYPE_CHECKING
+
+from forcecal_ros.commands.common import new_parser, topic_names
+from forcecal_ros.commands.fleet import add_bags, Answer
+from forcecal_ros.commands.fleet import run as run_each
+
+if TYPE_CHECKING:
+    from forcecal_ros.plant.identify import PlantFit
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(
+        subparsers, 'identify-robot',
+        summary='identify how the robot follows its commands and how the tool slides, for '
+                'impedance control',
+        example='forcecal identify-robot shaken_bag -o plant.yaml')
+    add_bags(parser)
+    parser.add_argument('-o', '--output', metavar='FILE', default='plant.yaml',
+                        help='models to write; a file that is there is kept as FILE~; of several '
+                             'BAGs, a folder for them')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    return run_each(args, answer, {'output': '.yaml'})
+
+
+def answer(args: argparse.Namespace) -> Answer:
+    """Identify from one recording."""
+    from forcecal_ros.bags import read_recording, require
+    from forcecal_ros.plant.identify import identify_plant
+    from forcecal_ros.plant.plant_file import save_plant, to_document
+
+    recording = read_recording(
+        args.bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
+    require(recording, ['target', 'pose', 'wrench', 'optidrive'])
+    fit = identify_plant(recording)
+    save_plant(fit, args.output)
+    return Answer(to_document(fit), f'{as_text(fit)}\n\nwritten to {args.output}',
+                  f'robot of order {len(fit.robot.robot.feedback.value)}, fit '
+                  f'{100.0 * fit.robot.fit:.2f} %, written to {args.output}', recording.notes)
+
+
+def as_text(fit: 'PlantFit') -> str:
+    """Return the models as one table, and what tells how good they are."""
+    found, robot = fit.robot, fit.robot.robot
+    rows: list[tuple[str, str, float, float | None]] = [
+        ('period', 's', robot.period, None), ('delay', 'periods', robot.delay, None)]
+    for name, estimate in (('feedback', robot.feedback), ('feedforward', robot.feedforward)):
+        rows += [(f'{name} {i + 1}', '1', value, std)
+                 for i, (value, std) in enumerate(zip(estimate.value, estimate.std))]
+    rows += [(f'tool {name}', one.unit, float(one), float(one.std))
+             for name, one in vars(fit.slide.slide).items()]
+    lines = [f'{"":18} {"unit":8} {"value":>12} {"std":>10}']
+    lines += [f'{name:18} {unit:8} {value:12.6g} {"" if std is None else f"{std:10.2g}"}'.rstrip()
+              for name, unit, value, std in rows]
+    orders = ', '.join(f'{one.order}: {1e6 * one.error:.2f}' for one in found.orders)
+    lines += ['', f'held-out fit {100.0 * found.fit:.3f} %; held-out error by order [um]: '
+                  f'{orders}']
+    lines += [f'pole {_number(pair.pole)} and zero {_number(pair.zero)} nearly cancel: together '
+              f'at most {100.0 * pair.effect:.2g} % of the response' for pair in found.pairs]
+    return '\n'.join(lines)
+
+
+def _number(z: complex) -> str:
+    return f'{z.real:.4f}' if abs(z.imag) < 1e-9 else f'{z:.4f}'

@@ -1,0 +1,181 @@
+"""Output-error models of one order: what the command alone explains of the position."""
+
+from typing import NamedTuple
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array
+import numpy as np
+from scipy.signal import lfilter
+
+_WEIGHTED_ROUNDS = 20
+_NEWTON_ROUNDS = 30
+_STEPS = tuple(0.5**i for i in range(7))
+_CONVERGED = 1e-9
+"""Relative change of the squared error below which a search ends."""
+
+_NEGLIGIBLE = 1e-13
+"""Relative size of directions that the data does not tell."""
+
+
+class OutputError(NamedTuple):
+    """
+    y_k = sum_i feedback_i y_(k-i) + sum_i feedforward_i r_(k-delay-i+1), plus an offset.
+
+    Attributes
+    ----------
+    delay : int
+        [periods]
+    feedback, feedforward : ndarray, shape (n,)
+    offset : float
+        Of the measured position [m].
+    covariance : ndarray, shape (2 n, 2 n)
+        Of feedback and feedforward, in this order.
+    """
+
+    delay: int
+    feedback: Array
+    feedforward: Array
+    offset: float
+    covariance: Array
+
+    def predict(self, command: Array) -> Array:
+        """
+        Return the position that a command gives, from rest at 0.
+
+        Parameters
+        ----------
+        command : ndarray, shape (n,)
+            [m]
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            [m]
+        """
+        return _respond(self.feedback, self.feedforward, self.delay, command) + self.offset
+
+
+def fit_output_error(command: Array, position: Array, order: int, delay: int, used: slice
+                     ) -> OutputError:
+    """
+    Fit a model whose error is that of the measured position, [Gamez2005] Eq. 28.
+
+    Parameters
+    ----------
+    command, position : ndarray, shape (n,)
+        One sample a period, from rest at 0 [m].
+    order : int
+        Number of poles, and of numbers in the numerator.
+    delay : int
+        Periods from a command to the first position that it changes.
+    used : slice
+        Samples whose errors count.
+
+    Returns
+    -------
+    OutputError
+
+    Raises
+    ------
+    DataError
+        No stable model of this order fits.
+    """
+    theta = _weighted_least_squares(command, position, order, delay, used)
+    theta, jacobian, residual = _gauss_newton(theta, command, position, order, delay, used)
+    degrees = max(1, len(residual) - len(theta))
+    scale = np.linalg.norm(jacobian, axis=0)
+    inverse = np.linalg.pinv(jacobian / scale)
+    covariance = inverse @ inverse.T / np.outer(scale, scale) * (residual @ residual / degrees)
+    return OutputError(delay, theta[:order], theta[order:-1], float(theta[-1]),
+                       covariance[:-1, :-1])
+
+
+def _respond(feedback: Array, feedforward: Array, delay: int, command: Array) -> Array:
+    above = np.append(np.zeros(delay), feedforward)
+    return np.asarray(lfilter(above, np.append(1.0, -feedback), command))
+
+
+def _delayed(signal: Array, first: int, count: int) -> Array:
+    """Return columns of the signal delayed by first, first + 1, ... samples."""
+    return np.stack([np.append(np.zeros(k), signal[:len(signal) - k])
+                     for k in range(first, first + count)], axis=1)
+
+
+def _weighted_least_squares(command: Array, position: Array, order: int, delay: int,
+                            used: slice) -> Array:
+    """Start: least squares of the equation error, filtered by the denominator found before."""
+    feedback, theta, best = np.zeros(order), np.zeros(2 * order + 1), np.inf
+    for _ in range(_WEIGHTED_ROUNDS):
+        below = np.append(1.0, -feedback)
+        y, r, one = (lfilter([1.0], below, signal)
+                     for signal in (position, command, np.ones(len(position))))
+        columns = np.column_stack([_delayed(y, 1, order), _delayed(r, delay, order), one])
+        found = _solved(columns[used], y[used])
+        feedback = _stabilised(found[:order])
+        found[-1] /= 1.0 - feedback.sum()
+        found[:order] = feedback
+        cost = float(np.linalg.norm(_residual(found, command, position, order, delay)[used]))
+        change, worst = best - cost, best
+        if cost < best:
+            theta, best = found, cost
+        if np.isfinite(worst) and abs(change) <= _CONVERGED * worst:
+            break
+    return theta
+
+
+def _solved(columns: Array, values: Array) -> Array:
+    """Least squares of tall columns, scaled to the same length."""
+    size = np.linalg.norm(columns, axis=0)
+    reduced = np.linalg.qr(np.column_stack([columns / size, values]), mode='r')
+    solution = np.linalg.lstsq(reduced[:, :-1], reduced[:, -1], rcond=_NEGLIGIBLE)[0]
+    return np.asarray(solution / size)
+
+
+def _stabilised(feedback: Array) -> Array:
+    """Mirror poles outside the unit circle into it."""
+    poles = np.roots(np.append(1.0, -feedback))
+    size = np.abs(poles)
+    if (size < 1.0).all():
+        return feedback
+    size = np.maximum(size, 1e-12)
+    mirrored = np.where(size >= 1.0, poles / size * np.minimum(1.0 / size, 0.999), poles)
+    return np.asarray(-np.real(np.poly(mirrored))[1:])
+
+
+def _residual(theta: Array, command: Array, position: Array, order: int, delay: int) -> Array:
+    explained = theta[-1] + _respond(theta[:order], theta[order:-1], delay, command)
+    return np.asarray(position - explained)
+
+
+def _gauss_newton(theta: Array, command: Array, position: Array, order: int, delay: int,
+                  used: slice) -> tuple[Array, Array, Array]:
+    """Return the best parameters, and jacobian of the model and residual there."""
+    residual = _residual(theta, command, position, order, delay)[used]
+    if not np.isfinite(residual).all():
+        raise DataError(f'no stable model of order {order} fits; move more')
+    for _ in range(_NEWTON_ROUNDS):
+        jacobian = _jacobian(theta, command, order, delay)[used]
+        change = _solved(jacobian, residual)
+        cost = float(residual @ residual)
+        for step in _STEPS:
+            trial = theta + step * change
+            new = _residual(trial, command, position, order, delay)[used]
+            if _is_stable(trial[:order]) and new @ new < cost:
+                theta, residual = trial, new
+                break
+        if cost - residual @ residual <= _CONVERGED * cost:
+            break
+    return theta, _jacobian(theta, command, order, delay)[used], residual
+
+
+def _is_stable(feedback: Array) -> bool:
+    return bool((np.abs(np.roots(np.append(1.0, -feedback))) < 1.0).all())
+
+
+def _jacobian(theta: Array, command: Array, order: int, delay: int) -> Array:
+    """Return what the parameters do to the prediction, one column each."""
+    below = np.append(1.0, -theta[:order])
+    r = lfilter([1.0], below, command)
+    y = lfilter([1.0], below, _respond(theta[:order], theta[order:-1], delay, command))
+    return np.column_stack([_delayed(y, 1, order), _delayed(r, delay, order),
+                            np.ones(len(command))])
