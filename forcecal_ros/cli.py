@@ -15,6 +15,7 @@ COMMANDS = {
     'estimate': 'estimate',
     'export': 'export',
     'simulate': 'simulate',
+    'identify-robot': 'identify_robot',
     'diagnose': 'diagnose',
     'plan': 'plan',
     'insitu': 'insitu',
