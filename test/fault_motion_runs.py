@@ -149,7 +149,7 @@ class Bench:
             'sequencer', name, remap, timing__measure=0.4, timing__ring=0.25, settle__window=0.1,
             timing__approach=1.0, timing__contact=0.6, poses__names='[v, tilt]',
             poses__values=quick_poses(), limits__workspace_max=LIMITS.workspace_max.tolist(),
-            watch__lost_timeout=0.6, use_sim_time=str(self.clock).lower())
+            watch__lost_timeout=0.6, watch__most_pauses=5, use_sim_time=str(self.clock).lower())
 
     def _begin(self, phase):
         """Reach the phase; a machine that is too busy for healthy sensors gets more chances."""

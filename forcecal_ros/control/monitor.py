@@ -73,7 +73,7 @@ class WatchSettings:
     """
 
     pause_timeout: float = 0.04
-    most_pauses: int = 5
+    most_pauses: int = 20
     lost_timeout: float = 1.0
     frozen_timeout: float = 0.035
     max_age: float = 0.25
