@@ -22,6 +22,8 @@ COMMANDS = {
     'gravity': 'gravity',
     'impedance': 'impedance',
     'import': 'import_csv',
+    'record': 'record',
+    'play': 'play',
 }
 """Word on the command line -> module in ``forcecal_ros.commands``."""
 

@@ -20,7 +20,7 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.errors import WriterError
 from rosbags.typesys import get_typestore, Stores
 
@@ -49,13 +49,16 @@ class BagWriter:
         Folder of the recording.
     storage : str
         ``mcap`` or ``sqlite3``.
+    compressed : bool
+        By Zstandard, inside the file; mcap only.
     """
 
-    def __init__(self, path: Path | str, storage: str = 'mcap') -> None:
+    def __init__(self, path: Path | str, storage: str = 'mcap', compressed: bool = False) -> None:
         if storage not in STORAGES:
             raise ConfigError(f'storage {storage!r} is not known; use {" or ".join(STORAGES)}')
         self.path = Path(path)
         self._storage = STORAGES[storage]
+        self._compressed = compressed and storage == 'mcap'
         self._connections: dict[str, Connection] = {}
         self._stack = ExitStack()
         self._writer: Writer
@@ -63,8 +66,10 @@ class BagWriter:
     def __enter__(self) -> 'BagWriter':
         with ExitStack() as stack, self._blamed():
             folder = stack.enter_context(new_directory(self.path))
-            self._writer = stack.enter_context(
-                Writer(folder, version=9, storage_plugin=self._storage))
+            self._writer = Writer(folder, version=9, storage_plugin=self._storage)
+            if self._compressed:
+                self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+            stack.enter_context(self._writer)
             self._stack = stack.pop_all()
         return self
 

@@ -1,0 +1,67 @@
+"""``forcecal record``: live topics to a recording."""
+
+import argparse
+from typing import Any
+
+from forcecal_ros.commands.common import add_json, new_parser, print_json, say, warn
+
+LOOK = 0.2
+"""How often new topics are looked for [s]."""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(
+        subparsers, 'record',
+        summary='record live topics; Ctrl-C or --duration ends it',
+        example='forcecal record -o my_bag --duration 60 /joint_states')
+    parser.add_argument('topics', metavar='TOPIC', nargs='*',
+                        help="recorded besides this package's own, which are taken in any "
+                             'namespace')
+    parser.add_argument('-o', '--output', metavar='BAG', required=True,
+                        help='recording to write; one that is there is kept as BAG~')
+    parser.add_argument('--all', action='store_true', help='record every topic there is')
+    parser.add_argument('--only', action='store_true', help='record the named topics alone')
+    parser.add_argument('--duration', metavar='S', type=float, help='end after so long')
+    parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap',
+                        help='how the recording is stored')
+    parser.add_argument('--no-compression', action='store_true',
+                        help='mcap without Zstandard inside')
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    import time
+
+    from forcecal_ros.bags import BagWriter
+    from forcecal_ros.errors import DataError
+    from forcecal_ros.nodes.recording import of_this_package, StreamRecorder
+    from forcecal_ros.nodes.session import session
+    from tqdm import tqdm
+
+    names = {f'/{name.lstrip("/")}' for name in args.topics}
+    with (session('record') as ros,
+          BagWriter(args.output, args.storage, not args.no_compression) as writer,
+          tqdm(unit=' messages', disable=None, leave=False) as bar):
+        recorder = StreamRecorder(ros.node, writer, lambda name, msgtype: (
+            args.all or name in names or not args.only and of_this_package(name, msgtype)))
+        end = time.monotonic() + args.duration if args.duration is not None else None
+        while not ros.interrupted and (end is None or time.monotonic() < end):
+            recorder.look()
+            ros.spin(LOOK if end is None else max(min(LOOK, end - time.monotonic()), 0.001))
+            bar.update(recorder.counts.total() - bar.n)
+        if not recorder.counts:
+            raise DataError('nothing was heard on any topic of interest; name others as TOPIC, '
+                            'or check that ROS_DOMAIN_ID is that of the robot')
+    for msgtype in sorted(recorder.unknown):
+        warn(f'not recorded: messages of type {msgtype}, whose package is not installed')
+    for name in recorder.missing(names):
+        warn(f'{name}: nothing was heard')
+    if args.json:
+        print_json({'output': args.output, 'messages': dict(recorder.counts)})
+    else:
+        say(f'{args.output}: ' + ', '.join(
+            f'{count} {name}' for name, count in sorted(recorder.counts.items())))
+    return 0

@@ -1,0 +1,119 @@
+"""A recording published again, with the time it was recorded at on /clock."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+import time
+
+from forcecal_ros.bags import Raw
+from forcecal_ros.nodes.recorder import message_class
+from forcecal_ros.nodes.runtime import SECOND
+from forcecal_ros.nodes.session import Session
+from forcecal_ros.topics import ROLES, Topic
+from rclpy.duration import Duration
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+
+LATCHED_NAMES = ('tf_static', 'robot_description',
+                 *(role.topic for role in ROLES.values() if role.latched))
+DEPTH = 1000
+SHORTEST_WAIT, LONGEST_WAIT = 0.0005, 0.02
+"""Between two looks at what is due [s]; a signal may have to wait for the longer."""
+
+
+class Player:
+    """
+    Publishes the messages of a recording when they are due.
+
+    Parameters
+    ----------
+    session : Session
+    rate : float
+        Recorded seconds a second.
+    clock_rate : float
+        How often /clock tells the recorded time [Hz]; 0: it does not.
+    renamed : callable
+        Name of a recorded topic -> name it is published under.
+
+    Attributes
+    ----------
+    counts : Counter
+        Messages published, by topic.
+    unknown : set of str
+        Types whose package is not installed.
+    """
+
+    def __init__(self, session: Session, rate: float, clock_rate: float,
+                 renamed: Callable[[str], str]) -> None:
+        self._session, self._rate, self._renamed = session, rate, renamed
+        self._publishers: dict[Topic, Publisher | None] = {}
+        self._tick = SECOND / clock_rate if clock_rate else 0.0
+        self._clock = session.node.create_publisher(Clock, '/clock', 10) if clock_rate else None
+        self.counts: Counter[str] = Counter()
+        self.unknown: set[str] = set()
+
+    def offer(self, topics: Iterable[Topic]) -> None:
+        """Announce topics, so that whoever wants them finds them before the first message."""
+        for topic in topics:
+            self._publishers[topic] = self._publisher(topic)
+
+    def play(self, messages: Iterable[Raw], each: Callable[[float], None]) -> None:
+        """
+        Publish until the messages or a signal end it.
+
+        Parameters
+        ----------
+        messages : iterable of Raw
+        each : callable
+            Told the recorded time since the first message now and then [s].
+        """
+        first = began = next_tick = 0
+        for message in messages:
+            if not first:
+                first, began, next_tick = message.log_ns, time.monotonic_ns(), message.log_ns
+            while True:
+                now = first + int((time.monotonic_ns() - began) * self._rate)
+                told = min(now, message.log_ns)  # on a busy computer messages may lag
+                if self._clock is not None and told >= next_tick:
+                    self._tell(told)
+                    next_tick = told + int(self._tick * self._rate)
+                    each((told - first) / SECOND)
+                if now >= message.log_ns or self._session.interrupted:
+                    break
+                self._wait(message.log_ns, next_tick, now)
+            if self._session.interrupted:
+                return
+            self._publish(message)
+
+    def finish(self, seconds: float) -> None:
+        """Wait until whoever listens reliably has everything, but not longer [s]."""
+        for publisher in self._publishers.values():
+            if publisher is not None:
+                publisher.wait_for_all_acked(Duration(seconds=seconds))
+
+    def _wait(self, due: int, next_tick: int, now: int) -> None:
+        until = min(due, next_tick) if self._clock is not None else due
+        time.sleep(min(max((until - now) / SECOND / self._rate, SHORTEST_WAIT), LONGEST_WAIT))
+
+    def _tell(self, now: int) -> None:
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = divmod(now, SECOND)
+        self._clock.publish(message)
+
+    def _publish(self, message: Raw) -> None:
+        publisher = self._publishers.get(message.topic)
+        if publisher is not None:
+            publisher.publish(message.data)
+            self.counts[publisher.topic_name] += 1
+
+    def _publisher(self, topic: Topic) -> Publisher | None:
+        try:
+            kind = message_class(topic.type)
+        except (ImportError, AttributeError, ValueError):
+            self.unknown.add(topic.type)
+            return None
+        latched = topic.name.endswith(tuple(f'/{name}' for name in LATCHED_NAMES))
+        return self._session.node.create_publisher(kind, self._renamed(topic.name), QoSProfile(
+            depth=1 if latched else DEPTH, reliability=ReliabilityPolicy.RELIABLE,
+            durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched
+                        else DurabilityPolicy.VOLATILE)))

@@ -1,0 +1,62 @@
+"""A node that lives as long as a command does: made, spun, and ended by a signal."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from forcecal_ros.nodes.runtime import Interrupt
+import rclpy
+from rclpy.executors import Executor
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+
+class Session:
+    """
+    A node and what turns it over.
+
+    Attributes
+    ----------
+    node : Node
+    """
+
+    def __init__(self, node: Node, executor: Executor, interrupt: Interrupt) -> None:
+        self.node = node
+        self._executor = executor
+        self._interrupt = interrupt
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether a signal asked to end."""
+        return self._interrupt.count > 0 or not rclpy.ok()
+
+    def spin(self, seconds: float) -> None:
+        """Answer whatever arrives within some time [s]."""
+        self._executor.spin_until_future_complete(Future(), timeout_sec=seconds)
+
+
+@contextmanager
+def session(name: str) -> Iterator[Session]:
+    """
+    Take part in ROS under a name, in the domain of the environment.
+
+    Yields
+    ------
+    Session
+    """
+    interrupt = Interrupt()
+    try:
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        node = rclpy.create_node(name)
+        executor = EventsExecutor()
+        executor.add_node(node)
+        interrupt.running = True
+        try:
+            yield Session(node, executor, interrupt)
+        finally:
+            executor.shutdown()
+            node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+        interrupt.restore()
