@@ -1,4 +1,4 @@
-"""Response, noise and cost of the contact-force observer; prints the table of the README.
+"""Response and noise of the contact-force observer; prints the table of the README.
 
     python benchmark/observer_response.py
 
@@ -10,20 +10,9 @@ from dataclasses import replace
 import os
 from pathlib import Path
 import sys
-import time
 
 from forcecal_ros.calibration import Calibration
-from forcecal_ros.observe import (
-    design,
-    on_accelerometer,
-    on_displacement,
-    on_pose,
-    on_wrench,
-    replay,
-    Settings,
-    State,
-)
-from forcecal_ros.observe.playback import events
+from forcecal_ros.observe import design, replay, Settings
 from forcecal_ros.samples import PoseStream, Recording, Stream
 from forcecal_ros.sim.rig_file import load_rig
 from forcecal_ros.sim.simulator import Simulator
@@ -143,51 +132,6 @@ def show(values: np.ndarray) -> str:
     return ', '.join(f'{x:.3f}' for x in values) + ' N'
 
 
-def cost() -> None:
-    """Least of several runs, in process time; each wrench with all that comes along with it."""
-    calls = {'wrench': on_wrench, 'accelerometer': on_accelerometer}
-    recording = record(5.0, SWING, seed=1)
-    model = design(calibration())
-    deserialise, extra = deserialisation(), {}
-    for name, left_out in (('wrench, accelerometer, pose', 'optidrive'),
-                           ('wrench, accelerometer, pose, displacement', 'target')):
-        sequence = list(events(replace(recording, **{left_out: None})))
-        best = np.inf
-        for _ in range(7):
-            state, start = State(), time.process_time()
-            for t, kind, values in sequence:
-                if kind == 'pose':
-                    state, _ = on_pose(state, t, values[:3], values[3:], model)
-                elif kind == 'displacement':
-                    state, _ = on_displacement(state, t, values[0], model)
-                else:
-                    state, _ = calls[kind](state, t, values, model)
-            best = min(best, (time.process_time() - start) / len(recording.wrench))
-        extra[name] = best
-    for name, best in extra.items():
-        row(f'step at 1 kHz: {name}', f'{1e6 * best:.1f} us a wrench', '')
-        if deserialise:
-            row('the same against deserialising one WrenchStamped',
-                f'{best / deserialise:.2f} (of {1e6 * deserialise:.1f} us)', '1')
-
-
-def deserialisation() -> float | None:
-    try:
-        from geometry_msgs.msg import WrenchStamped
-        from rclpy.serialization import deserialize_message, serialize_message
-    except ImportError:
-        return None
-    message = WrenchStamped()
-    message.header.frame_id = 'ft_sensor'
-    raw, best = serialize_message(message), np.inf
-    for _ in range(7):
-        start = time.process_time()
-        for _ in range(5000):
-            deserialize_message(raw, WrenchStamped)
-        best = min(best, (time.process_time() - start) / 5000)
-    return best
-
-
 def main() -> None:
     row('figure', 'measured', 'wanted')
     row('---', '---', '---')
@@ -195,7 +139,6 @@ def main() -> None:
     noise()
     free_oscillation()
     real_arm()
-    cost()
 
 
 if __name__ == '__main__':
