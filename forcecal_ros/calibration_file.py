@@ -25,6 +25,9 @@ from forcecal_ros.geometry import Array
 import numpy as np
 import yaml
 
+DAY = 86_400.0
+"""[s]"""
+
 _CHECKSUM = 'checksum: '
 
 _Shape = tuple[int, ...]
@@ -173,6 +176,34 @@ def load(path: Path | str) -> Calibration:
         raise ConfigError(f'{path}: not a text file; '
                           'name a file written by `forcecal calibrate`') from error
     return parse(text, str(path))
+
+
+def refuse_old(calibration: Calibration, longest: float, now: float, name: str) -> None:
+    """
+    Refuse a calibration whose recording is too old.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    longest, now : float
+        Allowed age, and the time it is counted to [s since the epoch].
+    name : str
+        File, for the message.
+
+    Raises
+    ------
+    ConfigError
+        It is older, or does not say how old it is.
+    """
+    recorded = calibration.source.get('recorded')
+    try:
+        age = now - datetime.fromisoformat(str(recorded)).timestamp()
+    except ValueError:
+        raise ConfigError(f'{name}: does not say when it was recorded, and calibration.max_age is '
+                          f'{longest / DAY:g} d; calibrate again') from None
+    if age > longest:
+        raise ConfigError(f'{name}: was recorded {age / DAY:.1f} d ago, calibration.max_age is '
+                          f'{longest / DAY:g} d; calibrate again')
 
 
 def parse(text: str, name: str = 'calibration') -> Calibration:

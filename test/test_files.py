@@ -10,7 +10,7 @@ import sys
 import time
 
 from forcecal_ros.calibration import Estimate
-from forcecal_ros.calibration_file import dump, load, parse, save
+from forcecal_ros.calibration_file import DAY, dump, load, parse, refuse_old, save
 from forcecal_ros.documents import load_yaml
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.files import backup_of, new_directory, write_text
@@ -204,3 +204,13 @@ def test_a_calibration_of_wrong_types_is_read_or_refused_in_one_line(key, value)
         parse(yaml.safe_dump(document), 'c.yaml')
     except ConfigError as error:
         assert '\n' not in str(error) and 'c.yaml' in str(error)
+
+
+def test_a_calibration_that_is_too_old_is_refused_with_its_age():
+    now = 1_700_000_000.0
+    dated = replace(NOMINAL, source={'recorded': '2023-11-10T22:13:20+00:00'})
+    refuse_old(dated, 5 * DAY, now, 'c.yaml')
+    with pytest.raises(ConfigError, match=r'c.yaml: was recorded 4.0 d ago, .* is 3 d'):
+        refuse_old(dated, 3 * DAY, now, 'c.yaml')
+    with pytest.raises(ConfigError, match='does not say when it was recorded'):
+        refuse_old(replace(NOMINAL, source={}), 3 * DAY, now, 'c.yaml')

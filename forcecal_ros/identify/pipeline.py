@@ -1,6 +1,7 @@
 """From a recording to a calibration: every step of the procedure in its order."""
 
 from dataclasses import replace
+from datetime import datetime, timezone
 
 from forcecal_ros.calibration import Calibration, Estimate, Noise, ObserverGain
 from forcecal_ros.errors import DataError, UnobservableError
@@ -85,8 +86,16 @@ def identify(recording: Recording, settings: Settings = Settings()) -> Calibrati
         gravity=settings.gravity,
         sensor_frame=require_wrench(recording).frame or 'ft_sensor',
         wrench_sign=settings.wrench_sign,
-        source={'recording': recording.source, **settings.source})
+        source={'recording': recording.source, **_recorded(recording), **settings.source})
     return replace(calibration, quality=quality_of(stages, calibration, settings))
+
+
+def _recorded(recording: Recording) -> dict[str, str]:
+    """Say when the recording began, where it says so."""
+    if not recording.start_ns > 0:
+        return {}
+    start = datetime.fromtimestamp(recording.start_ns // 10**9, timezone.utc)
+    return {'recorded': start.isoformat()}
 
 
 def _observer(stages: Stages, noise: Noise | None, settings: Settings) -> ObserverGain | None:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.calibration import Calibration
-from forcecal_ros.calibration_file import load, parse
+from forcecal_ros.calibration_file import DAY, load, parse, refuse_old
 from forcecal_ros.errors import ConfigError, DataError, ForcecalError
 from forcecal_ros.gravity.compensation import compensated, Compensation, compensation_of, rebiased
 from forcecal_ros.nodes.inbox import Inbox
@@ -17,7 +17,7 @@ from forcecal_ros.nodes.parameters import declare, guard
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, SECOND, STEADY
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
-from forcecal_ros.nodes.wire import JointReader, Reader, Writer
+from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Writer
 from forcecal_ros.observe import (
     ContactSample,
     describe,
@@ -68,6 +68,7 @@ class Observer(LifecycleNode):
         self._active = False
         self._accelerometer: Any = None
         self._heard: dict[str, int] = {}
+        self._frames: dict[str, str] = {}
         self._inbox = Inbox(self, polled=self._value('poll_rate') > 0)
         self._clear()
         guard(self, self._check_changes)
@@ -179,7 +180,11 @@ class Observer(LifecycleNode):
 
     def _load(self) -> None:
         path = Path(self._value('calibration.file')).expanduser()
-        self._take(Source(load(path), str(path)))
+        calibration = load(path)
+        if self._value('calibration.max_age') > 0:
+            refuse_old(calibration, self._value('calibration.max_age') * DAY,
+                       self.get_clock().now().nanoseconds * 1e-9, str(path))
+        self._take(Source(calibration, str(path)))
 
     def _on_calibration(self, message: String) -> None:
         self._text = message.data
@@ -278,6 +283,8 @@ class Observer(LifecycleNode):
             if sample is None:
                 return
             stamp_ns, values = sample
+            if topic not in self._heard:
+                self._frames[topic] = frame_of(raw)
             self._heard[topic] = STEADY.now().nanoseconds
             if self._origin is None:
                 self._origin = stamp_ns
@@ -398,8 +405,12 @@ class Observer(LifecycleNode):
             return 'error', 'wrench: nothing received'
         sentences = [f'{topic}: nothing received' for topic in silent]
         sentences += describe(self._status)
+        frame, calibrated = self._frames['wrench'], self._source.calibration.sensor_frame
+        if frame and frame != calibrated:
+            sentences.append(f'wrench is of {frame!r}, the calibration of {calibrated!r}: is it '
+                             'the same sensor?')
         grade = level(self._status)
-        if silent and grade == 'ok':
+        if len(sentences) > len(describe(self._status)) and grade == 'ok':
             grade = 'warn'
         return grade, '; '.join(sentences) or 'estimating'
 

@@ -25,6 +25,8 @@ PARAMETERS = (
               'lifecycle manager'),
     _live('calibration.file', '', 'calibration.yaml to load when configured; empty: wait for '
           'sequencer/calibration'),
+    _live('calibration.max_age', 0.0, 'A file whose recording is older is refused; 0: whatever '
+          'its age', 'd', 0.0, 36500.0),
     Parameter('calibration.follow', True, 'Take over every calibration that the sequencer '
               'publishes while running'),
     Parameter('accelerometer.source', 'auto', 'accelerometer/raw (volts), imu/data_raw or accel '
