@@ -84,4 +84,15 @@ def _flat(quality: Mapping[str, Any], prefix: str = '') -> Any:
         if isinstance(one, Mapping):
             yield from _flat(one, f'{prefix}{key}.')
         elif key != 'warnings':
-            yield f'{prefix}{key}', f'{one:.6g}' if isinstance(one, float) else str(one)
+            yield f'{prefix}{key}', _short(one)
+
+
+def _short(one: Any) -> str:
+    """Write a figure, or a list of them, in a few digits."""
+    if isinstance(one, float):
+        return f'{one:.4g}'
+    if isinstance(one, (list, tuple)):
+        return '[' + ', '.join(map(_short, one)) + ']'
+    if isinstance(one, Mapping):
+        return ', '.join(f'{key} {_short(item)}' for key, item in one.items())
+    return str(one)
