@@ -11,6 +11,15 @@ from rclpy.clock import Clock
 CLOCK_JUMP = 0.1
 """The clock of the stamps may depart from the steady one by that much in a sequence [s]."""
 
+UNEVEN = 3.0
+"""A /clock may pass so many times as fast as it did."""
+
+FORGETTING = 0.98
+"""The fastest that a /clock passed fades by this factor from look to look."""
+
+UNKNOWN = 1e3
+"""How fast a /clock may pass before it is known [s a second]."""
+
 STALL = 0.5
 """A motion whose commands ceased for longer is not resumed [s]."""
 
@@ -67,7 +76,7 @@ class Guard:
         now = self._clock.now().nanoseconds
         self._started = self._ticked = steady
         self._offset = now - steady
-        self._seen, self._advanced = now, steady
+        self._seen, self._advanced, self._rate = now, steady, UNKNOWN
         self._doubtful_since: int | None = None
         self.pauses, self.doubt = 0, ''
 
@@ -120,9 +129,13 @@ class Guard:
         """Return why to abort where the clock that drives the motion stands or jumps."""
         now = self._clock.now().nanoseconds
         if now != self._seen:
-            jumped = not 0 < now - self._seen < SECOND
+            step, elapsed = (now - self._seen) / SECOND, (steady - self._advanced) / SECOND
             self._seen, self._advanced = now, steady
-            return Fault('/clock jumped', at_once=True) if jumped else None
+            usual = CLOCK_JUMP + UNEVEN * self._rate * elapsed
+            self._rate = max(self._rate * FORGETTING, step / max(elapsed, 1e-3)) \
+                if self._rate < UNKNOWN else step / max(elapsed, 1e-3)
+            return None if 0 < step < usual else Fault(
+                f'/clock jumped by {step:.2f} s', at_once=True)
         if steady - self._advanced > self._sensors.monitor.settings.clock_timeout * SECOND:
             return Fault('/clock has stopped', at_once=True)
         return None
