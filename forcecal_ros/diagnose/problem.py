@@ -116,6 +116,13 @@ class Problem:
         train, _ = self.grams([[] for _ in self.cases])
         return fit(train, self.prior())
 
+    def standing(self) -> float:
+        """Log-likelihood of the training blocks, and prior, with everything as it is."""
+        prior, total = self.prior(), 0.0
+        for noise, case, blocks in zip(self.noise, self.cases, self.blocks):
+            total += gram(noise, [], blocks, [case.train])[0].square
+        return -0.5 * (total + float((prior.centre * prior.precision) @ prior.centre))
+
     def refit_noise(self, x: Array) -> None:
         """Fit the noise of what a step of the nuisances leaves."""
         self.noise = [

@@ -5,14 +5,23 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.channels import CHANNELS
+from forcecal_ros.diagnose.columns import gram
 from forcecal_ros.diagnose.hypotheses import bounds_of, Hypothesis, values_of
 from forcecal_ros.diagnose.memory import slow_gain
+from forcecal_ros.diagnose.noise import Noise
+from forcecal_ros.diagnose.nuisances import LIMIT
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.trial import Bench, Tangent, tangent, Trial
 from forcecal_ros.geometry import Array
 from forcecal_ros.sim.effects import EFFECTS
 import numpy as np
 from numpy.typing import NDArray
+
+NEAR = 3.0
+"""Log-odds within which a rival is fitted in full."""
+
+TRIES = 2
+"""Rivals that are, of each effect."""
 
 SIGNIFICANT = 0.01
 """Family-wise error of a round (Holm's first step)."""
@@ -59,6 +68,9 @@ CLOSE = 0.5
 
 ROUNDS = 3
 """Gauss-Newton steps of a joint refit."""
+
+FAR = 2.0
+"""Step of the nuisances, in spreads, after which their columns are taken anew."""
 
 SHORTEST = 0.02
 """Fraction of such a step below which it is given up."""
@@ -141,6 +153,11 @@ def ranked(bench: Bench, found: Sequence[Hypothesis], tested: int) -> list[Trial
     return sorted(out, key=lambda t: -weight[t.name])
 
 
+def tempered(trials: Sequence[Trial]) -> float:
+    """Temperature of log-likelihoods beside the energy that is at stake."""
+    return TEMPERATURE + MISMATCH * max((t.evidence for t in trials), default=0.0)
+
+
 def weights(trials: Sequence[Trial]) -> dict[str, float]:
     """
     Weigh hypotheses against the likeliest one.
@@ -158,7 +175,7 @@ def weights(trials: Sequence[Trial]) -> dict[str, float]:
         Log-odds; -inf where a hypothesis is impossible.
     """
     best = max((t.evidence for t in trials), default=0.0)
-    temperature = TEMPERATURE + MISMATCH * max(0.0, best)
+    temperature = tempered(trials)
     return {t.name: (t.evidence - best) / temperature - PARSIMONY * max(1, len(t.free))
             for t in trials}
 
@@ -221,8 +238,8 @@ def select(problem: Problem, found: Sequence[Hypothesis]) -> Selection:
         if best is None:
             break
     if len(accepted) > 1:
-        problem, accepted, tangents = _drop(problem, accepted, tangents)
-    problem, accepted, tangents, rivals = _exchange(problem, accepted, tangents, found)
+        problem, accepted, tangents = _drop(start, problem, accepted, tangents)
+    problem, accepted, tangents, rivals = _exchange(start, problem, accepted, tangents, found)
     return Selection(problem, tuple(accepted), tuple(tangents), rivals, first)
 
 
@@ -257,20 +274,22 @@ def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = N
         tangents = [_tangent(out, a) for a in now if len(a.theta)]
         out.refit_noise(np.zeros(m))
         bench = Bench(out, tangents)
-        before, fraction = out.fit_nuisances().log_evidence, 1.0
+        before, fraction = out.standing(), 1.0
         while fraction > SHORTEST:
             moved = _moved(now, tangents, bench, fraction)
             tried = replace(out, centre=out.centre + fraction * bench.null.x[:m],
                             effects=_effects(moved))
             tried.settle()
-            if not tangents or tried.fit_nuisances().log_evidence > before - 0.1:
+            if tried.standing() > before - 0.1:
                 out, now = tried, moved
                 break
             fraction *= 0.3
         step = np.abs(bench.null.x)
-        if fraction <= SHORTEST or not tangents \
-                or step[m:].max() < 1e-3 and step[:m].max(initial=0.0) < 0.1:
+        if fraction <= SHORTEST \
+                or step[m:].max(initial=0.0) < 1e-3 and step[:m].max(initial=0.0) < 0.1:
             break
+        if released and step[:m].max() > FAR:
+            out.linearise()
     out.refit_noise(np.zeros(m))
     return out, now, tangents
 
@@ -303,48 +322,66 @@ def _tangent(problem: Problem, a: Accepted) -> Tangent:
                    range(len(problem.cases)))
 
 
-def _without(problem: Problem, accepted: Sequence[Accepted], name: str) -> tuple[
-        Problem, list[Accepted], list[Tangent]]:
+def _without(start: Problem, problem: Problem, accepted: Sequence[Accepted], name: str
+             ) -> tuple[Problem, list[Accepted], list[Tangent]]:
     """Take one effect out; noise stays as it is, nuisances are fitted anew."""
     rest = [a for a in accepted if a.name != name]
+    if not rest:
+        return replace(start, noise=problem.noise), [], []
     released = frozenset(n for a in rest for n in a.released)
-    bound = np.array([np.inf if n.name in released else 3.0 for n in problem.nuisances])
+    bound = np.array([np.inf if n.name in released else LIMIT for n in problem.nuisances])
     out = replace(problem, released=released, effects=_effects(rest),
                   centre=np.clip(problem.centre, -bound, bound))
+    if released != problem.released:
+        out.linearise()
+    else:
+        out.settle()
+    out.centre = out.centre + out.fit_nuisances().x
     out.settle()
     return out, rest, [_tangent(out, a) for a in rest if len(a.theta)]
 
 
-def _drop(problem: Problem, accepted: list[Accepted], tangents: list[Tangent]) -> tuple[
-        Problem, list[Accepted], list[Tangent]]:
+def _misfit(problem: Problem, noise: list[Noise]) -> float:
+    """Whitened squares of what a problem leaves, on all blocks."""
+    return sum(gram(n, [], blocks, [np.ones(len(blocks), dtype=bool)])[0].square
+               for n, blocks in zip(noise, problem.blocks))
+
+
+def _drop(start: Problem, problem: Problem, accepted: list[Accepted],
+          tangents: list[Tangent]) -> tuple[Problem, list[Accepted], list[Tangent]]:
     for a in list(accepted):
         if len(accepted) == 1:
             break
         full = Bench(problem, tangents).null_predictive
-        less, rest, few = _without(problem, accepted, a.name)
+        less, rest, few = _without(start, problem, accepted, a.name)
         if Bench(less, few).null_predictive > full - LEAST_GAIN:
             problem, accepted, tangents = joint(less, rest)
     return problem, accepted, tangents
 
 
-def _exchange(problem: Problem, accepted: list[Accepted], tangents: list[Tangent],
-              found: Sequence[Hypothesis]) -> tuple[
+def _exchange(start: Problem, problem: Problem, accepted: list[Accepted],
+              tangents: list[Tangent], found: Sequence[Hypothesis]) -> tuple[
         Problem, list[Accepted], list[Tangent], dict[str, dict[str, float]]]:
     """Try every other effect in the place of each accepted one; keep what is better."""
     rivals: dict[str, dict[str, float]] = {}
     for a in list(accepted):
-        less, rest, few = _without(problem, accepted, a.name)
+        less, rest, few = _without(start, problem, accepted, a.name)
         taken = {b.name for b in rest}
         bench = Bench(less, few)
         trials = ranked(bench, [h for h in found if h.name not in taken], len(found))
         weight = weights(trials)
-        if trials and trials[0].name != a.name and acceptable(trials[0], len(found)):
-            best = trials[0]
-            problem, accepted, tangents = joint(
-                less, [*rest, Accepted.of(best)], best.nuisances)
-            a = accepted[-1]
+        own = weight[a.name]
+        near = [t for t in trials if t.name != a.name and acceptable(t, len(found))
+                and weight[t.name] > own - NEAR]
+        for t in near[:TRIES]:
+            other = joint(less, [*rest, Accepted.of(t)], t.nuisances)
+            lead = 0.5 * (_misfit(problem, problem.noise) - _misfit(other[0], problem.noise))
+            if lead > LEAST_GAIN and weight[t.name] > own:
+                problem, accepted, tangents = other
+                a, own = accepted[-1], weight[t.name]
+            else:
+                weight[t.name] = own + min(0.0, lead) / tempered(trials)
         now = {b.name for b in accepted}
-        own = weight.get(a.name, max(weight.values(), default=0.0))
         rivals[a.name] = {name: float(value - own) for name, value in weight.items()
                           if name not in now and np.isfinite(value)}
     return problem, accepted, tangents, rivals
