@@ -4,11 +4,14 @@ from dataclasses import replace
 
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.impedance.assess import assess, losses, settling_time
+from forcecal_ros.impedance.design import design
 from forcecal_ros.impedance.feedback import feedback_of
 from forcecal_ros.impedance.program import Program, Stage, Task
+from forcecal_ros.impedance.regulator import Regulator
 from forcecal_ros.impedance.rehearsal import rehearse
 from forcecal_ros.impedance.trial import run_trial
 from forcecal_ros.observe import replay, Settings
+from forcecal_ros.plant.plant_file import load_plant
 from forcecal_ros.sim.rig_file import load_rig
 from forcecal_ros.sim.simulator import Simulator
 from forcecal_ros.sim.truth import true_calibration
@@ -18,22 +21,7 @@ import pytest
 RIG = load_rig()
 SHORT = Task(swings=1, hold=0.4)
 PROGRAM = SHORT.program()
-
-
-class Admittance:
-    """A mass, damper and spring between reference and command; simple, and not the package's."""
-
-    mass, damping, stiffness, period = 13.0, 200.0, 1000.0, 0.004
-
-    def __init__(self):
-        self.x = self.v = 0.0
-
-    def __call__(self, reference, heard):
-        pull = self.stiffness * (reference.position - self.x)
-        drag = self.damping * (reference.velocity - self.v)
-        self.v += (heard.force + pull + drag) / self.mass * self.period
-        self.x += self.v * self.period
-        return self.x
+LAW = design(load_plant()).law
 
 
 @pytest.fixture(scope='module')
@@ -42,7 +30,7 @@ def calibration():
 
 
 def trial(calibration, source):
-    return run_trial(RIG, PROGRAM, feedback_of(source, calibration), Admittance(),
+    return run_trial(RIG, PROGRAM, feedback_of(source, calibration), Regulator(LAW),
                      accelerometer='acc1', seed=2)
 
 
@@ -98,6 +86,7 @@ def test_observer_takes_the_phantom_force_out_of_free_movement(trials):
     assert static.phantom_rms > 5.0
     assert kalman.phantom_rms < static.phantom_rms / 20
     assert kalman.strayed < static.strayed / 20
+    assert kalman.phantom_peak < static.phantom_peak / 20
 
 
 def test_observer_knows_the_force_in_contact(trials):

@@ -25,6 +25,18 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--accelerometer', choices=('acc1', 'acc2'),
                         help='only this one (default: both, one after the other)')
     parser.add_argument('--rig', metavar='RIG.yaml', help='rig file (default: the nominal rig)')
+    parser.add_argument('--plant', metavar='PLANT.yaml',
+                        help='models that forcecal identify-robot wrote (default: those of the '
+                             'nominal rig)')
+    parser.add_argument('--mass', type=float, default=13.0, metavar='KG',
+                        help='the tool shall give way to a force as this mass')
+    parser.add_argument('--damping', type=float, default=250.0, metavar='NS/M',
+                        help='with this damper')
+    parser.add_argument('--stiffness', type=float, default=1000.0, metavar='N/M',
+                        help='and this spring to its reference')
+    parser.add_argument('--latency', type=int, default=0, metavar='PERIODS',
+                        help="that a command takes beyond the robot's own delay; designed for, "
+                             'and simulated')
     parser.add_argument('--seed', type=int, default=0, help='of the sensor noise')
     add_json(parser)
     parser.set_defaults(run=run)
@@ -33,13 +45,17 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     from forcecal_ros.files import write_bytes, write_text
-    from forcecal_ros.impedance.admittance import Admittance, Wanted
+    from forcecal_ros.impedance.design import design
     from forcecal_ros.impedance.experiment import conduct
+    from forcecal_ros.impedance.settings import DesignSettings, Wanted
+    from forcecal_ros.plant.plant_file import load_plant
     from forcecal_ros.report.impedance import pictures, render, text
     from forcecal_ros.sim.rig_file import load_rig
     from forcecal_ros.sim.simulator import waits_for_compiler
     from tqdm import tqdm
 
+    designed = design(load_plant(args.plant), Wanted(args.mass, args.damping, args.stiffness),
+                      DesignSettings(latency=args.latency))
     say_if_compiling(waits_for_compiler(), 'the simulator')
     names = [args.accelerometer] if args.accelerometer else ['acc1', 'acc2']
     with tqdm(total=RUNS * len(names), unit=' runs', leave=False, disable=None) as bar:
@@ -47,9 +63,8 @@ def run(args: argparse.Namespace) -> int:
             bar.set_description(what)
             bar.update()
 
-        rig = load_rig(args.rig)
-        experiment = conduct(rig, names, lambda: Admittance(Wanted(), rig.robot.period),
-                             seed=args.seed, tell=tell)
+        experiment = conduct(load_rig(args.rig), names, designed.law, seed=args.seed,
+                             latency=args.latency, tell=tell)
     out = Path(args.output)
     images = pictures(experiment)
     for name, image in images.items():

@@ -7,9 +7,11 @@ from typing import NamedTuple
 from forcecal_ros.calibration import Calibration
 from forcecal_ros.impedance.assess import assess, exceptions, Figures
 from forcecal_ros.impedance.feedback import feedback_of, SOURCES
+from forcecal_ros.impedance.law import Law
 from forcecal_ros.impedance.program import Program, Stage, Task
+from forcecal_ros.impedance.regulator import Regulator
 from forcecal_ros.impedance.rehearsal import rehearse
-from forcecal_ros.impedance.trial import Controller, run_trial, Trial
+from forcecal_ros.impedance.trial import run_trial, Trial
 from forcecal_ros.sim.rig import Rig
 
 OSCILLATION = Program(tuple(
@@ -52,7 +54,7 @@ class Experiment:
     notes: Mapping[str, tuple[str, ...]]
 
 
-def conduct(rig: Rig, accelerometers: Sequence[str], controller: Callable[[], Controller], *,
+def conduct(rig: Rig, accelerometers: Sequence[str], law: Law, *,
             task: Task = Task(), seed: int = 0, latency: int = 0,
             tell: Callable[[str], None] = lambda what: None) -> Experiment:
     """
@@ -63,8 +65,7 @@ def conduct(rig: Rig, accelerometers: Sequence[str], controller: Callable[[], Co
     rig : Rig
     accelerometers : sequence of str
         ``acc1``, ``acc2`` or both.
-    controller : callable
-        Makes the controller of one run, at rest at the start.
+    law : Law
     task : Task
     seed : int
         Of the noise, the same in every run; the calibration has the next one.
@@ -85,7 +86,7 @@ def conduct(rig: Rig, accelerometers: Sequence[str], controller: Callable[[], Co
 
         def follow(reference: Program, source: str) -> Trial:
             tell(f'{name}: {source}')
-            return run_trial(rig, reference, feedback_of(source, calibration), controller(),
+            return run_trial(rig, reference, feedback_of(source, calibration), Regulator(law),
                              accelerometer=name, seed=seed, latency=latency)
 
         for source in SOURCES:

@@ -129,6 +129,8 @@ class Task:
         Duration of each of the three holds in contact, moves not counted [s].
     rest : float
         Before, after and between the free moves [s].
+    settle : float
+        After the way back, for the tool to arrive [s].
     """
 
     swing: float = 0.035
@@ -136,10 +138,11 @@ class Task:
     swings: int = 2
     clearance: float = 0.08
     depth: float = 0.02
-    approach: float = 1.65
+    approach: float = 1.4
     sweep: float = 0.005
     hold: float = 1.0
     rest: float = 0.25
+    settle: float = 0.75
 
     def program(self, cycles: int = 1) -> Program:
         """
@@ -162,6 +165,6 @@ class Task:
         contact = [Stage('contact', pressed, self.hold)]
         for goal in (pressed + self.sweep, pressed - self.sweep):
             contact += [Stage('contact', goal, 0.5), Stage('contact', goal, self.hold)]
-        back = [Stage('retract', 0.0, self.approach), Stage('retract', 0.0, self.rest)]
+        back = [Stage('retract', 0.0, self.approach), Stage('retract', 0.0, self.settle)]
         return Program((*free, Stage('approach', pressed, self.approach), *contact, *back)
                        * max(1, cycles))

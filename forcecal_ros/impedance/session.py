@@ -4,9 +4,16 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from forcecal_ros.errors import ConfigError, MotionError
+from forcecal_ros.impedance.law import Measurement
 from forcecal_ros.impedance.program import Program, Reference
-from forcecal_ros.impedance.trial import Controller, Heard
+from forcecal_ros.impedance.trial import Controller
 from forcecal_ros.impedance.withdraw import Motion, to_rest, Withdrawal
+
+WITHDRAWING = 0.25
+"""Duration of a slow way out, after the stop [s]."""
+
+COMPRESSED = 5e-4
+"""A tool that is pushed in by more than this presses, whatever the force is said to be [m]."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +38,9 @@ class Bounds:
     stop_duration : float
         From a stop's first command to rest [s].
     retract : float
-        How far a stop in contact, or without knowing, takes the tool back [m].
+        How far a stop at the wall takes the tool back, within its duration [m].
+    withdraw : float
+        How far it goes on from there, slowly, where it still presses [m].
     closing : float
         A stream ends with commands at rest for that long [s].
     """
@@ -45,6 +54,7 @@ class Bounds:
     touch: float = 1.0
     stop_duration: float = 0.062
     retract: float = 0.005
+    withdraw: float = 0.015
     closing: float = 0.1
 
     def __post_init__(self) -> None:
@@ -120,7 +130,7 @@ class Session:
         program : Program
         wall : float
             Where it is expected, from the start [m].
-        controller : callable
+        controller : Controller
             At rest at zero.
         bounds : Bounds
 
@@ -135,7 +145,7 @@ class Session:
         self._controller, self._bounds = controller, bounds
         self._motion, self._stop, self._time = Motion(0.0), None, 0.0
         self._closing, self._streaming, self._paused = 0, True, False
-        self._touched, self._force = False, 0.0
+        self._touched, self._withdrawn, self._force = False, False, 0.0
         self.status = Status(program.at(0.0).phase)
 
     def abort(self, reason: str) -> bool:
@@ -166,13 +176,13 @@ class Session:
         """Let the reference stand, or go on; the law goes on in either case."""
         self._paused = paused
 
-    def step(self, heard: Heard) -> float | None:
+    def step(self, heard: Measurement) -> float | None:
         """
         Advance by one period.
 
         Parameters
         ----------
-        heard : Heard
+        heard : Measurement
 
         Returns
         -------
@@ -187,17 +197,24 @@ class Session:
             self._time += self._period
             self._motion = self._stop.at(self._time)
             if self._time >= self._stop.duration - 1e-9:
-                self._stop, self._closing = None, self._closing_periods
+                self._rest(heard)
         elif self._closing:
             self._closing -= 1
             self._streaming = self._closing > 0
         return self._motion.position
 
-    @property
-    def _closing_periods(self) -> int:
-        return max(2, round(self._bounds.closing / self._period))
+    def _rest(self, heard: Measurement) -> None:
+        """Hold at the end of a stop, or go on, once, where the tool still presses."""
+        pressing = -heard.force > self._bounds.touch or heard.slide < -COMPRESSED
+        if self.status.phase == 'aborted' and pressing and not self._withdrawn:
+            self._withdrawn, self._time = True, 0.0
+            self._stop = Withdrawal(self._motion, self._motion.position - self._bounds.withdraw,
+                                    WITHDRAWING)
+            return
+        self._stop = None
+        self._closing = max(2, round(self._bounds.closing / self._period))
 
-    def _follow(self, heard: Heard) -> None:
+    def _follow(self, heard: Measurement) -> None:
         self._time += 0.0 if self._paused else self._period
         reference = self._program.at(self._time)
         if self._paused:
@@ -213,8 +230,9 @@ class Session:
             self._time = 0.0
         else:
             self._motion = self._limited(wanted)
+            self._controller.sent(self._motion.position)
 
-    def _note(self, phase: str, heard: Heard) -> None:
+    def _note(self, phase: str, heard: Measurement) -> None:
         """Keep count of the visits of the wall, and of those that touched it."""
         status, self._force = self.status, heard.force
         if phase == 'contact':
@@ -225,7 +243,7 @@ class Session:
             self._touched = False
         self.status = status._replace(phase=phase)
 
-    def _fault(self, reference: Reference, heard: Heard, wanted: float) -> str:
+    def _fault(self, reference: Reference, heard: Measurement, wanted: float) -> str:
         bounds, force = self._bounds, abs(heard.force)
         tool = heard.position + heard.slide
         if force > bounds.force:

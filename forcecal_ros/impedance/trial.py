@@ -1,11 +1,11 @@
 """One contact task through the simulated rig, the loop closed at the rate of the robot."""
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Protocol
 
 from forcecal_ros.impedance.feedback import Feedback
+from forcecal_ros.impedance.law import Measurement
 from forcecal_ros.impedance.program import Program, Reference
 from forcecal_ros.samples import Phase, PoseStream, Recording, Stream
 from forcecal_ros.sim.rig import Rig
@@ -13,27 +13,14 @@ from forcecal_ros.sim.simulator import Samples, Simulator
 import numpy as np
 
 
-class Heard(NamedTuple):
-    """
-    What the control step hears once a period; along x of ft_sensor, from the start.
+class Controller(Protocol):
+    """One control step a period, along x of ft_sensor from the start."""
 
-    Attributes
-    ----------
-    position : float
-        Measured, of S [m].
-    slide : float
-        Displacement of the tool against S; 0 where it is rigid [m].
-    force : float
-        Of the environment on the tool, as fed back [N].
-    """
+    def __call__(self, reference: Reference, heard: Measurement) -> float:
+        """Return the command of S [m]."""
 
-    position: float
-    slide: float
-    force: float
-
-
-Controller = Callable[[Reference, Heard], float]
-"""One control step: the command of S along x of ft_sensor, from the start [m]."""
+    def sent(self, command: float) -> None:
+        """Learn which command was really sent [m]."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +68,7 @@ def run_trial(rig: Rig, program: Program, feedback: Feedback, controller: Contro
     rig : Rig
     program : Program
     feedback : Feedback
-    controller : callable
+    controller : Controller
         Of the newest samples of each period; what it commands holds in the next one.
     accelerometer : str, optional
         ``acc1`` or ``acc2``; the rig's mounted one where none is given.
@@ -109,7 +96,7 @@ def run_trial(rig: Rig, program: Program, feedback: Feedback, controller: Contro
         fed += feedback.hear(samples)
         reference = program.at((k + 1) * period)
         references.append(reference.position)
-        underway.append(controller(reference, Heard(
+        underway.append(controller(reference, Measurement(
             float((samples.position[-1] - home) @ axis),
             float(samples.optidrive[-1]) if len(samples.optidrive) else 0.0,
             fed[-1][1] if fed else 0.0)))

@@ -13,8 +13,10 @@ from forcecal_ros.control.motion import Pose, Setpoint
 from forcecal_ros.control.stream import phased, StreamClock
 from forcecal_ros.errors import DataError, ForcecalError, MotionError
 from forcecal_ros.geometry import Array, matrix_from_quaternion
+from forcecal_ros.impedance.design import design
+from forcecal_ros.impedance.law import Measurement
+from forcecal_ros.impedance.regulator import Regulator
 from forcecal_ros.impedance.session import Session, Status
-from forcecal_ros.impedance.trial import Heard
 from forcecal_ros.nodes.backends import pose_numbers, TargetFrame
 from forcecal_ros.nodes.deadman import Deadman
 from forcecal_ros.nodes.guard import Guard
@@ -24,6 +26,7 @@ from forcecal_ros.nodes.parameters import declare, guard
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.runtime import OUTPUT, run, SECOND, STEADY
 from forcecal_ros.nodes.wire import JointReader, Reader
+from forcecal_ros.plant.plant_file import load_plant
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 import numpy as np
 from rclpy.node import Node
@@ -76,9 +79,10 @@ class Impedance(Node):
         declare(self, PARAMETERS)
         self._settings = settings_of(self._values())
         guard(self, lambda changes: settings_of({**self._values(), **changes}))
-        rate = self.get_parameter('motion.rate').value
-        self._period_ns = round(SECOND / rate)
-        self._session = Session(1.0 / rate)
+        self._plant = load_plant(self.get_parameter('plant').value or None)
+        self._law = design(self._plant, self._settings.wanted, self._settings.design).law
+        self._period_ns = round(SECOND * self._law.period)
+        self._session = Session(self._law.period)
         self._simulated = self.get_parameter('use_sim_time').value
         self._inbox = Inbox(self)
         self._senses = Senses(self, self._inbox, self._settings)
@@ -94,7 +98,7 @@ class Impedance(Node):
         self.create_service(Trigger, 'impedance/start', self._on_start)
         self.create_service(Trigger, 'impedance/abort', self._on_abort)
         clock = None if self._simulated else STEADY
-        self._timer = self.create_timer(1 / rate, self._tick, clock=clock)
+        self._timer = self.create_timer(self._law.period, self._tick, clock=clock)
         self.create_timer(0.02, self._watch_clock, clock=STEADY)
         self.create_timer(1.0, self._report, clock=STEADY)
         self.get_logger().info('ready: impedance/start begins')
@@ -143,11 +147,11 @@ class Impedance(Node):
         self._sent = steady
         return True
 
-    def _heard(self) -> Heard:
+    def _heard(self) -> Measurement:
         place = np.array(self._senses.newest('pose')[:3])
-        return Heard(float((place - self._home.position) @ self._axis),
-                     self._senses.newest('optidrive')[0] - self._slide,
-                     self._senses.newest('wrench')[0])
+        return Measurement(float((place - self._home.position) @ self._axis),
+                           self._senses.newest('optidrive')[0] - self._slide,
+                           self._senses.newest('wrench')[0])
 
     def _watch_clock(self) -> None:
         """Abort where the ROS clock that drives the motion has stopped or jumped."""
@@ -174,7 +178,10 @@ class Impedance(Node):
         if self._session.running or self._session.streaming:
             raise MotionError(f'a task is under way already ({self._session.status.phase}); '
                               'abort it first')
-        self._settings = settings = settings_of(self._values())
+        before, settings = self._settings, settings_of(self._values())
+        if (settings.wanted, settings.design) != (before.wanted, before.design):
+            self._law = design(self._plant, settings.wanted, settings.design).law
+        self._settings = settings
         monitor = self._senses.monitor
         monitor.settings, monitor.limits = settings.watch, settings.limits
         self._inbox.drain()
@@ -192,7 +199,7 @@ class Impedance(Node):
         self._slide = self._senses.newest('optidrive')[0]
         program = settings.task.program(settings.cycles)
         self._check_reach(program.farthest)
-        self._session.start(program, settings.task.clearance, settings.controller(),
+        self._session.start(program, settings.task.clearance, Regulator(self._law),
                             settings.bounds)
         self._begin_stream()
         return f'contact task started: {program.duration:.1f} s'

@@ -6,14 +6,14 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.control.limits import Limits
 from forcecal_ros.control.monitor import WatchSettings
-from forcecal_ros.impedance.admittance import Admittance, Wanted
 from forcecal_ros.impedance.program import Task
 from forcecal_ros.impedance.session import Bounds
-from forcecal_ros.impedance.trial import Controller
+from forcecal_ros.impedance.settings import DesignSettings, Wanted
 from forcecal_ros.nodes.parameters import Parameter
 from forcecal_ros.nodes.runtime import EXECUTOR
 
 _BOUNDS, _LIMITS, _TASK, _WANTED = Bounds(), Limits(), Task(), Wanted()
+_DESIGN = DesignSettings()
 
 WATCH = WatchSettings(pause_timeout=0.025, lost_timeout=0.029, frozen_timeout=0.03, max_age=0.03,
                       most_pauses=0)
@@ -44,12 +44,28 @@ PARAMETERS = (
     _live('task.sweep', _TASK.sweep, 'In contact the reference moves by that much to and fro',
           'm', 0.0, 0.1),
     _live('task.hold', _TASK.hold, 'Each of the three holds in contact', 's', 0.1, 600.0),
-    _live('task.rest', _TASK.rest, 'Between the moves in free space', 's', 0.0, 60.0),
+    _live('task.rest', _TASK.rest, 'Between the moves in free space', 's', 0.01, 60.0),
+    _live('task.settle', _TASK.settle, 'After the way back, for the tool to arrive', 's',
+          0.01, 60.0),
     _live('impedance.mass', _WANTED.mass, 'The tool shall give way to a force as this mass',
           'kg', 0.1, 1e4),
     _live('impedance.damping', _WANTED.damping, 'with this damper', 'N s/m', 0.1, 1e6),
     _live('impedance.stiffness', _WANTED.stiffness, 'and this spring to the reference', 'N/m',
           0.1, 1e6),
+    Parameter('plant', '', 'File of forcecal identify-robot with the models of robot and tool; '
+              'empty: those of the nominal rig'),
+    _live('design.latency', 2, "Control periods that a command takes beyond the robot's own "
+          'delay, transport of the sensors included', '', 0, 50),
+    _live('design.effort', _DESIGN.effort, 'What a command off its steady value costs, as a '
+          'force per distance', 'N/m', 1e-3, 1e6),
+    _live('design.softest_wall', _DESIGN.wall_stiffness[0], 'Not started where the loop is '
+          'unstable against a wall from here', 'N/m', 0.1, 1e7),
+    _live('design.stiffest_wall', _DESIGN.wall_stiffness[1], 'to here', 'N/m', 0.1, 1e7),
+    _live('design.state_gain', [0.0], 'L of the control law in the place of the optimal one; '
+          'zeros: the optimal one'),
+    _live('design.force_gain', 0.0, 'c of the control law in the place of the one that makes '
+          'the steady state right; 0: that one', 'm/N', -1.0, 1.0),
+    _live('design.position_gain', 0.0, 'l_r likewise', '', -1e3, 1e3),
     _live('limits.speed', _BOUNDS.speed, 'Commands are held to it; a measured speed above it '
           'times limits.overspeed stops', 'm/s', 0.001, 2.0),
     _live('limits.acceleration', _BOUNDS.acceleration, 'Commands are held to it likewise',
@@ -78,8 +94,10 @@ PARAMETERS = (
           'exceed the limits by this factor', '', 1.0, 10.0),
     _live('limits.stop_duration', _BOUNDS.stop_duration, 'From the first command of a stop to '
           'rest', 's', 0.01, 0.5),
-    _live('limits.retract', _BOUNDS.retract, 'How far a stop at the wall takes the tool back',
-          'm', 0.0005, 0.1),
+    _live('limits.retract', _BOUNDS.retract, 'How far a stop at the wall takes the tool back '
+          'within that time', 'm', 0.0005, 0.1),
+    _live('limits.withdraw', _BOUNDS.withdraw, 'How far it goes on from there, slowly, where it '
+          'still presses', 'm', 0.0005, 0.5),
     _live('limits.touch', _BOUNDS.touch, 'Contact force above which the tool touches', 'N',
           0.05, 1e3),
     _live('watch.pause_timeout', WATCH.pause_timeout, 'Silence of the observer, the pose or the '
@@ -90,7 +108,6 @@ PARAMETERS = (
           'for that long in motion stop; 0: not looked at', 's', 0.0, 10.0),
     _live('watch.max_age', WATCH.max_age, 'Age of its newest header stamp above which a topic '
           'is late; 0: not looked at, for clocks that are not in step', 's', 0.0, 10.0),
-    Parameter('motion.rate', 250.0, 'Control steps and commands a second', 'Hz', 100.0, 250.0),
     Parameter('motion.frame', 'base', 'frame_id of commands: the robot base link'),
     Parameter('motion.deadman_timeout', 0.0, 'Silence of the topic deadman that stops a motion; '
               '0: no dead-man switch', 's', 0.0, 10.0),
@@ -108,11 +125,7 @@ class Settings(NamedTuple):
     limits: Limits
     watch: WatchSettings
     wanted: Wanted
-    period: float
-
-    def controller(self) -> Controller:
-        """Return the controller of one run."""
-        return Admittance(self.wanted, self.period)
+    design: DesignSettings
 
 
 def settings_of(value: Mapping[str, Any]) -> Settings:
@@ -140,4 +153,16 @@ def settings_of(value: Mapping[str, Any]) -> Settings:
     return Settings(Task(**group(Task, 'task')), value['task.cycles'],
                     Bounds(**group(Bounds, 'limits')), Limits(**group(Limits, 'limits')),
                     WatchSettings(**group(WatchSettings, 'watch')),
-                    Wanted(**group(Wanted, 'impedance')), 1.0 / value['motion.rate'])
+                    Wanted(**group(Wanted, 'impedance')), _design(value))
+
+
+def _design(value: Mapping[str, Any]) -> DesignSettings:
+    def given(name: str) -> float | None:
+        return value[f'design.{name}'] or None
+
+    gain = tuple(value['design.state_gain'])
+    low, high = value['design.softest_wall'], value['design.stiffest_wall']
+    return DesignSettings(
+        effort=value['design.effort'], latency=value['design.latency'],
+        wall_stiffness=(low, high), state_gain=gain if any(gain) else None,
+        force_gain=given('force_gain'), position_gain=given('position_gain'))
