@@ -1,6 +1,6 @@
 """Motion safety over DDS with the simulated rig: faults in the middle of a sequence."""
 
-from fault_motion_runs import ABORT, Bench, FOREIGN, SECOND, STOP
+from fault_motion_runs import ABORT, Bench, SECOND, STOP
 import pytest
 
 
@@ -11,15 +11,12 @@ def bench(ros_domain_of_module):
 
 
 @pytest.mark.parametrize('fault, phase, reason', [
-    ('wrench off', 'approach', 'wrench: silent'),
     ('wrench stuck', 'measure', 'wrench: the same reading'),
     ('wrench garbage', 'contact', 'wrench: '),
-    ('accelerometer stuck', 'retract', 'accelerometer/raw: the same reading'),
     ('pose delayed', 'move', 'current_pose: newest stamp is'),
     ('pose wrong', 'contact', 'current_pose: '),
     ('robot runaway', 'approach', 'current_pose: '),
     (ABORT, 'step', 'asked to by sequencer/abort'),
-    (FOREIGN, 'retract', 'target_frame: another node commands the robot'),
     ('SIGTERM to sequencer', 'approach', 'the sequencer was told to go'),
     ('SIGKILL to sim', 'move', 'silent'),
 ])
@@ -44,9 +41,8 @@ def test_a_second_sequencer_is_refused_or_both_stop(bench):
     assert outcome.end == 'went on' or 'another node commands' in outcome.reason
 
 
-@pytest.mark.parametrize('fault', ['clock stopped', 'clock forward', 'clock back'])
-def test_a_clock_that_stops_or_jumps_brings_the_commands_to_rest(ros_domain, fault):
+def test_a_clock_that_goes_back_brings_the_commands_to_rest(ros_domain):
     with Bench(clock=True) as bench:
-        outcome = bench.run(fault, 'approach')
+        outcome = bench.run('clock back', 'approach')
         assert outcome.end == 'stopped', outcome
-        assert '/clock' in outcome.reason or 'clock' in outcome.reason
+        assert 'clock' in outcome.reason
