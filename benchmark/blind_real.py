@@ -49,7 +49,8 @@ def lowpass(t, w, bias, size):
 
 
 def gain(t, w, bias, size):
-    return bias + (w - bias) * (1 + size * np.eye(6)[1])
+    """Along x, where gravity turns through most of its range."""
+    return bias + (w - bias) * (1 + size * np.eye(6)[0])
 
 
 def crosstalk(t, w, bias, size):
@@ -85,6 +86,12 @@ def named(recording, known):
                        for one in diagnosis.effects}
 
 
+def lag(effects):
+    """Return how far the wrench lags: both delays are one number, the arm has its own."""
+    return (effects.get('wrench_delay', {}).get('delay', 0.0)
+            - effects.get('accel_delay', {}).get('delay', 0.0))
+
+
 def main():
     if not DATA.is_dir():
         sys.exit(f'blind_real: {DATA} is not there; set FORCECAL_DATA')
@@ -92,9 +99,11 @@ def main():
         recording, calibration = prepared(Path(folder))
     known, bias = known_from_calibration(calibration), calibration.wrench_bias.value
     diagnosis, untouched = named(recording, known)
-    print('| injected | size | verdict | closed | found | of that effect | besides |')
-    print('|---|---|---|---|---|---|---|')
+    print('| injected | size | verdict | closed | found | of that effect | wrench behind '
+          'accelerometer | besides |')
+    print('|---|---|---|---|---|---|---|---|')
     print(f'| nothing | | {diagnosis.verdict} | {100 * diagnosis.gap.closed:.0f} % | | | '
+          f'{1000 * lag(untouched):.1f} ms | '
           f'{", ".join(untouched)} |', flush=True)
     for name, function, sizes, unit in INJECTED:
         for size in sizes:
@@ -106,8 +115,8 @@ def main():
                                 effects.get(name, {}).items() if abs(value) > 1e-9)
             print(f'| {name} | {size} {unit} | {diagnosis.verdict} | '
                   f'{100 * diagnosis.gap.closed:.0f} % | {"yes" if name in effects else "no"} | '
-                  f'{numbers} | {", ".join(one for one in effects if one != name)} |',
-                  flush=True)
+                  f'{numbers} | {1000 * lag(effects):.1f} ms | '
+                  f'{", ".join(one for one in effects if one != name)} |', flush=True)
 
 
 if __name__ == '__main__':
