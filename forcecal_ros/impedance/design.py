@@ -100,7 +100,7 @@ def design(plant: Plant, wanted: Wanted = Wanted(), settings: DesignSettings = D
 
 
 def _remedy(settings: DesignSettings) -> str:
-    given = [f'design.{name}' for name in ('state_gain', 'force_gain', 'position_gain')
+    given = [f'design.{name}' for name in ('state_gain', 'force_gain')
              if getattr(settings, name) is not None]
     if given:
         return f'leave out {", ".join(given)}'

@@ -17,7 +17,7 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.plant.model import Slide
 import numpy as np
 
-WINDOW = 0.06
+WINDOW = 0.1
 """Length of a window [s]."""
 
 SPACING = 0.75
