@@ -139,7 +139,7 @@ def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Che
     invisible = not_excited(p, found)
     excited = excitation(p) > ENOUGH
     word, sentence = verdict([*named, *checks.effects], candidates, remains,
-                             measured.closed if named else 1.0, excited or bool(checks.effects))
+                             measured.closed if named else None, excited or bool(checks.effects))
     effects = [Found(a.name, parameters_of(final, a), shares[a.name])
                for a in selection.accepted]
     effects += [Found(n, v, 0.99) for n, v in checks.effects.items()]

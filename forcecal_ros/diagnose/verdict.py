@@ -78,7 +78,7 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], remains: Rem
 
 
 def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remains: Remains,
-            closed: float, excited: bool) -> tuple[str, str]:
+            closed: float | None, excited: bool) -> tuple[str, str]:
     """
     Say it in one word and one sentence.
 
@@ -88,8 +88,8 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remai
         Accepted effects.
     candidates : sequence of (str, float)
     remains : Remains
-    closed : float
-        Share of the gap that the effects close.
+    closed : float or None
+        Share of the gap that the effects close; None where they show in stamps and values alone.
     excited : bool
         Whether the recording moves enough to tell effects apart.
 
@@ -107,15 +107,17 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remai
             return 'unknown', (f'there is a gap that no effect of the library explains: '
                                f'{remains.words}')
         return 'no_gap', 'the recalibrated rig explains the recording down to its noise'
-    share = f'{100.0 * closed:.0f} % of the gap'
+    done = f'closes {100.0 * (closed or 0.0):.0f} % of the gap'
+    if closed is None:
+        done, closed = 'shows in stamps and values', 1.0
     if left and closed < NAMED:
         return 'unknown', (f'no effect of the library explains the gap: {listed} comes closest '
-                           f'and closes {share}; left is {remains.words}')
+                           f'and {done}; left is {remains.words}')
     rest = f'; left is {remains.words}' if left else ''
     if left and closed < WHOLE:
-        return 'partial', f'{listed} closes {share}{rest}'
+        return 'partial', f'{listed} {done}{rest}'
     others = [n for n, _ in candidates if n not in named and n != UNKNOWN]
     if others:
-        return 'ambiguous', (f'{listed} closes {share}, but {" or ".join(others)} explains it '
+        return 'ambiguous', (f'{listed} {done}, but {" or ".join(others)} explains it '
                              f'about as well{rest}')
-    return 'identified', f'{listed} closes {share}{rest}'
+    return 'identified', f'{listed} {done}{rest}'
