@@ -56,7 +56,7 @@ class DesignSettings:
         Range of the walls that the loop has to be stable against; without a wall it always has
         to be [N/m].
     wall_damping : float
-        Of the wall; 0 is the worst case [N s/m].
+        Of the wall; stiff walls are the harder to bear the less they damp [N s/m].
     state_gain : tuple of float or None
         L, in the place of the optimal one.
     force_gain, position_gain : float or None
