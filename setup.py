@@ -61,6 +61,7 @@ setup(
         'console_scripts': [
             'forcecal = forcecal_ros.cli:main',
             'impedance = forcecal_ros.nodes.impedance:main',
+            'gap = forcecal_ros.nodes.gap:main',
             'observer = forcecal_ros.nodes.observer:main',
             'sequencer = forcecal_ros.nodes.sequencer:main',
             'sim = forcecal_ros.nodes.sim:main',

@@ -15,7 +15,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = 'forcecal_ros'
-COMMANDS = {'forcecal', 'impedance', 'observer', 'sequencer', 'sim'}
+COMMANDS = {'forcecal', 'gap', 'impedance', 'observer', 'sequencer', 'sim'}
 SHARE = ('config/**/*.yaml', 'launch/*.launch.py', 'layouts/*.*', 'package.xml')
 INSIDE = ('**/*.py', 'config/*.yaml', 'config/*/*.yaml', '**/*.html.j2')
 ROSDEP_KEYS = {  # name in an import -> key; a key that ends in -pip exists for pip alone

@@ -37,6 +37,17 @@ class Collector:
         self._stamps[channel].append(stamp_ns)
         self._values[channel].append(values)
 
+    def forget(self, before_ns: int) -> None:
+        """Forget samples with earlier stamps."""
+        for name, stamps in self._stamps.items():
+            kept = [i for i, stamp in enumerate(stamps) if stamp >= before_ns]
+            self._stamps[name] = [stamps[i] for i in kept]
+            self._values[name] = [self._values[name][i] for i in kept]
+
+    def newest(self, channel: str) -> int:
+        """Return the latest stamp of one channel, 0 where nothing was heard."""
+        return max(self._stamps[channel], default=0)
+
     def enter(self, phase: str, stamp_ns: int) -> None:
         """Take in a phase word; one that is said again changes nothing."""
         if not self._phases or self._phases[-1][0] != phase:

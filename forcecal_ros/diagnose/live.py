@@ -1,0 +1,325 @@
+"""The gap while the robot runs: simulated second by second, judged against the noise at rest."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from forcecal_ros.diagnose.channels import BLOCK, CHANNELS, COLUMNS
+from forcecal_ros.diagnose.evidence import fit, Gram, Prior
+from forcecal_ros.diagnose.nuisances import LIMIT, Nuisance, nuisances, spreads
+from forcecal_ros.diagnose.replay import RATE, Signals
+from forcecal_ros.diagnose.residual import Measured
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array
+from forcecal_ros.samples import Recording
+from forcecal_ros.sim.rig import Rig
+from forcecal_ros.sim.simulator import checked_commands, Samples, Simulator
+import numpy as np
+from numpy.typing import NDArray
+
+LEARN = 3.0
+"""Rest after the first command in which the noise is learned [s]."""
+
+WINDOW = 5.0
+"""That is judged at a time [s]."""
+
+TENTH = 25
+"""Blocks of the means in which small but lasting excess shows."""
+
+ALARM = 10.0
+"""Sigmas of a channel's energy from which it has left the noise."""
+
+SMALL = 0.25
+"""Excess in noise RMS, of blocks or means, that is let pass."""
+
+LASTING = 2
+"""Judgements in a row that it takes."""
+
+
+STREAMS = np.array([c.stream for c in CHANNELS])
+"""Of each channel."""
+
+
+class Judgement(NamedTuple):
+    """
+    What the last seconds say.
+
+    Attributes
+    ----------
+    learning : bool
+        The noise is not known yet.
+    excess : dict of str to float
+        Of every channel, in noise RMS.
+    stage : str
+        First stage along the chain that is out of its noise now; empty: none.
+    channels : tuple of str
+        That are.
+    first : str
+        Stage that left it first since the start; empty: none has.
+    """
+
+    learning: bool
+    excess: dict[str, float]
+    stage: str = ''
+    channels: tuple[str, ...] = ()
+    first: str = ''
+
+
+class _Link(NamedTuple):
+    """
+    One stage of the chain: what it is seen in, and what its nuisances are fitted to.
+
+    What is downstream does not count: a wrong wrench shall not bend the tool.
+    """
+
+    stage: str
+    seen_in: tuple[str, ...]
+    fitted_to: tuple[str, ...]
+    touching: bool = False
+
+
+CHAIN = (
+    _Link('robot', ('pose',), ('pose',)),
+    _Link('tool', ('optidrive',), ('pose', 'optidrive')),
+    _Link('wrench_sensor', ('wrench',), ('optidrive', 'wrench')),
+    _Link('accelerometer', ('accelerometer',), ('optidrive', 'accelerometer')),
+    _Link('environment', ('optidrive', 'wrench', 'accelerometer'),
+          ('optidrive', 'wrench', 'accelerometer'), True),
+)
+"""In the order in which blame is laid; the environment for what shows in contact only."""
+
+AFTER = 250
+"""Blocks after contact that count as contact, since the tool still rings."""
+
+
+class _Block(NamedTuple):
+    """Residual and columns of some blocks, which channels are there, and when it touches."""
+
+    residual: Array
+    columns: Array
+    present: NDArray[np.bool_]
+    touching: NDArray[np.bool_]
+
+
+class LiveGap:
+    """
+    Follows one robot from a command at rest on.
+
+    Parameters
+    ----------
+    rig : Rig
+        Nominal.
+    streams : sequence of str
+        Sensors there are, of ``wrench``, ``accelerometer``, ``optidrive``, ``pose``.
+    accelerometer : str, optional
+        ``acc1`` or ``acc2``; the rig's mounted one where none is given.
+    """
+
+    def __init__(self, rig: Rig, streams: Sequence[str], accelerometer: str | None = None) -> None:
+        self._name = accelerometer or rig.accelerometer.mounted
+        self._rig = replace(rig, pose_sensor=replace(rig.pose_sensor, rate=RATE))
+        self._nuisances = nuisances(self._rig, self._name, tuple(streams))
+        self._sizes = spreads(self._rig, self._nuisances)
+        variants = [n.apply(self._rig, size) for n, size in zip(self._nuisances, self._sizes)
+                    if n.where == 'rig']
+        self._simulators = [Simulator(r, self._name) for r in (self._rig, *variants)]
+        self._period = rig.robot.period
+        self._periods = 0
+        self._command: tuple[Array, Array] | None = None
+        self._learned: list[Array] = []
+        self._sigma = np.zeros((2, len(CHANNELS)))
+        m = len(self._nuisances)
+        self._grams = dict.fromkeys(CHAIN, Gram(np.zeros((m, m)), np.zeros(m), 0.0, 0))
+        self._recent: list[_Block] = []
+        self._since_contact = AFTER
+        self._lasting = 0
+        self._first = ''
+
+    @property
+    def time(self) -> float:
+        """How far it has judged since the first command [s]."""
+        return self._periods * self._period
+
+    def judge(self, recording: Recording, origin: float, until: float) -> Judgement:
+        """
+        Take in what was recorded since the last time.
+
+        Parameters
+        ----------
+        recording : Recording
+            With commands and sensors of that time at least.
+        origin : float
+            When the robot's period 0 began, by the recording's times [s].
+        until : float
+            All sensors have been heard up to then [s].
+
+        Returns
+        -------
+        Judgement
+        """
+        n = int(np.floor((until - origin) / self._period + 1e-6)) - self._periods
+        if n > 0:
+            start = origin + self._periods * self._period
+            self._advance(recording, start, n)
+        return self._judgement()
+
+    def _advance(self, recording: Recording, start: float, n: int) -> None:
+        commands = self._commands(recording, start, n)
+        signals = [self._signals(s.run(*commands, noise=False), start) for s in self._simulators]
+        self._periods += n
+        model = self._rig.accelerometer.model(self._name)
+        measured = Measured(recording, start, n, np.array(model.gain), np.array(model.offset))
+        nominal = measured.blocks(signals[0])
+        touching = self._near_contact(signals[0], n)
+        columns = np.zeros((len(self._nuisances), n, len(CHANNELS)))
+        varied = iter(signals[1:])
+        for i, (nuisance, size) in enumerate(zip(self._nuisances, self._sizes)):
+            columns[i] = (nominal - measured.blocks(next(varied)) if nuisance.where == 'rig'
+                          else self._known(nuisance, size, signals[0], n))
+        columns *= measured.present
+        self._take(_Block(nominal, columns, measured.present, touching))
+
+    def _commands(self, recording: Recording, start: float, n: int) -> tuple[Array, Array]:
+        """Return what is commanded in n periods; where nothing is said, the last command holds."""
+        target = recording.target
+        if target is None and self._command is not None:
+            return np.tile(self._command[0], (n, 1)), np.tile(self._command[1], (n, 1))
+        if target is None:
+            raise DataError('no commands were heard; target_frame is what the simulator follows')
+        positions, xyzw = checked_commands(target.position, target.R_base_sensor)
+        if self._command is None:
+            self._command = positions[0], xyzw[0]
+        starts = start + self._period * np.arange(n)
+        held = np.searchsorted(target.t, starts + 0.5 * self._period, side='right') - 1
+        before = held < 0
+        positions, xyzw = positions[np.maximum(held, 0)], xyzw[np.maximum(held, 0)]
+        positions[before], xyzw[before] = self._command
+        self._command = positions[-1].copy(), xyzw[-1].copy()
+        return positions, xyzw
+
+    def _signals(self, s: Samples, start: float) -> Signals:
+        nothing = np.zeros((len(s.wrench), 3))
+        slide = s.optidrive if len(s.optidrive) else np.zeros(len(s.wrench))
+        return Signals(start, s.wrench, s.volts, slide, s.position, s.R_base_sensor, nothing,
+                       nothing, nothing, nothing, slide, s.contact, s.specific_force)
+
+    def _known(self, nuisance: Nuisance, size: float, s: Signals, n: int) -> Array:
+        """Return the column of a nuisance that acts on one channel only."""
+        i, out = nuisance.axis, np.zeros((n, len(CHANNELS)))
+        if nuisance.where == 'wrench':
+            channel, signal, rest = i, s.wrench[:, i], self._rig.wrench_sensor.bias[i]
+        else:
+            channel, signal = COLUMNS['accelerometer'].start + i, s.volts[:, i]
+            rest = self._rig.accelerometer.model(self._name).offset[i]
+        shape = signal - rest if 'gain' in nuisance.name else np.ones(len(signal))
+        out[:, channel] = size * shape.reshape(n, -1).mean(axis=1)
+        return out
+
+    def _take(self, block: _Block) -> None:
+        if self.learning:
+            self._learned.append(np.where(block.present, block.residual, np.nan))
+            if self.time >= LEARN:
+                self._learn()
+            return
+        scale = np.where(self._sigma[0] > 0.0, 1.0 / np.maximum(self._sigma[1], 1e-300), 0.0)
+        scale /= np.sqrt(TENTH)
+        for link in CHAIN:
+            rows = np.ones(len(block.touching), dtype=bool) if link.touching else ~block.touching
+            cols = np.flatnonzero(np.isin(STREAMS, link.fitted_to) & (scale > 0.0))
+            here = np.ix_(rows, cols)
+            white = (block.columns[:, here[0], here[1]] * scale[cols]).reshape(
+                len(block.columns), -1)
+            r = ((block.residual * block.present)[here] * scale[cols]).ravel()
+            self._grams[link] = self._grams[link] + Gram(
+                white @ white.T, white @ r, float(r @ r), len(r))
+        self._recent.append(block)
+        while sum(len(b.residual) for b in self._recent[1:]) * BLOCK >= WINDOW:
+            self._recent.pop(0)
+
+    @property
+    def learning(self) -> bool:
+        """Whether the noise is not known yet."""
+        return not self._sigma.any()
+
+    def _learn(self) -> None:
+        """Take the noise at rest, of blocks and of means over a tenth of a second."""
+        rows = np.concatenate(self._learned)
+        rows = rows[:len(rows) // TENTH * TENTH]
+        there = np.isfinite(rows).mean(axis=0) > 0.5
+        rows = np.nan_to_num(rows - np.nanmean(np.where(there, rows, 0.0), axis=0))
+        means = rows.reshape(-1, TENTH, rows.shape[1]).mean(axis=1)
+        single = np.std(rows, axis=0)
+        self._sigma[0] = np.where(there, single, 0.0)
+        self._sigma[1] = np.where(there, np.maximum(np.std(means, axis=0),
+                                                    single / np.sqrt(TENTH)), 0.0)
+
+    def _near_contact(self, s: Signals, n: int) -> NDArray[np.bool_]:
+        """Say which blocks are in contact, or shortly after it, nominally."""
+        touching = np.abs(s.contact).reshape(n, -1).max(axis=1) > 0.0
+        out = np.zeros(n, dtype=bool)
+        for i in range(n):
+            self._since_contact = 0 if touching[i] else self._since_contact + 1
+            out[i] = self._since_contact <= AFTER
+        return out
+
+    def _judgement(self) -> Judgement:
+        if not self._recent:
+            return Judgement(self.learning, {}, first=self._first)
+        excess: dict[str, float] = {}
+        stage, out = '', tuple[str, ...]()
+        for link in CHAIN:
+            here = self._judged(link)
+            if not link.touching:
+                excess.update({name: value for name, (value, _) in here.items()})
+            bad = tuple(name for name, (value, z) in here.items() if z > ALARM and value > SMALL)
+            if bad and not stage:
+                stage, out = link.stage, bad
+        self._lasting = self._lasting + 1 if stage else 0
+        if self._lasting < LASTING:
+            stage, out = '', ()
+        self._first = self._first or stage
+        return Judgement(False, excess, stage, out, self._first)
+
+    def _judged(self, link: _Link) -> dict[str, tuple[float, float]]:
+        """Return excess in noise RMS, and sigmas, of the channels of one stage."""
+        m = len(self._nuisances)
+        x = fit(self._grams[link], Prior(np.zeros(m), np.ones(m), np.full(m, LIMIT))).x
+        parts = [np.where(b.present, b.residual - np.tensordot(x, b.columns, 1), 0.0)[
+            b.touching == link.touching] for b in self._recent]
+        rest = np.concatenate(parts)
+        n = len(rest) // TENTH * TENTH
+        if not n:
+            return {}
+        means = rest[:n].reshape(-1, TENTH, rest.shape[1]).mean(axis=1)
+        found = {}
+        for c in np.flatnonzero(np.isin(STREAMS, link.seen_in) & (self._sigma[0] > 0.0)):
+            scores = []
+            for rows, sigma in ((rest[:, c], self._sigma[0, c]), (means[:, c], self._sigma[1, c])):
+                over = float(np.mean(rows ** 2)) / sigma ** 2 - 1.0
+                scores.append((float(np.sqrt(max(0.0, over)) * sigma / self._sigma[0, c]),
+                               float(over / np.sqrt(2.0 / len(rows)))))
+            found[CHANNELS[c].name] = (max(e for e, _ in scores), max(z for _, z in scores))
+        return found
+
+
+def offline(rig: Rig, recording: Recording, every: float = 1.0) -> list[Judgement]:
+    """
+    Judge a whole recording as if it came in live.
+
+    Parameters
+    ----------
+    rig : Rig
+    recording : Recording
+        With commands, from rest on.
+    every : float
+        Between two judgements [s].
+
+    Returns
+    -------
+    list of Judgement
+    """
+    assert recording.target is not None and recording.wrench is not None
+    names = [n for n in COLUMNS if getattr(recording, n) is not None]
+    live, origin = LiveGap(rig, names), float(recording.target.t[0])
+    ends = np.arange(origin + every, float(recording.wrench.t[-1]), every)
+    return [live.judge(recording, origin, float(end)) for end in ends]

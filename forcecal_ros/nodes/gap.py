@@ -1,0 +1,161 @@
+"""The gap between robot and simulator, live: excess of every channel, and where it began."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from struct import error as StructError
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from forcecal_ros.diagnose.live import Judgement, LiveGap
+from forcecal_ros.errors import ConfigError, ForcecalError
+from forcecal_ros.nodes.collector import Collector
+from forcecal_ros.nodes.inbox import Inbox
+from forcecal_ros.nodes.parameters import declare, Parameter
+from forcecal_ros.nodes.reporting import diagnostic_array
+from forcecal_ros.nodes.runtime import EXECUTOR, OUTPUT, run, SECOND, STEADY
+from forcecal_ros.nodes.sensors import ACCELEROMETERS
+from forcecal_ros.nodes.wire import JointReader, Reader
+from forcecal_ros.sim.rig_file import load_rig
+from forcecal_ros.sim.simulator import warm_up
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+PARAMETERS = (
+    EXECUTOR,
+    Parameter('rig', '', 'Rig file (YAML) to compare with; empty: the nominal rig'),
+    Parameter('accelerometer.mounted', '', 'Which accelerometer is mounted; empty: as the rig '
+              'file says', choices=('', 'acc1', 'acc2')),
+    Parameter('accelerometer.source', 'raw', 'Where the accelerometer comes from: '
+              'accelerometer/raw in volts, imu/data_raw or accel in m/s^2',
+              choices=(*ACCELEROMETERS, 'none')),
+    Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool'),
+    Parameter('wrench.sign', 1, '-1 for a driver that reports the wrench of the tool on its '
+              'environment', low=-1, high=1),
+    Parameter('delay', 0.3, 'Samples may be that late', 's', low=0.05, high=5.0),
+)
+
+KEPT = 2 * SECOND
+"""Samples older than that are forgotten once judged [ns]."""
+
+
+
+class Gap(Node):
+    """Follows the robot from its first command on."""
+
+    def __init__(self) -> None:
+        super().__init__('gap')
+        declare(self, PARAMETERS)
+        value = {row.name: self.get_parameter(row.name).value for row in PARAMETERS}
+        if value['wrench.sign'] == 0:
+            raise ConfigError('wrench.sign is 0, expected 1 or -1')
+        self._rig = load_rig(Path(value['rig']) if value['rig'] else None)
+        warm_up()
+        self._value = value
+        source = value['accelerometer.source']
+        topic, kind, unit = ACCELEROMETERS.get(source, ACCELEROMETERS['raw'])
+        self._collector = Collector(unit, value['wrench.sign'])
+        self._inbox = Inbox(self)
+        self._hear('wrench', 'wrench', WrenchStamped, Reader(WrenchStamped))
+        self._hear('pose', 'current_pose', PoseStamped, Reader(PoseStamped))
+        self._hear('target', 'target_frame', PoseStamped, Reader(PoseStamped))
+        if source in ACCELEROMETERS:
+            self._hear('accelerometer', topic, kind, Reader(kind))
+        if self._rig.optidrive:
+            self._hear('optidrive', 'optidrive', JointState, JointReader(value['optidrive.joint']))
+        self._begin_anew()
+        self._out = self.create_publisher(DiagnosticArray, '/diagnostics', OUTPUT)
+        self.create_service(Trigger, 'gap/reset', self._on_reset)
+        self.create_timer(0.02, self._inbox.drain, clock=STEADY)
+        self.create_timer(1.0, self._judge, clock=STEADY)
+
+    def destroy_node(self) -> None:
+        """Free what the node holds."""
+        self._inbox.close()
+        super().destroy_node()
+
+    def _hear(self, channel: str, topic: str, kind: Any, read: Any) -> None:
+        def take(raw: bytes) -> None:
+            try:
+                sample = read(raw)
+            except StructError:
+                return
+            if sample is not None:
+                self._collector.add(channel, *sample)
+
+        self._inbox.subscribe(kind, topic, take)
+
+    def _begin_anew(self) -> None:
+        self._live: LiveGap | None = None
+        self._origin = 0
+        self._said = ''
+        self._collector.clear()
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response
+                  ) -> Trigger.Response:
+        self._begin_anew()
+        response.success, response.message = True, 'begins anew with the next command'
+        return response
+
+    def _judge(self) -> None:
+        heard = min(self._collector.newest(name) for name in ('wrench', 'pose'))
+        if not heard or not (self._live or self._collector.newest('target')):
+            missing = 'wrench or current_pose' if not heard else 'target_frame'
+            self._report('stale', f'waiting for {missing}', {})
+            self._collector.forget(self._collector.newest('wrench') - KEPT)
+            return
+        try:
+            found = self._judgement(heard)
+        except ForcecalError as error:
+            self._report('error', str(error), {})
+            self._begin_anew()
+            return
+        self._say(found)
+
+    def _judgement(self, heard: int) -> Judgement:
+        recording = self._collector.recording()
+        start = recording.start_ns
+        if self._live is None:
+            assert recording.target is not None
+            streams = [name for name in ('wrench', 'accelerometer', 'optidrive', 'pose')
+                       if getattr(recording, name) is not None]
+            self._live = LiveGap(self._rig, streams, self._value['accelerometer.mounted'] or None)
+            self._origin = start + round(float(recording.target.t[0]) * SECOND)
+        until = heard - round(self._value['delay'] * SECOND)
+        found = self._live.judge(recording, (self._origin - start) / SECOND,
+                                 (until - start) / SECOND)
+        done = self._origin + round(self._live.time * SECOND)
+        self._collector.forget(min(done, heard) - KEPT)
+        return found
+
+    def _say(self, found: Judgement) -> None:
+        values = {f'{name} [noise RMS]': excess for name, excess in found.excess.items()}
+        values |= {'stage': found.stage, 'channels': ', '.join(found.channels),
+                   'first stage': found.first}
+        if found.learning:
+            self._report('ok', 'learning the noise, at rest', values)
+        elif found.stage:
+            worst = max(found.channels, key=lambda name: found.excess.get(name, 0.0))
+            self._report('error', f'{found.first}: {worst} is out of the noise by '
+                         f'{found.excess[worst]:.2g} of its RMS', values)
+        elif found.first:
+            self._report('warn', f'{found.first} has left the noise', values)
+        else:
+            self._report('ok', 'within the noise', values)
+        if found.first != self._said:
+            self._said = found.first
+            self.get_logger().warning(f'{found.first} leaves the noise: '
+                                      f'{", ".join(found.channels)}')
+
+    def _report(self, level: str, message: str, values: dict[str, object]) -> None:
+        self._out.publish(diagnostic_array(self, '', level, message, values))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the node; returns the exit status."""
+    return run('gap', Gap, arguments)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

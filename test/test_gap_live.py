@@ -1,0 +1,39 @@
+"""The gap node over real DDS: quiet without an effect, the right stage with one."""
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from forcecal_ros.sim.effects import with_effects
+from forcecal_ros.sim.rig_file import dump_rig, load_rig
+from live import Live
+import pytest
+
+SHORT = {'timing__measure': 0.4, 'timing__ring': 0.3}
+
+
+@pytest.mark.parametrize('effects, stage', [
+    ({}, ''),
+    ({'wrench_delay': {'delay': 0.006}}, 'wrench_sensor'),
+])
+def test_the_first_stage_that_leaves_the_noise_is_raised(ros_domain, tmp_path, effects, stage):
+    path = tmp_path / 'rig.yaml'
+    path.write_text(dump_rig(with_effects(load_rig(), effects)))
+    with Live() as live:
+        live.start('sim', rig=path, seed=1, clock__publish=True, latency=0.1)
+        live.start('gap', use_sim_time=True)
+        live.start('sequencer', use_sim_time=True, **SHORT)
+        live.until(lambda: 'gap' in live.diagnostics, 'gap speaks')
+        live.until(lambda: live.call('sequencer/start').success, 'it starts')
+        said = []
+
+        def judged():
+            status = live.diagnostics['gap']
+            values = {pair.key: pair.value for pair in status.values}
+            if values and (not said or said[-1][1] is not status):
+                said.append((values, status))
+            return values.get('first stage') or 'done' in live.phases
+
+        live.until(judged, 'a judgement', timeout=60.0)
+        values, status = said[-1]
+        assert values['first stage'] == stage, status.message
+        assert status.level == (DiagnosticStatus.ERROR if stage else DiagnosticStatus.OK)
+        assert len([name for name in values if name.endswith('[noise RMS]')]) == 16
+        assert live.end('gap') == 0
