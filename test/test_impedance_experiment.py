@@ -3,7 +3,13 @@
 from dataclasses import replace
 
 from forcecal_ros.errors import ConfigError
-from forcecal_ros.impedance.assess import assess, losses, settling_time
+from forcecal_ros.impedance.assess import (
+    assess,
+    exceptions,
+    Figures,
+    losses,
+    settling_time,
+)
 from forcecal_ros.impedance.design import design
 from forcecal_ros.impedance.feedback import feedback_of
 from forcecal_ros.impedance.program import Program, Stage, Task
@@ -116,3 +122,19 @@ def test_settling_ends_where_the_force_stays_within_its_band():
 def test_unknown_feedback_is_refused_with_the_choices(calibration):
     with pytest.raises(ConfigError, match='raw, static, newton, kalman'):
         feedback_of('guess', calibration)
+
+
+def test_what_the_observer_does_not_win_is_said_with_its_reason():
+    best = Figures(0.1, 0.5, 1e-5, 40.0, 0, 0.4, 0.2, 18.0)
+    slower = best._replace(phantom_rms=10.0, phantom_peak=20.0, strayed=1e-3, force_error=0.4)
+    assert not [note for note in exceptions(
+        {'true': best, 'static': slower._replace(peak=60.0, settling=1.0, bounces=2),
+         'kalman': best}) if 'Within' not in note]
+    biased = slower._replace(peak=30.0, contact_force=14.0)
+    (peak, even) = exceptions({'true': best, 'raw': biased, 'kalman': best})
+    assert peak.startswith('Peak at contact [N]: kalman 40, raw 30') and 'bias' in peak
+    assert 'Bounces' in even and 'Settling' in even
+    never = best._replace(settling=float('nan'), bounces=3)
+    notes = list(exceptions({'true': never, 'static': slower, 'kalman': never}))
+    assert any('Settling [s]: kalman nan, static 0.4' in note and 'The true force fares no '
+               'better' in note for note in notes)

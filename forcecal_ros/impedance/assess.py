@@ -122,16 +122,23 @@ def exceptions(figures: Mapping[str, Figures]) -> Iterator[str]:
         One sentence a figure.
     """
     kalman, ideal = figures['kalman'], figures['true']
+    even = []
     others = {name: one for name, one in figures.items() if name not in ('kalman', 'true')}
     for field, words in COMPARED.items():
         mine, best = getattr(kalman, field), min(others, key=lambda name: _rank(
             getattr(others[name], field)))
         theirs = getattr(others[best], field)
         if _rank(mine) <= (1.0 + EVEN) * _rank(theirs):
+            if _rank(mine) >= (1.0 - EVEN) * _rank(theirs):
+                even.append(words)
             continue
         perfect = getattr(ideal, field)
         yield (f'{words}: kalman {mine:.3g}, {best} {theirs:.3g}; with the true force '
-               f'{perfect:.3g}. {_why(mine, perfect, theirs)}')
+               f'{perfect:.3g}. ' + _why(perfect, theirs, others[best], ideal))
+    if even:
+        yield (f'Within {EVEN:.0%} of the best of the others: {"; ".join(even)}. There the tool on '
+               'its spring decides, and what the law does with position and displacement, more '
+               'than the force.')
 
 
 def _rank(value: float) -> float:
@@ -139,7 +146,10 @@ def _rank(value: float) -> float:
     return value if value == value else float('inf')
 
 
-def _why(mine: float, perfect: float, theirs: float) -> str:
+def _why(perfect: float, theirs: float, other: Figures, ideal: Figures) -> str:
+    if other.contact_force < (1.0 - EVEN) * ideal.contact_force:
+        return (f'That one presses with {other.contact_force:.1f} N in the place of '
+                f'{ideal.contact_force:.1f} N: its bias counts as contact.')
     if _rank(perfect) > (1.0 + EVEN) * _rank(theirs):
         return ('The true force fares no better: it is the law that gains from a sensor which '
                 'reads the spring between robot and tool, damped as it is, and not the contact.')

@@ -4,6 +4,7 @@ Signs are the paper's: u = F + m a is the force of the robot on the tool, F that
 its environment, both the opposite of the wire's.
 """
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from forcecal_ros.calibration import Calibration
@@ -61,8 +62,17 @@ def seen(trial: Trial, calibration: Calibration) -> Seen:
     wrench, acceleration = recording.wrench, specific_force(recording, calibration)
     assert wrench is not None and acceleration is not None
     sensor = float(calibration.wrench_bias.value[0]) - wrench.values[:, :1]
-    return Seen(Stream(wrench.t, sensor), replay(recording, calibration, Settings('kalman')),
-                replay(recording, calibration, Settings('newton')), acceleration, trial)
+    kalman, newton = (_finished(replay(recording, calibration, Settings(mode)),
+                                acceleration.t[-1]) for mode in ('kalman', 'newton'))
+    return Seen(Stream(wrench.t, sensor), kalman, newton, acceleration, trial)
+
+
+def _finished(estimate: ContactEstimate, end: float) -> ContactEstimate:
+    """Leave out what was answered only because the recording ends, without acceleration."""
+    known = estimate.t <= end - 2e-3
+    arrays = {name: getattr(estimate, name)[known] for name in (
+        't', 'contact', 'measured', 'innovation', 'inertial', 'status')}
+    return replace(estimate, **arrays)
 
 
 def sensor_and_observer(run: Seen) -> Figure:
