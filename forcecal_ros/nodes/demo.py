@@ -21,6 +21,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
+from rclpy.time import Time
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -34,6 +35,7 @@ HEARING = 15.0
 
 SEQUENCE_TIMEOUT = 90.0
 FOR_SIMULATION = {
+    'use_sim_time': True,
     'limits.workspace_max': [1.35, 0.4, 1.4],
     'limits.force': 1000.0,
     'limits.tracking_error': 0.2,
@@ -41,13 +43,14 @@ FOR_SIMULATION = {
     'watch.max_age': 5.0,
     'watch.most_pauses': 0,
     'watch.lost_timeout': 10.0,
+    'watch.clock_timeout': 10.0,
     'settle.timeout': 20.0,
     'timing.approach': 1.5,
 }
 """
 Where no robot moves: the tip may go where the wall is, and a busy computer may be late.
 
-A robot's own limits are its user's to widen.
+The rig's time passes more slowly there. A robot's own limits are its user's to widen.
 """
 
 Say = Callable[[str, float], None]
@@ -63,7 +66,7 @@ class DemoResult:
     calibration : str
         Text of ``calibration.yaml``, as the sequencer published it.
     duration : float
-        From the first command to the gains [s].
+        From the first command to the gains, in time of the rig [s].
     """
 
     calibration: str
@@ -76,6 +79,7 @@ class Conductor(Node):
     def __init__(self) -> None:
         super().__init__('demo')
         self.phase, self.label, self.calibration = '', '', ''
+        self.since = 0
         self.recorder = Recorder(self, RECORDED)
         self._executor: Executor = EventsExecutor()
         self._executor.add_node(self)
@@ -86,6 +90,8 @@ class Conductor(Node):
 
     def _on_phase(self, message: DiagnosticArray) -> None:
         status = message.status[0]
+        if status.message != self.phase:
+            self.since = Time.from_msg(message.header.stamp).nanoseconds
         self.phase = status.message
         self.label = next((pair.value for pair in status.values if pair.key == 'reason'), '')
 
@@ -124,7 +130,7 @@ class Conductor(Node):
         Returns
         -------
         float
-            How long it took [s].
+            How long it took, in time of the rig [s].
 
         Raises
         ------
@@ -141,14 +147,14 @@ class Conductor(Node):
         while not (answer := self.call(self._start, Trigger.Request(), each)).success:
             if time.monotonic() > end:
                 raise MotionError(f'sequence {name}: {answer.message}')
-        began = time.monotonic()
         self.wait(lambda: self.phase not in ('idle', 'done', 'aborted', ''), 10.0,
                   f'the start of sequence {name}', each)
+        began = self.since
         self.wait(lambda: self.phase in ('done', 'aborted'), SEQUENCE_TIMEOUT,
                   f'the end of sequence {name}', each)
         if self.phase == 'aborted':
             raise MotionError(f'sequence {name} was aborted: {self.label}')
-        return time.monotonic() - began
+        return (self.since - began) * 1e-9
 
     def close(self) -> None:
         """Free what the node holds."""
@@ -190,8 +196,9 @@ def run_demo(accelerometer: str, out: Path, seed: int, progress: Say) -> DemoRes
             progress(conductor.phase or 'starting', time.monotonic() - began)
 
         try:
-            nodes.start('sim', {'accelerometer': accelerometer, 'seed': seed})
-            nodes.start('observer', {})
+            nodes.start('sim', {'accelerometer': accelerometer, 'seed': seed,
+                                'clock.publish': True})
+            nodes.start('observer', {'use_sim_time': True})
             nodes.start('sequencer', {'accelerometer.coupling': coupling, **FOR_SIMULATION})
             conductor.wait(lambda: conductor.recorder.counts['pose'] > 0, START_TIMEOUT,
                            'a first pose of the simulated rig', each)
