@@ -131,15 +131,20 @@ def torque_departs(stages: Stages, settings: Settings) -> Iterator[Finding]:
     turns = np.linalg.norm(stages.moved.turning.omega, axis=1) > _TURNS_SLOWLY
     by_motion = stages.tool.condition > settings.thresholds.condition
     small = _SMALL * stages.tool.mass * settings.gravity * np.linalg.norm(stages.tool.com)
+    said = False
     for where, part, suspect in (('at rest', ~turns, ALL),
-                                 ('in motion', turns, ALL if by_motion else MOTION)):
+                                 ('in motion', turns, ALL if by_motion else MOTION),
+                                 ('on the whole', np.ones_like(turns), ALL)):
         found = strongest(residuals._replace(use=residuals.use & part))
-        if found.sigmas > TORQUE and abs(found.size) > small:
-            yield Finding(
-                f'torque.{"xyz"[found.channel]} is off by {found.size:+.2g} N m '
-                f'({found.sigmas:.0f} standard errors) {where} about {found.time:.2f} s; look for '
-                'contact, a cable, a tool that was changed, drift, or a pose that does not '
-                'belong to that instant', suspect)
+        if not found.sigmas > TORQUE or abs(found.size) <= small or (
+                said and where == 'on the whole'):
+            continue
+        said = True
+        yield Finding(
+            f'torque.{"xyz"[found.channel]} is off by {found.size:+.2g} N m '
+            f'({found.sigmas:.0f} standard errors) {where} about {found.time:.2f} s; look for '
+            'contact, a cable, a tool that was changed, drift, or a pose that does not '
+            'belong to that instant', suspect)
 
 
 def accelerometer_disagrees(stages: Stages, settings: Settings) -> Iterator[Finding]:
