@@ -8,7 +8,9 @@ from forcecal_ros.bags import read_recording
 from forcecal_ros.diagnose import datachecks
 from forcecal_ros.diagnose.evidence import fit, Gram, Prior
 from forcecal_ros.diagnose.noise import fit_noise
+from forcecal_ros.diagnose.parameters import from_checks
 from forcecal_ros.diagnose.pipeline import diagnose
+from forcecal_ros.diagnose.stamps import Corrected
 from forcecal_ros.samples import Recording, Stream
 from forcecal_ros.sim.rig_file import load_rig
 import numpy as np
@@ -49,6 +51,12 @@ def test_skew_and_lost_samples_are_read_off_the_stamps():
     assert datachecks.skew_between(found)['wrench'] == pytest.approx(2e-4, rel=1e-3)
     lost = 5.0 * np.sqrt(0.02 * 0.98 / len(t))
     assert datachecks.dropouts(found)['wrench'] == pytest.approx(0.02, abs=lost)
+
+
+def test_commands_that_come_unevenly_are_a_note_and_no_effect():
+    uneven = Corrected(Recording(), (), {}, {'target': 0.1})
+    effects, notes = from_checks([uneven], np.ones(16), None)
+    assert not effects and notes == ('samples are lost: target 10.00 %',)
 
 
 def test_a_lattice_of_values_gives_its_step_and_noise_gives_none():

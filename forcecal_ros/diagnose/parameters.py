@@ -110,7 +110,8 @@ def from_checks(stamps: Sequence[Corrected], noise: Array, model: AccelerometerM
     notes += [f'{x.channel} stops at {x.limit:.4g} ({x.samples} samples)' for x in limits]
     notes += [f'stamps of {c.stream} scatter by {1e3 * c.jitter:.2f} ms' for one in stamps
               for c in one.clocks if c.jitter * c.rate > datachecks.JITTER]
-    return effects, tuple(notes)
+    # of commands that come unevenly there is a note, and no effect
+    return {name: found for name, found in effects.items() if found}, tuple(notes)
 
 
 def _as_force(found: dict[str, Parameter], model: AccelerometerModel) -> dict[str, Parameter]:
