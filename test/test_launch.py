@@ -20,7 +20,7 @@ def calls(path, function):
 
 def test_there_is_one_for_each_part_of_the_day():
     assert [path.name for path in FILES] == [
-        'calibrate.launch.py', 'observe.launch.py']
+        'calibrate.launch.py', 'impedance.launch.py', 'observe.launch.py']
 
 
 @pytest.mark.parametrize('path', [*FILES, SHARED], ids=lambda path: path.name)
