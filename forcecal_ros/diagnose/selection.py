@@ -362,7 +362,11 @@ def _drop(start: Problem, problem: Problem, accepted: list[Accepted],
 def _exchange(start: Problem, problem: Problem, accepted: list[Accepted],
               tangents: list[Tangent], found: Sequence[Hypothesis]) -> tuple[
         Problem, list[Accepted], list[Tangent], dict[str, dict[str, float]]]:
-    """Try every other effect in the place of each accepted one; keep what is better."""
+    """
+    Try every other effect in the place of each accepted one; keep what is better.
+
+    An effect that brings nothing any more beside noise that is fitted with it is dropped.
+    """
     rivals: dict[str, dict[str, float]] = {}
     for a in list(accepted):
         less, rest, few = _without(start, problem, accepted, a.name)
@@ -370,6 +374,9 @@ def _exchange(start: Problem, problem: Problem, accepted: list[Accepted],
         bench = Bench(less, few)
         trials = ranked(bench, [h for h in found if h.name not in taken], len(found))
         weight = weights(trials)
+        if next(t.evidence for t in trials if t.name == a.name) < LEAST_GAIN:
+            problem, accepted, tangents = joint(less, rest) if rest else (start, [], [])
+            continue
         own = weight[a.name]
         near = [t for t in trials if t.name != a.name and acceptable(t, len(found))
                 and weight[t.name] > own - NEAR]
