@@ -125,6 +125,8 @@ class Bench:
         for module in gone:
             self._start(module)
         if 'sequencer' in gone:
+            for service in [*live.clients]:
+                live.node.destroy_client(live.clients.pop(service))
             live.phases.clear()
             live.until(lambda: live.phases, 'a new sequencer')
             live.spin(1.0)
@@ -194,6 +196,8 @@ class Bench:
         if part in SIGNALS:
             process = live.processes.pop(kind.removeprefix('to '))
             process.send_signal(SIGNALS[part])
+            if kind == 'to sim':  # it speaks until it has gone
+                process.wait()
             return process.wait, len(self.commands)
         if fault == FOREIGN:
             other = live.node.create_publisher(PoseStamped, 'target_frame', OUTPUT)
