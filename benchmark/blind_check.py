@@ -68,12 +68,12 @@ def work(args, folder, labels):
         seal.seal(folder, labels)
     if args.until == 'made':
         return 0
-    if not (folder / 'opened.json').exists():
+    left = seal.waiting(folder)
+    if left:
         seal.start(folder, blind_tool.identity_of_tool())
-        order = list(seal.read_json(folder / 'commitments.json'))
-        bags = set(order[:args.bags])
-        go(blind_tool.answer, [(str(folder), one, one in bags) for one in seal.waiting(folder)],
-           'diagnosing', args)
+        bags = set(list(seal.read_json(folder / 'commitments.json'))[:args.bags])
+        go(blind_tool.answer, [(str(folder), one, one in bags) for one in left], 'diagnosing',
+           args)
     if args.baselines:
         go(compare.judge_case, [(str(folder), one) for one in seal.read_json(
             folder / 'commitments.json')], 'baselines', args)
