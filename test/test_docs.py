@@ -1,0 +1,69 @@
+"""What the documents say is there, and what is there is in the documents."""
+
+from importlib import import_module
+from pathlib import Path
+import re
+
+from forcecal_ros.cli import build_parser, COMMANDS
+from forcecal_ros.sim.library import EFFECTS
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').glob('*.md'))]
+PARAMETER_NODES = ('sequencer', 'observer', 'sim', 'impedance')
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
+def test_every_link_leads_somewhere(page):
+    for target in re.findall(r'\]\(([^)#]+)', page.read_text()):
+        assert target.startswith('http') or (page.parent / target).exists(), target
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
+def test_every_command_named_exists_with_its_options(page):
+    text = page.read_text().replace('\\\n', ' ')
+    for line in re.findall(r'\bforcecal ((?:[a-z-]+) [^`\n]*)', text):
+        command = line.split()[0]
+        if command not in COMMANDS:
+            continue
+        parser = build_parser(command)
+        usage = parser._subparsers._group_actions[0].choices[command].format_help()
+        for option in re.findall(r'(?<![\w-])--[a-z][a-z-]*', line.split('#')[0]):
+            assert option in usage, f'{command} {option}'
+
+
+def test_every_command_is_in_the_readme():
+    text = (ROOT / 'README.md').read_text()
+    for command in COMMANDS:
+        assert re.search(rf'forcecal {command}\b|`{command}`|run {command}\b', text), command
+
+
+def test_every_effect_and_each_of_its_parameters_is_catalogued():
+    rows = dict(re.findall(r'^\| `(\w+)` \|(.*)$', (ROOT / 'docs/effects.md').read_text(), re.M))
+    assert list(rows) and set(rows) == set(EFFECTS)
+    for name, effect in EFFECTS.items():
+        _, plain, shape, _ = rows[name].split('|')
+        words = {True: re.findall(r'\w+', ' '.join(re.findall('`(.+?)`', shape))),
+                 False: re.findall(r'\w+', ' '.join(re.findall('`(.+?)`', plain)))}
+        for shapes, found in words.items():
+            assert found == [q.name for q in effect.parameters if q.shapes is shapes], name
+
+
+@pytest.mark.parametrize('node', PARAMETER_NODES)
+def test_every_parameter_says_what_it_is_and_in_which_range(node):
+    module = 'sim' if node == 'sim' else f'{node}_settings'
+    table = import_module(f'forcecal_ros.nodes.{module}').PARAMETERS
+    assert len({row.name for row in table}) == len(table)
+    for row in table:
+        assert re.fullmatch(r'[a-z0-9_]+(\.[a-z0-9_]+)*', row.name)
+        assert len(row.description) > 5 and not row.description.endswith('.'), row.name
+        if isinstance(row.default, float):
+            assert row.low is not None and row.high is not None, row.name
+
+
+@pytest.mark.parametrize('script', sorted(
+    set(re.findall(r'benchmark/\w+\.py', ''.join(page.read_text() for page in PAGES)))))
+def test_every_script_named_is_there(script):
+    assert (ROOT / script).is_file()
+
+
