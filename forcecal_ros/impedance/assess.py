@@ -136,9 +136,9 @@ def exceptions(figures: Mapping[str, Figures]) -> Iterator[str]:
         yield (f'{words}: kalman {mine:.3g}, {best} {theirs:.3g}; with the true force '
                f'{perfect:.3g}. ' + _why(perfect, theirs, others[best], ideal))
     if even:
-        yield (f'Within {EVEN:.0%} of the best of the others: {"; ".join(even)}. There the tool on '
-               'its spring decides, and what the law does with position and displacement, more '
-               'than the force.')
+        yield (f'Within {EVEN:.0%} of the best of the others: {"; ".join(even)}. There the tool '
+               'on its spring decides, and what the law does with position and displacement, '
+               'more than the force.')
 
 
 def _rank(value: float) -> float:
