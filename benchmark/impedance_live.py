@@ -33,7 +33,7 @@ PATIENCE = 60.0
 
 FOR_SIMULATION = {
     'watch.pause_timeout': 0.4, 'watch.lost_timeout': 2.0, 'watch.frozen_timeout': 0.4,
-    'watch.max_age': 5.0}
+    'watch.max_age': 5.0, 'limits.overspeed': 10.0}
 """Where no robot moves, a busy computer may be late."""
 
 

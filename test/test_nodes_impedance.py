@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 WATCH = {'watch__pause_timeout': 0.4, 'watch__lost_timeout': 1.0, 'watch__max_age': 5.0,
-         'watch__frozen_timeout': 0.4}
+         'watch__frozen_timeout': 0.4, 'limits__overspeed': 10.0}
 """A machine that runs tests may be late; where lateness is the point, it is not given."""
 
 BOX = '[1.35, 0.4, 1.4]'

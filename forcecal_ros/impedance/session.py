@@ -176,6 +176,11 @@ class Session:
         """Let the reference stand, or go on; the law goes on in either case."""
         self._paused = paused
 
+    def restart(self) -> None:
+        """Take up speed from rest, after a silence in which the robot came to stand."""
+        if self._stop is None:
+            self._motion = Motion(self._motion.position)
+
     def step(self, heard: Measurement) -> float | None:
         """
         Advance by one period.

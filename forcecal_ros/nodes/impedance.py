@@ -125,7 +125,11 @@ class Impedance(Node):
             if fault:
                 self._abort(fault.reason)
         now = self.get_clock().now().nanoseconds if self._simulated else steady
-        for _ in range(self._stream.due(now)):
+        slipped = self._stream.slipped_ns
+        due = self._stream.due(now)
+        if self._stream.slipped_ns != slipped:
+            self._session.restart()
+        for _ in range(due):
             if not self._send(self._stream.next_stamp()):
                 break
         if self._session.status.phase != self._said.phase:
