@@ -184,7 +184,8 @@ def test_after_a_silence_the_command_takes_up_speed_from_rest():
     bench.session.restart()
     commands = np.append(moving[-1], bench.drive(0.02))
     assert abs(speeds(moving)[-1]) > 0.1
-    assert (np.abs(speeds(commands)) <= BOUNDS.acceleration * PERIOD * np.arange(1, 6) + 1e-9).all()
+    ramp = BOUNDS.acceleration * PERIOD * np.arange(1, 6)
+    assert (np.abs(speeds(commands)) <= ramp + 1e-9).all()
 
 
 def test_a_pause_lets_the_reference_stand():
