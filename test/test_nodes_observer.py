@@ -179,7 +179,7 @@ def test_lifecycle_tare_and_takeover(ros_domain, tmp_path, recording):
         assert player.array(stamps)[-50:, 0].mean() == pytest.approx(0.0, abs=0.15)
 
         check_takeover(live, player, recording)
-        check_settings(live)
+        check_settings(live, player, recording)
         assert live.call('observer/reload_calibration').success
         assert live.call('observer/reset').success
         assert transition(live, Transition.TRANSITION_DEACTIVATE)
@@ -206,11 +206,17 @@ def check_takeover(live, player, recording):
     assert abs(after[-1, 2] - before[-1, 2]) > 5
 
 
-def check_settings(live):
+def check_settings(live, player, recording):
+    """Set values while a force of 50 N is published, which they leave without a jump."""
     (answer,) = live.set('observer', observer__mode='newton')
     assert not answer.successful and 'observer.K' in answer.reason
+    before = player.array(player.play(recording, 2.0, 2.5, origin=START + 5 * 10**8, shift=5.0))
+    assert np.abs(before[-1, :3]).max() > 40
     (answer,) = live.set('observer', observer__bandwidth=10.0)
     assert answer.successful
+    after = player.array(player.play(recording, 2.0, 2.5, origin=START + 10**9, shift=5.0))
+    steps = np.abs(np.diff(np.concatenate([before[-20:], after])[:, :3], axis=0)).max(axis=0)
+    assert (steps < 0.5).all(), steps
     (answer,) = live.set('observer', observer__bandwidth=-1.0)
     assert not answer.successful
 
