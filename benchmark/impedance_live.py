@@ -117,15 +117,16 @@ def report(heard, cycles):
     t, truth = np.array(heard.truth).T
     seen_t, seen = np.array(heard.observed).T
     pressed = np.interp(seen_t, t, truth) < -5.0
-    error = seen[pressed] - np.interp(seen_t[pressed], t, truth)
+    error = (seen - np.interp(seen_t, t, truth))[pressed]
     values = heard.values
     print(f'ended as {heard.phase} {heard.reason}'.rstrip())
     print(f'visits of the wall {cycles}: touched {values["contacts"]}, missed {values["missed"]}')
     print(f'control period: median {values.get("period, median [ms]")} ms, 99th percentile '
           f'{values.get("period, 99th percentile [ms]")} ms; put off by '
           f'{values.get("stream put off by [s]")} s in all')
-    print(f'true force at most {-truth.min():.1f} N; observed less true in contact '
-          f'{np.sqrt(np.mean(error ** 2)):.2f} N RMS')
+    if pressed.any():
+        print(f'true force at most {-truth.min():.1f} N; observed less true in contact '
+              f'{np.sqrt(np.mean(error ** 2)):.2f} N RMS')
 
 
 if __name__ == '__main__':
