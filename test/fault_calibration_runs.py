@@ -14,7 +14,7 @@ from forcecal_ros.identify.pipeline import identify
 from forcecal_ros.identify.settings import Settings
 from forcecal_ros.samples import Recording
 from forcecal_ros.sim.chosen import chosen_effects
-from forcecal_ros.sim.faults import in_recording
+from forcecal_ros.sim.faults import in_recording, OFFSETS
 import numpy as np
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'benchmark'))
@@ -232,6 +232,9 @@ def faulty(scene, sensor, kind):
     """Let the sensor itself be faulty from some time on."""
     recording = scene.simulated()
     start = float(scene.rng.uniform(0.0, 0.9) * recording.wrench.t[-1])
+    if (sensor, kind) == ('accelerometer', 'wrong'):
+        key = 'accelerometer.offset'
+        scene.after[key] = scene.truth[key] + OFFSETS['volts']
     return in_recording(recording, sensor, kind, start, scene.seed)
 
 

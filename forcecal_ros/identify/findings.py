@@ -37,6 +37,7 @@ In 80 healthy runs the largest were 4.8, 5.0 and 4.6; one in a hundred passes on
 
 _DRIFT = 6.0
 _MISSING = 0.005
+_COARSE = 2.5
 _SMALL = 1e-4
 _ASTRAY = 3e-3
 _TURNS_SLOWLY = 0.01
@@ -187,10 +188,17 @@ def gaps_behind_highpass(stages: Stages, settings: Settings) -> Iterator[Finding
         return
     lattice = stages.moved.lattice
     wanted = lattice.grid.free | (lattice.grid.still >= 0)
-    missing = float(np.isnan(lattice.wrench[wanted]).any(axis=1).mean()) if wanted.any() else 0.0
+    fit = stages.accelerometer.residuals
+    used = np.isfinite(lattice.wrench).all(axis=1) & (fit is None or fit.use)
+    missing = float((~used[wanted]).mean()) if wanted.any() else 0.0
     if missing > _MISSING:
-        yield Finding(f'the wrench pauses for {missing:.1%} of the motion, which an AC-coupled '
-                      'accelerometer remembers; record it without gaps', ACCELEROMETER)
+        yield Finding(f'wrench or accelerometer pause for {missing:.1%} of the motion, which an '
+                      'AC-coupled accelerometer remembers; record them without gaps',
+                      ACCELEROMETER)
+    elif lattice.grid.length > _COARSE * settings.block:
+        yield Finding(f'a sensor is so slow that readings are averaged over '
+                      f'{lattice.grid.length:.2g} s, too long for an AC-coupled accelerometer; '
+                      'record it faster', ACCELEROMETER)
 
 
 def ringing_departs(stages: Stages) -> Iterator[Finding]:

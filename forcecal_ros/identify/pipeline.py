@@ -68,7 +68,9 @@ def identify(recording: Recording, settings: Settings = Settings()) -> Calibrati
     try:
         with np.errstate(all='ignore'):
             stages = identify_stages(recording, settings)
-    except np.linalg.LinAlgError as error:
+    except (np.linalg.LinAlgError, ValueError) as error:
+        if isinstance(error, ValueError) and 'infs or NaNs' not in str(error):
+            raise
         raise DataError(f'{recording.source or "the recording"}: the fit breaks down ({error}); '
                         'look for readings of absurd size') from error
     noise = noise_of(stages, settings.coupling)
@@ -127,7 +129,7 @@ def identify_stages(recording: Recording, settings: Settings) -> Stages:
     recording, removed = clean(recording)
     wrench = require_wrench(recording)
     poses = static_poses(recording)
-    refuse_stuck(wrench, recording.accelerometer, poses)
+    refuse_stuck(wrench, recording.accelerometer, poses, recording.optidrive)
     refuse_frozen_pose(recording)
     lattice = lay_lattice(recording, poses, settings)
     statics = read_statics(recording, poses, settings, lattice)

@@ -72,7 +72,8 @@ def require_wrench(recording: Recording) -> Stream:
     return recording.wrench
 
 
-def refuse_stuck(wrench: Stream, accelerometer: Stream | None, poses: list[StaticPose]) -> None:
+def refuse_stuck(wrench: Stream, accelerometer: Stream | None, poses: list[StaticPose],
+                 optidrive: Stream | None = None) -> None:
     """
     Refuse channels that stand at one value in a pose while they are noisy in another.
 
@@ -81,6 +82,7 @@ def refuse_stuck(wrench: Stream, accelerometer: Stream | None, poses: list[Stati
     wrench : Stream
     accelerometer : Stream or None
     poses : list of StaticPose
+    optidrive : Stream, optional
 
     Raises
     ------
@@ -103,6 +105,10 @@ def refuse_stuck(wrench: Stream, accelerometer: Stream | None, poses: list[Stati
         noisy = (ranges > _NOISY * np.ptp(stream.values, axis=0)).any(axis=0)
         for i, j in zip(*np.nonzero((ranges == 0) & noisy)):
             stuck.append(f'{prefix}{names[j]} stands at {cuts[i][0, j]:.6g} in pose {i + 1}')
+    if optidrive is not None:
+        cuts = [optidrive.between(p.start, p.end).values for p in poses]
+        if cuts and all(len(cut) >= 20 and not np.ptp(cut) and cut[0, 0] for cut in cuts):
+            stuck.append(f'optidrive stands at {cuts[0][0, 0]:.6g} in every pose')
     if stuck:
         raise DataError(f'saturated or stuck: {"; ".join(stuck)}; lower the load, or raise the '
                         'range of the sensor')
