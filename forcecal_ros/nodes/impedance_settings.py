@@ -58,9 +58,10 @@ PARAMETERS = (
           'delay, transport of the sensors included', '', 0, 50),
     _live('design.effort', _DESIGN.effort, 'What a command off its steady value costs, as a '
           'force per distance', 'N/m', 1e-3, 1e6),
-    _live('design.softest_wall', _DESIGN.wall_stiffness[0], 'Not started where the loop is '
-          'unstable against a wall from here', 'N/m', 0.1, 1e7),
-    _live('design.stiffest_wall', _DESIGN.wall_stiffness[1], 'to here', 'N/m', 0.1, 1e7),
+    _live('design.softest_wall', _DESIGN.wall_stiffness[0], 'Softest wall against which the loop '
+          'has to be stable to be started', 'N/m', 0.1, 1e7),
+    _live('design.stiffest_wall', _DESIGN.wall_stiffness[1], 'Stiffest wall against which the '
+          'loop has to be stable to be started', 'N/m', 0.1, 1e7),
     _live('design.state_gain', [0.0], 'L of the control law in the place of the optimal one; '
           'zeros: the optimal one'),
     _live('design.force_gain', 0.0, 'c of the control law in the place of the one that makes '
