@@ -129,6 +129,8 @@ class Answered:
         """What the answer names first; the verdict where it names nothing."""
         if not self.detected:
             return self.verdict
+        if self.says_unknown:
+            return 'unknown'
         return (self.effects or self.ranked or [self.verdict])[0]
 
     @property
@@ -145,6 +147,8 @@ class Answered:
             return self.verdict == 'no_gap'
         if self.kind == 'outside':
             return self.says_unknown
+        if self.says_unknown:
+            return False
         if self.kind == 'pair':
             return set(self.effects) == set(self.names)
         return self.effects == self.names or (

@@ -54,13 +54,15 @@ def test_alias_counts_by_class_only():
 
 
 def test_remainder_that_outweighs_the_name_is_unknown():
-    labels = {'a': _label('outside', 'slosh'), 'b': _label('outside', 'slosh')}
+    labels = {'a': _label('outside', 'slosh'), 'b': _label('outside', 'slosh'),
+              'c': _label('single', 'cable_force')}
     found = [('cable_force', 0.2)]
     figures = score(labels, {
         'a': _result('partial', found, [('unknown', 0.8), *found]),
-        'b': _result('identified', [('cable_force', 1.0)], [('cable_force', 1.0)])})
+        'b': _result('identified', [('cable_force', 1.0)], [('cable_force', 1.0)]),
+        'c': _result('partial', found, [('unknown', 0.8), *found])})
     assert _row(figures, 'outside the library, recognised') == (1, 2)
-    assert [miss.identity for miss in figures.misses] == ['b']
+    assert [miss.identity for miss in figures.misses] == ['b', 'c']
 
 
 def test_effect_too_small_to_see_may_be_missed():
