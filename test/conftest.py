@@ -22,6 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 GENERATED = re.compile(r'(__pycache__|build|install|log|dist|.+\.egg-info|\.(?!ci|gitignore).+)')
 
 
+@pytest.hookimpl(tryfirst=True)  # before the workers look at the groups
 def pytest_collection_modifyitems(items):
     """Keep what runs nodes to one worker of several, where it has the DDS traffic to itself."""
     for item in items:

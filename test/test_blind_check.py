@@ -8,6 +8,7 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.timeout(900)
 ROOT = Path(__file__).resolve().parents[1]
 if not (ROOT / 'blind').is_dir():
     pytest.skip('the blind check is not part of what is installed', allow_module_level=True)
@@ -28,7 +29,6 @@ def _results(run):
     return {path.stem: json.loads(path.read_text()) for path in (run / 'results').glob('*')}
 
 
-@pytest.mark.timeout(900)
 def test_no_case_crashes_the_tool(run):
     results = _results(run)
     assert len(results) == 12
