@@ -19,7 +19,7 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp('blind') / 'run'
     done = subprocess.run(
         [sys.executable, str(ROOT / 'benchmark' / 'blind_check.py'), '--seeds', 'development',
-         '12', '--seconds', '20', '--bags', '1', '--jobs', '2', '--run', str(folder)],
+         '12', '--seconds', '20', '--bags', '1', '--jobs', '1', '--run', str(folder)],
         env={**os.environ, 'PYTHONPATH': str(ROOT)}, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return folder

@@ -239,7 +239,8 @@ def test_a_clock_that_stops_or_jumps_ends_the_motion(ros_domain):
         until_moving(live, robot)
         time.offset -= 500_000_000
         live.until(lambda: live.phases[-1] == 'aborted', 'aborted')
-        assert live.reasons[-1] in ('/clock jumped', 'current_pose: the same reading')
+        assert live.reasons[-1].startswith(
+            ('/clock jumped by -', 'current_pose: the same reading'))
         count = len(robot.commands)
         live.spin(0.5)
         assert len(robot.commands) - count < 30

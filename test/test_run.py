@@ -117,3 +117,9 @@ def test_wrong_use_tells_the_right_one(newcomer):
     done = newcomer.runs()
     assert done.returncode == 2
     assert done.stderr.startswith('usage: ./run demo')
+
+
+def test_several_workers_know_which_tests_stay_together(request):
+    if not hasattr(request.config, 'workerinput'):
+        pytest.skip('only where the tests run on several workers')
+    assert request.node.nodeid.endswith('@test_run')

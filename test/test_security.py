@@ -22,8 +22,9 @@ LOADER = 'documents.py'
 
 def nodes():
     for path in sorted(SOURCE.rglob('*.py')):
+        name = path.relative_to(SOURCE)
         for node in ast.walk(ast.parse(path.read_text())):
-            yield path.relative_to(SOURCE), node
+            yield name, node
 
 
 def offences(node):

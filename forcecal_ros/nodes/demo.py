@@ -38,6 +38,7 @@ FOR_SIMULATION = {
     'use_sim_time': True,
     'limits.workspace_max': [1.35, 0.4, 1.4],
     'limits.force': 1000.0,
+    'limits.torque': 1000.0,
     'limits.tracking_error': 0.2,
     'limits.tracking_angle': 1.0,
     'watch.max_age': 5.0,
