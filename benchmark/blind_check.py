@@ -48,6 +48,7 @@ def parse():
     parser.add_argument('--seeds', choices=(seal.DEVELOPMENT, seal.SEALED), required=True)
     parser.add_argument('count', type=int, help='cases')
     parser.add_argument('--none', type=int, help='of them without effect (default: a fifth)')
+    parser.add_argument('--part', default='', help='another part of the development seeds')
     parser.add_argument('--seconds', type=float, default=30.0, help='length of a recording')
     parser.add_argument('--bags', type=int, default=20,
                         help='cases that go as real bags through the command')
@@ -62,7 +63,8 @@ def parse():
 
 
 def work(args, folder, labels):
-    seal.prepare(folder, labels, args.seeds, args.count, args.seconds, args.none)
+    seal.prepare(folder, labels, args.seeds, args.count, args.seconds, args.none,
+                 args.part)
     if not (folder / 'commitments.json').exists():
         go(seal.make, seal.jobs(folder, labels), 'making', args)
         seal.seal(folder, labels)

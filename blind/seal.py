@@ -61,7 +61,7 @@ def commitment(label: Mapping[str, Any], nonce: str) -> str:
 
 
 def prepare(folder: Path, labels: Path, seeds: str, count: int, seconds: float,
-            none: int | None = None) -> dict[str, Any]:
+            none: int | None = None, part: str = '') -> dict[str, Any]:
     """
     Begin a run, or return what was begun.
 
@@ -76,6 +76,8 @@ def prepare(folder: Path, labels: Path, seeds: str, count: int, seconds: float,
         Length of a recording.
     none : int, optional
         How many cases are without effect; a fifth if not given.
+    part : str
+        Which of the development seeds; cases of different parts are different.
 
     Returns
     -------
@@ -83,7 +85,9 @@ def prepare(folder: Path, labels: Path, seeds: str, count: int, seconds: float,
         The plan.
     """
     path = folder / 'plan.json'
-    wanted = {'seeds': seeds, 'count': count, 'seconds': seconds, 'none': none}
+    wanted = {'seeds': seeds, 'count': count, 'seconds': seconds, 'none': none, 'part': part}
+    if part and seeds == SEALED:
+        raise SealError('sealed seeds are drawn anew and have no parts')
     if path.exists():
         plan: dict[str, Any] = read_json(path)
         if any(plan[key] != value for key, value in wanted.items()):
@@ -91,7 +95,7 @@ def prepare(folder: Path, labels: Path, seeds: str, count: int, seconds: float,
         return plan
     if folder.resolve() in (labels.resolve(), *labels.resolve().parents):
         raise SealError(f'{labels}: labels lie apart from the run; choose another folder')
-    master = secrets.token_hex(16) if seeds == SEALED else DEVELOPMENT
+    master = secrets.token_hex(16) if seeds == SEALED else DEVELOPMENT + part
     write_json(labels / 'master.json', {'master': master}, private=True)
     plan = {**wanted, 'master_sha256': digest(master.encode()), 'begun': now(),
             'outside_sha256': outside.fingerprint()}
