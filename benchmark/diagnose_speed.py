@@ -1,25 +1,34 @@
-"""Cost of ``forcecal diagnose`` with the whole library against the length of the recordings.
+"""Cost of ``forcecal diagnose`` against length and rate of the recordings and effects asked.
 
     python benchmark/diagnose_speed.py [SECONDS ...]
+
+Prints a table and draws diagnose_speed.png beside this file; effects and rate are varied on the
+shortest pair. Wanted: 60 s on two cores for the whole library and a pair of 60 s.
 
 Pairs of recordings of the simulated rig with a late force sensor, one to fit on and one to judge
 on, swinging and turning; processor time and time on the wall of one diagnosis each.
 """
 
+from dataclasses import replace
+from pathlib import Path
 import sys
 import time
 
+from forcecal_ros.diagnose import hypotheses
 from forcecal_ros.diagnose.pipeline import diagnose
 from forcecal_ros.geometry import rotation_from_vector
-from forcecal_ros.samples import PoseStream
-from forcecal_ros.sim.effects import with_effects
+from forcecal_ros.samples import PoseStream, Recording
+from forcecal_ros.sim.effects import EFFECTS, with_effects
 from forcecal_ros.sim.offline import simulate
+from forcecal_ros.sim.rig import Rig
 from forcecal_ros.sim.rig_file import load_rig
+from matplotlib.figure import Figure
 import numpy as np
 from timing import head, row
 
 LENGTHS = (15.0, 30.0, 60.0)
 DELAY = 0.004
+PICTURE = Path(__file__).with_suffix('.png')
 
 
 def commands(seconds: float, hertz: float) -> PoseStream:
@@ -35,21 +44,58 @@ def commands(seconds: float, hertz: float) -> PoseStream:
                                              for turn in turns]))
 
 
+def thinned(recording: Recording, every: int) -> Recording:
+    """Keep every n-th sample of the wrench and the accelerometer."""
+    return replace(recording, **{
+        name: replace(stream, t=stream.t[::every], values=stream.values[::every])
+        for name in ('wrench', 'accelerometer') for stream in [getattr(recording, name)]})
+
+
+def cost(pair: list[Recording], rig: Rig, count: int) -> tuple[float, float, str]:
+    """Return processor time and time on the wall [s] with the first effects, and the answer."""
+    # late, so that every part of the library has the effect that is there
+    asked = [n for n in EFFECTS if n != 'wrench_delay'][:count - 1] + ['wrench_delay']
+    whole, hypotheses.EFFECTS = hypotheses.EFFECTS, {n: EFFECTS[n] for n in asked}
+    used, start = time.process_time(), time.perf_counter()
+    try:
+        found = diagnose(*pair, rig).diagnosis
+    finally:
+        hypotheses.EFFECTS = whole
+    return (time.process_time() - used, time.perf_counter() - start,
+            f'{found.verdict} {[e.name for e in found.effects]}')
+
+
+def draw(curves: dict[str, tuple[list[float], list[float]]], path: Path) -> None:
+    """Draw the cost over each quantity, from nothing."""
+    figure = Figure(figsize=(10, 3), layout='tight')
+    axes = figure.subplots(1, len(curves), sharey=True)
+    for axis, (label, (x, seconds)) in zip(axes, curves.items()):
+        axis.plot(x, seconds, 'o-')
+        axis.set(xlabel=label, xlim=(0, None), ylim=(0, None))
+        axis.grid(alpha=0.3)
+    axes[0].set_ylabel('processor time [s]')
+    figure.savefig(path, dpi=110)
+
+
 def main() -> None:
-    lengths = [float(word) for word in sys.argv[1:]] or LENGTHS
+    lengths = tuple(float(word) for word in sys.argv[1:]) or LENGTHS
     rig = load_rig()
     faulty = with_effects(rig, {'wrench_delay': {'delay': DELAY}})
-    head('pair of recordings', 'processor time', 'on the wall', 'wanted', 'a recorded second',
-         'verdict')
-    for seconds in lengths:
-        pair = [simulate(faulty, commands(seconds, hertz), seed=seed)
-                for seed, hertz in enumerate((0.8, 1.1))]
-        used, start = time.process_time(), time.perf_counter()
-        found = diagnose(*pair, rig).diagnosis
-        used, wall = time.process_time() - used, time.perf_counter() - start
-        row(f'2 x {seconds:g} s', f'{used:.0f} s', f'{wall:.0f} s',
-            '60 s' if seconds == 60.0 else '', f'{used / seconds / 2:.2f} s',
-            f'{found.verdict} {[e.name for e in found.effects]}')
+    pairs = {seconds: [simulate(faulty, commands(seconds, hertz), seed=seed)
+                       for seed, hertz in enumerate((0.8, 1.1))] for seconds in lengths}
+    short = pairs[lengths[0]]
+    runs = [('length of each recording [s]', s, pair, len(EFFECTS)) for s, pair in pairs.items()]
+    runs += [('effects asked', n, short, n) for n in (8, 16, 24, len(EFFECTS))]
+    runs += [('rate of wrench and accelerometer [Hz]', 1000 // n,
+              [thinned(r, n) for r in short], len(EFFECTS)) for n in (4, 2, 1)]
+    curves: dict[str, tuple[list[float], list[float]]] = {}
+    head('', '', 'processor time', 'on the wall', 'verdict')
+    for label, x, pair, count in runs:
+        used, wall, said = cost(pair, rig, count)
+        row(label, f'{x:g}', f'{used:.1f} s', f'{wall:.1f} s', said)
+        for values, value in zip(curves.setdefault(label, ([], [])), (x, used)):
+            values.append(value)
+    draw(curves, PICTURE)
 
 
 if __name__ == '__main__':
