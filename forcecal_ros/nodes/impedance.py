@@ -22,7 +22,7 @@ from forcecal_ros.nodes.deadman import Deadman
 from forcecal_ros.nodes.guard import Guard
 from forcecal_ros.nodes.impedance_settings import PARAMETERS, Settings, settings_of
 from forcecal_ros.nodes.inbox import Inbox
-from forcecal_ros.nodes.parameters import declare, guard
+from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.runtime import OUTPUT, run, SECOND, STEADY
 from forcecal_ros.nodes.wire import JointReader, Reader
@@ -76,9 +76,8 @@ class Impedance(Node):
 
     def __init__(self) -> None:
         super().__init__('impedance')
-        declare(self, PARAMETERS)
+        declare(self, PARAMETERS, lambda changes: settings_of({**self._values(), **changes}))
         self._settings = settings_of(self._values())
-        guard(self, lambda changes: settings_of({**self._values(), **changes}))
         self._plant = load_plant(self.get_parameter('plant').value or None)
         self._law = design(self._plant, self._settings.wanted, self._settings.design).law
         self._period_ns = round(SECOND * self._law.period)

@@ -13,7 +13,7 @@ from forcecal_ros.errors import ConfigError, DataError, ForcecalError
 from forcecal_ros.gravity.compensation import compensated, Compensation, compensation_of, rebiased
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.observer_settings import PARAMETERS, settings_of
-from forcecal_ros.nodes.parameters import declare, guard
+from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, SECOND, STEADY
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
@@ -59,7 +59,7 @@ class Observer(LifecycleNode):
 
     def __init__(self) -> None:
         super().__init__('observer')
-        declare(self, PARAMETERS)
+        declare(self, PARAMETERS, self._check_changes)
         self._source: Source | None = None
         self._text = ''
         self._model: Model | None = None
@@ -71,7 +71,6 @@ class Observer(LifecycleNode):
         self._frames: dict[str, str] = {}
         self._inbox = Inbox(self, polled=self._value('poll_rate') > 0)
         self._clear()
-        guard(self, self._check_changes)
         self.add_post_set_parameters_callback(self._on_changed)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', OUTPUT)
         if self._value('poll_rate') > 0:

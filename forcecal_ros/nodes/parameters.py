@@ -48,9 +48,17 @@ class Parameter(NamedTuple):
     live: bool = False
 
 
-def declare(node: Node, table: Iterable[Parameter]) -> None:
+def declare(node: Node, table: Iterable[Parameter],
+            check: Callable[[dict[str, Any]], object] | None = None) -> None:
     """
     Declare a table, so that ``ros2 param describe`` reads like a manual.
+
+    Parameters
+    ----------
+    node : Node
+    table : iterable of Parameter
+    check : callable, optional
+        As of :func:`guard`; asked about changes that every row by itself allows.
 
     Raises
     ------
@@ -74,7 +82,9 @@ def declare(node: Node, table: Iterable[Parameter]) -> None:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    node.add_on_set_parameters_callback(on_set)
+    if check is not None:
+        guard(node, check)
+    node.add_on_set_parameters_callback(on_set)  # rclpy asks the newest first
 
 
 def guard(node: Node, check: Callable[[dict[str, Any]], object]) -> None:

@@ -22,7 +22,7 @@ from forcecal_ros.identify.pipeline import identify
 from forcecal_ros.nodes.backends import JointTrajectories, pose_numbers, TargetFrame, TwistCommands
 from forcecal_ros.nodes.guard import Guard
 from forcecal_ros.nodes.inbox import Inbox
-from forcecal_ros.nodes.parameters import declare, guard
+from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.results import calibration_message, gain_message, inertia_message
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, SECOND, STEADY
@@ -45,9 +45,8 @@ class Sequencer(Node):
 
     def __init__(self) -> None:
         super().__init__('sequencer')
-        declare(self, PARAMETERS)
+        declare(self, PARAMETERS, lambda changes: settings_of({**self._values(), **changes}))
         settings = settings_of(self._values())
-        guard(self, lambda changes: settings_of({**self._values(), **changes}))
         self._settings = settings
         self._sequence = Sequence(settings.stream)
         self._stream: StreamClock | None = None
