@@ -17,7 +17,7 @@ NUMERICS = (
     ('errors',),
     ('compiled', 'documents', 'geometry', 'files', 'topics'),
     ('samples',),
-    ('calibration', 'calibration_file', 'foreign', 'tables'),
+    ('calibration', 'calibration_document', 'calibration_file', 'foreign', 'tables'),
     ('exports', 'six_axis'),
     ('control', 'gravity', 'identify', 'insitu', 'observe', 'plant', 'sim'),
     ('diagnose', 'impedance'),

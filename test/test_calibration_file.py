@@ -2,7 +2,7 @@
 
 import math
 
-from forcecal_ros import calibration_file
+from forcecal_ros import calibration_document, calibration_file
 from forcecal_ros.calibration import (
     Accelerometer,
     Calibration,
@@ -51,7 +51,7 @@ def whole_calibration():
 
 
 def assert_same(a, b):
-    assert calibration_file.to_document(a) == calibration_file.to_document(b)
+    assert calibration_document.to_document(a) == calibration_file.to_document(b)
 
 
 def test_what_was_saved_is_what_is_loaded(tmp_path):
@@ -98,7 +98,7 @@ def test_a_share_directory_is_refused(tmp_path):
     (('tool',), 3, 'tool is 3, expected a group of keys'),
 ])
 def test_a_wrong_entry_is_named_with_what_was_expected(path, value, message):
-    document = calibration_file.to_document(whole_calibration())
+    document = calibration_document.to_document(whole_calibration())
     place = document
     for key in path[:-1]:
         place = place[key]

@@ -90,7 +90,8 @@ def answer(args: argparse.Namespace) -> Answer:
 def _written(calibration: 'Calibration', args: argparse.Namespace, notes: tuple[str, ...]
              ) -> Answer:
     """Write a calibration and say what is in it."""
-    from forcecal_ros.calibration_file import save, to_document
+    from forcecal_ros.calibration_document import to_document
+    from forcecal_ros.calibration_file import save
     from forcecal_ros.report.rows import as_text, table
 
     save(calibration, args.output)

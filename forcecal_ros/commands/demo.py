@@ -37,7 +37,8 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     from forcecal_ros.bags import read_recording
-    from forcecal_ros.calibration_file import parse, save, to_document
+    from forcecal_ros.calibration_document import to_document
+    from forcecal_ros.calibration_file import parse, save
     from forcecal_ros.files import write_text
     from forcecal_ros.nodes.demo import run_demo
     from forcecal_ros.observe import batch, replay

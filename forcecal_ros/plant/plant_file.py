@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from forcecal_ros.calibration import Estimate
-from forcecal_ros.calibration_file import plain
+from forcecal_ros.calibration_document import plain
 from forcecal_ros.documents import LARGEST, load_yaml
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.files import write_text
