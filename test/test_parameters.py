@@ -2,6 +2,7 @@
 
 from importlib import import_module
 
+from forcecal_ros.nodes import sim
 from live import Live
 import pytest
 from rcl_interfaces.msg import ParameterType
@@ -74,3 +75,20 @@ def test_every_bound_and_choice_is_held_when_set(described, node):
     assert wrong and len(results) == len(wrong)
     for name, result in zip(wrong, results):
         assert not result.successful and name in result.reason, (name, result.reason)
+
+
+@pytest.mark.parametrize('arguments', [('-p', 'speed'), ('--params-file', '/nowhere.yaml')])
+def test_ros_arguments_that_cannot_be_read_are_wrong_usage(capsys, arguments):
+    assert sim.main(['sim', '--ros-args', *arguments]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith('sim: ') and arguments[-1] in line
+
+
+def test_a_node_that_may_not_start_says_so(ros_domain, capfd, monkeypatch, tmp_path):
+    """Without its keys under Enforce, whether or not this DDS was built with security."""
+    monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
+    monkeypatch.setenv('ROS_SECURITY_STRATEGY', 'Enforce')
+    monkeypatch.setenv('ROS_SECURITY_KEYSTORE', str(tmp_path))
+    assert sim.main(['sim', '--ros-args', '--enclave', '/forcecal/sim']) == 1
+    line = capfd.readouterr().err.splitlines()[-1]
+    assert line.startswith('sim: ROS 2 refuses to start') and 'ROS_SECURITY_ENABLE' in line

@@ -2,18 +2,20 @@
 
 from collections.abc import Callable, Sequence
 import gc
+import os
 import signal
 import sys
 from types import FrameType
 from typing import Protocol, runtime_checkable
 
-from forcecal_ros.errors import ForcecalError
+from forcecal_ros.errors import ConfigError, ForcecalError
 from forcecal_ros.nodes.parameters import Parameter
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidNodeNameException, InvalidTopicNameException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.experimental import EventsExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
@@ -35,6 +37,8 @@ LATCHED = QoSProfile(depth=1, history=HistoryPolicy.KEEP_LAST,
                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+
+RCLError = rclpy_implementation.RCLError
 
 SECOND = 1_000_000_000
 """One second [ns]."""
@@ -104,14 +108,18 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
         Exit status: 0 after a signal, 1 after an error the user can mend, 2 for wrong usage.
     """
     arguments = list(sys.argv if arguments is None else arguments)
-    if extra := remove_ros_args(arguments)[1:]:
+    try:
+        extra = remove_ros_args(arguments)[1:]
+    except RCLError as error:
+        print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr)
+        return 2
+    if extra:
         print(f'{name}: unknown argument {extra[0]}; parameters go behind --ros-args, as '
               '-p name:=value or --params-file FILE', file=sys.stderr)
         return 2
     interrupt = Interrupt()
     try:
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-        node = make_node()
+        node = _made(make_node, arguments)
         interrupt.running = True
         try:
             _spin(node, interrupt)
@@ -134,6 +142,17 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
         rclpy.try_shutdown()
         interrupt.restore()
     return 0
+
+
+def _made(make_node: Callable[[], Node], arguments: list[str]) -> Node:
+    try:
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        return make_node()
+    except RCLError as error:
+        why = f'ROS 2 refuses to start: {error}'
+        if os.environ.get('ROS_SECURITY_ENABLE') == 'true':
+            why += '; ROS_SECURITY_ENABLE is true, which wants a DDS built with security, and keys'
+        raise ConfigError(why) from error
 
 
 def _executor(node: Node) -> Executor:
