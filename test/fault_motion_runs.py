@@ -94,6 +94,7 @@ class Bench:
         self.clock = clock
         self.live = Live()
         self.commands, self.poses = [], []
+        self.other = None
         self.live.hear(PoseStamped, 'target_frame', self._on_command)
         self.live.hear(PoseStamped, 'current_pose', lambda *sample: self.poses.append(sample))
 
@@ -135,6 +136,10 @@ class Bench:
                 '__node:=second', *(f'sequencer/{name}:=second/{name}' for name in (
                     'start', 'abort', 'save_calibration', 'phase', 'calibration',
                     'observer_gain', 'tool_inertia'))])
+        if fault == FOREIGN and self.other is None:  # known to all before the motion begins
+            self.other = live.node.create_publisher(PoseStamped, 'target_frame', OUTPUT)
+            live.until(lambda: self.other.get_subscription_count() >= 3, 'discovery')
+            live.spin(1.0)
         self.poses.clear()
         live.until(lambda: len(self.poses) > 100, 'a simulated rig')
 
@@ -200,10 +205,8 @@ class Bench:
                 process.wait()
             return process.wait, len(self.commands)
         if fault == FOREIGN:
-            other = live.node.create_publisher(PoseStamped, 'target_frame', OUTPUT)
-            live.until(lambda: other.get_subscription_count() >= 3, 'discovery')
-            other.publish(PoseStamped())
-            return lambda: live.node.destroy_publisher(other), len(self.commands)
+            self.other.publish(PoseStamped())
+            return lambda: None, len(self.commands)
         service = {SECOND: 'second/start', ABORT: 'sequencer/abort'}[fault]
         started = live.call(service).success
         assert started or fault == SECOND

@@ -135,7 +135,7 @@ class Guard:
             self._rate = max(self._rate * FORGETTING, step / max(elapsed, 1e-3)) \
                 if self._rate < UNKNOWN else step / max(elapsed, 1e-3)
             return None if 0 < step < usual else Fault(
-                f'/clock jumped by {step:.2f} s', at_once=True)
+                f'/clock jumped by {step:.3g} s', at_once=True)
         if steady - self._advanced > self._sensors.monitor.settings.clock_timeout * SECOND:
             return Fault('/clock has stopped', at_once=True)
         return None

@@ -36,6 +36,10 @@ from rclpy.time import Time
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 
+UNSEEN = ('where joint vectors lead is not known beforehand: limits.workspace, speed, force and '
+          'torque are held as measured, not as planned')
+"""What a start with joints says, since a sequencer that knows no kinematics plans blindly."""
+
 LOOK = 5
 """Stillness is judged every so many commands."""
 
@@ -212,10 +216,14 @@ class Sequencer(Node):
         check_wrench(parts, self._monitor.mean('wrench'), settings.limits)
         self.get_logger().info(f'{settings.sequence} starts, with poses '
                                f'{", ".join(settings.poses)}')
+        if isinstance(self._backend, JointTrajectories):
+            self.get_logger().warning(UNSEEN)
         self._sensors.begin_recording()
         self._sequence.settings = settings.stream
         self._sequence.start(parts, start, 'identification' if program.identifies else '')
         self._begin_stream()
+        if isinstance(self._backend, JointTrajectories):
+            return f'{settings.sequence} started; {UNSEEN}'
         return f'{settings.sequence} started'
 
     def _where(self) -> Goal:

@@ -87,7 +87,8 @@ PARAMETERS = (
           'rad/s^2', 0.1, 300.0),
     _live('limits.joint_jerk', _LIMITS.joint_jerk, 'Of each joint likewise', 'rad/s^3', 1.0, 1e6),
     _live('limits.workspace_min', _LIMITS.workspace_min.tolist(), 'Lower corner, in base, of the '
-          'box that ft_sensor and the tip stay in', 'm'),
+          'box that ft_sensor and the tip stay in; planned and measured, with joint_trajectory '
+          'measured only', 'm'),
     _live('limits.workspace_max', _LIMITS.workspace_max.tolist(), 'Upper corner of that box', 'm'),
     _live('limits.tip', _LIMITS.tip.tolist(), "The tool's foremost point in ft_sensor", 'm'),
     _live('limits.force', _LIMITS.force, 'Norm of the force as read, weight included: not '

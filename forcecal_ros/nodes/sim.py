@@ -105,20 +105,18 @@ class Sim(Node):
         self._latency_ns = round(value['latency'] * 1e9 * self._speed)
         self._period_ns = round(self._rig.robot.period * 1e9)
         self._most = max(CATCH_UP, round(2 * self._speed))
-        self._steady0 = self._ticked = STEADY.now().nanoseconds
-        self._origin = self.get_clock().now().nanoseconds
+        self._ticked = STEADY.now().nanoseconds
+        self._own_time = self.get_clock().now().nanoseconds
         self._schedule: CommandSchedule | None = None
         if self._own_clock:
             self._clock_out = self.create_publisher(ClockMessage, '/clock', OUTPUT)
 
     def _now(self) -> int:
-        if self._own_clock:
-            return self._origin + round((STEADY.now().nanoseconds - self._steady0) * self._speed)
-        return self.get_clock().now().nanoseconds
+        return self._own_time if self._own_clock else self.get_clock().now().nanoseconds
 
     def _jump(self, by: int) -> None:
         """Let the published clock jump by ``by`` [ns]; everything simulated goes with it."""
-        self._origin += by
+        self._own_time += by
         if self._schedule is not None:
             self._begin(self._now())
 
@@ -132,8 +130,8 @@ class Sim(Node):
 
     def _tick(self) -> None:
         steady = STEADY.now().nanoseconds
-        if self._faults.clock_stopped:
-            self._origin -= round((steady - self._ticked) * self._speed)
+        if not self._faults.clock_stopped:
+            self._own_time += round((steady - self._ticked) * self._speed)
         self._ticked = steady
         if self._schedule is not None and steady - self._heard > self._timeout * 1e9:
             self._schedule.drop()
@@ -145,10 +143,10 @@ class Sim(Node):
         due = (now - self._latency_ns - self._start) // self._period_ns - self._next
         if self._own_clock:
             late = max(0, due - self._most)
-            self._origin -= late * self._period_ns
+            self._own_time -= late * self._period_ns
             due -= late
             message = ClockMessage()
-            message.clock = Time(nanoseconds=now - late * self._period_ns).to_msg()
+            message.clock = Time(nanoseconds=self._own_time).to_msg()
             self._clock_out.publish(message)
         if abs(due) * self._period_ns > (LOST + 1) * 1e9 * self._speed:
             self.get_logger().warning(
