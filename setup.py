@@ -47,7 +47,7 @@ setup(
         'test': [
             'pytest>=7.4,<9.2',  # 9.2 keeps pytest-xdist 3.8 from seeing the groups
             'pytest-timeout>=2.1',
-            'pytest-xdist>=3.5',
+            'pytest-xdist>=3.7',  # orders groups by their place, not their number
             'hypothesis>=6.98',
             *SCALE,
             'colcon-common-extensions>=0.3.0',
