@@ -2,16 +2,20 @@
 
 from dataclasses import replace
 import json
+import re
+import shlex
 import subprocess
 import sys
 
+from bag_samples import split_bag
 from forcecal_ros.bags import read_recording, write_recording
 from forcecal_ros.calibration import Estimate
 from forcecal_ros.calibration_file import load, save
-from forcecal_ros.cli import COMMANDS, main
+from forcecal_ros.cli import build_parser, COMMANDS, main
 from forcecal_ros.samples import Stream
 import numpy as np
 import pytest
+from rosbags.rosbag2 import StoragePlugin
 
 
 def run(capsys, *arguments):
@@ -113,6 +117,21 @@ def test_raw_channels_are_calibrated_and_observed_through_their_matrix(
     np.testing.assert_allclose(outs[0].wrench.values, outs[1].wrench.values, atol=1e-4)
 
 
+@pytest.mark.parametrize('storage', StoragePlugin, ids=lambda storage: storage.name)
+def test_a_recording_in_several_files_says_the_same(
+        capsys, sample, calibration, tmp_path, storage):
+    split = split_bag(sample, tmp_path / 'split', storage)
+    assert len(list(split.glob('split_*.*'))) == 3
+    status, said, _ = run(capsys, 'calibrate', split, '-o', tmp_path / 'c.yaml', '--json')
+    again, whole = json.loads(said), load(calibration)
+    assert status == 0
+    for name in ('mass', 'com', 'wrench_bias'):
+        np.testing.assert_array_equal(again[name]['value'], getattr(whole, name).value)
+    status, said, _ = run(capsys, 'estimate', split, '--calibration', calibration,
+                          '-o', tmp_path / 'o', '--json')
+    assert status == 0 and json.loads(said)['samples'] == 21400
+
+
 def test_what_was_there_is_kept(capsys, sample, tmp_path):
     out = tmp_path / 'simulated'
     out.mkdir()
@@ -152,6 +171,8 @@ def test_wrong_usage_is_status_2(capsys, arguments):
 def test_help_shows_an_example(capsys, command):
     status, out, _ = run(capsys, command, '--help')
     assert status == 0 and f'example:\n  forcecal {command}' in out
+    for example in re.findall(r'^  forcecal (.*)$', out.partition('example:')[2], re.M):
+        build_parser(command).parse_args(shlex.split(example, comments=True))
 
 
 def test_a_command_loads_neither_ros_nor_a_compiler_before_it_needs_them():
