@@ -4,15 +4,17 @@ from dataclasses import replace
 
 from bag_samples import copy_bag, START_NS, STORE, wrench_message, write_messages
 from calibration_runs import run
-from forcecal_ros.bags import write_recording
+from forcecal_ros.bags import write_recording, write_signals
 from forcecal_ros.cli import main
 from forcecal_ros.control.plan import Timing
 from forcecal_ros.samples import Phase, Stream
 from hypothesis import given, HealthCheck, settings
 from hypothesis import strategies as st
+from insitu_leg import Leg, PROTOCOL, record
 import numpy as np
 import pytest
 from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin
+import yaml
 
 MCAP, SQLITE3 = StoragePlugin.MCAP, StoragePlugin.SQLITE3
 KINDS = {'mcap': (MCAP, CompressionMode.NONE), 'chunks': (MCAP, CompressionMode.STORAGE),
@@ -50,7 +52,8 @@ def commands(folder, bag):
             ['calibrate', bag, '-o', folder / 'out.yaml', '--coupling', 'ac'],
             ['estimate', bag, '--calibration', folder / 'c.yaml', '-o', folder / 'estimated'],
             ['gravity', bag, '--filter', 'static', '-o', folder / 'compensated'],
-            ['simulate', '--commands', bag, '-o', folder / 'simulated'])
+            ['simulate', '--commands', bag, '-o', folder / 'simulated'],
+            ['identify-robot', bag, '-o', folder / 'plant.yaml'])
 
 
 def answers_or_one_line(capsys, arguments):
@@ -76,6 +79,60 @@ def test_files_cut_short_or_with_flipped_bits(capsys, folder, files, kind, data)
     path = folder / f'bad{files[kind].suffix}'
     path.write_bytes(content)
     answers_or_one_line(capsys, data.draw(st.sampled_from(commands(folder, path))))
+
+
+@pytest.fixture(scope='module')
+def leg(folder):
+    """Return a leg's log as a table and as a recording, each with who reads it."""
+    log = record(PROTOCOL[0], Leg(duration=20.0), 1)
+    names = ['t', *'abcdef', 'ax', 'ay', 'az']
+    np.savetxt(folder / 'leg.csv', np.column_stack([log.t, log.raw, log.accel]), delimiter=',',
+               header=','.join(names), comments='', fmt='%.6g')
+    write_signals(folder / 'leg', {'wrench': Stream(log.t, log.raw, 'leg'), 'imu': Stream(
+        log.t, np.hstack([log.accel, log.gyro]), 'imu')}, START_NS, 'mcap')
+    return {'csv': (folder / 'leg.csv').read_bytes(),
+            'mcap': next((folder / 'leg').glob('*.mcap')).read_bytes()}
+
+
+def readers(folder, kind):
+    """Return the commands that read a damaged table or recording of the leg."""
+    time = {'column': 't', 'unit': 's'}
+    six = {'csv': {'columns': [*'abcdef']}, 'mcap': {'topic': 'wrench'}}[kind]
+    felt = {'csv': {'columns': ['ax', 'ay', 'az']}, 'mcap': {'topic': 'imu/data_raw'}}[kind]
+    insitu = {'format': 'forcecal-insitu/1', 'estimate': 'offset', 'accelerometer': felt,
+              'sensors': {'leg': {**six, 'unit': 'counts'}},
+              'data_sets': [{'file': f'hurt.{kind}'}], **({'time': time} if kind == 'csv' else {})}
+    table = {'file': 'hurt.csv', 'time': time, 'signals': {'wrench': {
+        'frame': 'leg', 'force': {'columns': [*'abc'], 'unit': 'N'},
+        'torque': {'columns': [*'def'], 'unit': 'N m'}}}}
+    for name, content in (('insitu', insitu),
+                          ('import', {'format': 'forcecal-import/1', 'tables': [table]})):
+        (folder / f'{name}.yaml').write_text(yaml.safe_dump(content))
+    return [('insitu', folder / 'insitu.yaml', '-o', folder / 'insitu'),
+            *([('import', folder / 'import.yaml', '-o', folder / 'imported')]
+              if kind == 'csv' else [])]
+
+
+@pytest.mark.parametrize('kind', ['csv', 'mcap'])
+@settings(max_examples=8, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_logs_of_a_leg_cut_short_or_garbled(capsys, folder, leg, kind, data):
+    content = bytearray(leg[kind])
+    for _ in range(data.draw(st.integers(0, 3))):
+        at = data.draw(st.integers(0, len(content)))
+        content[at:at + data.draw(st.integers(0, 200))] = data.draw(st.binary(max_size=40))
+    content = content[:data.draw(st.integers(0, len(content)) | st.just(len(content)))]
+    (folder / f'hurt.{kind}').write_bytes(content)
+    for arguments in readers(folder, kind):
+        answers_or_one_line(capsys, arguments)
+
+
+@pytest.mark.parametrize('kind', ['csv', 'mcap'])
+def test_logs_of_a_leg_that_are_whole_are_answered(capsys, folder, leg, kind):
+    (folder / f'hurt.{kind}').write_bytes(leg[kind])
+    for arguments in readers(folder, kind):
+        status, said = answers_or_one_line(capsys, arguments)
+        assert status == 0, said
 
 
 def thinned(stream, keep):
