@@ -87,7 +87,7 @@ def test_changed_label_is_found(where):
 
 
 def test_changed_case_is_found(where):
-    path = next((where / 'run' / 'cases').glob('*.npz'))
+    path = next((where / 'run' / 'cases').glob('[!.]*.npz'))
     path.write_bytes(path.read_bytes() + b'\0')
     seal.start(where / 'run', TOOL)
     with pytest.raises(seal.SealError, match='not the one that was committed to'):
@@ -130,15 +130,15 @@ def test_killed_run_goes_on_to_the_same_cases(tmp_path):
     environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
     process = subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + 200
-    while not list((run / 'cases').glob('*.npz')) and time.monotonic() < deadline:
+    while not list((run / 'cases').glob('[!.]*.npz')) and time.monotonic() < deadline:
         time.sleep(0.02)
     process.kill()
     process.wait()
-    first = {path: path.read_bytes() for path in (run / 'cases').glob('*.npz')}
+    first = {path: path.read_bytes() for path in (run / 'cases').glob('[!.]*.npz')}
     assert not (run / 'commitments.json').exists()
     subprocess.run(command, env=environment, check=True, stderr=subprocess.DEVNULL)
     bound = json.loads((run / 'commitments.json').read_text())
-    assert {path.stem for path in (run / 'cases').glob('*.npz')} == set(bound)
+    assert {path.stem for path in (run / 'cases').glob('[!.]*.npz')} == set(bound)
     assert len(bound) == 2 and all(path.read_bytes() == data for path, data in first.items())
 
 
