@@ -177,6 +177,20 @@ def test_recordings_that_lack_or_twist_something(capsys, folder, source, recordi
         answers_or_one_line(capsys, arguments)
 
 
+@pytest.mark.parametrize('name, against', [
+    ('one wrench', 'model'), ('nothing moves', 'model'), ('one wrench', 'calibration'),
+    ('half the recording', 'calibration')])
+def test_diagnosis_answers_or_says_what_is_invalid(
+        capsys, folder, source, recording, name, against):
+    bag = folder / 'broken'
+    write_recording(bag, BROKEN[name](recording))
+    known = [] if against == 'model' else ['--calibration', str(folder / 'c.yaml')]
+    status = main(['diagnose', str(bag), '-o', str(folder / 'diagnosis'), *known])
+    out, err = capsys.readouterr()
+    assert all(line.startswith('forcecal: ') for line in err.splitlines()), err
+    assert status in (0, 1) and out.startswith('invalid_data: ') is (status == 1)
+
+
 def test_messages_out_of_order_with_stamps_that_come_twice(capsys, folder, source):
     with Reader(source) as reader:
         messages = [(connection.topic, log_ns, STORE.deserialize_cdr(data, connection.msgtype))
