@@ -9,6 +9,9 @@ Pairs of recordings of the simulated rig with a late force sensor, one to fit on
 on, swinging and turning; processor time and time on the wall of one diagnosis each.
 """
 
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 import sys
@@ -16,6 +19,7 @@ import time
 
 from forcecal_ros.diagnose import hypotheses
 from forcecal_ros.diagnose.pipeline import diagnose
+from forcecal_ros.diagnose.replay import Replay, Signals
 from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.samples import PoseStream, Recording
 from forcecal_ros.sim.effects import EFFECTS, with_effects
@@ -49,6 +53,30 @@ def thinned(recording: Recording, every: int) -> Recording:
     return replace(recording, **{
         name: replace(stream, t=stream.t[::every], values=stream.values[::every])
         for name in ('wrench', 'accelerometer') for stream in [getattr(recording, name)]})
+
+
+@contextmanager
+def counted(rig: Rig) -> Iterator[Counter[str]]:
+    """Count seconds of replay asked for, and of them those that were simulated anew."""
+    seconds: Counter[str] = Counter()
+
+    def counting(part: str, name: str) -> Callable[[Replay, Rig], Signals]:
+        whole: Callable[[Replay, Rig], Signals] = getattr(Replay, name)
+
+        def counts(self: Replay, asked: Rig) -> Signals:
+            seconds[part] += self.n_periods * rig.robot.period
+            return whole(self, asked)
+
+        setattr(Replay, name, counts)
+        return whole
+
+    before = {name: counting(part, name)
+              for part, name in (('asked', 'signals'), ('simulated', '_simulated'))}
+    try:
+        yield seconds
+    finally:
+        for name, whole in before.items():
+            setattr(Replay, name, whole)
 
 
 def cost(pair: list[Recording], rig: Rig, count: int) -> tuple[float, float, str]:
@@ -89,10 +117,13 @@ def main() -> None:
     runs += [('rate of wrench and accelerometer [Hz]', 1000 // n,
               [thinned(r, n) for r in short], len(EFFECTS)) for n in (4, 2, 1)]
     curves: dict[str, tuple[list[float], list[float]]] = {}
-    head('', '', 'processor time', 'on the wall', 'verdict')
+    head('', '', 'processor time', 'on the wall', 'replayed seconds a second',
+         'of them simulated anew', 'verdict')
     for label, x, pair, count in runs:
-        used, wall, said = cost(pair, rig, count)
-        row(label, f'{x:g}', f'{used:.1f} s', f'{wall:.1f} s', said)
+        with counted(rig) as seconds:
+            used, wall, said = cost(pair, rig, count)
+        row(label, f'{x:g}', f'{used:.1f} s', f'{wall:.1f} s', f'{seconds["asked"] / used:.0f}',
+            f'{seconds["simulated"] / used:.0f}', said)
         for values, value in zip(curves.setdefault(label, ([], [])), (x, used)):
             values.append(value)
     draw(curves, PICTURE)
