@@ -83,6 +83,8 @@ def fit(gram: Gram, prior: Prior) -> Fit:
     """
     Fit with Gaussian priors, parameters kept within their bounds by an active set.
 
+    After as many turns as there are parameters none is taken off its bound any more.
+
     Parameters
     ----------
     gram : Gram
@@ -97,7 +99,7 @@ def fit(gram: Gram, prior: Prior) -> Fit:
     gradient = gram.vector - prior.precision * prior.centre
     x, free = np.zeros(k), np.ones(k, dtype=bool)
     factor = np.zeros((0, 0))
-    for _ in range(k + 1):
+    for turn in range(2 * k + 1):
         fixed = ~free
         right = gradient[free] - hessian[np.ix_(free, fixed)] @ x[fixed]
         factor = _cholesky(hessian[np.ix_(free, free)])
@@ -105,7 +107,12 @@ def fit(gram: Gram, prior: Prior) -> Fit:
         total = prior.centre + x
         beyond = free & (np.abs(total) > prior.bound + 1e-9)
         if not beyond.any():
-            break
+            # on its bound, but held there by nothing: the other parameters have moved since
+            inward = fixed * -np.sign(total) * (gradient - hessian @ x)
+            if turn >= k or not inward.max(initial=0.0) > 1e-6:
+                break
+            free[inward.argmax()] = True
+            continue
         x[beyond] = np.sign(total[beyond]) * prior.bound[beyond] - prior.centre[beyond]
         free &= ~beyond
     covariance = np.zeros((k, k))

@@ -95,7 +95,10 @@ def _stationary(a: Array, sigma: float) -> float:
 
 def fit_noise(residual: Array, present: BoolArray, groups: IntArray) -> Noise:
     """
-    Fit the noise of one recording.
+    Fit the noise of one recording, each channel's mean in each kind of motion taken out.
+
+    To a residual that is mostly a constant, an autoregression finds a root near 1, and a constant
+    is then nothing to it.
 
     Parameters
     ----------
@@ -129,8 +132,39 @@ def fit_noise(residual: Array, present: BoolArray, groups: IntArray) -> Noise:
     return Noise(coefficients, sigma, rows, groups)
 
 
+def resting(residual: Array, noise: Noise) -> Noise:
+    """
+    Fit the noise to rest alone, each stretch's mean taken out, for all kinds of motion.
+
+    It is not the noise of a recording, but knows nothing of a gap that shows in motion.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n, channels)
+    noise : Noise
+        Fitted to all of it; what rest is too short for is taken from there.
+
+    Returns
+    -------
+    Noise
+    """
+    edges = np.flatnonzero(np.diff(noise.groups)) + 1
+    flat = np.concatenate([part - part.mean(axis=0) for part in np.split(residual, edges)])
+    coefficients, sigma = noise.coefficients.copy(), noise.sigma.copy()
+    start = np.zeros(len(residual), dtype=bool)
+    start[edges] = True
+    whole = ~np.lib.stride_tricks.sliding_window_view(start, ORDER).any(axis=1)
+    for c in np.flatnonzero(noise.sigma.any(axis=0)):
+        lags = np.lib.stride_tricks.sliding_window_view(flat[:, c], ORDER + 1)[:, ::-1]
+        chosen = noise.rows[ORDER:, c] & (noise.groups[ORDER:] == 0) & whole[1:]
+        if chosen.sum() >= FEWEST:
+            coefficients[:, c], sigma[:, c] = _autoregression(lags[chosen])
+    return noise._replace(coefficients=coefficients, sigma=sigma)
+
+
 def _autoregression(lags: Array) -> tuple[Array, float]:
     """Fit lags[:, 0] by the other columns; give coefficients and innovations' sigma."""
+    lags = lags - lags.mean()
     gram = lags.T @ lags
     inner = gram[1:, 1:] + np.eye(ORDER) * (1e-9 * gram[0, 0] + 1e-300)
     a = np.linalg.solve(inner, gram[1:, 0])

@@ -149,7 +149,7 @@ def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Che
         effects = []
     diagnosis = Diagnosis(
         word, sentence, tuple(effects), tuple(candidates),
-        _where(first, final, before, selection, ceiling, checks), measured, tuple(invisible),
+        _where(final, selection, ceiling, checks), measured, tuple(invisible),
         checks.notes,
         {'ceiling_sigma': float(ceiling.z.max()), 'cell_sigma': strongest[0].z,
          'ratio': remains.ratio})
@@ -237,8 +237,9 @@ def _left(ceiling: Ceiling, case: int) -> Array:
     return np.where(real, ceiling.prediction[case], 0.0)
 
 
-def _where(p: Problem, final: Problem, before: list[Array], selection: Selection,
-           ceiling: Ceiling, checks: '_Checks') -> tuple[Place, ...]:
+def _where(final: Problem, selection: Selection, ceiling: Ceiling, checks: '_Checks'
+           ) -> tuple[Place, ...]:
+    before = final.without_effects().blocks
     differences = [b - a + _left(ceiling, i)
                    for i, (b, a) in enumerate(zip(before, final.blocks))]
     stages = {EFFECTS[n].stage for n in (*(a.name for a in selection.accepted), *checks.effects)}
@@ -246,8 +247,8 @@ def _where(p: Problem, final: Problem, before: list[Array], selection: Selection
     def stage(channel: str, phase: str, touched: set[str]) -> str:
         return next(iter(stages)) if len(stages) == 1 else stage_of(channel, phase, touched)
 
-    found = places(p.cases, final.noise, before, differences, stage)
-    phase = max(p.cases[-1].phases, key=lambda one: one.end - one.start).name
+    found = places(final.cases, final.noise, before, differences, stage)
+    phase = max(final.cases[-1].phases, key=lambda one: one.end - one.start).name
     shown = tuple(Place(EFFECTS[n].stage, seen_in(n, v), phase, remainder.BANDS[-1],
                         max(q.value for q in v.values()), 0.0)
                   for n, v in checks.effects.items() if n in WITHOUT_MEAN)

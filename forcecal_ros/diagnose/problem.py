@@ -1,7 +1,7 @@
 """The state of a diagnosis: the rig as explained so far, its residuals, columns and noise."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from forcecal_ros.diagnose.case import Case
 from forcecal_ros.diagnose.channels import CHANNELS
@@ -91,6 +91,14 @@ class Problem:
         rig = self.current()
         self.base = [c.replay.signals(rig) for c in self.cases]
         self.blocks = [c.measured.blocks(s) for c, s in zip(self.cases, self.base)]
+
+    def without_effects(self) -> 'Problem':
+        """Take off all effects, released nuisances too; the other nuisances stay."""
+        free = np.array([n.name in self.released for n in self.nuisances], dtype=bool)
+        out = replace(self, effects={}, released=frozenset(),
+                      centre=np.where(free, 0.0, self.centre))
+        out.settle()
+        return out
 
     def linearise(self) -> None:
         """Simulate at the centre and take the nuisances' columns there."""

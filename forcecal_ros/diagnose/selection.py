@@ -8,9 +8,10 @@ from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.columns import gram
 from forcecal_ros.diagnose.hypotheses import bounds_of, Hypothesis, values_of
 from forcecal_ros.diagnose.memory import slow_gain
-from forcecal_ros.diagnose.noise import Noise
+from forcecal_ros.diagnose.noise import Noise, resting
 from forcecal_ros.diagnose.nuisances import LIMIT
 from forcecal_ros.diagnose.problem import Problem
+from forcecal_ros.diagnose.remainder import cells, STRONG
 from forcecal_ros.diagnose.trial import Bench, Tangent, tangent, Trial
 from forcecal_ros.geometry import Array
 from forcecal_ros.sim.effects import EFFECTS
@@ -20,6 +21,9 @@ from numpy.typing import NDArray
 NEAR = 3.0
 """Log-odds within which a rival is fitted in full."""
 
+ALIKE = 0.97
+"""Part of an effect's evidence from which a rival is, whatever the odds: evidence is linear."""
+
 TRIES = 2
 """Rivals that are, of each effect."""
 
@@ -28,6 +32,9 @@ SIGNIFICANT = 0.01
 
 LEAST_GAIN = 3.0
 """Held-out log-likelihood that an effect has to bring."""
+
+LEAST_GROSS_GAIN = 100.0
+"""Of an effect that the noise model held for noise."""
 
 LEAST_SLOW_GAIN = 8.0
 """Log-likelihood that it has to bring on all data where the noise may have a long memory."""
@@ -176,7 +183,7 @@ def weights(trials: Sequence[Trial]) -> dict[str, float]:
     """
     best = max((t.evidence for t in trials), default=0.0)
     temperature = tempered(trials)
-    return {t.name: (t.evidence - best) / temperature - PARSIMONY * max(1, len(t.free))
+    return {t.name: (t.evidence - best) / temperature - PARSIMONY * t.degrees
             for t in trials}
 
 
@@ -236,15 +243,66 @@ def select(problem: Problem, found: Sequence[Hypothesis]) -> Selection:
                 break
             out.add(best.name)
         if best is None:
-            break
+            gross = _gross(problem, accepted, tangents, left)
+            if gross is None or accepted \
+                    and beyond_mismatch(start, problem, gross[0]) < LEAST_BEYOND:
+                break
+            problem, accepted, tangents = gross
+        problem, accepted, tangents = _shaped(problem, accepted, tangents)
     if len(accepted) > 1:
         problem, accepted, tangents = _drop(start, problem, accepted, tangents)
     problem, accepted, tangents, rivals = _exchange(start, problem, accepted, tangents, found)
     return Selection(problem, tuple(accepted), tuple(tangents), rivals, first)
 
 
-def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = None
-          ) -> tuple[Problem, list[Accepted], list[Tangent]]:
+def _shaped(problem: Problem, accepted: list[Accepted], tangents: list[Tangent]
+            ) -> tuple[Problem, list[Accepted], list[Tangent]]:
+    """Give the effect accepted last the shapes that it began without, if that is better."""
+    last = accepted[-1]
+    for i, q in enumerate(EFFECTS[last.name].parameters):
+        if len(last.theta) and q.shapes and i not in last.free:
+            theta = last.theta.copy()
+            theta[i] = q.starts[-1]
+            other = joint(problem, [*accepted[:-1], last._replace(
+                theta=theta, free=np.sort(np.append(last.free, i)))])
+            if slow_gain(problem, other[0]) > LEAST_SLOW_GAIN:
+                problem, accepted, tangents = other
+                last = accepted[-1]
+    return problem, accepted, tangents
+
+
+def _gross(problem: Problem, accepted: Sequence[Accepted], tangents: Sequence[Tangent],
+           left: Sequence[Hypothesis]
+           ) -> tuple[Problem, list[Accepted], list[Tangent]] | None:
+    """
+    Find an effect whose gap is so strong that the noise model holds it for noise.
+
+    With the noise of rest in its place the likeliest are fitted all the way, and compared each
+    with noise that is fitted to what it leaves.
+    """
+    strongest = max(cells(case, n, b)[0].z for case, n, b in zip(
+        problem.cases, problem.noise, problem.blocks))
+    if strongest < STRONG:
+        return None
+    quiet = replace(problem, noise=[resting(b, n) for b, n in zip(
+        problem.blocks, problem.noise)])
+    bench, by_name = Bench(quiet, tangents), {h.name: h for h in left}
+    best, most = None, LEAST_GROSS_GAIN
+    for trial, atom in bench.screen(left)[:SHORTLIST]:
+        if not np.isfinite(trial.evidence) or trial.evidence < WORTH:
+            continue
+        if atom is not None:
+            trial = bench.refine(by_name[trial.name], trial)
+        rough = joint(quiet, [*accepted, Accepted.of(trial)], noise_known=True)
+        fitted = joint(rough[0], rough[1])
+        gain = slow_gain(problem, fitted[0])
+        if gain > most:
+            best, most = fitted, gain
+    return best
+
+
+def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = None,
+          noise_known: bool = False) -> tuple[Problem, list[Accepted], list[Tangent]]:
     """
     Refit accepted effects, nuisances and noise together.
 
@@ -254,6 +312,8 @@ def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = N
     accepted : sequence of Accepted
     step : ndarray, shape (m,), optional
         Of the nuisances, to begin with.
+    noise_known : bool
+        Whether the noise stays as it is until the end, for more rounds.
 
     Returns
     -------
@@ -270,9 +330,10 @@ def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = N
     else:
         out.settle()
     tangents: list[Tangent] = []
-    for _ in range(ROUNDS):
+    for _ in range(3 * ROUNDS if noise_known else ROUNDS):
         tangents = [_tangent(out, a) for a in now if len(a.theta)]
-        out.refit_noise(np.zeros(m))
+        if not noise_known:
+            out.refit_noise(np.zeros(m))
         bench = Bench(out, tangents)
         before, fraction = out.standing(), 1.0
         while fraction > SHORTEST:
@@ -342,9 +403,11 @@ def _without(start: Problem, problem: Problem, accepted: Sequence[Accepted], nam
 
 
 def _misfit(problem: Problem, noise: list[Noise]) -> float:
-    """Whitened squares of what a problem leaves, on all blocks."""
-    return sum(gram(n, [], blocks, [np.ones(len(blocks), dtype=bool)])[0].square
-               for n, blocks in zip(noise, problem.blocks))
+    """Whitened squares of what a problem leaves, on all blocks, and what its priors cost."""
+    prior = problem.prior()
+    return float((prior.centre * prior.precision) @ prior.centre) + sum(
+        gram(n, [], blocks, [np.ones(len(blocks), dtype=bool)])[0].square
+        for n, blocks in zip(noise, problem.blocks))
 
 
 def _drop(start: Problem, problem: Problem, accepted: list[Accepted],
@@ -378,16 +441,17 @@ def _exchange(start: Problem, problem: Problem, accepted: list[Accepted],
             problem, accepted, tangents = joint(less, rest) if rest else (start, [], [])
             continue
         own = weight[a.name]
+        mine = next(t for t in trials if t.name == a.name)
         near = [t for t in trials if t.name != a.name and acceptable(t, len(found))
-                and weight[t.name] > own - NEAR]
+                and (weight[t.name] > own - NEAR or t.evidence > ALIKE * mine.evidence)]
         for t in near[:TRIES]:
             other = joint(less, [*rest, Accepted.of(t)], t.nuisances)
             lead = 0.5 * (_misfit(problem, problem.noise) - _misfit(other[0], problem.noise))
-            if lead > LEAST_GAIN and weight[t.name] > own:
+            odds = lead / tempered(trials) - PARSIMONY * (t.degrees - mine.degrees)
+            weight[t.name] = own + odds
+            if odds > 0.0:
                 problem, accepted, tangents = other
-                a, own = accepted[-1], weight[t.name]
-            else:
-                weight[t.name] = own + min(0.0, lead) / tempered(trials)
+                mine, own = t, weight[t.name]
         now = {b.name for b in accepted}
         rivals[a.name] = {name: float(value - own) for name, value in weight.items()
                           if name not in now and np.isfinite(value)}

@@ -108,6 +108,11 @@ class Trial(NamedTuple):
         return float(norm.sf(self.score.z))
 
     @property
+    def degrees(self) -> int:
+        """Parameters that are estimated, released nuisances among them."""
+        return max(1, len(self.free) + len(self.released))
+
+    @property
     def fraction(self) -> float:
         """Lower bound of the fraction of the significant above-noise energy that it explains."""
         low = self.score.removed - 4.0 * np.sqrt(self.score.energy)

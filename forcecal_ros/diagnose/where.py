@@ -110,11 +110,10 @@ def places(cases: Sequence[Blocked], noise: list[Noise], residual: list[Array],
         name = CHANNELS[c].name
         band = BANDS[int(bands[c, word].argmax())]
         s = sums[c, word]
-        found.append((s[0] / np.sqrt(s[1]), Place(
-            stage(name, word, touched), name, word, band, float(np.sqrt(s[1] / s[2])),
-            float(max(p, 1e-300)))))
-    found.sort(key=lambda one: -one[0])
-    return tuple(place for _, place in found[:MOST])
+        found.append(Place(stage(name, word, touched), name, word, band,
+                           float(np.sqrt(s[1] / s[2])), float(max(p, 1e-300))))
+    found.sort(key=lambda place: -place.excess)
+    return tuple(found[:MOST])
 
 
 def _bands(white: Array) -> Array:

@@ -219,6 +219,8 @@ _ROBOT = (
         Quantity('gain', '1', 0.0, -2.0, 2.0, 0.2),
         _shape('frequency', 'Hz', 12.0, 1.0, 100.0, 1.0, (6.0, 12.0, 25.0)),
         _shape('damping', '1', 0.05, 0.005, 1.0, 0.03),
+        # how much of the damping acts against the world, not against the moving robot
+        _shape('grounded', '1', 1.0, 0.0, 1.0, -0.5, (0.0, 1.0)),
     ), FAST, True, 'rig'),
     # the rotation vector, about X and Y of base, by which base stands askew
     Effect('base_tilt', 'robot', _each(_AXES[:2], 'rad', 0.5, 0.01), STATIC, True, 'rig'),

@@ -60,27 +60,31 @@ class Ringing:
     """
     A lightly damped mode in the path of the position.
 
-    x = x0 + gain (H x0 - x0), H = w^2 / (s^2 + 2 zeta w s + w^2). The excess d = H x0 - x0 obeys
-    d'' + 2 zeta w d' + w^2 d = -(a0 + 2 zeta w v0), which loses no digits where w is large.
+    x = x0 + gain d, d'' + 2 zeta w d' + w^2 d = -(a0 + g 2 zeta w v0). With g = 1 that is
+    x = x0 + gain (H x0 - x0), H = w^2 / (s^2 + 2 zeta w s + w^2), in a form that loses no digits
+    where w is large; with g = 0 the mode is damped within the robot and feels its acceleration
+    alone.
 
     Parameters
     ----------
-    gain, frequency, damping : float
-        [1], [Hz], zeta [1].
+    gain, frequency, damping, grounded : float
+        [1], [Hz], zeta [1], g [1].
     dt : float
         Between the nodes of the motion [s].
     """
 
-    def __init__(self, gain: float, frequency: float, damping: float, dt: float) -> None:
+    def __init__(self, gain: float, frequency: float, damping: float, grounded: float,
+                 dt: float) -> None:
         w = 2.0 * np.pi * frequency
         self._gain, self._stiffness, self._drag = gain, w * w, 2.0 * damping * w
+        self._dragged = grounded * self._drag
         denominator = [1.0, self._drag, self._stiffness]
         self._excess = Filter([1.0], denominator, dt)
         self._rate = Filter([1.0, 0.0], denominator, dt)
 
     def __call__(self, motion: Motion) -> Motion:
         """Add the ringing to the next nodes of a motion."""
-        drive = -(motion.acceleration + self._drag * motion.velocity)
+        drive = -(motion.acceleration + self._dragged * motion.velocity)
         d, rate = self._excess(drive), self._rate(drive)
         second: Array = drive - self._drag * rate - self._stiffness * d
         return motion._replace(
