@@ -12,7 +12,8 @@ ROOT = Path(__file__).resolve().parents[1]
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
-from blind.seal import load_case, write_json
+from blind.casefile import load_case
+from blind.seal import write_json
 from blind.sensors import Recorded
 from forcecal_ros.bags import write_recording
 from forcecal_ros.diagnose.channels import CHANNELS

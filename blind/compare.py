@@ -5,9 +5,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+from blind.answered import same_class, VISIBLE
 from blind.baselines import judge
-from blind.score import same_class, VISIBLE, wilson
-from blind.seal import load_case, write_json
+from blind.casefile import load_case
+from blind.score import wilson
+from blind.seal import write_json
 
 
 def judge_case(job: tuple[str, str]) -> None:

@@ -3,8 +3,9 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from blind.dynamics import feel
 from blind.robot import Array, Motion, move, quaternions, Robot
-from blind.tool import feel, Felt, Tool, Wall
+from blind.tool import Felt, Tool, Wall
 import numpy as np
 from scipy.spatial.transform import Rotation
 

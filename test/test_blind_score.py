@@ -10,7 +10,8 @@ if not (ROOT / 'blind').is_dir():
     pytest.skip('the blind check is not part of what is installed', allow_module_level=True)
 sys.path.insert(0, str(ROOT))
 
-from blind.score import calibration_error, Rate, same_class, score  # noqa: E402
+from blind.answered import same_class  # noqa: E402
+from blind.score import calibration_error, Rate, score  # noqa: E402
 
 
 def _label(kind, *names, energy=1e4):
