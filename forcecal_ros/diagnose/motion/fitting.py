@@ -25,6 +25,9 @@ PRICE = 16.0
 """Held-out energy that each parameter of it must remove. Of white noise ln(rows) would do; what
 is left of a tool that is not quite rigid is correlated, and much in it is significant."""
 
+AXIS_PRICE = 24.0
+"""The same of one axis, which is chosen among many."""
+
 SCAN = 1e-3 * np.arange(1, 21)
 """Delays that are looked at [s]."""
 
@@ -38,12 +41,23 @@ USUAL = ('tool_mass', 'tool_com', 'wrench_bias', 'inertial_force', 'accel_delay'
 """Effects that noise is told apart from: all that a rigid body on a sensor needs."""
 
 VAGUE = 1e-4
-"""Prior precision of a term that is no nuisance, in typical sizes."""
+"""Prior precision of a nuisance that an effect lifts, in its spreads."""
+
+LARGE = 3.0
+"""Spread of a term that is no nuisance, in typical sizes: no axis loses most of its gain."""
+
+SLIGHT = 0.5
+"""Size of an axis, in typical ones, below which it is none of its own."""
 
 TEMPERATURE = 2.0
 """Of held-out log-likelihoods, when they become probabilities."""
 
+RIVAL = 4.0
+"""Held-out energy within which two axes cannot be told apart."""
+
 ROUNDS = 8
+TRIED = 3
+"""Axes that are fitted in full each round."""
 STEPS = 4
 
 
@@ -52,7 +66,7 @@ class Trial(NamedTuple):
 
     effects: tuple[str, ...]
     values: dict[str, float]
-    parameters: int
+    terms: tuple[Term, ...]
     score: Score
     size: float
 
@@ -60,14 +74,23 @@ class Trial(NamedTuple):
     def needed(self) -> bool:
         """Whether it is significant and large enough to matter; nothing is early."""
         late = all(self.values.get(e, 1.0) > 0.0 for e in self.effects)
-        return late and (self.score.z > SIGNIFICANT and self.size > SMALL
-                         and self.score.removed > PRICE * self.parameters)
+        slight = any(t.axis and self._typical(t) < SLIGHT for t in self.terms)
+        return late and not slight and (self.score.z > SIGNIFICANT and self.size > SMALL
+                                        and self.score.removed > self._price)
 
     @property
     def probability(self) -> float:
         """Of being there, by the held-out likelihood less the price of its parameters."""
-        gain = 0.5 * (self.score.removed - PRICE * self.parameters)
-        return float(expit(gain / TEMPERATURE))
+        return float(expit(0.5 * (self.score.removed - self._price) / TEMPERATURE))
+
+    @property
+    def _price(self) -> float:
+        """Held-out energy that it must remove: more where it is improbably large."""
+        return sum(AXIS_PRICE + (self._typical(t) / LARGE) ** 2 if t.axis else PRICE
+                   for t in self.terms)
+
+    def _typical(self, term: Term) -> float:
+        return abs(self.values.get(term.name, 0.0)) / term.typical
 
 
 @dataclass
@@ -80,9 +103,13 @@ class Fitting:
     cases : sequence of MotionCase
     terms : tuple of Term
     accepted : list of str
-        Effects found so far.
+        Effects found so far, or axes of them, see :attr:`Term.part`.
+    rivals : dict of str to str
+        Effects of one axis that explained what another one, accepted instead, explains.
     values : dict of str to float
         Of every term that departs.
+    usual : dict of str to float
+        The same where all usual effects are there, from which noise is learned.
     noise : list of Noise
     residual : list of ndarray, shape (n, 16)
     """
@@ -90,7 +117,9 @@ class Fitting:
     cases: Sequence[MotionCase]
     terms: tuple[Term, ...]
     accepted: list[str] = field(default_factory=list)
+    rivals: dict[str, str] = field(default_factory=dict)
     values: dict[str, float] = field(default_factory=dict)
+    usual: dict[str, float] = field(default_factory=dict)
     noise: list[Noise] = field(default_factory=list)
     residual: list[Array] = field(default_factory=list)
 
@@ -110,10 +139,14 @@ class Fitting:
         starts = [{**moving, 'accel_delay': float(d)} for d in (0.0, *delays)]
         self.settle()
         self.noise = [_noise(c, r) for c, r in zip(self.cases, self.residual)]
-        values = min(starts, key=self._train_cost)
+        self.usual = min(starts, key=self._train_cost)
+        self.relearn_noise()
+
+    def relearn_noise(self) -> None:
+        """Fit the noise of what the usual effects and the accepted ones leave."""
         for _ in range(2):
-            values, _ = self.refine(USUAL, values)
-            self.noise = [_noise(c, r) for c, r in zip(self.cases, self.residuals(values))]
+            self.usual, _ = self.refine([*USUAL, *self.accepted], self.usual)
+            self.noise = [_noise(c, r) for c, r in zip(self.cases, self.residuals(self.usual))]
 
     def residuals(self, values: dict[str, float]) -> list[Array]:
         """Measured less predicted of every recording, slow rows."""
@@ -121,7 +154,25 @@ class Fitting:
 
     def free(self, effects: Sequence[str]) -> list[Term]:
         """Return nuisances, and the terms of effects."""
-        return [t for t in self.terms if t.spread > 0.0 or t.effect in effects]
+        return [t for t in self.terms if t.spread > 0.0 or t.part in effects]
+
+    def axes(self) -> list[str]:
+        """Return parts that are one axis of an effect."""
+        return [t.part for t in self.terms if t.axis]
+
+    def promising(self) -> list[str]:
+        """Return the axes that would explain most of the training blocks if all were linear."""
+        terms = self.free([*self.accepted, *self.axes()])
+        train, _ = self._grams(terms, self.values)
+        prior = self.prior(terms, [*self.accepted, *self.axes()], self.values)
+        base = [i for i, t in enumerate(terms) if not t.axis or t.part in self.accepted]
+
+        def gain(i: int) -> float:
+            chosen = np.array([*base, i], dtype=np.intp)
+            return fit(train.of(chosen), prior.of(chosen)).log_evidence
+
+        left = [i for i in range(len(terms)) if i not in base]
+        return [terms[i].part for i in sorted(left, key=gain, reverse=True)[:TRIED]]
 
     def refine(self, effects: Sequence[str], values: dict[str, float], steps: int = STEPS
                ) -> tuple[dict[str, float], Fit]:
@@ -140,9 +191,10 @@ class Fitting:
     def prior(self, terms: Sequence[Term], effects: Sequence[str], values: dict[str, float]
               ) -> Prior:
         """Spreads of the nuisances; an effect lifts those of its own terms."""
-        lifted = np.array([t.effect in effects for t in terms], dtype=bool)
+        lifted = np.array([t.part in effects for t in terms], dtype=bool)
         centre = np.array([values.get(t.name, 0.0) / t.unit_size for t in terms])
-        return Prior(centre, np.where(lifted, VAGUE, 1.0), np.where(lifted, np.inf, LIMIT))
+        loose = np.where([t.spread > 0.0 for t in terms], VAGUE, LARGE ** -2)
+        return Prior(centre, np.where(lifted, loose, 1.0), np.where(lifted, np.inf, LIMIT))
 
     def energies(self, terms: Sequence[Term]) -> Array:
         """Whitened energy of a typical size of each term, shape (k,)."""
@@ -154,15 +206,15 @@ class Fitting:
         wanted = [*self.accepted, *effects]
         start = min(starts, key=lambda s: self._train_cost({**self.values, **s}))
         values, _ = self.refine(wanted, {**self.values, **start}, steps=2)
-        return Trial(effects, values, self.count(effects), *self.judged(values))
+        return Trial(effects, values, self.terms_in(effects), *self.judged(values))
 
     def _train_cost(self, values: dict[str, float]) -> float:
         return sum(gram(n, [], r, [c.train[::EVERY]])[0].square for n, r, c in zip(
             self.noise, self.residuals(values), self.cases))
 
-    def count(self, effects: Sequence[str]) -> int:
-        """Return how many terms belong to some effects."""
-        return sum(t.effect in effects for t in self.terms)
+    def terms_in(self, parts: Sequence[str]) -> tuple[Term, ...]:
+        """Return the terms of some effects, or of axes of them."""
+        return tuple(t for t in self.terms if t.part in parts)
 
     def judged(self, values: dict[str, float]) -> tuple[Score, float]:
         """Score and size of what other values explain on held-out blocks."""

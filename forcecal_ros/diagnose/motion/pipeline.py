@@ -9,7 +9,7 @@ from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.gap import Gap
 from forcecal_ros.diagnose.motion.arms import Arms, SLOW
 from forcecal_ros.diagnose.motion.case import held_apart, MotionCase
-from forcecal_ros.diagnose.motion.fitting import Fitting, ROUNDS, SCAN, Trial
+from forcecal_ros.diagnose.motion.fitting import Fitting, RIVAL, ROUNDS, SCAN, Trial, USUAL
 from forcecal_ros.diagnose.motion.known import Known
 from forcecal_ros.diagnose.motion.model import DELAYS, terms_of, WRENCH_AXES
 from forcecal_ros.diagnose.noise import fit_noise
@@ -91,7 +91,7 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, known: Know
 
 
 def _candidates(state: Fitting) -> list[tuple[tuple[str, ...], list[dict[str, float]]]]:
-    effects = list(dict.fromkeys(t.effect for t in state.terms))
+    effects = [*dict.fromkeys(t.effect for t in state.terms if not t.axis), *state.promising()]
     moving = state.cases[0].known.dynamic or 'inertial_force' in state.accepted
     out: list[tuple[tuple[str, ...], list[dict[str, float]]]] = []
     for name in effects:
@@ -119,37 +119,56 @@ def _select(state: Fitting) -> None:
             break
         best = max(needed, key=lambda t: t.score.removed / len(t.effects) ** 0.5)
         state.accepted += best.effects
+        state.rivals |= _rivals(best, needed)
+        if not set(best.effects) <= set(USUAL):
+            state.relearn_noise()
         state.values, _ = state.refine(state.accepted, best.values)
         state.settle()
     for name in list(state.accepted):
         needs_it = name == 'inertial_force' and 'accel_delay' in state.accepted
-        if not needs_it and not _without(state, name).needed:
+        if not needs_it and not _without(state, [name]).needed:
             state.accepted.remove(name)
-            state.values, _ = state.refine(state.accepted, _kept(state, name))
+            state.values, _ = state.refine(state.accepted, _kept(state, [name]))
             state.settle()
 
 
-def _without(state: Fitting, name: str) -> Trial:
-    """Judge an accepted effect against what the others explain without it."""
-    rest = [e for e in state.accepted if e != name]
+def _rivals(best: Trial, others: list[Trial]) -> dict[str, str]:
+    """Return effects of an axis that would do about as well, and what was taken instead."""
+    chosen = best.terms[0]
+    return {t.terms[0].effect: chosen.effect for t in others
+            if chosen.axis and t.terms[0].axis and t.terms[0].effect != chosen.effect
+            and t.score.removed > best.score.removed - RIVAL}
+
+
+def _without(state: Fitting, parts: list[str]) -> Trial:
+    """Judge what is accepted against what the rest of it explains."""
+    rest = [e for e in state.accepted if e not in parts]
     other = Fitting(state.cases, state.terms, rest, noise=state.noise)
-    other.values, _ = other.refine(rest, _kept(state, name))
+    other.values, _ = other.refine(rest, _kept(state, parts))
     other.residual = other.residuals(other.values)
-    return Trial((name,), state.values, state.count([name]), *other.judged(state.values))
+    return Trial(tuple(parts), state.values, state.terms_in(parts), *other.judged(state.values))
 
 
-def _kept(state: Fitting, name: str) -> dict[str, float]:
-    """Return the values without an effect's own; nuisances start anew."""
-    own = {t.name for t in state.terms if t.effect == name}
+def _kept(state: Fitting, parts: list[str]) -> dict[str, float]:
+    """Return the values without those of some parts; nuisances start anew."""
+    own = {t.name for t in state.terms if t.part in parts}
     return {k: v for k, v in state.values.items() if k not in own}
+
+
+def _found(state: Fitting) -> dict[str, list[str]]:
+    """Return the effects that are accepted, and which parts of each."""
+    parts: dict[str, list[str]] = {}
+    for part in state.accepted:
+        parts.setdefault(part.split('.')[0], []).append(part)
+    return parts
 
 
 def _conclude(state: Fitting, recalibrated: dict[str, float]) -> MotionOutcome:
     cases = tuple(state.cases)
     arms = Arms.of(cases, {}, recalibrated, state.values)
     measured, full = arms.gap(slow=True), arms.gap(slow=False)
-    effects = [Found(name, _parameters(state, name), _without(state, name).probability)
-               for name in state.accepted]
+    effects = [Found(name, _parameters(state, name), _without(state, parts).probability)
+               for name, parts in _found(state).items()]
     ratio, left = arms.left()
     word, sentence = _verdict(state, measured, ratio, left)
     invisible = _not_excited(state)
@@ -158,7 +177,14 @@ def _conclude(state: Fitting, recalibrated: dict[str, float]) -> MotionOutcome:
     difference = [before - after for before, after in zip(arms.recalibrated, arms.explained)]
     noise = [fit_noise(r, c.present, c.groups) for c, r in zip(cases, arms.explained)]
     found = places(cases, noise, list(arms.recalibrated), difference, _stage(state))
-    candidates = [(e.name, e.probability) for e in effects]
+    rivals = {name: other for name, other in state.rivals.items()
+              if other in _found(state) and name not in _found(state)}
+    share = {e.name: 1.0 + sum(e.name == other for other in rivals.values()) for e in effects}
+    candidates = [(e.name, e.probability / share[e.name]) for e in effects]
+    candidates += [(name, e.probability / share[e.name]) for name, other in rivals.items()
+                   for e in effects if e.name == other]
+    sentence += ''.join(f'; {name} explains about as much as {other}'
+                        for name, other in rivals.items())
     if ratio > SOUND:
         candidates.append((UNKNOWN, 1.0 - SOUND / ratio))
     candidates.sort(key=lambda pair: -pair[1])
@@ -178,7 +204,7 @@ def _parameters(state: Fitting, name: str) -> dict[str, Parameter]:
 
 def _stage(state: Fitting) -> Callable[[str, str, set[str]], str]:
     stages = {STAGES.get(name, 'accelerometer' if name.startswith('accel') else 'wrench_sensor')
-              for name in state.accepted}
+              for name in _found(state)}
 
     def stage(channel: str, phase: str, touched: set[str]) -> str:
         own = next(c.stage for c in CHANNELS if c.name == channel)
@@ -192,9 +218,10 @@ def _verdict(state: Fitting, measured: Gap, ratio: float, left: str) -> tuple[st
         if ratio < SOUND:
             return 'no_gap', 'wrench and motion agree down to the noise'
         return 'unknown', f'no effect explains the gap between wrench and motion: {left}'
-    closes = 'close' if len(state.accepted) > 1 else 'closes'
-    share = (f'{" and ".join(state.accepted)} {closes} {100.0 * measured.closed:.0f} % of the '
-             f'gap below {SLOW:g} Hz')
+    names = list(_found(state))
+    closes = 'close' if len(names) > 1 else 'closes'
+    share = (f'{" and ".join(names)} {closes} {100.0 * measured.closed:.0f} % of the gap '
+             f'below {SLOW:g} Hz')
     if ratio < SOUND:
         return 'identified', share
     return 'partial', f'{share}; left is {left}'
