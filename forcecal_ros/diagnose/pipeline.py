@@ -247,7 +247,9 @@ def _where(final: Problem, selection: Selection, ceiling: Ceiling, checks: '_Che
     def stage(channel: str, phase: str, touched: set[str]) -> str:
         return next(iter(stages)) if len(stages) == 1 else stage_of(channel, phase, touched)
 
-    found = places(final.cases, final.noise, before, differences, stage)
+    sensors = [[c for n, c in zip(final.nuisances, columns) if n.where != 'rig']
+               for columns in final.columns]
+    found = places(final.cases, final.noise, before, differences, stage, sensors)
     phase = max(final.cases[-1].phases, key=lambda one: one.end - one.start).name
     shown = tuple(Place(EFFECTS[n].stage, seen_in(n, v), phase, remainder.BANDS[-1],
                         max(q.value for q in v.values()), 0.0)

@@ -33,6 +33,9 @@ SIGNIFICANT = 0.01
 LEAST_GAIN = 3.0
 """Held-out log-likelihood that an effect has to bring."""
 
+LOUD = 2.0
+"""Variance of a channel, in that of its rest, from which such an effect is sought."""
+
 LEAST_GROSS_GAIN = 100.0
 """Of an effect that the noise model held for noise."""
 
@@ -255,6 +258,13 @@ def select(problem: Problem, found: Sequence[Hypothesis]) -> Selection:
     return Selection(problem, tuple(accepted), tuple(tangents), rivals, first)
 
 
+def _loudest(quiet: Problem) -> float:
+    """Largest variance of a channel in that of its rest, slower than a stretch of rest too."""
+    return max((float(np.mean(n.whiten(b[:, c][np.newaxis], c)[0, n.rows[:, c]] ** 2))
+                for n, b in zip(quiet.noise, quiet.blocks)
+                for c in range(len(CHANNELS)) if n.rows[:, c].any()), default=0.0)
+
+
 def _shaped(problem: Problem, accepted: list[Accepted], tangents: list[Tangent]
             ) -> tuple[Problem, list[Accepted], list[Tangent]]:
     """Give the effect accepted last the shapes that it began without, if that is better."""
@@ -282,10 +292,10 @@ def _gross(problem: Problem, accepted: Sequence[Accepted], tangents: Sequence[Ta
     """
     strongest = max(cells(case, n, b)[0].z for case, n, b in zip(
         problem.cases, problem.noise, problem.blocks))
-    if strongest < STRONG:
-        return None
     quiet = replace(problem, noise=[resting(b, n) for b, n in zip(
         problem.blocks, problem.noise)])
+    if strongest < STRONG and _loudest(quiet) < LOUD:
+        return None
     bench, by_name = Bench(quiet, tangents), {h.name: h for h in left}
     best, most = None, LEAST_GROSS_GAIN
     for trial, atom in bench.screen(left)[:SHORTLIST]:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from forcecal_ros.diagnose.blocked import Blocked
 from forcecal_ros.diagnose.channels import CHANNELS
+from forcecal_ros.diagnose.columns import Column
 from forcecal_ros.diagnose.noise import Noise
 from forcecal_ros.diagnose.remainder import BANDS, RATE
 from forcecal_ros.geometry import Array
@@ -64,8 +65,8 @@ def stage_of(channel: str, phase: str, touched: set[str]) -> str:
 
 
 def places(cases: Sequence[Blocked], noise: list[Noise], residual: list[Array],
-           difference: list[Array], stage: Callable[[str, str, set[str]], str]
-           ) -> tuple[Place, ...]:
+           difference: list[Array], stage: Callable[[str, str, set[str]], str],
+           sensors: Sequence[Sequence[Column]] = ()) -> tuple[Place, ...]:
     """
     Locate what a difference between two simulations explains.
 
@@ -77,6 +78,9 @@ def places(cases: Sequence[Blocked], noise: list[Noise], residual: list[Array],
         Measured less the one simulation; the other less the one.
     stage : callable
         (channel, phase, touched channels) -> stage.
+    sensors : sequence of sequence of Column, optional
+        Of each recording, what a spread of each sensor's own offset and gain does: so much of a
+        difference counts as they cannot take up.
 
     Returns
     -------
@@ -85,17 +89,20 @@ def places(cases: Sequence[Blocked], noise: list[Noise], residual: list[Array],
     """
     sums: dict[tuple[int, str], Array] = {}
     bands: dict[tuple[int, str], Array] = {}
-    for case, own, r, d in zip(cases, noise, residual, difference):
+    for i, (case, own, r, d) in enumerate(zip(cases, noise, residual, difference)):
         phases = case.phase_rows()
         for c in range(len(CHANNELS)):
             if not own.sigma[:, c].any() or not np.abs(d[:, c]).max() > 0.0:
                 continue
-            white = own.whiten(np.stack([r[:, c], d[:, c]]), c)
+            columns = [one[c] for one in (sensors[i] if sensors else ()) if c in one]
+            white = own.whiten(np.stack([r[:, c], d[:, c], *columns]), c)
+            beyond = _beyond(white[1], white[2:])
             for word, rows in phases.items():
                 key = (c, word)
                 w = white[:, rows]
-                now = np.array([w[0] @ w[1], w[1] @ w[1], float(rows.sum())])
-                sums[key] = sums.get(key, np.zeros(3)) + now
+                now = np.array([w[0] @ w[1], w[1] @ w[1], float(rows.sum()),
+                                beyond[rows] @ beyond[rows]])
+                sums[key] = sums.get(key, np.zeros(4)) + now
                 bands[key] = bands.get(key, np.zeros(len(BANDS))) + _bands(w[1])
     tested = sorted(((norm.sf(s[0] / np.sqrt(s[1])), key) for key, s in sums.items()
                      if s[1] > 1e-9), key=lambda one: one[0])
@@ -111,9 +118,17 @@ def places(cases: Sequence[Blocked], noise: list[Noise], residual: list[Array],
         band = BANDS[int(bands[c, word].argmax())]
         s = sums[c, word]
         found.append(Place(stage(name, word, touched), name, word, band,
-                           float(np.sqrt(s[1] / s[2])), float(max(p, 1e-300))))
+                           float(np.sqrt(s[3] / s[2])), float(max(p, 1e-300))))
     found.sort(key=lambda place: -place.excess)
     return tuple(found[:MOST])
+
+
+def _beyond(white: Array, columns: Array) -> Array:
+    """Take out what columns of unit prior explain, and spread its cost over the rest."""
+    x = np.linalg.solve(np.eye(len(columns)) + columns @ columns.T, columns @ white)
+    left = white - x @ columns
+    energy = float(left @ left)
+    return np.asarray(left * np.sqrt(1.0 + float(x @ x) / energy) if energy else left)
 
 
 def _bands(white: Array) -> Array:
