@@ -1,5 +1,7 @@
 """What the documents say is there, and what is there is in the documents."""
 
+from fnmatch import fnmatch
+from importlib import import_module
 from pathlib import Path
 import re
 
@@ -45,6 +47,24 @@ def test_every_effect_and_each_of_its_parameters_is_catalogued():
                  False: re.findall(r'\w+', ' '.join(re.findall('`(.+?)`', plain)))}
         for shapes, found in words.items():
             assert found == [q.name for q in effect.parameters if q.shapes is shapes], name
+
+
+PARAMETERS = {row.name for table in (
+    'gap', 'impedance_settings', 'observer_settings', 'sequencer_settings', 'sim')
+    for row in import_module(f'forcecal_ros.nodes.{table}').PARAMETERS}
+GROUPS = {name.partition('.')[0] for name in PARAMETERS if '.' in name} - {
+    path.stem for path in (ROOT / 'forcecal_ros').iterdir()}
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
+def test_every_parameter_named_is_one_of_a_node(page):
+    for word in re.findall(r'`([a-z]+\.[a-z_*/.]+)`', page.read_text()):
+        group, _, rest = word.partition('.')
+        if group in GROUPS:
+            first, *more = rest.split('/')
+            stem = first.rpartition('_')[0]
+            for name in (first, *(f'{stem}_{part}' for part in more)):
+                assert any(fnmatch(known, f'{group}.{name}*') for known in PARAMETERS), word
 
 
 @pytest.mark.parametrize('script', sorted(

@@ -1,6 +1,8 @@
 """Every parameter of every node as ``ros2 param`` meets it: described, bounded, checked."""
 
 from importlib import import_module
+from pathlib import Path
+import re
 
 from forcecal_ros.nodes import sim
 from live import Live
@@ -11,6 +13,7 @@ from rcl_interfaces.srv import DescribeParameters, ListParameters
 TABLES = {'sim': 'sim', 'sequencer': 'sequencer_settings', 'observer': 'observer_settings',
           'gap': 'gap', 'impedance': 'impedance_settings'}
 NOT_OURS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
+README = Path(__file__).parents[1] / 'README.md'
 NUMBERS = (ParameterType.PARAMETER_INTEGER, ParameterType.PARAMETER_DOUBLE)
 
 
@@ -75,6 +78,31 @@ def test_every_bound_and_choice_is_held_when_set(described, node):
     assert wrong and len(results) == len(wrong)
     for name, result in zip(wrong, results):
         assert not result.successful and name in result.reason, (name, result.reason)
+
+
+def documented(node):
+    """Return what the README's table says that a node hears, says and serves, names in full."""
+    row = re.search(rf'^\| `{node}`.*\|$', README.read_text(), re.M)[0]
+    _, _, hears, says, services, _ = row.split('|')
+    hears, says, services = (re.findall('`(.+?)`', cell) for cell in (hears, says, services))
+    prefix = services[0].partition('/')[0] if services else ''
+    return hears, says, [name if name[0] != '/' else prefix + name for name in services]
+
+
+@pytest.mark.parametrize('node', TABLES)
+def test_the_readme_names_every_topic_and_service(described, node):
+    live, _ = described
+    hears, says, services = documented(node)
+    graph = live.node
+    served = [name.strip('/') for name, types in graph.get_service_names_and_types_by_node(
+        node, '/') if types == ['std_srvs/srv/Trigger']]
+    assert sorted(served) == sorted(services)
+    for found, named in ((graph.get_publisher_names_and_types_by_node(node, '/'), says),
+                         (graph.get_subscriber_names_and_types_by_node(node, '/'), hears)):
+        names = {name.strip('/') for name, _ in found} - {
+            'rosout', 'parameter_events', 'diagnostics'}
+        # a node hears its own topic of commands to notice others there
+        assert names - {f'{node}/transition_event', *says} <= {*named}
 
 
 @pytest.mark.parametrize('arguments', [('-p', 'speed'), ('--params-file', '/nowhere.yaml')])
