@@ -8,6 +8,7 @@ commands, 4 ms each, from the moment the fault was confirmed), and that they nev
 """
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import asdict
 import json
 import os
@@ -30,16 +31,16 @@ def cell(outcome: Outcome) -> str:
     return outcome.end
 
 
-def table(outcomes: list[Outcome]) -> str:
+def table(outcomes: list[Outcome], faults: Sequence[str], phases: Sequence[str]) -> str:
     """Return the table as Markdown."""
-    rows = ['| fault | ' + ' | '.join(PHASES) + ' | the sequencer says |',
-            '|---|' + '---|' * (len(PHASES) + 1)]
-    for fault in FAULTS:
+    rows = ['| fault | ' + ' | '.join(phases) + ' | the node says |',
+            '|---|' + '---|' * (len(phases) + 1)]
+    for fault in faults:
         found = {outcome.phase: outcome for outcome in outcomes if outcome.fault == fault}
         if found:
             reasons = [o.reason for o in found.values() if o.reason]
             rows.append(f'| {fault} | ' + ' | '.join(
-                cell(found[phase]) if phase in found else '' for phase in PHASES)
+                cell(found[phase]) if phase in found else '' for phase in phases)
                 + f' | {max(reasons, key=reasons.count) if reasons else ""} |')
     return '\n'.join(rows)
 
@@ -68,7 +69,7 @@ def main() -> int:
                         outcomes.append(Outcome(fault, phase, why, 0.0, ''))
                     print(outcomes[-1], file=sys.stderr, flush=True)
     failed = [outcome for outcome in outcomes if not outcome.survived]
-    print(table(outcomes))
+    print(table(outcomes, FAULTS, PHASES))
     print(f'\n{len(outcomes)} tried, {len(outcomes) - len(failed)} survived')
     if args.json:
         Path(args.json).write_text(json.dumps([asdict(o) for o in outcomes], indent=1))

@@ -41,7 +41,7 @@ class Senses:
     """What the node hears, each sample watched over as it comes."""
 
     def __init__(self, node: Node, inbox: Inbox, settings: Settings) -> None:
-        topics = {'wrench': 'observer/contact_wrench', 'pose': 'current_pose'}
+        topics = {'wrench': 'observer/contact_wrench', 'pose': 'current_pose', 'sensor': 'wrench'}
         joint = node.get_parameter('optidrive.joint').value
         if joint:
             topics['optidrive'] = 'optidrive'
@@ -61,6 +61,9 @@ class Senses:
 
         hear(topics['wrench'], WrenchStamped, Reader(WrenchStamped), self.monitor.wrench)
         hear(topics['pose'], PoseStamped, Reader(PoseStamped), self.monitor.pose)
+        # a sensor that sticks shows here alone: what the observer makes of it goes on changing
+        hear(topics['sensor'], WrenchStamped, Reader(WrenchStamped),
+             lambda stamp, values: self.monitor.other('sensor', stamp, values))
         if joint:
             hear('optidrive', JointState, JointReader(joint),
                  lambda stamp, values: self.monitor.other('optidrive', stamp, values))
