@@ -31,6 +31,9 @@ VISIBLE = 25.0
 WITHOUT_MEAN = ('wrench_quantisation', 'dropouts')
 """Effects that move no signal's mean."""
 
+CHECKED = 0.99
+"""Probability of an effect of stamps or values: they are found at many sigmas or not at all."""
+
 ENOUGH = 3.0
 """Scatter of a simulated signal, in its noise, from which a recording can answer."""
 
@@ -134,7 +137,7 @@ def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Che
     named = [a.name for a in selection.accepted]
     slots = [(a.name, selection.rivals.get(a.name, {})) for a in selection.accepted]
     shares, candidates = probabilities(slots, remains, measured.closed)
-    candidates = sorted([*candidates, *((n, 0.99) for n in checks.effects)],
+    candidates = sorted([*candidates, *((n, CHECKED) for n in checks.effects)],
                         key=lambda pair: -pair[1])
     invisible = not_excited(p, found)
     excited = excitation(p) > ENOUGH
@@ -142,7 +145,7 @@ def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Che
                              measured.closed if named else None, excited or bool(checks.effects))
     effects = [Found(a.name, parameters_of(final, a), shares[a.name])
                for a in selection.accepted]
-    effects += [Found(n, v, 0.99) for n, v in checks.effects.items()]
+    effects += [Found(n, v, CHECKED) for n, v in checks.effects.items()]
     if word == 'unknown':
         effects = [Found('unknown', {}, dict(candidates).get('unknown', 0.9))]
     elif word == 'not_excited':

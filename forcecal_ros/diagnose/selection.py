@@ -287,8 +287,8 @@ def _gross(problem: Problem, accepted: Sequence[Accepted], tangents: Sequence[Ta
     """
     Find an effect whose gap is so strong that the noise model holds it for noise.
 
-    With the noise of rest in its place the likeliest are fitted all the way, and compared each
-    with noise that is fitted to what it leaves.
+    With the noise of rest in its place the likeliest are fitted all the way and compared; the
+    best has to leave less of the gap, and to hold beside noise that is fitted to what it leaves.
     """
     strongest = max(cells(case, n, b)[0].z for case, n, b in zip(
         problem.cases, problem.noise, problem.blocks))
@@ -297,7 +297,7 @@ def _gross(problem: Problem, accepted: Sequence[Accepted], tangents: Sequence[Ta
     if strongest < STRONG and _loudest(quiet) < LOUD:
         return None
     bench, by_name = Bench(quiet, tangents), {h.name: h for h in left}
-    best, most = None, LEAST_GROSS_GAIN
+    best, least = None, (1.0 - LEAST_FRACTION) * _misfit(problem, quiet.noise)
     for trial, atom in bench.screen(left)[:SHORTLIST]:
         if not np.isfinite(trial.evidence) or trial.evidence < WORTH:
             continue
@@ -305,9 +305,9 @@ def _gross(problem: Problem, accepted: Sequence[Accepted], tangents: Sequence[Ta
             trial = bench.refine(by_name[trial.name], trial)
         rough = joint(quiet, [*accepted, Accepted.of(trial)], noise_known=True)
         fitted = joint(rough[0], rough[1])
-        gain = slow_gain(problem, fitted[0])
-        if gain > most:
-            best, most = fitted, gain
+        misfit = _misfit(fitted[0], quiet.noise)
+        if misfit < least and slow_gain(problem, fitted[0]) > LEAST_GROSS_GAIN:
+            best, least = fitted, misfit
     return best
 
 
