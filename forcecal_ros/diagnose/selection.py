@@ -36,6 +36,9 @@ LEAST_GAIN = 3.0
 LOUD = 2.0
 """Variance of a channel, in that of its rest, from which such an effect is sought."""
 
+MOST_GROSS = 2
+"""Effects from which none is sought that way any more."""
+
 LEAST_GROSS_GAIN = 100.0
 """Of an effect that the noise model held for noise."""
 
@@ -246,7 +249,8 @@ def select(problem: Problem, found: Sequence[Hypothesis]) -> Selection:
                 break
             out.add(best.name)
         if best is None:
-            gross = _gross(problem, accepted, tangents, left)
+            gross = _gross(problem, accepted, tangents, left) \
+                if len(accepted) < MOST_GROSS else None
             if gross is None or accepted \
                     and beyond_mismatch(start, problem, gross[0]) < LEAST_BEYOND:
                 break
