@@ -52,7 +52,8 @@ class ContactBench(Bench):
                        lambda stamp, values: self.force.append(-values[0]))
 
     def _start(self, module: str) -> None:
-        self.away = False
+        if module == 'sim':
+            self.away = False
         if module == 'observer':
             self.live.start(module, calibration__file=self.calibration)
         else:
