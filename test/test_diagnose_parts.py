@@ -1,17 +1,19 @@
-"""Parts of the diagnosis by themselves: limits, slow noise, intervals, odds, stamps."""
+"""Parts of the diagnosis by themselves: limits, noise, bounds, intervals, odds, stamps."""
 
 from forcecal_ros.diagnose import remainder
 from forcecal_ros.diagnose.datachecks import clocks, skew_between
-from forcecal_ros.diagnose.evidence import Score
+from forcecal_ros.diagnose.evidence import fit, Gram, Prior, Score
 from forcecal_ros.diagnose.gap import Errors
 from forcecal_ros.diagnose.limits import _best_limit
 from forcecal_ros.diagnose.memory import _unpredicted
+from forcecal_ros.diagnose.noise import fit_noise, resting
 from forcecal_ros.diagnose.selection import MISMATCH, PARSIMONY, TEMPERATURE, weights
 from forcecal_ros.diagnose.trial import Trial
 from forcecal_ros.diagnose.verdict import probabilities, Remains, verdict
 from forcecal_ros.samples import Recording, Stream
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
 NOTHING_LEFT = Remains(0.4, '')
 
@@ -19,6 +21,43 @@ NOTHING_LEFT = Remains(0.4, '')
 def trial(name, evidence, free=1):
     return Trial(name, np.zeros(free), np.zeros(free), np.arange(free), np.zeros(0), frozenset(),
                  evidence / 2.0, evidence, Score(10.0, 100.0, 100.0), 1.0, 0.0, 1000, True)
+
+
+def test_a_bounded_fit_is_the_best_one_within_the_bounds_however_alike_the_columns_are():
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        common = rng.standard_normal((400, 1))
+        columns = common + 0.3 * rng.standard_normal((400, 6))
+        data = columns @ rng.uniform(-6.0, 6.0, 6) + rng.standard_normal(400)
+        gram = Gram(columns.T @ columns, columns.T @ data, float(data @ data), 400)
+        found = fit(gram, Prior(np.zeros(6), np.ones(6), np.full(6, 3.0))).x
+        best = lsq_linear(np.vstack([columns, np.eye(6)]), np.append(data, np.zeros(6)),
+                          (-3.0, 3.0), tol=1e-12).x
+        assert found == pytest.approx(best, abs=1e-4)
+
+
+def test_a_constant_is_no_noise_and_counts_against_noise_that_is_fitted_beside_it():
+    rng = np.random.default_rng(4)
+    residual = np.zeros((3000, 16))
+    residual[:, 0] = 40.0 + rng.standard_normal(3000)
+    noise = fit_noise(residual, np.ones((3000, 16), dtype=bool), np.zeros(3000, dtype=np.intp))
+    constant = noise.whiten(np.full((1, 3000), 40.0), 0)[0, 8:]
+    # sum of 8 coefficients of white noise: 8 / sqrt(3000) at 5 sigma would be 0.26 of it
+    assert constant.mean() == pytest.approx(40.0, rel=0.3)
+
+
+def test_noise_of_rest_knows_nothing_of_a_gap_that_shows_in_motion():
+    rng = np.random.default_rng(5)
+    groups = np.repeat(np.array([0, 1, 0, 1], dtype=np.intp), 1000)
+    residual = np.zeros((4000, 16))
+    residual[:, 0] = rng.standard_normal(4000) + 5.0 * (np.arange(4000) > 2000)
+    residual[groups == 1, 0] += 100.0 * np.sin(np.arange(2000) / 5.0)
+    own = fit_noise(residual, np.ones((4000, 16), dtype=bool), groups)
+    rest = resting(residual, own)
+    assert rest.sigma[:, 0] == pytest.approx(1.0, abs=5.0 / np.sqrt(2.0 * 2000))
+    moving = rest.whiten(residual[:, :1].T, 0)[0, groups == 1]
+    hidden = own.whiten(residual[:, :1].T, 0)[0, groups == 1]
+    assert np.std(moving) > 10.0 * np.std(hidden)
 
 
 def test_a_soft_limit_under_noise_is_found_where_it_is():

@@ -208,6 +208,20 @@ def test_ringing_robot_moves_as_its_velocity_and_acceleration_say():
         assert value[1:] - value[0] == pytest.approx(integral, abs=1e-4 * np.abs(value).max())
 
 
+def test_a_mode_damped_within_the_arm_does_not_lag_behind_a_steady_motion():
+    t = 0.004 * np.arange(750)
+    way = np.outer(0.05 * np.maximum(t - 0.2, 0.0), [0.0, 0.0, 1.0])
+    target = PoseStream(t, HOME + way, np.tile(AIM, (len(t), 1, 1)))
+    behind = {}
+    for grounded in (0.0, 1.0):
+        rig = having('robot_resonance', gain=1.0, frequency=10.0, damping=0.2, grounded=grounded)
+        (ringing, _), (plain, _) = plant_motion(rig, target), plant_motion(RIG, target)
+        behind[grounded] = (ringing.position - plain.position)[-1, 2]
+    lag = 0.05 * 2.0 * 0.2 / (2.0 * np.pi * 10.0)
+    assert behind[1.0] == pytest.approx(-lag, rel=1e-3)
+    assert abs(behind[0.0]) < 1e-3 * lag
+
+
 def test_robot_effects_leave_orientations_that_are_rotations():
     rig = with_effects(RIG, {'robot_delay': {'delay': 0.003}, 'robot_resonance': {'gain': 0.5}})
     pose, plain = (clean(r, pressing(200)).pose for r in (rig, RIG))
