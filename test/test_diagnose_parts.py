@@ -7,7 +7,7 @@ from forcecal_ros.diagnose.gap import Errors
 from forcecal_ros.diagnose.limits import _best_limit
 from forcecal_ros.diagnose.memory import _unpredicted
 from forcecal_ros.diagnose.noise import fit_noise, resting
-from forcecal_ros.diagnose.selection import MISMATCH, PARSIMONY, TEMPERATURE, weights
+from forcecal_ros.diagnose.ranking import MISMATCH, PARSIMONY, TEMPERATURE, weights
 from forcecal_ros.diagnose.trial import Trial
 from forcecal_ros.diagnose.verdict import probabilities, Remains, verdict
 from forcecal_ros.samples import Recording, Stream

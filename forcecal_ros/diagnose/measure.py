@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 
 from forcecal_ros.diagnose import remainder
+from forcecal_ros.diagnose.bench import Bench
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.gap import Arms, contact_error, Errors, Gap, gap
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.remainder import Cell
-from forcecal_ros.diagnose.trial import Bench, Tangent
+from forcecal_ros.diagnose.tangent import Tangent
 from forcecal_ros.geometry import Array
 import numpy as np
 

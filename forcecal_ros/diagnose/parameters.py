@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 
 from forcecal_ros.diagnose import datachecks
 from forcecal_ros.diagnose.channels import CHANNELS
+from forcecal_ros.diagnose.joint import Accepted
 from forcecal_ros.diagnose.limits import CLIPPING
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.result import Parameter
-from forcecal_ros.diagnose.selection import Accepted
 from forcecal_ros.diagnose.stamps import Corrected
 from forcecal_ros.geometry import Array
 from forcecal_ros.sim.effects import EFFECTS

@@ -1,0 +1,192 @@
+"""Accepted effects, nuisances and noise refitted together."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from forcecal_ros.diagnose.bench import Bench
+from forcecal_ros.diagnose.columns import gram
+from forcecal_ros.diagnose.hypotheses import bounds_of, values_of
+from forcecal_ros.diagnose.noise import Noise
+from forcecal_ros.diagnose.nuisances import LIMIT
+from forcecal_ros.diagnose.problem import Problem
+from forcecal_ros.diagnose.tangent import Tangent, tangent
+from forcecal_ros.diagnose.trial import Trial
+from forcecal_ros.geometry import Array
+from forcecal_ros.sim.effects import EFFECTS
+import numpy as np
+from numpy.typing import NDArray
+
+ROUNDS = 3
+"""Gauss-Newton steps of a joint refit."""
+
+FAR = 2.0
+"""Step of the nuisances, in spreads, after which their columns are taken anew."""
+
+SHORTEST = 0.02
+"""Fraction of such a step below which it is given up."""
+
+
+class Accepted(NamedTuple):
+    """
+    One accepted effect.
+
+    Attributes
+    ----------
+    name : str
+    theta, std : ndarray, shape (p,)
+        Empty where the effect is a released nuisance.
+    free : ndarray of int
+        Which of them are estimated.
+    released : frozenset of str
+    trial : Trial
+        At its acceptance.
+    """
+
+    name: str
+    theta: Array
+    std: Array
+    free: NDArray[np.intp]
+    released: frozenset[str]
+    trial: Trial
+
+    @classmethod
+    def of(cls, trial: Trial) -> 'Accepted':
+        """Accept a trial."""
+        return cls(trial.name, trial.theta, trial.std, trial.free, trial.released, trial)
+
+
+def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = None,
+          noise_known: bool = False) -> tuple[Problem, list[Accepted], list[Tangent]]:
+    """
+    Refit accepted effects, nuisances and noise together.
+
+    Parameters
+    ----------
+    problem : Problem
+    accepted : sequence of Accepted
+    step : ndarray, shape (m,), optional
+        Of the nuisances, to begin with.
+    noise_known : bool
+        Whether the noise stays as it is until the end, for more rounds.
+
+    Returns
+    -------
+    problem : Problem
+    accepted : list of Accepted
+    tangents : list of Tangent
+    """
+    released = frozenset(n for a in accepted for n in a.released)
+    out = replace(problem, released=released, effects=_effects(accepted),
+                  centre=problem.centre + (0.0 if step is None else step))
+    m, now = len(problem.nuisances), list(accepted)
+    if released != problem.released:
+        out.linearise()
+    else:
+        out.settle()
+    tangents: list[Tangent] = []
+    for _ in range(3 * ROUNDS if noise_known else ROUNDS):
+        tangents = [_tangent(out, a) for a in now if len(a.theta)]
+        if not noise_known:
+            out.refit_noise(np.zeros(m))
+        bench = Bench(out, tangents)
+        before, fraction = out.standing(), 1.0
+        while fraction > SHORTEST:
+            moved = _moved(now, tangents, bench, fraction)
+            tried = replace(out, centre=out.centre + fraction * bench.null.x[:m],
+                            effects=_effects(moved))
+            tried.settle()
+            if tried.standing() > before - 0.1:
+                out, now = tried, moved
+                break
+            fraction *= 0.3
+        step = np.abs(bench.null.x)
+        if fraction <= SHORTEST \
+                or step[m:].max(initial=0.0) < 1e-3 and step[:m].max(initial=0.0) < 0.1:
+            break
+        if released and step[:m].max() > FAR:
+            out.linearise()
+    out.refit_noise(np.zeros(m))
+    return out, now, tangents
+
+
+def without(start: Problem, problem: Problem, accepted: Sequence[Accepted], name: str
+             ) -> tuple[Problem, list[Accepted], list[Tangent]]:
+    """
+    Take one effect out; noise stays as it is, nuisances are fitted anew.
+
+    Parameters
+    ----------
+    start, problem : Problem
+        Without any effect, and with the accepted ones.
+    accepted : list of Accepted
+    name : str
+
+    Returns
+    -------
+    problem : Problem
+    accepted : list of Accepted
+    tangents : list of Tangent
+    """
+    rest = [a for a in accepted if a.name != name]
+    if not rest:
+        return replace(start, noise=problem.noise), [], []
+    released = frozenset(n for a in rest for n in a.released)
+    bound = np.array([np.inf if n.name in released else LIMIT for n in problem.nuisances])
+    out = replace(problem, released=released, effects=_effects(rest),
+                  centre=np.clip(problem.centre, -bound, bound))
+    if released != problem.released:
+        out.linearise()
+    else:
+        out.settle()
+    out.centre = out.centre + out.fit_nuisances().x
+    out.settle()
+    return out, rest, [_tangent(out, a) for a in rest if len(a.theta)]
+
+
+def misfit(problem: Problem, noise: list[Noise]) -> float:
+    """
+    Whitened squares of what a problem leaves, on all blocks, and what its priors cost.
+
+    Parameters
+    ----------
+    problem : Problem
+    noise : list of Noise
+        Of each recording, to whiten by.
+
+    Returns
+    -------
+    float
+    """
+    prior = problem.prior()
+    return float((prior.centre * prior.precision) @ prior.centre) + sum(
+        gram(n, [], blocks, [np.ones(len(blocks), dtype=bool)])[0].square
+        for n, blocks in zip(noise, problem.blocks))
+
+
+def _moved(accepted: Sequence[Accepted], tangents: Sequence[Tangent], bench: Bench,
+           fraction: float) -> list[Accepted]:
+    """Go a fraction of the way to the best parameters of all accepted effects."""
+    by_name = {t.name: t for t in tangents}
+    x, variance = bench.null.x, np.diag(bench.null.covariance)
+    position, out = len(bench.problem.nuisances), []
+    for a in accepted:
+        if len(a.theta):
+            part, units = slice(position, position + len(a.free)), by_name[a.name].units
+            low, high = bounds_of(EFFECTS[a.name])
+            theta, std = a.theta.copy(), np.zeros(len(a.theta))
+            theta[a.free] += fraction * x[part] * units
+            std[a.free] = units * np.sqrt(variance[part])
+            a = a._replace(theta=np.clip(theta, low, high), std=std)
+            position += len(a.free)
+        out.append(a)
+    return out
+
+
+def _effects(accepted: Sequence[Accepted]) -> dict[str, dict[str, float]]:
+    return {a.name: values_of(EFFECTS[a.name], a.theta) for a in accepted if len(a.theta)}
+
+
+def _tangent(problem: Problem, a: Accepted) -> Tangent:
+    return tangent(problem, a.name, a.theta, a.free, problem.blocks,
+                   range(len(problem.cases)))

@@ -1,0 +1,90 @@
+"""Which hypothesis is likeliest, and which is worth accepting."""
+
+from collections.abc import Sequence
+
+from forcecal_ros.diagnose.bench import Bench
+from forcecal_ros.diagnose.hypotheses import Hypothesis
+from forcecal_ros.diagnose.trial import Trial
+import numpy as np
+
+SIGNIFICANT = 0.01
+"""Family-wise error of a round (Holm's first step)."""
+
+LEAST_GAIN = 3.0
+"""Held-out log-likelihood that an effect has to bring."""
+
+LEAST_FRACTION = 0.05
+"""Of the above-noise energy, its lower bound."""
+
+NEGLIGIBLE = 0.05
+"""RMS of a difference, in noise RMS of every channel and kind of motion, that is no gap."""
+
+TEMPERATURE = 2.0
+"""Of log-likelihoods."""
+
+MISMATCH = 1e-3
+"""Part of the energy of an effect in which two sound models of it may differ."""
+
+PARSIMONY = 0.5
+"""Log-odds that each parameter costs besides."""
+
+SHORTLIST = 3
+"""Hypotheses that are refined in each round."""
+
+WORTH = 2.0
+"""Evidence of the linear screen from which the best are refined whatever their rank."""
+
+CLOSE = 0.5
+"""Fraction of the best gain from which a hypothesis is refined as well."""
+
+
+def acceptable(trial: Trial, tested: int) -> bool:
+    """Say whether a trial passes significance, gain, fraction and size."""
+    return (trial.gain > LEAST_GAIN and trial.p * tested < SIGNIFICANT
+            and trial.fraction > LEAST_FRACTION and trial.size > NEGLIGIBLE)
+
+
+def ranked(bench: Bench, found: Sequence[Hypothesis], tested: int) -> list[Trial]:
+    """Screen hypotheses, refine the best, and return all trials, likeliest first."""
+    screened = bench.screen(found)
+    by_name = {h.name: h for h in found}
+    best = max((t.evidence for t, _ in screened), default=0.0)
+    out, refined = [], 0
+    for trial, atom in screened:
+        promising = trial.evidence > CLOSE * best and np.isfinite(trial.evidence)
+        promising |= refined < SHORTLIST and trial.evidence > WORTH
+        if atom is not None and promising and trial.gain > 1.0 and refined < 2 * SHORTLIST:
+            refined += 1
+            better = bench.refine(by_name[trial.name], trial)
+            if better.evidence > trial.evidence or acceptable(better, tested):
+                trial = better
+        out.append(trial)
+    weight = weights(out)
+    return sorted(out, key=lambda t: -weight[t.name])
+
+
+def tempered(trials: Sequence[Trial]) -> float:
+    """Temperature of log-likelihoods beside the energy that is at stake."""
+    return TEMPERATURE + MISMATCH * max((t.evidence for t in trials), default=0.0)
+
+
+def weights(trials: Sequence[Trial]) -> dict[str, float]:
+    """
+    Weigh hypotheses against the likeliest one.
+
+    Beside gross effects, likelihoods tell apart what no model gets right: they are tempered by
+    the energy at stake, and then fewer parameters count.
+
+    Parameters
+    ----------
+    trials : sequence of Trial
+
+    Returns
+    -------
+    dict of str to float
+        Log-odds; -inf where a hypothesis is impossible.
+    """
+    best = max((t.evidence for t in trials), default=0.0)
+    temperature = tempered(trials)
+    return {t.name: (t.evidence - best) / temperature - PARSIMONY * t.degrees
+            for t in trials}
