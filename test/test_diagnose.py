@@ -111,3 +111,21 @@ def test_a_turned_accelerometer_is_identified_with_its_angle(sample):
     estimate = effect.parameters['y']
     assert abs(estimate.value - angle) < 5.0 * estimate.std
     assert diagnosis.gap.closed > 0.9
+
+
+def test_what_no_effect_explains_is_unknown_and_stays_out_of_the_rig(sample):
+    rig = load_rig()
+    pose, wrench = sample.pose, sample.wrench
+    place = np.interp(wrench.t, pose.t, pose.position[:, 0])
+    cogging = 1.5 * np.sin(2.0 * np.pi * (place - place[0]) / 0.0025)
+    wrong = replace(sample, wrench=replace(
+        wrench, values=wrench.values + np.outer(cogging, [0.0, 1.0, 0.0, 0.0, 0.0, 0.0])))
+    found = diagnose(wrong, None, rig)
+    assert found.diagnosis.verdict == 'unknown'
+    assert [e.name for e in found.diagnosis.effects] == ['unknown']
+    assert not found.rig.effects
+    gap = found.diagnosis.gap
+    assert gap.closed == 0.0
+    nominal, recalibrated, explained = gap.channels['force.y'][:3]
+    assert explained == recalibrated
+    assert abs(explained - np.std(cogging)) < 0.2 * np.std(cogging)

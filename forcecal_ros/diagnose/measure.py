@@ -22,7 +22,7 @@ def sample_noise(p: Problem, explained: Array, left: Sequence[Array] = ()) -> Ar
     p : Problem
         As far as is explained.
     explained : ndarray, shape (16,)
-        Mean square that wrong parameters leave.
+        Mean square of what else is no noise, such as what wrong parameters leave.
     left : sequence of ndarray, shape (n, 16)
         What else is predicted, in each recording.
 
@@ -72,8 +72,34 @@ def parameter_errors(p: Problem, tangents: Sequence[Tangent]) -> Errors:
     return Errors(grams / max(1, n), bench.null.covariance)
 
 
+def unpredictable(p: Problem, cells: list[Cell], left: Sequence[Array]) -> Array:
+    """
+    Mean square of what is left, is no noise, and is not predicted from the motion.
+
+    Parameters
+    ----------
+    p : Problem
+    cells : list of Cell
+        Of its remainder.
+    left : sequence of ndarray, shape (n, 16)
+        What of it is predicted, in each recording.
+
+    Returns
+    -------
+    ndarray, shape (16,)
+        0 where a channel has no strong cell, or a predicted part that stands for it.
+    """
+    energy = np.zeros(len(CHANNELS))
+    for c in {x.channel for x in cells if x.z > remainder.STRONG}:
+        if not any(x[:, c].any() for x in left):
+            held = [b[case.held, c] for b, case in zip(p.blocks, p.cases)]
+            level = np.mean([n.rms(0)[c] ** 2 for n in p.noise])
+            energy[c] = max(0.0, float(np.mean(np.concatenate(held) ** 2) - level))
+    return energy
+
+
 def measured_gap(p: Problem, final: Problem, residuals: tuple[list[Array], ...], noise: Array,
-                 cells: list[Cell], errors: Errors) -> Gap:
+                 energy: Array, errors: Errors) -> Gap:
     """
     Measure the gap in its three arms, the error of the contact force with it.
 
@@ -86,8 +112,8 @@ def measured_gap(p: Problem, final: Problem, residuals: tuple[list[Array], ...],
         final remainder is predictable.
     noise : ndarray, shape (16,)
         RMS of one sample.
-    cells : list of Cell
-        Of the final remainder.
+    energy : ndarray, shape (16,)
+        Mean square of what else is left and is no noise.
     errors : Errors
 
     Returns
@@ -100,14 +126,6 @@ def measured_gap(p: Problem, final: Problem, residuals: tuple[list[Array], ...],
         arms.append(Arms(before, nominal - before, before - final.blocks[i], left))
         contact.append([case.measured.of_wrench(s.contact) for s in (
             case.nominal, p.base[i], final.base[i])])
-    energy = np.zeros(len(CHANNELS))
-    for c in range(len(CHANNELS)):
-        strong = [x for x in cells if x.channel == c and x.z > remainder.STRONG]
-        if strong and not np.any([x[:, c].any() for x in residuals[2]]):
-            rows = [case.held for case in final.cases]
-            rms = [b[r, c] for b, r in zip(final.blocks, rows)]
-            level = np.mean([n.rms(0)[c] ** 2 for n in final.noise])
-            energy[c] = max(0.0, float(np.mean(np.concatenate(rms) ** 2) - level))
     out = gap(p.cases, arms, noise, energy, errors)
     remaining = np.array([out.channels[c.name][2] ** 2 for c in CHANNELS[:3]
                           if c.name in out.channels])

@@ -1,13 +1,21 @@
 """From one recording, or a pair, to a diagnosis."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from forcecal_ros.diagnose import datachecks, remainder
 from forcecal_ros.diagnose.case import Case, prepare, split
 from forcecal_ros.diagnose.channels import CHANNELS, COLUMNS
+from forcecal_ros.diagnose.gap import Gap
 from forcecal_ros.diagnose.hypotheses import hypotheses, Hypothesis
 from forcecal_ros.diagnose.limits import CLIPPING
-from forcecal_ros.diagnose.measure import measured_gap, parameter_errors, sample_noise
+from forcecal_ros.diagnose.measure import (
+    measured_gap,
+    parameter_errors,
+    sample_noise,
+    unpredictable,
+)
+from forcecal_ros.diagnose.noise import resting
 from forcecal_ros.diagnose.nuisances import apply_all
 from forcecal_ros.diagnose.parameters import from_checks, parameters_of, seen_in
 from forcecal_ros.diagnose.problem import Problem, problem
@@ -121,44 +129,65 @@ def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Che
               observed: list[Measured]) -> Outcome:
     selection = select(p, found)
     final = selection.problem
-    lines, impulses = lines_of(final), sum(
-        remainder.impulses(n, b) for n, b in zip(final.noise, final.blocks))
-    ceiling = remainder.ceiling(final, final.base, final.blocks)
-    strongest = [c for case, n, b in zip(final.cases, final.noise, final.blocks)
-                 for c in remainder.cells(case, n, b)]
-    strongest.sort(key=lambda cell: -cell.z)
-    remains = _remains(ceiling, strongest, lines, np.asarray(impulses))
-    left = [_left(ceiling, i) for i in range(len(final.cases))]
-    errors = parameter_errors(final, selection.tangents)
-    noise = sample_noise(final, errors.expected(), left)
-    before = [o.blocks(s) for o, s in zip(observed, first.base)]
-    nominal = [o.blocks(c.nominal) for o, c in zip(observed, first.cases)]
-    measured = measured_gap(first, final, (nominal, before, left), noise, strongest, errors)
+    left = _look(final)
+    remains = _remains(left, lines_of(final), np.asarray(sum(
+        remainder.impulses(n, b) for n, b in zip(final.noise, final.blocks))))
+    measured, noise = _measured(first, selection, left, observed)
     named = [a.name for a in selection.accepted]
     slots = [(a.name, selection.rivals.get(a.name, {})) for a in selection.accepted]
     shares, candidates = probabilities(slots, remains, measured.closed)
     candidates = sorted([*candidates, *((n, CHECKED) for n in checks.effects)],
                         key=lambda pair: -pair[1])
-    invisible = not_excited(p, found)
     excited = excitation(p) > ENOUGH
     word, sentence = verdict([*named, *checks.effects], candidates, remains,
                              measured.closed if named else None, excited or bool(checks.effects))
     effects = [Found(a.name, parameters_of(final, a), shares[a.name])
                for a in selection.accepted]
     effects += [Found(n, v, CHECKED) for n, v in checks.effects.items()]
+    where = _where(final, selection, left.ceiling, checks)
     if word == 'unknown':
         effects = [Found('unknown', {}, dict(candidates).get('unknown', 0.9))]
+        # what is not named is not added to the rig; a gap without a name looks like noise
+        final = replace(p, noise=[resting(b, n) for b, n in zip(p.blocks, p.noise)])
+        selection = Selection(final, (), (), {}, selection.screened)
+        measured, noise = _measured(first, selection, _look(final), observed)
     elif word == 'not_excited':
         effects = []
     diagnosis = Diagnosis(
-        word, sentence, tuple(effects), tuple(candidates),
-        _where(final, selection, ceiling, checks), measured, tuple(invisible),
-        checks.notes,
-        {'ceiling_sigma': float(ceiling.z.max()), 'cell_sigma': strongest[0].z,
+        word, sentence, tuple(effects), tuple(candidates), where, measured,
+        tuple(not_excited(p, found)), checks.notes,
+        {'ceiling_sigma': float(left.ceiling.z.max()), 'cell_sigma': left.strongest[0].z,
          'ratio': remains.ratio})
     return Outcome(diagnosis, patched(final, selection, checks), tuple(first.blocks),
-                   tuple(final.blocks),
-                   final.cases, noise)
+                   tuple(final.blocks), final.cases, noise)
+
+
+class _Left(NamedTuple):
+    """What a problem leaves: its predictable part, and its cells, the strongest first."""
+
+    ceiling: Ceiling
+    strongest: list[Cell]
+
+
+def _look(p: Problem) -> _Left:
+    cells = [c for case, n, b in zip(p.cases, p.noise, p.blocks)
+             for c in remainder.cells(case, n, b)]
+    return _Left(remainder.ceiling(p, p.base, p.blocks), sorted(cells, key=lambda c: -c.z))
+
+
+def _measured(first: Problem, selection: Selection, left: _Left, observed: list[Measured]
+              ) -> tuple[Gap, Array]:
+    """Return the gap in its three arms, and the noise of one sample of every channel."""
+    final = selection.problem
+    predictable = [_predictable(left.ceiling, i) for i in range(len(final.cases))]
+    errors = parameter_errors(final, selection.tangents)
+    energy = unpredictable(final, left.strongest, predictable)
+    nameless = energy if not selection.accepted else 0.0
+    noise = sample_noise(final, errors.expected() + nameless, predictable)
+    before = [o.blocks(s) for o, s in zip(observed, first.base)]
+    nominal = [o.blocks(c.nominal) for o, c in zip(observed, first.cases)]
+    return measured_gap(first, final, (nominal, before, predictable), noise, energy, errors
+                        ), noise
 
 
 @dataclass(frozen=True)
@@ -215,10 +244,10 @@ def patched(p: Problem, selection: Selection, checks: '_Checks') -> Rig:
     return with_effects(rig, effects) if effects else rig
 
 
-def _remains(ceiling: Ceiling, cells: list[Cell], lines: tuple[datachecks.Line, ...],
-             impulses: Array) -> Remains:
+def _remains(left: _Left, lines: tuple[datachecks.Line, ...], impulses: Array) -> Remains:
+    ceiling, cell = left.ceiling, left.strongest[0]
     z = np.where(ceiling.size > remainder.SMALL, ceiling.z, 0.0)
-    c, cell = int(z.argmax()), cells[0]
+    c = int(z.argmax())
     several = int(impulses.max())
     line = max(lines, key=lambda one: one.power, default=None)
     options = [
@@ -235,7 +264,7 @@ def _remains(ceiling: Ceiling, cells: list[Cell], lines: tuple[datachecks.Line, 
     return Remains(*max(options))
 
 
-def _left(ceiling: Ceiling, case: int) -> Array:
+def _predictable(ceiling: Ceiling, case: int) -> Array:
     real = (ceiling.z > remainder.PREDICTABLE) & (ceiling.size > remainder.SMALL)
     return np.where(real, ceiling.prediction[case], 0.0)
 
@@ -243,7 +272,7 @@ def _left(ceiling: Ceiling, case: int) -> Array:
 def _where(final: Problem, selection: Selection, ceiling: Ceiling, checks: '_Checks'
            ) -> tuple[Place, ...]:
     before = final.without_effects().blocks
-    differences = [b - a + _left(ceiling, i)
+    differences = [b - a + _predictable(ceiling, i)
                    for i, (b, a) in enumerate(zip(before, final.blocks))]
     stages = {EFFECTS[n].stage for n in (*(a.name for a in selection.accepted), *checks.effects)}
 

@@ -111,8 +111,9 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remai
     if closed is None:
         done, closed = 'shows in stamps and values', 1.0
     if left and closed < NAMED:
-        return 'unknown', (f'no effect of the library explains the gap: {listed} comes closest '
-                           f'and {done}; left is {remains.words}')
+        closest = f'{listed} comes closest and {done}; left is ' if closed > 0.0 else ''
+        return 'unknown', (f'no effect of the library explains the gap: {closest}'
+                           f'{remains.words}')
     rest = f'; left is {remains.words}' if left else ''
     if left and closed < WHOLE:
         return 'partial', f'{listed} {done}{rest}'
