@@ -18,6 +18,9 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+BEHIND = 50
+"""A robot that is where one of so many newest commands told it to be follows them."""
+
 REMEMBERED = 128
 """So many of one's own messages are kept to tell foreign commands from one's own."""
 
@@ -40,6 +43,13 @@ class Backend:
         self._own: deque[bytes] = deque(maxlen=REMEMBERED)
         self._publisher = node.create_publisher(message_type, topic, OUTPUT)
         inbox.subscribe(message_type, topic, self._on_command)
+
+    def begin(self) -> None:
+        """Make ready for a motion."""
+
+    def astray(self, limit: float) -> str:
+        """Say how far off the robot is by what only this back end hears; empty: within limit."""
+        return ''
 
     def _on_command(self, raw: bytes) -> None:
         if raw not in self._own:
@@ -90,6 +100,7 @@ class JointTrajectories(Backend):
         super().__init__(node, inbox, 'joint_trajectory', JointTrajectory)
         self._names = names
         self._positions: dict[str, float] = {}
+        self._sent: deque[Array] = deque(maxlen=BEHIND)
         node.create_subscription(JointState, 'joint_states', self._on_joints, SENSOR)
 
     def _on_joints(self, message: JointState) -> None:
@@ -110,6 +121,22 @@ class JointTrajectories(Backend):
                             'broadcaster running?')
         return np.array([self._positions[name] for name in self._names])
 
+    def begin(self) -> None:
+        """Forget the commands of the motion before."""
+        self._sent.clear()
+
+    def astray(self, limit: float) -> str:
+        """Compare measured joints with the newest commands; ``limit`` [rad] or [m]."""
+        if not self._sent:
+            return ''
+        off = np.abs(np.array(self._sent) - self.where())
+        nearest = off[np.argmin(off.max(axis=1))]
+        joint = int(np.argmax(nearest))
+        if nearest[joint] <= limit:
+            return ''
+        return (f'joint_states: {self._names[joint]} is {nearest[joint]:.3f} rad from the '
+                f'command, limits.tracking_angle is {limit:g} rad')
+
     def send(self, command: JointSetpoint, period_ns: int) -> None:
         """
         Send where to be one period from now, and where to be at rest one period later.
@@ -117,6 +144,7 @@ class JointTrajectories(Backend):
         The controller stops at the last point by itself should the stream cease. The stamp stays
         zero, which means now: a controller refuses a trajectory that ended before it arrived.
         """
+        self._sent.append(command.positions)
         message = JointTrajectory(joint_names=self._names)
         ahead = command.positions + command.velocities * (period_ns * 1e-9)
         message.points = [

@@ -160,6 +160,8 @@ class Sequencer(Node):
         fault = self._guard.check(steady, self._command is not None and self._command.moving)
         if fault:
             self._abort(fault.reason, at_once=fault.at_once)
+        elif astray := self._backend.astray(self._settings.limits.tracking_angle):
+            self._abort(astray)
         elif self._guard.pauses > pauses:
             self.get_logger().warning(f'standing: {self._guard.doubt}')
 
@@ -242,6 +244,7 @@ class Sequencer(Node):
             self._timer.reset()
         steady = STEADY.now().nanoseconds
         self._guard.begin(steady)
+        self._backend.begin()
         self._stream = StreamClock(period, stamp if self._simulated else steady, stamp)
         self._command = None
         self._announce(stamp)

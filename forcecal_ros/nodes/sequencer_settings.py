@@ -98,7 +98,8 @@ PARAMETERS = (
     _live('limits.tracking_error', _LIMITS.tracking_error, 'Measured against commanded position',
           'm', 0.0005, 1.0),
     _live('limits.tracking_angle', _LIMITS.tracking_angle,
-          'Measured against commanded orientation', 'rad', 0.005, 3.0),
+          'Measured against commanded orientation; with joint_trajectory, joint by joint', 'rad',
+          0.005, 3.0),
     _live('limits.overspeed', _LIMITS.overspeed, 'Measured speeds, accelerations and jerks may '
           'exceed the limits by this factor', '', 1.0, 10.0),
     _live('limits.stop_duration', _LIMITS.stop_duration, 'From the first command of a stop to '
