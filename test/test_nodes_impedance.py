@@ -155,6 +155,19 @@ def test_a_lost_observer_ends_it_in_time_away_from_the_wall(ros_domain, calibrat
         assert live.said('impedance').count('[ERROR]') == 1
 
 
+def test_a_force_sensor_that_sticks_ends_it_before_the_wall(ros_domain, calibration):
+    with Live() as live:
+        bench = Bench(live, calibration, **WATCH, **{**QUICK, 'task__approach': 3.0})
+        bench.start()
+        live.until(lambda: bench.phases[-1] == 'approach', 'the approach')
+        live.set('sim', fault__wrench='stuck')
+        bench.until_ended()
+        bench.until_still()
+        assert bench.phases[-1] == 'aborted'
+        assert bench.reason.startswith('wrench: the same reading')
+        assert max(bench.force) == 0.0
+
+
 def test_by_default_silence_frozen_readings_and_old_stamps_end_at_rest_within_100_ms():
     period, stop = 0.004, Bounds().stop_duration
     assert WATCH_DEFAULT.lost_timeout + 2 * period + stop < 0.1

@@ -28,7 +28,7 @@ def parameters_of(problem: Problem, a: Accepted) -> dict[str, Parameter]:
     Returns
     -------
     dict of str to Parameter
-        A released nuisance's is its whole departure from the rig as given.
+        A released nuisance's is its whole departure from the rig as given, within its limits.
     """
     quantities = EFFECTS[a.name].parameters
     if len(a.theta):
@@ -41,8 +41,9 @@ def parameters_of(problem: Problem, a: Accepted) -> dict[str, Parameter]:
             out[q.name] = Parameter(q.nominal, 0.0, q.unit)
             continue
         scale = float(problem.sizes[i]) * _physical(problem, problem.nuisances[i].key, q.unit)
-        out[q.name] = Parameter(q.nominal + float(problem.centre[i]) * scale,
-                                abs(scale) * float(np.sqrt(covariance[i, i])), q.unit)
+        value = np.clip(q.nominal + problem.centre[i] * scale, q.low, q.high)
+        out[q.name] = Parameter(
+            float(value), abs(scale) * float(np.sqrt(covariance[i, i])), q.unit)
     return out
 
 

@@ -40,6 +40,9 @@ TRIES = 2
 LOUD = 2.0
 """Variance of a channel, in that of its rest, from which such an effect is sought."""
 
+DEAFENING = 1000.0
+"""Variance from which one is sought so even where another passes beside the fitted noise."""
+
 MOST_GROSS = 2
 """Effects from which none is sought that way any more."""
 
@@ -106,21 +109,23 @@ def select(problem: Problem, found: Sequence[Hypothesis]) -> Selection:
         tested = sum(h.ways for h in left)
         trials = ranked(Bench(problem, tangents), left, tested)
         first = first or tuple(trials)
+        fitted = None
         while (best := next((t for t in trials if t.name not in out
                              and acceptable(t, tested)), None)) is not None:
             fitted = joint(problem, [*accepted, Accepted.of(best)], best.nuisances)
             if slow_gain(problem, fitted[0]) > LEAST_SLOW_GAIN and (
                     not accepted or beyond_mismatch(start, problem, fitted[0]) > LEAST_BEYOND):
-                problem, accepted, tangents = fitted
                 break
             out.add(best.name)
-        if best is None:
-            gross = _gross(problem, accepted, tangents, left) \
-                if len(accepted) < MOST_GROSS else None
-            if gross is None or accepted \
-                    and beyond_mismatch(start, problem, gross[0]) < LEAST_BEYOND:
-                break
-            problem, accepted, tangents = gross
+            fitted = None
+        if len(accepted) < MOST_GROSS:
+            gross = _gross(problem, accepted, tangents, left, fitted[0] if fitted else None)
+            if gross is not None and (not accepted or beyond_mismatch(
+                    start, problem, gross[0]) > LEAST_BEYOND):
+                fitted = gross
+        if fitted is None:
+            break
+        problem, accepted, tangents = fitted
         problem, accepted, tangents = _shaped(problem, accepted, tangents)
     if len(accepted) > 1:
         problem, accepted, tangents = _drop(start, problem, accepted, tangents)
@@ -175,22 +180,26 @@ def _shaped(problem: Problem, accepted: list[Accepted], tangents: list[Tangent]
 
 
 def _gross(problem: Problem, accepted: Sequence[Accepted], tangents: Sequence[Tangent],
-           left: Sequence[Hypothesis]
+           left: Sequence[Hypothesis], other: Problem | None
            ) -> tuple[Problem, list[Accepted], list[Tangent]] | None:
     """
     Find an effect whose gap is so strong that the noise model holds it for noise.
 
     With the noise of rest in its place the likeliest are fitted all the way and compared; the
-    best has to leave less of the gap, and to hold beside noise that is fitted to what it leaves.
+    best has to leave less of the gap, less than what passes beside the fitted noise, too, and to
+    hold beside noise that is fitted to what it leaves.
     """
-    strongest = max(cells(case, n, b)[0].z for case, n, b in zip(
-        problem.cases, problem.noise, problem.blocks))
     quiet = replace(problem, noise=[resting(b, n) for b, n in zip(
         problem.blocks, problem.noise)])
-    if strongest < STRONG and _loudest(quiet) < LOUD:
+    loud = _loudest(quiet)
+    strongest = max(cells(case, n, b)[0].z for case, n, b in zip(
+        problem.cases, problem.noise, problem.blocks))
+    if loud < DEAFENING and (other or strongest < STRONG and loud < LOUD):
         return None
     bench, by_name = Bench(quiet, tangents), {h.name: h for h in left}
     best, least = None, (1.0 - LEAST_FRACTION) * misfit(problem, quiet.noise)
+    if other:
+        least = min(least, misfit(other, quiet.noise))
     for trial, atom in bench.screen(left)[:SHORTLIST]:
         if not np.isfinite(trial.evidence) or trial.evidence < WORTH:
             continue
