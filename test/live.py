@@ -113,6 +113,8 @@ class Live:
         client = self.clients.get(service)
         if client is None:
             client = self.clients[service] = self.node.create_client(service_type, service)
+            self.until(client.service_is_ready, f'service {service}')
+            self.spin(0.1)  # an answer is lost where the server has not discovered the client
         self.until(client.service_is_ready, f'service {service}')
         future = client.call_async(request or service_type.Request())
         self.until(future.done, f'answer of {service}')
