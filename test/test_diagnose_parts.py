@@ -118,3 +118,6 @@ def test_equal_odds_make_the_verdict_ambiguous_and_a_bad_fit_makes_it_unknown():
     left = Remains(5.0, 'force.x')
     assert verdict(['base_tilt'], [('base_tilt', 0.9)], left, 0.4, True)[0] == 'unknown'
     assert verdict(['base_tilt'], [('base_tilt', 0.9)], left, 0.9, True)[0] == 'partial'
+    assert verdict(['base_tilt'], [('base_tilt', 0.9)], left, 0.98, True)[0] == 'identified'
+    glaring = Remains(17.0, 'pose.x')
+    assert verdict(['base_tilt'], [('base_tilt', 0.9)], glaring, 0.98, True)[0] == 'partial'

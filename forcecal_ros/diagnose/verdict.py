@@ -13,6 +13,9 @@ NAMED = 0.8
 WHOLE = 0.95
 """Share from which what is left does not matter beside it."""
 
+GLARING = 10.0
+"""Ratio of what is left from which it matters beside any share."""
+
 UNKNOWN = 'unknown'
 
 
@@ -115,7 +118,7 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remai
         return 'unknown', (f'no effect of the library explains the gap: {closest}'
                            f'{remains.words}')
     rest = f'; left is {remains.words}' if left else ''
-    if left and closed < WHOLE:
+    if left and (closed < WHOLE or remains.ratio > GLARING):
         return 'partial', f'{listed} {done}{rest}'
     others = [n for n, _ in candidates if n not in named and n != UNKNOWN]
     if others:
