@@ -42,7 +42,7 @@ class Listener:
         read = JointReader('optidrive')
         live.node.create_subscription(
             JointState, 'optidrive', lambda raw: self.heard['optidrive'].update([read(raw)]),
-            200, raw=True)
+            2000, raw=True)
 
     def __getitem__(self, topic):
         return self.heard[topic]
