@@ -111,7 +111,7 @@ def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = N
 
 
 def without(start: Problem, problem: Problem, accepted: Sequence[Accepted], name: str
-             ) -> tuple[Problem, list[Accepted], list[Tangent]]:
+            ) -> tuple[Problem, list[Accepted], list[Tangent]]:
     """
     Take one effect out; noise stays as it is, nuisances are fitted anew.
 

@@ -97,7 +97,6 @@ class Replay:
         self._positions, self._xyzw = positions[held], xyzw[held]
         self._motions: dict[object, tuple[Motion, Motion]] = {}
         self._cached: dict[object, Signals] = {}
-        self.simulations = 0
 
     def signals(self, rig: Rig) -> Signals:
         """
@@ -137,7 +136,6 @@ class Replay:
         return self._cached[key]
 
     def _simulated(self, rig: Rig) -> Signals:
-        self.simulations += 1
         common = common_samples(rig)
         steps = common * -(-enough_steps(rig) // (COARSER * common))
         plant = Plant(rig, self.accelerometer, steps)

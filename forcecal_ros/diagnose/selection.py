@@ -113,15 +113,14 @@ def select(problem: Problem, found: Sequence[Hypothesis]) -> Selection:
         while (best := next((t for t in trials if t.name not in out
                              and acceptable(t, tested)), None)) is not None:
             fitted = joint(problem, [*accepted, Accepted.of(best)], best.nuisances)
-            if slow_gain(problem, fitted[0]) > LEAST_SLOW_GAIN and (
-                    not accepted or beyond_mismatch(start, problem, fitted[0]) > LEAST_BEYOND):
+            if slow_gain(problem, fitted[0]) > LEAST_SLOW_GAIN \
+                    and (not accepted or _beyond(start, problem, fitted[0])):
                 break
             out.add(best.name)
             fitted = None
         if len(accepted) < MOST_GROSS:
             gross = _gross(problem, accepted, tangents, left, fitted[0] if fitted else None)
-            if gross is not None and (not accepted or beyond_mismatch(
-                    start, problem, gross[0]) > LEAST_BEYOND):
+            if gross is not None and (not accepted or _beyond(start, problem, gross[0])):
                 fitted = gross
         if fitted is None:
             break
@@ -154,6 +153,10 @@ def beyond_mismatch(first: Problem, before: Problem, after: Problem) -> float:
                 others, last = np.sum(white ** 2, axis=1)
                 total += max(0.0, float(last) - FORM * float(others))
     return total
+
+
+def _beyond(start: Problem, before: Problem, after: Problem) -> bool:
+    return beyond_mismatch(start, before, after) > LEAST_BEYOND
 
 
 def _loudest(quiet: Problem) -> float:
