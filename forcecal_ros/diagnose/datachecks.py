@@ -8,12 +8,16 @@ from forcecal_ros.diagnose.channels import CHANNELS, COLUMNS
 from forcecal_ros.geometry import Array
 from forcecal_ros.samples import Recording
 import numpy as np
+from numpy.typing import NDArray
 
 SKEW = 1e-5
 """Relative difference of two clocks that is no rounding."""
 
 FARTHEST = 0.02
 """Relative difference of two clocks beyond which the rate is another one."""
+
+PAUSE = 0.5
+"""Silence that is no lost samples [s]."""
 
 LOST = 5e-4
 """Fraction of missing samples that counts as dropouts."""
@@ -106,18 +110,31 @@ def clocks(recording: Recording, rates: Mapping[str, float] = MappingProxyType({
 
 
 def _clock(name: str, t: Array, nominal: float | None) -> Clock:
-    period = float(np.median(np.diff(t)))
-    index = np.concatenate([[0.0], np.cumsum(np.maximum(1.0, np.rint(np.diff(t) / period)))])
-    slope, offset = np.polyfit(index, t, 1)
+    steps = np.diff(t)
+    period = float(np.median(steps))
+    index = np.concatenate([[0.0], np.cumsum(np.maximum(1.0, np.rint(steps / period)))])
+    # after a pause the samples may be on another line of the same slope
+    part = np.concatenate([[0], np.cumsum(steps > max(PAUSE, 2.0 * period))])
+    slope, offset = _line(index, t, part)
     index = np.rint((t - offset) / slope)
-    slope, offset = np.polyfit(index, t, 1)
+    slope, offset = _line(index, t, part)
     rate = max(1.0, round(1.0 / slope))
     if nominal and abs(nominal * slope - 1.0) < FARTHEST:
         rate = nominal
-    lost = 1.0 - len(t) / (index[-1] - index[0] + 1.0)
+    missing = float(np.sum((np.diff(index) - 1.0)[np.diff(part) == 0]))
     scatter = float(np.std(t - offset - slope * index))
     std = scatter * rate / float(np.std(index) * np.sqrt(len(index)))
-    return Clock(name, rate, float(slope * rate - 1.0), float(max(0.0, lost)), scatter, std)
+    return Clock(name, rate, float(slope * rate - 1.0),
+                 float(max(0.0, missing / (missing + len(t)))), scatter, std)
+
+
+def _line(x: Array, y: Array, part: NDArray[np.intp]) -> tuple[float, Array]:
+    """Fit lines of one slope; return it, and the offset of every sample's part."""
+    count = np.bincount(part)
+    x0, y0 = (np.bincount(part, v) / count for v in (x, y))
+    dx = x - x0[part]
+    slope = float(dx @ (y - y0[part]) / (dx @ dx))
+    return slope, np.asarray((y0 - slope * x0)[part])
 
 
 def skew_between(found: tuple[Clock, ...]) -> dict[str, float]:

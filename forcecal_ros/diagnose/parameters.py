@@ -76,7 +76,7 @@ def from_checks(stamps: Sequence[Corrected], noise: Array, model: AccelerometerM
     notes : tuple of str
     """
     effects: dict[str, dict[str, Parameter]] = {}
-    notes: list[str] = []
+    notes = [note for one in stamps for note in one.notes]
     skews = [s for one in stamps for s in one.skew.items()]
     if skews:
         effects['clock_skew'] = _by_stream('clock_skew', skews, {
@@ -111,8 +111,15 @@ def from_checks(stamps: Sequence[Corrected], noise: Array, model: AccelerometerM
     notes += [f'{x.channel} stops at {x.limit:.4g} ({x.samples} samples)' for x in limits]
     notes += [f'stamps of {c.stream} scatter by {1e3 * c.jitter:.2f} ms' for one in stamps
               for c in one.clocks if c.jitter * c.rate > datachecks.JITTER]
-    # of commands that come unevenly there is a note, and no effect
-    return {name: found for name, found in effects.items() if found}, tuple(notes)
+    # of commands that come unevenly, or of a limit that no sensor has, there is a note, no effect
+    possible = {name: _possible(name, found) for name, found in effects.items()}
+    return {name: found for name, found in possible.items() if found}, tuple(notes)
+
+
+def _possible(effect: str, found: Mapping[str, Parameter]) -> dict[str, Parameter]:
+    """Keep what lies within the library's limits."""
+    limits = {q.name: (q.low, q.high) for q in EFFECTS[effect].parameters}
+    return {name: p for name, p in found.items() if limits[name][0] <= p.value <= limits[name][1]}
 
 
 def _as_force(found: dict[str, Parameter], model: AccelerometerModel) -> dict[str, Parameter]:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from forcecal_ros.diagnose import datachecks, remainder
-from forcecal_ros.diagnose.case import Case, prepare, split
+from forcecal_ros.diagnose.case import Case, prepare, SHORTEST, split
 from forcecal_ros.diagnose.channels import CHANNELS, COLUMNS
 from forcecal_ros.diagnose.gap import Gap
 from forcecal_ros.diagnose.hypotheses import hypotheses, Hypothesis
@@ -23,6 +23,7 @@ from forcecal_ros.diagnose.remainder import Ceiling, Cell
 from forcecal_ros.diagnose.residual import Measured
 from forcecal_ros.diagnose.result import Diagnosis, Found, Parameter
 from forcecal_ros.diagnose.selection import select, Selection
+from forcecal_ros.diagnose.soundness import check_alike, unseen
 from forcecal_ros.diagnose.stamps import corrected
 from forcecal_ros.diagnose.verdict import probabilities, Remains, verdict
 from forcecal_ros.diagnose.where import Place, places, stage_of
@@ -93,7 +94,8 @@ def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
     """
     given = [recording] if heldout is None else [recording, heldout]
     try:
-        stamps = [corrected(r, rig) for r in given]
+        check_alike(given)
+        stamps = [corrected(r, rig, SHORTEST) for r in given]
         cases = [prepare(s.recording, rig, accelerometer) for s in stamps]
     except DataError as error:
         return Outcome(Diagnosis('invalid_data', str(error)), rig)
@@ -101,8 +103,8 @@ def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
         cases = [split(cases[0])]
     else:
         cases[1] = replace(cases[1], train=cases[1].held, held=cases[1].train)
-    observed = [_observed(c, r, rig) if s.skew else c.measured
-                for c, r, s in zip(cases, given, stamps)]
+    observed = [_observed(c, s.stamped, rig) if s.skew else c.measured
+                for c, s in zip(cases, stamps)]
     p = problem(rig, tuple(cases))
     checks = _Checks(*from_checks(stamps, sample_noise(p, np.zeros(len(CHANNELS))),
                                   rig.accelerometer.model(cases[0].replay.accelerometer)))
@@ -141,6 +143,7 @@ def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Che
     excited = excitation(p) > ENOUGH
     word, sentence = verdict([*named, *checks.effects], candidates, remains,
                              measured.closed if named else None, excited or bool(checks.effects))
+    sentence += unseen(final.cases[0].recording)
     effects = [Found(a.name, parameters_of(final, a), shares[a.name])
                for a in selection.accepted]
     effects += [Found(n, v, CHECKED) for n, v in checks.effects.items()]

@@ -1,11 +1,11 @@
-"""Stamps made right before anything is replayed: clocks that run fast or slow, lost samples."""
+"""A recording made right before it is replayed: values, pauses, clocks that run apart."""
 
 from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.diagnose import datachecks
+from forcecal_ros.diagnose.soundness import ABSURD, bridged, silences, sound
 from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array
 from forcecal_ros.samples import Recording
 from forcecal_ros.sim.rig import Rig
 import numpy as np
@@ -24,15 +24,21 @@ class Corrected(NamedTuple):
         Of the streams whose stamps were corrected.
     lost : dict of str to float
         Fraction of lost samples by stream.
+    notes : tuple of str
+        What had to be left out.
+    stamped : Recording
+        Before its clocks were corrected.
     """
 
     recording: Recording
     clocks: tuple[datachecks.Clock, ...]
     skew: dict[str, float]
     lost: dict[str, float]
+    notes: tuple[str, ...] = ()
+    stamped: Recording = Recording()
 
 
-def corrected(recording: Recording, rig: Rig) -> Corrected:
+def corrected(recording: Recording, rig: Rig, shortest: float) -> Corrected:
     """
     Bring all streams to the clock of the commands.
 
@@ -40,6 +46,8 @@ def corrected(recording: Recording, rig: Rig) -> Corrected:
     ----------
     recording : Recording
     rig : Rig
+    shortest : float
+        For how long commands and sensors have to be there together [s].
 
     Returns
     -------
@@ -50,15 +58,18 @@ def corrected(recording: Recording, rig: Rig) -> Corrected:
     DataError
         Commands or sensors are missing, not finite, or do not overlap.
     """
-    _check(recording)
+    _check_commands(recording)
     found = datachecks.clocks(recording, _rates(rig))
+    values = sound(recording, 'target', shortest)
+    recording = bridged(values.recording)
     skew = datachecks.skew_between(found)
     start = float(recording.target.t[0]) if recording.target is not None else 0.0
     changed = {}
     for name, value in skew.items():
         stream = getattr(recording, name)
         changed[name] = replace(stream, t=start + (stream.t - start) / (1.0 + value))
-    return Corrected(replace(recording, **changed), found, skew, datachecks.dropouts(found))
+    return Corrected(replace(recording, **changed), found, skew, datachecks.dropouts(found),
+                     (*values.notes, *silences(values.recording)), recording)
 
 
 def _rates(rig: Rig) -> dict[str, float]:
@@ -67,24 +78,13 @@ def _rates(rig: Rig) -> dict[str, float]:
     return rates | ({'optidrive': rig.optidrive.rate} if rig.optidrive else {})
 
 
-def _check(recording: Recording) -> None:
+def _check_commands(recording: Recording) -> None:
     target = recording.target
     if target is None or not len(target):
         raise DataError('the recording holds no commands (target_frame); record them, the '
                         'simulator replays them')
-    if not target.has_position or not np.isfinite(target.R_base_sensor).all():
+    if not (np.abs(target.position) < ABSURD).all() or not np.isfinite(target.R_base_sensor).all():
         raise DataError('a commanded pose is not finite; record target_frame again')
-    for name in ('wrench', 'accelerometer', 'optidrive'):
-        stream = getattr(recording, name)
-        if stream is None or not len(stream):
-            continue
-        bad = ~np.isfinite(stream.values).all(axis=1)
-        if bad.mean() > 0.01:
-            raise DataError(f'{name}: {100.0 * bad.mean():.1f} % of the samples are not finite; '
-                            'check the driver and record again')
-        if _constant(stream.values):
-            raise DataError(f'{name}: the values never change; check the driver and record again')
-
-
-def _constant(values: Array) -> bool:
-    return bool(np.ptp(values, axis=0).max() == 0.0)
+    if recording.wrench is None and recording.accelerometer is None:
+        raise DataError('the recording holds neither wrench nor accelerometer; record at least '
+                        'one of them')

@@ -8,12 +8,13 @@ from forcecal_ros.calibration import Calibration, Estimate
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.gap import Gap
 from forcecal_ros.diagnose.motion.arms import Arms, SLOW
-from forcecal_ros.diagnose.motion.case import held_apart, MotionCase
+from forcecal_ros.diagnose.motion.case import held_apart, MotionCase, SHORTEST
 from forcecal_ros.diagnose.motion.fitting import Fitting, RIVAL, ROUNDS, SCAN, Trial, USUAL
 from forcecal_ros.diagnose.motion.known import Known
 from forcecal_ros.diagnose.motion.model import DELAYS, terms_of, WRENCH_AXES
 from forcecal_ros.diagnose.noise import fit_noise
 from forcecal_ros.diagnose.result import Diagnosis, Found, Parameter
+from forcecal_ros.diagnose.soundness import check_alike, silences, sound
 from forcecal_ros.diagnose.verdict import UNKNOWN
 from forcecal_ros.diagnose.where import places
 from forcecal_ros.errors import DataError
@@ -73,7 +74,10 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, known: Know
         Data that cannot answer come out as such, with the reason.
     """
     try:
-        cases = [MotionCase(r, known) for r in (recording, heldout) if r is not None]
+        given = [r for r in (recording, heldout) if r is not None]
+        check_alike(given)
+        checked = [sound(r, 'pose', SHORTEST) for r in given]
+        cases = [MotionCase(s.recording, known) for s in checked]
         if heldout is not None:
             cases = list(held_apart(*cases))
         if not all(c.present[c.groups == 1].any() for c in cases):
@@ -87,7 +91,8 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, known: Know
     state.settle()
     recalibrated = state.values
     _select(state)
-    return _conclude(state, recalibrated)
+    notes = [n for s in checked for n in (*s.notes, *silences(s.recording))]
+    return _conclude(state, recalibrated, notes)
 
 
 def _candidates(state: Fitting) -> list[tuple[tuple[str, ...], list[dict[str, float]]]]:
@@ -163,7 +168,8 @@ def _found(state: Fitting) -> dict[str, list[str]]:
     return parts
 
 
-def _conclude(state: Fitting, recalibrated: dict[str, float]) -> MotionOutcome:
+def _conclude(state: Fitting, recalibrated: dict[str, float], notes: list[str]
+              ) -> MotionOutcome:
     cases = tuple(state.cases)
     arms = Arms.of(cases, {}, recalibrated, state.values)
     measured, full = arms.gap(slow=True), arms.gap(slow=False)
@@ -172,8 +178,8 @@ def _conclude(state: Fitting, recalibrated: dict[str, float]) -> MotionOutcome:
     ratio, left = arms.left()
     word, sentence = _verdict(state, measured, ratio, left)
     invisible = _not_excited(state)
-    notes = [f'{name}: the offset from what was known is {mean:+.3g} {unit}'
-             for name, mean, unit in arms.offsets()]
+    notes = notes + [f'{name}: the offset from what was known is {mean:+.3g} {unit}'
+                     for name, mean, unit in arms.offsets()]
     difference = [before - after for before, after in zip(arms.recalibrated, arms.explained)]
     noise = [fit_noise(r, c.present, c.groups) for c, r in zip(cases, arms.explained)]
     found = places(cases, noise, list(arms.recalibrated), difference, _stage(state))
