@@ -78,7 +78,7 @@ def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = N
     """
     released = frozenset(n for a in accepted for n in a.released)
     out = replace(problem, released=released, effects=_effects(accepted),
-                  centre=problem.centre + (0.0 if step is None else step))
+                  centre=problem.centre if step is None else problem.moved(step))
     m, now = len(problem.nuisances), list(accepted)
     if released != problem.released:
         out.linearise()
@@ -93,7 +93,7 @@ def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = N
         before, fraction = out.standing(), 1.0
         while fraction > SHORTEST:
             moved = _moved(now, tangents, bench, fraction)
-            tried = replace(out, centre=out.centre + fraction * bench.null.x[:m],
+            tried = replace(out, centre=out.moved(fraction * bench.null.x[:m]),
                             effects=_effects(moved))
             tried.settle()
             if tried.standing() > before - 0.1:
@@ -139,7 +139,7 @@ def without(start: Problem, problem: Problem, accepted: Sequence[Accepted], name
         out.linearise()
     else:
         out.settle()
-    out.centre = out.centre + out.fit_nuisances().x
+    out.centre = out.moved(out.fit_nuisances().x)
     out.settle()
     return out, rest, [_tangent(out, a) for a in rest if len(a.theta)]
 

@@ -12,6 +12,10 @@ LIMIT = 3.0
 """Spreads that a nuisance may take up; an effect of its name is what lies beyond."""
 
 
+LEAST = -0.95
+"""Relative departure of what cannot be negative."""
+
+
 class Nuisance(NamedTuple):
     """
     One parameter, in units of its spread.
@@ -26,6 +30,8 @@ class Nuisance(NamedTuple):
     where : str
         ``wrench`` or ``volts``: known in closed form, channel ``axis``; ``rig``: simulated.
     axis : int
+    least : float
+        Lowest physical value.
     """
 
     name: str
@@ -33,6 +39,7 @@ class Nuisance(NamedTuple):
     apply: Callable[[Rig, float], Rig]
     where: str = 'rig'
     axis: int = 0
+    least: float = -np.inf
 
 
 def _scaled(section: str, name: str) -> Callable[[Rig, float], Rig]:
@@ -102,17 +109,17 @@ def nuisances(rig: Rig, accelerometer: str, streams: tuple[str, ...]) -> tuple[N
     """
     found: list[Nuisance] = []
     if 'wrench' in streams:
-        found += [Nuisance('tool.mass', 'mass', _scaled('tool', 'mass'))]
+        found += [Nuisance('tool.mass', 'mass', _scaled('tool', 'mass'), least=LEAST)]
         found += [Nuisance(f'tool.com.{a}', 'com', _shifted('tool', 'com', i))
                   for i, a in enumerate('xyz')]
-        found += [Nuisance(f'tool.inertia.{a}', 'inertia', _inertia(i))
+        found += [Nuisance(f'tool.inertia.{a}', 'inertia', _inertia(i), least=LEAST)
                   for i, a in enumerate('xyz')]
     if rig.optidrive is not None:
-        found += [Nuisance(f'optidrive.{n}', n, _scaled('optidrive', n))
+        found += [Nuisance(f'optidrive.{n}', n, _scaled('optidrive', n), least=LEAST)
                   for n in ('stiffness', 'damping')]
     found += [Nuisance('wall.position', 'wall_position', _shifted('wall', 'position')),
-              Nuisance('wall.stiffness', 'wall_stiffness', _scaled('wall', 'stiffness')),
-              Nuisance('wall.damping', 'wall_damping', _scaled('wall', 'damping'))]
+              *(Nuisance(f'wall.{n}', f'wall_{n}', _scaled('wall', n), least=LEAST)
+                for n in ('stiffness', 'damping'))]
     if 'wrench' in streams:
         keys = ['force_bias'] * 3 + ['torque_bias'] * 3
         found += [Nuisance(f'wrench.bias.{i}', key, _shifted('wrench_sensor', 'bias', i),

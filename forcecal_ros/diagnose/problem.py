@@ -76,6 +76,11 @@ class Problem:
         chosen = {**self.fixed, **(self.effects if effects is None else effects)}
         return with_effects(self._calibrated[1], chosen) if chosen else self._calibrated[1]
 
+    def moved(self, step: Array) -> Array:
+        """Return the centre after a step, nothing physical below its lowest value."""
+        low = np.array([n.least for n in self.nuisances]) / self.sizes
+        return np.asarray(np.maximum(self.centre + step, low))
+
     def prior(self, released: frozenset[str] = frozenset()) -> Prior:
         """Return the prior of the nuisances, some of them released."""
         free = np.array([n.name in released | self.released for n in self.nuisances], dtype=bool)
@@ -143,7 +148,7 @@ class Problem:
         self.refit_noise(self.fit_nuisances().x)
         for _ in range(MOST_ROUNDS):
             step = self.fit_nuisances().x
-            self.centre = self.centre + step
+            self.centre = self.moved(step)
             self.settle()
             self.refit_noise(np.zeros(len(self.nuisances)))
             if np.abs(step).max(initial=0.0) < CONVERGED:

@@ -137,6 +137,8 @@ _WRENCH = (
         Quantity('torque_height', 'N m', 0.0, -2.0, 2.0, 0.05, (0.05,)),
         _shape('width', 'N', 2.0, 0.01, 200.0, 1.0, (0.5, 2.0, 10.0, 40.0)),
         _shape('lever', 'm', 0.05, 1e-3, 1.0, 0.02),
+        # 0: elasto-plastic; 1: as Bouc and Wen have it with the exponent 1
+        _shape('softness', '1', 0.0, 0.0, 1.0, 0.25, (0.0, 1.0)),
     ), ('reverse', 'sweep', 'contact', 'measure'), False, 'signal'),
     Effect('wrench_saturation', 'wrench_sensor', (
         Quantity('limit', 'N', 1e4, 1.0, 1e4, 120.0, (30.0, 60.0, 100.0, 130.0)),

@@ -67,8 +67,8 @@ def _wrench_crosstalk(v: Named, dt: float) -> Operator:
 
 
 def _wrench_hysteresis(v: Named, dt: float) -> Operator:
-    forces = Hysteresis(v['height'], v['width'])
-    torques = Hysteresis(v['torque_height'], v['width'] * v['lever'])
+    forces = Hysteresis(v['height'], v['width'], v['softness'])
+    torques = Hysteresis(v['torque_height'], v['width'] * v['lever'], v['softness'])
     return lambda wrench: np.hstack([forces(wrench[:, :3]), torques(wrench[:, 3:])])
 
 
