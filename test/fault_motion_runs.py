@@ -117,6 +117,13 @@ class Bench:
         recover()
         return outcome
 
+    def tried(self, fault, phase):
+        """Run it; what could not be brought about is an outcome too."""
+        try:
+            return self.run(fault, phase)
+        except AssertionError as error:
+            return Outcome(fault, phase, f'FAILED: {str(error)[:60]}', 0.0, '')
+
     # Before the fault -----------------------------------------------------------------------
 
     def _heal(self, fault):

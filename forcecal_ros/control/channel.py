@@ -1,6 +1,7 @@
 """One topic's samples as they arrive, kept for as long as stillness is judged over."""
 
 from collections import deque
+from itertools import islice
 from math import asin, inf, sqrt
 from typing import TypeAlias
 
@@ -10,8 +11,14 @@ import numpy as np
 Timed: TypeAlias = tuple[float, tuple[float, ...]]
 """A time [s] and values of it."""
 
-SURELY_FROZEN = 3.0
-"""Readings at rest that repeat for so many times as long as ever before are frozen."""
+SURELY_FROZEN = 5.0
+"""Readings at rest that repeat for so many times as long as they use to are frozen."""
+
+EXCEPTIONS = 2
+"""So many of the longest repetitions before a start are no habit: a sensor that had frozen."""
+
+ENOUGH = 20
+"""Fewer changes than that show no habit."""
 
 KEPT = 2.0
 """Samples are kept for that long to judge stillness [s]."""
@@ -24,9 +31,6 @@ class Channel:
         self.topic = topic
         self.heard = -inf
         self.changed = -inf
-        self.changes = 0
-        self._same = self._same_before = 0.0
-        self._same_since = -inf
         self.rest_timeout = inf
         self.stamp = -inf
         self.late_since = inf
@@ -36,30 +40,35 @@ class Channel:
     def take(self, alive: float, stamp: float, values: tuple[float, ...]) -> None:
         """Note a sample; ``alive`` is the caller's time of arrival."""
         if values != self.values:
-            if self.values:
-                self._note_same(alive, self.heard - self.changed)
-                self.changes += 1
             self.changed = alive
         self.heard, self.stamp, self.values = alive, stamp, values
 
-    def _note_same(self, alive: float, same: float) -> None:
-        """Remember the longest that a reading was repeated, for ``KEPT`` to twice as long."""
-        if alive - self._same_since > KEPT:
-            self._same_before, self._same, self._same_since = self._same, 0.0, alive
-        self._same = max(self._same, same)
-
-    def begin(self, shortest: float) -> None:
-        """Learn how long readings repeat at rest, ``shortest`` [s] or longer; never: for ever."""
-        same = max(self._same_before, self._same, self.heard - self.changed)
-        self.rest_timeout = max(shortest, SURELY_FROZEN * same) if self.changes else inf
-        self.changes = 0
-
     def keep(self) -> None:
-        """Keep the last sample to judge stillness by."""
+        """Keep the last sample to judge stillness and habits by."""
         recent = self.recent
         recent.append((self.stamp, self.values))
         while recent and not 0.0 <= self.stamp - recent[0][0] <= KEPT:
             recent.popleft()
+
+    def learn(self, shortest: float) -> None:
+        """
+        Learn from the samples kept, of a robot at rest, for how long readings use to repeat.
+
+        Where they show no habit, the one that an earlier start has shown holds. The longest
+        repetitions are left out, so that a freeze which has healed does not excuse the next.
+
+        Parameters
+        ----------
+        shortest : float
+            Repetitions for that long [s] are never too long.
+        """
+        changes = [self.recent[0][0]] if self.recent else []
+        for (_, before), (stamp, values) in zip(self.recent, islice(self.recent, 1, None)):
+            if values != before:
+                changes.append(stamp)
+        same = sorted(end - begin for begin, end in zip(changes, changes[1:]))
+        if len(same) >= ENOUGH:
+            self.rest_timeout = max(shortest, SURELY_FROZEN * same[-1 - EXCEPTIONS])
 
     @property
     def span(self) -> float:

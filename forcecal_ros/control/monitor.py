@@ -59,7 +59,8 @@ class WatchSettings:
         A sensor that stays silent or late for that long ends the sequence [s].
     frozen_timeout : float
         Readings that repeat to the last bit for that long while moving [s]; 0: not looked at. At
-        rest only those of sensors that are never that quiet, see :meth:`Channel.begin`.
+        rest, and at the start, only those of sensors that are not as quiet by habit, see
+        :meth:`Channel.learn`.
     max_age : float
         Age of the newest header stamp above which it is late [s]; 0: not looked at.
     clock_timeout : float
@@ -139,7 +140,7 @@ class Monitor:
 
     def other(self, name: str, stamp: float, values: tuple[float, ...]) -> None:
         """Take a sample of any other channel."""
-        self._take(name, stamp, values)
+        self._take(name, stamp, values).keep()
 
     def _take(self, name: str, stamp: float, values: tuple[float, ...]) -> Channel:
         channel = self.channels[name]
@@ -264,9 +265,14 @@ class Monitor:
             stuck = channel.heard - max(channel.changed, self._moving_since)
             if 0 < timeout < stuck:
                 return f'{channel.topic}: the same reading for {stuck:.3f} s of motion'
-            resting = channel.heard - channel.changed
-            if timeout and resting > channel.rest_timeout:
-                return f'{channel.topic}: the same reading for {resting:.3f} s'
+        return self._frozen_at_rest()
+
+    def _frozen_at_rest(self) -> str:
+        for channel in self.channels.values():
+            same = channel.heard - channel.changed
+            if self.settings.frozen_timeout and same > channel.rest_timeout:
+                return (f'{channel.topic}: the same reading for {same:.3f} s, at rest it changed '
+                        f'within {channel.rest_timeout:.3g} s')
         return ''
 
     def _astray(self) -> str:
@@ -294,7 +300,7 @@ class Monitor:
         Raises
         ------
         DataError
-            A topic is silent, stale, not finite, or too short for the stillness window.
+            A topic is silent, stale, frozen, not finite, or too short for the stillness window.
         MotionError
             A limit is passed where the robot stands, or it moves.
         """
@@ -310,7 +316,9 @@ class Monitor:
         for name in NAMES:
             self._noise[name] = self._noise_at_rest(name)
         for channel in self.channels.values():
-            channel.begin(self.settings.frozen_timeout)
+            channel.learn(self.settings.frozen_timeout)
+        if frozen := self._frozen_at_rest():
+            raise DataError(frozen)
 
     def _noise_at_rest(self, name: str) -> Array:
         channel, window = self.channels[name], self.settings.window
