@@ -1,6 +1,6 @@
 """Contact safety: faults while the impedance node moves and presses, tried and survived.
 
-    python benchmark/fault_impedance.py [--fault TEXT] [--phase WORD]
+    python benchmark/fault_impedance.py [--fault TEXT] [--phase WORD] [--json FILE]
 
 Simulated rig, observer and impedance node run as processes of their own. In each phase of a
 contact task each fault happens once. The table says for how long commands still went towards the
@@ -9,7 +9,6 @@ is not counted. Survived: that, the task aborted, no force above the limit, and 
 of the wall in the end, unless nobody is left to lead it there.
 """
 
-import argparse
 import os
 from pathlib import Path
 import random
@@ -20,8 +19,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 os.environ.setdefault('ROS_DOMAIN_ID', str(random.randint(1, 101)))
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
-from fault_motion import table
-from fault_motion_runs import ABORT, Bench, FOREIGN, LIMITS, Outcome, PERIOD, STOP
+from fault_motion import arguments, count, go, known, table
+from fault_motion_runs import ABORT, Bench, FOREIGN, LIMITS, PERIOD, STOP
 from forcecal_ros.calibration_file import save
 from forcecal_ros.impedance.rehearsal import rehearse
 from forcecal_ros.impedance.session import Bounds
@@ -103,25 +102,16 @@ class ContactBench(Bench):
 
 def main() -> int:
     """Print the table."""
-    parser = argparse.ArgumentParser(description='faults while the robot presses')
-    parser.add_argument('--fault', default='', help='only faults with this in their name')
-    parser.add_argument('--phase', default='', help='only this phase')
-    args = parser.parse_args()
-    outcomes: list[Outcome] = []
+    args = arguments('faults while the robot presses')
+    outcomes = known(args)
     with tempfile.TemporaryDirectory() as folder:
         os.environ.setdefault('ROS_LOG_DIR', folder)
         calibration = Path(folder) / 'calibration.yaml'
         save(rehearse(load_rig(), 'acc1', 1), calibration)
         with ContactBench(calibration) as bench:
-            for fault in FAULTS:
-                for phase in PHASES:
-                    if args.fault in fault and args.phase in phase:
-                        outcomes.append(bench.tried(fault, phase))
-                        print(outcomes[-1], file=sys.stderr, flush=True)
-    failed = [outcome for outcome in outcomes if not outcome.survived]
+            go(bench, FAULTS, PHASES, args, outcomes)
     print(table(outcomes, FAULTS, PHASES).replace(f' to {NODE}', ' to impedance'))
-    print(f'\n{len(outcomes)} tried, {len(outcomes) - len(failed)} survived')
-    return 1 if failed else 0
+    return count(outcomes)
 
 
 if __name__ == '__main__':

@@ -2,6 +2,7 @@
 
     python benchmark/fault_motion.py [--fault TEXT] [--phase WORD] [--json FILE]
 
+With a file it can be run in pieces: cells whose outcome the file holds are not tried again.
 Simulated rig, sequencer and observer run as processes of their own. In each phase of both
 sequences each fault happens once; the table says for how long commands still moved (counted in
 commands, 4 ms each, from the moment the fault was confirmed), and that they never moved again.
@@ -45,31 +46,54 @@ def table(outcomes: list[Outcome], faults: Sequence[str], phases: Sequence[str])
     return '\n'.join(rows)
 
 
+def arguments(what: str) -> argparse.Namespace:
+    """Return which cells are asked for."""
+    parser = argparse.ArgumentParser(description=what)
+    parser.add_argument('--fault', default='', help='only faults with this in their name')
+    parser.add_argument('--phase', default='', help='only phases with this in their name')
+    parser.add_argument('--json', metavar='FILE', type=Path,
+                        help='keep each outcome there; what it holds already is not tried again')
+    return parser.parse_args()
+
+
+def known(args: argparse.Namespace) -> list[Outcome]:
+    """Return the outcomes of an earlier session."""
+    if args.json and args.json.exists():
+        return [Outcome(**outcome) for outcome in json.loads(args.json.read_text())]
+    return []
+
+
+def go(bench: Bench, faults: Sequence[str], phases: Sequence[str], args: argparse.Namespace,
+       outcomes: list[Outcome]) -> None:
+    """Try the cells that are asked for and have no outcome."""
+    done = {(outcome.fault, outcome.phase) for outcome in outcomes}
+    for fault in faults:
+        for phase in phases:
+            if args.fault in fault and args.phase in phase and (fault, phase) not in done:
+                outcomes.append(bench.tried(fault, phase))
+                print(outcomes[-1], file=sys.stderr, flush=True)
+                if args.json:
+                    args.json.write_text(json.dumps([asdict(o) for o in outcomes], indent=1))
+
+
+def count(outcomes: list[Outcome]) -> int:
+    """Print how many survived; return the exit status."""
+    survived = sum(outcome.survived for outcome in outcomes)
+    print(f'\n{len(outcomes)} tried, {survived} survived')
+    return int(survived < len(outcomes))
+
+
 def main() -> int:
     """Print the table."""
-    parser = argparse.ArgumentParser(description='faults while the robot moves')
-    parser.add_argument('--fault', default='', help='only faults with this in their name')
-    parser.add_argument('--phase', default='', help='only this phase')
-    parser.add_argument('--json', metavar='FILE')
-    args = parser.parse_args()
-    outcomes: list[Outcome] = []
+    args = arguments('faults while the robot moves')
+    outcomes = known(args)
     os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp())
     for clock in (False, True):
         with Bench(clock) as bench:
-            for fault in FAULTS:
-                if fault.startswith('clock') != clock or args.fault not in fault:
-                    continue
-                for phase in PHASES:
-                    if args.phase not in phase:
-                        continue
-                    outcomes.append(bench.tried(fault, phase))
-                    print(outcomes[-1], file=sys.stderr, flush=True)
-    failed = [outcome for outcome in outcomes if not outcome.survived]
+            go(bench, [fault for fault in FAULTS if fault.startswith('clock') == clock], PHASES,
+               args, outcomes)
     print(table(outcomes, FAULTS, PHASES))
-    print(f'\n{len(outcomes)} tried, {len(outcomes) - len(failed)} survived')
-    if args.json:
-        Path(args.json).write_text(json.dumps([asdict(o) for o in outcomes], indent=1))
-    return 1 if failed else 0
+    return count(outcomes)
 
 
 if __name__ == '__main__':

@@ -229,7 +229,7 @@ class Bench:
     def _judge(self, fault, phase, first):
         live = self.live
         killed = fault == 'SIGKILL to sequencer'
-        if fault in HARMLESS | GRADUAL or killed:
+        if fault in HARMLESS or killed:
             live.spin(1.0)
         else:
             live.until(lambda: live.phases[-1] in ('aborted', 'done'), f'{fault} in {phase}')

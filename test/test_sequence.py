@@ -389,16 +389,44 @@ def test_a_sensor_that_never_repeats_itself_is_found_frozen_at_rest(bench):
     assert 'wrench: the same reading' in fault and after < 0.06
 
 
-def test_an_earlier_fault_is_forgotten(bench):
+@pytest.mark.parametrize('seconds, healed', [(0.06, 0.5), (1.2, 2.1), (1.2, 4.0)])
+def test_a_freeze_that_has_healed_does_not_excuse_the_next(bench, seconds, healed):
     bench.frozen['wrench'] = bench.monitor.channels['wrench'].values
-    for _ in range(300):
+    for _ in range(round(seconds / PERIOD)):
         bench.tick()
     bench.frozen.clear()
-    for _ in range(1100):
+    for _ in range(round(healed / PERIOD)):
         bench.tick()
     bench.monitor.begin(bench.ms * 1e-3)
     bench.frozen['wrench'] = bench.monitor.channels['wrench'].values
-    assert 'the same reading' in bench.until_fault(30, moving=False)[0]
+    fault, after = bench.until_fault(30, moving=False)
+    assert 'wrench: the same reading' in fault and after < 0.06
+
+
+@pytest.mark.parametrize('name', list(TOPICS))
+@pytest.mark.parametrize('seconds', [0.06, 5.0])
+def test_a_sensor_that_is_frozen_keeps_a_sequence_from_starting_until_it_changes(
+        bench, name, seconds):
+    bench.frozen[name] = bench.monitor.channels[name].values
+    for _ in range(round(seconds / PERIOD)):
+        bench.tick()
+    for _ in range(2):
+        with pytest.raises(DataError, match=f'{TOPICS[name]}: the same reading for'):
+            bench.monitor.begin(bench.ms * 1e-3)
+        bench.tick()
+    bench.frozen.clear()
+    bench.tick()
+    bench.monitor.begin(bench.ms * 1e-3)
+
+
+def test_readings_that_use_to_repeat_for_a_while_at_rest_are_not_frozen():
+    bench = Bench()
+    for tick in range(2500):
+        if tick % 20 == 0:
+            bench.frozen['pose'] = (*(HOME.position + 1e-6 * (tick % 3)), *bench.quaternion)
+        if tick == 600:
+            bench.monitor.begin(bench.ms * 1e-3)
+        assert bench.tick() == ''
 
 
 def test_a_sensor_that_always_repeats_itself_at_rest_may_do_so():
