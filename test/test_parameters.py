@@ -53,6 +53,7 @@ def test_the_wire_says_what_the_table_says(described, node):
     assert set(found) == set(rows)
     for name, descriptor in found.items():
         row = rows[name]
+        assert len(row.description) > 10, name
         assert descriptor.description.startswith(row.description), name
         assert f'[{row.unit}]' in descriptor.description or not row.unit, name
         assert all(word in descriptor.description for word in row.choices), name
