@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from forcecal_ros.diagnose.case import Case, prepare
 from forcecal_ros.diagnose.nuisances import apply_all, nuisances, spreads
+from forcecal_ros.diagnose.planning import plan_for
 from forcecal_ros.diagnose.problem import noise_level, Problem
 from forcecal_ros.geometry import Array, rotation_about, rotation_from_vector
 from forcecal_ros.samples import Phase, PoseStream, Recording
@@ -68,8 +69,11 @@ class Sized(NamedTuple):
     net: float
 
 
-def trajectory(variant: int, slow: bool = False) -> tuple[PoseStream, tuple[Phase, ...]]:
-    """Return commands of about 43 s and their phases; ``slow``: nothing above 0.3 Hz."""
+def trajectory(variant: int, motion: str = 'quick') -> tuple[PoseStream, tuple[Phase, ...]]:
+    """Return commands and their phases: ``quick``, ``slow`` (below 0.3 Hz) or as ``planned``."""
+    if motion == 'planned':
+        planned = plan_for(load_rig(), contact=False)
+        return planned.target, planned.phases
     path = _Path(variant)
     path.hold('measure', 1.6)
     for _ in range(3):
@@ -79,7 +83,7 @@ def trajectory(variant: int, slow: bool = False) -> tuple[PoseStream, tuple[Phas
         path.hold('measure', 1.0)
     path.go('move', path.home, np.zeros(3), 1.4)
     path.hold('settle', 0.4)
-    if slow:
+    if motion == 'slow':
         path.wave('sweep', (0.02, 0.015, 0.015), (0.1, 0.3), 24.0, 0.1)
         return path.commands()
     for x in (0.01, 0.0):
@@ -158,20 +162,20 @@ def noisy(rig: Rig, factor: float) -> Rig:
                             orientation_noise=factor * pose.orientation_noise))
 
 
-def recordings(seed: int, effects: Mapping[str, Mapping[str, float]], *, slow: bool = False
-               ) -> tuple[Recording, Recording]:
-    """Simulate a pair, the first to fit on, the second to judge on."""
+def recordings(seed: int, effects: Mapping[str, Mapping[str, float]], *,
+               motion: str = 'quick') -> tuple[Recording, Recording | None]:
+    """Simulate a pair, the first to fit on, the second to judge on; one as planned."""
     rig = load_rig()
     still = {EFFECTS[name].nuisance or '' for name in effects}
     real = noisy(drawn(rig, seed, still), NOISE)
     if effects:
         real = with_effects(real, effects)
-    pair = []
-    for variant in (0, 1):
-        target, phases = trajectory(variant, slow)
+    pair: list[Recording] = []
+    for variant in (0,) if motion == 'planned' else (0, 1):
+        target, phases = trajectory(variant, motion)
         recorded = simulate(real, target, seed=2 * seed + 1000 + variant, steps=16)
         pair.append(replace(recorded, phases=phases, contact_truth=None))
-    return pair[0], pair[1]
+    return pair[0], pair[1] if len(pair) > 1 else None
 
 
 @lru_cache(maxsize=1)

@@ -1,6 +1,7 @@
 """The planned recording: within the limits, runnable, and showing what it says it shows."""
 
 import contextlib
+from dataclasses import replace
 import io
 import json
 
@@ -11,9 +12,14 @@ from forcecal_ros.control.limits import Limits
 from forcecal_ros.control.motion import Pace
 from forcecal_ros.control.plan import prepare, Timing
 from forcecal_ros.control.poses import nominal_poses, step_goal
+from forcecal_ros.control.preview import preview
+from forcecal_ros.diagnose.pipeline import diagnose
+from forcecal_ros.diagnose.planning import poses_of, SETTLE
 from forcecal_ros.errors import MotionError
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
-from forcecal_ros.sim.effects import EFFECTS
+from forcecal_ros.sim.effects import EFFECTS, with_effects
+from forcecal_ros.sim.offline import simulate
+from forcecal_ros.sim.rig_file import load_rig
 import numpy as np
 import pytest
 import yaml
@@ -68,6 +74,39 @@ def test_the_plan_names_what_it_cannot_tell_apart(planned):
     pairs = [set(a['effects']) for a in document['alike']]
     assert {'wrench_delay', 'wrench_lowpass'} in pairs
     assert {'cable_force', 'base_tilt'} in pairs
+
+
+def chosen(keep):
+    """Commands of the plan's rest, and of some of its segments."""
+    rig, timing = load_rig(), Timing()
+    poses = poses_of(rig)
+    home = next(iter(poses.values()))
+    plan = diagnosis_plan(poses, step_goal(home, timing.contact_distance), timing)
+    kept = [*plan[:3], *(segment for segment in plan[3:] if keep(segment))]
+    return preview(prepare(kept, home, Pace(), Limits()), 1.0 / rig.robot.period, SETTLE)
+
+
+def diagnosed(motion, effects):
+    target, phases = motion
+    recording = simulate(with_effects(load_rig(), effects), target, seed=3)
+    return diagnose(replace(recording, phases=phases), None, load_rig()).diagnosis
+
+
+LATE = (('wrench_delay', {'delay': 0.004}), ('wrench_lowpass', {'time_constant': 0.004}))
+
+
+@pytest.mark.parametrize('name, values', LATE)
+def test_quick_legs_of_the_plan_tell_a_delay_from_a_lowpass(name, values):
+    found = diagnosed(chosen(lambda s: 'quickly' in s.label), {name: values})
+    assert found.verdict == 'identified'
+    assert [e.name for e in found.effects] == [name]
+
+
+def test_slow_reversals_alone_leave_both():
+    name, values = LATE[0]
+    found = diagnosed(chosen(lambda s: s.phase == 'reverse'), {name: values})
+    assert found.verdict == 'ambiguous'
+    assert {n for n, _ in found.candidates} == {n for n, _ in LATE}
 
 
 def test_the_written_plan_is_a_parameter_file_of_the_sequencer(planned):

@@ -10,6 +10,12 @@ import numpy as np
 SWEEP = ((0.020, 0.6), (0.014, 0.4), (0.009, 0.25), (0.006, 0.17), (0.004, 0.13), (0.003, 0.1))
 """Way [m] and duration [s] of each leg, there and back: slow first, quick last."""
 
+SHAKE = ((4e-4, 0.028), (3e-4, 0.024), (1.8e-4, 0.020))
+"""Way [m] and duration [s] of legs from 18 Hz to 25 Hz, where a delay is no low-pass."""
+
+SHAKES = 15
+"""How often each goes there and back."""
+
 TURN = ((0.15, 0.6), (0.10, 0.4), (0.05, 0.25), (0.02, 0.15))
 """The same of turns [rad], [s]."""
 
@@ -79,6 +85,10 @@ def _sweeps(home: Goal, away: Goal) -> list[Segment]:
         for way, duration in SWEEP:
             goal = Pose(home.position + way * home.R_base_sensor[:, i], home.R_base_sensor)
             out += _there_and_back('sweep', axis, home, goal, duration)
+    for i, axis in (1, 'y'), (2, 'z'):
+        for way, duration in SHAKE:
+            goal = Pose(home.position + way * home.R_base_sensor[:, i], home.R_base_sensor)
+            out += SHAKES * _there_and_back('sweep', f'{axis} quickly', home, goal, duration)
     for i, axis in enumerate('xyz'):
         for way, duration in TURN:
             goal = _turned(home, i, way)
