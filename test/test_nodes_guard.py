@@ -76,6 +76,14 @@ def test_half_a_second_is_a_jump_of_a_clock_of_real_time_and_lateness_is_none():
     assert clocks.pass_by(20, 520).reason == '/clock jumped by 0.52 s'
 
 
+def test_looks_in_quick_succession_do_not_hide_a_jump():
+    clocks = Clocks(simulated=True)
+    for _ in range(20):
+        assert clocks.pass_by(38, 20) is None
+        assert clocks.pass_by(2, 20) is None
+    assert clocks.pass_by(20, 520).reason == '/clock jumped by 0.52 s'
+
+
 def test_a_simulated_clock_that_stands_ends_the_motion():
     clocks = Clocks(simulated=True)
     assert clocks.pass_by(20, 20) is None

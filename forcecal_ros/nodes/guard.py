@@ -20,6 +20,9 @@ FORGETTING = 0.98
 UNKNOWN = 1e3
 """How fast a /clock may pass before it is known [s a second]."""
 
+SHORTEST_LOOK = 0.02
+"""Looks at /clock that follow each other faster do not show how fast it passes [s]."""
+
 STALL = 0.5
 """A motion whose commands ceased for longer is not resumed [s]."""
 
@@ -132,8 +135,8 @@ class Guard:
             step, elapsed = (now - self._seen) / SECOND, (steady - self._advanced) / SECOND
             self._seen, self._advanced = now, steady
             usual = CLOCK_JUMP + UNEVEN * self._rate * elapsed
-            self._rate = max(self._rate * FORGETTING, step / max(elapsed, 1e-3)) \
-                if self._rate < UNKNOWN else step / max(elapsed, 1e-3)
+            rate = step / max(elapsed, SHORTEST_LOOK)
+            self._rate = max(self._rate * FORGETTING, rate) if self._rate < UNKNOWN else rate
             return None if 0 < step < usual else Fault(
                 f'/clock jumped by {step:.3g} s', at_once=True)
         if steady - self._advanced > self._sensors.monitor.settings.clock_timeout * SECOND:
