@@ -36,6 +36,9 @@ PARAMETERS = (
     Parameter('clock.publish', False,
               'Publish /clock for nodes with use_sim_time; always so where speed is not 1. Its '
               'time passes more slowly where the machine is too slow'),
+    Parameter('clock.wait', 0.0, 'Its time stands for so long where the next command of a stream '
+              'is missing, so that a busy computer makes none late; 0: it does not',
+              's', 0.0, 10.0),
     Parameter('latency', 0.004, 'How much later than it could a robot period is simulated, so '
               'that commands of that instant have arrived; header stamps are those of the instant',
               's', 0.0, 0.1),
@@ -99,6 +102,7 @@ class Sim(Node):
         self._speed = value['speed']
         external = self.get_parameter('use_sim_time').value
         self._own_clock = value['clock.publish'] or self._speed != 1.0
+        self._wait_ns = round(value['clock.wait'] * 1e9)
         if external and self._own_clock:
             raise ConfigError('use_sim_time takes the time from /clock, clock.publish (or a speed '
                               'other than 1) makes it; set one of them')
@@ -128,10 +132,18 @@ class Sim(Node):
                           else CommandSchedule(self._period_ns, self._start))
         self._sample0 = self._start - round(self._simulator.time * 1e9)
 
+    def _pass(self, elapsed: int, steady: int) -> None:
+        """Let the clock of one's own go on, up to where the next command is needed."""
+        now = self._own_time + elapsed
+        if self._schedule is not None and steady - self._heard < self._wait_ns:
+            self._inbox.drain()
+            now = min(now, self._schedule.commanded_ns + self._period_ns + self._latency_ns - 1)
+        self._own_time = max(self._own_time, now)
+
     def _tick(self) -> None:
         steady = STEADY.now().nanoseconds
         if not self._faults.clock_stopped:
-            self._own_time += round((steady - self._ticked) * self._speed)
+            self._pass(round((steady - self._ticked) * self._speed), steady)
         self._ticked = steady
         if self._schedule is not None and steady - self._heard > self._timeout * 1e9:
             self._schedule.drop()

@@ -69,6 +69,11 @@ class CommandSchedule:
         self._newest = command
         self._queue.append((self._last, command))
 
+    @property
+    def commanded_ns(self) -> int:
+        """End of the last period that a command has come for [ns]."""
+        return self._start + (self._last + 1) * self._period
+
     def _due(self, since: int) -> int:
         """Return the period a command is due in, ``since`` the start [ns]."""
         expected, half = self._last - self._lag + 1, self._period // 2
