@@ -259,6 +259,6 @@ def _exchange(start: Problem, problem: Problem, accepted: list[Accepted],
                 problem, accepted, tangents = other
                 mine, own = t, weight[t.name]
         now = {b.name for b in accepted}
-        rivals[a.name] = {name: float(value - own) for name, value in weight.items()
-                          if name not in now and np.isfinite(value)}
+        rivals[mine.name] = {name: float(value - own) for name, value in weight.items()
+                             if name not in now and np.isfinite(value)}
     return problem, accepted, tangents, rivals
