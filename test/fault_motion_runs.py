@@ -208,8 +208,8 @@ class Bench:
         if part in SIGNALS:
             process = live.processes.pop(kind.removeprefix('to '))
             process.send_signal(SIGNALS[part])
-            if kind == 'to sim':  # it speaks until it has gone
-                process.wait()
+            while kind == 'to sim' and process.poll() is None:  # it speaks until it has gone
+                live.spin()
             return process.wait, len(self.commands)
         if fault == FOREIGN:
             self.other.publish(PoseStamped())
