@@ -7,7 +7,7 @@ from forcecal_ros.diagnose import datachecks, remainder
 from forcecal_ros.diagnose.case import Case, prepare, SHORTEST, split
 from forcecal_ros.diagnose.channels import CHANNELS, COLUMNS
 from forcecal_ros.diagnose.gap import Gap
-from forcecal_ros.diagnose.hypotheses import hypotheses, Hypothesis
+from forcecal_ros.diagnose.hypotheses import hypotheses, Hypothesis, VIBRATION
 from forcecal_ros.diagnose.limits import CLIPPING
 from forcecal_ros.diagnose.measure import (
     measured_gap,
@@ -39,6 +39,9 @@ VISIBLE = 25.0
 
 WITHOUT_MEAN = ('wrench_quantisation', 'dropouts')
 """Effects that move no signal's mean."""
+
+WANDERING = 0.03
+"""Of a vibration's frequency, within which its speed may wander."""
 
 CHECKED = 0.99
 """Probability of an effect of stamps or values: they are found at many sigmas or not at all."""
@@ -132,7 +135,8 @@ def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Che
     selection = select(p, found)
     final = selection.problem
     left = _look(final)
-    remains = _remains(left, lines_of(final), np.asarray(sum(
+    lines, wanders = _foreign(lines_of(final), final)
+    remains = _remains(left, lines, np.asarray(sum(
         remainder.impulses(n, b) for n, b in zip(final.noise, final.blocks))))
     measured, noise = _measured(first, selection, left, observed)
     named = [a.name for a in selection.accepted]
@@ -158,7 +162,7 @@ def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Che
         effects = []
     diagnosis = Diagnosis(
         word, sentence, tuple(effects), tuple(candidates), where, measured,
-        tuple(not_excited(p, found)), checks.notes,
+        tuple(not_excited(p, found)), (*checks.notes, *wanders),
         {'ceiling_sigma': float(left.ceiling.z.max()), 'cell_sigma': left.strongest[0].z,
          'ratio': remains.ratio})
     return Outcome(diagnosis, patched(final, selection, checks), tuple(first.blocks),
@@ -265,6 +269,15 @@ def _remains(left: _Left, lines: tuple[datachecks.Line, ...], impulses: Array) -
         options.append((line.power / datachecks.LINE,
                         f'a line at {line.frequency:.2f} Hz in {line.channel}'))
     return Remains(*max(options))
+
+
+def _foreign(lines: tuple[datachecks.Line, ...], p: Problem
+             ) -> tuple[tuple[datachecks.Line, ...], tuple[str, ...]]:
+    """Take off the lines beside that of a vibration that is explained, and note them."""
+    speed = p.effects.get(VIBRATION, {}).get('frequency', np.inf)
+    others = tuple(x for x in lines if abs(x.frequency - speed) > WANDERING * speed)
+    note = f'{VIBRATION}: its speed wanders about {speed:.2f} Hz; one speed explains a part of it'
+    return others, (note,) if len(others) < len(lines) else ()
 
 
 def _predictable(ceiling: Ceiling, case: int) -> Array:

@@ -209,7 +209,7 @@ def _gross(problem: Problem, accepted: Sequence[Accepted], tangents: Sequence[Ta
         if atom is not None:
             trial = bench.refine(by_name[trial.name], trial)
         rough = joint(quiet, [*accepted, Accepted.of(trial)], noise_known=True)
-        fitted = joint(rough[0], rough[1])
+        fitted = _shaped(*joint(rough[0], rough[1]))
         left_over = misfit(fitted[0], quiet.noise)
         if left_over < least and slow_gain(problem, fitted[0]) > LEAST_GROSS_GAIN:
             best, least = fitted, left_over
@@ -251,7 +251,7 @@ def _exchange(start: Problem, problem: Problem, accepted: list[Accepted],
         near = [t for t in trials if t.name != a.name and acceptable(t, len(found))
                 and (weight[t.name] > own - NEAR or t.evidence > ALIKE * mine.evidence)]
         for t in near[:TRIES]:
-            other = joint(less, [*rest, Accepted.of(t)], t.nuisances)
+            other = _shaped(*joint(less, [*rest, Accepted.of(t)], t.nuisances))
             lead = 0.5 * (misfit(problem, problem.noise) - misfit(other[0], problem.noise))
             odds = lead / tempered(trials) - PARSIMONY * (t.degrees - mine.degrees)
             weight[t.name] = own + odds

@@ -16,6 +16,17 @@ WHOLE = 0.95
 GLARING = 10.0
 """Ratio of what is left from which it matters beside any share."""
 
+TRUST, PER_TENTH, PER_FURTHER = 0.7, 1.4, 1.5
+"""
+Log-odds that effects which close nothing are the cause; more for each tenth that the rest of the
+gap is of it, less for each effect beyond one. A logistic fit to 150 effects that were named in
+opened blind recordings: what stands beside a tenth, a hundredth, or two others is true in 79, 97
+and 33 % of cases.
+"""
+
+SURE = 0.9
+"""Most of the probability of unknown: some gaps are known effects in forms of their own."""
+
 UNKNOWN = 'unknown'
 
 
@@ -55,10 +66,11 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], remains: Rem
     candidates : list of (str, float)
         Most probable first, as many as cover 95 %, those of every accepted effect.
     """
-    logit = 8.0 * (min(remains.ratio, 3.0) - 1.0)
-    if slots and closed > NAMED:
-        logit -= 2.0 / max(1e-3, 1.0 - closed)
-    unknown = 1.0 / (1.0 + math.exp(-max(-30.0, min(30.0, logit))))
+    if slots and (remains.ratio < 1.0 or closed >= NAMED):
+        rest = math.log10(max(1e-4, 1.0 - closed))
+        unknown = _sigmoid(-TRUST + PER_TENTH * rest + PER_FURTHER * (len(slots) - 1))
+    else:
+        unknown = min(SURE, _sigmoid(8.0 * (min(remains.ratio, 3.0) - 1.0)))
     named: dict[str, float] = {}
     chosen: dict[str, float] = {}
     for name, rivals in slots:
@@ -78,6 +90,10 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], remains: Rem
     if not slots and remains.ratio >= 1.0:
         chosen[UNKNOWN] = unknown
     return named, sorted(chosen.items(), key=lambda pair: -pair[1])
+
+
+def _sigmoid(log_odds: float) -> float:
+    return 1.0 / (1.0 + math.exp(-log_odds))
 
 
 def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remains: Remains,
@@ -113,12 +129,15 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remai
     done = f'closes {100.0 * (closed or 0.0):.0f} % of the gap'
     if closed is None:
         done, closed = 'shows in stamps and values', 1.0
-    if left and closed < NAMED:
+    doubtful = dict(candidates).get(UNKNOWN, 0.0) > 0.5
+    if left and (closed < NAMED or doubtful):
         closest = f'{listed} comes closest and {done}; left is ' if closed > 0.0 else ''
         return 'unknown', (f'no effect of the library explains the gap: {closest}'
                            f'{remains.words}')
     rest = f'; left is {remains.words}' if left else ''
-    if left and (closed < WHOLE or remains.ratio > GLARING):
+    if doubtful:
+        rest += '; one effect that is not in the library is likelier than these together'
+    if doubtful or left and (closed < WHOLE or remains.ratio > GLARING):
         return 'partial', f'{listed} {done}{rest}'
     others = [n for n, _ in candidates if n not in named and n != UNKNOWN]
     if others:
