@@ -68,11 +68,11 @@ def identify(recording: Recording, settings: Settings = Settings()) -> Calibrati
     try:
         with np.errstate(all='ignore'):
             stages = identify_stages(recording, settings)
-    except (np.linalg.LinAlgError, ValueError) as error:
-        if isinstance(error, ValueError) and 'infs or NaNs' not in str(error):
+    except ValueError as error:
+        if not isinstance(error, np.linalg.LinAlgError) and 'infs or NaNs' not in str(error):
             raise
         raise DataError(f'{recording.source or "the recording"}: the fit breaks down ({error}); '
-                        'look for readings of absurd size') from error
+                        'look for readings of absurd size and stamps of another clock') from error
     noise = noise_of(stages, settings.coupling)
     tool, std = stages.tool, np.sqrt(np.diag(stages.tool.covariance))
     calibration = Calibration(
