@@ -8,9 +8,9 @@ CLEAR = {
     'contact in one pose': 'mass', 'tool changed half-way': 'mass', 'tool friction': 'tool',
     'wrench axes swapped': 'mass', 'wrench tared half-way': 'wrench_bias',
     'ac accelerometer declared dc': 'accelerometer', 'accelerometer saturates': '',
-    'accelerometer axis dead': '', 'accelerometer garbage': '', 'accelerometer late': '', 'gravity not down': 'mass',
-    'wrench of wrong sign': '', 'wrench channel stuck half-way': '', 'pose stuck': '',
-    'optidrive of wrong sign': '', 'pose slips half-way': ''}
+    'accelerometer axis dead': '', 'accelerometer garbage': '', 'accelerometer late': '',
+    'gravity not down': 'mass', 'wrench of wrong sign': '', 'wrench channel stuck half-way': '',
+    'pose stuck': '', 'optidrive of wrong sign': '', 'pose slips half-way': ''}
 """Faults, and an estimate that is called into question where they are strong."""
 
 
