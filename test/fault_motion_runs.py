@@ -131,7 +131,10 @@ class Bench:
         live = self.live
         gone = [module for module in NODES if module not in live.processes]
         for module in gone:
+            live.diagnostics.pop(module, None)
             self._start(module)
+        if 'observer' in gone:  # a signal that meets a node's imports is nobody's
+            live.until(lambda: 'observer' in live.diagnostics, 'an observer')
         if 'sequencer' in gone:
             for service in [*live.clients]:
                 live.node.destroy_client(live.clients.pop(service))
