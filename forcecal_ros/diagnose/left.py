@@ -1,0 +1,137 @@
+"""What a rig as explained so far leaves of the recordings, and whether that is more than noise."""
+
+from typing import NamedTuple
+
+from forcecal_ros.diagnose import datachecks, remainder
+from forcecal_ros.diagnose.channels import CHANNELS
+from forcecal_ros.diagnose.hypotheses import VIBRATION
+from forcecal_ros.diagnose.problem import Problem
+from forcecal_ros.diagnose.remainder import Ceiling, Cell
+from forcecal_ros.diagnose.verdict import Remains
+from forcecal_ros.geometry import Array
+import numpy as np
+
+WANDERING = 0.03
+"""Of a vibration's frequency, within which its speed may wander."""
+
+
+class Left(NamedTuple):
+    """
+    What a problem leaves.
+
+    Attributes
+    ----------
+    ceiling : Ceiling
+    strongest : list of Cell
+        The strongest first.
+    lines : tuple of Line
+        Not those of a vibration that is explained.
+    impulses : ndarray, shape (16,)
+        How many innovations of each channel noise does not make.
+    notes : tuple of str
+    """
+
+    ceiling: Ceiling
+    strongest: list[Cell]
+    lines: tuple[datachecks.Line, ...]
+    impulses: Array
+    notes: tuple[str, ...]
+
+
+def look(p: Problem) -> Left:
+    """
+    Look at what a problem leaves.
+
+    Parameters
+    ----------
+    p : Problem
+
+    Returns
+    -------
+    Left
+    """
+    cells = [c for case, n, b in zip(p.cases, p.noise, p.blocks)
+             for c in remainder.cells(case, n, b)]
+    lines, wanders = _foreign(lines_of(p), p)
+    impulses = np.asarray(sum(remainder.impulses(n, b) for n, b in zip(p.noise, p.blocks)))
+    return Left(remainder.ceiling(p, p.base, p.blocks), sorted(cells, key=lambda c: -c.z),
+                lines, impulses, wanders)
+
+
+def lines_of(p: Problem) -> tuple[datachecks.Line, ...]:
+    """
+    Find spectral lines at the full rate in what remains.
+
+    Parameters
+    ----------
+    p : Problem
+
+    Returns
+    -------
+    tuple of Line
+    """
+    lines: list[datachecks.Line] = []
+    for case, signals in zip(p.cases, p.base):
+        for name in ('wrench', 'accelerometer', 'optidrive'):
+            if name in case.measured.streams:
+                rows = case.measured.samples(name, signals)
+                lines += datachecks.lines(rows, getattr(case.recording, name).rate, name)
+    return tuple(lines)
+
+
+def remains(left: Left) -> Remains:
+    """
+    Say what is strongest of what a problem leaves, in its threshold.
+
+    Parameters
+    ----------
+    left : Left
+
+    Returns
+    -------
+    Remains
+    """
+    ceiling, cell, impulses = left.ceiling, left.strongest[0], left.impulses
+    z = np.where(ceiling.size > remainder.SMALL, ceiling.z, 0.0)
+    c = int(z.argmax())
+    several = int(impulses.max())
+    line = max(left.lines, key=lambda one: one.power, default=None)
+    options = [
+        (float(z[c]) / remainder.PREDICTABLE,
+         f'{CHANNELS[c].name}, predictable from the motion ({z[c]:.1f} sigma)'),
+        (cell.z / remainder.STRONG,
+         f'{CHANNELS[cell.channel].name} in {cell.phase}, {cell.band[0]:g} to '
+         f'{cell.band[1]:g} Hz ({cell.z:.1f} sigma)'),
+        (several / remainder.IMPULSES,
+         f'{several} impulses in {CHANNELS[int(impulses.argmax())].name}')]
+    if line is not None:
+        options.append((line.power / datachecks.LINE,
+                        f'a line at {line.frequency:.2f} Hz in {line.channel}'))
+    return Remains(*max(options))
+
+
+def _foreign(lines: tuple[datachecks.Line, ...], p: Problem
+             ) -> tuple[tuple[datachecks.Line, ...], tuple[str, ...]]:
+    """Take off the lines beside that of a vibration that is explained, and note them."""
+    speed = p.effects.get(VIBRATION, {}).get('frequency', np.inf)
+    others = tuple(x for x in lines if abs(x.frequency - speed) > WANDERING * speed)
+    note = f'{VIBRATION}: its speed wanders about {speed:.2f} Hz; one speed explains a part of it'
+    return others, (note,) if len(others) < len(lines) else ()
+
+
+def predictable(ceiling: Ceiling, case: int) -> Array:
+    """
+    Return what the motion predicts of the rest of one recording, where anything is left.
+
+    Parameters
+    ----------
+    ceiling : Ceiling
+    case : int
+        Which recording.
+
+    Returns
+    -------
+    ndarray, shape (n, 16)
+    """
+    real = (ceiling.z > remainder.PREDICTABLE) & (ceiling.size > remainder.SMALL)
+    return np.where(real, ceiling.prediction[case], 0.0)
