@@ -211,9 +211,12 @@ class Bench:
         if part in SIGNALS:
             process = live.processes.pop(kind.removeprefix('to '))
             process.send_signal(SIGNALS[part])
-            while kind == 'to sim' and process.poll() is None:  # it speaks until it has gone
+            if kind != 'to sim':
+                return process.wait, len(self.commands)
+            while process.poll() is None:  # it goes on for a while: its last pose tells how long
                 live.spin()
-            return process.wait, len(self.commands)
+            last = self.poses[-1][0]
+            return process.wait, sum(stamp <= last for stamp, _ in self.commands)
         if fault == FOREIGN:
             self.other.publish(PoseStamped())
             return lambda: None, len(self.commands)
