@@ -33,6 +33,9 @@ START_TIMEOUT = 120.0
 HEARING = 15.0
 """The sequencer refuses to start until it has heard every sensor for a while [s]."""
 
+COMMAND_WAIT = 0.5
+"""The rig's time stands for so long where a command is missing [s]."""
+
 SEQUENCE_TIMEOUT = 90.0
 FOR_SIMULATION = {
     'use_sim_time': True,
@@ -198,7 +201,7 @@ def run_demo(accelerometer: str, out: Path, seed: int, progress: Say) -> DemoRes
 
         try:
             nodes.start('sim', {'accelerometer': accelerometer, 'seed': seed,
-                                'clock.publish': True})
+                                'clock.publish': True, 'clock.wait': COMMAND_WAIT})
             nodes.start('observer', {'use_sim_time': True})
             nodes.start('sequencer', {'accelerometer.coupling': coupling, **FOR_SIMULATION})
             conductor.wait(lambda: conductor.recorder.counts['pose'] > 0, START_TIMEOUT,
