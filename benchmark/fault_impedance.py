@@ -110,7 +110,7 @@ def main() -> int:
         save(rehearse(load_rig(), 'acc1', 1), calibration)
         with ContactBench(calibration) as bench:
             go(bench, FAULTS, PHASES, args, outcomes)
-    print(table(outcomes, FAULTS, PHASES).replace(f' to {NODE}', ' to impedance'))
+    print(table(outcomes, FAULTS, PHASES).replace(NODE, 'impedance'))
     return count(outcomes)
 
 
