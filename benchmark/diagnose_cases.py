@@ -162,14 +162,17 @@ def noisy(rig: Rig, factor: float) -> Rig:
                             orientation_noise=factor * pose.orientation_noise))
 
 
+def real_rig(seed: int, effects: Mapping[str, Mapping[str, float]]) -> Rig:
+    """Return a rig with its nuisances drawn, its noise, and effects."""
+    still = {EFFECTS[name].nuisance or '' for name in effects}
+    real = noisy(drawn(load_rig(), seed, still), NOISE)
+    return with_effects(real, effects) if effects else real
+
+
 def recordings(seed: int, effects: Mapping[str, Mapping[str, float]], *,
                motion: str = 'quick') -> tuple[Recording, Recording | None]:
     """Simulate a pair, the first to fit on, the second to judge on; one as planned."""
-    rig = load_rig()
-    still = {EFFECTS[name].nuisance or '' for name in effects}
-    real = noisy(drawn(rig, seed, still), NOISE)
-    if effects:
-        real = with_effects(real, effects)
+    real = real_rig(seed, effects)
     pair: list[Recording] = []
     for variant in (0,) if motion == 'planned' else (0, 1):
         target, phases = trajectory(variant, motion)

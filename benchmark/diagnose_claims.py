@@ -1,0 +1,127 @@
+"""Does a patched rig shrink the gap as claimed? Recomputed on simulations whose truth is known.
+
+    python benchmark/diagnose_claims.py
+
+For effects alone and in pairs: diagnoses a pair of noisy recordings, writes the patched rig to a
+file, simulates the held-out commands with it as ``forcecal simulate --noise-free`` does, and takes
+what remains of the true rig's signals without noise, sample by sample, in all 16 channels.
+``closed`` is against the recalibrated rig. (Of the noisy recording itself, what remains after a
+good fit is less than the scatter of its noise's variance.)
+"""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+import sys
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from forcecal_ros.diagnose.case import prepare
+from forcecal_ros.diagnose.channels import CHANNELS, COLUMNS
+from forcecal_ros.diagnose.pipeline import diagnose
+from forcecal_ros.diagnose.problem import problem
+from forcecal_ros.geometry import Array
+from forcecal_ros.samples import PoseStream, Recording
+from forcecal_ros.scale import each
+from forcecal_ros.sim.offline import simulate
+from forcecal_ros.sim.rig import Rig
+from forcecal_ros.sim.rig_file import dump_rig, load_rig
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import diagnose_cases as cases  # noqa: E402, I100, I202
+
+ALONE = ('wrench_delay', 'wrench_bias_drift', 'wrench_gain', 'wrench_crosstalk',
+         'wrench_hysteresis', 'accel_delay', 'accel_misalignment', 'tool_mass', 'tool_stiffness',
+         'tool_friction', 'robot_delay', 'base_tilt', 'contact_stiffness')
+PAIRS = (('wrench_crosstalk', 'tool_friction'), ('robot_resonance', 'wrench_bias_drift'),
+         ('tool_stiffening', 'accel_gain'), ('wall_position', 'wrench_delay'))
+
+
+def plan(energies: tuple[float, ...]) -> list[dict[str, Any]]:
+    """List the cases."""
+    named = [(name,) for name in ALONE] + list(PAIRS)
+    return [{'names': names, 'seed': 200 + i, 'energy': e}
+            for e in energies for i, names in enumerate(named)]
+
+
+def noise_of(rig: Rig) -> Array:
+    """RMS of one sample of each channel, shape (16,)."""
+    wrench, pose = rig.wrench_sensor, rig.pose_sensor
+    assert rig.optidrive is not None
+    return np.repeat([wrench.force_noise, wrench.torque_noise, rig.accelerometer.noise,
+                      rig.optidrive.noise, pose.position_noise, pose.orientation_noise],
+                     [3, 3, 3, 1, 3, 3])
+
+
+def mean_squares(one: Recording, other: Recording) -> Array:
+    """Mean squares of the difference of two recordings, channel by channel, shape (16,)."""
+    out = np.zeros(len(CHANNELS))
+    for name, columns in COLUMNS.items():
+        a, b = getattr(one, name), getattr(other, name)
+        np.testing.assert_allclose(a.t, b.t, atol=1e-6)
+        if isinstance(a, PoseStream):
+            turned = np.swapaxes(b.R_base_sensor, 1, 2) @ a.R_base_sensor
+            rest = np.hstack([a.position - b.position,
+                              Rotation.from_matrix(turned).as_rotvec()])
+        else:
+            rest = a.values - b.values
+        out[columns] = np.mean(rest ** 2, axis=0)
+    return out
+
+
+def run(case: dict[str, Any]) -> dict[str, Any]:
+    """Make a case, diagnose it, and compare what was claimed with what is."""
+    nominal = load_rig()
+    effects = {n: cases.sized(n, case['energy']).values for n in case['names']}
+    first, second = cases.recordings(case['seed'], effects)
+    assert second is not None and second.target is not None
+    outcome = diagnose(first, second, nominal)
+    gap = outcome.diagnosis.gap
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / 'rig_patched.yaml'
+        path.write_text(dump_rig(outcome.rig))
+        patched = load_rig(path)
+    pair = [prepare(first, nominal), prepare(second, nominal)]
+    pair[1] = replace(pair[1], train=pair[1].held, held=pair[1].train)
+    recalibrated = problem(nominal, tuple(pair)).current()
+    truth = simulate(cases.real_rig(case['seed'], effects), second.target, noise=False, steps=16)
+    noise = noise_of(cases.noisy(nominal, cases.NOISE))
+
+    def overall(rig: Rig) -> float:
+        again = simulate(rig, second.target, noise=False)
+        return float(np.sqrt(np.mean(mean_squares(truth, again) / noise ** 2)))
+
+    return case | {
+        'verdict': outcome.diagnosis.verdict, 'named': [e.name for e in outcome.diagnosis.effects],
+        'claimed': gap.closed if gap else 0.0, 'ci95': gap.closed_ci95 if gap else (0.0, 0.0),
+        'true': 1.0 - overall(patched) / overall(recalibrated)}
+
+
+def main() -> None:
+    """Run all and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--jobs', type=int, default=1)
+    parser.add_argument('--energies', type=float, nargs='+', default=[1e4])
+    arguments = parser.parse_args()
+    wanted = plan(tuple(arguments.energies))
+    print('| truth | energy of each | verdict | named | claimed (95 %) | recomputed |\n'
+          + '|---' * 6 + '|')
+    worst = 0.0
+    for outcome in each(run, wanted, jobs=arguments.jobs):
+        r = outcome.value
+        if r is None:
+            print(wanted[outcome.index], outcome.error, file=sys.stderr)
+            continue
+        low, high = r['ci95']
+        print(f"| {' + '.join(r['names'])} | {r['energy']:g} | {r['verdict']} | "
+              f"{' + '.join(r['named'])} | {100 * r['claimed']:.1f} % ({100 * low:.1f} to "
+              f"{100 * high:.1f}) | {100 * r['true']:.1f} % |", flush=True)
+        worst = max(worst, abs(r['claimed'] - r['true']))
+    print(f'worst difference: {100 * worst:.1f} points')
+
+
+if __name__ == '__main__':
+    main()
