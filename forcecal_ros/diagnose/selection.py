@@ -218,13 +218,17 @@ def _gross(problem: Problem, accepted: Sequence[Accepted], tangents: Sequence[Ta
 
 def _drop(start: Problem, problem: Problem, accepted: list[Accepted],
           tangents: list[Tangent]) -> tuple[Problem, list[Accepted], list[Tangent]]:
+    """Take out what the others, fitted anew, explain as well but for a wrong form of theirs."""
     for a in list(accepted):
         if len(accepted) == 1:
             break
         full = Bench(problem, tangents).null_predictive
         less, rest, few = without(start, problem, accepted, a.name)
-        if Bench(less, few).null_predictive > full - LEAST_GAIN:
-            problem, accepted, tangents = joint(less, rest)
+        fitted = joint(less, rest)
+        worse = misfit(fitted[0], problem.noise) - misfit(problem, problem.noise)
+        if Bench(less, few).null_predictive > full - LEAST_GAIN or worse < 2.0 * LEAST_GAIN \
+                or not _beyond(start, fitted[0], problem):
+            problem, accepted, tangents = fitted
     return problem, accepted, tangents
 
 
