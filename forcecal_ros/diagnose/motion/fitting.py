@@ -71,12 +71,16 @@ class Trial(NamedTuple):
     size: float
 
     @property
-    def needed(self) -> bool:
+    def possible(self) -> bool:
         """Whether it is significant and large enough to matter; nothing is early."""
         late = all(self.values.get(e, 1.0) > 0.0 for e in self.effects)
         slight = any(t.axis and self._typical(t) < SLIGHT for t in self.terms)
-        return late and not slight and (self.score.z > SIGNIFICANT and self.size > SMALL
-                                        and self.score.removed > self._price)
+        return late and not slight and self.score.z > SIGNIFICANT and self.size > SMALL
+
+    @property
+    def needed(self) -> bool:
+        """Whether it removes what its parameters cost besides."""
+        return self.possible and self.score.removed > self._price
 
     @property
     def probability(self) -> float:

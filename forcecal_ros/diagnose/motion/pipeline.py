@@ -124,7 +124,7 @@ def _select(state: Fitting) -> None:
             break
         best = max(needed, key=lambda t: t.score.removed / len(t.effects) ** 0.5)
         state.accepted += best.effects
-        state.rivals |= _rivals(best, needed)
+        state.rivals |= _rivals(best, [t for t in trials if t.possible])
         if not set(best.effects) <= set(USUAL):
             state.relearn_noise()
         state.values, _ = state.refine(state.accepted, best.values)
