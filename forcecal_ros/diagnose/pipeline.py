@@ -126,19 +126,20 @@ def _observed(case: Case, recording: Recording, rig: Rig) -> Measured:
 
 def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Checks',
               observed: list[Measured]) -> Outcome:
-    selection = select(p, found)
+    selection = select(p, found, first)
     final = selection.problem
     left = look(final)
     rest = remains(left)
     measured, noise = _measured(first, selection, left, observed)
     named = [a.name for a in selection.accepted]
     slots = [(a.name, selection.rivals.get(a.name, {})) for a in selection.accepted]
-    shares, candidates = probabilities(slots, rest, measured.closed)
+    shares, candidates = probabilities(slots, rest, measured.closed, len(p.fixed))
     candidates = sorted([*candidates, *((n, CHECKED) for n in checks.effects)],
                         key=lambda pair: -pair[1])
     excited = excitation(p) > ENOUGH
     word, sentence = verdict([*named, *checks.effects], candidates, rest,
-                             measured.closed if named else None, excited or bool(checks.effects))
+                             measured.closed if named or p.fixed else None,
+                             excited or bool(checks.effects))
     sentence += unseen(final.cases[0].recording)
     effects = [Found(a.name, parameters_of(final, a), shares[a.name])
                for a in selection.accepted]

@@ -85,7 +85,7 @@ class Selection(NamedTuple):
     screened: tuple[Trial, ...]
 
 
-def select(problem: Problem, found: Sequence[Hypothesis]) -> Selection:
+def select(problem: Problem, found: Sequence[Hypothesis], bare: Problem) -> Selection:
     """
     Search for the effects that explain the recordings.
 
@@ -94,6 +94,8 @@ def select(problem: Problem, found: Sequence[Hypothesis]) -> Selection:
     problem : Problem
         Recalibrated, no effect accepted.
     found : sequence of Hypothesis
+    bare : Problem
+        The same without what is known before any model, such as limits.
 
     Returns
     -------
@@ -106,7 +108,7 @@ def select(problem: Problem, found: Sequence[Hypothesis]) -> Selection:
     out: set[str] = set()
     while len(accepted) < MOST_EFFECTS:
         left = [h for h in found if h.name not in out | {a.name for a in accepted}]
-        tested = sum(h.ways for h in left)
+        tested, others = sum(h.ways for h in left), accepted or problem.fixed
         trials = ranked(Bench(problem, tangents), left, tested)
         first = first or tuple(trials)
         fitted = None
@@ -114,20 +116,20 @@ def select(problem: Problem, found: Sequence[Hypothesis]) -> Selection:
                              and acceptable(t, tested)), None)) is not None:
             fitted = joint(problem, [*accepted, Accepted.of(best)], best.nuisances)
             if slow_gain(problem, fitted[0]) > LEAST_SLOW_GAIN \
-                    and (not accepted or _beyond(start, problem, fitted[0])):
+                    and (not others or _beyond(bare, problem, fitted[0])):
                 break
             out.add(best.name)
             fitted = None
         if len(accepted) < MOST_GROSS:
             gross = _gross(problem, accepted, tangents, left, fitted[0] if fitted else None)
-            if gross is not None and (not accepted or _beyond(start, problem, gross[0])):
+            if gross is not None and (not others or _beyond(bare, problem, gross[0])):
                 fitted = gross
         if fitted is None:
             break
         problem, accepted, tangents = fitted
         problem, accepted, tangents = _shaped(problem, accepted, tangents)
     if len(accepted) > 1:
-        problem, accepted, tangents = _drop(start, problem, accepted, tangents)
+        problem, accepted, tangents = _drop(start, bare, problem, accepted, tangents)
     problem, accepted, tangents, rivals = _exchange(start, problem, accepted, tangents, found)
     return Selection(problem, tuple(accepted), tuple(tangents), rivals, first)
 
@@ -155,8 +157,8 @@ def beyond_mismatch(first: Problem, before: Problem, after: Problem) -> float:
     return total
 
 
-def _beyond(start: Problem, before: Problem, after: Problem) -> bool:
-    return beyond_mismatch(start, before, after) > LEAST_BEYOND
+def _beyond(bare: Problem, before: Problem, after: Problem) -> bool:
+    return beyond_mismatch(bare, before, after) > LEAST_BEYOND
 
 
 def _loudest(quiet: Problem) -> float:
@@ -216,7 +218,7 @@ def _gross(problem: Problem, accepted: Sequence[Accepted], tangents: Sequence[Ta
     return best
 
 
-def _drop(start: Problem, problem: Problem, accepted: list[Accepted],
+def _drop(start: Problem, bare: Problem, problem: Problem, accepted: list[Accepted],
           tangents: list[Tangent]) -> tuple[Problem, list[Accepted], list[Tangent]]:
     """Take out what the others, fitted anew, explain as well but for a wrong form of theirs."""
     for a in list(accepted):
@@ -227,7 +229,7 @@ def _drop(start: Problem, problem: Problem, accepted: list[Accepted],
         fitted = joint(less, rest)
         worse = misfit(fitted[0], problem.noise) - misfit(problem, problem.noise)
         if Bench(less, few).null_predictive > full - LEAST_GAIN or worse < 2.0 * LEAST_GAIN \
-                or not _beyond(start, fitted[0], problem):
+                or not _beyond(bare, fitted[0], problem):
             problem, accepted, tangents = fitted
     return problem, accepted, tangents
 

@@ -46,7 +46,8 @@ class Remains(NamedTuple):
 
 
 def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], remains: Remains,
-                  closed: float) -> tuple[dict[str, float], list[tuple[str, float]]]:
+                  closed: float, known: int = 0
+                  ) -> tuple[dict[str, float], list[tuple[str, float]]]:
     """
     Turn log-odds into probabilities.
 
@@ -57,6 +58,8 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], remains: Rem
     remains : Remains
     closed : float
         Share of the gap that is closed.
+    known : int
+        Effects that close a part of it besides, known before any model.
 
     Returns
     -------
@@ -65,9 +68,10 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], remains: Rem
     candidates : list of (str, float)
         Most probable first, as many as cover 95 %, those of every accepted effect.
     """
-    if slots and (remains.ratio < 1.0 or closed >= NAMED):
+    several = len(slots) + known
+    if several and (remains.ratio < 1.0 or closed >= NAMED):
         rest = math.log10(max(1e-4, 1.0 - closed))
-        unknown = _sigmoid(-TRUST + PER_DECADE * rest + PER_FURTHER * (len(slots) - 1))
+        unknown = _sigmoid(-TRUST + PER_DECADE * rest + PER_FURTHER * (several - 1))
     else:
         unknown = min(SURE, _sigmoid(8.0 * (min(remains.ratio, 3.0) - 1.0)))
     named: dict[str, float] = {}
@@ -86,7 +90,7 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], remains: Rem
                 break
             chosen[k] = max(chosen.get(k, 0.0), share)
             covered += share
-    if not slots and remains.ratio >= 1.0:
+    if not slots and remains.ratio >= 1.0 and unknown > 1.0 - CANDIDATES:
         chosen[UNKNOWN] = unknown
     return named, sorted(chosen.items(), key=lambda pair: -pair[1])
 
