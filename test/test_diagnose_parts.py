@@ -1,16 +1,20 @@
 """Parts of the diagnosis by themselves: limits, noise, bounds, intervals, odds, stamps."""
 
-from forcecal_ros.diagnose import remainder
+from forcecal_ros.diagnose import datachecks, remainder
 from forcecal_ros.diagnose.datachecks import clocks, skew_between
 from forcecal_ros.diagnose.evidence import fit, Gram, Prior, Score
 from forcecal_ros.diagnose.gap import Errors
+from forcecal_ros.diagnose.left import _foreign
 from forcecal_ros.diagnose.limits import _best_limit
 from forcecal_ros.diagnose.memory import _unpredicted
 from forcecal_ros.diagnose.noise import fit_noise, resting
+from forcecal_ros.diagnose.nuisances import nuisances, spreads
+from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.ranking import MISMATCH, PARSIMONY, TEMPERATURE, weights
 from forcecal_ros.diagnose.trial import Trial
 from forcecal_ros.diagnose.verdict import probabilities, Remains, verdict
 from forcecal_ros.samples import Recording, Stream
+from forcecal_ros.sim.rig_file import load_rig
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
@@ -135,3 +139,33 @@ def test_the_more_is_closed_by_the_fewer_effects_the_surer_they_are():
     assert sure(0.5, 'base_tilt') < sure(0.9, 'base_tilt') < sure(0.999, 'base_tilt') < 1.0
     assert sure(0.99, 'base_tilt') > sure(0.99, 'base_tilt', 'tool_com') > sure(
         0.99, 'base_tilt', 'tool_com', 'tool_mass')
+
+
+def test_what_is_known_before_any_model_counts_among_the_effects():
+    alone = dict(probabilities([], NOTHING_LEFT, 0.99, known=1)[1])
+    assert alone == {}
+    two = probabilities([('wrench_bias_drift', {})], NOTHING_LEFT, 0.99, known=1)[0]
+    one = probabilities([('wrench_bias_drift', {})], NOTHING_LEFT, 0.99)[0]
+    assert two['wrench_bias_drift'] < one['wrench_bias_drift']
+
+
+def test_no_step_makes_a_mass_or_a_spring_negative():
+    rig = load_rig(None)
+    found = nuisances(rig, 'acc1', ('wrench', 'accelerometer', 'optidrive', 'pose'))
+    p = Problem(rig, (), found, np.array(spreads(rig, found)), centre=np.zeros(len(found)))
+    p.centre = p.moved(np.full(len(found), -1e6))
+    moved = p.current()
+    assert moved.tool.mass == pytest.approx(0.05 * rig.tool.mass)
+    assert moved.wall.stiffness == pytest.approx(0.05 * rig.wall.stiffness)
+    assert moved.optidrive.stiffness == pytest.approx(0.05 * rig.optidrive.stiffness)
+    offset = [n.name for n in found].index('wrench.bias.0')
+    assert p.centre[offset] == -1e6
+
+
+def test_a_line_beside_that_of_an_explained_vibration_is_its_own():
+    beside = datachecks.Line('force.x', 64.31, 1.0, 5000.0)
+    other = datachecks.Line('force.y', 50.0, 1.0, 60.0)
+    p = Problem(load_rig(None), (), effects={'spindle_vibration': {'frequency': 64.01}})
+    lines, notes = _foreign((beside, other), p)
+    assert lines == (other,) and 'wanders about 64.01 Hz' in notes[0]
+    assert _foreign((beside, other), Problem(load_rig(None), ())) == ((beside, other), ())

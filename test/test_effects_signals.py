@@ -106,6 +106,16 @@ def test_hysteresis_leaves_a_loop_twice_as_high_as_its_height():
         -1.5 / 4.0 * (small - small[0]))
 
 
+def test_soft_hysteresis_nears_its_height_exponentially_and_comes_back_along_a_line():
+    there = 0.001 * np.arange(8001)
+    path = np.concatenate([there, there[-2::-1][:2000]])[:, None]
+    out = (path - Hysteresis(1.5, 4.0, softness=1.0)(path))[:, 0]
+    assert out[:8001] == pytest.approx(1.5 * -np.expm1(-there / 4.0), abs=2e-4)
+    assert np.diff(out[8001:]) == pytest.approx(-1.5 / 4.0 * 0.001)
+    hard = path - Hysteresis(1.5, 4.0)(path)
+    assert path - Hysteresis(1.5, 4.0, softness=0.03)(path) == pytest.approx(hard, abs=0.1)
+
+
 def test_hysteresis_does_not_hang_on_the_rate():
     path = np.cumsum(np.random.default_rng(2).standard_normal(500))[:, None]
     once = Hysteresis(1.0, 2.0)(path)

@@ -113,7 +113,9 @@ def remains(left: Left) -> Remains:
 def _foreign(lines: tuple[datachecks.Line, ...], p: Problem
              ) -> tuple[tuple[datachecks.Line, ...], tuple[str, ...]]:
     """Take off the lines beside that of a vibration that is explained, and note them."""
-    speed = p.effects.get(VIBRATION, {}).get('frequency', np.inf)
+    if VIBRATION not in p.effects:
+        return lines, ()
+    speed = p.effects[VIBRATION]['frequency']
     others = tuple(x for x in lines if abs(x.frequency - speed) > WANDERING * speed)
     note = f'{VIBRATION}: its speed wanders about {speed:.2f} Hz; one speed explains a part of it'
     return others, (note,) if len(others) < len(lines) else ()
