@@ -37,7 +37,8 @@ PARAMETERS = (
               'Publish /clock for nodes with use_sim_time; always so where speed is not 1. Its '
               'time passes more slowly where the machine is too slow'),
     Parameter('clock.wait', 0.0, 'Its time stands for so long where the next command of a stream '
-              'is missing, so that a busy computer makes none late; 0: it does not',
+              "is missing, so that a busy computer makes none late; for commands at the robot's "
+              'rate, 0: it does not',
               's', 0.0, 10.0),
     Parameter('latency', 0.004, 'How much later than it could a robot period is simulated, so '
               'that commands of that instant have arrived; header stamps are those of the instant',
