@@ -169,3 +169,16 @@ def test_a_line_beside_that_of_an_explained_vibration_is_its_own():
     lines, notes = _foreign((beside, other), p)
     assert lines == (other,) and 'wanders about 64.01 Hz' in notes[0]
     assert _foreign((beside, other), Problem(load_rig(None), ())) == ((beside, other), ())
+
+
+@pytest.mark.parametrize('step, ends', [(0.1, 2), (5.0, 0)])
+def test_the_last_of_a_few_rough_steps_is_not_the_end_of_a_range(step, ends):
+    t = 0.001 * np.arange(20_000)
+    force = np.zeros((len(t), 6))
+    force[:, 0] = np.clip(120.0 * np.sin(2.0 * np.pi * 0.3 * t), -100.0, 100.0)
+    force += 0.2 * np.random.default_rng(5).standard_normal(force.shape)
+    force[:, 0] = np.clip(step * np.round(force[:, 0] / step), -100.0, 100.0)
+    recording = Recording(wrench=Stream(t, force, 'ft_sensor'))
+    noise = np.full(16, 0.2)
+    found = datachecks.clipping(recording, datachecks.lattices(recording, noise), noise)
+    assert [round(abs(x.limit)) for x in found] == [100] * ends

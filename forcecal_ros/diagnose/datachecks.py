@@ -31,6 +31,9 @@ COARSE = 0.17
 CLIPPED = 5
 """Samples at the very same extreme value, neighbours among them, that count as clipping."""
 
+ROUGH = 2.0
+"""Step of a lattice, in noise RMS, from which the highest value is repeated as any other."""
+
 LINE = 35.0
 """Power of a spectral line over the median of its neighbourhood."""
 
@@ -188,7 +191,8 @@ def _step(values: Array) -> float:
     return step if np.sqrt(np.mean((off - np.rint(off)) ** 2)) < 0.1 else 0.0
 
 
-def clipping(recording: Recording, steps: tuple[Lattice, ...]) -> tuple[Clipping, ...]:
+def clipping(recording: Recording, steps: tuple[Lattice, ...], noise: Array
+             ) -> tuple[Clipping, ...]:
     """
     Find channels that stop at a limit.
 
@@ -196,14 +200,18 @@ def clipping(recording: Recording, steps: tuple[Lattice, ...]) -> tuple[Clipping
     ----------
     recording : Recording
     steps : tuple of Lattice
-        Channels on a lattice repeat values of themselves.
+        Channels on a lattice repeat values of themselves; rough ones say nothing.
+    noise : ndarray, shape (16,)
+        RMS of one sample.
 
     Returns
     -------
     tuple of Clipping
     """
-    coarse, found = {s.channel for s in steps}, []
+    coarse, found = {s.channel: s.step for s in steps}, []
     for c, values in _channels(recording):
+        if coarse.get(CHANNELS[c].name, 0.0) > ROUGH * noise[c]:
+            continue
         for extreme in (values.max(), values.min()):
             at = values == extreme
             runs = int(np.sum(at[1:] & at[:-1]))

@@ -98,7 +98,7 @@ def from_checks(stamps: Sequence[Corrected], noise: Array, model: AccelerometerM
         effects['wrench_quantisation'] = quantised
     notes += [f'{x.channel} comes in steps of {x.step:.4g}' for x in steps]
     limits = [x for one in stamps
-              for x in datachecks.clipping(one.recording, tuple(steps))]
+              for x in datachecks.clipping(one.recording, tuple(steps), noise)]
     for name, quantities in ((n, EFFECTS[n].parameters) for n in CLIPPING):
         by_channel = dict(zip(CLIPPING[name], quantities[-len(CLIPPING[name]):]))
         found = {by_channel[x.channel].name: Parameter(x.limit, 0.0,
