@@ -106,7 +106,7 @@ def test_slow_reversals_alone_leave_both():
     name, values = LATE[0]
     found = diagnosed(chosen(lambda s: s.phase == 'reverse'), {name: values})
     assert found.verdict == 'ambiguous'
-    assert {n for n, _ in found.candidates} == {n for n, _ in LATE}
+    assert {n for n, _ in found.candidates} - {'unknown'} == {n for n, _ in LATE}
 
 
 def test_the_written_plan_is_a_parameter_file_of_the_sequencer(planned):
