@@ -25,7 +25,7 @@ os.environ['PYTHONPATH'] = os.pathsep.join(
 from blind import compare, report, score, seal
 import blind_tool
 from forcecal_ros.errors import ForcecalError
-from forcecal_ros.scale import each
+from forcecal_ros.parallel import each
 from tqdm import tqdm
 
 OPENINGS = ROOT / 'benchmark' / 'blind'

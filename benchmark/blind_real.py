@@ -21,12 +21,12 @@ import tempfile
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from forcecal_ros.bags import read_recording
-from forcecal_ros.calibration_file import load
+from forcecal_ros.calibration.file import load
 from forcecal_ros.cli import main as forcecal
 from forcecal_ros.diagnose.motion.known import known_from_calibration
 from forcecal_ros.diagnose.motion.pipeline import diagnose_motion
-from forcecal_ros.samples import Stream
+from forcecal_ros.recording.bags import read_recording
+from forcecal_ros.recording.streams import Stream
 import numpy as np
 
 DATA = Path(os.environ.get('FORCECAL_DATA', ROOT.parent / 'shared' / 'data')) / 'kuka_lbr_med'

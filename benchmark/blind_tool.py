@@ -15,12 +15,12 @@ if str(ROOT) not in sys.path:
 from blind.casefile import load_case
 from blind.seal import write_json
 from blind.sensors import Recorded
-from forcecal_ros.bags import write_recording
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.pipeline import diagnose
 from forcecal_ros.diagnose.result import to_document
-from forcecal_ros.samples import Phase, PoseStream, Recording, Stream
-from forcecal_ros.sim.rig_file import load_rig
+from forcecal_ros.recording.bags import write_recording
+from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
+from forcecal_ros.simulators.rig.file import load_rig
 import numpy as np
 
 START_NS = 1_760_000_000_000_000_000
@@ -80,7 +80,7 @@ def identity_of_tool():
         return subprocess.run(['git', *words], cwd=ROOT, capture_output=True, text=True,
                               check=True).stdout.strip()
 
-    parts = ['forcecal_ros/diagnose', 'forcecal_ros/sim']
+    parts = ['forcecal_ros/diagnose', 'forcecal_ros/simulators/rig']
     texts = b''.join(path.read_bytes() for part in parts
                      for path in sorted((ROOT / part).rglob('*.py')))
     return {'commit': git('rev-parse', 'HEAD'),

@@ -9,12 +9,12 @@ from forcecal_ros.diagnose.case import Case, prepare
 from forcecal_ros.diagnose.nuisances import apply_all, nuisances, spreads
 from forcecal_ros.diagnose.planning import plan_for
 from forcecal_ros.diagnose.problem import noise_level, Problem
+from forcecal_ros.effects import EFFECTS, with_effects
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array, rotation_about, rotation_from_vector
-from forcecal_ros.samples import Phase, PoseStream, Recording
-from forcecal_ros.sim.effects import EFFECTS, with_effects
-from forcecal_ros.sim.offline import simulate
-from forcecal_ros.sim.rig import Rig
-from forcecal_ros.sim.rig_file import load_rig
+from forcecal_ros.recording.streams import Phase, PoseStream, Recording
+from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rig.offline import simulate
 import numpy as np
 
 NOISE = 1.5

@@ -20,12 +20,12 @@ from forcecal_ros.diagnose.case import prepare
 from forcecal_ros.diagnose.channels import CHANNELS, COLUMNS
 from forcecal_ros.diagnose.pipeline import diagnose
 from forcecal_ros.diagnose.problem import problem
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
-from forcecal_ros.samples import PoseStream, Recording
-from forcecal_ros.scale import each
-from forcecal_ros.sim.offline import simulate
-from forcecal_ros.sim.rig import Rig
-from forcecal_ros.sim.rig_file import dump_rig, load_rig
+from forcecal_ros.parallel import each
+from forcecal_ros.recording.streams import PoseStream, Recording
+from forcecal_ros.simulators.rig.file import dump_rig, load_rig
+from forcecal_ros.simulators.rig.offline import simulate
 import numpy as np
 from scipy.spatial.transform import Rotation
 

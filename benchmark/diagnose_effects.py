@@ -15,8 +15,8 @@ import time
 from typing import Any
 
 from forcecal_ros.diagnose.pipeline import diagnose
-from forcecal_ros.scale import each
-from forcecal_ros.sim.rig_file import load_rig
+from forcecal_ros.parallel import each
+from forcecal_ros.simulators.rig.file import load_rig
 from tqdm import tqdm
 
 sys.path.insert(0, str(Path(__file__).parent))

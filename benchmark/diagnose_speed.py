@@ -20,12 +20,12 @@ import time
 from forcecal_ros.diagnose import hypotheses
 from forcecal_ros.diagnose.pipeline import diagnose
 from forcecal_ros.diagnose.replay import Replay, Signals
+from forcecal_ros.effects import EFFECTS, with_effects
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import rotation_from_vector
-from forcecal_ros.samples import PoseStream, Recording
-from forcecal_ros.sim.effects import EFFECTS, with_effects
-from forcecal_ros.sim.offline import simulate
-from forcecal_ros.sim.rig import Rig
-from forcecal_ros.sim.rig_file import load_rig
+from forcecal_ros.recording.streams import PoseStream, Recording
+from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rig.offline import simulate
 from matplotlib.figure import Figure
 import numpy as np
 from timing import head, row

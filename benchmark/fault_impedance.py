@@ -15,16 +15,16 @@ import random
 import sys
 import tempfile
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
 os.environ.setdefault('ROS_DOMAIN_ID', str(random.randint(1, 101)))
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 from fault_motion import arguments, count, go, known, table
 from fault_motion_runs import ABORT, Bench, FOREIGN, LIMITS, PERIOD, STOP
-from forcecal_ros.calibration_file import save
+from forcecal_ros.calibration.file import save
 from forcecal_ros.impedance.rehearsal import rehearse
 from forcecal_ros.impedance.session import Bounds
-from forcecal_ros.sim.rig_file import load_rig
+from forcecal_ros.simulators.rig.file import load_rig
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 

@@ -20,17 +20,17 @@ from typing import Any
 
 for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
     os.environ.setdefault(_name, '1')
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
 
 from calibration_runs import run
-from forcecal_ros.calibration import Calibration
+from forcecal_ros.calibration.model import Calibration
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array, rotation_from_vector
 from forcecal_ros.identify.pipeline import identify
 from forcecal_ros.identify.settings import Settings
+from forcecal_ros.recording.streams import Recording, Stream
 from forcecal_ros.report.rows import table
-from forcecal_ros.samples import Recording, Stream
-from forcecal_ros.sim.rig import Rig
-from forcecal_ros.sim.rig_file import load_rig
+from forcecal_ros.simulators.rig.file import load_rig
 import numpy as np
 from scipy.stats import binom
 

@@ -22,7 +22,7 @@ import tempfile
 import time
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / 'test')]
+sys.path[:0] = [str(ROOT), str(ROOT / 'test' / 'helpers')]
 
 from forcecal_ros.insitu import calibrate, Chunk, DataSet, Mounting, Options
 import insitu_leg

@@ -18,7 +18,7 @@ import sys
 import tempfile
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.append(str(ROOT / 'test'))
+sys.path.append(str(ROOT / 'test' / 'helpers'))
 
 from forcecal_ros.insitu import calibrate, DataSet, load_spec, Mounting
 from forcecal_ros.insitu.smoothing import PAPER_WINDOW

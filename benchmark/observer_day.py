@@ -13,7 +13,7 @@ import pickle
 import resource
 import sys
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
 
 from forcecal_ros.observe import on_accelerometer, on_displacement, on_pose, on_wrench, State
 from forcecal_ros.observe.design import design

@@ -12,7 +12,7 @@ answer is here again. Of several rounds the least figure counts, for both alike.
 import sys
 import time
 
-from forcecal_ros.calibration_file import save
+from forcecal_ros.calibration.file import save
 from forcecal_ros.nodes.runtime import OUTPUT, SENSOR
 from forcecal_ros.nodes.wire import Reader, Writer
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
@@ -167,7 +167,7 @@ def main() -> None:
     rounds = int(sys.argv[1]) if len(sys.argv) > 1 else 3
     from pathlib import Path
     import tempfile
-    sys.path.append(str(Path(__file__).resolve().parents[1] / 'test'))
+    sys.path.append(str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
     from observing import calibration
     with tempfile.TemporaryDirectory() as folder, own_domain():
         path = f'{folder}/calibration.yaml'

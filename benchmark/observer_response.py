@@ -11,16 +11,16 @@ import os
 from pathlib import Path
 import sys
 
-from forcecal_ros.calibration import Calibration
+from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.observe import design, replay, Settings
-from forcecal_ros.samples import PoseStream, Recording, Stream
-from forcecal_ros.sim.rig_file import load_rig
-from forcecal_ros.sim.simulator import Simulator
+from forcecal_ros.recording.streams import PoseStream, Recording, Stream
+from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rig.simulator import Simulator
 import numpy as np
 from scipy.signal import butter, sosfiltfilt, welch
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / 'test'))
+sys.path.insert(0, str(ROOT / 'test' / 'helpers'))
 from observing import calibration, push, record, Swing  # noqa: E402
 
 SWING = Swing(place=(0.012, 0.004, 0.006), turn=0.2, axis=(0.3, 1.0, 0.2), slide=0.003)
@@ -101,7 +101,7 @@ def real_arm() -> None:
         row('real arm', 'recording absent', '')
         return
     from forcecal_ros.identify.delay import estimate_delay, with_delay
-    from test_observe_recorded import kuka_recording, static_calibration
+    from kuka import kuka_recording, static_calibration
     folder /= 'kuka_lbr_med'
     static = static_calibration(folder)
     free = kuka_recording(folder, '1-baseline')

@@ -16,15 +16,15 @@ import sys
 import tempfile
 import time
 
-from forcecal_ros.bags import read_recording, write_recording
-from forcecal_ros.bags.fields import FIELDS
+from forcecal_ros.recording.bags import read_recording, write_recording
+from forcecal_ros.recording.bags.fields import FIELDS
 import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionMode, Reader
 from timing import best, head, row
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / 'test'))
+sys.path.insert(0, str(ROOT / 'test' / 'helpers'))
 from bag_samples import copy_bag, STORAGES  # noqa: E402
 from observing import record, Swing  # noqa: E402
 

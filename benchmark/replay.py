@@ -14,16 +14,16 @@ import sys
 import tempfile
 import time
 
-from forcecal_ros.bags import read_recording, write_recording, write_signals
-from forcecal_ros.calibration_file import load, save
+from forcecal_ros.calibration.file import load, save
 from forcecal_ros.observe import design, replay
 from forcecal_ros.observe.playback import run
-from forcecal_ros.samples import Stream
+from forcecal_ros.recording.bags import read_recording, write_recording, write_signals
+from forcecal_ros.recording.streams import Stream
 import numpy as np
 from timing import best, head, row
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / 'test'))
+sys.path.insert(0, str(ROOT / 'test' / 'helpers'))
 from observing import calibration, record, Swing  # noqa: E402
 
 SWING = Swing(place=(0.012, 0.004, 0.006), turn=0.2)

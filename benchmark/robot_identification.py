@@ -8,15 +8,15 @@ noise, ten times. The true frequency response, up to 40 Hz, is measured on the n
 
 import argparse
 
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
 from forcecal_ros.impedance.design import design
-from forcecal_ros.plant.excitation import excitation
-from forcecal_ros.plant.identify import identify_plant
-from forcecal_ros.plant.plant_file import save_plant
-from forcecal_ros.samples import PoseStream, Recording
-from forcecal_ros.sim.offline import simulate
-from forcecal_ros.sim.rig import Rig
-from forcecal_ros.sim.rig_file import load_rig
+from forcecal_ros.impedance.plant.excitation import excitation
+from forcecal_ros.impedance.plant.file import save_plant
+from forcecal_ros.impedance.plant.identify import identify_plant
+from forcecal_ros.recording.streams import PoseStream, Recording
+from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rig.offline import simulate
 import numpy as np
 
 SECONDS = 30.0

@@ -19,15 +19,15 @@ import sys
 import tempfile
 import time
 
-from forcecal_ros.bags import read_recording, write_recording
-from forcecal_ros.calibration_file import save
+from forcecal_ros.calibration.file import save
 from forcecal_ros.commands.estimate import answer
-from forcecal_ros.scale import each
+from forcecal_ros.parallel import each
+from forcecal_ros.recording.bags import read_recording, write_recording
 import numpy as np
 from timing import head, row
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.append(str(ROOT / 'test'))
+sys.path.append(str(ROOT / 'test' / 'helpers'))
 from observing import calibration, record, Swing  # noqa: E402
 
 SWING = Swing(place=(0.012, 0.004, 0.006), turn=0.2)

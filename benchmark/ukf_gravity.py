@@ -15,7 +15,7 @@ import sys
 import time
 import timeit
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
 
 from forcecal_ros.gravity import (
     Imu,

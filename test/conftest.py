@@ -28,7 +28,7 @@ def pytest_collection_modifyitems(items):
     for item in items:
         live = item.get_closest_marker('live') or any(
             name.startswith('ros_domain') for name in item.fixturenames)
-        item.add_marker(pytest.mark.xdist_group('live' if live else item.path.stem))
+        item.add_marker(pytest.mark.xdist_group('live' if live else str(item.path)))
 
 
 def _shared(variable: str, name: str) -> Path:

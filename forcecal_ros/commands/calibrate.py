@@ -11,8 +11,8 @@ from forcecal_ros.commands.fleet import run as run_each
 from forcecal_ros.geometry import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from forcecal_ros.calibration import Calibration
-    from forcecal_ros.samples import Recording
+    from forcecal_ros.calibration.model import Calibration
+    from forcecal_ros.recording.streams import Recording
 
 
 def add_parser(subparsers: Any) -> None:
@@ -60,10 +60,14 @@ def run(args: argparse.Namespace) -> int:
 
 def answer(args: argparse.Namespace) -> Answer:
     """Calibrate from one recording."""
-    from forcecal_ros.bags import read_recording, require
-    from forcecal_ros.calibration_file import load
+    from forcecal_ros.calibration.file import load
+    from forcecal_ros.calibration.sensor_matrix import (
+        recording_corrected,
+        required_six_axis,
+        with_matrix_of,
+    )
     from forcecal_ros.identify.delay import estimate_delay, with_delay
-    from forcecal_ros.six_axis import recording_corrected, required_six_axis, with_matrix_of
+    from forcecal_ros.recording.bags import read_recording, require
 
     if Path(args.bag).suffix in ('.yaml', '.yml'):
         return _written(load(args.bag), args, ())
@@ -90,8 +94,8 @@ def answer(args: argparse.Namespace) -> Answer:
 def _written(calibration: 'Calibration', args: argparse.Namespace, notes: tuple[str, ...]
              ) -> Answer:
     """Write a calibration and say what is in it."""
-    from forcecal_ros.calibration_document import to_document
-    from forcecal_ros.calibration_file import save
+    from forcecal_ros.calibration.document import to_document
+    from forcecal_ros.calibration.file import save
     from forcecal_ros.report.rows import as_text, table
 
     save(calibration, args.output)
@@ -121,10 +125,10 @@ def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration
 
 def write_report(path: str, recording: 'Recording', calibration: 'Calibration') -> None:
     """Write the HTML report, with the observer run over the same recording."""
-    from forcecal_ros.files import write_text
+    from forcecal_ros.atomic_files import write_text
     from forcecal_ros.observe import replay
+    from forcecal_ros.recording.streams import Stream
     from forcecal_ros.report.calibration import render
-    from forcecal_ros.samples import Stream
 
     estimate = replay(recording, calibration)
     contact = Stream(estimate.t, estimate.contact, calibration.sensor_frame)

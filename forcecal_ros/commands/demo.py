@@ -15,8 +15,8 @@ from forcecal_ros.commands.common import (
 )
 
 if TYPE_CHECKING:
-    from forcecal_ros.calibration import Calibration
-    from forcecal_ros.samples import Recording, Stream
+    from forcecal_ros.calibration.model import Calibration
+    from forcecal_ros.recording.streams import Recording, Stream
 
 
 def add_parser(subparsers: Any) -> None:
@@ -36,18 +36,18 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    from forcecal_ros.bags import read_recording
-    from forcecal_ros.calibration_document import to_document
-    from forcecal_ros.calibration_file import parse, save
-    from forcecal_ros.files import write_text
+    from forcecal_ros.atomic_files import write_text
+    from forcecal_ros.calibration.document import to_document
+    from forcecal_ros.calibration.file import parse, save
     from forcecal_ros.nodes.demo import run_demo
     from forcecal_ros.observe import batch, replay
+    from forcecal_ros.recording.bags import read_recording
+    from forcecal_ros.recording.streams import Stream
     from forcecal_ros.report.calibration import render
     from forcecal_ros.report.rows import as_text, table
-    from forcecal_ros.samples import Stream
-    from forcecal_ros.sim import simulator
-    from forcecal_ros.sim.rig_file import load_rig
-    from forcecal_ros.sim.truth import true_calibration
+    from forcecal_ros.simulators.rig import simulator
+    from forcecal_ros.simulators.rig.file import load_rig
+    from forcecal_ros.simulators.rig.truth import true_calibration
 
     out = Path(args.out)
     say_if_compiling(simulator.waits_for_compiler() or batch.waits_for_compiler(),
@@ -82,8 +82,8 @@ def run(args: argparse.Namespace) -> int:
 
 def read_contact(bag: Path, start_ns: int) -> 'Stream':
     """Read what the observer published, on the clock of the recording."""
-    from forcecal_ros.bags import read_columns
-    from forcecal_ros.samples import Stream
+    from forcecal_ros.recording.bags import read_columns
+    from forcecal_ros.recording.streams import Stream
 
     columns = read_columns(bag, '/observer/contact_wrench', [
         f'wrench.{part}.{axis}' for part in ('force', 'torque') for axis in 'xyz'])

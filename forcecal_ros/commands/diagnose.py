@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
 
 def answer(args: argparse.Namespace) -> Answer:
     """Diagnose one recording."""
-    from forcecal_ros.bags import read_recording
+    from forcecal_ros.recording.bags import read_recording
 
     recording, *more = (
         read_recording(bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
@@ -61,8 +61,8 @@ def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any) -> Answ
     from forcecal_ros.diagnose.result import to_document
     from forcecal_ros.report.diagnosis import render
     from forcecal_ros.report.diagnosis_view import view_of
-    from forcecal_ros.sim.rig_file import dump_rig, load_rig
-    from forcecal_ros.sim.simulator import waits_for_compiler
+    from forcecal_ros.simulators.rig.file import dump_rig, load_rig
+    from forcecal_ros.simulators.rig.simulator import waits_for_compiler
 
     say_if_compiling(waits_for_compiler(), 'the simulator')
     rig = load_rig(args.rig)
@@ -79,14 +79,14 @@ def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any) -> Answ
 
 def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any) -> Answer:
     """Compare the wrench with the measured motion."""
-    from forcecal_ros.calibration_file import dump, load
+    from forcecal_ros.calibration.file import dump, load
     from forcecal_ros.diagnose.advice import advice
     from forcecal_ros.diagnose.motion.document import to_document
     from forcecal_ros.diagnose.motion.known import known_from_calibration, known_from_rig
     from forcecal_ros.diagnose.motion.pipeline import diagnose_motion, patched
     from forcecal_ros.report.diagnosis import render
     from forcecal_ros.report.diagnosis_view import view_of_motion
-    from forcecal_ros.sim.rig_file import load_rig
+    from forcecal_ros.simulators.rig.file import load_rig
 
     calibration = load(args.calibration) if args.calibration else None
     rig = load_rig(args.rig)
@@ -108,7 +108,7 @@ def _written(args: argparse.Namespace, recording: Any, diagnosis: Any,
     import json
     from pathlib import Path
 
-    from forcecal_ros.files import write_text
+    from forcecal_ros.atomic_files import write_text
 
     folder = Path(args.output)
     files = {'diagnosis.json': json.dumps(document, indent=2, allow_nan=False) + '\n', **files}

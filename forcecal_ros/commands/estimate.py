@@ -9,8 +9,8 @@ from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
 
 if TYPE_CHECKING:
-    from forcecal_ros.calibration import Calibration
-    from forcecal_ros.samples import Recording
+    from forcecal_ros.calibration.model import Calibration
+    from forcecal_ros.recording.streams import Recording
 
 DELAY_STD = 5e-4
 """A delay found in the recording itself is used where its standard error is below this [s]."""
@@ -46,11 +46,11 @@ def run(args: argparse.Namespace) -> int:
 
 def answer(args: argparse.Namespace) -> Answer:
     """Estimate over one recording."""
-    from forcecal_ros.bags import read_recording, write_signals
-    from forcecal_ros.calibration_file import dump, load
+    from forcecal_ros.calibration.file import dump, load
     from forcecal_ros.observe import describe, replay, Settings
     from forcecal_ros.observe.batch import waits_for_compiler
-    from forcecal_ros.samples import Stream
+    from forcecal_ros.recording.bags import read_recording, write_signals
+    from forcecal_ros.recording.streams import Stream
     import numpy as np
 
     calibration = load(args.calibration)

@@ -33,10 +33,10 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    from forcecal_ros.calibration_file import load
+    from forcecal_ros.atomic_files import write_text
+    from forcecal_ros.calibration.exports import export, Place
+    from forcecal_ros.calibration.file import load
     from forcecal_ros.errors import ConfigError
-    from forcecal_ros.exports import export, Place
-    from forcecal_ros.files import write_text
     from forcecal_ros.geometry import matrix_from_quaternion
     import numpy as np
 

@@ -111,7 +111,7 @@ def _tasks(args: argparse.Namespace, bags: Sequence[str], outputs: Mapping[str, 
 def _show_each(tasks: Sequence[argparse.Namespace],
                answer: Callable[[argparse.Namespace], Answer], args: argparse.Namespace,
                many: bool) -> int:
-    from forcecal_ros.scale import each
+    from forcecal_ros.parallel import each
     from tqdm import tqdm
 
     answered = 0

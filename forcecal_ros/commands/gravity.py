@@ -15,9 +15,9 @@ from forcecal_ros.commands.common import (
 )
 
 if TYPE_CHECKING:
-    from forcecal_ros.calibration import Calibration
+    from forcecal_ros.calibration.model import Calibration
     from forcecal_ros.gravity import Compensated, Settings
-    from forcecal_ros.samples import Recording
+    from forcecal_ros.recording.streams import Recording
 
 
 def add_parser(subparsers: Any) -> None:
@@ -56,10 +56,10 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    from forcecal_ros.bags import read_recording, write_signals
-    from forcecal_ros.calibration_file import dump
+    from forcecal_ros.calibration.file import dump
     from forcecal_ros.gravity.step import INVALID
-    from forcecal_ros.samples import Stream
+    from forcecal_ros.recording.bags import read_recording, write_signals
+    from forcecal_ros.recording.streams import Stream
     import numpy as np
 
     settings = settings_of(args)
@@ -116,11 +116,11 @@ def calibration_for(args: argparse.Namespace,
     DataError, UnobservableError
         No calibration is given and the recording does not identify one.
     """
-    from forcecal_ros.bags import read_texts
-    from forcecal_ros.calibration_file import load, parse
+    from forcecal_ros.calibration.file import load, parse
     from forcecal_ros.errors import DataError, UnobservableError
     from forcecal_ros.identify.pipeline import identify
     from forcecal_ros.identify.settings import Settings
+    from forcecal_ros.recording.bags import read_texts
 
     if args.calibration:
         return load(args.calibration), args.calibration

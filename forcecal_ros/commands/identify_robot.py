@@ -8,7 +8,7 @@ from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
 
 if TYPE_CHECKING:
-    from forcecal_ros.plant.identify import PlantFit
+    from forcecal_ros.impedance.plant.identify import PlantFit
 
 
 def add_parser(subparsers: Any) -> None:
@@ -32,9 +32,9 @@ def run(args: argparse.Namespace) -> int:
 
 def answer(args: argparse.Namespace) -> Answer:
     """Identify from one recording."""
-    from forcecal_ros.bags import read_recording, require
-    from forcecal_ros.plant.identify import identify_plant
-    from forcecal_ros.plant.plant_file import save_plant, to_document
+    from forcecal_ros.impedance.plant.file import save_plant, to_document
+    from forcecal_ros.impedance.plant.identify import identify_plant
+    from forcecal_ros.recording.bags import read_recording, require
 
     recording = read_recording(
         args.bag, topics=topic_names(args), wrench_sign=args.wrench_sign)

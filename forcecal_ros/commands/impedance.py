@@ -44,14 +44,14 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    from forcecal_ros.files import write_bytes, write_text
+    from forcecal_ros.atomic_files import write_bytes, write_text
     from forcecal_ros.impedance.design import design
     from forcecal_ros.impedance.experiment import conduct
+    from forcecal_ros.impedance.plant.file import load_plant
     from forcecal_ros.impedance.settings import DesignSettings, Wanted
-    from forcecal_ros.plant.plant_file import load_plant
     from forcecal_ros.report.impedance import pictures, render, text
-    from forcecal_ros.sim.rig_file import load_rig
-    from forcecal_ros.sim.simulator import waits_for_compiler
+    from forcecal_ros.simulators.rig.file import load_rig
+    from forcecal_ros.simulators.rig.simulator import waits_for_compiler
     from tqdm import tqdm
 
     designed = design(load_plant(args.plant), Wanted(args.mass, args.damping, args.stiffness),

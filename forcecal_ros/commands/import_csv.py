@@ -25,9 +25,9 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    from forcecal_ros.bags import write_signals
-    from forcecal_ros.tables import assemble, load_specification
-    from forcecal_ros.topics import ROLES
+    from forcecal_ros.recording.bags import write_signals
+    from forcecal_ros.recording.csv_import import assemble, load_specification
+    from forcecal_ros.recording.topics import ROLES
 
     imported = assemble(load_specification(args.specification, args.tables))
     write_signals(args.output, imported.signals, imported.start_ns, args.storage, imported.topics)

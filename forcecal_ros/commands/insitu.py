@@ -37,8 +37,8 @@ def run(args: argparse.Namespace) -> int:
     from dataclasses import replace
     import json
 
-    from forcecal_ros.calibration_file import save
-    from forcecal_ros.files import write_bytes, write_text
+    from forcecal_ros.atomic_files import write_bytes, write_text
+    from forcecal_ros.calibration.file import save
     from forcecal_ros.insitu import calibrate, DataSet, load_spec, to_calibration, to_document
     from forcecal_ros.report.insitu import pictures, render, text
 
@@ -76,9 +76,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _source(spec: 'Spec', sensor: 'Sensor', path: Path) -> 'Source':
     """Return what reads one data set for one sensor: a table, or else a recording."""
-    from forcecal_ros.bags import read_pieces
     from forcecal_ros.insitu.streams import join, topics_of
     from forcecal_ros.insitu.tables import TableSource
+    from forcecal_ros.recording.bags import read_pieces
     from tqdm import tqdm
 
     table = TableSource(spec, path, sensor.channels.columns) if path.suffix in TABLES else None

@@ -33,11 +33,11 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
+    from forcecal_ros.atomic_files import write_text
     from forcecal_ros.diagnose.plan_file import as_text, to_document, to_parameters
     from forcecal_ros.diagnose.planning import plan_for
-    from forcecal_ros.files import write_text
-    from forcecal_ros.sim.rig_file import load_rig
-    from forcecal_ros.sim.simulator import waits_for_compiler
+    from forcecal_ros.simulators.rig.file import load_rig
+    from forcecal_ros.simulators.rig.simulator import waits_for_compiler
 
     say_if_compiling(waits_for_compiler(), 'the simulator')
     planned = plan_for(load_rig(args.rig), contact=args.contact)

@@ -37,11 +37,11 @@ def run(args: argparse.Namespace) -> int:
     from itertools import chain, dropwhile
     import time
 
-    from forcecal_ros.bags import read_messages, read_topics
     from forcecal_ros.errors import ConfigError, DataError
     from forcecal_ros.nodes.player import Player
     from forcecal_ros.nodes.session import session
-    from forcecal_ros.topics import Topic
+    from forcecal_ros.recording.bags import read_messages, read_topics
+    from forcecal_ros.recording.topics import Topic
     from tqdm import tqdm
 
     if not args.rate > 0 or not args.clock >= 0:

@@ -35,10 +35,10 @@ def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     import time
 
-    from forcecal_ros.bags import BagWriter
     from forcecal_ros.errors import DataError
     from forcecal_ros.nodes.recording import of_this_package, StreamRecorder
     from forcecal_ros.nodes.session import session
+    from forcecal_ros.recording.bags import BagWriter
     from tqdm import tqdm
 
     names = {f'/{name.lstrip("/")}' for name in args.topics}

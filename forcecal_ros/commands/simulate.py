@@ -39,10 +39,10 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    from forcecal_ros.bags import read_recording, require, write_recording
-    from forcecal_ros.sim.offline import simulate
-    from forcecal_ros.sim.rig_file import load_rig
-    from forcecal_ros.sim.simulator import waits_for_compiler
+    from forcecal_ros.recording.bags import read_recording, require, write_recording
+    from forcecal_ros.simulators.rig.file import load_rig
+    from forcecal_ros.simulators.rig.offline import simulate
+    from forcecal_ros.simulators.rig.simulator import waits_for_compiler
 
     rig = load_rig(args.rig)
     commands = read_recording(args.commands, topics=topic_names(args))

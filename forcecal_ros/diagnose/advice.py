@@ -2,20 +2,20 @@
 
 from collections.abc import Iterator, Sequence
 
-from forcecal_ros.control.diagnosis_plan import diagnosis_plan
-from forcecal_ros.control.limits import Limits
-from forcecal_ros.control.motion import Pace
-from forcecal_ros.control.plan import prepare, Timing
-from forcecal_ros.control.poses import step_goal
-from forcecal_ros.control.preview import preview
 from forcecal_ros.diagnose.planning import poses_of, SETTLE
 from forcecal_ros.diagnose.result import Diagnosis
+from forcecal_ros.effects import EFFECTS, with_effects
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import ForcecalError
 from forcecal_ros.geometry import Array
-from forcecal_ros.samples import Phase, PoseStream, Recording
-from forcecal_ros.sim.effects import EFFECTS, with_effects
-from forcecal_ros.sim.offline import simulate
-from forcecal_ros.sim.rig import Rig
+from forcecal_ros.motion.diagnosis_plan import diagnosis_plan
+from forcecal_ros.motion.limits import Limits
+from forcecal_ros.motion.plan import prepare, Timing
+from forcecal_ros.motion.poses import step_goal
+from forcecal_ros.motion.preview import preview
+from forcecal_ros.motion.profiles import Pace
+from forcecal_ros.recording.streams import Phase, PoseStream, Recording
+from forcecal_ros.simulators.rig.offline import simulate
 import numpy as np
 
 STREAMS = ('wrench', 'accelerometer', 'optidrive')

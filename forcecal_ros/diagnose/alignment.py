@@ -1,10 +1,10 @@
 """The instant at which the robot's period 0 began, from stamps and, in doubt, from the pose."""
 
 from forcecal_ros.diagnose.replay import Replay
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
-from forcecal_ros.samples import PoseStream, Recording
-from forcecal_ros.sim.rig import Rig
+from forcecal_ros.recording.streams import PoseStream, Recording
 import numpy as np
 
 ON_GRID = 2e-5

@@ -15,8 +15,8 @@ from forcecal_ros.diagnose.hypotheses import (
 from forcecal_ros.diagnose.problem import EFFECT, Problem
 from forcecal_ros.diagnose.tangent import FAR, Tangent, tangent
 from forcecal_ros.diagnose.trial import Trial
+from forcecal_ros.effects import Effect
 from forcecal_ros.geometry import Array
-from forcecal_ros.sim.effects import Effect
 import numpy as np
 from numpy.typing import NDArray
 

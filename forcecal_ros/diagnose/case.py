@@ -6,10 +6,10 @@ from forcecal_ros.diagnose.alignment import start_of
 from forcecal_ros.diagnose.channels import BLOCK
 from forcecal_ros.diagnose.replay import Replay, Signals
 from forcecal_ros.diagnose.residual import Measured
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
-from forcecal_ros.samples import Phase, Recording
-from forcecal_ros.sim.rig import Rig
+from forcecal_ros.recording.streams import Phase, Recording
 import numpy as np
 from numpy.typing import NDArray
 

@@ -9,8 +9,8 @@ from forcecal_ros.diagnose.evidence import Gram
 from forcecal_ros.diagnose.noise import Noise
 from forcecal_ros.diagnose.nuisances import Nuisance
 from forcecal_ros.diagnose.replay import Signals
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
-from forcecal_ros.sim.rig import Rig
 import numpy as np
 from numpy.typing import NDArray
 

@@ -7,11 +7,11 @@ from forcecal_ros.diagnose.case import prepare, split
 from forcecal_ros.diagnose.hypotheses import hypotheses, Hypothesis
 from forcecal_ros.diagnose.problem import Problem, problem
 from forcecal_ros.diagnose.replay import UNSEEN
+from forcecal_ros.effects import applicable, EFFECTS
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
-from forcecal_ros.samples import Phase, PoseStream
-from forcecal_ros.sim.effects import applicable, EFFECTS
-from forcecal_ros.sim.offline import simulate
-from forcecal_ros.sim.rig import Rig
+from forcecal_ros.recording.streams import Phase, PoseStream
+from forcecal_ros.simulators.rig.offline import simulate
 import numpy as np
 from numpy.typing import NDArray
 

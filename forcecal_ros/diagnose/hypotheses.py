@@ -8,8 +8,8 @@ from forcecal_ros.diagnose.columns import Column
 from forcecal_ros.diagnose.limits import CLIPPING, limit_starts
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.replay import UNSEEN
+from forcecal_ros.effects import applicable, Effect, EFFECTS
 from forcecal_ros.geometry import Array
-from forcecal_ros.sim.effects import applicable, Effect, EFFECTS
 import numpy as np
 from numpy.typing import NDArray
 

@@ -12,8 +12,8 @@ from forcecal_ros.diagnose.nuisances import LIMIT
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.tangent import Tangent, tangent
 from forcecal_ros.diagnose.trial import Trial
+from forcecal_ros.effects import EFFECTS
 from forcecal_ros.geometry import Array
-from forcecal_ros.sim.effects import EFFECTS
 import numpy as np
 from numpy.typing import NDArray
 

@@ -2,8 +2,8 @@
 
 from forcecal_ros.diagnose.channels import CHANNELS, COLUMNS
 from forcecal_ros.diagnose.problem import Problem
+from forcecal_ros.effects import EFFECTS
 from forcecal_ros.geometry import Array
-from forcecal_ros.sim.effects import EFFECTS
 import numpy as np
 
 CLIPPING = {'wrench_saturation': tuple(c.name for c in CHANNELS if c.stream == 'wrench'),

@@ -9,11 +9,11 @@ from forcecal_ros.diagnose.evidence import fit, Gram, Prior
 from forcecal_ros.diagnose.nuisances import LIMIT, Nuisance, nuisances, spreads
 from forcecal_ros.diagnose.replay import RATE, Signals
 from forcecal_ros.diagnose.residual import Measured
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
-from forcecal_ros.samples import Recording
-from forcecal_ros.sim.rig import Rig
-from forcecal_ros.sim.simulator import checked_commands, Samples, Simulator
+from forcecal_ros.recording.streams import Recording
+from forcecal_ros.simulators.rig.simulator import checked_commands, Samples, Simulator
 import numpy as np
 from numpy.typing import NDArray
 

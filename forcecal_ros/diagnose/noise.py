@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.compiled import compiled
 from forcecal_ros.geometry import Array
+from forcecal_ros.jit import compiled
 import numpy as np
 from numpy.typing import NDArray
 

@@ -9,9 +9,9 @@ from forcecal_ros.diagnose.limits import CLIPPING
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.result import Parameter
 from forcecal_ros.diagnose.stamps import Corrected
+from forcecal_ros.effects import EFFECTS
+from forcecal_ros.effects.rig import AccelerometerModel
 from forcecal_ros.geometry import Array
-from forcecal_ros.sim.effects import EFFECTS
-from forcecal_ros.sim.rig import AccelerometerModel
 import numpy as np
 
 

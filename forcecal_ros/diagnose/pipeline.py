@@ -27,11 +27,11 @@ from forcecal_ros.diagnose.stamps import corrected
 from forcecal_ros.diagnose.verdict import probabilities, verdict
 from forcecal_ros.diagnose.visibility import excitation, not_excited
 from forcecal_ros.diagnose.where import Place, places, stage_of
+from forcecal_ros.effects import EFFECTS, with_effects
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
-from forcecal_ros.samples import Recording
-from forcecal_ros.sim.effects import EFFECTS, with_effects
-from forcecal_ros.sim.rig import Rig
+from forcecal_ros.recording.streams import Recording
 import numpy as np
 
 WITHOUT_MEAN = ('wrench_quantisation', 'dropouts')

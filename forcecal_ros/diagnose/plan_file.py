@@ -3,9 +3,9 @@
 import math
 from typing import Any
 
-from forcecal_ros.control.poses import flatten_poses
 from forcecal_ros.diagnose.excitation import ALIKE, Excitation, Shown
 from forcecal_ros.diagnose.planning import Planned
+from forcecal_ros.motion.poses import flatten_poses
 
 HEAD = ('effect', 'at a size of', 'energy', 'shows', 'weakest')
 

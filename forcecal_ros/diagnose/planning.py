@@ -3,17 +3,17 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from forcecal_ros.control.diagnosis_plan import diagnosis_plan
-from forcecal_ros.control.limits import Limits
-from forcecal_ros.control.motion import Pace, Pose
-from forcecal_ros.control.plan import prepare, Timing
-from forcecal_ros.control.poses import nominal_poses, step_goal
-from forcecal_ros.control.preview import preview
 from forcecal_ros.diagnose.excitation import Excitation, excitation
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import rotation_about
-from forcecal_ros.samples import Phase, PoseStream
-from forcecal_ros.sim.rig import Rig
+from forcecal_ros.motion.diagnosis_plan import diagnosis_plan
+from forcecal_ros.motion.limits import Limits
+from forcecal_ros.motion.plan import prepare, Timing
+from forcecal_ros.motion.poses import nominal_poses, step_goal
+from forcecal_ros.motion.preview import preview
+from forcecal_ros.motion.profiles import Pace, Pose
+from forcecal_ros.recording.streams import Phase, PoseStream
 import numpy as np
 
 PRESS = 0.006

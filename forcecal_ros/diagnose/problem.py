@@ -10,9 +10,9 @@ from forcecal_ros.diagnose.evidence import Fit, fit, Gram, Prior
 from forcecal_ros.diagnose.noise import fit_noise, Noise
 from forcecal_ros.diagnose.nuisances import apply_all, LIMIT, Nuisance, nuisances, spreads
 from forcecal_ros.diagnose.replay import Signals
+from forcecal_ros.effects import with_effects
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
-from forcecal_ros.sim.effects import with_effects
-from forcecal_ros.sim.rig import Rig
 import numpy as np
 
 EFFECT = 1.0 / 3.0 ** 2

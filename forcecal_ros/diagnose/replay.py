@@ -3,14 +3,14 @@
 from dataclasses import replace
 from typing import NamedTuple
 
+from forcecal_ros.effects import AccelerometerEffects, EFFECTS, WrenchEffects
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
-from forcecal_ros.samples import PoseStream
-from forcecal_ros.sim.effects import AccelerometerEffects, EFFECTS, WrenchEffects
-from forcecal_ros.sim.offline import held_commands
-from forcecal_ros.sim.plant import common_samples, enough_steps, Plant, same_motion
-from forcecal_ros.sim.rig import Rig
-from forcecal_ros.sim.robot import Motion
-from forcecal_ros.sim.simulator import checked_commands
+from forcecal_ros.recording.streams import PoseStream
+from forcecal_ros.simulators.rig.offline import held_commands
+from forcecal_ros.simulators.rig.plant import common_samples, enough_steps, Plant, same_motion
+from forcecal_ros.simulators.rig.robot import Motion
+from forcecal_ros.simulators.rig.simulator import checked_commands
 import numpy as np
 
 RATE = 1000.0

@@ -5,7 +5,7 @@ from typing import NamedTuple
 from forcecal_ros.diagnose.channels import BLOCK, CHANNELS, COLUMNS
 from forcecal_ros.diagnose.replay import RATE, Signals
 from forcecal_ros.geometry import Array
-from forcecal_ros.samples import Recording
+from forcecal_ros.recording.streams import Recording
 import numpy as np
 from numpy.typing import NDArray
 

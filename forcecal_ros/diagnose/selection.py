@@ -25,7 +25,7 @@ from forcecal_ros.diagnose.ranking import (
 from forcecal_ros.diagnose.remainder import cells, STRONG
 from forcecal_ros.diagnose.tangent import Tangent
 from forcecal_ros.diagnose.trial import Trial
-from forcecal_ros.sim.effects import EFFECTS
+from forcecal_ros.effects import EFFECTS
 import numpy as np
 
 NEAR = 3.0

@@ -8,8 +8,8 @@ from forcecal_ros.diagnose.channels import CHANNELS, COLUMNS
 from forcecal_ros.diagnose.datachecks import PAUSE
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
-from forcecal_ros.samples import PoseStream, Recording, Stream
-from forcecal_ros.topics import ROLES
+from forcecal_ros.recording.streams import PoseStream, Recording, Stream
+from forcecal_ros.recording.topics import ROLES
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp

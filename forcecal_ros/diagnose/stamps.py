@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 from forcecal_ros.diagnose import datachecks
 from forcecal_ros.diagnose.soundness import ABSURD, bridged, silences, sound
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
-from forcecal_ros.samples import Recording
-from forcecal_ros.sim.rig import Rig
+from forcecal_ros.recording.streams import Recording
 import numpy as np
 
 

@@ -6,8 +6,8 @@ from typing import NamedTuple
 from forcecal_ros.diagnose.columns import Column, column
 from forcecal_ros.diagnose.hypotheses import bounds_of, nominal_of, values_of
 from forcecal_ros.diagnose.problem import Problem
+from forcecal_ros.effects import Effect, EFFECTS
 from forcecal_ros.geometry import Array
-from forcecal_ros.sim.effects import Effect, EFFECTS
 import numpy as np
 from numpy.typing import NDArray
 

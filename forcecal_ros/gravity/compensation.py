@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.calibration import Calibration
+from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.gravity.live import begin, Live, on_sample
 from forcecal_ros.gravity.model import Model, model_from_calibration
 from forcecal_ros.gravity.settings import Settings

@@ -3,7 +3,7 @@
 from math import sqrt
 from typing import NamedTuple
 
-from forcecal_ros.calibration import Calibration
+from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array, skew
 from forcecal_ros.gravity.model import Model, model_from_calibration

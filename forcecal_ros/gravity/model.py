@@ -3,7 +3,7 @@
 from math import exp, inf, sqrt
 from typing import NamedTuple
 
-from forcecal_ros.calibration import Calibration
+from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.geometry import Array, skew
 from forcecal_ros.gravity.gaussian import Function, Gaussian, linear
 from forcecal_ros.gravity.settings import (

@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-from forcecal_ros.calibration import Calibration, Estimate, Noise
+from forcecal_ros.calibration.model import Calibration, Estimate, Noise
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
-from forcecal_ros.samples import Recording, Stream
+from forcecal_ros.recording.streams import Recording, Stream
 import numpy as np
 
 FEWEST = 100

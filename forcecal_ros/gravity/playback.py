@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from forcecal_ros.calibration import Accelerometer, Calibration
+from forcecal_ros.calibration.model import Accelerometer, Calibration
 from forcecal_ros.errors import ConfigError, DataError, UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.gravity.imu import Imu, pose_free_model
@@ -15,7 +15,7 @@ from forcecal_ros.gravity.step import Estimate
 from forcecal_ros.observe.design import design
 from forcecal_ros.observe.playback import answers
 from forcecal_ros.observe.settings import Settings as ObserverSettings
-from forcecal_ros.samples import Recording, Stream
+from forcecal_ros.recording.streams import Recording, Stream
 import numpy as np
 from numpy.typing import NDArray
 

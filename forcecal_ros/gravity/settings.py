@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from math import exp, isfinite, log
 from typing import NamedTuple
 
-from forcecal_ros.calibration import Calibration
+from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array, skew
 from forcecal_ros.gravity.sigma_points import PAPER_SCALING, Scaling

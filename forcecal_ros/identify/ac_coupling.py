@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.poses import StaticPose
-from forcecal_ros.samples import Stream
+from forcecal_ros.recording.streams import Stream
 import numpy as np
 from scipy.signal import lfilter
 

@@ -8,7 +8,7 @@ a fraction of a sample is a shift of the stretch.
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
-from forcecal_ros.samples import Phase
+from forcecal_ros.recording.streams import Phase
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline

@@ -22,7 +22,7 @@ from typing import NamedTuple
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.blocks import Averager
 from forcecal_ros.identify.poses import StaticPose
-from forcecal_ros.samples import PoseStream, Stream
+from forcecal_ros.recording.streams import PoseStream, Stream
 import numpy as np
 
 

@@ -6,7 +6,7 @@ Robots arrive exponentially. Tens of micrometres over a tenth of a second are 0.
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
-from forcecal_ros.samples import PoseStream
+from forcecal_ros.recording.streams import PoseStream
 import numpy as np
 
 RATE = 8.0

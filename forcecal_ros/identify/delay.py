@@ -7,11 +7,11 @@ A calibration from a recording with free motion knows its delay already, with ev
 from collections.abc import Callable
 from dataclasses import replace
 
-from forcecal_ros.calibration import Calibration, Estimate
+from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.blocks import Averager, block_length
-from forcecal_ros.samples import Recording, Stream
+from forcecal_ros.recording.streams import Recording, Stream
 import numpy as np
 from scipy.optimize import minimize_scalar
 

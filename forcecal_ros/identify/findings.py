@@ -18,7 +18,7 @@ from forcecal_ros.identify.means import autocovariance, drift
 from forcecal_ros.identify.readings import CHANNELS, clipped
 from forcecal_ros.identify.result import Stages
 from forcecal_ros.identify.settings import Settings
-from forcecal_ros.samples import Recording
+from forcecal_ros.recording.streams import Recording
 import numpy as np
 from scipy.stats import chi2
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 from forcecal_ros.geometry import Array, rotation_vector, skew
 from forcecal_ros.identify.blocks import Grid
 from forcecal_ros.identify.means import autocovariance, correlated_sum
-from forcecal_ros.samples import PoseStream
+from forcecal_ros.recording.streams import PoseStream
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import convolve1d

@@ -8,7 +8,7 @@ from forcecal_ros.identify.kinematics import Motions, Turning
 from forcecal_ros.identify.means import Autocovariance, autocovariance, SHORTEST
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.identify.settings import Settings
-from forcecal_ros.samples import Recording
+from forcecal_ros.recording.streams import Recording
 import numpy as np
 
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
-from forcecal_ros.samples import Stream
+from forcecal_ros.recording.streams import Stream
 import numpy as np
 
 SHORTEST = 10

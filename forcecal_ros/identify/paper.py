@@ -9,7 +9,7 @@ from forcecal_ros.identify.means import window_mean
 from forcecal_ros.identify.operations import operation_count
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.identify.step_gain import plain_offset, step_gain
-from forcecal_ros.samples import Recording
+from forcecal_ros.recording.streams import Recording
 import numpy as np
 
 _VERTICAL = 0.3

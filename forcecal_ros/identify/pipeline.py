@@ -3,7 +3,7 @@
 from dataclasses import replace
 from datetime import datetime, timezone
 
-from forcecal_ros.calibration import Calibration, Estimate, Noise, ObserverGain
+from forcecal_ros.calibration.model import Calibration, Estimate, Noise, ObserverGain
 from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.ac_coupling import lowpassed
@@ -38,7 +38,7 @@ from forcecal_ros.identify.static_accelerometer import identify_static_accelerom
 from forcecal_ros.identify.static_readings import gravity_spread, Statics
 from forcecal_ros.identify.statics import read_statics, ring_of, sag_of, with_ring
 from forcecal_ros.identify.tool import identify_tool, ToolFit
-from forcecal_ros.samples import Recording
+from forcecal_ros.recording.streams import Recording
 import numpy as np
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, rotation_about, rotation_vector
 from forcecal_ros.identify.blocks import STILL
-from forcecal_ros.samples import PoseStream, Recording
+from forcecal_ros.recording.streams import PoseStream, Recording
 import numpy as np
 from scipy.spatial.transform import Rotation
 

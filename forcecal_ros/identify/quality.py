@@ -8,7 +8,7 @@ how much, and where to look.
 from collections.abc import Iterator
 from typing import Any
 
-from forcecal_ros.calibration import Calibration
+from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.axes import Axes, in_words
 from forcecal_ros.identify.blocks import phase_spans

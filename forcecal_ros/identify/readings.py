@@ -5,7 +5,7 @@ from dataclasses import replace
 from forcecal_ros.errors import DataError
 from forcecal_ros.identify.blocks import phase_spans
 from forcecal_ros.identify.poses import StaticPose
-from forcecal_ros.samples import Recording, Stream
+from forcecal_ros.recording.streams import Recording, Stream
 import numpy as np
 
 CHANNELS = ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z')

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from forcecal_ros.calibration import (
+from forcecal_ros.calibration.model import (
     Accelerometer,
     Estimate,
     Noise,
@@ -28,7 +28,7 @@ from forcecal_ros.identify.sag import Sag
 from forcecal_ros.identify.settings import Settings
 from forcecal_ros.identify.static_readings import Statics
 from forcecal_ros.identify.tool import ToolFit
-from forcecal_ros.samples import Recording, Stream
+from forcecal_ros.recording.streams import Recording, Stream
 import numpy as np
 
 

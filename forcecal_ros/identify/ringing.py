@@ -18,7 +18,7 @@ from typing import NamedTuple
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.creep import Creep, fit_creep, follow, STANDS
 from forcecal_ros.identify.departures import Residuals
-from forcecal_ros.samples import PoseStream, Stream
+from forcecal_ros.recording.streams import PoseStream, Stream
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares

@@ -9,7 +9,7 @@ from forcecal_ros.identify.ringing import RingFit, rings, stiffness_and_damping
 from forcecal_ros.identify.sag import Sag, stiffness_from_sag
 from forcecal_ros.identify.settings import Settings
 from forcecal_ros.identify.static_readings import Statics
-from forcecal_ros.samples import Recording
+from forcecal_ros.recording.streams import Recording
 import numpy as np
 
 

@@ -14,10 +14,10 @@ import control
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array
 from forcecal_ros.impedance.law import Law
+from forcecal_ros.impedance.plant.model import Plant
 from forcecal_ros.impedance.process import Process, process, Wall
 from forcecal_ros.impedance.settings import DesignSettings, Wanted
 from forcecal_ros.impedance.stability import Loop, loop, Margins, margins
-from forcecal_ros.plant.model import Plant
 import numpy as np
 
 STIFFEST = 1e6

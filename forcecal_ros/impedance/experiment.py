@@ -4,7 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from forcecal_ros.calibration import Calibration
+from forcecal_ros.calibration.model import Calibration
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.impedance.assess import assess, exceptions, Figures
 from forcecal_ros.impedance.feedback import feedback_of, SOURCES
 from forcecal_ros.impedance.law import Law
@@ -12,7 +13,6 @@ from forcecal_ros.impedance.program import Program, Stage, Task
 from forcecal_ros.impedance.regulator import Regulator
 from forcecal_ros.impedance.rehearsal import rehearse
 from forcecal_ros.impedance.trial import run_trial, Trial
-from forcecal_ros.sim.rig import Rig
 
 OSCILLATION = Program(tuple(
     Stage('free', 0.0 if k % 2 else -0.04, 0.3) for k in range(16)))

@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from forcecal_ros.calibration import Calibration
+from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import quaternion_from_matrix
 from forcecal_ros.observe import (
@@ -14,7 +14,7 @@ from forcecal_ros.observe import (
     Settings,
     State,
 )
-from forcecal_ros.sim.simulator import Samples
+from forcecal_ros.simulators.rig.simulator import Samples
 
 SOURCES = ('true', 'raw', 'static', 'newton', 'kalman')
 """

@@ -9,7 +9,7 @@ exactly over a period.
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
-from forcecal_ros.plant.model import Plant, Robot, Slide
+from forcecal_ros.impedance.plant.model import Plant, Robot, Slide
 import numpy as np
 from scipy.linalg import expm
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from forcecal_ros.control.motion import quintic
 from forcecal_ros.errors import ConfigError
+from forcecal_ros.motion.profiles import quintic
 import numpy as np
 
 FREE = ('free', 'retract')

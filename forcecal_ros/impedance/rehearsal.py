@@ -2,17 +2,17 @@
 
 from dataclasses import replace
 
-from forcecal_ros.calibration import Calibration
-from forcecal_ros.control.limits import Limits
-from forcecal_ros.control.motion import Move, Pace, Pose
-from forcecal_ros.control.plan import calibration_plan, prepare, Timing
-from forcecal_ros.control.poses import nominal_poses, step_goal
+from forcecal_ros.calibration.model import Calibration
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.identify.pipeline import identify
 from forcecal_ros.identify.settings import Settings
+from forcecal_ros.motion.limits import Limits
+from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
+from forcecal_ros.motion.poses import nominal_poses, step_goal
+from forcecal_ros.motion.profiles import Move, Pace, Pose
 from forcecal_ros.observe.gains import with_kalman_gains
-from forcecal_ros.samples import Phase, PoseStream
-from forcecal_ros.sim.offline import simulate
-from forcecal_ros.sim.rig import Rig
+from forcecal_ros.recording.streams import Phase, PoseStream
+from forcecal_ros.simulators.rig.offline import simulate
 import numpy as np
 
 SETTLE = 1.0

@@ -4,12 +4,12 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Protocol
 
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.impedance.feedback import Feedback
 from forcecal_ros.impedance.law import Measurement
 from forcecal_ros.impedance.program import Program, Reference
-from forcecal_ros.samples import Phase, PoseStream, Recording, Stream
-from forcecal_ros.sim.rig import Rig
-from forcecal_ros.sim.simulator import Samples, Simulator
+from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
+from forcecal_ros.simulators.rig.simulator import Samples, Simulator
 import numpy as np
 
 

@@ -4,10 +4,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from forcecal_ros.compiled import compiled
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.prepare import Prepared
+from forcecal_ros.jit import compiled
 import numpy as np
 from numpy.typing import NDArray
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from forcecal_ros.calibration import Estimate
+from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.advice import warnings_of

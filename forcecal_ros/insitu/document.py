@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from forcecal_ros.calibration import Calibration, Estimate
-from forcecal_ros.calibration_document import plain
+from forcecal_ros.calibration.document import plain
+from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.insitu.lemma import Cause
 from forcecal_ros.insitu.result import DataSetResult, SensorResult

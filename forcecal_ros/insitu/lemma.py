@@ -9,9 +9,9 @@ hysteresis; the rest is drift, cables or a light touch.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from forcecal_ros.compiled import compiled
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.blocks import Blocks, Mask
+from forcecal_ros.jit import compiled
 import numpy as np
 from scipy import stats
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from forcecal_ros.calibration import Estimate
+from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu import matrix as eq

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from forcecal_ros.calibration import Estimate
+from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.excitation import Excitation, Norm
 from forcecal_ros.insitu.lemma import Causes, Departure

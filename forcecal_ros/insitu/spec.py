@@ -5,14 +5,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from forcecal_ros.documents import LARGEST, load_yaml
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array, STANDARD_GRAVITY
 from forcecal_ros.insitu.matrix import Load
 from forcecal_ros.insitu.prepare import Mounting
 from forcecal_ros.insitu.reduce import Options
 from forcecal_ros.insitu.smoothing import PAPER_ORDER, PAPER_WINDOW
-from forcecal_ros.tables.units import in_si, NANOSECONDS
+from forcecal_ros.recording.csv_import.units import in_si, NANOSECONDS
+from forcecal_ros.safe_yaml import LARGEST, load_yaml
 import numpy as np
 
 FORMAT = 'forcecal-insitu/1'

@@ -4,10 +4,10 @@ from collections import deque
 from typing import Any
 
 from builtin_interfaces.msg import Duration
-from forcecal_ros.control.joints import JointSetpoint
-from forcecal_ros.control.motion import Pose, Setpoint, twist_towards
 from forcecal_ros.errors import ConfigError, DataError
 from forcecal_ros.geometry import Array, matrix_from_quaternion, quaternion_of
+from forcecal_ros.motion.joints import JointSetpoint
+from forcecal_ros.motion.profiles import Pose, Setpoint, twist_towards
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.runtime import OUTPUT, SENSOR
 from forcecal_ros.nodes.wire import Writer

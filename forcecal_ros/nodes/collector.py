@@ -2,7 +2,7 @@
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import matrix_from_quaternion
-from forcecal_ros.samples import Phase, PoseStream, Recording, Stream
+from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
 import numpy as np
 
 CHANNELS = ('wrench', 'accelerometer', 'pose', 'target', 'optidrive')

@@ -6,7 +6,7 @@ from typing import Any
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array
 from forcecal_ros.nodes.parameters import guard, Parameter
-from forcecal_ros.sim.faults import (
+from forcecal_ros.simulators.rig.faults import (
     CLOCK_FAULTS,
     CLOCK_JUMP,
     FAULTS,
@@ -15,7 +15,7 @@ from forcecal_ros.sim.faults import (
     SensorFault,
     SENSORS,
 )
-from forcecal_ros.sim.simulator import Samples
+from forcecal_ros.simulators.rig.simulator import Samples
 from rclpy.node import Node
 
 PREFIX = 'fault.'

@@ -15,8 +15,8 @@ from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.runtime import EXECUTOR, OUTPUT, run, SECOND, STEADY
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.nodes.wire import JointReader, Reader
-from forcecal_ros.sim.rig_file import load_rig
-from forcecal_ros.sim.simulator import warm_up
+from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rig.simulator import warm_up
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.node import Node
 from sensor_msgs.msg import JointState

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple, Protocol
 
-from forcecal_ros.control.monitor import Monitor
+from forcecal_ros.motion.monitor import Monitor
 from forcecal_ros.nodes.backends import Backend
 from forcecal_ros.nodes.deadman import Deadman
 from forcecal_ros.nodes.runtime import SECOND

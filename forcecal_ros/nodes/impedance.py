@@ -7,16 +7,17 @@ from time import sleep
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from forcecal_ros.control.limits import check_workspace
-from forcecal_ros.control.monitor import Monitor
-from forcecal_ros.control.motion import Pose, Setpoint
-from forcecal_ros.control.stream import phased, StreamClock
 from forcecal_ros.errors import DataError, ForcecalError, MotionError
 from forcecal_ros.geometry import Array, matrix_from_quaternion
 from forcecal_ros.impedance.design import design
 from forcecal_ros.impedance.law import Measurement
+from forcecal_ros.impedance.plant.file import load_plant
 from forcecal_ros.impedance.regulator import Regulator
 from forcecal_ros.impedance.session import Session, Status
+from forcecal_ros.motion.limits import check_workspace
+from forcecal_ros.motion.monitor import Monitor
+from forcecal_ros.motion.profiles import Pose, Setpoint
+from forcecal_ros.motion.stream import phased, StreamClock
 from forcecal_ros.nodes.backends import pose_numbers, TargetFrame
 from forcecal_ros.nodes.deadman import Deadman
 from forcecal_ros.nodes.guard import Guard
@@ -26,7 +27,6 @@ from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.runtime import OUTPUT, run, SECOND, STEADY
 from forcecal_ros.nodes.wire import JointReader, Reader
-from forcecal_ros.plant.plant_file import load_plant
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 import numpy as np
 from rclpy.node import Node

@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, NamedTuple
 
-from forcecal_ros.control.limits import Limits
-from forcecal_ros.control.monitor import WatchSettings
 from forcecal_ros.impedance.program import Task
 from forcecal_ros.impedance.session import Bounds
 from forcecal_ros.impedance.settings import DesignSettings, Wanted
+from forcecal_ros.motion.limits import Limits
+from forcecal_ros.motion.monitor import WatchSettings
 from forcecal_ros.nodes.parameters import Parameter
 from forcecal_ros.nodes.runtime import EXECUTOR
 

@@ -7,8 +7,8 @@ from struct import error as StructError
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
-from forcecal_ros.calibration import Calibration
-from forcecal_ros.calibration_file import DAY, load, parse, refuse_old
+from forcecal_ros.calibration.file import DAY, load, parse, refuse_old
+from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import ConfigError, DataError, ForcecalError
 from forcecal_ros.gravity.compensation import compensated, Compensation, compensation_of, rebiased
 from forcecal_ros.nodes.inbox import Inbox

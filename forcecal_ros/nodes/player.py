@@ -4,11 +4,11 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 import time
 
-from forcecal_ros.bags import Raw
 from forcecal_ros.nodes.recorder import message_class
 from forcecal_ros.nodes.runtime import SECOND
 from forcecal_ros.nodes.session import Session
-from forcecal_ros.topics import ROLES, Topic
+from forcecal_ros.recording.bags import Raw
+from forcecal_ros.recording.topics import ROLES, Topic
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy

@@ -7,9 +7,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from forcecal_ros.bags import BagWriter
 from forcecal_ros.nodes.runtime import LATCHED
-from forcecal_ros.topics import ROLES
+from forcecal_ros.recording.bags import BagWriter
+from forcecal_ros.recording.topics import ROLES
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
@@ -32,7 +32,7 @@ class Recorder:
     node : Node
         Gives the subscriptions and the clock.
     roles : iterable of str
-        Of :data:`forcecal_ros.topics.ROLES`.
+        Of :data:`forcecal_ros.recording.topics.ROLES`.
 
     Attributes
     ----------

@@ -4,9 +4,9 @@ from collections import Counter
 from collections.abc import Callable, Collection
 from functools import partial
 
-from forcecal_ros.bags import BagWriter
 from forcecal_ros.nodes.recorder import HEARD, message_class
-from forcecal_ros.topics import ROLES
+from forcecal_ros.recording.bags import BagWriter
+from forcecal_ros.recording.topics import ROLES
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 

@@ -2,8 +2,8 @@
 
 from math import nan
 
-from forcecal_ros.calibration import Calibration
-from forcecal_ros.calibration_file import dump
+from forcecal_ros.calibration.file import dump
+from forcecal_ros.calibration.model import Calibration
 from geometry_msgs.msg import InertiaStamped
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 

@@ -4,13 +4,13 @@ from collections.abc import Callable
 from struct import error as StructError
 from typing import Any
 
-from forcecal_ros.control.limits import Limits
-from forcecal_ros.control.monitor import Monitor, WatchSettings
+from forcecal_ros.calibration.sensor_matrix import corrected, SixAxis
+from forcecal_ros.motion.limits import Limits
+from forcecal_ros.motion.monitor import Monitor, WatchSettings
 from forcecal_ros.nodes.collector import Collector
 from forcecal_ros.nodes.deadman import Deadman
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Sample, stamp_of
-from forcecal_ros.six_axis import corrected, SixAxis
 from geometry_msgs.msg import AccelStamped, PoseStamped, Vector3Stamped, WrenchStamped
 from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState

@@ -7,18 +7,19 @@ from time import sleep
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from forcecal_ros.calibration import Calibration
-from forcecal_ros.calibration_file import load, save
-from forcecal_ros.control.joints import JointSetpoint
-from forcecal_ros.control.monitor import Stillness
-from forcecal_ros.control.motion import Pose
-from forcecal_ros.control.plan import check_wrench, Goal, prepare
-from forcecal_ros.control.programs import SEQUENCES
-from forcecal_ros.control.sequence import Command, Sequence, Status
-from forcecal_ros.control.stream import phased, StreamClock
+from forcecal_ros.calibration.file import load, save
+from forcecal_ros.calibration.model import Calibration
+from forcecal_ros.calibration.sensor_matrix import required_six_axis, SixAxis, with_matrix_of
 from forcecal_ros.errors import ConfigError, DataError, ForcecalError, MotionError
 from forcecal_ros.geometry import matrix_from_quaternion
 from forcecal_ros.identify.pipeline import identify
+from forcecal_ros.motion.joints import JointSetpoint
+from forcecal_ros.motion.monitor import Stillness
+from forcecal_ros.motion.plan import check_wrench, Goal, prepare
+from forcecal_ros.motion.profiles import Pose
+from forcecal_ros.motion.programs import SEQUENCES
+from forcecal_ros.motion.sequence import Command, Sequence, Status
+from forcecal_ros.motion.stream import phased, StreamClock
 from forcecal_ros.nodes.backends import JointTrajectories, pose_numbers, TargetFrame, TwistCommands
 from forcecal_ros.nodes.guard import Guard
 from forcecal_ros.nodes.inbox import Inbox
@@ -29,7 +30,6 @@ from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, SECOND, STEADY
 from forcecal_ros.nodes.sensors import Sensors
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
 from forcecal_ros.observe.gains import with_kalman_gains
-from forcecal_ros.six_axis import required_six_axis, SixAxis, with_matrix_of
 from geometry_msgs.msg import InertiaStamped
 from rclpy.node import Node
 from rclpy.time import Time

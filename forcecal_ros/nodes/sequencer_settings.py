@@ -5,27 +5,27 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from forcecal_ros.control.limits import Limits
-from forcecal_ros.control.monitor import WatchSettings
-from forcecal_ros.control.motion import Pace, Pose
-from forcecal_ros.control.plan import Goal, Timing
-from forcecal_ros.control.poses import (
+from forcecal_ros.errors import ConfigError
+from forcecal_ros.geometry import Array, STANDARD_GRAVITY
+from forcecal_ros.identify.settings import COMPLIANCES, COUPLINGS, DESIGNS, MODES
+from forcecal_ros.identify.settings import Settings as IdentificationSettings
+from forcecal_ros.motion.limits import Limits
+from forcecal_ros.motion.monitor import WatchSettings
+from forcecal_ros.motion.plan import Goal, Timing
+from forcecal_ros.motion.poses import (
     anchor,
     flatten_poses,
     nominal_poses,
     read_poses,
     step_goal,
 )
-from forcecal_ros.control.programs import SEQUENCES
-from forcecal_ros.control.sequence import StreamSettings
-from forcecal_ros.documents import LARGEST, load_yaml
-from forcecal_ros.errors import ConfigError
-from forcecal_ros.geometry import Array, STANDARD_GRAVITY
-from forcecal_ros.identify.settings import COMPLIANCES, COUPLINGS, DESIGNS, MODES
-from forcecal_ros.identify.settings import Settings as IdentificationSettings
+from forcecal_ros.motion.profiles import Pace, Pose
+from forcecal_ros.motion.programs import SEQUENCES
+from forcecal_ros.motion.sequence import StreamSettings
 from forcecal_ros.nodes.parameters import Parameter
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
+from forcecal_ros.safe_yaml import LARGEST, load_yaml
 import numpy as np
 
 LATENCY = 0.05

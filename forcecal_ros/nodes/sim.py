@@ -14,9 +14,9 @@ from forcecal_ros.nodes.parameters import declare, Parameter
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.runtime import EXECUTOR, OUTPUT, run, STEADY
 from forcecal_ros.nodes.wire import frame_of, JointWriter, Reader, Writer
-from forcecal_ros.sim.rig_file import load_rig
-from forcecal_ros.sim.schedule import CommandSchedule
-from forcecal_ros.sim.simulator import Samples, Simulator, waits_for_compiler, warm_up
+from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rig.schedule import CommandSchedule
+from forcecal_ros.simulators.rig.simulator import Samples, Simulator, waits_for_compiler, warm_up
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
 import numpy as np
 from rclpy.node import Node

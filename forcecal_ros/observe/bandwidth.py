@@ -3,7 +3,7 @@
 from math import atan, inf, log, tau
 from typing import NamedTuple
 
-from forcecal_ros.calibration import Calibration, Noise
+from forcecal_ros.calibration.model import Calibration, Noise
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array
 from forcecal_ros.observe.inertial import Load

@@ -6,16 +6,16 @@ of them, so nothing is waited for.
 
 from math import inf
 
-from forcecal_ros import compiled
-from forcecal_ros.compiled import compiled_with_all_it_calls
+from forcecal_ros import jit
+from forcecal_ros.calibration.sensor_matrix import all_corrected
 from forcecal_ros.geometry import Array, quaternion_from_matrix
+from forcecal_ros.jit import compiled_with_all_it_calls
 from forcecal_ros.observe.align import displacement_at, force_at, SAME, usable_from
 from forcecal_ros.observe.contact import ContactSample, Filter, Motion, observe, take_pose
 from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.specific_force import next_sample, NOTHING_BEFORE
 from forcecal_ros.observe.step import ABSURD, KEEP
-from forcecal_ros.samples import PoseStream, Recording, Stream
-from forcecal_ros.six_axis import all_corrected
+from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 import numpy as np
 from numpy.typing import NDArray
 
@@ -76,7 +76,7 @@ def estimates(recording: Recording, model: Model
 
 def waits_for_compiler() -> bool:
     """Whether the first recording has to wait until the observer is compiled."""
-    return compiled.waits_for_compiler(_integrate, _observe_all)
+    return jit.waits_for_compiler(_integrate, _observe_all)
 
 
 def _begins(t: Array, timeout: float) -> Mask:

@@ -3,7 +3,8 @@
 from math import inf, tau
 from typing import NamedTuple
 
-from forcecal_ros.calibration import Accelerometer, Calibration
+from forcecal_ros.calibration.model import Accelerometer, Calibration
+from forcecal_ros.calibration.sensor_matrix import six_axis, SixAxis
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.observe.bandwidth import (
     contact_bandwidth,
@@ -16,7 +17,6 @@ from forcecal_ros.observe.bandwidth import (
 from forcecal_ros.observe.inertial import Load
 from forcecal_ros.observe.settings import Settings
 from forcecal_ros.observe.tracking import butterworth, Poles
-from forcecal_ros.six_axis import six_axis, SixAxis
 import numpy as np
 
 Gain = tuple[float, float, float, float, float, float]

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from math import exp, tau
 
-from forcecal_ros.calibration import Calibration, Estimate
+from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.observe.design import design, Model
 from forcecal_ros.observe.settings import Settings
 

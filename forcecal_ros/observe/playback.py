@@ -6,7 +6,7 @@ from heapq import merge
 from operator import itemgetter
 from typing import Any
 
-from forcecal_ros.calibration import Calibration
+from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, quaternion_from_matrix
 from forcecal_ros.observe.contact import ContactSample
@@ -21,7 +21,7 @@ from forcecal_ros.observe.step import (
     Result,
     State,
 )
-from forcecal_ros.samples import Recording
+from forcecal_ros.recording.streams import Recording
 import numpy as np
 from numpy.typing import NDArray
 

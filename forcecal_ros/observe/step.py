@@ -13,6 +13,7 @@ one period of the accelerometer.
 from math import inf, sqrt
 from typing import NamedTuple
 
+from forcecal_ros.calibration.sensor_matrix import corrected
 from forcecal_ros.observe.align import (
     bounded,
     Channel,
@@ -39,7 +40,6 @@ from forcecal_ros.observe.contact import (
 from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.specific_force import next_sample, NOTHING_BEFORE
 from forcecal_ros.observe.tracking import Quaternion, Vector
-from forcecal_ros.six_axis import corrected
 
 CLOCK_JUMP = 1.0
 """Stamps that go back by more than this, twice, are a new clock [s]; one is a bad stamp."""

@@ -4,11 +4,11 @@ import base64
 from collections.abc import Mapping
 from typing import Any
 
-from forcecal_ros.calibration import Calibration
+from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.geometry import Array
+from forcecal_ros.recording.streams import Recording, Stream
 from forcecal_ros.report import figures
 from forcecal_ros.report.rows import interval, Row, table, value
-from forcecal_ros.samples import Recording, Stream
 import jinja2
 from matplotlib.figure import Figure
 

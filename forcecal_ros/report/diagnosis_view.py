@@ -12,7 +12,7 @@ from forcecal_ros.diagnose.remainder import Cell, cells
 from forcecal_ros.diagnose.replay import Signals
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.geometry import Array
-from forcecal_ros.samples import Phase
+from forcecal_ros.recording.streams import Phase
 import numpy as np
 from numpy.typing import NDArray
 

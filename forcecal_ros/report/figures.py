@@ -3,9 +3,9 @@
 from io import BytesIO
 from typing import Any
 
-from forcecal_ros.calibration import Calibration
+from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.geometry import Array
-from forcecal_ros.samples import Phase, PoseStream, Recording, Stream
+from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
 from matplotlib.figure import Figure
 import numpy as np
 from scipy import signal

@@ -7,12 +7,12 @@ its environment, both the opposite of the wire's.
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from forcecal_ros.calibration import Calibration
+from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.geometry import Array
 from forcecal_ros.impedance.trial import Trial
 from forcecal_ros.observe import ContactEstimate, replay, Settings
+from forcecal_ros.recording.streams import Stream
 from forcecal_ros.report.figures import axes_grid, ESTIMATED, MEASURED, specific_force, TRUE
-from forcecal_ros.samples import Stream
 from matplotlib.figure import Figure
 from scipy import signal
 

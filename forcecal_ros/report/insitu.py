@@ -4,7 +4,7 @@ import base64
 from collections.abc import Iterator, Mapping, Sequence
 from io import BytesIO
 
-from forcecal_ros.calibration import Estimate
+from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu import SensorResult
 from forcecal_ros.insitu.result import DataSetResult

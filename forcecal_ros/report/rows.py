@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from forcecal_ros.calibration import Calibration, Estimate
+from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.geometry import Array
 import numpy as np
 

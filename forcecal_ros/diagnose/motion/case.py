@@ -6,7 +6,7 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.blocks import Averager, Grid
 from forcecal_ros.identify.kinematics import Motions, smoothed
-from forcecal_ros.samples import Phase, Recording
+from forcecal_ros.recording.streams import Phase, Recording
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline

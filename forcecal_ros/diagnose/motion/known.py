@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from forcecal_ros.calibration import Calibration
+from forcecal_ros.calibration.model import Calibration
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
-from forcecal_ros.sim.rig import Rig
 import numpy as np
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 
-from forcecal_ros.calibration import Calibration, Estimate
+from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.gap import Gap
 from forcecal_ros.diagnose.motion.arms import Arms, SLOW
@@ -19,7 +19,7 @@ from forcecal_ros.diagnose.verdict import UNKNOWN
 from forcecal_ros.diagnose.where import places
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
-from forcecal_ros.samples import Recording
+from forcecal_ros.recording.streams import Recording
 import numpy as np
 
 VISIBLE = 25.0

@@ -1,0 +1,1 @@
+"""What an identification leaves: the calibration as data and as a file."""

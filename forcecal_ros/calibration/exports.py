@@ -1,0 +1,200 @@
+"""A calibration as the snippet of YAML that another package wants: its keys, its signs.
+
+A reading at rest is ``sign (m g + bias)`` on the wire; what each consumer makes of it decides.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from forcecal_ros.calibration.model import Calibration
+from forcecal_ros.calibration.third_party import FT_TOOLS, KTH
+from forcecal_ros.errors import ConfigError
+from forcecal_ros.geometry import Array
+import numpy as np
+from numpy.typing import ArrayLike
+import yaml
+
+_AXES = tuple(f'{kind}.{axis}' for kind in ('force', 'torque') for axis in 'xyz')
+
+
+class Place(NamedTuple):
+    """
+    What a calibration does not know of the robot it is exported for.
+
+    Attributes
+    ----------
+    node : str
+        Name of the node that takes the parameters; empty: the usual one.
+    base_frame : str
+        Frame whose z points up.
+    R_flange_sensor : ndarray, shape (3, 3)
+    sensor_in_flange : ndarray, shape (3,)
+        Pose of ft_sensor in the flange of the robot [m].
+    """
+
+    node: str = ''
+    base_frame: str = 'base_link'
+    R_flange_sensor: Array = np.eye(3)
+    sensor_in_flange: Array = np.zeros(3)
+
+
+class Consumer(NamedTuple):
+    """
+    One package that takes a calibration.
+
+    Attributes
+    ----------
+    notes : str
+        What its user has to know; the head of the snippet.
+    document : callable
+        (calibration, place) -> what goes into the YAML.
+    turns : bool
+        Whether it can cope with readings of the opposite sign.
+    reads_raw : bool
+        Whether it works on the readings as they are on the wire.
+    """
+
+    notes: str
+    document: Callable[[Calibration, Place], Mapping[str, Any]]
+    turns: bool
+    reads_raw: bool
+
+
+def export(calibration: Calibration, consumer: str, place: Place | None = None) -> str:
+    """
+    Write the snippet that a consumer wants.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    consumer : str
+        One of ``CONSUMERS``.
+    place : Place, optional
+
+    Returns
+    -------
+    str
+        YAML with a head of comments.
+
+    Raises
+    ------
+    ConfigError
+        The consumer does not exist, or cannot take such readings.
+    """
+    if consumer not in CONSUMERS:
+        raise ConfigError(f'consumer {consumer!r} is not known; use one of {", ".join(CONSUMERS)}')
+    one = CONSUMERS[consumer]
+    if calibration.wrench_sign < 0 and not one.turns:
+        raise ConfigError(
+            f'{consumer} takes the wrench of the environment on the tool, the sensor reports the '
+            'opposite (sensor.sign -1); turn it around first (--for broadcaster has multipliers)')
+    if calibration.matrix is not None and one.reads_raw:
+        raise ConfigError(
+            f'{consumer} cannot apply the matrix that makes a wrench of the raw channels; give it '
+            'observer/contact_wrench instead')
+    notes = f'{one.notes}\nCalibrated with gravity {calibration.gravity:.5f} m/s^2.'
+    head = ''.join(f'# {line}\n' for line in notes.splitlines())
+    body = yaml.safe_dump(dict(one.document(calibration, place or Place())), sort_keys=False,
+                          width=99, default_flow_style=None)
+    return head + body
+
+
+def _plain(values: ArrayLike) -> Any:
+    """Return numbers of nine digits, as floats that YAML keeps as floats."""
+    array = np.asarray(values, dtype=float)
+    if array.ndim:
+        return [_plain(value) for value in array]
+    return float(f'{float(array):.9g}') + 0.0
+
+
+def _by_axis(values: ArrayLike) -> dict[str, dict[str, float]]:
+    parts: dict[str, dict[str, float]] = {}
+    for name, value in zip(_AXES, _plain(values)):
+        kind, axis = name.split('.')
+        parts.setdefault(kind, {})[axis] = value
+    return parts
+
+
+def _parameters(node: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    return {node: {'ros__parameters': dict(values)}}
+
+
+def _broadcaster(c: Calibration, place: Place) -> dict[str, Any]:
+    """Offsets are added before the multipliers: sign (raw - sign bias)."""
+    return _parameters(place.node or 'force_torque_sensor_broadcaster', {
+        'frame_id': c.sensor_frame,
+        'offset': _by_axis(-c.wrench_sign * c.wrench_bias.value),
+        'multiplier': _by_axis(np.full(6, float(c.wrench_sign)))})
+
+
+def _gravity_filter(c: Calibration, place: Place) -> dict[str, Any]:
+    return _parameters(place.node or 'force_torque_sensor_broadcaster', {
+        'sensor_filter_chain': {'filter1': {
+            'name': 'gravity_compensation',
+            'type': 'control_filters/GravityCompensationWrench',
+            'params': {
+                'world_frame': place.base_frame,
+                'sensor_frame': c.sensor_frame,
+                'tool': {'mass': _plain(c.mass.value), 'CoG': _plain(c.com.value),
+                         'gravity_field': [0.0, 0.0, _plain(-c.gravity)]}}}}})
+
+
+def _admittance(c: Calibration, place: Place) -> dict[str, Any]:
+    return _parameters(place.node or 'admittance_controller', {
+        'ft_sensor': {'frame': {'id': c.sensor_frame}},
+        'fixed_world_frame': {'frame': {'id': place.base_frame}},
+        'gravity_compensation': {
+            'frame': {'id': c.sensor_frame},
+            'CoG': {'pos': _plain(c.com.value), 'force': _plain(c.mass.value * c.gravity)}}})
+
+
+def _ur(c: Calibration, place: Place) -> dict[str, Any]:
+    x, y, z = _plain(place.sensor_in_flange + place.R_flange_sensor @ c.com.value)
+    document = {'mass': _plain(c.mass.value), 'center_of_gravity': {'x': x, 'y': y, 'z': z}}
+    if c.inertia is not None:
+        inertia = place.R_flange_sensor @ c.inertia.value @ place.R_flange_sensor.T
+        document |= {f'i{"xyz"[i]}{"xyz"[j]}': _plain(inertia[i, j])
+                     for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))}
+    return document
+
+
+def _kth(c: Calibration, place: Place) -> dict[str, Any]:
+    mass, com, bias, frame = KTH
+    return {bias: _plain(c.wrench_bias.value), mass: _plain(c.mass.value),
+            frame: c.sensor_frame, 'gripper_com_child_frame_id': 'gripper_com',
+            com: [*_plain(c.com.value), 0.0, 0.0, 0.0]}
+
+
+def _ft_tools(c: Calibration, place: Place) -> dict[str, Any]:
+    mass, com, force, torque = FT_TOOLS
+    bias = _plain(c.wrench_bias.value)
+    return {mass: _plain(c.mass.value), com: _plain(c.com.value),
+            force: bias[:3], torque: bias[3:]}
+
+
+CONSUMERS: Mapping[str, Consumer] = {
+    'broadcaster': Consumer(
+        'force_torque_sensor_broadcaster (ros2_controllers): takes the bias off, turns the sign.\n'
+        'It publishes (raw + offset) * multiplier, so offset = -bias; weight is left in.',
+        _broadcaster, turns=True, reads_raw=True),
+    'gravity_filter': Consumer(
+        'GravityCompensation (control_filters), in the filter chain of the broadcaster: takes\n'
+        'the weight off what --for broadcaster has taken the bias off.',
+        _gravity_filter, turns=True, reads_raw=False),
+    'admittance': Consumer(
+        'admittance_controller (ros2_controllers): takes the weight off; CoG.force is m g.\n'
+        'It removes no bias: feed it a sensor whose bias is taken off.',
+        _admittance, turns=False, reads_raw=True),
+    'ur': Consumer(
+        'Request of ur_msgs/srv/SetPayload (/io_and_status_controller/set_payload), in the frame\n'
+        'of the flange. What sits between flange and sensor, the sensor too, is not in it.\n'
+        'ur_msgs before 2.4 knows mass and center_of_gravity only.',
+        _ur, turns=True, reads_raw=False),
+    'kth': Consumer(
+        'gravity_compensation (kth-ros-pkg/force_torque_tools): takes bias and weight off.',
+        _kth, turns=False, reads_raw=True),
+    'ft_tools': Consumer(
+        'ft_estimation (ft_tools_ros2): takes bias and weight off.',
+        _ft_tools, turns=False, reads_raw=True),
+}
+"""Name -> how to write for it."""

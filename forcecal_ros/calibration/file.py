@@ -1,0 +1,141 @@
+"""The file ``calibration.yaml``: written whole, checked when it is read."""
+
+from datetime import datetime
+from hashlib import sha256
+from pathlib import Path
+
+from forcecal_ros.atomic_files import write_text
+from forcecal_ros.calibration.document import from_document, to_document
+from forcecal_ros.calibration.model import Calibration, FORMAT
+from forcecal_ros.calibration.third_party import recognise
+from forcecal_ros.errors import ConfigError
+from forcecal_ros.safe_yaml import LARGEST, load_yaml
+import yaml
+
+DAY = 86_400.0
+"""[s]"""
+
+_CHECKSUM = 'checksum: '
+
+
+def dump(calibration: Calibration) -> str:
+    """Return the text of ``calibration.yaml`` for a calibration."""
+    text = yaml.safe_dump(to_document(calibration), sort_keys=False, width=99,
+                          default_flow_style=None, allow_unicode=True)
+    return f'{text}{_CHECKSUM}{_digest(text)}\n'
+
+
+def _digest(text: str) -> str:
+    return f'sha256-{sha256(text.encode()).hexdigest()}'
+
+
+def _check_sum(text: str, name: str) -> None:
+    """Refuse a text that is not what was written; one without checksum passes."""
+    body, mark, rest = text.rpartition(f'\n{_CHECKSUM}')
+    if mark and rest.strip() != _digest(body + '\n'):
+        raise ConfigError(f'{name}: its checksum does not fit: it is damaged or was edited; take '
+                          f'{name}~ or calibrate again, or drop the line `checksum` if you edited '
+                          'it on purpose')
+
+
+def save(calibration: Calibration, path: Path | str) -> None:
+    """
+    Write ``calibration.yaml`` atomically; what was there is kept as ``calibration.yaml~``.
+
+    Raises
+    ------
+    ConfigError
+        The place cannot or must not be written to.
+    """
+    write_text(path, dump(calibration))
+
+
+def load(path: Path | str) -> Calibration:
+    """
+    Read a calibration file, or one of force_torque_tools (KTH) or ft_tools_ros2.
+
+    Parameters
+    ----------
+    path : Path or str
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    ConfigError
+        It is not there, too large, not YAML, of another format, or a key is missing, has the
+        wrong shape or unit, or is not finite, or the checksum does not fit; the message names
+        file and key.
+    """
+    path = Path(path)
+    try:
+        with path.open('rb') as file:
+            text = file.read(LARGEST + 1).decode()
+    except OSError as error:
+        raise ConfigError(f'{path}: cannot be read ({error.strerror}); '
+                          'name a file written by `forcecal calibrate`') from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f'{path}: not a text file; '
+                          'name a file written by `forcecal calibrate`') from error
+    return parse(text, str(path))
+
+
+def refuse_old(calibration: Calibration, longest: float, now: float, name: str) -> None:
+    """
+    Refuse a calibration whose recording is too old.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    longest, now : float
+        Allowed age, and the time it is counted to [s since the epoch].
+    name : str
+        File, for the message.
+
+    Raises
+    ------
+    ConfigError
+        It is older, or does not say how old it is.
+    """
+    recorded = calibration.source.get('recorded')
+    try:
+        age = now - datetime.fromisoformat(str(recorded)).timestamp()
+    except ValueError:
+        raise ConfigError(f'{name}: does not say when it was recorded, and calibration.max_age is '
+                          f'{longest / DAY:g} d; calibrate again') from None
+    if age > longest:
+        raise ConfigError(f'{name}: was recorded {age / DAY:.1f} d ago, calibration.max_age is '
+                          f'{longest / DAY:g} d; calibrate again')
+
+
+def parse(text: str, name: str = 'calibration') -> Calibration:
+    """
+    Read a calibration from its text, as it arrives on ``sequencer/calibration``.
+
+    Parameters
+    ----------
+    text : str
+    name : str
+        File or topic, for messages.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    ConfigError
+        As :func:`load`.
+    """
+    document = load_yaml(text, name)
+    _check_sum(text, name)
+    if not isinstance(document, dict):
+        raise ConfigError(f'{name}: expected keys such as mass, com and wrench_bias')
+    if 'format' not in document and (foreign := recognise(document, name)) is not None:
+        return foreign
+    if document.get('format') != FORMAT:
+        raise ConfigError(f'{name}: format is {str(document.get("format"))[:80]!r}, this version '
+                          f'reads {FORMAT!r}; calibrate again')
+    return from_document(document, name)

@@ -1,0 +1,257 @@
+"""The library of effects: how a real rig may differ from the nominal one, as data.
+
+A row says what an effect's parameters are, in which range they make sense and at which values it
+does nothing. What it does is in :mod:`forcecal_ros.effects` and, where it enters the
+integration, in :mod:`forcecal_ros.simulators.rig.tool`.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+
+class Quantity(NamedTuple):
+    """
+    One parameter of an effect, in SI units.
+
+    Attributes
+    ----------
+    name, unit : str
+    nominal : float
+        With every parameter at its nominal value the effect does nothing. A parameter that only
+        shapes the effect (a frequency, say) does nothing by itself at any value.
+    low, high : float
+        Limits.
+    typical : float
+        A size that is clearly visible; |typical - nominal| is a fair unit to count it in.
+    starts : tuple of float
+        Where to begin a search: several values where one may miss, the usual value where the
+        parameter only shapes the effect.
+    shapes : bool
+        It only shapes the effect.
+    """
+
+    name: str
+    unit: str
+    nominal: float
+    low: float
+    high: float
+    typical: float
+    starts: tuple[float, ...] = ()
+    shapes: bool = False
+
+
+class Effect(NamedTuple):
+    """
+    One way in which a rig differs from the nominal one.
+
+    Attributes
+    ----------
+    name : str
+    stage : str
+        ``robot``, ``tool``, ``environment``, ``wrench_sensor``, ``accelerometer`` or ``timing``.
+    parameters : tuple of Quantity
+        Where ``nuisance`` is given: its parameters one by one, in its units.
+    excited_by : tuple of str
+        Phases of a recording that show it.
+    smooth : bool
+        False: its output has kinks in the parameters, which wants finite steps and several
+        starts.
+    where : str
+        ``rig``: it changes the physics; ``signal``: it acts on a sampled signal; ``stamps``: on
+        time stamps and arrival.
+    nuisance : str or None
+        Key of the rig's spreads for the parameter that it moves beyond them.
+    """
+
+    name: str
+    stage: str
+    parameters: tuple[Quantity, ...]
+    excited_by: tuple[str, ...]
+    smooth: bool
+    where: str
+    nuisance: str | None = None
+
+
+ALWAYS = ('measure', 'move', 'step', 'sweep', 'reverse', 'approach', 'contact', 'retract')
+STATIC = ('measure', 'contact')
+MOVING = ('move', 'step', 'sweep', 'reverse', 'retract')
+FAST = ('step', 'sweep', 'contact')
+TOUCHING = ('contact',)
+SLIDING = ('step', 'sweep', 'reverse', 'contact')
+
+_FORCES, _AXES = ('fx', 'fy', 'fz', 'tx', 'ty', 'tz'), ('x', 'y', 'z')
+_STREAMS = ('wrench', 'accelerometer', 'optidrive', 'pose')
+
+
+def _each(names: tuple[str, ...], unit: str, size: float, typical: float, *,
+          prefix: str = '') -> tuple[Quantity, ...]:
+    """Make parameters of one kind, nothing at 0 and as far one way as the other."""
+    return tuple(Quantity(prefix + name, unit, 0.0, -size, size, typical) for name in names)
+
+
+def _change(size: float = 0.9, typical: float = 0.1) -> tuple[Quantity, ...]:
+    return (Quantity('change', '1', 0.0, -size, 9.0, typical),)
+
+
+def _delay() -> tuple[Quantity, ...]:
+    return (Quantity('delay', 's', 0.0, 0.0, 0.05, 0.004),)
+
+
+def _shape(name: str, unit: str, usual: float, low: float, high: float, unit_size: float,
+           starts: tuple[float, ...] = ()) -> Quantity:
+    """Make a parameter that only shapes its effect, and is usually so and so."""
+    return Quantity(name, unit, usual, low, high, usual + unit_size, starts or (usual,), True)
+
+
+def _point(x: float, y: float, z: float) -> tuple[Quantity, ...]:
+    return tuple(_shape(f'point_{axis}', 'm', at, -1.0, 1.0, 0.05)
+                 for axis, at in zip(_AXES, (x, y, z)))
+
+
+_WRENCH = (
+    Effect('wrench_delay', 'wrench_sensor', _delay(), FAST, True, 'signal'),
+    Effect('wrench_lowpass', 'wrench_sensor', (
+        Quantity('time_constant', 's', 0.0, 0.0, 0.2, 0.004),
+        # 1 / (1 + T s + c T^2 s^2): c = 0 first order, 1/2 Butterworth
+        _shape('second_order', '1', 0.0, 0.0, 2.0, 0.25, (0.0, 0.5)),
+    ), FAST, True, 'signal'),
+    Effect('wrench_bias_drift', 'wrench_sensor', (
+        *_each(_FORCES[:3], 'N/s', 10.0, 0.05), *_each(_FORCES[3:], 'N m/s', 1.0, 0.005),
+        # 0: a ramp; else it levels off at rate / settling
+        _shape('settling', '1/s', 0.0, 0.0, 5.0, 0.02, (0.0, 0.05)),
+    ), STATIC, True, 'signal'),
+    Effect('wrench_gain', 'wrench_sensor', _each(_FORCES, '1', 0.9, 0.05), ALWAYS, True,
+           'signal', 'wrench_gain'),
+    # fx_of_fz: the part of fz that is added to fx
+    Effect('wrench_crosstalk', 'wrench_sensor', (
+        *(Quantity(f'{to}_of_{source}', '1', 0.0, -0.9, 0.9, 0.03)
+          for group in (_FORCES[:3], _FORCES[3:]) for to in group for source in group
+          if to != source),
+        *(Quantity(f'{to}_of_{source}', 'm', 0.0, -0.5, 0.5, 0.003)
+          for to in _FORCES[3:] for source in _FORCES[:3])), ALWAYS, True, 'signal'),
+    Effect('wrench_hysteresis', 'wrench_sensor', (
+        # lags by the height once a force has gone on for the width, or turned for twice that;
+        # runs ahead where it is negative; the torques' width is the forces' times the lever
+        Quantity('height', 'N', 0.0, -20.0, 20.0, 1.0, (1.0,)),
+        Quantity('torque_height', 'N m', 0.0, -2.0, 2.0, 0.05, (0.05,)),
+        _shape('width', 'N', 2.0, 0.01, 200.0, 1.0, (0.5, 2.0, 10.0, 40.0)),
+        _shape('lever', 'm', 0.05, 1e-3, 1.0, 0.02),
+        # 0: elasto-plastic; 1: as Bouc and Wen have it with the exponent 1
+        _shape('softness', '1', 0.0, 0.0, 1.0, 0.25, (0.0, 1.0)),
+    ), ('reverse', 'sweep', 'contact', 'measure'), False, 'signal'),
+    Effect('wrench_saturation', 'wrench_sensor', (
+        Quantity('limit', 'N', 1e4, 1.0, 1e4, 120.0, (30.0, 60.0, 100.0, 130.0)),
+        Quantity('torque_limit', 'N m', 1e3, 0.1, 1e3, 5.0, (1e3, 5.0)),
+        # of one axis alone
+        *(Quantity(name, 'N', 1e4, 0.1, 1e4, 60.0) for name in _FORCES[:3]),
+        *(Quantity(name, 'N m', 1e3, 0.01, 1e3, 5.0) for name in _FORCES[3:]),
+    ), ALWAYS, False, 'signal'),
+    Effect('wrench_quantisation', 'wrench_sensor', (
+        Quantity('step', 'N', 0.0, 0.0, 20.0, 1.0, (0.5, 2.0)),
+        Quantity('torque_step', 'N m', 0.0, 0.0, 2.0, 0.1, (0.05, 0.2)),
+    ), ALWAYS, False, 'signal'),
+)
+
+_ACCELEROMETER = (
+    Effect('accel_delay', 'accelerometer', _delay(), FAST, True, 'signal'),
+    Effect('accel_gain', 'accelerometer', _each(_AXES, '1', 0.9, 0.05), ALWAYS, True, 'signal',
+           'accelerometer_gain'),
+    Effect('accel_bias', 'accelerometer', _each(_AXES, 'V', 5.0, 0.1), STATIC, True, 'signal',
+           'accelerometer_offset'),
+    # the rotation vector that turns the axes of S into the accelerometer's
+    Effect('accel_misalignment', 'accelerometer', _each(_AXES, 'rad', 0.5, 0.03), ALWAYS, True,
+           'signal'),
+    Effect('accel_highpass', 'accelerometer', (
+        Quantity('rate', '1/s', 0.0, 0.0, 20.0, 0.1, (0.03, 0.3)),
+        # how long it had been switched on at rest
+        _shape('before', 's', 1e3, 0.0, 1e4, -1e2, (0.0, 1e3)),
+    ), ('measure', 'move'), False, 'signal'),
+    Effect('accel_saturation', 'accelerometer', (
+        Quantity('limit', 'm/s^2', 1e3, 0.1, 1e3, 9.0, (2.0, 5.0, 9.0, 10.0)),
+        *(Quantity(axis, 'm/s^2', 1e3, 0.1, 1e3, 9.0) for axis in _AXES),  # of one axis alone
+    ), FAST, False, 'signal'),
+    Effect('accel_resonance', 'accelerometer', (
+        # 1: the sensor on a spring; between 0 and 1: part of the way
+        Quantity('amplitude', '1', 0.0, -2.0, 2.0, 1.0),
+        _shape('frequency', 'Hz', 40.0, 3.0, 400.0, 5.0, (15.0, 40.0, 100.0)),
+        _shape('damping', '1', 0.1, 0.005, 2.0, 0.05),
+    ), FAST, True, 'signal'),
+)
+
+_TOOL = (
+    # change: relative, of the rig's number
+    Effect('tool_mass', 'tool', _change(0.5, 0.05), ALWAYS, True, 'rig', 'mass'),
+    Effect('tool_com', 'tool', _each(_AXES, 'm', 0.2, 0.005), ALWAYS, True, 'rig', 'com'),
+    Effect('tool_stiffness', 'tool', _change(), SLIDING, True, 'rig', 'stiffness'),
+    Effect('tool_damping', 'tool', _change(0.99, 0.3), SLIDING, True, 'rig', 'damping'),
+    Effect('tool_stiffening', 'tool', (
+        Quantity('cubic', 'N/m^3', 0.0, -2e6, 1e9, 1e7),
+    ), SLIDING, True, 'rig'),
+    Effect('tool_friction', 'tool', (
+        # -force tanh(speed / velocity_scale); with presliding it holds at rest, too: -force z /
+        # presliding, z following the displacement within +-presliding
+        Quantity('force', 'N', 0.0, 0.0, 30.0, 3.0, (0.3, 3.0)),
+        _shape('velocity_scale', 'm/s', 0.002, 1e-4, 0.1, 1e-3, (5e-4, 2e-3, 1e-2)),
+        _shape('presliding', 'm', 0.0, 0.0, 1e-3, 5e-5, (0.0, 5e-5)),
+    ), SLIDING, False, 'rig'),
+    Effect('tool_backlash', 'tool', (
+        # in all, half of it either way
+        Quantity('gap', 'm', 0.0, 0.0, 0.01, 0.0005, (0.0003, 0.001)),
+    ), SLIDING, False, 'rig'),
+    Effect('cable_force', 'tool', (
+        # a force fixed in base, and a spring to where the point is at home
+        *_each(_AXES, 'N', 100.0, 3.0),
+        Quantity('stiffness', 'N/m', 0.0, -200.0, 1000.0, 20.0),
+        *_point(0.05, 0.0, 0.18),
+    ), ('measure', 'move', 'sweep'), True, 'rig'),
+    Effect('spindle_vibration', 'tool', (
+        # in ft_sensor; the phase counts from the start
+        *_each(_AXES, 'N', 200.0, 2.0, prefix='sine_'),
+        *_each(_AXES, 'N', 200.0, 2.0, prefix='cosine_'),
+        _shape('frequency', 'Hz', 30.0, 0.5, 450.0, 0.1, (10.0, 30.0, 50.0, 100.0)),
+        *_point(0.20, 0.0, 0.10),
+    ), ALWAYS, True, 'rig'),
+)
+
+_ROBOT = (
+    Effect('robot_delay', 'robot', _delay(), MOVING, True, 'rig'),
+    Effect('robot_resonance', 'robot', (
+        # 1: the robot's position passes through the mode; less: a part of it
+        Quantity('gain', '1', 0.0, -2.0, 2.0, 0.2),
+        _shape('frequency', 'Hz', 12.0, 1.0, 100.0, 1.0, (6.0, 12.0, 25.0)),
+        _shape('damping', '1', 0.05, 0.005, 1.0, 0.03),
+        # how much of the damping acts against the world, not against the moving robot
+        _shape('grounded', '1', 1.0, 0.0, 1.0, -0.5, (0.0, 1.0)),
+    ), FAST, True, 'rig'),
+    # the rotation vector, about X and Y of base, by which base stands askew
+    Effect('base_tilt', 'robot', _each(_AXES[:2], 'rad', 0.5, 0.01), STATIC, True, 'rig'),
+)
+
+_ENVIRONMENT = (
+    Effect('contact_stiffness', 'environment', _change(typical=0.3), TOUCHING, True, 'rig',
+           'wall_stiffness'),
+    Effect('contact_damping', 'environment', _change(0.99, 1.0), TOUCHING, True, 'rig',
+           'wall_damping'),
+    Effect('wall_position', 'environment', (
+        Quantity('shift', 'm', 0.0, -0.2, 0.2, 0.001),), TOUCHING, True, 'rig',
+        'wall_position'),
+)
+
+_TIMING = (
+    # by how much the stamps of each stream run fast
+    Effect('clock_skew', 'timing', _each(_STREAMS, '1', 0.05, 1e-3), MOVING, True, 'stamps'),
+    # the fraction of each stream's samples that never arrives
+    Effect('dropouts', 'timing', tuple(
+        Quantity(name, '1', 0.0, 0.0, 0.95, 0.02) for name in _STREAMS), ALWAYS, False,
+        'stamps'),
+)
+
+EFFECTS: Mapping[str, Effect] = MappingProxyType({
+    effect.name: effect
+    for effect in (*_WRENCH, *_ACCELEROMETER, *_TOOL, *_ROBOT, *_ENVIRONMENT, *_TIMING)})
+"""Every effect by its name."""
+
+SLIDE_ONLY = frozenset({
+    'tool_stiffness', 'tool_damping', 'tool_stiffening', 'tool_friction', 'tool_backlash'})
+"""Effects of the Optidrive: a rigid tool has none of them."""

@@ -1,0 +1,225 @@
+"""Effects that act on sampled signals: one function each, from its values to an operator.
+
+An operator takes the next samples and goes on where it stopped, so that a live signal comes out
+as a recorded one does. The tables say in which order they compose.
+"""
+
+from collections.abc import Callable, Mapping
+
+from forcecal_ros.effects.chosen import named_effects
+from forcecal_ros.effects.filters import Delay, Filter, Operator
+from forcecal_ros.effects.library import EFFECTS
+from forcecal_ros.effects.play import Hysteresis
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.geometry import Array, rotation_from_vector
+import numpy as np
+
+Named = Mapping[str, float]
+
+FORCES = ('fx', 'fy', 'fz', 'tx', 'ty', 'tz')
+
+
+def _listed(v: Named, *names: str) -> Array:
+    return np.array([v[name] for name in names])
+
+
+def _delay(v: Named, dt: float) -> Operator:
+    return Delay(v['delay'], dt)
+
+
+def _wrench_lowpass(v: Named, dt: float) -> Operator:
+    """1 / (1 + T s + c T^2 s^2): c = 0 is of first order, c = 1/2 a Butterworth of second."""
+    lag, curvature = v['time_constant'], v['second_order'] * v['time_constant'] ** 2
+    if not lag:
+        return lambda wrench: wrench
+    return Filter([1.0], [curvature, lag, 1.0] if curvature else [lag, 1.0], dt)
+
+
+class _Drift:
+    """A ramp that begins with the signal, or, where it settles, levels off exponentially."""
+
+    def __init__(self, rates: Array, settling: float, dt: float) -> None:
+        self._rates, self._settling, self._dt, self._count = rates, settling, dt, 0
+
+    def __call__(self, signal: Array) -> Array:
+        t = self._dt * np.arange(self._count + 1, self._count + len(signal) + 1)
+        self._count += len(signal)
+        if self._settling:
+            t = -np.expm1(-self._settling * t) / self._settling
+        return signal + np.outer(t, self._rates)
+
+
+def _wrench_bias_drift(v: Named, dt: float) -> Operator:
+    return _Drift(_listed(v, *FORCES), v['settling'], dt)
+
+
+def _wrench_gain(v: Named, dt: float) -> Operator:
+    gain = 1.0 + _listed(v, *FORCES)
+    return lambda wrench: wrench * gain
+
+
+def _wrench_crosstalk(v: Named, dt: float) -> Operator:
+    matrix = np.eye(6)
+    for name, value in v.items():
+        to, source = name.split('_of_')
+        matrix[FORCES.index(to), FORCES.index(source)] = value
+    return lambda wrench: wrench @ matrix.T
+
+
+def _wrench_hysteresis(v: Named, dt: float) -> Operator:
+    forces = Hysteresis(v['height'], v['width'], v['softness'])
+    torques = Hysteresis(v['torque_height'], v['width'] * v['lever'], v['softness'])
+    return lambda wrench: np.hstack([forces(wrench[:, :3]), torques(wrench[:, 3:])])
+
+
+def _wrench_saturation(v: Named, dt: float) -> Operator:
+    limit = np.minimum(np.repeat([v['limit'], v['torque_limit']], 3), _listed(v, *FORCES))
+    return lambda wrench: np.clip(wrench, -limit, limit)
+
+
+def _wrench_quantisation(v: Named, dt: float) -> Operator:
+    def rounded(wrench: Array) -> Array:
+        out = wrench.copy()
+        for part, step in ((slice(0, 3), v['step']), (slice(3, 6), v['torque_step'])):
+            if step:
+                out[:, part] = step * np.round(out[:, part] / step)
+        return out
+    return rounded
+
+
+def _accel_gain(v: Named, dt: float) -> Operator:
+    gain = 1.0 + _listed(v, *'xyz')
+    return lambda force: force * gain
+
+
+def _accel_misalignment(v: Named, dt: float) -> Operator:
+    """Turn the axes of the accelerometer, by a rotation vector in S."""
+    R_sensor_accelerometer = rotation_from_vector(_listed(v, *'xyz'))
+    return lambda force: force @ R_sensor_accelerometer
+
+
+def _accel_highpass(v: Named, dt: float) -> Operator:
+    """dy/dt = dx/dt - rate y; before the start, the first x was there for so long."""
+    rate = v['rate']
+    if not rate:
+        return lambda force: force
+    slow = Filter([rate], [1.0, rate], dt, settled=-np.expm1(-rate * v['before']))
+    return lambda force: force - slow(force)
+
+
+def _accel_resonance(v: Named, dt: float) -> Operator:
+    """1 + amplitude (w^2 / (s^2 + 2 zeta w s + w^2) - 1): at 1, the sensor sits on a spring."""
+    w = 2.0 * np.pi * v['frequency']
+    mount = Filter([w * w], [1.0, 2.0 * v['damping'] * w, w * w], dt)
+    return lambda force: force + v['amplitude'] * (mount(force) - force)
+
+
+def _accel_saturation(v: Named, dt: float) -> Operator:
+    limit = np.minimum(v['limit'], _listed(v, *'xyz'))
+    return lambda force: np.clip(force, -limit, limit)
+
+
+def _accel_bias(v: Named, dt: float) -> Operator:
+    bias = _listed(v, *'xyz')
+    return lambda volts: volts + bias
+
+
+Builders = Mapping[str, Callable[[Named, float], Operator]]
+
+WRENCH: Builders = {
+    'wrench_hysteresis': _wrench_hysteresis, 'wrench_gain': _wrench_gain,
+    'wrench_crosstalk': _wrench_crosstalk, 'wrench_lowpass': _wrench_lowpass,
+    'wrench_delay': _delay, 'wrench_bias_drift': _wrench_bias_drift,
+}
+"""Acting on the wrench without bias and noise [N], [N m]."""
+
+WIRE: Builders = {
+    'wrench_saturation': _wrench_saturation, 'wrench_quantisation': _wrench_quantisation,
+}
+"""Acting on the wrench as on the wire, noise included [N], [N m]."""
+
+SPECIFIC_FORCE: Builders = {
+    'accel_misalignment': _accel_misalignment, 'accel_highpass': _accel_highpass,
+    'accel_resonance': _accel_resonance, 'accel_gain': _accel_gain, 'accel_delay': _delay,
+}
+"""Acting on what the accelerometer responds to [m/s^2]."""
+
+VOLTS: Builders = {'accel_bias': _accel_bias}
+"""Acting on the accelerometer's volts without noise."""
+
+READING: Builders = {'accel_saturation': _accel_saturation}
+"""Acting on the accelerometer's volts, noise included, as specific force [m/s^2]."""
+
+
+def _operators(rig: Rig, builders: Builders, dt: float) -> tuple[Operator, ...]:
+    named = named_effects(rig.effects)
+    return tuple(
+        build(named[name], dt) for name, build in builders.items()
+        if any(named.get(name, {}).get(q.name, q.nominal) != q.nominal
+               for q in EFFECTS[name].parameters))
+
+
+def _through(operators: tuple[Operator, ...], signal: Array) -> Array:
+    for operator in operators:
+        signal = operator(signal)
+    return signal
+
+
+class WrenchEffects:
+    """
+    What a rig's effects do to the signal of its wrench sensor, block after block.
+
+    Parameters
+    ----------
+    rig : Rig
+    dt : float
+        Between samples [s].
+    """
+
+    def __init__(self, rig: Rig, dt: float) -> None:
+        self._bias = np.array(rig.wrench_sensor.bias)
+        self._before, self._after = _operators(rig, WRENCH, dt), _operators(rig, WIRE, dt)
+
+    def before_noise(self, wrench: Array) -> Array:
+        """Change the next samples, on the wire but without noise, shape (n, 6)."""
+        if not self._before:
+            return wrench
+        return np.asarray(_through(self._before, wrench - self._bias) + self._bias)
+
+    def after_noise(self, wrench: Array) -> Array:
+        """Change the next samples, noise included, shape (n, 6)."""
+        return _through(self._after, wrench)
+
+
+class AccelerometerEffects:
+    """
+    What a rig's effects do to the signal of its accelerometer, block after block.
+
+    Parameters
+    ----------
+    rig : Rig
+    accelerometer : str or None
+        ``acc1`` or ``acc2``; the mounted one where none is given.
+    dt : float
+        Between samples [s].
+    """
+
+    def __init__(self, rig: Rig, accelerometer: str | None, dt: float) -> None:
+        model = rig.accelerometer.model(accelerometer)
+        self._gain, self._offset = np.array(model.gain), np.array(model.offset)
+        self._force = _operators(rig, SPECIFIC_FORCE, dt)
+        self._volts, self._reading = _operators(rig, VOLTS, dt), _operators(rig, READING, dt)
+
+    def before_noise(self, volts: Array) -> Array:
+        """Change the next samples without noise, shape (n, 3) [V]."""
+        return _through(self._volts, self._as_force(self._force, volts))
+
+    def after_noise(self, volts: Array) -> Array:
+        """Change the next samples, noise included, shape (n, 3) [V]."""
+        return self._as_force(self._reading, volts)
+
+    def _as_force(self, operators: tuple[Operator, ...], volts: Array) -> Array:
+        if not operators:
+            return volts
+        force = _through(operators, (volts - self._offset) / self._gain)
+        return np.asarray(force * self._gain + self._offset)

@@ -1,0 +1,170 @@
+"""The robot's model from commands and positions: orders by what was not used to fit them."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from forcecal_ros.calibration.model import Estimate
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array
+from forcecal_ros.impedance.plant.model import Robot
+from forcecal_ros.impedance.plant.output_error import fit_output_error, OutputError
+import numpy as np
+
+ORDERS = (1, 2, 3, 4, 5, 6)
+DELAYS = (1, 2, 3)
+
+SETTLING = 0.25
+"""Errors at the begin that do not count, since the robot may have moved before [s]."""
+
+HELD_OUT = 1.0 / 3.0
+"""Share of the recording, its end, that is kept to choose the order and to judge the model."""
+
+FEWEST = 500
+"""Samples that an identification wants."""
+
+CANCELLING = 0.05
+"""Pairs of pole and zero that change the frequency response by less than that are reported."""
+
+_ROUNDING = 1e-12
+
+
+class Pair(NamedTuple):
+    """
+    A pole and a zero that nearly cancel.
+
+    Attributes
+    ----------
+    pole, zero : complex
+        In z.
+    effect : float
+        Most that the pair changes the frequency response, relative.
+    """
+
+    pole: complex
+    zero: complex
+    effect: float
+
+
+class Order(NamedTuple):
+    """One order that was tried: its best delay, and the RMS error on what was held out [m]."""
+
+    order: int
+    delay: int
+    error: float
+
+
+class RobotFit(NamedTuple):
+    """
+    An identified robot.
+
+    Attributes
+    ----------
+    robot : Robot
+    offset : float
+        Of the measured against the commanded position [m].
+    fit : float
+        1 - RMS error / RMS of the position about its mean, held out; 1 is perfect.
+    error : float
+        RMS error held out [m].
+    orders : tuple of Order
+    pairs : tuple of Pair
+        Poles and zeros of the model that nearly cancel.
+    """
+
+    robot: Robot
+    offset: float
+    fit: float
+    error: float
+    orders: tuple[Order, ...]
+    pairs: tuple[Pair, ...]
+
+
+class _Trial(NamedTuple):
+    order: int
+    model: OutputError
+    squares: Array
+
+
+def identify_robot(command: Array, position: Array, period: float, *,
+                   orders: Sequence[int] = ORDERS, delays: Sequence[int] = DELAYS) -> RobotFit:
+    """
+    Identify the robot as output-error model, [Gamez2005] Eq. 28.
+
+    Of each order the best delay is taken; of the orders the smallest one whose error on the
+    data held out is no greater than the least one, as far as its standard error tells.
+
+    Parameters
+    ----------
+    command, position : ndarray, shape (n,)
+        One sample a period, from rest at 0 [m].
+    period : float
+        [s]
+    orders, delays : sequence of int
+        To choose from.
+
+    Returns
+    -------
+    RobotFit
+
+    Raises
+    ------
+    DataError
+        Too few samples, no motion, or no model that fits.
+    """
+    n = len(command)
+    if n < FEWEST or not np.ptp(command) > 0.0 or not np.ptp(position) > 0.0:
+        raise DataError(f'{n} commands over {1e3 * np.ptp(command) if n else 0.0:.3g} mm do not '
+                        f"tell the robot's model; record {FEWEST} or more that move it")
+    held_out = slice(round(n * (1.0 - HELD_OUT)), n)
+    used = slice(round(SETTLING / period), held_out.start)
+    trials = []
+    for order in orders:
+        models = [fit_output_error(command, position, order, delay, used) for delay in delays]
+        trials.append(min(
+            (_Trial(order, model, (position - model.predict(command))[held_out]**2)
+             for model in models), key=lambda trial: float(trial.squares.mean())))
+    chosen = _smallest_of_the_best(trials, float(np.mean(position**2)))
+    model, order = chosen.model, chosen.order
+    std = np.sqrt(np.diag(model.covariance))
+    robot = Robot(period, model.delay, Estimate(model.feedback, std[:order], '1'),
+                  Estimate(model.feedforward, std[order:], '1'))
+    error = float(np.sqrt(chosen.squares.mean()))
+    return RobotFit(
+        robot, model.offset, 1.0 - error / float(np.std(position[held_out])), error,
+        tuple(Order(t.order, t.model.delay, float(np.sqrt(t.squares.mean()))) for t in trials),
+        cancelling_pairs(robot))
+
+
+def _smallest_of_the_best(trials: Sequence[_Trial], power: float) -> _Trial:
+    best = min(trials, key=lambda trial: float(trial.squares.mean()))
+    for trial in trials:
+        worse = trial.squares - best.squares
+        chance = float(np.std(worse)) / np.sqrt(len(worse)) + _ROUNDING**2 * power
+        if float(worse.mean()) <= chance:
+            return trial
+    return best
+
+
+def cancelling_pairs(robot: Robot) -> tuple[Pair, ...]:
+    """
+    Return the poles and zeros that nearly cancel.
+
+    A pair changes the frequency response by |pole - zero| / |z - pole|, which on the unit
+    circle is at most |pole - zero| / (1 - |pole|).
+
+    Parameters
+    ----------
+    robot : Robot
+
+    Returns
+    -------
+    tuple of Pair
+    """
+    pairs = []
+    for pole in robot.poles:
+        if len(robot.zeros):
+            zero = min(robot.zeros, key=lambda z: abs(z - pole))
+            effect = float(abs(pole - zero) / (1.0 - abs(pole)))
+            if effect < CANCELLING:
+                pairs.append(Pair(complex(pole), complex(zero), effect))
+    return tuple(pairs)

@@ -1,0 +1,365 @@
+"""What the sequencer's sensors say while it moves: alive, finite, within limits, still.
+
+Times of arrival are the caller's, on a clock that nobody sets; header stamps only tell how old a
+sample is and how long a window lasts.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from math import inf, isfinite, sqrt
+from typing import NamedTuple
+
+from forcecal_ros.errors import DataError, MotionError
+from forcecal_ros.geometry import Array
+from forcecal_ros.motion.channel import angle_between, carried, Channel, distance_between, rates
+from forcecal_ros.motion.limits import Limits
+import numpy as np
+
+LONGEST_TICK = 0.01
+"""A caller that was away for longer does not blame the sensors for it [s]."""
+
+LATE_PATIENCE = 0.02
+"""After a stall of its own the caller needs that long to take what has queued up [s]."""
+
+SPEED_WINDOW = 0.04
+"""Measured speeds are differences over that long [s]."""
+
+CHANGE_WINDOW = 0.02
+"""Measured accelerations and jerks are differences of positions that far apart [s]."""
+
+WORKSPACE_SLACK = 0.002
+"""A measured place may be that far outside: a robot at the face overshoots a little [m]."""
+
+UNIT_NORM = 1e-2
+"""Most that the squared norm of a measured quaternion departs from 1."""
+
+NAMES = {'wrench': ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z'),
+         'pose': ('position.x', 'position.y', 'position.z')}
+
+
+class Stillness(NamedTuple):
+    """Whether the tool is still, and if not, what says so with numbers."""
+
+    still: bool
+    detail: str
+
+
+@dataclass(frozen=True)
+class WatchSettings:
+    """
+    When a sensor counts as lost, late, frozen or still; the names are the parameters' keys.
+
+    Attributes
+    ----------
+    pause_timeout : float
+        Silence of a sensor that brings the motion to rest until it is back [s].
+    most_pauses : int
+        So many times a sensor may fall silent or late in one sequence; 0: as often as it likes.
+    lost_timeout : float
+        A sensor that stays silent or late for that long ends the sequence [s].
+    frozen_timeout : float
+        Readings that repeat to the last bit for that long while moving [s]; 0: not looked at. At
+        rest, and at the start, only those of sensors that are not as quiet by habit, see
+        :meth:`Channel.learn`.
+    max_age : float
+        Age of the newest header stamp above which it is late [s]; 0: not looked at.
+    clock_timeout : float
+        A simulated clock that stands for longer ends the sequence [s].
+    window : float
+        Stillness is judged over that long [s].
+    factor : float
+        Standard deviations may exceed those at the start by this factor.
+    force_floor, torque_floor, position_floor : float
+        Standard deviations below which nothing moves, whatever the noise [N], [N m], [m].
+    """
+
+    pause_timeout: float = 0.04
+    most_pauses: int = 20
+    lost_timeout: float = 1.0
+    frozen_timeout: float = 0.035
+    max_age: float = 0.25
+    clock_timeout: float = 0.1
+    window: float = 0.25
+    factor: float = 1.25
+    force_floor: float = 0.02
+    torque_floor: float = 0.002
+    position_floor: float = 5e-6
+
+
+class Monitor:
+    """
+    Watch over the sensors of one robot.
+
+    Parameters
+    ----------
+    settings : WatchSettings
+    limits : Limits
+    topics : mapping of str to str
+        Topic by channel: ``wrench``, ``pose`` and any others that have to be alive.
+    """
+
+    def __init__(self, settings: WatchSettings, limits: Limits, topics: dict[str, str]) -> None:
+        self.settings, self.limits = settings, limits
+        self.channels = {name: Channel(topic) for name, topic in topics.items()}
+        self.fault = ''
+        self._alive = 0.0
+        self._ticked = -inf
+        self._doubted = False
+        self._moving_since = inf
+        self._commands: deque[tuple[float, tuple[float, ...]]] = deque()
+        self._noise: dict[str, Array] = {}
+
+    # Samples in -----------------------------------------------------------------------------
+
+    def wrench(self, stamp: float, values: tuple[float, ...]) -> None:
+        """Take one reading, six numbers [N, N m], at ``stamp`` [s]."""
+        channel = self._take('wrench', stamp, values)
+        fx, fy, fz, nx, ny, nz = values
+        limits = self.limits
+        if fx * fx + fy * fy + fz * fz > limits.force * limits.force:
+            self._blame(f'{channel.topic}: force {sqrt(fx * fx + fy * fy + fz * fz):.1f} N '
+                        f'exceeds limits.force {limits.force:g} N')
+        if nx * nx + ny * ny + nz * nz > limits.torque * limits.torque:
+            self._blame(f'{channel.topic}: torque {sqrt(nx * nx + ny * ny + nz * nz):.2f} N m '
+                        f'exceeds limits.torque {limits.torque:g} N m')
+        channel.keep()
+
+    def pose(self, stamp: float, values: tuple[float, ...]) -> None:
+        """Take one measured pose, x y z [m] qx qy qz qw, at ``stamp`` [s]."""
+        channel = self._take('pose', stamp, values)
+        norm = sum(x * x for x in values[3:])
+        if not abs(norm - 1.0) <= UNIT_NORM:
+            self._blame(f'{channel.topic}: a quaternion has norm {sqrt(max(norm, 0.0)):.3g}, '
+                        'not 1')
+            return
+        self._check_place(channel, values[:3], 'ft_sensor')
+        self._check_place(channel, carried(self.limits.tip, values), 'the tip')
+        channel.keep()
+        self._check_speed(channel)
+        self._check_changes(channel)
+
+    def other(self, name: str, stamp: float, values: tuple[float, ...]) -> None:
+        """Take a sample of any other channel."""
+        self._take(name, stamp, values).keep()
+
+    def _take(self, name: str, stamp: float, values: tuple[float, ...]) -> Channel:
+        channel = self.channels[name]
+        if not isfinite(sum(values)):
+            self._blame(f'{channel.topic}: a reading is not finite')
+        channel.take(self._alive, stamp, values)
+        return channel
+
+    def _blame(self, fault: str) -> None:
+        self.fault = self.fault or fault
+
+    def _check_place(self, channel: Channel, place: tuple[float, ...], name: str) -> None:
+        limits = self.limits
+        for axis, x, low, high in zip('xyz', place, limits.workspace_min, limits.workspace_max):
+            if not low - WORKSPACE_SLACK <= x <= high + WORKSPACE_SLACK:
+                self._blame(f'{channel.topic}: {axis} = {x:.4f} m of {name} is outside '
+                            f'limits.workspace_min/max {low:g} to {high:g} m')
+
+    def _check_speed(self, channel: Channel) -> None:
+        now, values = channel.recent[-1]
+        for stamp, before in reversed(channel.recent):
+            if now - stamp >= SPEED_WINDOW:
+                break
+        else:
+            return
+        limits, span = self.limits, now - stamp
+        speed = distance_between(values, before) / span
+        turning = angle_between(values[3:], before[3:]) / span
+        if speed > limits.overspeed * limits.speed:
+            self._blame(f'{channel.topic}: moves at {speed:.3f} m/s, above limits.overspeed '
+                        f'{limits.overspeed:g} times limits.speed {limits.speed:g} m/s')
+        if turning > limits.overspeed * limits.angular_speed:
+            self._blame(f'{channel.topic}: turns at {turning:.3f} rad/s, above limits.overspeed '
+                        f'{limits.overspeed:g} times limits.angular_speed '
+                        f'{limits.angular_speed:g} rad/s')
+
+    def _check_changes(self, channel: Channel) -> None:
+        """Judge acceleration and jerk by differences of the newest positions, a window apart."""
+        apart = channel.every(CHANGE_WINDOW, 4)
+        if len(apart) < 4:
+            return
+        limits = self.limits
+        acceleration = rates(rates([(t, values[:3]) for t, values in apart]))
+        for key, rows, limit, unit in (
+                ('acceleration', acceleration, limits.acceleration, 'm/s^2'),
+                ('jerk', rates(acceleration), limits.jerk, 'm/s^3')):
+            found = sqrt(sum(x * x for x in rows[0][1]))
+            if found > limits.overspeed * limit:
+                self._blame(f'{channel.topic}: {key} of {found:.3g} {unit}, above '
+                            f'limits.overspeed {limits.overspeed:g} times limits.{key} '
+                            f'{limit:g} {unit}')
+
+    # Verdicts out ---------------------------------------------------------------------------
+
+    def tick(self, now: float) -> None:
+        """Advance the clock that silence is measured on; ``now`` steady [s]."""
+        self._alive += min(max(now - self._ticked, 0.0), LONGEST_TICK)
+        self._ticked = now
+
+    def command(self, stamp: float, pose: tuple[float, ...]) -> None:
+        """Note a command, x y z [m] qx qy qz qw, to compare poses of its time with."""
+        self._commands.append((stamp, pose))
+
+    def check(self, moving: bool) -> str:
+        """
+        Say what is wrong right now, which only an abort answers.
+
+        Parameters
+        ----------
+        moving : bool
+            Whether the commands move.
+
+        Returns
+        -------
+        str
+            One line that names the topic; empty where all is well.
+        """
+        self._moving_since = min(self._moving_since, self._alive) if moving else inf
+        return self.fault or self._frozen() or self._astray()
+
+    def doubt(self, ros_now: float) -> str:
+        """
+        Say which sensor is silent or late: reason to stand until it is back.
+
+        Parameters
+        ----------
+        ros_now : float
+            Time on the clock of the header stamps [s].
+
+        Returns
+        -------
+        str
+            One line that names the topic; empty where all is well.
+        """
+        patience = 0.0 if self._doubted else LATE_PATIENCE
+        doubt = self._silence(self.settings.pause_timeout) or self._late(ros_now, patience)
+        self._doubted = bool(doubt)
+        return doubt
+
+    def _silence(self, timeout: float) -> str:
+        for channel in self.channels.values():
+            silent = self._alive - channel.heard
+            if silent > timeout:
+                return f'{channel.topic}: silent for {silent:.3f} s'
+        return ''
+
+    def _late(self, ros_now: float, patience: float) -> str:
+        for channel in self.channels.values():
+            age = ros_now - channel.stamp
+            if not 0 < self.settings.max_age < age:
+                channel.late_since = inf
+                continue
+            channel.late_since = min(channel.late_since, self._alive)
+            if self._alive - channel.late_since >= patience:
+                return (f'{channel.topic}: newest stamp is {age:.3f} s old, watch.max_age is '
+                        f'{self.settings.max_age:g} s; are the clocks in step?')
+        return ''
+
+    def _frozen(self) -> str:
+        timeout = self.settings.frozen_timeout
+        for channel in self.channels.values():
+            stuck = channel.heard - max(channel.changed, self._moving_since)
+            if 0 < timeout < stuck:
+                return f'{channel.topic}: the same reading for {stuck:.3f} s of motion'
+        return self._frozen_at_rest()
+
+    def _frozen_at_rest(self) -> str:
+        for channel in self.channels.values():
+            same = channel.heard - channel.changed
+            if self.settings.frozen_timeout and same > channel.rest_timeout:
+                return (f'{channel.topic}: the same reading for {same:.3f} s, at rest it changed '
+                        f'within {channel.rest_timeout:.3g} s')
+        return ''
+
+    def _astray(self) -> str:
+        pose, commands = self.channels['pose'], self._commands
+        while len(commands) > 1 and commands[1][0] <= pose.stamp:
+            commands.popleft()
+        if not commands or commands[0][0] > pose.stamp:
+            return ''
+        commanded = commands[0][1]
+        limits = self.limits
+        off = distance_between(pose.values, commanded)
+        turned = angle_between(pose.values[3:], commanded[3:])
+        if off > limits.tracking_error:
+            return (f'{pose.topic}: {off:.4f} m from the command, limits.tracking_error is '
+                    f'{limits.tracking_error:g} m')
+        if turned > limits.tracking_angle:
+            return (f'{pose.topic}: {turned:.3f} rad from the command, limits.tracking_angle is '
+                    f'{limits.tracking_angle:g} rad')
+        return ''
+
+    def begin(self, ros_now: float) -> None:
+        """
+        Make ready for a sequence: everything alive, within limits and still; learn the noise.
+
+        Raises
+        ------
+        DataError
+            A topic is silent, stale, frozen, not finite, or too short for the stillness window.
+        MotionError
+            A limit is passed where the robot stands, or it moves.
+        """
+        for channel in self.channels.values():
+            if channel.heard == -inf:
+                raise DataError(f'{channel.topic}: nothing received yet; is its driver running '
+                                'and the name remapped?')
+        self.fault = ''
+        self._commands.clear()
+        for fault in (self._silence(self.settings.lost_timeout), self._late(ros_now, 0.0)):
+            if fault:
+                raise DataError(fault)
+        for name in NAMES:
+            self._noise[name] = self._noise_at_rest(name)
+        for channel in self.channels.values():
+            channel.learn(self.settings.frozen_timeout)
+        if frozen := self._frozen_at_rest():
+            raise DataError(frozen)
+
+    def _noise_at_rest(self, name: str) -> Array:
+        channel, window = self.channels[name], self.settings.window
+        windows = int(channel.span / window)
+        if windows < 2:
+            raise DataError(f'{channel.topic}: {channel.span:.2f} s received, {2 * window:g} s '
+                            'are needed; wait and start again')
+        values = np.array_split(channel.window(channel.span, len(NAMES[name])), windows)
+        if not all(np.isfinite(part).all() for part in values):
+            raise DataError(f'{channel.topic}: a reading is not finite')
+        noise = np.sqrt(np.mean([part.var(axis=0) for part in values], axis=0))
+        drift = np.ptp([part.mean(axis=0) for part in values], axis=0)
+        excess = drift / (noise + 3 * self._floor(name))
+        if excess.max() > 1:
+            i = int(np.argmax(excess))
+            raise MotionError(f'{channel.topic}: {NAMES[name][i]} drifts by {drift[i]:.3g} '
+                              f'in {channel.span:.2g} s; the robot has to stand still at start')
+        return np.asarray(noise)
+
+    def _floor(self, name: str) -> Array:
+        settings = self.settings
+        if name == 'pose':
+            return np.full(3, settings.position_floor)
+        return np.repeat([settings.force_floor, settings.torque_floor], 3)
+
+    def stillness(self) -> Stillness:
+        """Judge the newest window against the noise that was learned at the start."""
+        for name, labels in NAMES.items():
+            channel = self.channels[name]
+            values = channel.window(self.settings.window, len(labels))
+            if len(values) < 5:
+                return Stillness(False, f'{channel.topic}: too few samples')
+            std = values.std(axis=0)
+            bound = np.hypot(self.settings.factor * self._noise[name], self._floor(name))
+            i = int(np.argmax(std / bound))
+            if not std[i] <= bound[i]:
+                return Stillness(False, f'{channel.topic}: standard deviation of {labels[i]} is '
+                                        f'{std[i]:.3g} > {bound[i]:.3g}')
+        return Stillness(True, '')
+
+    def mean(self, name: str) -> Array:
+        """Return the mean of the newest window of ``wrench`` (6,) or ``pose`` positions (3,)."""
+        return np.asarray(
+            self.channels[name].window(self.settings.window, len(NAMES[name])).mean(axis=0))

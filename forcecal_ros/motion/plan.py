@@ -1,0 +1,247 @@
+"""Sequences as data: which poses, how long, and the phase word each part is recorded under."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from forcecal_ros.errors import MotionError
+from forcecal_ros.geometry import Array, STANDARD_GRAVITY
+from forcecal_ros.motion.joints import JointMove, shortest_joint_duration
+from forcecal_ros.motion.limits import check_joint_move, check_move, check_workspace, Limits
+from forcecal_ros.motion.profiles import Move, Pace, Pose, shortest_duration
+import numpy as np
+
+Goal = Pose | Array
+"""A pose, or a joint vector where joints are commanded."""
+
+
+class Segment(NamedTuple):
+    """
+    One part of a sequence.
+
+    Attributes
+    ----------
+    phase : str
+        Word it is announced and recorded under.
+    label : str
+        What it is for, in words of the user.
+    goal : Pose, ndarray or None
+        Go to that pose or joint vector. None: hold.
+    duration : float or None
+        Of the move or the hold [s]. None: by the pace, or until the tool is still.
+    """
+
+    phase: str
+    label: str
+    goal: Goal | None = None
+    duration: float | None = None
+
+
+class Part(NamedTuple):
+    """A segment made ready: a move from where the one before ended, or a hold there."""
+
+    segment: Segment
+    move: Move | JointMove | None
+    goal: Goal
+
+    @property
+    def duration(self) -> float | None:
+        """Length [s]; None: until the tool is still."""
+        return self.move.duration if self.move else self.segment.duration
+
+
+@dataclass(frozen=True)
+class Timing:
+    """
+    How long the parts of a sequence take, and how far they go.
+
+    Attributes
+    ----------
+    measure : float
+        In each pose [s].
+    step_distance : float
+        Along x of ft_sensor [m].
+    step_duration : float
+        Of the step's quintic [s].
+    ring : float
+        Held after each step for the tool to ring [s].
+    contact_distance : float
+        How far the tool is brought forward along x of ft_sensor to touch something [m].
+    approach, contact : float
+        Duration of the way there (and back), and of the hold at its end [s].
+    contacts : int
+        How often a diagnosis touches it.
+    """
+
+    measure: float = 1.0
+    step_distance: float = 0.01
+    step_duration: float = 0.1
+    ring: float = 0.7
+    contact_distance: float = 0.086
+    approach: float = 3.0
+    contact: float = 2.0
+    contacts: int = 0
+
+
+def calibration_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing
+                     ) -> tuple[Segment, ...]:
+    """
+    Sequence of the procedure in III-A of [Gamez2005], with as many poses as are listed.
+
+    Parameters
+    ----------
+    goals : mapping of str to Pose or ndarray
+        The first is where the step is made.
+    away : Pose or ndarray
+        Where the step goes to.
+    timing : Timing
+
+    Returns
+    -------
+    tuple of Segment
+    """
+    names = list(goals)
+    home = goals[names[0]]
+    plan = []
+    for name in names:
+        plan += [Segment('move', f'to {name}', goals[name]),
+                 Segment('settle', name),
+                 Segment('measure', name, duration=timing.measure)]
+    if len(names) > 1:
+        plan += [Segment('move', f'to {names[0]}', home), Segment('settle', names[0])]
+    return (*plan, *step_segments(home, away, timing))
+
+
+def step_segments(home: Goal, away: Goal, timing: Timing) -> tuple[Segment, ...]:
+    """
+    Step out and back, with time for the tool to ring after each.
+
+    Parameters
+    ----------
+    home, away : Pose or ndarray
+    timing : Timing
+
+    Returns
+    -------
+    tuple of Segment
+    """
+    return (Segment('step', 'out', away, timing.step_duration),
+            Segment('step', 'ring', duration=timing.ring),
+            Segment('step', 'back', home, timing.step_duration),
+            Segment('step', 'ring', duration=timing.ring))
+
+
+def contact_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing) -> tuple[Segment, ...]:
+    """
+    Touch what stands in front of the tool and come back, to look at the contact force.
+
+    Parameters
+    ----------
+    goals : mapping of str to Pose or ndarray
+        The first is where it begins and ends.
+    away : Pose or ndarray
+        As far as it goes, contact or not.
+    timing : Timing
+
+    Returns
+    -------
+    tuple of Segment
+    """
+    name, home = next(iter(goals.items()))
+    return (Segment('move', f'to {name}', home),
+            Segment('settle', name),
+            Segment('measure', name, duration=timing.measure),
+            Segment('approach', 'out', away, timing.approach),
+            Segment('contact', 'hold', duration=timing.contact),
+            Segment('retract', 'back', home, timing.approach),
+            Segment('settle', name))
+
+
+def prepare(plan: Sequence[Segment], start: Goal, pace: Pace, limits: Limits
+            ) -> tuple[Part, ...]:
+    """
+    Chain a plan from where the robot stands, and check all of it before anything moves.
+
+    Parameters
+    ----------
+    plan : sequence of Segment
+    start : Pose or ndarray
+        Measured; of the kind of the plan's goals.
+    pace : Pace
+        For moves without a duration.
+    limits : Limits
+
+    Returns
+    -------
+    tuple of Part
+
+    Raises
+    ------
+    MotionError
+        The start or a move passes a limit; with the number, the limit and its key.
+    """
+    if isinstance(start, Pose):
+        check_workspace(start.position[None], limits, 'the robot stands where the sensor')
+    parts: list[Part] = []
+    here = start
+    for segment in plan:
+        move: Move | JointMove | None = None
+        name = f'{segment.phase} {segment.label}'
+        if isinstance(segment.goal, Pose) and isinstance(here, Pose):
+            move = Move(here, segment.goal, segment.duration
+                        or shortest_duration(here, segment.goal, pace))
+            check_move(move, limits, name)
+        elif isinstance(segment.goal, np.ndarray) and isinstance(here, np.ndarray):
+            move = JointMove(here, segment.goal, segment.duration
+                             or shortest_joint_duration(here, segment.goal, pace))
+            check_joint_move(move, limits, name)
+        elif segment.goal is not None:
+            raise MotionError(f'{name} mixes poses and joint vectors; give one kind throughout')
+        here = move.goal if move else here
+        parts.append(Part(segment, move, here))
+    return tuple(parts)
+
+
+def check_wrench(parts: Sequence[Part], wrench: Array, limits: Limits) -> None:
+    """
+    Refuse a plan whose inertial forces would pass the limits on what the sensor reads.
+
+    Before a calibration the tool's mass is known by its weight only: what is read at rest,
+    divided by g, stands for it, and the tip for the lever it has.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+    wrench : ndarray, shape (6,)
+        Read at rest [N], [N m].
+    limits : Limits
+
+    Raises
+    ------
+    MotionError
+        With the number, the limit and its key.
+    """
+    force, torque = float(np.linalg.norm(wrench[:3])), float(np.linalg.norm(wrench[3:]))
+    for key, value, limit, unit in (('force', force, limits.force, 'N'),
+                                    ('torque', torque, limits.torque, 'N m')):
+        if not value <= limit:
+            raise MotionError(f'the sensor reads {value:.4g} {unit} at rest, limits.{key} is '
+                              f'{limit:g} {unit}; unload it or raise the limit')
+    for part in parts:
+        if not isinstance(part.move, Move):
+            continue
+        lever = float(np.linalg.norm(limits.tip))
+        inertial = force / STANDARD_GRAVITY * part.move.peak_acceleration_at(lever)
+        for key, at_rest, added, limit, unit in (
+                ('force', force, inertial, limits.force, 'N'),
+                ('torque', torque, lever * inertial, limits.torque, 'N m')):
+            if not at_rest + added <= limit:
+                raise MotionError(
+                    f'{part.segment.phase} {part.segment.label} would add {added:.4g} {unit} of '
+                    f'inertia to the {at_rest:.4g} {unit} read at rest, limits.{key} is '
+                    f'{limit:g} {unit}; give it more time or raise the limit')
+
+
+def expected_duration(parts: Sequence[Part], settle: float) -> float:
+    """Return how long a plan takes if each settling takes ``settle`` [s]."""
+    return sum(settle if part.duration is None else part.duration for part in parts)

@@ -1,0 +1,104 @@
+"""Poses of a sequence: the paper's, and the user's from a flat list of numbers."""
+
+from collections.abc import Mapping, Sequence
+
+from forcecal_ros.errors import ConfigError
+from forcecal_ros.geometry import (
+    Array,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    rotation_about,
+)
+from forcecal_ros.motion.profiles import Pose
+import numpy as np
+from numpy.typing import ArrayLike
+
+POSE_LENGTH = 7
+"""Numbers of a pose in a flat list: x y z [m], qx qy qz qw."""
+
+
+def orientation(alpha: float, delta: float, theta: float = 0.0) -> Array:
+    """
+    Orientation of ft_sensor in base, [Gamez2005] Eq. 9 and, for alpha = 0, Eq. 12.
+
+    Parameters
+    ----------
+    alpha, delta, theta : float
+        About Y, X and Z [rad].
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        R_base_sensor.
+    """
+    return rotation_about('y', alpha) @ rotation_about('x', delta) @ rotation_about('z', theta)
+
+
+def nominal_poses() -> dict[str, Pose]:
+    """
+    Poses of the nominal rig: the paper's two and one that spans the third direction of gravity.
+
+    The third lies opposite the other two: the way there sweeps gravity about the accelerometer's
+    origin, so that offset and map are told apart (offset to 0.3 mV, against 1.2 mV with a third
+    pose between the two).
+
+    Returns
+    -------
+    dict of str to Pose
+        ``v`` (x horizontal, home), ``h`` (x vertical) and ``tilt``, all at one place.
+    """
+    place = np.array([1.0, 0.0, 1.0])
+    quarter = np.pi / 2
+    return {'v': Pose(place, orientation(0.0, 2 * quarter)),
+            'h': Pose(place, orientation(quarter, 2 * quarter)),
+            'tilt': Pose(place, orientation(np.radians(-60.0), np.radians(105.0)))}
+
+
+def flatten_poses(poses: Mapping[str, Pose]) -> list[float]:
+    """Return poses as one flat list, ``POSE_LENGTH`` numbers each."""
+    return [float(x) for pose in poses.values()
+            for x in (*pose.position, *quaternion_from_matrix(pose.R_base_sensor))]
+
+
+def read_poses(names: Sequence[str], numbers: ArrayLike) -> dict[str, Pose]:
+    """
+    Poses of a flat list, as ROS parameters hold them.
+
+    Parameters
+    ----------
+    names : sequence of str
+    numbers : array_like, shape (7 n,)
+        x y z qx qy qz qw of each pose [m]; a position may be NaN, see :func:`anchor`.
+
+    Returns
+    -------
+    dict of str to Pose
+
+    Raises
+    ------
+    ConfigError
+        Names and numbers do not match, a name comes twice, or a quaternion is not of unit norm.
+    """
+    flat = np.asarray(numbers, dtype=float).reshape(-1)
+    if len(flat) != POSE_LENGTH * len(names) or len(set(names)) != len(names) or not len(names):
+        raise ConfigError(
+            f'{len(names)} pose names ({", ".join(names)}) want as many different ones and '
+            f'{POSE_LENGTH} numbers each (x y z qx qy qz qw), got {len(flat)} numbers')
+    poses = {}
+    for name, row in zip(names, flat.reshape(-1, POSE_LENGTH)):
+        norm = float(np.linalg.norm(row[3:]))
+        if not abs(norm - 1) < 1e-3:
+            raise ConfigError(f'pose {name}: its quaternion has norm {norm:.4g}, not 1')
+        poses[name] = Pose(row[:3].copy(), matrix_from_quaternion(row[3:]))
+    return poses
+
+
+def anchor(poses: Mapping[str, Pose], place: Array) -> dict[str, Pose]:
+    """Return the poses with ``place`` (3,) [m] where they leave a position open (NaN)."""
+    return {name: Pose(np.where(np.isfinite(pose.position), pose.position, place),
+                       pose.R_base_sensor) for name, pose in poses.items()}
+
+
+def step_goal(home: Pose, distance: float) -> Pose:
+    """Return the pose ``distance`` [m] along x of ft_sensor from ``home``."""
+    return Pose(home.position + distance * home.R_base_sensor[:, 0], home.R_base_sensor)

@@ -1,0 +1,1 @@
+"""Recordings: signals over time, and the files they come from."""

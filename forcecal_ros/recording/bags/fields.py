@@ -1,0 +1,16 @@
+"""Which numbers of a message make the columns of a signal, by message type."""
+
+from collections.abc import Mapping
+
+from forcecal_ros.recording.topics import ACCEL, IMU, JOINT_STATE, POSE, VECTOR3, WRENCH
+
+FIELDS: Mapping[str, tuple[str, ...]] = {
+    WRENCH: tuple(f'wrench.{part}.{axis}' for part in ('force', 'torque') for axis in 'xyz'),
+    VECTOR3: tuple(f'vector.{axis}' for axis in 'xyz'),
+    IMU: tuple(f'{part}.{axis}' for part in ('linear_acceleration', 'angular_velocity')
+               for axis in 'xyz'),
+    ACCEL: tuple(f'accel.linear.{axis}' for axis in 'xyz'),
+    POSE: (*(f'pose.position.{axis}' for axis in 'xyz'),
+           *(f'pose.orientation.{axis}' for axis in 'xyzw')),
+    JOINT_STATE: ('position[optidrive]',),
+}

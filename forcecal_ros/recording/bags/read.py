@@ -1,0 +1,182 @@
+"""Recordings to arrays."""
+
+from collections.abc import Collection, Mapping
+from itertools import groupby, pairwise
+from pathlib import Path
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import matrix_from_quaternion
+from forcecal_ros.recording.bags.batch import Notes
+from forcecal_ros.recording.bags.collect import Collector, frozen, Series
+from forcecal_ros.recording.bags.fields import FIELDS
+from forcecal_ros.recording.bags.storage import Bag
+from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
+from forcecal_ros.recording.topics import find_topics, IMU, ROLES, Topic, VECTOR3
+
+_STREAMS = ('wrench', 'accelerometer', 'imu', 'accel', 'pose', 'target', 'optidrive',
+            'contact_truth')
+_DAY = 86400.0
+
+
+def read_recording(
+        path: Path | str, topics: Mapping[str, str] | None = None, wrench_sign: int = 1,
+        roles: Collection[str] | None = None) -> Recording:
+    """
+    Read a rosbag2 recording: a folder or one file, SQLite or MCAP, compressed or not.
+
+    Times are header stamps (times of recording where those are zero), increasing; messages
+    with NaN or infinite numbers, repeated or jumping stamps are left out and counted in
+    ``notes``. What is not recorded is None.
+
+    Parameters
+    ----------
+    path : Path or str
+    topics : mapping of str to str, optional
+        Role to topic name where it is not the usual one of
+        :data:`forcecal_ros.recording.topics.ROLES`.
+    wrench_sign : int
+        -1 for a driver that reports the wrench of the tool on its environment.
+    roles : collection of str, optional
+        What to read; everything a :class:`Recording` can hold if not given.
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    DataError
+        There is no recording, nothing in it can be read, or a topic is missing, of the wrong
+        type or one of several that would do.
+    ConfigError
+        A role does not exist.
+    """
+    wanted = [role for role in (*_STREAMS, 'phase') if roles is None or role in roles
+              or role in ('imu', 'accel') and 'accelerometer' in roles]
+    with Bag(path) as bag:
+        found, mismatches = find_topics(bag.topics, topics or {}, wanted)
+        for mismatch in mismatches:
+            bag.notes.add(mismatch)
+        _choose_accelerometer(found, topics or {}, bag.notes)
+        series = _read_series(bag, found)
+        return _recording(bag, found, series, wrench_sign)
+
+
+def _choose_accelerometer(
+        found: dict[str, Topic], given: Mapping[str, str], notes: Notes) -> None:
+    """Let one topic be the accelerometer; an IMU keeps its gyro besides."""
+    sources = [role for role in ('accelerometer', 'imu', 'accel') if role in found]
+    sources.sort(key=lambda role: role not in given)
+    if not sources:
+        return
+    chosen = found[sources[0]]
+    if len(sources) > 1:
+        ignored = ', '.join(found[role].name for role in sources[1:])
+        notes.add(f'the accelerometer is {chosen.name}, not {ignored}')
+    found['accelerometer'] = chosen
+    found.pop('accel', None)
+    if chosen.type == IMU:
+        found['imu'] = chosen
+
+
+def _read_series(bag: Bag, found: Mapping[str, Topic]) -> dict[Topic, Series]:
+    collectors = {
+        topic: Collector(bag, topic, ['status[0].message'], text=True) if role == 'phase'
+        else Collector(bag, topic, FIELDS[topic.type]) for role, topic in found.items()}
+    for batch in bag.batches(set(collectors)):
+        collectors[batch.topic].add(batch)
+    series = {topic: one for topic, collector in collectors.items()
+              if (one := collector.series(bag.notes)) is not None}
+    return _of_one_clock(series, bag.notes)
+
+
+def _of_one_clock(series: dict[Topic, Series], notes: Notes) -> dict[Topic, Series]:
+    """Leave out topics stamped by another clock than most messages."""
+    if not series:
+        return series
+    longest = max(series.values(), key=lambda one: len(one.stamp_ns)).stamp_ns
+    kept = {}
+    for topic, one in series.items():
+        apart = max(one.stamp_ns[0] - longest[-1], longest[0] - one.stamp_ns[-1]) / 1e9
+        if apart < _DAY:
+            kept[topic] = one
+        else:
+            notes.add(f'{topic.name} is stamped {apart / _DAY:.0f} days from the other topics, '
+                      'by another clock: left out')
+    return kept
+
+
+def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Series],
+               wrench_sign: int) -> Recording:
+    if not series:
+        raise DataError(
+            f'{bag.path}: nothing to read; it holds '
+            f'{", ".join(sorted(topic.name for topic in bag.topics)) or "no topics"}; name the '
+            'topics with --topic role=NAME' + ''.join(f'; {note}' for note in bag.notes))
+    start_ns = int(min(one.stamp_ns[0] for one in series.values()))
+    end = float(max(one.stamp_ns[-1] for one in series.values()) - start_ns) / 1e9
+
+    def stream(role: str, columns: slice = slice(None), scale: int = 1) -> Stream | None:
+        one = series.get(found[role]) if role in found else None
+        if one is None:
+            return None
+        values = one.values[:, columns]
+        if scale != 1:
+            values = frozen(values * scale)
+        return Stream(one.seconds(start_ns), values, one.frame)
+
+    def poses(role: str) -> PoseStream | None:
+        one = series.get(found[role]) if role in found else None
+        if one is None:
+            return None
+        return PoseStream(one.seconds(start_ns), one.values[:, :3],
+                          frozen(matrix_from_quaternion(one.values[:, 3:])), one.frame)
+
+    in_volts = 'accelerometer' not in found or found['accelerometer'].type == VECTOR3
+    return Recording(
+        wrench=stream('wrench', scale=wrench_sign),
+        accelerometer=stream('accelerometer', slice(3)),
+        accelerometer_unit='V' if in_volts else 'm/s^2',
+        pose=poses('pose'), target=poses('target'), optidrive=stream('optidrive'),
+        contact_truth=stream('contact_truth'), angular_velocity=stream('imu', slice(3, 6)),
+        phases=_phases(series.get(found['phase']) if 'phase' in found else None, start_ns, end),
+        start_ns=start_ns, source=str(bag.path), notes=tuple(bag.notes))
+
+
+
+
+def _phases(series: Series | None, start_ns: int, end: float) -> tuple[Phase, ...]:
+    """Turn changes, with or without repeats, into spans up to the next change or the end."""
+    if series is None:
+        return ()
+    said = zip(series.seconds(start_ns).tolist(), series.values[:, 0].tolist())
+    changes = [next(same) for _, same in groupby(said, key=lambda one: one[1])]
+    return tuple(Phase(name, start, stop)
+                 for (start, name), (stop, _) in pairwise([*changes, (end, '')]))
+
+
+def require(recording: Recording, roles: Collection[str]) -> None:
+    """
+    Refuse a recording that lacks something.
+
+    Parameters
+    ----------
+    recording : Recording
+    roles : collection of str
+        ``wrench``, ``accelerometer``, ``pose``, ``target``, ``optidrive``, ``phase``, ...
+
+    Raises
+    ------
+    DataError
+        Names the topics that are missing and what reading had to say about them.
+    """
+    names = {'phase': 'phases', 'imu': 'angular_velocity', 'accel': 'accelerometer'}
+    missing = [role for role in roles if not getattr(recording, names.get(role, role))]
+    if not missing:
+        return
+    said = [note for note in recording.notes
+            if any(ROLES[role].topic in note for role in missing)]
+    raise DataError(
+        f'{recording.source}: no messages of '
+        f'{", ".join(f"{ROLES[role].topic} ({role})" for role in missing)}; name the topic with '
+        f'--topic {missing[0]}=NAME' + ''.join(f'; {note}' for note in said))

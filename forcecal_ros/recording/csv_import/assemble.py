@@ -1,0 +1,179 @@
+"""Tables to signals on one time base."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby, pairwise
+
+from forcecal_ros.errors import ConfigError, DataError
+from forcecal_ros.geometry import Array, matrix_from_quaternion
+from forcecal_ros.recording.csv_import.specification import (
+    ORIENTATIONS,
+    Signal,
+    Specification,
+    TableSpecification,
+)
+from forcecal_ros.recording.csv_import.table import Table
+from forcecal_ros.recording.streams import Phase, PHASES, PoseStream, Stream
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+_SECOND = 10**9
+_DAY = 86400 * _SECOND
+_NOT_A_ROTATION = 1e-2
+
+
+@dataclass(frozen=True)
+class Imported:
+    """
+    Signals of all tables.
+
+    Attributes
+    ----------
+    signals : mapping of str to Stream, PoseStream or phases
+        By role; times count from ``start_ns``.
+    topics : mapping of str to str
+        By role, where it is not the usual one.
+    start_ns : int
+        [ns since the epoch]
+    shift : int
+        How much later all times are than in the tables [s]: a recording begins after zero.
+    """
+
+    signals: Mapping[str, Stream | PoseStream | tuple[Phase, ...]]
+    topics: Mapping[str, str]
+    start_ns: int
+    shift: int
+
+
+def assemble(specification: Specification) -> Imported:
+    """
+    Read all tables and put their signals on one time base.
+
+    Parameters
+    ----------
+    specification : Specification
+
+    Returns
+    -------
+    Imported
+
+    Raises
+    ------
+    DataError
+        A file, column or cell is not what the specification says; file and line are named.
+    ConfigError
+        Two tables give the same signal.
+    """
+    tables = [(one, Table(one.path, one.delimiter)) for one in specification.tables]
+    stamps = [_stamps(one, table) for one, table in tables]
+    _check_time_base(specification, stamps)
+    start = int(min(times[0] for times in stamps))
+    signals: dict[str, Stream | PoseStream | tuple[Phase, ...]] = {}
+    topics = {}
+    for (one, table), times in zip(tables, stamps):
+        t = (times - start) / 1e9
+        found: dict[str, Stream | PoseStream | tuple[Phase, ...]] = {
+            role: _signal(table, t, signal) for role, signal in one.signals.items()}
+        if one.phases:
+            found['phase'] = _phases(one, table, t)
+        if repeated := sorted(found.keys() & signals.keys()):
+            raise ConfigError(f'{specification.path}: {", ".join(repeated)} in more than one '
+                              'table; import them into recordings of their own')
+        signals.update(found)
+        topics.update({role: signal.topic for role, signal in one.signals.items()
+                       if signal.topic is not None})
+    shift = max(0, 1 - start // _SECOND)
+    return Imported(signals, topics, start + shift * _SECOND, shift)
+
+
+def _stamps(specification: TableSpecification, table: Table) -> NDArray[np.int64]:
+    if specification.time_column is not None:
+        return table.nanoseconds(specification.time_column, specification.time_unit)
+    rows = np.arange(len(table)) / specification.rate + specification.start
+    stamps = np.rint(rows * 1e9).astype(np.int64)
+    if (np.diff(stamps) <= 0).any():
+        raise DataError(f'{table.path}: rows at {specification.rate:g} Hz from '
+                        f'{specification.start:g} s on cannot be told apart in nanoseconds')
+    return stamps
+
+
+def _check_time_base(specification: Specification, stamps: Sequence[NDArray[np.int64]]) -> None:
+    order = sorted(range(len(stamps)), key=lambda i: int(stamps[i][0]))
+    for one, other in pairwise(order):
+        gap = int(stamps[other][0]) - max(int(stamps[i][-1]) for i in order[:order.index(other)])
+        if gap > _DAY:
+            raise DataError(
+                f'{specification.tables[other].path} begins {gap / _DAY:.0f} days after '
+                f'{specification.tables[one].path} ends: not one recording, or a wrong unit of '
+                'time')
+
+
+def _part(table: Table, signal: Signal, name: str) -> Array:
+    part = signal.parts[name]
+    return np.asarray(table.numbers(part.columns) * np.array(part.factors))
+
+
+def _signal(table: Table, t: Array, signal: Signal) -> Stream | PoseStream:
+    if not signal.parts.keys() & set(ORIENTATIONS):
+        values = np.concatenate([_part(table, signal, name) for name in signal.parts], axis=1)
+        return Stream(t, values, signal.frame)
+    position = (_part(table, signal, 'position') if 'position' in signal.parts
+                else np.full((len(t), 3), np.nan))
+    return PoseStream(t, position, _rotations(table, signal), signal.frame)
+
+
+def _rotations(table: Table, signal: Signal) -> Array:
+    name = next(name for name in ORIENTATIONS if name in signal.parts)
+    values = _part(table, signal, name)
+    if name == 'rpy':
+        _refuse(table, ~np.isfinite(values).all(axis=1), 'no angles')
+        return np.asarray(Rotation.from_euler('xyz', values).as_matrix())
+    if name == 'quaternion_xyzw':
+        wrong = ~(np.abs(np.linalg.norm(values, axis=1) - 1.0) < _NOT_A_ROTATION)
+        _refuse(table, wrong, 'no quaternion of norm 1')
+        return matrix_from_quaternion(values)
+    R = values.reshape(-1, 3, 3)
+    deviation = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    _refuse(table, ~(deviation < _NOT_A_ROTATION), 'no rotation matrix, row by row')
+    _refuse(table, np.linalg.det(R) < 0, 'a reflection (determinant -1); its axes are left-handed')
+    R = np.asarray(Rotation.from_matrix(np.array(R)).as_matrix())
+    return R.transpose(0, 2, 1) if name == 'R_sensor_base' else R
+
+
+def _refuse(table: Table, wrong: NDArray[np.bool_], what: str) -> None:
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise DataError(f'{table.path} line {table.line(row)}: the orientation is {what} '
+                        f'({int(wrong.sum())} such rows)')
+
+
+def _phases(specification: TableSpecification, table: Table, t: Array) -> tuple[Phase, ...]:
+    words = specification.phases
+    step = float(t[-1] - t[-2]) if len(t) > 1 else 1.0 / specification.rate
+    if 'column' in words:
+        return _spoken(table, words['column'], t, float(t[-1]) + step)
+    if 'whole' in words:
+        end = float(t[-1]) + step
+        return (Phase(words['whole'], float(t[0]), end), Phase('done', end, end))
+    middles = [*((t[1:] + t[:-1]) / 2).tolist(), float(t[-1]) + step / 2]
+    phases = []
+    for start, middle, following in zip(t.tolist(), middles, [*t[1:].tolist(), None]):
+        phases.append(Phase(words['each_row'], start, middle))
+        phases.append(Phase('done', middle, middle) if following is None
+                      else Phase(words['between'], middle, following))
+    return tuple(phases)
+
+
+def _spoken(table: Table, column: str, t: Array, end: float) -> tuple[Phase, ...]:
+    """Phases from a column that holds their words."""
+    said = [cell.strip() for cell in table.cells(column)]
+    for row, word in enumerate(said):
+        if word not in PHASES:
+            raise DataError(f'{table.path} line {table.line(row)}: {word[:40]!r} in column '
+                            f'{column!r} is no phase; use {", ".join(PHASES)}')
+    changes = [next(same) for _, same in groupby(zip(t.tolist(), said), key=lambda one: one[1])]
+    if changes[-1][1] != 'done':
+        changes.append((end, 'done'))
+    return tuple(Phase(word, start, stop)
+                 for (start, word), (stop, _) in pairwise([*changes, (end, '')]))

@@ -1,0 +1,1 @@
+"""What stands in for the robot: simulators of what its sensors say."""

@@ -1,0 +1,146 @@
+"""What happens, sensors aside: commands move the robot, the tool slides and meets the wall."""
+
+import math
+
+from forcecal_ros.effects.numbers import physical_rig
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.errors import ConfigError
+from forcecal_ros.geometry import Array, matrix_from_quaternion
+from forcecal_ros.simulators.rig.parameters import kernel_parameters
+from forcecal_ros.simulators.rig.robot import Motion, move, robot_at_rest
+from forcecal_ros.simulators.rig.robot_effects import MotionEffects
+from forcecal_ros.simulators.rig.sensors import highpass_settled, respond, Response
+from forcecal_ros.simulators.rig.slide_effects import slide_rates
+from forcecal_ros.simulators.rig.tool import Slide, slide_along, tool_at_rest
+import numpy as np
+
+LONGEST_STEP = 0.0005
+"""Of the integration [s]; converged to better than 1e-4 N on the nominal rig."""
+
+FASTEST = 0.2
+"""Most of a step times the fastest rate of the tool or the orientation servo [rad]."""
+
+
+class Plant:
+    """
+    The physics of a rig, block after block, its effects included.
+
+    The robot does not feel its load, so one motion serves every tool and wall: see
+    :func:`same_motion`.
+
+    Parameters
+    ----------
+    rig : Rig
+    accelerometer : str, optional
+        ``acc1`` or ``acc2``; the rig's mounted one where none is given.
+    steps : int, optional
+        Integration steps per robot period, a multiple of what the sensor rates ask for; the
+        fewest sufficient ones (0.5 ms or less) where none is given.
+
+    Raises
+    ------
+    ConfigError
+        No such accelerometer, or steps that miss samples.
+    """
+
+    def __init__(self, rig: Rig, accelerometer: str | None = None,
+                 steps: int | None = None) -> None:
+        self.steps = steps or enough_steps(rig)
+        if self.steps % common_samples(rig):
+            raise ConfigError(f'{steps} integration steps per robot period miss samples of the '
+                              f'sensors; give a multiple of {common_samples(rig)}')
+        self._p = kernel_parameters(rig, accelerometer)[()]
+        self._rig, self._step = rig, rig.robot.period / self.steps
+
+    def rest(self, position: Array, xyzw: Array) -> None:
+        """
+        Begin anew, having rested at one pose for ever.
+
+        Parameters
+        ----------
+        position : ndarray, shape (3,)
+            Of S in base [m].
+        xyzw : ndarray, shape (4,)
+        """
+        R_base_sensor = matrix_from_quaternion(xyzw)
+        self._effects = MotionEffects(self._rig, self._step / 2.0)
+        self._robot = robot_at_rest(position, xyzw)[0]
+        self._tool = tool_at_rest(self._p, position, R_base_sensor)[0]
+        self._highpass = highpass_settled(self._p, R_base_sensor)[0]
+
+    def move(self, positions: Array, xyzw: Array) -> Motion:
+        """
+        Follow commands, one robot period each.
+
+        Parameters
+        ----------
+        positions : ndarray, shape (m, 3)
+            Of S in base [m].
+        xyzw : ndarray, shape (m, 4)
+
+        Returns
+        -------
+        Motion
+            At 2 steps m + 1 nodes.
+        """
+        motion = Motion.empty(2 * self.steps * len(positions) + 1)
+        # copies: read-only arrays would be another type, and compiled anew
+        move(self._p, self._robot, np.array(positions, dtype=float),
+             np.array(xyzw, dtype=float), self.steps, motion)
+        return self._effects(motion)
+
+    def respond(self, motion: Motion) -> tuple[Slide, Response]:
+        """
+        Let the tool respond to a block of motion.
+
+        Parameters
+        ----------
+        motion : Motion
+            Of this plant, or of another one of the :func:`same_motion` and steps.
+
+        Returns
+        -------
+        Slide
+            At the steps, the start included.
+        Response
+            At the steps, the start left out.
+        """
+        n = len(motion.position) // 2
+        slide, response = Slide.empty(n + 1), Response.empty(n)
+        slide_along(self._p, self._tool, motion, self._step, slide)
+        respond(self._p, self._highpass, motion, slide, self._step, response)
+        return slide, response
+
+
+def same_motion(rig: Rig) -> object:
+    """Return what the motion of S hangs on, equal and hashed alike where the motion is."""
+    return (rig.robot, rig.servo, *(one for one in rig.effects if one[0].startswith('robot_')))
+
+
+def common_samples(rig: Rig) -> int:
+    """Return the fewest equal parts of a robot period at whose ends all samples lie."""
+    sensors = ('wrench_sensor', 'accelerometer', 'pose_sensor', 'optidrive')
+    return math.lcm(*(rig.samples_per_period(s) for s in sensors if getattr(rig, s)))
+
+
+def enough_steps(rig: Rig) -> int:
+    """
+    Return the fewest integration steps per robot period that are accurate and meet the sensors.
+
+    Parameters
+    ----------
+    rig : Rig
+
+    Returns
+    -------
+    int
+        Steps are LONGEST_STEP at most, FASTEST over the fastest rate of servo and tool at most,
+        and a whole number of them lies between the samples of each sensor.
+    """
+    common, rig = common_samples(rig), physical_rig(rig)
+    rates = [FASTEST / LONGEST_STEP, rig.servo.orientation_bandwidth, *slide_rates(rig)]
+    if rig.optidrive:
+        rates += [
+            math.sqrt((rig.optidrive.stiffness + rig.wall.stiffness) / rig.tool.mass),
+            (rig.optidrive.damping + rig.wall.damping) / rig.tool.mass]
+    return common * math.ceil(rig.robot.period * max(rates) / FASTEST / common - 1e-9)

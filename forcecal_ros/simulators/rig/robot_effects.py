@@ -1,0 +1,93 @@
+"""Effects of the robot: its motion comes late, or rings."""
+
+from forcecal_ros.effects.chosen import named_effects
+from forcecal_ros.effects.filters import Delay, Filter
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.geometry import Array
+from forcecal_ros.simulators.rig.robot import Motion
+import numpy as np
+
+
+class MotionEffects:
+    """
+    What a rig's effects do to the motion of S, block after block.
+
+    Parameters
+    ----------
+    rig : Rig
+    dt : float
+        Between the nodes of the motion [s].
+    """
+
+    def __init__(self, rig: Rig, dt: float) -> None:
+        named = named_effects(rig.effects)
+        delay = named.get('robot_delay', {}).get('delay', 0.0)
+        self._delays = [Delay(delay, dt) for _ in Motion._fields] if delay else []
+        ringing = named.get('robot_resonance', {'gain': 0.0})
+        self._ringing = Ringing(**ringing, dt=dt) if ringing['gain'] else None
+        self._end: Motion | None = None
+
+    def __call__(self, motion: Motion) -> Motion:
+        """
+        Change the next block of motion.
+
+        Parameters
+        ----------
+        motion : Motion
+            Its first node is the last one of the block before, or rest.
+
+        Returns
+        -------
+        Motion
+        """
+        if not self._delays and self._ringing is None:
+            return motion
+        start = Motion(*(part[:1] for part in motion)) if self._end is None else self._end
+        if self._end is None:
+            self._change(start)  # settles
+        changed = self._change(Motion(*(part[1:] for part in motion)))
+        self._end = Motion(*(part[-1:] for part in changed))
+        return Motion(*map(np.concatenate, zip(start, changed)))
+
+    def _change(self, motion: Motion) -> Motion:
+        if self._delays:
+            motion = Motion(*(delay(part.reshape(len(part), -1)).reshape(part.shape)
+                              for delay, part in zip(self._delays, motion)))
+        return motion if self._ringing is None else self._ringing(motion)
+
+
+class Ringing:
+    """
+    A lightly damped mode in the path of the position.
+
+    x = x0 + gain d, d'' + 2 zeta w d' + w^2 d = -(a0 + g 2 zeta w v0). With g = 1 that is
+    x = x0 + gain (H x0 - x0), H = w^2 / (s^2 + 2 zeta w s + w^2), in a form that loses no digits
+    where w is large; with g = 0 the mode is damped within the robot and feels its acceleration
+    alone.
+
+    Parameters
+    ----------
+    gain, frequency, damping, grounded : float
+        [1], [Hz], zeta [1], g [1].
+    dt : float
+        Between the nodes of the motion [s].
+    """
+
+    def __init__(self, gain: float, frequency: float, damping: float, grounded: float,
+                 dt: float) -> None:
+        w = 2.0 * np.pi * frequency
+        self._gain, self._stiffness, self._drag = gain, w * w, 2.0 * damping * w
+        self._dragged = grounded * self._drag
+        denominator = [1.0, self._drag, self._stiffness]
+        self._excess = Filter([1.0], denominator, dt)
+        self._rate = Filter([1.0, 0.0], denominator, dt)
+
+    def __call__(self, motion: Motion) -> Motion:
+        """Add the ringing to the next nodes of a motion."""
+        drive = -(motion.acceleration + self._dragged * motion.velocity)
+        d, rate = self._excess(drive), self._rate(drive)
+        second: Array = drive - self._drag * rate - self._stiffness * d
+        return motion._replace(
+            position=motion.position + self._gain * d,
+            velocity=motion.velocity + self._gain * rate,
+            acceleration=motion.acceleration + self._gain * second)

@@ -1,0 +1,122 @@
+"""The calibration file gives back what was written, and says what is wrong with what was not."""
+
+import math
+
+from forcecal_ros.calibration import document as calibration_document
+from forcecal_ros.calibration import file as calibration_file
+from forcecal_ros.calibration.model import (
+    Calibration,
+    Estimate,
+)
+from forcecal_ros.errors import ConfigError
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+import numpy as np
+import pytest
+from whole_calibration import whole_calibration
+import yaml
+
+
+def assert_same(a, b):
+    assert calibration_document.to_document(a) == calibration_file.to_document(b)
+
+
+def test_what_was_saved_is_what_is_loaded(tmp_path):
+    path = tmp_path / 'folder' / 'calibration.yaml'
+    calibration_file.save(whole_calibration(), path)
+    assert_same(calibration_file.load(path), whole_calibration())
+
+
+def test_parts_that_were_not_identified_come_back_as_none():
+    c = whole_calibration()
+    bare = Calibration(mass=c.mass, com=c.com, wrench_bias=c.wrench_bias)
+    text = calibration_file.dump(bare)
+    assert yaml.safe_load(text)['inertia'] == 'not identified'
+    back = calibration_file.parse(text)
+    assert back.inertia is None and back.accelerometer is None and back.observer is None
+    assert_same(back, bare)
+
+
+def test_the_old_file_is_kept_beside_the_new_one(tmp_path):
+    path = tmp_path / 'calibration.yaml'
+    path.write_text('old')
+    calibration_file.save(whole_calibration(), path)
+    assert (tmp_path / 'calibration.yaml~').read_text() == 'old'
+
+
+def test_a_share_directory_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match='share directory'):
+        calibration_file.save(whole_calibration(), tmp_path / 'share/forcecal_ros/c.yaml')
+
+
+@pytest.mark.parametrize(('path', 'value', 'message'), [
+    (('format',), 'forcecal-calibration/9', 'format'),
+    (('mass', 'value'), -1.0, 'mass.value is -1.0, expected a positive mass'),
+    (('mass', 'value'), 'heavy', 'mass.value is heavy, expected numbers'),
+    (('mass', 'unit'), 'lb', 'mass.unit is lb, expected kg'),
+    (('com',), {'value': [1, 2], 'unit': 'm'}, 'com.value is shape (2,), expected shape (3,)'),
+    (('wrench_bias', 'value'), [math.nan] * 6, 'wrench_bias.value'),
+    (('wrench_bias',), None, 'wrench_bias is None, expected {value, std, unit}'),
+    (('accelerometer', 'coupling'), 'wireless', 'accelerometer.coupling'),
+    (('accelerometer', 'map', 'value'), np.zeros((3, 3)).tolist(), 'singular'),
+    (('observer', 'dt'), 0, 'observer.dt'),
+    (('observer', 'mode'), 'magic', 'observer.mode'),
+    (('sensor', 'sign'), 2, 'sensor.sign'),
+    (('tool',), 3, 'tool is 3, expected a group of keys'),
+])
+def test_a_wrong_entry_is_named_with_what_was_expected(path, value, message):
+    document = calibration_document.to_document(whole_calibration())
+    place = document
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = value
+    with pytest.raises(ConfigError) as caught:
+        calibration_file.parse(yaml.safe_dump(document), 'cal.yaml')
+    text = str(caught.value)
+    assert message in text and text.startswith('cal.yaml: ') and '\n' not in text
+
+
+LAUGHS = 'a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]\n'
+
+
+@pytest.mark.parametrize('text', [
+    '', '[1, 2]', 'mass: {', LAUGHS, '!!python/object/apply:os.system ["true"]', '[' * 5000,
+    '\x00', 'format: [1',
+])
+def test_hostile_text_is_refused_in_one_line(text):
+    with pytest.raises(ConfigError) as caught:
+        calibration_file.parse(text)
+    assert '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize('data', [b'\xff\xfe\x00', b'x' * 400_000])
+def test_files_that_are_no_calibration_are_refused(tmp_path, data):
+    path = tmp_path / 'c.yaml'
+    path.write_bytes(data)
+    with pytest.raises(ConfigError, match=r'c\.yaml'):
+        calibration_file.load(path)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(ConfigError, match='cannot be read'):
+        calibration_file.load(tmp_path / 'none.yaml')
+
+
+finite = st.floats(allow_nan=False, allow_infinity=False, width=64)
+
+
+@given(npst.arrays(float, (6,), elements=finite), st.floats(1e-300, 1e300))
+def test_numbers_survive_to_the_last_digit(bias, mass):
+    c = Calibration(mass=Estimate(mass, math.nan, 'kg'), com=Estimate(bias[:3], 0, 'm'),
+                    wrench_bias=Estimate(bias, np.abs(bias), 'N, N m'))
+    back = calibration_file.parse(calibration_file.dump(c))
+    assert float(back.mass) == mass
+    np.testing.assert_array_equal(back.wrench_bias.value, bias)
+    np.testing.assert_array_equal(back.wrench_bias.std, np.abs(bias))
+
+
+@given(st.text())
+def test_no_text_makes_the_reader_fail_otherwise_than_by_a_config_error(text):
+    with pytest.raises(ConfigError):
+        calibration_file.parse(text)

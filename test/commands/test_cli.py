@@ -1,0 +1,183 @@
+"""The command line as its user meets it: results on stdout, one line of complaint, statuses."""
+
+from dataclasses import replace
+import json
+import re
+import shlex
+import subprocess
+import sys
+
+from bag_samples import split_bag
+from forcecal_ros.calibration.file import load, save
+from forcecal_ros.calibration.model import Estimate
+from forcecal_ros.cli import build_parser, COMMANDS, main
+from forcecal_ros.recording.bags import read_recording, write_recording
+from forcecal_ros.recording.streams import Stream
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin
+
+
+def run(capsys, *arguments):
+    """Return status, stdout and stderr of one command."""
+    try:
+        status = main([str(a) for a in arguments])
+    except SystemExit as stop:
+        status = stop.code
+    out, err = capsys.readouterr()
+    return status, out, err
+
+
+@pytest.fixture(scope='module')
+def sample(rig_sample):
+    return rig_sample / 'bag'
+
+
+@pytest.fixture(scope='module')
+def calibration(sample, tmp_path_factory):
+    path = tmp_path_factory.mktemp('calibration') / 'calibration.yaml'
+    assert main(['calibrate', str(sample), '-o', str(path)]) == 0
+    return path
+
+
+def test_calibrate_identifies_a_rig_simulated_by_other_code(calibration):
+    c = load(calibration)
+    for estimate, truth in (
+            (c.mass, 13.0), (c.com, [0.03, -0.01, 0.14]),
+            (c.wrench_bias, [4, -3, 8, 0.3, -0.2, 0.1]), (c.accelerometer.offset, 5.0938),
+            (c.accelerometer.gain, -0.2937), (c.tool.stiffness, 5000), (c.tool.damping, 130)):
+        assert (np.abs(estimate.value - truth) < 4 * estimate.std).all()
+
+
+def test_json_is_what_the_file_says(capsys, sample, tmp_path):
+    path = tmp_path / 'c.yaml'
+    status, out, _ = run(capsys, 'calibrate', sample, '-o', path, '--json')
+    assert status == 0
+    document = json.loads(out)
+    assert document['mass']['value'] == float(load(path).mass)
+    assert document['format'] == 'forcecal-calibration/1'
+    assert np.shape(document['observer']['K']['value']) == (2, 3)
+    assert document['observer']['K']['value'][1][2] == 1
+
+
+def test_calibrate_writes_a_report_with_its_pictures(capsys, sample, tmp_path):
+    page = tmp_path / 'report.html'
+    assert run(capsys, 'calibrate', sample, '-o', tmp_path / 'c.yaml', '--report', page)[0] == 0
+    assert page.read_text().count('<img') == 5
+
+
+@pytest.mark.parametrize('mode', ['kalman', 'newton'])
+def test_estimate_finds_the_contact_of_the_other_code(
+        capsys, sample, rig_sample, calibration, tmp_path, mode):
+    out = tmp_path / 'contact'
+    status, said, _ = run(capsys, 'estimate', sample, '--calibration', calibration, '-o', out,
+                          '--mode', mode, '--json')
+    assert status == 0 and json.loads(said)['samples'] == 21400
+    recording = read_recording(out, {'wrench': '/observer/contact_wrench'})
+    clean = np.load(rig_sample / 'clean.npz')
+    contact = recording.wrench.values[:, 0]
+    truth = clean['contact_force'][:, 0]
+    held = (clean['t'] > 11.2) & (clean['t'] < 12.2)
+    assert abs(contact[held].mean() - truth[held].mean()) < 0.1
+    step = (clean['t'] > 7.4) & (clean['t'] < 8.9)
+    assert np.sqrt(np.mean((contact - truth)[step] ** 2)) < 0.6
+    assert np.sqrt(np.mean((contact - truth)[clean['t'] < 9] ** 2)) < 1.5
+
+
+def test_simulate_answers_recorded_commands_like_the_other_code(
+        capsys, sample, rig_sample, tmp_path):
+    out = tmp_path / 'simulated'
+    status, said, _ = run(capsys, 'simulate', '--commands', sample, '-o', out, '--noise-free')
+    assert status == 0 and '21400 wrench' in said
+    clean = np.load(rig_sample / 'clean.npz')
+    difference = read_recording(out).wrench.values - clean['wrench']
+    assert np.sqrt((difference[:, :3] ** 2).mean()) < 0.005
+    assert np.sqrt((difference[:, 3:] ** 2).mean()) < 0.001
+
+
+def test_raw_channels_are_calibrated_and_observed_through_their_matrix(
+        capsys, sample, calibration, tmp_path):
+    matrix = np.eye(6) + 0.1 * np.random.default_rng(2).standard_normal((6, 6))
+    offset = np.arange(6.0)
+    recording = read_recording(sample)
+    wire = recording.wrench
+    write_recording(tmp_path / 'raw', replace(recording, wrench=Stream(
+        wire.t, wire.values @ np.linalg.inv(matrix).T + offset, wire.frame)))
+    save(replace(load(calibration), matrix=Estimate(matrix, 0.0, 'N, N m per count'),
+                 matrix_offset=Estimate(offset, 0.0, 'count')), tmp_path / 'six.yaml')
+    assert run(capsys, 'calibrate', tmp_path / 'raw', '--matrix', tmp_path / 'six.yaml',
+               '-o', tmp_path / 'c.yaml')[0] == 0
+    found, direct = load(tmp_path / 'c.yaml'), load(calibration)
+    assert float(found.mass) == pytest.approx(float(direct.mass), rel=1e-6)
+    np.testing.assert_allclose(found.matrix.value, matrix)
+    outs = []
+    for bag, c in ((tmp_path / 'raw', tmp_path / 'c.yaml'), (sample, calibration)):
+        assert run(capsys, 'estimate', bag, '--calibration', c, '-o', tmp_path / 'o')[0] == 0
+        outs.append(read_recording(tmp_path / 'o', {'wrench': '/observer/contact_wrench'}))
+    np.testing.assert_allclose(outs[0].wrench.values, outs[1].wrench.values, atol=1e-4)
+
+
+@pytest.mark.parametrize('storage', StoragePlugin, ids=lambda storage: storage.name)
+def test_a_recording_in_several_files_says_the_same(
+        capsys, sample, calibration, tmp_path, storage):
+    split = split_bag(sample, tmp_path / 'split', storage)
+    assert len(list(split.glob('split_*.*'))) == 3
+    status, said, _ = run(capsys, 'calibrate', split, '-o', tmp_path / 'c.yaml', '--json')
+    again, whole = json.loads(said), load(calibration)
+    assert status == 0
+    for name in ('mass', 'com', 'wrench_bias'):
+        np.testing.assert_array_equal(again[name]['value'], getattr(whole, name).value)
+    status, said, _ = run(capsys, 'estimate', split, '--calibration', calibration,
+                          '-o', tmp_path / 'o', '--json')
+    assert status == 0 and json.loads(said)['samples'] == 21400
+
+
+def test_what_was_there_is_kept(capsys, sample, tmp_path):
+    out = tmp_path / 'simulated'
+    out.mkdir()
+    (out / 'precious').write_text('data')
+    assert run(capsys, 'simulate', '--commands', sample, '-o', out)[0] == 0
+    assert (tmp_path / 'simulated~' / 'precious').read_text() == 'data'
+
+
+@pytest.mark.parametrize('arguments', [
+    ('calibrate', '/nowhere'),
+    ('calibrate', '{sample}', '--topic', 'wrench=/no/such/topic'),
+    ('calibrate', '{sample}', '--topic', 'wrench'),
+    ('calibrate', '{sample}', '--topic', 'wrnch=/wrench'),
+    ('calibrate', '{sample}', '--gravity', '-1'),
+    ('calibrate', '{sample}', '-o', '/proc/no/calibration.yaml'),
+    ('estimate', '{sample}', '--calibration', '/nowhere.yaml', '-o', '{tmp}/out'),
+    ('estimate', '{sample}', '--calibration', '{sample}/metadata.yaml', '-o', '{tmp}/out'),
+    ('simulate', '--commands', '{sample}', '--rig', '/nowhere.yaml', '-o', '{tmp}/out'),
+    ('simulate', '--commands', '{empty}', '-o', '{tmp}/out'),
+])
+def test_what_cannot_be_answered_is_one_line_and_status_1(capsys, sample, tmp_path, arguments):
+    (tmp_path / 'empty').mkdir()
+    filled = [a.format(sample=sample, tmp=tmp_path, empty=tmp_path / 'empty') for a in arguments]
+    status, out, err = run(capsys, *filled)
+    assert status == 1 and out == ''
+    assert err.startswith('forcecal: ') and err.count('\n') == 1
+    assert not (tmp_path / 'out').exists()
+
+
+@pytest.mark.parametrize('arguments', [(), ('dance',), ('calibrate',), ('estimate', 'bag')])
+def test_wrong_usage_is_status_2(capsys, arguments):
+    status, out, err = run(capsys, *arguments)
+    assert status == 2 and out == '' and 'usage: forcecal' in err
+
+
+@pytest.mark.parametrize('command', COMMANDS)
+def test_help_shows_an_example(capsys, command):
+    status, out, _ = run(capsys, command, '--help')
+    assert status == 0 and f'example:\n  forcecal {command}' in out
+    for example in re.findall(r'^  forcecal (.*)$', out.partition('example:')[2], re.M):
+        build_parser(command).parse_args(shlex.split(example, comments=True))
+
+
+def test_a_command_loads_neither_ros_nor_a_compiler_before_it_needs_them():
+    loaded = subprocess.run(
+        [sys.executable, '-c', 'import sys; from forcecal_ros.cli import build_parser\n'
+         'build_parser("calibrate"); print(*sys.modules)'],
+        capture_output=True, text=True, check=True)
+    assert not {'numba', 'rclpy', 'control', 'matplotlib'} & set(loaded.stdout.split())

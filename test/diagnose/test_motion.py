@@ -1,0 +1,125 @@
+"""Recordings without commands: the wrench is compared with the measured motion."""
+
+from dataclasses import replace
+import json
+from pathlib import Path
+
+from forcecal_ros.calibration.file import load
+from forcecal_ros.cli import main
+from forcecal_ros.diagnose.motion.known import known_from_calibration, known_from_rig
+from forcecal_ros.diagnose.motion.pipeline import diagnose_motion
+from forcecal_ros.effects import with_effects
+from forcecal_ros.recording.bags import read_recording
+from forcecal_ros.recording.streams import PoseStream, Recording, Stream
+from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rig.offline import simulate
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+GRAVITY = '9.8209'
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope='module')
+def kuka(data_dir, tmp_path_factory):
+    """Calibrated on the poses and diagnosed on a trajectory, by the commands."""
+    folder = tmp_path_factory.mktemp('kuka')
+    for name in ('poses', 'baseline'):
+        assert main(['import', str(ROOT / f'config/examples/kuka_{name}.yaml'),
+                     '--tables', str(data_dir / 'kuka_lbr_med'), '-o', str(folder / name)]) == 0
+    known = folder / 'calibration.yaml'
+    assert main(['calibrate', str(folder / 'poses'), '--gravity', GRAVITY, '-o', str(known)]) == 0
+    assert main(['diagnose', str(folder / 'baseline'), '--calibration', str(known),
+                 '-o', str(folder / 'out')]) == 0
+    return folder
+
+
+@pytest.fixture(scope='module')
+def found(kuka):
+    return json.loads((kuka / 'out' / 'diagnosis.json').read_text())
+
+
+def numbers(document, effect):
+    one, = (e for e in document['effects'] if e['name'] == effect)
+    return {name: p['value'] for name, p in one['parameters'].items()}
+
+
+def test_inertia_delay_and_offset_of_a_real_arm_come_out_by_themselves(found):
+    assert {e['name'] for e in found['effects']} == {
+        'inertial_force', 'accel_delay', 'wrench_bias'}
+    assert numbers(found, 'inertial_force')['fraction'] == pytest.approx(1.0, abs=0.1)
+    assert 0.006 < numbers(found, 'accel_delay')['delay'] < 0.007
+    offset, = (n for n in found['notes'] if n.startswith('force.z'))
+    assert '+0.4' in offset
+    # half of it is the turning arm's centripetal force
+    assert numbers(found, 'wrench_bias')['fz'] == pytest.approx(0.21, abs=0.05)
+
+
+def test_the_gap_of_a_real_arm_shrinks_on_every_axis_held_out(found):
+    for axis, least in zip('xyz', (0.5, 0.3, 0.7)):
+        channel = found['gap']['per_channel'][f'force.{axis}']
+        assert channel['explained_rms'] < (1.0 - least) * channel['recalibrated_rms']
+    assert found['gap']['closed_ci95'][0] > 0.7
+    assert found['verdict'] == 'partial'
+
+
+def test_the_patched_calibration_leaves_what_was_claimed(kuka, found):
+    recording = read_recording(kuka / 'baseline')
+    patched = load(kuka / 'out' / 'calibration_patched.yaml')
+    known = replace(known_from_calibration(patched), dynamic=True)
+    again = diagnose_motion(recording, None, known).diagnosis.gap
+    for axis in 'xyz':
+        claimed = found['gap']['per_channel'][f'force.{axis}']
+        left = again.channels[f'force.{axis}'][0]
+        assert left / claimed['recalibrated_rms'] == pytest.approx(
+            claimed['explained_rms'] / claimed['recalibrated_rms'], abs=0.05)
+
+
+@pytest.fixture(scope='module')
+def commands():
+    """Poses of different orientation and some steps, without phases and contact."""
+    rig, t = load_rig(), 0.004 * np.arange(2500)
+    turn = 0.8 * np.sin(0.5 * np.clip(t - 1.0, 0.0, 8.0) * np.pi / 2.0)[:, None] * [0.5, 1, 0.3]
+    rest = np.array(rig.home.R_base_sensor)
+    sway = 0.01 * np.sin(2.0 * np.pi * np.clip(t - 1.0, 0.0, 8.0))[:, None] * [1.0, 0.5, 0.7]
+    return PoseStream(t, np.array(rig.home.position) + sway,
+                      rest @ Rotation.from_rotvec(turn).as_matrix())
+
+
+@pytest.mark.parametrize('rig_name, effects, name', [
+    ('rig.yaml', {}, None),
+    ('rig.yaml', {'wrench_delay': {'delay': 0.006}}, 'wrench_delay'),
+    ('rigid_tool.yaml', {'tool_mass': {'change': 0.05}}, 'tool_mass'),
+    ('rigid_tool.yaml', {'accel_bias': {'y': 0.2}}, 'accel_bias'),
+    ('rigid_tool.yaml', {'wrench_gain': {'fx': 0.05}}, 'wrench_gain'),
+    ('rigid_tool.yaml', {'wrench_crosstalk': {'fy_of_fx': 0.05}}, 'wrench_crosstalk'),
+    ('rigid_tool.yaml', {'wrench_bias_drift': {'fz': 0.1}}, 'wrench_bias_drift'),
+])
+def test_one_effect_is_named_and_none_without(commands, rig_name, effects, name):
+    rig = load_rig(rig_name)
+    recording = simulate(with_effects(rig, effects), commands, seed=1)
+    diagnosis = diagnose_motion(replace(recording, target=None), None,
+                                known_from_rig(rig)).diagnosis
+    assert [e.name for e in diagnosis.effects] == ([name] if name else [])
+    if name is None:
+        assert diagnosis.verdict == 'no_gap'
+
+
+def test_without_accelerometer_the_position_says_how_the_tool_moves(commands):
+    rig = load_rig('rigid_tool.yaml')
+    recording = replace(simulate(rig, commands, seed=1), target=None, accelerometer=None)
+    diagnosis = diagnose_motion(recording, None, known_from_rig(rig)).diagnosis
+    assert diagnosis.verdict == 'no_gap'
+    assert not {n for n, _ in diagnosis.candidates} | {
+        n for n in diagnosis.not_excited if n.startswith('accel')}
+
+
+def test_a_robot_that_stands_still_excites_nothing():
+    t = 0.002 * np.arange(4000)
+    rng = np.random.default_rng(0)
+    still = Recording(wrench=Stream(t, rng.standard_normal((len(t), 6))),
+                      pose=PoseStream(t, np.zeros((len(t), 3)), np.tile(np.eye(3),
+                                                                         (len(t), 1, 1))))
+    rig = load_rig('rigid_tool.yaml')
+    assert diagnose_motion(still, None, known_from_rig(rig)).diagnosis.verdict == 'not_excited'

@@ -1,0 +1,131 @@
+"""The gap between recording and simulator: named, measured, or denied."""
+
+from dataclasses import replace
+import os
+from pathlib import Path
+
+from forcecal_ros.diagnose import datachecks
+from forcecal_ros.diagnose.evidence import fit, Gram, Prior
+from forcecal_ros.diagnose.noise import fit_noise
+from forcecal_ros.diagnose.parameters import from_checks
+from forcecal_ros.diagnose.pipeline import diagnose
+from forcecal_ros.diagnose.stamps import Corrected
+from forcecal_ros.recording.bags import read_recording
+from forcecal_ros.recording.streams import Recording, Stream
+from forcecal_ros.simulators.rig.file import load_rig
+import numpy as np
+import pytest
+
+SAMPLE = Path(os.environ.get(
+    'FORCECAL_DATA', Path(__file__).resolve().parents[3] / 'shared' / 'data')).parent \
+    / 'rig_sample' / 'bag'
+
+
+def test_whitened_noise_is_white_whatever_its_colour():
+    rng = np.random.default_rng(0)
+    n = 20_000
+    white = rng.standard_normal((n, 16))
+    coloured = white.copy()
+    for k in range(1, n):
+        coloured[k] += 0.9 * coloured[k - 1]
+    noise = fit_noise(coloured, np.ones((n, 16), dtype=bool), np.zeros(n, dtype=int))
+    w = noise.whiten(coloured[:, 0][np.newaxis], 0)[0][8:]
+    assert abs(w.var() - 1.0) < 5.0 * np.sqrt(2.0 / n)
+    assert abs(w[1:] @ w[:-1]) / n < 5.0 / np.sqrt(n)
+
+
+def test_a_nuisance_takes_up_three_spreads_and_no_more():
+    gram = Gram(np.array([[1e6]]), np.array([5e6]), 0.0, 1000)
+    bounded = fit(gram, Prior(np.zeros(1), np.ones(1), np.full(1, 3.0)))
+    free = fit(gram, Prior(np.zeros(1), np.full(1, 1e-4), np.full(1, np.inf)))
+    assert bounded.x[0] == pytest.approx(3.0)
+    assert free.x[0] == pytest.approx(5.0, rel=1e-3)
+
+
+def test_skew_and_lost_samples_are_read_off_the_stamps():
+    rng = np.random.default_rng(1)
+    t = 1e-3 * np.arange(20_000)
+    kept = rng.random(len(t)) > 0.02
+    wrench = Stream(t[kept] * (1.0 + 2e-4), rng.standard_normal((kept.sum(), 6)))
+    found = datachecks.clocks(Recording(wrench=wrench))
+    assert datachecks.skew_between(found)['wrench'] == pytest.approx(2e-4, rel=1e-3)
+    lost = 5.0 * np.sqrt(0.02 * 0.98 / len(t))
+    assert datachecks.dropouts(found)['wrench'] == pytest.approx(0.02, abs=lost)
+
+
+def test_commands_that_come_unevenly_are_a_note_and_no_effect():
+    uneven = Corrected(Recording(), (), {}, {'target': 0.1})
+    effects, notes = from_checks([uneven], np.ones(16), None)
+    assert not effects and notes == ('samples are lost: target 10.00 %',)
+
+
+def test_a_lattice_of_values_gives_its_step_and_noise_gives_none():
+    values = np.random.default_rng(2).standard_normal((5000, 6))
+    coarse = Recording(wrench=Stream(np.arange(5000.0), 0.5 * np.round(values / 0.5)))
+    fine = Recording(wrench=Stream(np.arange(5000.0), values))
+    noise = np.full(16, 1.0)
+    assert {x.step for x in datachecks.lattices(coarse, noise)} == {0.5}
+    assert not datachecks.lattices(fine, noise)
+
+
+def test_a_line_in_white_noise_is_found_at_its_frequency():
+    t = 1e-3 * np.arange(20_000)
+    rows = np.random.default_rng(3).standard_normal((len(t), 6))
+    assert not datachecks.lines(rows, 1000.0, 'wrench')
+    rows[:, 2] += 0.3 * np.sin(2.0 * np.pi * 63.7 * t)
+    line, = datachecks.lines(rows, 1000.0, 'wrench')
+    assert (line.channel, line.frequency) == ('force.z', pytest.approx(63.7, abs=0.05))
+
+
+def test_a_recording_without_commands_is_invalid_and_says_so():
+    diagnosis = diagnose(Recording(), None, load_rig()).diagnosis
+    assert diagnosis.verdict == 'invalid_data'
+    assert 'target_frame' in diagnosis.reason
+
+
+@pytest.fixture(scope='module')
+def sample():
+    if not SAMPLE.exists():
+        pytest.skip(f'{SAMPLE} is not there')
+    return read_recording(SAMPLE)
+
+
+def test_a_sound_recording_by_other_code_has_no_gap(sample):
+    diagnosis = diagnose(sample, None, load_rig()).diagnosis
+    assert diagnosis.verdict == 'no_gap'
+    assert not diagnosis.effects
+
+
+def test_a_turned_accelerometer_is_identified_with_its_angle(sample):
+    angle = 0.03
+    rig = load_rig()
+    model = rig.accelerometer.acc1
+    force = (sample.accelerometer.values - model.offset) / model.gain
+    c, s = np.cos(angle), np.sin(angle)
+    turned = force @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    wrong = replace(sample, accelerometer=replace(
+        sample.accelerometer, values=turned * model.gain + model.offset))
+    diagnosis = diagnose(wrong, None, rig).diagnosis
+    effect, = diagnosis.effects
+    assert effect.name == 'accel_misalignment'
+    estimate = effect.parameters['y']
+    assert abs(estimate.value - angle) < 5.0 * estimate.std
+    assert diagnosis.gap.closed > 0.9
+
+
+def test_what_no_effect_explains_is_unknown_and_stays_out_of_the_rig(sample):
+    rig = load_rig()
+    pose, wrench = sample.pose, sample.wrench
+    place = np.interp(wrench.t, pose.t, pose.position[:, 0])
+    cogging = 1.5 * np.sin(2.0 * np.pi * (place - place[0]) / 0.0025)
+    wrong = replace(sample, wrench=replace(
+        wrench, values=wrench.values + np.outer(cogging, [0.0, 1.0, 0.0, 0.0, 0.0, 0.0])))
+    found = diagnose(wrong, None, rig)
+    assert found.diagnosis.verdict == 'unknown'
+    assert [e.name for e in found.diagnosis.effects] == ['unknown']
+    assert not found.rig.effects
+    gap = found.diagnosis.gap
+    assert gap.closed == 0.0
+    nominal, recalibrated, explained = gap.channels['force.y'][:3]
+    assert explained == recalibrated
+    assert abs(explained - np.std(cogging)) < 0.2 * np.std(cogging)

@@ -1,0 +1,266 @@
+"""Claims about every effect of the library: nothing at nominal, visible at typical, live alike."""
+
+from dataclasses import replace
+from itertools import cycle
+
+from effects_runs import changed, clean, having, nominal, pressing, RIG, RIGID, typical
+from forcecal_ros.effects import (
+    applicable,
+    apply_signal_effects,
+    EFFECTS,
+    named_effects,
+    physical_rig,
+    with_effects,
+)
+from forcecal_ros.errors import ConfigError
+from forcecal_ros.recording.streams import Stream
+from forcecal_ros.simulators.rig.file import dump_rig, load_rig
+from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.simulators.rig.plant import enough_steps
+from forcecal_ros.simulators.rig.simulator import checked_commands, Samples, SIGNALS, Simulator
+import numpy as np
+import pytest
+import yaml
+
+NAMES = """
+wrench_delay wrench_lowpass wrench_bias_drift wrench_gain wrench_crosstalk wrench_hysteresis
+wrench_saturation wrench_quantisation accel_delay accel_gain accel_bias accel_misalignment
+accel_highpass accel_saturation accel_resonance tool_mass tool_com tool_stiffness tool_damping
+tool_stiffening tool_friction tool_backlash cable_force robot_delay robot_resonance base_tilt
+spindle_vibration contact_stiffness contact_damping wall_position clock_skew dropouts
+""".split()
+MOVES = {
+    'robot': {'wrench', 'accelerometer', 'optidrive'},
+    'tool': {'wrench'},
+    'environment': {'wrench', 'accelerometer', 'optidrive'},
+    'wrench_sensor': {'wrench'},
+    'accelerometer': {'accelerometer'},
+    'timing': {'wrench', 'accelerometer', 'optidrive', 'pose'},
+}
+KEEPS = {
+    'robot': set(),
+    'tool': {'pose'},
+    'environment': {'pose'},
+    'wrench_sensor': {'accelerometer', 'optidrive', 'pose'},
+    'accelerometer': {'wrench', 'optidrive', 'pose'},
+    'timing': set(),
+}
+TARGET = pressing()
+REFERENCE = clean(RIG, TARGET)
+NOISY = simulate(RIG, TARGET, seed=1)
+NOISE = {'wrench': 0.02, 'accelerometer': 0.01, 'optidrive': 20e-6, 'pose': 20e-6}
+every_effect = pytest.mark.parametrize('effect', EFFECTS.values(), ids=list(EFFECTS))
+signal_effects = pytest.mark.parametrize('effect', [
+    effect for effect in EFFECTS.values() if effect.where == 'signal'], ids=lambda e: e.name)
+
+
+def test_library_holds_every_effect_that_has_a_name():
+    assert sorted(EFFECTS) == sorted(NAMES)
+    assert all(name == effect.name for name, effect in EFFECTS.items())
+
+
+@every_effect
+def test_parameters_lie_within_their_limits(effect):
+    assert len({q.name for q in effect.parameters}) == len(effect.parameters) > 0
+    for q in effect.parameters:
+        assert q.low < q.high and q.typical != q.nominal
+        assert all(q.low <= x <= q.high for x in (q.nominal, q.typical, *q.starts))
+        assert q.unit
+    assert effect.where in ('rig', 'signal', 'stamps')
+    assert effect.excited_by
+
+
+@every_effect
+def test_nuisance_is_a_spread_and_its_effect_nothing_but_a_change_of_it(effect):
+    if effect.nuisance:
+        assert getattr(RIG.spreads, effect.nuisance) > 0.0
+        assert all(q.nominal == 0.0 for q in effect.parameters)
+
+
+@every_effect
+def test_at_nominal_it_changes_nothing(effect):
+    rig = with_effects(RIG, nominal(effect))
+    assert not changed(clean(rig, TARGET), REFERENCE)
+    assert not changed(simulate(rig, TARGET, seed=1), NOISY)
+
+
+@every_effect
+def test_at_typical_size_it_shows_in_the_streams_of_its_stage_and_in_none_before(effect):
+    moved = changed(simulate(with_effects(RIG, typical(effect)), TARGET, seed=1), NOISY)
+    assert {name for name in moved if moved[name] > 3.0 * NOISE[name]} >= MOVES[effect.stage]
+    assert not set(moved) & KEEPS[effect.stage]
+
+
+@every_effect
+def test_live_periods_few_at_a_time_give_the_recording(effect):
+    rig = with_effects(RIG, typical(effect))
+    recording = simulate(rig, TARGET, seed=1)
+    simulator, blocks, k = Simulator(rig, seed=1), [], 0
+    positions, xyzw = checked_commands(TARGET.position, TARGET.R_base_sensor)
+    for size in cycle([1, 1, 2, 30]):
+        blocks.append(simulator.run(positions[k:k + size], xyzw[k:k + size]))
+        k += size
+        if k >= len(positions):
+            break
+    live = Samples(*map(np.concatenate, zip(*blocks)))
+    for t, values, stream in (
+            (live.wrench_t, live.wrench, recording.wrench),
+            (live.accelerometer_t, live.volts, recording.accelerometer),
+            (live.optidrive_t, live.optidrive[:, None], recording.optidrive),
+            (live.pose_t, live.position, Stream(recording.pose.t, recording.pose.position)),
+            (live.contact_t, live.contact, recording.contact_truth)):
+        assert np.array_equal(t, stream.t)
+        assert values == pytest.approx(stream.values, abs=1e-9)
+
+
+@every_effect
+def test_at_its_limits_everything_stays_finite(effect):
+    shorter = pressing(50)
+    for q, value in ((q, x) for q in effect.parameters for x in (q.low, q.high)):
+        values = {**typical(effect)[effect.name], q.name: value}
+        recording = clean(with_effects(RIG, {effect.name: values}), shorter)
+        assert np.isfinite(recording.wrench.values).all()
+        assert np.abs(recording.accelerometer.values).max() < 1e3
+
+
+@signal_effects
+@pytest.mark.parametrize('unit', ['V', 'm/s^2'])
+def test_laid_on_a_simulated_signal_it_is_as_if_simulated(effect, unit):
+    rig = with_effects(RIG, typical(effect))
+    laid = apply_signal_effects(clean(RIG, TARGET, unit=unit), rig)
+    simulated = clean(rig, TARGET, unit=unit)
+    assert all(size < 1e-9 for size in changed(laid, simulated).values())
+    assert changed(laid, clean(RIG, TARGET, unit=unit))
+
+
+@every_effect
+def test_only_effects_of_a_slide_do_not_apply_to_a_rigid_tool(effect):
+    assert applicable(effect, RIG, 'acc1') and applicable(effect, RIG, 'acc2')
+    if applicable(effect, RIGID, 'acc1'):
+        clean(with_effects(RIGID, typical(effect)), pressing(5))
+    else:
+        assert effect.stage == 'tool'
+        with pytest.raises(ConfigError, match=f'{effect.name} needs an optidrive'):
+            with_effects(RIGID, typical(effect))
+
+
+@every_effect
+def test_rig_file_holds_it(effect, tmp_path):
+    rig = with_effects(RIG, typical(effect))
+    text = dump_rig(rig)
+    (tmp_path / 'rig.yaml').write_text(text)
+    assert load_rig(tmp_path / 'rig.yaml') == rig != RIG
+    assert hash(rig) == hash(load_rig(tmp_path / 'rig.yaml'))
+    assert all(' # ' in line for line in text.splitlines())
+    assert named_effects(rig.effects) == typical(effect)
+
+
+def test_rig_file_without_the_section_has_no_effects(tmp_path):
+    document = yaml.safe_load(dump_rig(RIG))
+    assert 'effects' not in document
+    for empty in (None, {}):
+        (tmp_path / 'rig.yaml').write_text(yaml.safe_dump({**document, 'effects': empty}))
+        assert load_rig(tmp_path / 'rig.yaml') == RIG
+
+
+@pytest.mark.parametrize('effects, expected', [
+    ({'wrench_dealy': {'delay': 0.004}}, 'unknown effect wrench_dealy; did you mean wrench_delay'),
+    ({'hum': {}}, 'unknown effect hum; expected one of wrench_delay, '),
+    ({7: {}}, 'unknown effect 7'),
+    ({'wrench_delay': {'lag': 0.004}}, 'effects.wrench_delay: unknown key lag; expected only '
+                                       'delay [s]'),
+    ({'wrench_delay': 0.004}, 'effects.wrench_delay: expected delay [s], got 0.004'),
+    ({'wrench_delay': {'delay': '4 ms'}}, "a finite number [s], got '4 ms'"),
+    ({'wrench_delay': {'delay': True}}, 'effects.wrench_delay.delay: expected a finite number'),
+    ({'wrench_delay': {'delay': float('nan')}}, 'a finite number [s], got nan'),
+    ({'wrench_delay': {'delay': -0.001}}, 'effects.wrench_delay.delay: must be from 0 to 0.05 '
+                                          '[s], got -0.001'),
+    ({'tool_mass': {'change': -1.0}}, 'effects.tool_mass.change: must be from -0.5 to 9 [1]'),
+    (['wrench_delay'], "expected names of effects, each with its parameters, got ['wrench_d"),
+    ('wrench_delay', "got 'wrench_delay'"),
+])
+def test_wrong_effect_is_refused_in_one_line_with_key_unit_and_range(
+        effects, expected, tmp_path):
+    document = {**yaml.safe_load(dump_rig(RIG)), 'effects': effects}
+    (tmp_path / 'changed.yaml').write_text(yaml.safe_dump(document))
+    with pytest.raises(ConfigError) as error:
+        load_rig(tmp_path / 'changed.yaml')
+    message = str(error.value)
+    assert expected in message and 'changed.yaml' in message and '\n' not in message
+    if isinstance(effects, dict):
+        with pytest.raises(ConfigError):
+            with_effects(RIG, effects)
+
+
+def test_effects_compose_in_whatever_order_they_are_named():
+    one, other = {'wrench_gain': {'fx': 0.1}}, {'tool_mass': {'change': 0.05}}
+    both = with_effects(RIG, {**one, **other})
+    assert both == with_effects(RIG, {**other, **one})
+    assert both == with_effects(with_effects(RIG, one), other)
+    heavier = clean(with_effects(RIG, other), TARGET).wrench.values
+    expected = heavier.copy()
+    expected[:, 0] += 0.1 * (heavier[:, 0] - RIG.wrench_sensor.bias[0])
+    assert clean(both, TARGET).wrench.values == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize('names', [
+    ('wrench_delay', 'accel_gain'), ('tool_friction', 'tool_backlash'),
+    ('robot_resonance', 'robot_delay'), ('cable_force', 'base_tilt')], ids='+'.join)
+def test_two_effects_are_more_than_either(names):
+    both = clean(with_effects(RIG, {
+        **typical(EFFECTS[names[0]]), **typical(EFFECTS[names[1]])}), TARGET)
+    for name in names:
+        assert changed(both, clean(with_effects(RIG, typical(EFFECTS[name])), TARGET))
+
+
+def test_effect_named_again_takes_the_new_values():
+    assert with_effects(having('wrench_delay', delay=0.004), {
+        'wrench_delay': {'delay': 0.002}}) == having('wrench_delay', delay=0.002)
+
+
+def test_noise_does_not_hang_on_effects():
+    rig = with_effects(RIG, {'tool_mass': {'change': 0.1}, 'wrench_delay': {'delay': 0.003},
+                             'accel_gain': {'x': 0.1}, 'tool_friction': {'force': 2.0}})
+    noise = NOISY.wrench.values - REFERENCE.wrench.values
+    noisy, quiet = simulate(rig, TARGET, seed=1), clean(rig, TARGET)
+    assert noisy.wrench.values - quiet.wrench.values == pytest.approx(noise, abs=1e-9)
+    volts = NOISY.accelerometer.values - REFERENCE.accelerometer.values
+    assert noisy.accelerometer.values - quiet.accelerometer.values == pytest.approx(
+        volts, abs=1e-9)
+
+
+def test_other_numbers_are_the_same_rig_with_these_numbers():
+    rig = with_effects(RIG, {'tool_mass': {'change': 0.1}, 'wall_position': {'shift': 0.001},
+                             'contact_stiffness': {'change': -0.5},
+                             'tool_damping': {'change': 1.0}, 'tool_com': {'y': 0.002}})
+    written = replace(
+        RIG, tool=replace(RIG.tool, mass=RIG.tool.mass * 1.1, com=(0.03, -0.008, 0.14)),
+        wall=replace(RIG.wall, position=1.281, stiffness=5000.0),
+        optidrive=replace(RIG.optidrive, damping=260.0))
+    assert physical_rig(rig).effects == ()
+    assert clean(rig, TARGET).wrench.values == pytest.approx(
+        clean(written, TARGET).wrench.values, abs=1e-9)
+
+
+@pytest.mark.parametrize('name, values', [
+    ('tool_friction', {'force': 3.0}),
+    ('tool_friction', {'force': 10.0, 'velocity_scale': 2e-4}),
+    ('tool_backlash', {'gap': 1e-3}),
+    ('tool_stiffening', {'cubic': 1e8}),
+    ('cable_force', {'x': 5.0, 'z': 5.0, 'stiffness': 500.0}),
+    ('spindle_vibration', {'sine_x': 5.0, 'cosine_z': 5.0, 'frequency': 50.0}),
+    ('robot_delay', {'delay': 0.0037}),
+    ('robot_resonance', {'gain': 0.5, 'frequency': 25.0}),
+])
+def test_finer_steps_change_nothing_that_a_sensor_could_tell(name, values):
+    rig, shorter = having(name, **values), pressing(300)
+    coarse = clean(rig, shorter)
+    fine = clean(rig, shorter, steps=8 * enough_steps(rig))
+    off = coarse.wrench.values - fine.wrench.values
+    assert np.sqrt(np.mean(off[:, :3] ** 2)) < 1e-4  # as on the nominal rig [N]
+    assert np.abs(coarse.optidrive.values - fine.optidrive.values).max() < 1e-6
+
+
+def test_samples_are_listed_by_stream_for_what_gets_lost():
+    listed = {name for names in SIGNALS.values() for name in names}
+    assert listed == set(Samples._fields) - {'contact_t', 'contact'}

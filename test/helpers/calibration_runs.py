@@ -1,0 +1,54 @@
+"""Simulated calibration runs: the motion of the sequencer, the sensors of the rig."""
+
+from dataclasses import replace
+
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.motion.limits import Limits
+from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
+from forcecal_ros.motion.poses import nominal_poses, step_goal
+from forcecal_ros.motion.profiles import Pace, Pose
+from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
+from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rig.offline import simulate
+import numpy as np
+
+SETTLE = 1.0
+PERIOD = 0.004
+
+
+def motion(timing: Timing = Timing(), poses: dict[str, Pose] | None = None,
+           settle: float = SETTLE, pace: Pace = Pace(), start: Pose | None = None
+           ) -> tuple[PoseStream, tuple[Phase, ...]]:
+    """Commands and phases of the calibration sequence; its home is the first pose."""
+    poses = poses or nominal_poses()
+    home = next(iter(poses.values()))
+    plan = calibration_plan(poses, step_goal(home, timing.step_distance), timing)
+    rest = start or home
+    positions, rotations, phases, begin = [], [], [], 0.0
+    for part in prepare(plan, rest, pace, Limits()):
+        n = round((settle if part.duration is None else part.duration) / PERIOD)
+        for k in range(n):
+            pose = part.move.at(k * PERIOD).pose if part.move else rest
+            positions.append(pose.position)
+            rotations.append(pose.R_base_sensor)
+        rest = part.goal
+        phases.append(Phase(part.segment.phase, begin, begin + n * PERIOD))
+        begin += n * PERIOD
+    t = PERIOD * np.arange(len(positions))
+    return PoseStream(t, np.array(positions), np.array(rotations)), tuple(phases)
+
+
+def shifted(stream: Stream, delay: float) -> Stream:
+    """Return the same readings, stamped later."""
+    return replace(stream, t=stream.t + delay)
+
+
+def run(rig: Rig | None = None, *, seed: int = 0, accelerometer: str = 'acc1',
+        delay: float = 0.0, noise: bool = True, **options) -> Recording:
+    """One calibration run; the accelerometer shows all ``delay`` after the wrench does."""
+    target, phases = motion(**options)
+    recording = simulate(rig or load_rig(), target, accelerometer=accelerometer, seed=seed,
+                         noise=noise)
+    late = 'accelerometer' if delay > 0 else 'wrench'
+    return replace(recording, phases=phases,
+                   **{late: shifted(getattr(recording, late), abs(delay))})

@@ -1,0 +1,472 @@
+"""Calibration runs that something is wrong with: what a fault does, and what became of it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+import sys
+from typing import NamedTuple
+
+from calibration_runs import run, shifted
+from forcecal_ros.effects.chosen import chosen_effects
+from forcecal_ros.errors import ForcecalError
+from forcecal_ros.geometry import rotation_from_vector
+from forcecal_ros.identify.pipeline import identify
+from forcecal_ros.identify.settings import Settings
+from forcecal_ros.recording.streams import Recording
+from forcecal_ros.simulators.rig.faults import in_recording, OFFSETS
+import numpy as np
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / 'benchmark'))
+from identification_coverage import draw, errors  # noqa: E402
+
+WORST = 5.0
+"""An estimate that is off by more of its standard errors has to be called into question."""
+
+
+class Scene(NamedTuple):
+    """What a fault works on."""
+
+    rig: object
+    accelerometer: str
+    rng: np.random.Generator
+    seed: int
+    truth: dict
+    after: dict
+    """What is true after something changed half-way, where that differs."""
+
+    def simulated(self, rig=None):
+        return run(rig or self.rig, seed=self.seed, accelerometer=self.accelerometer)
+
+    def size(self, low, high):
+        """Draw a strength, every order of magnitude alike, of either sign."""
+        return float(np.exp(self.rng.uniform(np.log(low), np.log(high)))
+                     * self.rng.choice([-1.0, 1.0]))
+
+    def direction(self):
+        v = self.rng.normal(size=3)
+        return v / np.linalg.norm(v)
+
+
+def spans(recording, *words):
+    return [(p.start, p.end) for p in recording.phases if p.name in words]
+
+
+def half(recording, rng):
+    """Return a time between the poses, in the middle of the recording."""
+    starts = [start for start, _ in spans(recording, 'move')]
+    return float(rng.choice(starts[1:]))
+
+
+def with_values(recording, name, change):
+    stream = getattr(recording, name)
+    values = np.array(stream.values)
+    values = change(stream.t, values)
+    return replace(recording, **{name: replace(stream, values=values)})
+
+
+# Forces that are none of the tool's ----------------------------------------------------------
+
+
+def touched(scene, phase, low, high, whole=False):
+    """Push at the tip, somewhere in one part of the sequence or all along it."""
+    recording = scene.simulated()
+    parts = spans(recording, phase)
+    start, end = parts[scene.rng.integers(len(parts))]
+    force = abs(scene.size(low, high)) * scene.direction()
+    wrench = np.concatenate([force, np.cross([0.2, 0.0, 0.1], force)])
+    length = end - start if whole else min(end - start, float(scene.rng.uniform(0.05, 0.5)))
+    begin = start + scene.rng.uniform(0, end - start - length) if not whole else start
+
+    def change(t, values):
+        inside = (t >= begin) & (t < begin + length)
+        bump = np.ones(inside.sum()) if whole else np.sin(np.pi * (t[inside] - begin) / length)
+        values[inside] += bump[:, None] * wrench
+        return values
+
+    return with_values(recording, 'wrench', change)
+
+
+def tool_changed(scene):
+    rng = scene.rng
+    tool = replace(scene.rig.tool, mass=scene.rig.tool.mass * (1 + scene.size(1e-3, 0.3)),
+                   com=np.array(scene.rig.tool.com) + scene.size(1e-4, 0.03) * scene.direction())
+    scene.after.update(mass=np.array(tool.mass), com=tool.com)
+    before, after = scene.simulated(), scene.simulated(replace(scene.rig, tool=tool))
+    at = half(before, rng)
+    for name in ('wrench', 'accelerometer', 'optidrive'):
+        one, other = getattr(before, name), getattr(after, name)
+        values = np.where((one.t < at)[:, None], one.values, other.values)
+        before = replace(before, **{name: replace(one, values=values)})
+    return before
+
+
+def with_effect(scene, name, *values):
+    """Simulate the rig with an effect of the library."""
+    effects = {name: dict(values)}
+    return scene.simulated(replace(scene.rig, effects=chosen_effects(effects)))
+
+
+def filtered(scene):
+    """Filter the wrench: to the accelerometer it is late, by no single delay."""
+    scene.truth['accelerometer.delay'] = np.nan
+    return with_effect(scene, 'wrench_lowpass', ('time_constant', abs(scene.size(1e-3, 0.05))))
+
+
+def on_a_spring(scene):
+    """Mount the accelerometer on a spring that rings: late by twice its damping over its rate."""
+    frequency, damping = float(scene.rng.uniform(15, 120)), 0.05
+    scene.truth['accelerometer.delay'] = damping / (np.pi * frequency)
+    return with_effect(scene, 'accel_resonance', ('amplitude', 1.0), ('frequency', frequency),
+                       ('damping', damping))
+
+
+# The wrench sensor --------------------------------------------------------------------------
+
+
+def wrench_changed(scene, change):
+    recording = scene.simulated()
+    return with_values(recording, 'wrench', partial(change, scene, recording))
+
+
+def clip(scene, recording, t, values):
+    i = scene.rng.integers(6)
+    low, high = values[:, i].min(), values[:, i].max()
+    limit = low + scene.rng.uniform(0.3, 0.98) * (high - low)
+    values[:, i] = np.minimum(values[:, i], limit)
+    return values
+
+
+def swap(scene, recording, t, values):
+    i, j = scene.rng.permutation(3)[:2] + 3 * scene.rng.integers(2)
+    values[:, [i, j]] = values[:, [j, i]]
+    return values
+
+
+def flip(scene, recording, t, values):
+    values[:, scene.rng.integers(values.shape[1])] *= -1
+    return values
+
+
+def stick(scene, recording, t, values):
+    i, at = scene.rng.integers(values.shape[1]), half(recording, scene.rng)
+    late = t >= at
+    values[late, i] = values[np.argmax(late), i]
+    return values
+
+
+def dead(scene, recording, t, values):
+    values[:, scene.rng.integers(values.shape[1])] = scene.rng.choice([0.0, 1.0])
+    return values
+
+
+def wander(scene, recording, t, values, low, high):
+    i = scene.rng.integers(values.shape[1])
+    scale = 1.0 if i < 3 else 0.1
+    values[:, i] += scene.size(low, high) * scale * t
+    return values
+
+
+def tare(scene, recording, t, values, low, high):
+    late = t >= half(recording, scene.rng)
+    key = 'wrench_bias' if values.shape[1] == 6 else 'accelerometer.offset'
+    jump = scene.size(low, high) * scene.rng.normal(size=values.shape[1]) * (
+        np.repeat([1.0, 0.1], 3) if key == 'wrench_bias' else 1.0)
+    scene.after[key] = scene.truth[key] + jump
+    values[late] += jump
+    return values
+
+
+def misgain(scene, recording, t, values):
+    values[:, scene.rng.integers(values.shape[1])] *= 1 + scene.size(1e-3, 0.2)
+    return values
+
+
+def regain(scene, recording, t, values):
+    late, factor = t >= half(recording, scene.rng), 1 + scene.size(1e-3, 0.2)
+    for key in (('mass', 'wrench_bias') if values.shape[1] == 6
+                else ('accelerometer.offset', 'accelerometer.gain')):
+        scene.after[key] = scene.truth[key] * factor
+    values[late] *= factor
+    return values
+
+
+def crosstalk(scene, recording, t, values):
+    i, j = scene.rng.permutation(values.shape[1])[:2]
+    values[:, i] += scene.size(1e-3, 0.2) * values[:, j]
+    return values
+
+
+def spikes(scene, recording, t, values):
+    hit = scene.rng.random(len(t)) < 10 ** scene.rng.uniform(-3.5, -1.5)
+    values[hit] += scene.size(5, 500) * scene.rng.normal(size=(hit.sum(), values.shape[1]))
+    return values
+
+
+# Time -----------------------------------------------------------------------------------------
+
+
+def halved(scene, name):
+    recording = scene.simulated()
+    stream = getattr(recording, name)
+    return replace(recording, **{
+        name: replace(stream, t=stream.t[::2], values=stream.values[::2])})
+
+
+def stretched(scene, name):
+    """Stamp by a clock that runs at another rate."""
+    recording = scene.simulated()
+    stream = getattr(recording, name)
+    factor = float(scene.rng.choice([2.0, 0.5, 1.05, 1.01, 1.002]))
+    return replace(recording, **{name: replace(stream, t=stream.t * factor)})
+
+
+def late(scene, name):
+    """Let one sensor's stamps be off by more than is looked for."""
+    recording, delay = scene.simulated(), scene.size(0.022, 0.3)
+    scene.truth['accelerometer.delay'] = {'accelerometer': delay, 'wrench': -delay}.get(name, 0.0)
+    return replace(recording, **{name: shifted(getattr(recording, name), delay)})
+
+
+def faulty(scene, sensor, kind):
+    """Let the sensor itself be faulty from some time on."""
+    recording = scene.simulated()
+    start = float(scene.rng.uniform(0.0, 0.9) * recording.wrench.t[-1])
+    if (sensor, kind) == ('accelerometer', 'wrong'):
+        key = 'accelerometer.offset'
+        scene.after[key] = scene.truth[key] + OFFSETS['volts']
+    return in_recording(recording, sensor, kind, start, scene.seed)
+
+
+# Accelerometer, pose, Optidrive -------------------------------------------------------------
+
+
+def accelerometer_changed(scene, change):
+    recording = scene.simulated()
+    return with_values(recording, 'accelerometer', partial(change, scene, recording))
+
+
+def remounted(scene, recording, t, values):
+    """Let the mount slip: the axes turn half-way."""
+    model = getattr(scene.rig.accelerometer, scene.accelerometer)
+    late = t >= half(recording, scene.rng)
+    R = rotation_from_vector(scene.size(1e-3, 0.5) * scene.direction())
+    scene.after['accelerometer.map'] = R
+    felt = (values[late] - model.offset) / model.gain
+    values[late] = felt @ R.T * model.gain + model.offset
+    return values
+
+
+def rail(scene, recording, t, values):
+    i = scene.rng.integers(3)
+    low, high = values[:, i].min(), values[:, i].max()
+    values[:, i] = np.minimum(values[:, i], low + scene.rng.uniform(0.3, 0.98) * (high - low))
+    return values
+
+
+def turned_pose(scene, left, low=0.003, high=1.5):
+    """Tell the poses in a base that is tilted, or of a frame that is not the sensor's."""
+    recording = scene.simulated()
+    axis = scene.direction()
+    if left:
+        axis = np.append(axis[:2] / np.linalg.norm(axis[:2]), 0.0)
+    R = rotation_from_vector(abs(scene.size(low, high)) * axis)
+    return with_orientations(recording, lambda told: R @ told if left else told @ R)
+
+
+def with_orientations(recording, change):
+    return replace(recording, **{
+        name: replace(stream, R_base_sensor=change(stream.R_base_sensor))
+        for name, stream in (('pose', recording.pose), ('target', recording.target))})
+
+
+def pose_late(scene):
+    recording = scene.simulated()
+    pose = recording.pose
+    return replace(recording, pose=replace(pose, t=pose.t + scene.size(0.022, 0.3)))
+
+
+def pose_slips(scene):
+    """Let one joint's encoder lose its zero half-way."""
+    recording = scene.simulated()
+    pose, R = recording.pose, rotation_from_vector(scene.size(3e-4, 0.3) * scene.direction())
+    late = pose.t >= half(recording, scene.rng)
+    turned = np.where(late[:, None, None], pose.R_base_sensor @ R, pose.R_base_sensor)
+    return replace(recording, pose=replace(pose, R_base_sensor=turned))
+
+
+def pose_axes(scene):
+    """Tell orientations transposed."""
+    return with_orientations(scene.simulated(), lambda told: np.swapaxes(told, 1, 2))
+
+
+def optidrive_scaled(scene, factor):
+    recording = scene.simulated()
+    return with_values(recording, 'optidrive', lambda t, values: values * factor)
+
+
+def optidrive_stuck(scene):
+    recording = scene.simulated()
+    return with_values(recording, 'optidrive', partial(stick, scene, recording))
+
+
+@dataclass(frozen=True)
+class Fault:
+    """
+    Something that is wrong with a run.
+
+    Attributes
+    ----------
+    make : callable
+        Takes a Scene, returns the Recording.
+    accelerometer : str
+        ``acc1``, ``acc2`` or empty: either.
+    coupling : str
+        What is declared; empty: what is so.
+    """
+
+    make: Callable[[Scene], Recording]
+    accelerometer: str = ''
+    coupling: str = ''
+
+
+def _wrench(change, **options):
+    return Fault(lambda scene: wrench_changed(scene, partial(change, **options)))
+
+
+def _accelerometer(change, mounted='', **options):
+    return Fault(lambda scene: accelerometer_changed(scene, partial(change, **options)), mounted)
+
+
+FAULTS = {
+    'none': Fault(lambda scene: scene.simulated()),
+    'collision while measuring': Fault(partial(touched, phase='measure', low=0.3, high=100)),
+    'collision on the way': Fault(partial(touched, phase='move', low=3, high=200)),
+    'collision in the step': Fault(partial(touched, phase='step', low=1, high=100)),
+    'contact in one pose': Fault(partial(touched, phase='measure', low=0.05, high=50,
+                                         whole=True)),
+    'tool changed half-way': Fault(tool_changed),
+    'cable that pulls': Fault(lambda s: with_effect(
+        s, 'cable_force', ('stiffness', abs(s.size(1, 300))), ('point_z', 0.3),
+        *((axis, s.size(0.1, 20)) for axis in 'xyz'))),
+    'tool friction': Fault(lambda s: with_effect(s, 'tool_friction',
+                                                 ('force', abs(s.size(0.3, 30))))),
+    'wrench saturates': _wrench(clip),
+    'wrench axes swapped': _wrench(swap),
+    'wrench axis of wrong sign': _wrench(flip),
+    'wrench of wrong sign': _wrench(lambda s, r, t, v: -v),
+    'wrench channel stuck half-way': _wrench(stick),
+    'wrench channel dead': _wrench(dead),
+    'wrench drifts': _wrench(wander, low=1e-3, high=3),
+    'wrench tared half-way': _wrench(tare, low=0.02, high=10),
+    'wrench axis of wrong gain': _wrench(misgain),
+    'wrench gain changes half-way': _wrench(regain),
+    'wrench crosstalk': _wrench(crosstalk),
+    'wrench spikes': _wrench(spikes),
+    'wrench hysteresis': Fault(lambda s: with_effect(
+        s, 'wrench_hysteresis', ('height', abs(s.size(0.05, 5))), ('width', 20.0))),
+    'wrench filtered': Fault(filtered),
+    'wrench at half the rate': Fault(partial(halved, name='wrench')),
+    'wrench of another clock': Fault(partial(stretched, name='wrench')),
+    'wrench late': Fault(partial(late, name='wrench')),
+    **{f'wrench {kind}': Fault(partial(faulty, sensor='wrench', kind=kind))
+       for kind in ('off', 'stuck', 'garbage', 'wrong', 'slow', 'intermittent')},
+    'ac accelerometer declared dc': Fault(lambda s: s.simulated(), 'acc2', 'dc'),
+    'dc accelerometer declared ac': Fault(lambda s: s.simulated(), 'acc1', 'ac'),
+    'accelerometer saturates': _accelerometer(rail),
+    'accelerometer axis stuck half-way': _accelerometer(stick),
+    'accelerometer axis dead': _accelerometer(dead),
+    'accelerometer drifts': _accelerometer(wander, 'acc1', low=1e-4, high=0.3),
+    'accelerometer jumps half-way': _accelerometer(tare, low=2e-3, high=1),
+    'accelerometer slips half-way': _accelerometer(remounted),
+    'accelerometer gain changes half-way': _accelerometer(regain),
+    'accelerometer spikes': _accelerometer(spikes),
+    'accelerometer on a spring': Fault(on_a_spring),
+    'accelerometer at half the rate': Fault(partial(halved, name='accelerometer')),
+    'accelerometer of another clock': Fault(partial(stretched, name='accelerometer')),
+    'accelerometer late': Fault(partial(late, name='accelerometer')),
+    **{f'accelerometer {kind}': Fault(partial(faulty, sensor='accelerometer', kind=kind))
+       for kind in ('off', 'stuck', 'garbage', 'wrong', 'slow', 'intermittent')},
+    'gravity not down': Fault(partial(turned_pose, left=True)),
+    'pose of another frame': Fault(partial(turned_pose, left=False)),
+    'pose late': Fault(pose_late),
+    'pose slips half-way': Fault(pose_slips),
+    'pose transposed': Fault(pose_axes),
+    **{f'pose {kind}': Fault(partial(faulty, sensor='pose', kind=kind))
+       for kind in ('off', 'stuck', 'garbage', 'slow', 'intermittent')},
+    'optidrive of wrong sign': Fault(partial(optidrive_scaled, factor=-1.0)),
+    'optidrive in millimetres': Fault(partial(optidrive_scaled, factor=1e3)),
+    'optidrive stuck half-way': Fault(optidrive_stuck),
+    'optidrive late': Fault(partial(late, name='optidrive')),
+    **{f'optidrive {kind}': Fault(partial(faulty, sensor='optidrive', kind=kind))
+       for kind in ('off', 'stuck', 'garbage', 'wrong', 'slow', 'intermittent')},
+}
+"""What can be wrong with a run; ``none`` counts false alarms."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """
+    What became of one run.
+
+    Attributes
+    ----------
+    fault : str
+    seed : int
+    word : str
+        ``refused``, ``flagged``, ``right`` (nothing said, nothing wrong), ``silent`` (wrong and
+        not said of that estimate), ``crashed``.
+    worst : str
+        The estimate that is farthest off among those not called into question.
+    sigmas : float
+        By how many of its standard errors.
+    said : tuple of str
+        Warnings, or the refusal.
+    """
+
+    fault: str
+    seed: int
+    word: str
+    worst: str = ''
+    sigmas: float = 0.0
+    said: tuple[str, ...] = ()
+
+
+def truth_of(rig, name):
+    model = getattr(rig.accelerometer, name)
+    return {key: np.asarray(value, dtype=float) for key, value in {
+        'mass': rig.tool.mass, 'com': rig.tool.com, 'wrench_bias': rig.wrench_sensor.bias,
+        'inertia': rig.tool.inertia, 'accelerometer.offset': model.offset,
+        'accelerometer.gain': model.gain, 'accelerometer.map': np.eye(3),
+        'accelerometer.delay': 0.0, 'accelerometer.position': rig.accelerometer.position,
+        'accelerometer.cutoff': model.highpass, 'tool.stiffness': rig.optidrive.stiffness,
+        'tool.damping': rig.optidrive.damping}.items()}
+
+
+def farthest(found, truth, suspect):
+    """Return by how many standard errors the worst of the estimates not suspect is off."""
+    return max(((abs(error / std) if std > 0 else (np.inf if error else 0.0), key)
+                for key, error, std in errors(found, truth) if np.isfinite(error)
+                and not any(key.startswith(estimate) for estimate in suspect)),
+               default=(0.0, ''))
+
+
+def judged(name, seed):
+    """Carry out one faulty run and say what became of it."""
+    fault, rng = FAULTS[name], np.random.default_rng([seed, 5, *name.encode()])
+    rig, accelerometer = draw(rng)
+    accelerometer = fault.accelerometer or accelerometer
+    truth, after = truth_of(rig, accelerometer), {}
+    recording = fault.make(Scene(rig, accelerometer, rng, seed, truth, after))
+    coupling = fault.coupling or ('ac' if accelerometer == 'acc2' else 'dc')
+    try:
+        found = identify(recording, Settings(coupling=coupling))
+    except ForcecalError as error:
+        return Verdict(name, seed, 'refused', said=(str(error),))
+    except Exception as error:
+        return Verdict(name, seed, 'crashed', said=(f'{type(error).__name__}: {error}',))
+    warnings, suspect = tuple(found.quality['warnings']), set(found.quality.get('suspect', ()))
+    sigmas, worst = min(farthest(found, truth, suspect),
+                        farthest(found, {**truth, **after}, suspect))
+    word = 'silent' if sigmas > WORST else 'flagged' if warnings else 'right'
+    return Verdict(name, seed, word, worst, float(sigmas), warnings)

@@ -1,0 +1,226 @@
+"""A test's side of the wire: nodes as processes, a node to listen with, and a robot to play."""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+from forcecal_ros.geometry import quaternion_from_matrix
+from forcecal_ros.motion.poses import nominal_poses
+from forcecal_ros.nodes.runtime import LATCHED, OUTPUT
+from forcecal_ros.nodes.wire import Reader, Writer
+from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
+import numpy as np
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.srv import SetParameters
+import rclpy
+from rclpy.experimental import EventsExecutor
+from rclpy.parameter import Parameter
+from rclpy.task import Future
+from std_srvs.srv import Trigger
+
+PATIENCE = 40.0
+"""A loaded machine is slow; nothing here waits that long on a quiet one [s]."""
+
+REST = np.array([4.0, -3.0, 135.5, 1.6, -4.1, 0.1])
+
+
+class Live:
+    """Nodes of this package as processes, and a node of the test's own; use it as a context."""
+
+    def __init__(self):
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context)
+        self.node = rclpy.create_node('bench', context=self.context)
+        self.executor = EventsExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.processes = {}
+        self.clients = {}
+        self.output = {}
+        self.phases = []
+        self.entered = {}
+        self.reasons = []
+        self.diagnostics = {}
+        self.node.create_subscription(
+            DiagnosticArray, 'sequencer/phase', self._on_phase, OUTPUT)
+        self.node.create_subscription(
+            DiagnosticArray, '/diagnostics', self._on_diagnostics, OUTPUT)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        for process in self.processes.values():
+            if process.poll() is None:
+                process.kill()
+            process.wait()
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def start(self, module, name=None, remap=(), **parameters):
+        """Start a node, under a name of its own if it has one; ``a__b=1`` sets ``a.b``."""
+        name = name or module
+        arguments = [part for key, value in parameters.items()
+                     for part in ('-p', f'{key.replace("__", ".")}:={value}')]
+        arguments += [part for rule in remap for part in ('-r', rule)]
+        self.output[name] = tempfile.TemporaryFile()
+        self.processes[name] = subprocess.Popen(
+            [sys.executable, '-m', f'forcecal_ros.nodes.{module}', '--ros-args', *arguments],
+            stdin=subprocess.DEVNULL, stdout=self.output[name], stderr=subprocess.STDOUT,
+            env=os.environ.copy(), start_new_session=True)
+
+    def said(self, module):
+        self.output[module].seek(0)
+        return self.output[module].read().decode()
+
+    def end(self, module, number=signal.SIGINT):
+        """Send a signal and return the exit status."""
+        process = self.processes.pop(module)
+        process.send_signal(number)
+        self.until(lambda: process.poll() is not None, f'{module} goes')
+        return process.returncode
+
+    def spin(self, seconds=0.01):
+        self.executor.spin_until_future_complete(Future(), timeout_sec=seconds)
+
+    def until(self, condition, what, timeout=PATIENCE):
+        end = time.monotonic() + timeout
+        while not condition():
+            for module, process in self.processes.items():
+                assert process.poll() is None, f'{module} went: {self.said(module)}'
+            assert time.monotonic() < end, (
+                f'{what}: not within {timeout} s; phases {self.phases}, {self.reasons}; '
+                f'{ {module: self.said(module) for module in self.output} }')
+            self.spin()
+
+    def hear(self, message_type, topic, take, qos=2000):
+        """Call ``take(stamp_ns, values)`` for every message of a type that is all numbers."""
+        read = Reader(message_type)
+        self.node.create_subscription(message_type, topic, lambda raw: take(*read(raw)), qos,
+                                      raw=True)
+
+    def latched(self, message_type, topic):
+        """Return a list that every message of a latched topic is put into."""
+        heard = []
+        self.node.create_subscription(message_type, topic, heard.append, LATCHED)
+        return heard
+
+    def call(self, service, service_type=Trigger, request=None):
+        client = self.clients.get(service)
+        if client is None:
+            client = self.clients[service] = self.node.create_client(service_type, service)
+            self.until(client.service_is_ready, f'service {service}')
+            self.spin(0.1)  # an answer is lost where the server has not discovered the client
+        self.until(client.service_is_ready, f'service {service}')
+        future = client.call_async(request or service_type.Request())
+        self.until(future.done, f'answer of {service}')
+        return future.result()
+
+    def set(self, node, **parameters):
+        """Set parameters of a running node; returns what it said to each."""
+        request = SetParameters.Request(parameters=[
+            ParameterMessage(name=name.replace('__', '.'),
+                             value=Parameter('x', value=value).get_parameter_value())
+            for name, value in parameters.items()])
+        return self.call(f'{node}/set_parameters', SetParameters, request).results
+
+    def _on_phase(self, message):
+        status = message.status[0]
+        if not self.phases or self.phases[-1] != status.message:
+            self.phases.append(status.message)
+            stamp = message.header.stamp
+            self.entered[status.message] = stamp.sec * 10**9 + stamp.nanosec
+            reason = {pair.key: pair.value for pair in status.values}.get('reason', '')
+            if reason:
+                self.reasons.append(reason)
+
+    def _on_diagnostics(self, message):
+        for status in message.status:
+            self.diagnostics[status.name] = status
+
+
+def speeds(commands):
+    """Return stamps [s], and speeds [m/s], [rad/s] from one (stamp [ns], pose) to the next."""
+    stamps = np.array([stamp for stamp, _ in commands]) * 1e-9
+    values = np.array([values for _, values in commands])
+    dt = np.diff(stamps)
+    speed = np.linalg.norm(np.diff(values[:, :3], axis=0), axis=1) / dt
+    chord = np.minimum(np.linalg.norm(np.diff(values[:, 3:], axis=0), axis=1),
+                       np.linalg.norm(values[1:, 3:] + values[:-1, 3:], axis=1))
+    return stamps[1:], speed, 4 * np.arcsin(chord / 2) / dt
+
+
+class Robot:
+    """
+    A robot that is where it was told to be, with sensors that say so, played by the test.
+
+    Attributes
+    ----------
+    commands : list of tuple
+        (stamp [ns], x y z qx qy qz qw) of every command heard.
+    silent : set of str
+        Topics not published.
+    override : dict of str to tuple
+        What a topic says instead.
+    healthy : int
+        When all topics last said what is so [ns].
+    """
+
+    TOPICS = {'wrench': WrenchStamped, 'accelerometer/raw': Vector3Stamped,
+              'current_pose': PoseStamped}
+
+    def __init__(self, live, commands=True, now=None):
+        self.live = live
+        self.now = now or (lambda: live.node.get_clock().now().nanoseconds)
+        self.commands = []
+        self.silent = set()
+        self.override = {}
+        self.healthy = 0
+        self.ticks = []
+        self.rng = np.random.default_rng(1)
+        home = nominal_poses()['v']
+        self.pose = (*home.position.tolist(),
+                     *quaternion_from_matrix(home.R_base_sensor).tolist())
+        self.publishers = {topic: live.node.create_publisher(kind, topic, OUTPUT)
+                           for topic, kind in self.TOPICS.items()}
+        self.writers = {topic: Writer(kind, 'base') for topic, kind in self.TOPICS.items()}
+        if commands:
+            live.hear(PoseStamped, 'target_frame', self._on_command)
+        live.node.create_timer(0.004, self._tick)
+
+    def _on_command(self, stamp, values):
+        if not stamp:
+            return
+        self.commands.append((stamp, values))
+        self.pose = values
+
+    def _tick(self):
+        stamp = self.now()
+        self.ticks.append(stamp)
+        if not (self.silent or self.override):
+            self.healthy = stamp
+        noise = self.rng.normal(size=16)
+        samples = {'wrench': REST + noise[:6] * 0.05,
+                   'accelerometer/raw': 5.0 + 0.01 * noise[6:9],
+                   'current_pose': (*(self.pose[:3] + 2e-5 * noise[9:12]), *self.pose[3:])}
+        for topic, values in samples.items():
+            if topic not in self.silent:
+                self.publishers[topic].publish(self.writers[topic](
+                    stamp, self.override.get(topic, values)))
+
+    def speeds(self, first=0):
+        """Return stamps [s], and speeds [m/s], [rad/s] from one command to the next."""
+        return speeds(self.commands[first:])
+
+    def late(self, since):
+        """Return by how much this robot's own sensors were late in the next 0.2 s [s]."""
+        gaps = np.diff([tick for tick in self.ticks if 0 <= tick - since <= 2e8]) * 1e-9
+        return np.maximum(gaps - 0.006, 0).sum()
+
+    def moving(self):
+        """Whether the last commands turn."""
+        return len(self.commands) > 3 and self.speeds(-3)[2].min() > 0.1

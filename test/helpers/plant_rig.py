@@ -1,0 +1,30 @@
+"""The nominal rig shaken along x of ft_sensor, and what it truly answers."""
+
+from forcecal_ros.impedance.plant.excitation import excitation
+from forcecal_ros.recording.streams import PoseStream
+from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rig.offline import simulate
+import numpy as np
+
+RIG = load_rig()
+
+
+def record(along_x, **options):
+    R, period = RIG.home.R_base_sensor, RIG.robot.period
+    position = np.array(RIG.home.position) + along_x[:, np.newaxis] * R[:, 0]
+    t = np.arange(len(along_x)) * period
+    target = PoseStream(t, position, np.broadcast_to(R, (len(t), 3, 3)))
+    return simulate(RIG, target, **options)
+
+
+def shaken(seconds, seed):
+    return record(excitation(seconds, RIG.robot.period, seed=seed), seed=seed + 100)
+
+
+def true_response(frequency):
+    """From what one command of 1 mm does, without noise; poses come at the end of a period."""
+    pulse = np.zeros(1000)
+    pulse[1] = 1e-3
+    pose = record(pulse, noise=False).pose
+    moved = (pose.position - RIG.home.position) @ RIG.home.R_base_sensor[:, 0] / 1e-3
+    return np.exp(-2j * np.pi * np.outer(frequency, pose.t - RIG.robot.period)) @ moved

@@ -1,0 +1,121 @@
+"""The planned recording: within the limits, runnable, and showing what it says it shows."""
+
+import contextlib
+from dataclasses import replace
+import io
+import json
+
+from forcecal_ros.cli import main
+from forcecal_ros.diagnose.pipeline import diagnose
+from forcecal_ros.diagnose.planning import poses_of, SETTLE
+from forcecal_ros.effects import EFFECTS, with_effects
+from forcecal_ros.errors import MotionError
+from forcecal_ros.motion.diagnosis_plan import diagnosis_plan
+from forcecal_ros.motion.joints import JointMove
+from forcecal_ros.motion.limits import Limits
+from forcecal_ros.motion.plan import prepare, Timing
+from forcecal_ros.motion.poses import nominal_poses, step_goal
+from forcecal_ros.motion.preview import preview
+from forcecal_ros.motion.profiles import Pace
+from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
+from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rig.offline import simulate
+import numpy as np
+import pytest
+import yaml
+
+DEFAULTS = {row.name: row.default for row in PARAMETERS}
+
+
+def parts(timing, limits):
+    poses = nominal_poses()
+    home = poses['v']
+    plan = diagnosis_plan(poses, step_goal(home, timing.contact_distance), timing)
+    return prepare(plan, home, Pace(), limits)
+
+
+def test_every_kind_of_motion_is_within_the_default_limits():
+    phases = {part.segment.phase for part in parts(Timing(), Limits())}
+    assert phases == {'move', 'settle', 'measure', 'step', 'sweep', 'reverse'}
+
+
+def test_contact_is_refused_until_the_box_is_widened():
+    timing = Timing(contacts=1)
+    with pytest.raises(MotionError, match='workspace_max'):
+        parts(timing, Limits())
+    phases = {p.segment.phase for p in parts(timing, Limits(workspace_max=(1.3, 0.4, 1.4)))}
+    assert phases >= {'approach', 'contact', 'retract'}
+
+
+def test_joints_sweep_between_home_and_away():
+    home, away = np.zeros(6), np.full(6, 0.05)
+    plan = prepare(diagnosis_plan({'home': home}, away, Timing()), home, Pace(), Limits())
+    sweeps = [p.move for p in plan if p.segment.phase == 'sweep']
+    assert sweeps and all(isinstance(move, JointMove) for move in sweeps)
+
+
+@pytest.fixture(scope='module')
+def planned(tmp_path_factory):
+    path = tmp_path_factory.mktemp('plan') / 'plan.yaml'
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        assert main(['plan', '--contact', '-o', str(path), '--json']) == 0
+    return path, json.loads(out.getvalue())
+
+
+def test_the_plan_shows_every_effect_of_the_library(planned):
+    _, document = planned
+    assert {e['name'] for e in document['effects']} == set(EFFECTS)
+    assert {e['shows'] for e in document['effects']} <= {'clearly', 'by its stamps or values'}
+
+
+def test_the_plan_names_what_it_cannot_tell_apart(planned):
+    _, document = planned
+    pairs = [set(a['effects']) for a in document['alike']]
+    assert {'wrench_delay', 'wrench_lowpass'} in pairs
+    assert {'cable_force', 'base_tilt'} in pairs
+
+
+def chosen(keep):
+    """Commands of the plan's rest, and of some of its segments."""
+    rig, timing = load_rig(), Timing()
+    poses = poses_of(rig)
+    home = next(iter(poses.values()))
+    plan = diagnosis_plan(poses, step_goal(home, timing.contact_distance), timing)
+    kept = [*plan[:3], *(segment for segment in plan[3:] if keep(segment))]
+    return preview(prepare(kept, home, Pace(), Limits()), 1.0 / rig.robot.period, SETTLE)
+
+
+def diagnosed(motion, effects):
+    target, phases = motion
+    recording = simulate(with_effects(load_rig(), effects), target, seed=3)
+    return diagnose(replace(recording, phases=phases), None, load_rig()).diagnosis
+
+
+LATE = (('wrench_delay', {'delay': 0.004}), ('wrench_lowpass', {'time_constant': 0.004}))
+
+
+@pytest.mark.parametrize('name, values', LATE)
+def test_quick_legs_of_the_plan_tell_a_delay_from_a_lowpass(name, values):
+    found = diagnosed(chosen(lambda s: 'quickly' in s.label), {name: values})
+    assert found.verdict == 'identified'
+    assert [e.name for e in found.effects] == [name]
+
+
+def test_slow_reversals_alone_leave_both():
+    name, values = LATE[0]
+    found = diagnosed(chosen(lambda s: s.phase == 'reverse'), {name: values})
+    assert found.verdict == 'ambiguous'
+    assert {n for n, _ in found.candidates} - {'unknown'} == {n for n, _ in LATE}
+
+
+def test_the_written_plan_is_a_parameter_file_of_the_sequencer(planned):
+    path, _ = planned
+    parameters = yaml.safe_load(path.read_text())['/**/sequencer']['ros__parameters']
+    given = {f'{group}.{name}': value for group, values in parameters.items()
+             if isinstance(values, dict) for name, value in values.items()}
+    assert set(given) <= set(DEFAULTS)
+    settings = settings_of({**DEFAULTS, **given, 'sequence': parameters['sequence']})
+    assert settings.sequence == 'diagnose'
+    assert list(settings.poses) == ['v', 'h', 'tilt', 'left', 'right']
+    assert settings.timing.contacts == 2

@@ -1,0 +1,621 @@
+"""The sequencer's state machine and its watch over the sensors, without ROS."""
+
+from copy import copy
+
+from forcecal_ros.errors import DataError, MotionError
+from forcecal_ros.geometry import quaternion_from_matrix, rotation_from_vector, rotation_vector
+from forcecal_ros.motion.channel import angle_between
+from forcecal_ros.motion.joints import JointMove
+from forcecal_ros.motion.limits import Limits
+from forcecal_ros.motion.monitor import Monitor, Stillness, WatchSettings
+from forcecal_ros.motion.plan import calibration_plan, Part, prepare, Segment, Timing
+from forcecal_ros.motion.poses import nominal_poses, step_goal
+from forcecal_ros.motion.profiles import Move, Pace, Pose, twist_towards
+from forcecal_ros.motion.sequence import Sequence, StreamSettings
+from forcecal_ros.motion.stream import phased, StreamClock
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+HOME = nominal_poses()['v']
+STREAM = StreamSettings()
+LIMITS = Limits()
+PERIOD = 1 / STREAM.rate
+STILL = Stillness(True, '')
+TIMING = Timing(measure=0.5, ring=0.3)
+
+
+def default_parts(timing=TIMING):
+    plan = calibration_plan(nominal_poses(), step_goal(HOME, timing.step_distance), timing)
+    return prepare(plan, HOME, Pace(), LIMITS)
+
+
+def started(timing=TIMING):
+    sequence = Sequence(STREAM)
+    sequence.start(default_parts(timing), HOME)
+    return sequence
+
+
+def run(sequence, periods, stillness=STILL):
+    """Step until the stream ends or the periods are over: commands and phase words."""
+    commands, phases = [], []
+    for _ in range(periods):
+        command = sequence.step(stillness)
+        if command is None:
+            break
+        commands.append(command)
+        phases.append(sequence.status.phase)
+    return commands, phases
+
+
+def speeds(commands):
+    """Return what a listener would compute from the poses: [m/s] and [rad/s] vectors."""
+    p = np.array([c.pose.position for c in commands])
+    R = np.array([c.pose.R_base_sensor for c in commands])
+    turn = rotation_vector(R[1:] @ R[:-1].transpose(0, 2, 1))
+    return np.diff(p, axis=0) / PERIOD, turn / PERIOD
+
+
+def changes(words):
+    return [w for i, w in enumerate(words) if i == 0 or words[i - 1] != w]
+
+
+# The sequence -----------------------------------------------------------------------------------
+
+
+def test_nothing_is_commanded_before_start():
+    sequence = Sequence(STREAM)
+    assert sequence.step(STILL) is None
+    assert sequence.status.phase == 'idle' and not sequence.running
+
+
+def test_first_command_is_the_pose_given_and_at_rest():
+    start = Pose(HOME.position + [0.003, 0, 0], HOME.R_base_sensor)
+    sequence = Sequence(STREAM)
+    parts = prepare([Segment('move', 'to v', HOME)], start, Pace(), LIMITS)
+    sequence.start(parts, start)
+    first = sequence.step(STILL)
+    np.testing.assert_array_equal(first.pose.position, start.position)
+    assert not first.moving
+
+
+def test_phases_come_in_the_order_of_the_plan_and_end_in_done():
+    sequence = started()
+    _, phases = run(sequence, 5000)
+    assert changes(phases) == ['move', 'settle', 'measure'] * 3 + ['move', 'settle', 'step',
+                                                                  'settle']
+    assert sequence.moved and sequence.running and not sequence.streaming
+    sequence.finish()
+    assert sequence.status.phase == 'done' and sequence.status.progress == 1.0
+
+
+def test_a_whole_stream_keeps_every_limit_and_ends_at_rest():
+    commands, _ = run(started(), 5000)
+    velocity, spin = speeds(commands)
+    assert np.linalg.norm(velocity, axis=1).max() < 0.19
+    assert np.linalg.norm(spin, axis=1).max() <= Pace().angular_speed * (1 + 1e-9)
+    assert np.linalg.norm(np.diff(velocity, axis=0), axis=1).max() / PERIOD < 5.78
+    assert not velocity[-20:].any() and not spin[-20:].any()
+    np.testing.assert_array_equal(commands[-1].pose.position, HOME.position)
+
+
+def test_measuring_lasts_as_long_as_the_plan_says():
+    _, phases = run(started(), 5000)
+    measured = phases.count('measure') / 3 * PERIOD
+    assert measured == pytest.approx(TIMING.measure, abs=2 * PERIOD)
+
+
+def test_settling_waits_for_the_verdict_and_gives_up_with_its_numbers():
+    sequence = started()
+    shaking = Stillness(False, 'wrench: standard deviation of force.x is 1.2 > 0.31')
+    commands, phases = run(sequence, 5000, shaking)
+    assert sequence.status.phase == 'aborted'
+    assert 'force.x is 1.2 > 0.31' in sequence.status.reason
+    settled = phases.count('settle') * PERIOD
+    assert settled == pytest.approx(STREAM.settle_timeout, abs=3 * PERIOD)
+    velocity, spin = speeds(commands[-30:])
+    assert not velocity.any() and not spin.any()
+
+
+def test_a_verdict_too_early_does_not_end_settling():
+    sequence = started()
+    _, phases = run(sequence, 5000)
+    first = phases.index('settle')
+    assert phases.index('measure') - first >= STREAM.settle_minimum / PERIOD - 1
+
+
+@pytest.fixture(scope='module')
+def film():
+    """Every instant of one run: a copy of the sequence, and the last commands before it."""
+    sequence, frames, commands = started(), [], []
+    while sequence.streaming:
+        frames.append((copy(sequence), commands[-2:]))
+        commands.append(sequence.step(STILL))
+    return frames
+
+
+@settings(max_examples=200, deadline=None)
+@given(data=st.data())
+def test_abort_at_any_instant_is_at_rest_within_a_tenth_of_a_second(film, data):
+    sequence, before = film[data.draw(st.integers(0, len(film) - 1))]
+    sequence = copy(sequence)
+    ending = sequence.moved
+    assert sequence.abort('asked to')
+    after, phases = run(sequence, 1000)
+    velocity, spin = speeds(before + after)
+    late = len(before) + int(0.1 / PERIOD)
+    assert not velocity[late:].any() and not spin[late:].any()
+    assert set(phases) == {'aborted'} and sequence.step() is None
+    assert ending or len(after) >= STREAM.closing / PERIOD
+    assert np.abs(np.diff(velocity, axis=0)).max(initial=0) / PERIOD <= LIMITS.acceleration
+    assert (np.linalg.norm(np.diff(spin, axis=0), axis=1).max(initial=0) / PERIOD
+            <= LIMITS.angular_acceleration)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.floats(0.05, 0.95), st.floats(0.2, 2.0))
+def test_a_stop_stays_on_the_path_and_never_turns_back(when, duration):
+    goal = Pose(HOME.position + [0.02, 0.01, 0.0],
+                HOME.R_base_sensor @ rotation_from_vector([0.1, 0.0, 0.05]))
+    sequence = Sequence(STREAM)
+    sequence.start(prepare([Segment('move', 'there', goal, duration)], HOME, Pace(), LIMITS), HOME)
+    before, _ = run(sequence, max(1, int(when * duration / PERIOD)))
+    sequence.abort('asked to')
+    after, _ = run(sequence, 1000)
+    line = goal.position - HOME.position
+    points = np.array([c.pose.position for c in before + after]) - HOME.position
+    along = points @ line / (line @ line)
+    np.testing.assert_allclose(points, along[:, None] * line, atol=1e-12)
+    assert (np.diff(along) >= -1e-12).all() and along[-1] <= 1.0
+
+
+def test_abort_before_the_first_command_only_holds():
+    sequence = started()
+    sequence.abort('asked to')
+    commands, _ = run(sequence, 100)
+    velocity, spin = speeds(commands)
+    assert not velocity.any() and not spin.any()
+
+
+def test_abort_between_two_parts_does_not_begin_the_next_move():
+    sequence = started()
+    while sequence.status.phase != 'measure':
+        sequence.step(STILL)
+    while sequence.status.phase == 'measure':
+        last = sequence.step(STILL)
+    assert sequence.status.phase == 'move'
+    sequence.abort('asked to')
+    commands, _ = run(sequence, 100)
+    velocity, spin = speeds([last, *commands])
+    assert not velocity.any() and not spin.any()
+
+
+def test_a_pause_comes_to_rest_within_the_stop_and_goes_on_along_the_same_path():
+    reference, _ = run(started(), 5000)
+    sequence = started()
+    before, _ = run(sequence, 700)
+    assert before[-1].moving
+    sequence.pause(True)
+    paused, _ = run(sequence, 200)
+    sequence.pause(False)
+    after, phases = run(sequence, 5000)
+    commands = before + paused + after
+    velocity, spin = speeds(commands)
+    stop = len(before) + int(0.05 / PERIOD)
+    assert not spin[stop:len(before) + 199].any()
+    assert np.linalg.norm(np.diff(spin, axis=0), axis=1).max() / PERIOD < 60
+    assert phases[-1] == 'settle' and sequence.moved
+    assert len(commands) == pytest.approx(len(reference) + 200, abs=3)
+
+
+def test_a_restart_takes_up_speed_from_rest():
+    sequence = started()
+    before, _ = run(sequence, 700)
+    sequence.restart()
+    after, _ = run(sequence, 100)
+    _, spin = speeds(before[-1:] + after)
+    assert np.linalg.norm(spin[0]) < 0.1 * np.linalg.norm(before[-1].angular_velocity)
+    assert np.linalg.norm(np.diff(spin, axis=0), axis=1).max() / PERIOD < 60
+
+
+def test_abort_while_paused_holds():
+    sequence = started()
+    run(sequence, 700)
+    sequence.pause(True)
+    paused, _ = run(sequence, 50)
+    sequence.abort('asked to')
+    after, _ = run(sequence, 1000)
+    velocity, spin = speeds(paused[-1:] + after)
+    assert not velocity.any() and not spin.any() and not sequence.streaming
+
+
+def test_abort_while_identifying_discards_the_result():
+    sequence = started()
+    run(sequence, 5000)
+    assert sequence.abort('asked to')
+    sequence.finish()
+    assert sequence.status.phase == 'aborted' and sequence.status.reason == 'asked to'
+
+
+def test_abort_says_so_where_nothing_is_under_way():
+    assert not Sequence(STREAM).abort('asked to')
+    sequence = started()
+    sequence.abort('first')
+    assert not sequence.abort('second')
+    assert sequence.status.reason == 'first'
+
+
+def test_a_second_start_is_refused_until_the_stream_has_ended():
+    sequence = started()
+    sequence.step(STILL)
+    with pytest.raises(MotionError, match='under way'):
+        sequence.start(default_parts(), HOME)
+    sequence.abort('asked to')
+    with pytest.raises(MotionError, match='under way'):
+        sequence.start(default_parts(), HOME)
+    run(sequence, 1000)
+    sequence.start(default_parts(), HOME)
+    assert sequence.status.phase == 'move'
+
+
+def test_progress_grows_from_nought_to_one():
+    sequence, progress = started(), []
+    while sequence.step(STILL) is not None:
+        progress.append(sequence.status.progress)
+    assert progress[0] == 0.0 and progress[-1] == 1.0
+    assert (np.diff(progress) >= -1e-12).all()
+
+
+def test_joint_vectors_stream_and_stop_by_the_same_machine():
+    start, goal = np.zeros(6), np.array([0.1, -0.5, 0.8, 0, 0, 0.2])
+    sequence = Sequence(STREAM)
+    move = JointMove(start, goal, 2.0)
+    sequence.start([Part(Segment('move', 'there', goal, 2.0), move, goal)], start)
+    before, _ = run(sequence, 250)
+    sequence.abort('asked to')
+    after, _ = run(sequence, 1000)
+    positions = np.array([c.positions for c in before[-1:] + after])
+    rates = np.diff(positions, axis=0) / PERIOD
+    assert rates[0].any() and not rates[int(0.1 / PERIOD):].any()
+    assert np.abs(np.diff(rates, axis=0)).max() / PERIOD < LIMITS.joint_acceleration
+
+
+# The watch --------------------------------------------------------------------------------------
+
+TOPICS = {'wrench': 'wrench', 'accelerometer': 'accelerometer/raw', 'pose': 'current_pose'}
+WATCH = WatchSettings()
+
+
+class Bench:
+    """Feeds a monitor with noisy sensors at 1 kHz and 250 Hz, and ticks it every 4 ms."""
+
+    def __init__(self, seed=0, **limits):
+        self.rng = np.random.default_rng(seed)
+        self.monitor = Monitor(WATCH, Limits(**limits), TOPICS)
+        self.ms = 0
+        self.position = HOME.position.copy()
+        self.force = np.array([4.0, -3, 135.5, 0.3, -0.2, 0.1])
+        self.silent = set()
+        self.frozen = {}
+        self.quaternion = quaternion_from_matrix(HOME.R_base_sensor)
+
+    def sample(self, name, values):
+        return self.frozen.get(name, tuple(float(v) for v in values))
+
+    def tick(self, moving=False):
+        for _ in range(4):
+            self.ms += 1
+            now = self.ms * 1e-3
+            if 'wrench' not in self.silent:
+                noise = self.rng.normal(0, [0.25] * 3 + [0.02] * 3)
+                self.monitor.wrench(now, self.sample('wrench', self.force + noise))
+            if 'accelerometer' not in self.silent:
+                volts = 5.0 + 0.01 * self.rng.normal(size=3)
+                self.monitor.other('accelerometer', now, self.sample('accelerometer', volts))
+        if 'pose' not in self.silent:
+            place = self.position + 20e-6 * self.rng.normal(size=3)
+            self.monitor.pose(now, self.sample('pose', (*place, *self.quaternion)))
+        self.monitor.tick(now)
+        return self.monitor.check(moving)
+
+    def doubt(self, lag=0.0):
+        return self.monitor.doubt(self.ms * 1e-3 + lag)
+
+    def until_fault(self, ticks, moving=True):
+        begin = self.ms
+        for _ in range(ticks):
+            fault = self.tick(moving)
+            if fault:
+                return fault, (self.ms - begin) * 1e-3
+        return '', (self.ms - begin) * 1e-3
+
+
+@pytest.fixture
+def bench():
+    bench = Bench()
+    for _ in range(300):
+        assert not bench.tick()
+    bench.monitor.begin(bench.ms * 1e-3)
+    return bench
+
+
+def test_a_healthy_rig_is_still_at_most_instants(bench):
+    verdicts = []
+    for _ in range(200):
+        assert not bench.tick()
+        verdicts.append(bench.monitor.stillness().still)
+    assert np.mean(verdicts) > 0.9
+
+
+def test_ringing_of_half_a_newton_is_not_still(bench):
+    for _ in range(100):
+        bench.force[0] = 4.0 + 0.5 * np.sin(20 * bench.ms * 1e-3)
+        bench.tick()
+    verdict = bench.monitor.stillness()
+    assert not verdict.still and 'force.x' in verdict.detail
+
+
+@pytest.mark.parametrize('name', list(TOPICS))
+def test_a_lost_sensor_is_named_in_time_to_stop_within_a_tenth_of_a_second(bench, name):
+    bench.tick(moving=True)
+    bench.silent.add(name)
+    begin = bench.ms
+    while not bench.doubt():
+        assert not bench.tick(moving=True)
+    assert bench.doubt().startswith(TOPICS[name] + ': silent')
+    assert (bench.ms - begin) * 1e-3 + STREAM.stop_duration <= 0.1
+
+
+def test_a_sensor_that_is_back_leaves_no_doubt(bench):
+    bench.silent.add('wrench')
+    for _ in range(20):
+        bench.tick()
+    assert bench.doubt()
+    bench.silent.clear()
+    bench.tick()
+    assert not bench.doubt()
+
+
+def test_a_stall_of_ones_own_does_not_blame_the_sensors(bench):
+    bench.ms += 400
+    bench.monitor.tick(bench.ms * 1e-3)
+    assert not bench.doubt()
+
+
+def test_a_sensor_that_never_repeats_itself_is_found_frozen_at_rest(bench):
+    bench.frozen['wrench'] = bench.monitor.channels['wrench'].values
+    fault, after = bench.until_fault(30, moving=False)
+    assert 'wrench: the same reading' in fault and after < 0.06
+
+
+@pytest.mark.parametrize('seconds, healed', [(0.06, 0.5), (1.2, 2.1), (1.2, 4.0)])
+def test_a_freeze_that_has_healed_does_not_excuse_the_next(bench, seconds, healed):
+    bench.frozen['wrench'] = bench.monitor.channels['wrench'].values
+    for _ in range(round(seconds / PERIOD)):
+        bench.tick()
+    bench.frozen.clear()
+    for _ in range(round(healed / PERIOD)):
+        bench.tick()
+    bench.monitor.begin(bench.ms * 1e-3)
+    bench.frozen['wrench'] = bench.monitor.channels['wrench'].values
+    fault, after = bench.until_fault(30, moving=False)
+    assert 'wrench: the same reading' in fault and after < 0.06
+
+
+@pytest.mark.parametrize('name', list(TOPICS))
+@pytest.mark.parametrize('seconds', [0.06, 5.0])
+def test_a_sensor_that_is_frozen_keeps_a_sequence_from_starting_until_it_changes(
+        bench, name, seconds):
+    bench.frozen[name] = bench.monitor.channels[name].values
+    for _ in range(round(seconds / PERIOD)):
+        bench.tick()
+    for _ in range(2):
+        with pytest.raises(DataError, match=f'{TOPICS[name]}: the same reading for'):
+            bench.monitor.begin(bench.ms * 1e-3)
+        bench.tick()
+    bench.frozen.clear()
+    bench.tick()
+    bench.monitor.begin(bench.ms * 1e-3)
+
+
+def test_readings_that_use_to_repeat_for_a_while_at_rest_are_not_frozen():
+    bench = Bench()
+    for tick in range(2500):
+        if tick % 20 == 0:
+            bench.frozen['pose'] = (*(HOME.position + 1e-6 * (tick % 3)), *bench.quaternion)
+        if tick == 600:
+            bench.monitor.begin(bench.ms * 1e-3)
+        assert bench.tick() == ''
+
+
+def test_a_sensor_that_always_repeats_itself_at_rest_may_do_so():
+    bench = Bench()
+    bench.frozen['pose'] = (*HOME.position, *bench.quaternion)
+    for _ in range(500):
+        bench.tick()
+    bench.monitor.begin(bench.ms * 1e-3)
+    assert bench.until_fault(100, moving=False)[0] == ''
+
+
+@pytest.mark.parametrize('name', list(TOPICS))
+def test_a_frozen_sensor_is_found_in_motion(bench, name):
+    bench.tick(moving=True)
+    bench.frozen[name] = bench.monitor.channels[name].values
+    fault, after = bench.until_fault(100)
+    assert fault.startswith(TOPICS[name]) and 'the same reading' in fault
+    assert after + STREAM.stop_duration <= 0.1
+
+
+@pytest.mark.parametrize('name', list(TOPICS))
+@pytest.mark.parametrize('garbage', [np.nan, np.inf])
+def test_garbage_is_named_at_once(bench, name, garbage):
+    values = list(bench.monitor.channels[name].values)
+    values[1] = garbage
+    bench.frozen[name] = tuple(values)
+    fault, after = bench.until_fault(10, moving=False)
+    assert fault == f'{TOPICS[name]}: a reading is not finite' and after <= 0.004
+
+
+def test_stale_stamps_are_named(bench):
+    bench.tick()
+    for lag in (0.1, 0.3):
+        for _ in range(20):
+            bench.tick()
+            doubt = bench.doubt(lag)
+        assert bool(doubt) == (lag > WATCH.max_age)
+    assert doubt.startswith('wrench: newest stamp is 0.300 s old')
+
+
+def test_a_collision_is_named_with_force_and_limit(bench):
+    bench.force[0] = 260.0
+    fault, _ = bench.until_fault(3)
+    assert fault.startswith('wrench: force') and 'limits.force 250 N' in fault
+
+
+def test_a_robot_that_runs_away_is_named(bench):
+    for k in range(100):
+        bench.position[1] += min(0.4, 0.01 * k) * 0.004
+        fault = bench.tick(moving=True)
+        if fault:
+            break
+    assert 'above limits.overspeed 1.5 times limits.speed 0.25 m/s' in fault
+
+
+@pytest.mark.parametrize('limits, reason', [
+    (Limits(overspeed=1.0), 'times limits.acceleration 8 m/s^2'),
+    (Limits(overspeed=1.0, acceleration=20.0, jerk=760.0), 'times limits.jerk 760 m/s^3')])
+def test_a_robot_that_shakes_is_named_by_its_acceleration_or_its_jerk(bench, limits, reason):
+    bench.monitor.limits = limits
+    for k in range(50):
+        bench.position[1] = HOME.position[1] + 0.004 * np.sin(2 * np.pi * 10 * 0.004 * k)
+        fault = bench.tick(moving=True)
+    assert reason in fault
+
+
+def test_a_tip_that_leaves_the_box_is_named_where_the_sensor_does_not(bench):
+    bench.position[0] = 1.06
+    fault, _ = bench.until_fault(3)
+    assert 'x = 1.26' in fault and 'm of the tip is outside' in fault
+
+
+def test_an_orientation_that_is_none_is_named(bench):
+    bench.quaternion = np.zeros(4)
+    fault, _ = bench.until_fault(3)
+    assert fault == 'current_pose: a quaternion has norm 0, not 1'
+
+
+def test_a_robot_that_leaves_the_box_is_named(bench):
+    bench.position[2] = 1.41
+    fault, _ = bench.until_fault(3)
+    assert 'outside limits.workspace_min/max 0.6 to 1.4 m' in fault
+
+
+def test_a_robot_that_does_not_follow_is_named(bench):
+    now = bench.ms * 1e-3
+    bench.monitor.command(now, (*HOME.position, *bench.quaternion))
+    bench.monitor.command(now + 0.01, (*(HOME.position + [0.03, 0, 0]), *bench.quaternion))
+    assert not bench.tick(True)
+    fault, _ = bench.until_fault(5)
+    assert '0.0300 m from the command' in fault
+    turned = quaternion_from_matrix(HOME.R_base_sensor @ rotation_from_vector([0.3, 0, 0]))
+    bench.monitor.command(bench.ms * 1e-3, (*HOME.position, *turned))
+    fault, _ = bench.until_fault(5)
+    assert '0.300 rad from the command' in fault
+
+
+def test_begin_names_the_topic_that_was_never_heard():
+    monitor = Monitor(WATCH, LIMITS, TOPICS)
+    with pytest.raises(DataError, match='wrench: nothing received yet'):
+        monitor.begin(0.0)
+
+
+def test_begin_refuses_a_robot_that_moves():
+    bench = Bench()
+    for _ in range(300):
+        bench.position[0] += 0.002 * 0.004
+        bench.tick()
+    with pytest.raises(MotionError, match='current_pose: position.x drifts'):
+        bench.monitor.begin(bench.ms * 1e-3)
+
+
+def test_begin_refuses_what_was_heard_for_too_short():
+    bench = Bench()
+    for _ in range(30):
+        bench.tick()
+    with pytest.raises(DataError, match=r'0.12 s received, 0.5 s are needed'):
+        bench.monitor.begin(bench.ms * 1e-3)
+
+
+def test_begin_forgets_the_fault_of_the_run_before(bench):
+    bench.frozen['wrench'] = (np.nan,) * 6
+    bench.tick()
+    bench.frozen.clear()
+    assert bench.tick()
+    for _ in range(600):
+        bench.tick()
+    bench.monitor.begin(bench.ms * 1e-3)
+    assert not bench.tick()
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.tuples(*[st.floats(-1.7, 1.7)] * 3).map(np.array))
+def test_angle_between_quaternions_is_that_of_the_rotation_vector(turn):
+    a = quaternion_from_matrix(HOME.R_base_sensor)
+    b = quaternion_from_matrix(HOME.R_base_sensor @ rotation_from_vector(turn))
+    angle = np.linalg.norm(turn)
+    assert angle_between(tuple(a), tuple(b)) == pytest.approx(angle, abs=1e-9)
+    assert angle_between(tuple(a), tuple(-b)) == pytest.approx(angle, abs=1e-9)
+
+
+# The stream -------------------------------------------------------------------------------------
+
+
+def test_commands_are_due_one_a_period():
+    clock = StreamClock(4, 100, 1000)
+    assert [clock.due(now) for now in (96, 99, 100)] == [0, 0, 1]
+    assert clock.next_stamp() == 1000
+    assert [clock.due(now) for now in (103, 104)] == [0, 1]
+    assert clock.next_stamp() == 1004
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.integers(1, 60), min_size=1, max_size=50))
+def test_a_late_caller_sends_few_at_once_and_stamps_lie_neither_ahead_nor_far_behind(pauses):
+    clock, now, stamps = StreamClock(4, 0, 0), 0, []
+    for pause in pauses:
+        now += pause
+        count = clock.due(now)
+        assert count <= 3
+        for _ in range(count):
+            stamps.append(clock.next_stamp())
+        assert not stamps or now - 4 < stamps[-1] <= now
+    assert all(b - a >= 4 and (b - a) % 4 == 0 for a, b in zip(stamps, stamps[1:]))
+
+
+def test_a_stream_takes_up_the_phase_of_the_measured_poses():
+    assert phased(1000, 3, 4) == 1003
+    assert phased(1003, 3, 4) == 1003
+    assert phased(1001, 999, 4) == 1003
+
+
+def test_after_long_silence_an_abort_holds_the_last_command():
+    sequence = started()
+    before, _ = run(sequence, 100)
+    while not before[-1].moving:
+        before.append(sequence.step(STILL))
+    sequence.abort('the clock stood', at_once=True)
+    after, _ = run(sequence, 100)
+    velocity, spin = speeds(before[-1:] + after)
+    assert not velocity.any() and not spin.any() and sequence.step() is None
+
+
+def test_twists_are_zero_at_rest_and_lead_back_to_the_path_in_motion():
+    move = Move(HOME, nominal_poses()['h'], 2.0)
+    off = Pose(HOME.position + [0, 0.001, 0], HOME.R_base_sensor)
+    v, w = twist_towards(move.at(0.0), off, 5.0)
+    assert not v.any() and not w.any()
+    middle = move.at(1.0)
+    v, w = twist_towards(middle, Pose(off.position, middle.pose.R_base_sensor), 5.0)
+    np.testing.assert_allclose(v, [0, -0.005, 0], atol=1e-12)
+    np.testing.assert_allclose(w, middle.angular_velocity, atol=1e-12)

@@ -1,0 +1,128 @@
+"""The other sides of the motion back ends, played as those controllers ask for it."""
+
+from forcecal_ros.geometry import (
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    rotation_from_vector,
+)
+from forcecal_ros.motion.limits import Limits
+from forcecal_ros.motion.poses import flatten_poses, nominal_poses
+from forcecal_ros.motion.profiles import Pose
+from forcecal_ros.nodes.runtime import OUTPUT
+from geometry_msgs.msg import TwistStamped
+from live import Live, Robot
+import numpy as np
+from rclpy.time import Time
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
+
+HOME = nominal_poses()['v']
+TILTED = Pose(HOME.position, HOME.R_base_sensor @ rotation_from_vector([0.3, 0.1, 0.0]))
+QUICK = {'timing__measure': 0.2, 'timing__ring': 0.2, 'settle__window': 0.1,
+         'poses__names': '[v, tilted]',
+         'poses__values': flatten_poses({'v': HOME, 'tilted': TILTED})}
+
+
+def run(live):
+    """Run a sequence to the end of its motion; the played sensors give nothing to identify."""
+    live.until(lambda: live.call('sequencer/start').success, 'start')
+    live.until(lambda: 'step' in live.phases, 'the step')
+    live.until(lambda: live.phases[-1] in ('done', 'aborted'), 'the end')
+    assert live.phases[:9] in (
+        ['idle', 'move', 'settle', 'measure', 'move', 'settle', 'measure', 'move', 'settle'],
+        ['move', 'settle', 'measure', 'move', 'settle', 'measure', 'move', 'settle', 'step'])
+
+
+class Servo:
+    """MoveIt Servo: turns fresh velocities into motion, and stands when they are stale."""
+
+    def __init__(self, live, robot):
+        self.robot = robot
+        self.live = live
+        self.heard = []
+        self.visited = []
+        self.twist = np.zeros(6)
+        live.hear(TwistStamped, 'delta_twist_cmds', self._on_twist)
+        self.before = live.node.get_clock().now()
+        live.node.create_timer(0.004, self._move)
+
+    def _on_twist(self, stamp, values):
+        now = self.live.node.get_clock().now().nanoseconds
+        self.heard.append((stamp, (now - stamp) * 1e-9, values))
+        self.twist = np.array(values)
+
+    def _move(self):
+        now = self.live.node.get_clock().now()
+        dt = (now - self.before).nanoseconds * 1e-9
+        self.before = now
+        if not self.heard or now - Time(nanoseconds=self.heard[-1][0],
+                                        clock_type=now.clock_type) > STALE:
+            return
+        position = np.array(self.robot.pose[:3]) + self.twist[:3] * dt
+        R = rotation_from_vector(self.twist[3:] * dt) @ matrix_from_quaternion(self.robot.pose[3:])
+        self.robot.pose = (*position, *quaternion_from_matrix(R))
+        self.visited.append(R)
+
+
+STALE = Time(nanoseconds=100_000_000) - Time()
+
+
+def test_servo_gets_fresh_velocities_that_lead_to_the_poses_and_zeros_at_the_end(ros_domain):
+    with Live() as live:
+        robot = Robot(live, commands=False)
+        servo = Servo(live, robot)
+        live.start('sequencer', motion__backend='delta_twist_cmds', **QUICK)
+        run(live)
+        assert not live.node.get_publishers_info_by_topic('/target_frame')
+    ages = np.array([age for _, age, _ in servo.heard])
+    twists = np.array([values for *_, values in servo.heard])
+    assert np.median(ages) < 0.1
+    assert len(twists) > 500 and not twists[0].any()
+    assert not twists[-20:].any()
+    limits = Limits()
+    assert np.linalg.norm(twists[:, :3], axis=1).max() < 1.5 * limits.speed
+    assert np.linalg.norm(twists[:, 3:], axis=1).max() < 1.5 * limits.angular_speed
+    for pose in (HOME, TILTED):
+        off = [np.degrees(np.arccos(min(1, (np.trace(R.T @ pose.R_base_sensor) - 1) / 2)))
+               for R in servo.visited]
+        assert min(off) < 1.0
+    np.testing.assert_allclose(robot.pose[:3], HOME.position, atol=2e-3)
+
+
+def test_the_trajectory_controller_gets_every_joint_and_rest_at_each_end(ros_domain):
+    names = [f'joint_{i}' for i in range(1, 7)]
+    home = np.array([0.0, -0.5, 0.5, 0.0, 1.0, 0.0])
+    poses = [home, home + [0.1, 0.0, 0.0, 0.3, -0.3, 0.0]]
+    away = home + [0.0, 0.01, 0.01, 0.0, 0.0, 0.0]
+    heard, joints = [], home + 0.05
+    with Live() as live:
+        Robot(live, commands=False)
+        states = live.node.create_publisher(JointState, 'joint_states', OUTPUT)
+
+        def report():
+            at = heard[-1].points[0].positions if heard else joints
+            states.publish(JointState(name=names[::-1], position=[*at][::-1]))
+
+        live.node.create_timer(0.01, report)
+        live.node.create_subscription(JointTrajectory, 'joint_trajectory', heard.append, 2000)
+        live.start('sequencer', motion__backend='joint_trajectory',
+                   joints__names=f'[{", ".join(names)}]',
+                   joints__values=np.concatenate(poses).tolist(), joints__away=away.tolist(),
+                   limits__workspace_max=[1.3, 0.4, 1.4], **QUICK)
+        run(live)
+        assert not live.node.get_publishers_info_by_topic('/target_frame')
+    positions = np.array([message.points[0].positions for message in heard])
+    np.testing.assert_allclose(positions[0], home + 0.05, atol=1e-9)
+    np.testing.assert_allclose(positions[-1], home, atol=1e-9)
+    for goal in (*poses, away):
+        assert np.abs(positions - goal).max(axis=1).min() < 1e-9
+    for message in heard:
+        assert message.joint_names == names
+        assert all(len(point.positions) == len(point.velocities) == 6 for point in message.points)
+        assert not any(message.points[-1].velocities)
+        times = [p.time_from_start.sec + p.time_from_start.nanosec * 1e-9 for p in message.points]
+        assert 0 < times[0] < times[1]
+    velocities = np.array([message.points[0].velocities for message in heard])
+    assert np.abs(np.diff(positions, axis=0) / 0.004 - velocities[1:]).max() < 0.1
+    assert np.abs(velocities).max() <= Limits().joint_speed
+    assert not velocities[-20:].any()

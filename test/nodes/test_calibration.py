@@ -1,0 +1,124 @@
+"""The main job over DDS: simulated rig, sequencer and observer, each a process of its own."""
+
+import signal
+
+from diagnostic_msgs.msg import DiagnosticArray
+from forcecal_ros.calibration.file import load, parse
+from forcecal_ros.motion.limits import Limits
+from forcecal_ros.nodes.runtime import OUTPUT
+from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
+from live import Live
+import numpy as np
+import pytest
+from std_msgs.msg import Float64MultiArray, String
+
+LIMITS = Limits()
+
+
+class Ears:
+    """Commands, contact wrenches and true ones, by stamp."""
+
+    def __init__(self, live):
+        self.commands, self.contact, self.truth, self.phases = {}, {}, {}, []
+        live.hear(PoseStamped, 'target_frame', self.commands.__setitem__)
+        live.hear(WrenchStamped, 'observer/contact_wrench', self.contact.__setitem__)
+        live.hear(WrenchStamped, 'sim/contact_wrench', self.truth.__setitem__)
+        live.node.create_subscription(DiagnosticArray, 'sequencer/phase', self._on_phase, OUTPUT)
+
+    def _on_phase(self, message):
+        stamp = message.header.stamp
+        self.phases.append((stamp.sec * 10**9 + stamp.nanosec, message.status[0].message))
+
+    def error(self, begin, end):
+        """Return the errors of the contact wrench between two stamps, (n, 6)."""
+        return np.array([np.subtract(values, self.truth[stamp])
+                         for stamp, values in self.contact.items()
+                         if begin <= stamp < end and stamp in self.truth])
+
+
+def test_calibrates_publishes_observes_and_touches(ros_domain, tmp_path):
+    path = tmp_path / 'calibration.yaml'
+    with Live() as live:
+        ears = Ears(live)
+        texts = live.latched(String, 'sequencer/calibration')
+        live.start('sim', seed=5)
+        live.start('observer')
+        live.start('sequencer', save__path=path, limits__workspace_max=[1.35, 0.4, 1.4])
+        live.until(lambda: len(ears.truth) > 1000, 'a simulated rig')
+        refused = live.call('sequencer/save_calibration')
+        assert not refused.success and 'there is no calibration yet' in refused.message
+        assert not ears.commands
+
+        live.until(lambda: live.call('sequencer/start').success, 'start')
+        live.until(lambda: live.phases[-1] in ('done', 'aborted'), 'the calibration', 90.0)
+        assert live.phases[-1] == 'done', live.reasons
+        check_phases_and_commands(ears)
+        live.until(lambda: texts, 'a calibration')
+        check_calibration(parse(texts[-1].data))
+        check_latched(live)
+        assert live.call('sequencer/save_calibration').success
+        assert load(path).mass.value == parse(texts[-1].data).mass.value
+
+        live.until(lambda: len(ears.contact) > 1000, 'an observer that took it over')
+        check_contact(live, ears)
+        for module in ('sequencer', 'observer', 'sim'):
+            assert live.end(module, signal.SIGINT) == 0
+
+
+def check_phases_and_commands(ears):
+    words = [word for i, (_, word) in enumerate(ears.phases)
+             if i == 0 or ears.phases[i - 1][1] != word]
+    assert [word for word in words if word != 'idle'] == [
+        'move', 'settle', 'measure'] * 3 + ['move', 'settle', 'step', 'settle', 'done']
+    stamps = np.array(sorted(ears.commands))
+    values = np.array([ears.commands[stamp] for stamp in stamps.tolist()])
+    assert np.linalg.norm(values[0, :3] - [1.0, 0.0, 1.0]) < 2e-5
+    speed = np.linalg.norm(np.diff(values[:, :3], axis=0), axis=1) / (np.diff(stamps) * 1e-9)
+    assert 0.18 < speed.max() <= 0.1876
+    assert (stamps % 10**6 == 0).all()
+    assert (np.diff(stamps) == 4 * 10**6).mean() > 0.95
+
+
+def check_calibration(calibration):
+    assert float(calibration.mass) == pytest.approx(13.0, rel=3e-4)
+    np.testing.assert_allclose(calibration.com.value, [0.03, -0.01, 0.14], atol=1e-4)
+    np.testing.assert_allclose(calibration.wrench_bias.value[:3], [4, -3, 8], atol=0.02)
+    np.testing.assert_allclose(calibration.wrench_bias.value[3:], [0.3, -0.2, 0.1], atol=0.003)
+    assert calibration.observer.kalman['bandwidth'].value > 20
+    assert calibration.sensor_frame == 'ft_sensor'
+
+
+def check_latched(live):
+    """Join late and hear the results all the same."""
+    gains = live.latched(Float64MultiArray, 'sequencer/observer_gain')
+    inertias = live.latched(InertiaStamped, 'sequencer/tool_inertia')
+    live.until(lambda: gains and inertias, 'latched results')
+    assert [dim.size for dim in gains[0].layout.dim] == [2, 3]
+    assert all(dim.label for dim in gains[0].layout.dim)
+    assert len(gains[0].data) == 6 and gains[0].data[5] == 1.0
+    assert inertias[0].inertia.m == pytest.approx(13.0, rel=3e-4)
+    assert inertias[0].inertia.com.z == pytest.approx(0.14, abs=1e-4)
+    assert inertias[0].header.frame_id == 'ft_sensor'
+
+
+def check_contact(live, ears):
+    assert live.set('sequencer', sequence='contact', timing__contact=0.5)[0].successful
+    live.phases.clear()
+    live.until(lambda: live.call('sequencer/start').success, 'start')
+    live.until(lambda: 'measure' in live.phases, 'measuring')
+    live.until(lambda: 'approach' in live.phases, 'the approach')
+    moving = live.entered['approach'] + 900_000_000
+    live.until(lambda: max(ears.contact) > moving, 'motion')
+    refused = live.call('observer/tare')
+    assert not refused.success and 'the robot moves' in refused.message
+    live.until(lambda: 'contact' in live.phases, 'contact')
+    contact = live.entered['contact']
+    live.until(lambda: live.phases[-1] in ('done', 'aborted'), 'the end')
+    assert live.phases[-1] == 'done', live.reasons
+    truth = np.array([values for stamp, values in ears.truth.items()
+                      if contact <= stamp < contact + 0.4e9])
+    assert truth[:, 0].min() < -15
+    error = ears.error(contact, contact + 0.4e9)
+    assert len(error) > 300
+    assert np.abs(error[:, 0].mean()) < 0.25
+    assert live.call('observer/tare').success

@@ -1,0 +1,47 @@
+"""The gap node over real DDS: quiet without an effect, the right stage with one."""
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from forcecal_ros.effects import with_effects
+from forcecal_ros.simulators.rig.file import dump_rig, load_rig
+from live import Live
+import pytest
+
+SHORT = {'timing__measure': 0.4, 'timing__ring': 0.3, 'watch__clock_timeout': 2.0,
+         'watch__pause_timeout': 1.0, 'watch__lost_timeout': 5.0, 'watch__max_age': 0.0}
+"""Of the sequencer: brief, and patient with a loaded machine."""
+
+ENOUGH = 14
+"""Judgements that show that nothing is raised: the robot has turned and stepped by then."""
+
+
+@pytest.mark.parametrize('effects, stage', [
+    ({}, ''),
+    ({'wrench_delay': {'delay': 0.006}}, 'wrench_sensor'),
+])
+def test_the_first_stage_that_leaves_the_noise_is_raised(ros_domain, tmp_path, effects, stage):
+    path = tmp_path / 'rig.yaml'
+    path.write_text(dump_rig(with_effects(load_rig(), effects)))
+    with Live() as live:
+        live.start('sim', rig=path, seed=1, clock__publish=True, latency=0.1)
+        live.start('gap', use_sim_time=True)
+        live.start('sequencer', use_sim_time=True, **SHORT)
+        live.until(lambda: 'gap' in live.diagnostics, 'gap speaks')
+        live.until(lambda: live.call('sequencer/start').success, 'it starts')
+        said = []
+
+        def judged():
+            status = live.diagnostics['gap']
+            values = {pair.key: pair.value for pair in status.values}
+            if 'stage' in values and (not said or said[-1][1] is not status):
+                said.append((values, status))
+            return values.get('first stage') or len(said) > ENOUGH
+
+        live.until(judged, 'a judgement', timeout=100.0)
+        late = {p.key: p.value for p in live.diagnostics['sim'].values}['commands late']
+        if late != '0':
+            pytest.skip(f'{late} commands came late to the robot, which is a gap of its own')
+        values, status = said[-1]
+        assert values['first stage'] == stage, status.message
+        assert status.level == (DiagnosticStatus.ERROR if stage else DiagnosticStatus.OK)
+        assert len([name for name in values if name.endswith('[noise RMS]')]) == 16
+        assert live.end('gap') == 0

@@ -1,0 +1,176 @@
+"""The impedance node over real DDS, with the simulated rig and the observer."""
+
+import signal
+
+from diagnostic_msgs.msg import DiagnosticArray
+from forcecal_ros.calibration.file import save
+from forcecal_ros.impedance.rehearsal import rehearse
+from forcecal_ros.impedance.session import Bounds
+from forcecal_ros.motion.monitor import LATE_PATIENCE
+from forcecal_ros.nodes.impedance_settings import WATCH as WATCH_DEFAULT
+from forcecal_ros.nodes.runtime import OUTPUT
+from forcecal_ros.simulators.rig.file import load_rig
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from live import Live
+import numpy as np
+import pytest
+
+WATCH = {'watch__pause_timeout': 0.8, 'watch__lost_timeout': 2.0, 'watch__max_age': 5.0,
+         'watch__frozen_timeout': 1.0, 'limits__overspeed': 10.0}
+"""A machine that runs tests may be late; where lateness is the point, it is not given."""
+
+BOX = '[1.35, 0.4, 1.4]'
+QUICK = {'task__swings': 0, 'task__approach': 1.0, 'task__hold': 0.6}
+
+
+@pytest.fixture(scope='module')
+def calibration(tmp_path_factory):
+    path = tmp_path_factory.mktemp('impedance') / 'calibration.yaml'
+    save(rehearse(load_rig(), 'acc1', 1), path)
+    return path
+
+
+class Bench:
+    """Simulated rig, observer and impedance node, and what they say."""
+
+    def __init__(self, live, calibration, **parameters):
+        self.live, self.phases, self.reason, self.commands, self.force = live, [], '', [], [0.0]
+        self.counts = {}
+        live.node.create_subscription(DiagnosticArray, 'impedance/phase', self._on_phase, OUTPUT)
+        live.hear(PoseStamped, 'target_frame',
+                  lambda stamp, values: self.commands.append((stamp * 1e-9, values[0])))
+        live.hear(WrenchStamped, 'sim/contact_wrench',
+                  lambda stamp, values: self.force.append(-values[0]))
+        live.start('sim', seed=3)
+        live.start('observer', calibration__file=calibration)
+        live.start('impedance', limits__workspace_max=BOX, **parameters)
+
+    def _on_phase(self, message):
+        status = message.status[0]
+        if not self.phases or self.phases[-1] != status.message:
+            self.phases.append(status.message)
+        values = {pair.key: pair.value for pair in status.values}
+        self.reason = values['reason']
+        self.counts = {key: int(values[key]) for key in ('contacts', 'missed')}
+
+    def start(self):
+        said = []
+
+        def started():
+            said.append(self.live.call('impedance/start'))
+            return said[-1].success
+
+        self.live.until(started, 'a start')
+
+    def until_pressing(self, force=10.0):
+        self.live.until(lambda: self.force[-1] > force and self.phases[-1] == 'contact',
+                        'contact')
+
+    def until_free(self):
+        self.live.until(lambda: self.force[-1] == 0.0, 'the tool free of the wall')
+
+    def until_refused(self, why):
+        """Ask for a start until the answer is `why`: the robot may still be led away."""
+        def refused():
+            answer = self.live.call('impedance/start')
+            assert not answer.success
+            return why in answer.message
+
+        self.live.until(refused, f'a refusal: {why}')
+
+    def until_still(self, count=20):
+        """Wait until the last `count` commands are one place."""
+        self.live.until(lambda: np.ptp([x for _, x in self.commands[-count:]]) == 0.0, 'a stop')
+
+    def until_ended(self):
+        self.live.until(lambda: self.phases[-1] in ('done', 'aborted'), 'the end')
+
+
+def assert_led_away(bench):
+    """Check that the last commands that move lead away from the wall."""
+    x = np.array(bench.commands)[:, 1]
+    last = np.flatnonzero(np.diff(x))[-1] + 1
+    assert (np.diff(x[last - 60:]) <= 1e-5).all()
+    assert x[-1] < x[last - 60] - 0.01
+
+
+def test_nothing_moves_before_start_and_a_task_ends_as_it_began(ros_domain, calibration):
+    with Live() as live:
+        bench = Bench(live, calibration, **WATCH, **QUICK)
+        live.until(lambda: 'impedance' in live.diagnostics and bench.phases, 'the node')
+        assert not bench.commands and bench.phases == ['idle']
+        bench.start()
+        assert not live.call('impedance/start').success
+        bench.until_ended()
+        bench.until_free()
+        assert not bench.reason
+        assert bench.phases == ['idle', 'free', 'approach', 'contact', 'retract', 'done']
+        assert bench.counts == {'contacts': 1, 'missed': 0}
+        assert max(bench.force) > 10.0
+        live.spin(0.3)
+        assert abs(bench.commands[-1][1] - bench.commands[0][1]) < 1e-3
+        # a wall where none was expected: the same one, said to be farther away
+        live.set('impedance', task__clearance=0.14)
+        bench.start()
+        bench.until_ended()
+        assert bench.phases[-1] == 'aborted'
+        assert 'before the wall is expected' in bench.reason
+        bench.until_free()
+        # gains that make it unstable: nothing moves
+        live.set('impedance', design__force_gain=-0.5)
+        bench.until_refused('unstable')
+        assert live.end('impedance') == 0
+
+
+def test_told_to_go_in_contact_it_leads_the_robot_away_from_the_wall(ros_domain, calibration):
+    with Live() as live:
+        bench = Bench(live, calibration, **WATCH, **QUICK)
+        bench.start()
+        bench.until_pressing()
+        assert live.end('impedance', signal.SIGINT) == 0
+        bench.until_free()
+        bench.until_still()
+        assert bench.phases[-1] == 'aborted'
+        assert bench.reason == 'the impedance node was told to go'
+        assert_led_away(bench)
+
+
+def test_a_lost_observer_ends_it_in_time_away_from_the_wall(ros_domain, calibration):
+    lost_timeout = 0.3
+    with Live() as live:
+        bench = Bench(live, calibration, **{**WATCH, 'watch__lost_timeout': lost_timeout,
+                                            'watch__pause_timeout': 0.2}, **QUICK)
+        bench.start()
+        bench.until_pressing()
+        lost = live.node.get_clock().now().nanoseconds * 1e-9
+        live.processes.pop('observer').kill()
+        bench.until_ended()
+        bench.until_free()
+        bench.until_still()
+        assert bench.reason.startswith('observer/contact_wrench: silent for 0.3')
+        t, x = np.array(bench.commands).T
+        turned = t[np.flatnonzero(np.diff(x) < -2e-4)[-1] - 60]
+        assert turned < lost + lost_timeout + 0.1
+        assert_led_away(bench)
+        assert live.said('impedance').count('[ERROR]') == 1
+
+
+def test_a_force_sensor_that_sticks_ends_it_before_the_wall(ros_domain, calibration):
+    with Live() as live:
+        bench = Bench(live, calibration, **{**WATCH, 'watch__frozen_timeout': 0.4},
+                      **{**QUICK, 'task__approach': 3.0})
+        bench.start()
+        live.until(lambda: bench.phases[-1] == 'approach', 'the approach')
+        live.set('sim', fault__wrench='stuck')
+        bench.until_ended()
+        bench.until_still()
+        assert bench.phases[-1] == 'aborted'
+        assert bench.reason.startswith('wrench: the same reading')
+        assert max(bench.force) == 0.0
+
+
+def test_by_default_silence_frozen_readings_and_old_stamps_end_at_rest_within_100_ms():
+    period, stop = 0.004, Bounds().stop_duration
+    assert WATCH_DEFAULT.lost_timeout + 2 * period + stop < 0.1
+    assert WATCH_DEFAULT.frozen_timeout + period + stop < 0.1
+    assert LATE_PATIENCE + 3 * period + stop < 0.1

@@ -1,0 +1,73 @@
+"""Launch files: read as text everywhere, carried out where ROS 2's launch is installed."""
+
+import ast
+from importlib.metadata import entry_points
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SHARED = ROOT / 'forcecal_ros' / 'nodes' / 'launching.py'
+FILES = sorted((ROOT / 'launch').glob('*.launch.py'))
+
+
+def calls(path, function):
+    """All calls of a function in a file, as syntax trees."""
+    return [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Name) and node.func.id == function]
+
+
+def test_there_is_one_for_each_part_of_the_day():
+    assert [path.name for path in FILES] == [
+        'calibrate.launch.py', 'impedance.launch.py', 'observe.launch.py']
+
+
+@pytest.mark.parametrize('path', [*FILES, SHARED], ids=lambda path: path.name)
+def test_every_argument_says_what_it_is_for(path):
+    for call in calls(path, 'DeclareLaunchArgument'):
+        assert any(word.arg == 'description' for word in call.keywords), ast.unparse(call)
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
+def test_every_node_is_an_executable_with_a_parameter_file(path):
+    installed = {entry.name for entry in entry_points(group='console_scripts')
+                 if entry.value.startswith('forcecal_ros.')}
+    names = {call.args[0].value for call in calls(path, 'node')}
+    assert names
+    for name in names:
+        assert name in installed
+        assert (ROOT / 'config' / f'{name}.yaml').is_file()
+
+
+def test_every_remapped_topic_is_one_that_nodes_ask_for():
+    from forcecal_ros.recording.topics import ROLES
+    known = {role.topic for role in ROLES.values()}
+    table = next(node.value for node in ast.parse(SHARED.read_text()).body
+                 if isinstance(node, ast.Assign) and node.targets[0].id == 'TOPICS')
+    topics = [topic for topic, _ in ast.literal_eval(table).values()]
+    assert len(topics) == 7
+    assert set(topics) <= known
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
+def test_it_describes_its_nodes_and_arguments(path):
+    pytest.importorskip('launch_ros', reason="ROS 2's launch is not on PyPI")
+    from launch import LaunchContext
+    from launch.actions import DeclareLaunchArgument
+    from launch_ros.actions import Node
+    spec = importlib.util.spec_from_file_location(path.stem.partition('.')[0], path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    entities = module.generate_launch_description().describe_sub_entities()
+    nodes = [entity for entity in entities if isinstance(entity, Node)]
+    assert {entity.node_executable for entity in nodes} >= {'sim', 'observer'}
+    context = LaunchContext()
+    context.launch_configurations['sim'] = 'false'
+    running = {entity.node_executable for entity in nodes
+               if entity.condition is None or entity.condition.evaluate(context)}
+    assert 'sim' not in running and 'observer' in running
+    arguments = {entity.name: entity.description for entity in entities
+                 if isinstance(entity, DeclareLaunchArgument)}
+    assert {'wrench', 'current_pose', 'namespace', 'use_sim_time', 'sim'} <= set(arguments)
+    assert all(arguments.values())

@@ -1,0 +1,272 @@
+"""Motion safety over DDS: the sequencer as a process, the robot and its faults played here."""
+
+import signal
+
+from forcecal_ros.motion.limits import Limits
+from forcecal_ros.nodes.runtime import OUTPUT
+from geometry_msgs.msg import PoseStamped
+from live import Live, Robot
+import numpy as np
+import pytest
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Header
+
+LIMITS = Limits()
+
+
+@pytest.fixture(scope='module')
+def bench(ros_domain_of_module):
+    """One sequencer for all tests of this module that leave it alive, and a robot for it."""
+    with Live() as live:
+        robot = Robot(live)
+        start(live)
+        yield live, robot
+
+
+def start(live, **parameters):
+    live.start('sequencer', timing__measure=0.3, timing__ring=0.2, settle__window=0.1,
+               **parameters)
+
+
+@pytest.fixture
+def ready(bench):
+    """Sequencer idle, robot healthy and known to it for long enough to start."""
+    live, robot = bench
+    robot.silent.clear()
+    robot.override.clear()
+    robot.commands.clear()
+    live.phases.clear()
+    live.reasons.clear()
+    return live, robot
+
+
+def begin(live):
+    """Start, again and again until the sequencer has heard enough."""
+    answers = []
+
+    def started():
+        answers.append(live.call('sequencer/start'))
+        return answers[-1].success
+
+    live.until(started, 'start')
+    return answers
+
+
+def until_moving(live, robot):
+    begin(live)
+    live.until(robot.moving, 'motion')
+
+
+def assert_came_to_rest(live, robot, since_ns=None, sensors=False):
+    """
+    From then on commands moved for a tenth of a second at most, and never again.
+
+    Time is counted in commands, on the stream's own stamps: a machine that lets the sequencer
+    wait commands nothing meanwhile. Sensors that this process says late are no fault of it.
+    """
+    live.until(lambda: live.phases and live.phases[-1] == 'aborted', 'aborted')
+    live.spin(0.3)
+    since_ns = since_ns or live.entered['aborted']
+    stamps, speed, spin = robot.speeds()
+    moving = ((speed > 0) | (spin > 0))[stamps > since_ns * 1e-9]
+    slack = robot.late(since_ns) if sensors else 0.0
+    assert moving.sum() * 0.004 <= 0.1 + slack
+    assert not moving[-10:].any()
+    assert np.count_nonzero(np.diff(moving.astype(int)) == 1) == 0
+    heard = len(robot.commands)
+    live.spin(0.3)
+    assert len(robot.commands) == heard
+    assert_no_jump(robot)
+
+
+def assert_no_jump(robot):
+    stamps, speed, spin = robot.speeds()
+    assert speed.max() <= LIMITS.speed and spin.max() <= LIMITS.angular_speed
+    regular = np.isclose(np.diff(stamps), 0.004)
+    assert (np.abs(np.diff(spin))[regular] / 0.004 <= LIMITS.angular_acceleration).all()
+
+
+def now(live):
+    return live.node.get_clock().now().nanoseconds
+
+
+def test_nothing_is_commanded_before_start(ready):
+    live, robot = ready
+    live.until(lambda: live.phases == ['idle'], 'the first word')
+    live.spin(0.5)
+    assert not robot.commands
+    assert live.phases == ['idle']
+
+
+def test_abort_brings_the_commands_to_rest_within_a_tenth_of_a_second(ready):
+    live, robot = ready
+    until_moving(live, robot)
+    assert np.linalg.norm(np.subtract(robot.commands[0][1][:3], [1.0, 0.0, 1.0])) < 2e-5
+    assert live.call('sequencer/abort').success
+    assert_came_to_rest(live, robot)
+    assert live.reasons == ['asked to by sequencer/abort']
+    assert not live.call('sequencer/abort').success
+
+
+def test_a_second_start_is_refused_and_disturbs_nothing(ready):
+    live, robot = ready
+    until_moving(live, robot)
+    answer = live.call('sequencer/start')
+    assert not answer.success and 'under way already' in answer.message
+    assert robot.moving()
+    live.call('sequencer/abort')
+    assert_came_to_rest(live, robot)
+
+
+@pytest.mark.parametrize('topic', list(Robot.TOPICS))
+def test_a_lost_sensor_brings_the_commands_to_rest_and_is_named(ready, topic):
+    live, robot = ready
+    until_moving(live, robot)
+    robot.silent.add(topic)
+    assert_came_to_rest(live, robot, robot.healthy, sensors=True)
+    assert live.reasons[-1].startswith(f'{topic}: silent')
+
+
+@pytest.mark.parametrize('topic, values, reason', [
+    ('wrench', (np.nan,) * 6, 'wrench: a reading is not finite'),
+    ('wrench', (0.0, 0.0, 300.0, 0.0, 0.0, 0.0), 'limits.force 250 N'),
+    ('accelerometer/raw', (np.inf, 0.0, 0.0), 'accelerometer/raw: a reading is not finite'),
+    ('accelerometer/raw', (5.0, 5.0, 5.0), 'accelerometer/raw: the same reading'),
+    ('current_pose', (1.0, 0.0, 1.5, 1.0, 0.0, 0.0, 0.0), 'outside limits.workspace'),
+])
+def test_a_sensor_that_says_something_else_is_named(ready, topic, values, reason):
+    live, robot = ready
+    until_moving(live, robot)
+    robot.override[topic] = values
+    assert_came_to_rest(live, robot, robot.healthy, sensors=True)
+    assert reason in live.reasons[-1]
+
+
+def test_a_sensor_that_comes_back_lets_the_motion_go_on(ready):
+    live, robot = ready
+    until_moving(live, robot)
+    robot.silent.add('wrench')
+    live.until(lambda: not robot.speeds(-3)[2].any(), 'rest')
+    robot.silent.clear()
+    live.until(robot.moving, 'motion again')
+    assert live.phases[-1] == 'move'
+    live.call('sequencer/abort')
+    assert_came_to_rest(live, robot)
+
+
+def test_someone_else_commanding_ends_the_motion(ready):
+    live, robot = ready
+    until_moving(live, robot)
+    other = live.node.create_publisher(PoseStamped, 'target_frame', OUTPUT)
+    own = len(robot.commands)
+    # said again until the two have discovered each other
+    live.until(lambda: other.publish(PoseStamped()) or live.phases[-1] == 'aborted', 'aborted')
+    assert 'target_frame: another node commands the robot' in live.reasons[-1]
+    assert len(robot.commands) > own
+    assert_came_to_rest(live, robot)
+    live.node.destroy_publisher(other)
+
+
+def test_a_start_is_refused_with_the_topic_that_is_missing(ready):
+    live, robot = ready
+    begin(live)
+    live.call('sequencer/abort')
+    robot.silent.add('current_pose')
+    live.until(lambda: 'current_pose: silent' in live.call('sequencer/start').message, 'refusal')
+
+
+def test_limits_are_checked_on_the_plan_and_refused_with_the_number(ready):
+    live, robot = ready
+    assert live.set('sequencer', limits__speed=0.15)[0].successful
+    try:
+        live.until(lambda: 'limits.speed is 0.15' in live.call('sequencer/start').message,
+                   'refusal')
+    finally:
+        live.set('sequencer', limits__speed=0.25)
+    assert not robot.commands
+
+
+@pytest.mark.parametrize('change, reason', [
+    ({'limits__speed': 1.0}, 'stops within limits.stop_duration'),
+    ({'poses__values': [1.0, 2.0]}, 'got 2 numbers'),
+    ({'motion__rate': 200.0}, 'read-only'),
+    ({'sequence': 'dance'}, 'expected one of calibrate'),
+    ({'limits__force': -1.0}, 'range'),
+    ({'limits__tip': [0.0, 0.0, float('nan')]}, 'limits.tip wants three finite numbers'),
+])
+def test_a_setting_that_makes_no_sense_is_refused_with_a_reason(ready, change, reason):
+    live, _ = ready
+    (answer,) = live.set('sequencer', **change)
+    assert not answer.successful and reason in answer.reason
+
+
+class Time:
+    """A /clock of the test's own, on a grid of 4 ms, that can stop and jump."""
+
+    def __init__(self, live):
+        self.live = live
+        self.offset = 10**9 - now(live)
+        self.stopped_at = None
+        self.publisher = live.node.create_publisher(Clock, '/clock', OUTPUT)
+        self.timer = live.node.create_timer(0.004, self.tick)
+
+    def now(self):
+        return self.stopped_at or now(self.live) + self.offset
+
+    def tick(self):
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = divmod(self.now(), 10**9)
+        self.publisher.publish(message)
+
+
+def test_a_clock_that_stops_or_jumps_ends_the_motion(ros_domain):
+    with Live() as live:
+        time = Time(live)
+        time.timer.cancel()
+        robot = Robot(live, now=time.now)
+        start(live, use_sim_time='true')
+        live.until(lambda: '/clock: nothing received' in live.call('sequencer/start').message,
+                   'refusal')
+        time.timer.reset()
+        until_moving(live, robot)
+        time.stopped_at = time.now()
+        stopped = time.stopped_at
+        assert_came_to_rest(live, robot, stopped)
+        assert live.reasons[-1] == '/clock has stopped'
+
+        time.stopped_at = None
+        robot.commands.clear()
+        until_moving(live, robot)
+        time.offset -= 500_000_000
+        live.until(lambda: live.phases[-1] == 'aborted', 'aborted')
+        assert live.reasons[-1].startswith(
+            ('/clock jumped by -', 'current_pose: the same reading'))
+        count = len(robot.commands)
+        live.spin(0.5)
+        assert len(robot.commands) - count < 30
+
+
+def test_a_dead_man_switch_let_go_ends_the_motion(ros_domain):
+    with Live() as live:
+        robot = Robot(live)
+        start(live, motion__deadman_timeout=0.2)
+        live.until(lambda: 'deadman: nothing received' in live.call('sequencer/start').message,
+                   'refusal')
+        deadman = live.node.create_publisher(Header, 'deadman', OUTPUT)
+        pressed = live.node.create_timer(0.02, lambda: deadman.publish(Header()))
+        until_moving(live, robot)
+        live.node.destroy_timer(pressed)
+        assert_came_to_rest(live, robot)
+        assert live.reasons[-1].startswith('deadman: silent for 0.2')
+        assert live.end('sequencer', signal.SIGTERM) == 0
+
+
+def test_a_sequencer_that_is_told_to_go_stops_the_robot_first(ros_domain):
+    with Live() as live:
+        robot = Robot(live)
+        start(live)
+        until_moving(live, robot)
+        asked = now(live)
+        assert live.end('sequencer', signal.SIGINT) == 0
+        assert_came_to_rest(live, robot, asked)
+        assert live.reasons == ['the sequencer was told to go']

@@ -1,0 +1,246 @@
+"""The observer as a process: lifecycle, services, and the numbers of the offline replay."""
+
+from dataclasses import replace
+
+from forcecal_ros.calibration.file import dump, save
+from forcecal_ros.calibration.model import Accelerometer, Calibration, Estimate, Noise, Tool
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import rotation_from_vector
+from forcecal_ros.gravity.playback import replay as compensate
+from forcecal_ros.gravity.settings import Settings as GravitySettings
+from forcecal_ros.motion.poses import nominal_poses
+from forcecal_ros.motion.profiles import Move, Pose
+from forcecal_ros.nodes.runtime import LATCHED, OUTPUT
+from forcecal_ros.nodes.wire import JointWriter, Writer
+from forcecal_ros.observe import replay
+from forcecal_ros.observe.playback import events
+from forcecal_ros.observe.rest import refuse_motion
+from forcecal_ros.recording.streams import PoseStream
+from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rig.offline import simulate
+from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from live import Live
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+START = 1_700_000_000_000_000_000
+HOME = nominal_poses()['v']
+
+
+def nominal(mass=13.0):
+    """Return the calibration that a perfect identification of the nominal rig would give."""
+    return Calibration(
+        mass=Estimate(mass, 0.0, 'kg'), com=Estimate([0.03, -0.01, 0.14], 0.0, 'm'),
+        wrench_bias=Estimate([4.0, -3.0, 8.0, 0.3, -0.2, 0.1], 0.0, 'N, N m'),
+        inertia=Estimate(np.diag([0.12, 0.15, 0.06]), 0.0, 'kg m^2'),
+        accelerometer=Accelerometer(
+            offset=Estimate([5.0938] * 3, 0.0, 'V'),
+            gain=Estimate([-0.2937] * 3, 0.0, 'V/(m/s^2)'),
+            map=Estimate(np.eye(3), 0.0, '1'), delay=Estimate(0.0, 0.0, 's'),
+            position=Estimate([0.05, 0.0, 0.18], 0.0, 'm')),
+        tool=Tool(Estimate(5000.0, 0.0, 'N/m'), Estimate(130.0, 0.0, 'N s/m')))
+
+
+@pytest.fixture(scope='module')
+def recording():
+    """Simulate more than half a second of turning and shifting, and then rest."""
+    goal = Pose(HOME.position + [0.005, 0.01, -0.005],
+                HOME.R_base_sensor @ rotation_from_vector([0.1, 0.2, -0.1]))
+    move = Move(HOME, goal, 0.6)
+    setpoints = [move.at(t) for t in np.arange(0.0, 2.5, 0.004)]
+    target = PoseStream(0.004 * np.arange(len(setpoints)),
+                        np.array([s.pose.position for s in setpoints]),
+                        np.array([s.pose.R_base_sensor for s in setpoints]))
+    return simulate(load_rig(), target, seed=3)
+
+
+class Player:
+    """Publishes recordings, never faster than the observer answers."""
+
+    def __init__(self, live):
+        self.live = live
+        self.answers = {}
+        live.hear(WrenchStamped, 'observer/contact_wrench', self.answers.__setitem__)
+        make = live.node.create_publisher
+        self.out = {
+            'wrench': (make(WrenchStamped, 'wrench', OUTPUT), Writer(WrenchStamped, 'ft_sensor')),
+            'accelerometer': (make(Vector3Stamped, 'accelerometer/raw', OUTPUT),
+                              Writer(Vector3Stamped, 'accelerometer')),
+            'pose': (make(PoseStamped, 'current_pose', OUTPUT), Writer(PoseStamped, 'base')),
+            'displacement': (make(JointState, 'optidrive', OUTPUT), JointWriter('optidrive'))}
+
+    def until_heard(self):
+        self.live.until(lambda: all(publisher.get_subscription_count()
+                                    for publisher, _ in self.out.values()), 'subscriptions')
+
+    def play(self, recording, begin=0.0, end=np.inf, origin=START, shift=0.0):
+        """Play a part; returns the stamps of its wrenches."""
+        stamps = []
+        for t, kind, values in events(recording):
+            if not begin <= t < end:
+                continue
+            stamp = origin + round(t * 1e9)
+            publisher, write = self.out[kind]
+            if kind == 'wrench':
+                stamps.append(stamp)
+                values = np.array(values) + [shift, 0, 0, 0, 0, 0]
+            publisher.publish(
+                write(stamp, values[0] if kind == 'displacement' else list(values)))
+            if kind == 'wrench' and len(stamps) % 20 == 0:
+                self.live.until(lambda: not stamps[20:] or stamps[-20] in self.answers,
+                                f'an answer to {stamps[-20:-19]}')
+        return stamps
+
+    def array(self, stamps):
+        return np.array([self.answers[stamp] for stamp in stamps if stamp in self.answers])
+
+
+def transition(live, which):
+    request = ChangeState.Request(transition=Transition(id=which))
+    return live.call('observer/change_state', ChangeState, request).success
+
+
+def state(live):
+    return live.call('observer/get_state', GetState).current_state.label
+
+
+def noisy():
+    """Return the nominal calibration with the rig's noise, which filters want to know."""
+    return replace(nominal(), noise=Noise(
+        Q=Estimate(np.eye(2), 0.0, '(m, m/s)^2 s'),
+        R=Estimate(np.eye(3), 0.0, '(m, m/s, m/s^2)^2 s'),
+        wrench=Estimate(np.diag([0.25**2] * 3 + [0.02**2] * 3), 0.0, '(N, N m)^2'),
+        specific_force=Estimate(np.eye(3) * 0.034**2, 0.0, '(m/s^2)^2'),
+        wrench_rate=1000.0, accelerometer_rate=1000.0))
+
+
+def offline(recording, gravity):
+    """Replay the recording by the observer, or by a filter of gravity compensation."""
+    if gravity == 'none':
+        return replay(recording, noisy()).contact
+    return compensate(recording, noisy(), GravitySettings(filter=gravity)).wrench
+
+
+@pytest.mark.parametrize('gravity', ['none', 'ukf', 'static'])
+def test_node_and_replay_give_the_same_numbers(ros_domain, tmp_path, recording, gravity):
+    path = tmp_path / 'calibration.yaml'
+    save(noisy(), path)
+    with Live() as live:
+        player = Player(live)
+        live.start('observer', calibration__file=path, gravity__filter=gravity)
+        player.until_heard()
+        live.until(lambda: state(live) == 'active', 'active')
+        stamps = player.play(recording)
+        live.until(lambda: len(player.answers) >= len(stamps) - 5, 'all answers')
+        answers = player.array(stamps)
+        refused = {pair.key: pair.value for pair in live.diagnostics['observer'].values}
+        assert refused['wrench samples not used'] == '0'
+        assert live.end('observer') == 0
+    expected = offline(recording, gravity)
+    np.testing.assert_allclose(answers, expected[:len(answers)], atol=1e-7)
+    assert np.ptp(recording.wrench.values[:, 0]) > 20
+    assert np.abs(answers[1000:, :3]).max() < 2
+
+
+def test_lifecycle_tare_and_takeover(ros_domain, tmp_path, recording):
+    path = tmp_path / 'calibration.yaml'
+    with Live() as live:
+        player = Player(live)
+        live.start('observer', autostart='false', calibration__file=path)
+        assert state(live) == 'unconfigured'
+        assert not transition(live, Transition.TRANSITION_CONFIGURE)
+        assert state(live) == 'unconfigured' and str(path) in live.said('observer')
+
+        save(nominal(), path)
+        assert transition(live, Transition.TRANSITION_CONFIGURE)
+        player.until_heard()
+        for _ in range(20):
+            player.out['wrench'][0].publish(player.out['wrench'][1](START, [0.0] * 6))
+        live.spin(0.3)
+        assert state(live) == 'inactive' and not player.answers
+        live.until(lambda: live.diagnostics.get('observer')
+                   and live.diagnostics['observer'].message == 'not active', 'diagnostics')
+        assert transition(live, Transition.TRANSITION_ACTIVATE)
+
+        player.play(recording, 0.0, 0.55)
+        refused = live.call('observer/tare')
+        assert not refused.success and 'tare refused, the robot moves' in refused.message
+
+        player.play(recording, 0.55, 1.2)
+        stamps = player.play(recording, 1.2, 2.0, shift=5.0)
+        assert player.array(stamps)[-200:, 0].mean() == pytest.approx(5.0, abs=0.1)
+        tared = live.call('observer/tare')
+        assert tared.success, tared.message
+        stamps = player.play(recording, 2.0, 2.2, shift=5.0)
+        assert player.array(stamps)[-50:, 0].mean() == pytest.approx(0.0, abs=0.15)
+
+        check_takeover(live, player, recording)
+        check_settings(live, player, recording)
+        assert live.call('observer/reload_calibration').success
+        assert live.call('observer/reset').success
+        assert transition(live, Transition.TRANSITION_DEACTIVATE)
+        assert transition(live, Transition.TRANSITION_CLEANUP)
+        assert state(live) == 'unconfigured'
+        assert transition(live, Transition.TRANSITION_CONFIGURE)
+        assert transition(live, Transition.TRANSITION_ACTIVATE)
+        assert live.end('observer') == 0
+
+
+def check_takeover(live, player, recording):
+    """Take over a mass off by 5 kg, which moves the estimate by 49 N, and by no jump."""
+    publisher = live.node.create_publisher(String, 'sequencer/calibration', LATCHED)
+    live.until(publisher.get_subscription_count, 'a follower')
+    before = player.array(player.play(recording, 2.2, 2.25, shift=5.0))
+    publisher.publish(String(data='mass: a riddle'))
+    live.until(lambda: 'not taken over: sequencer/calibration' in live.said('observer'), 'refusal')
+    publisher.publish(String(data=dump(nominal(mass=8.0))))
+    live.until(lambda: 'taken from sequencer/calibration' in live.said('observer'), 'takeover')
+    stamps = player.play(recording, 2.25, 2.5, shift=5.0)
+    after = player.array(stamps)
+    steps = np.abs(np.diff(np.concatenate([before, after])[:, :3], axis=0)).max(axis=0)
+    assert (steps < 0.5).all()
+    assert abs(after[-1, 2] - before[-1, 2]) > 5
+
+
+def check_settings(live, player, recording):
+    """Set values while a force of 50 N is published, which they leave without a jump."""
+    (answer,) = live.set('observer', observer__mode='newton')
+    assert not answer.successful and 'observer.K' in answer.reason
+    before = player.array(player.play(recording, 2.0, 2.5, origin=START + 5 * 10**8, shift=5.0))
+    assert np.abs(before[-1, :3]).max() > 40
+    (answer,) = live.set('observer', observer__bandwidth=10.0)
+    assert answer.successful
+    after = player.array(player.play(recording, 2.0, 2.5, origin=START + 10**9, shift=5.0))
+    steps = np.abs(np.diff(np.concatenate([before[-20:], after])[:, :3], axis=0)).max(axis=0)
+    assert (steps < 0.5).all(), steps
+    (answer,) = live.set('observer', observer__bandwidth=-1.0)
+    assert not answer.successful
+
+
+def test_without_calibration_or_wrench_the_diagnostics_say_so(ros_domain):
+    with Live() as live:
+        live.start('observer')
+        live.until(lambda: 'observer' in live.diagnostics, 'diagnostics')
+        assert live.diagnostics['observer'].message == 'waiting for a calibration'
+        answer = live.call('observer/tare')
+        assert not answer.success and 'there is no calibration yet' in answer.message
+        publisher = live.node.create_publisher(String, 'sequencer/calibration', LATCHED)
+        publisher.publish(String(data=dump(nominal())))
+        live.until(lambda: live.diagnostics['observer'].message == 'wrench: nothing received',
+                   'a calibration')
+        assert live.diagnostics['observer'].level == b'\2'
+
+
+def test_slow_motion_and_slow_turning_are_motion():
+    q = (1.0, 0.0, 0.0, 0.0)
+    refuse_motion([(1.0, 0.0, 1.0, *q), (1.0001, 0.0, 1.0, *q)], 'tare')
+    refuse_motion([(np.nan, np.nan, np.nan, *q)] * 3, 'tare')
+    with pytest.raises(DataError, match='tare refused, the robot moves: 1.00 mm'):
+        refuse_motion([(1.0, 0.0, 1.0, *q), (1.001, 0.0, 1.0, *q)], 'tare')
+    turned = (*np.cos([0.001]), 0.0, 0.0, *np.sin([0.001]))
+    with pytest.raises(DataError, match='2.00 mrad'):
+        refuse_motion([(1.0, 0.0, 1.0, *q), (1.0, 0.0, 1.0, *turned)], 'tare')

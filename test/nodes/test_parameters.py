@@ -1,0 +1,123 @@
+"""Every parameter of every node as ``ros2 param`` meets it: described, bounded, checked."""
+
+from importlib import import_module
+from pathlib import Path
+import re
+
+from forcecal_ros.nodes import sim
+from live import Live
+import pytest
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import DescribeParameters, ListParameters
+
+TABLES = {'sim': 'sim', 'sequencer': 'sequencer_settings', 'observer': 'observer_settings',
+          'gap': 'gap', 'impedance': 'impedance_settings'}
+NOT_OURS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
+README = Path(__file__).parents[2] / 'README.md'
+NUMBERS = (ParameterType.PARAMETER_INTEGER, ParameterType.PARAMETER_DOUBLE)
+
+
+@pytest.fixture(scope='module')
+def described(ros_domain_of_module):
+    """Start every node; return a bench, and each node's descriptors by name."""
+    with Live() as live:
+        for node in TABLES:
+            live.start(node)
+        found = {}
+        for node in TABLES:
+            names = live.call(f'{node}/list_parameters', ListParameters).result.names
+            ours = [name for name in names if not name.startswith(NOT_OURS)]
+            answer = live.call(f'{node}/describe_parameters', DescribeParameters,
+                               DescribeParameters.Request(names=ours))
+            found[node] = {d.name: d for d in answer.descriptors}
+        yield live, found
+
+
+def table(node):
+    """Return the rows of a node's table by name."""
+    module = import_module(f'forcecal_ros.nodes.{TABLES[node]}')
+    return {row.name: row for row in module.PARAMETERS}
+
+
+def bounds(descriptor):
+    """Return the range that a descriptor says, or None."""
+    for span in (*descriptor.floating_point_range, *descriptor.integer_range):
+        return span.from_value, span.to_value
+    return None
+
+
+@pytest.mark.parametrize('node', TABLES)
+def test_the_wire_says_what_the_table_says(described, node):
+    rows = table(node)
+    found = described[1][node]
+    assert set(found) == set(rows)
+    for name, descriptor in found.items():
+        row = rows[name]
+        assert len(row.description) > 10, name
+        assert descriptor.description.startswith(row.description), name
+        assert f'[{row.unit}]' in descriptor.description or not row.unit, name
+        assert all(word in descriptor.description for word in row.choices), name
+        assert descriptor.read_only is not row.live, name
+        if descriptor.type in NUMBERS:
+            low, high = bounds(descriptor)
+            assert low <= row.default <= high, name
+
+
+@pytest.mark.parametrize('node', TABLES)
+def test_every_bound_and_choice_is_held_when_set(described, node):
+    live, found = described
+    rows = table(node)
+    wrong = {}
+    for name, descriptor in found[node].items():
+        if descriptor.read_only:
+            wrong[name] = rows[name].default
+        elif descriptor.type in NUMBERS:
+            wrong[name] = type(rows[name].default)(2 * bounds(descriptor)[1] + 1)
+        elif rows[name].choices:
+            wrong[name] = 'nonsense'
+    results = live.set(node, **wrong)
+    assert wrong and len(results) == len(wrong)
+    for name, result in zip(wrong, results):
+        assert not result.successful and name in result.reason, (name, result.reason)
+
+
+def documented(node):
+    """Return what the README's table says that a node hears, says and serves, names in full."""
+    row = re.search(rf'^\| `{node}`.*\|$', README.read_text(), re.M)[0]
+    _, _, hears, says, services, _ = row.split('|')
+    hears, says, services = (re.findall('`(.+?)`', cell) for cell in (hears, says, services))
+    prefix = services[0].partition('/')[0] if services else ''
+    return hears, says, [name if name[0] != '/' else prefix + name for name in services]
+
+
+@pytest.mark.parametrize('node', TABLES)
+def test_the_readme_names_every_topic_and_service(described, node):
+    live, _ = described
+    hears, says, services = documented(node)
+    graph = live.node
+    served = [name.strip('/') for name, types in graph.get_service_names_and_types_by_node(
+        node, '/') if types == ['std_srvs/srv/Trigger']]
+    assert sorted(served) == sorted(services)
+    for found, named in ((graph.get_publisher_names_and_types_by_node(node, '/'), says),
+                         (graph.get_subscriber_names_and_types_by_node(node, '/'), hears)):
+        names = {name.strip('/') for name, _ in found} - {
+            'rosout', 'parameter_events', 'diagnostics'}
+        # a node hears its own topic of commands to notice others there
+        assert names - {f'{node}/transition_event', *says} <= {*named}
+
+
+@pytest.mark.parametrize('arguments', [('-p', 'speed'), ('--params-file', '/nowhere.yaml')])
+def test_ros_arguments_that_cannot_be_read_are_wrong_usage(capsys, arguments):
+    assert sim.main(['sim', '--ros-args', *arguments]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith('sim: ') and arguments[-1] in line
+
+
+def test_a_node_that_may_not_start_says_so(ros_domain, capfd, monkeypatch, tmp_path):
+    """Without its keys under Enforce, whether or not this DDS was built with security."""
+    monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
+    monkeypatch.setenv('ROS_SECURITY_STRATEGY', 'Enforce')
+    monkeypatch.setenv('ROS_SECURITY_KEYSTORE', str(tmp_path))
+    assert sim.main(['sim', '--ros-args', '--enclave', '/forcecal/sim']) == 1
+    line = capfd.readouterr().err.splitlines()[-1]
+    assert line.startswith('sim: ROS 2 refuses to start') and 'ROS_SECURITY_ENABLE' in line

@@ -1,0 +1,197 @@
+"""The simulated rig as a process: its topics, its time, and that live equals offline."""
+
+from importlib import import_module
+from pathlib import Path
+import signal
+
+from diagnostic_msgs.msg import DiagnosticArray
+from forcecal_ros.geometry import quaternion_from_matrix
+from forcecal_ros.motion.poses import nominal_poses, step_goal
+from forcecal_ros.motion.profiles import Move
+from forcecal_ros.motion.stream import phased
+from forcecal_ros.nodes import sim
+from forcecal_ros.nodes.runtime import OUTPUT
+from forcecal_ros.nodes.sequencer import Sequencer
+from forcecal_ros.nodes.wire import JointReader, Writer
+from forcecal_ros.recording.streams import PoseStream
+from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rig.offline import simulate
+from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
+from live import Live
+import numpy as np
+import pytest
+import rclpy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu, JointState
+
+PERIOD = 4_000_000
+HOME = nominal_poses()['v']
+
+
+class Listener:
+    """Everything the sim says, by topic: stamp [ns] -> values."""
+
+    def __init__(self, live):
+        self.heard = {}
+        for topic, kind in (('wrench', WrenchStamped), ('sim/contact_wrench', WrenchStamped),
+                            ('accelerometer/raw', Vector3Stamped), ('imu/data_raw', Imu),
+                            ('current_pose', PoseStamped)):
+            self.heard[topic] = {}
+            live.hear(kind, topic, self.heard[topic].__setitem__)
+        self.heard['optidrive'] = {}
+        read = JointReader('optidrive')
+        live.node.create_subscription(
+            JointState, 'optidrive', lambda raw: self.heard['optidrive'].update([read(raw)]),
+            2000, raw=True)
+
+    def __getitem__(self, topic):
+        return self.heard[topic]
+
+    def newest(self, topic):
+        return max(self.heard[topic], default=0)
+
+
+def stream(live, heard, move, frame='base'):
+    """Command a move in the phase of the measured poses; returns stamps and setpoints."""
+    publisher = live.node.create_publisher(PoseStamped, 'target_frame', OUTPUT)
+    live.until(lambda: publisher.get_subscription_count() > 0, 'a listening sim')
+    write = Writer(PoseStamped, frame)
+    start = phased(live.node.get_clock().now().nanoseconds, heard.newest('current_pose'), PERIOD)
+    setpoints = [move.at(t) for t in np.arange(0.0, move.duration + 0.02, 0.004)]
+    stamps = [start + i * PERIOD for i in range(len(setpoints))]
+    for stamp, setpoint in zip(stamps, setpoints):
+        live.until(lambda: live.node.get_clock().now().nanoseconds >= stamp, 'time')
+        pose = setpoint.pose
+        publisher.publish(write(stamp, (
+            *pose.position, *quaternion_from_matrix(pose.R_base_sensor))))
+    return stamps, setpoints
+
+
+def test_live_says_what_offline_says_of_the_same_commands(ros_domain):
+    with Live() as live:
+        heard = Listener(live)
+        live.start('sim', noise='false', latency=0.1, imu__publish='true')
+        live.until(lambda: len(heard['current_pose']) > 20, 'poses')
+
+        stream(live, heard, Move(HOME, step_goal(HOME, 0.03), 0.1), frame='tool0')
+        settled = heard.newest('wrench')
+        live.until(lambda: heard.newest('wrench') > settled + 200_000_000, 'time')
+        positions = np.array(list(heard['current_pose'].values()))[:, :3]
+        np.testing.assert_allclose(positions - HOME.position, 0, atol=1e-12)
+        assert "target_frame is in 'tool0', the robot base is 'base'" in live.said('sim')
+
+        stamps, setpoints = stream(live, heard, Move(HOME, step_goal(HOME, 0.01), 0.1))
+        live.until(lambda: heard.newest('wrench') > stamps[-1] + 300_000_000, 'the end')
+        assert live.end('sim', signal.SIGINT) == 0
+
+    target = PoseStream((np.array(stamps) - stamps[0]) * 1e-9,
+                        np.array([s.pose.position for s in setpoints]),
+                        np.array([s.pose.R_base_sensor for s in setpoints]))
+    offline = simulate(load_rig(), target, noise=False, duration=0.3)
+    for topic, t, expected in (
+            ('wrench', offline.wrench.t, offline.wrench.values),
+            ('accelerometer/raw', offline.accelerometer.t, offline.accelerometer.values),
+            ('optidrive', offline.optidrive.t, offline.optidrive.values),
+            ('sim/contact_wrench', offline.contact_truth.t, offline.contact_truth.values),
+            ('current_pose', offline.pose.t, offline.pose.position)):
+        keys = stamps[0] + np.round(t * 1e9).astype(np.int64)
+        got = np.array([heard[topic][key] for key in keys.tolist()])
+        np.testing.assert_allclose(got[:, :expected.shape[1]], expected, atol=1e-9,
+                                   err_msg=topic)
+    assert np.ptp(offline.wrench.values[:, 0]) > 20
+    force = np.array([heard['imu/data_raw'][key] for key in keys.tolist()])
+    np.testing.assert_allclose(force[0], [0, 0, -9.80665], atol=1e-6)
+
+    for topic, period in (('wrench', 10**6), ('sim/contact_wrench', 10**6),
+                          ('accelerometer/raw', 10**6), ('optidrive', 10**6),
+                          ('imu/data_raw', 10**6), ('current_pose', PERIOD)):
+        grid = np.array(sorted(heard[topic]))
+        assert (grid % 10**6 == 0).all(), topic
+        assert (np.diff(grid) == period).mean() > 0.99, topic
+
+
+def test_its_own_clock_runs_at_the_speed_asked_for(ros_domain):
+    with Live() as live:
+        clock, stamps = [], []
+        live.node.create_subscription(
+            Clock, '/clock',
+            lambda m: clock.append((live.node.get_clock().now().nanoseconds * 1e-9,
+                                    m.clock.sec + m.clock.nanosec * 1e-9)), 10)
+        live.hear(PoseStamped, 'current_pose', lambda stamp, _: stamps.append(stamp))
+        said = []
+        live.node.create_subscription(
+            DiagnosticArray, '/diagnostics', lambda m: said.append(m.status[0]), 10)
+        live.start('sim', speed=3.0, rig='forcecal_ros/config/rigid_tool.yaml')
+        live.until(lambda: clock and clock[-1][1] - clock[0][1] > 6.0 and said, '6 s')
+        wall, simulated = np.array(clock).T
+        assert np.polyfit(wall, simulated, 1)[0] == pytest.approx(3.0, abs=0.15)
+        assert (np.diff(simulated) >= 0).all()
+        assert (stamps[-1] - stamps[0]) * 1e-9 == pytest.approx(6.0, abs=1.0)
+        assert not live.node.get_publishers_info_by_topic('/optidrive')
+        assert said[-1].message == 'holding' and said[-1].name == 'sim'
+        assert live.end('sim', signal.SIGTERM) == 0
+
+
+def test_its_own_clock_waits_for_commands_that_come_late(ros_domain):
+    with Live() as live:
+        clock, poses, said = [], [], []
+        live.node.create_subscription(
+            Clock, '/clock', lambda m: clock.append(m.clock.sec * 10**9 + m.clock.nanosec), 10)
+        live.hear(PoseStamped, 'current_pose', lambda *sample: poses.append(sample))
+        live.node.create_subscription(
+            DiagnosticArray, '/diagnostics', lambda m: said.append(m.status[0]), 10)
+        live.start('sim', clock__publish='true', clock__wait=3.0)
+        publisher = live.node.create_publisher(PoseStamped, 'target_frame', OUTPUT)
+        live.until(lambda: publisher.get_subscription_count() and poses and clock, 'a sim')
+        write, rotation = Writer(PoseStamped, 'base'), quaternion_from_matrix(HOME.R_base_sensor)
+        began = clock[-1]
+        for i in range(60):
+            stamp = began + i * PERIOD
+            live.until(lambda: clock[-1] >= stamp, 'time to command')
+            publisher.publish(write(stamp, (*(HOME.position + [0, 0, 1e-5 * i]), *rotation)))
+            if i % 20 == 10:
+                before = clock[-1]
+                live.spin(0.3)
+                assert clock[-1] <= before + 4 * PERIOD
+        live.until(lambda: clock[-1] > stamp + 10**9, 'time goes on after the stream')
+        live.until(lambda: said[-1].message == 'holding', 'holding')
+        late = next(pair.value for pair in said[-1].values if pair.key == 'commands late')
+        assert int(late) <= 1  # the first may be: nothing waits for a stream that has not begun
+        assert (np.diff(clock) >= 0).all()
+
+
+@pytest.mark.parametrize('module, arguments, message', [
+    ('sim', ['-p', 'speed:=2'], 'parameter speed is 2, expected a float, written with a point'),
+    ('sim', ['-p', 'speed:=2.0', '-p', 'use_sim_time:=true'], 'set one of them'),
+    ('sim', ['-p', 'rig:=/nowhere.yaml'], '/nowhere.yaml'),
+    ('sequencer', ['-p', 'sequence:=dance'], "sequence is 'dance', expected one of calibrate"),
+    ('sequencer', ['-p', 'limits.speed:=2.0'], 'limits.acceleration'),
+    ('observer', ['-p', 'calibration.file:=/nowhere.yaml'], '/nowhere.yaml'),
+])
+def test_what_cannot_work_is_said_in_one_line(ros_domain, capsys, module, arguments, message):
+    main = import_module(f'forcecal_ros.nodes.{module}').main
+    assert main([module, '--ros-args', *arguments]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f'{module}: ') and message in line
+
+
+def test_a_parameter_file_reaches_a_node_in_any_namespace(ros_domain, tmp_path):
+    text = Path('config/sequencer.yaml').read_text()
+    path = tmp_path / 'sequencer.yaml'
+    path.write_text(text.replace('speed: 0.2\n', 'speed: 0.125\n', 1))
+    rclpy.init(args=['--ros-args', '--params-file', str(path), '-r', '__ns:=/left/arm'])
+    try:
+        node = Sequencer()
+        assert node.get_parameter('pace.speed').value == 0.125
+        assert node.get_parameter('limits.workspace_max').value == [1.25, 0.4, 1.4]
+        topics = dict(node.get_topic_names_and_types())
+        assert '/left/arm/sequencer/phase' in topics and '/left/arm/target_frame' in topics
+        assert 'Peak speed' in node.describe_parameter('pace.speed').description
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+
+
+def test_arguments_that_are_no_parameters_are_wrong_usage(ros_domain, capsys):
+    assert sim.main(['sim', '--fast']) == 2
+    assert 'unknown argument --fast' in capsys.readouterr().err

@@ -1,0 +1,131 @@
+"""A whole recording at once is worth what the step makes of it, sample by sample."""
+
+from dataclasses import replace
+
+from forcecal_ros.observe import design, Settings
+from forcecal_ros.observe.batch import estimates, in_order
+from forcecal_ros.observe.playback import run
+from forcecal_ros.recording.streams import PoseStream, Recording, Stream
+import numpy as np
+from observing import calibration, push, record, Swing
+import pytest
+
+SWING = Swing(place=(0.012, 0.004, 0.006), turn=0.2, axis=(0.3, 1.0, 0.2), slide=0.003)
+
+
+def swing(**options):
+    return record(1.2, SWING, push(0, 20.0, 0.5), seed=1, **options)
+
+
+def without(stream, *gaps):
+    keep = np.ones(len(stream), bool)
+    for start, end in gaps:
+        keep &= (stream.t < start) | (stream.t >= end)
+    if isinstance(stream, PoseStream):
+        return PoseStream(stream.t[keep], stream.position[keep], stream.R_base_sensor[keep])
+    return Stream(stream.t[keep], stream.values[keep])
+
+
+def with_gaps(**options):
+    """Other rates than the wrench's, late starts, gaps of every stream."""
+    r = swing(rates=(1000.0, 254.0, 100.0), **options)
+    return replace(
+        r, accelerometer=without(r.accelerometer, (0.5, 0.54), (0.7, 0.9)),
+        pose=without(r.pose, (0.0, 0.2), (0.45, 0.6)),
+        optidrive=without(r.optidrive, (0.0, 0.1), (0.6, 0.65)),
+        wrench=without(r.wrench, (0.95, 0.97)))
+
+
+def orientation_only(r):
+    pose = r.pose
+    return replace(r, pose=PoseStream(
+        pose.t, np.full_like(pose.position, np.nan), pose.R_base_sensor))
+
+
+def with_bad_samples():
+    r = swing()
+    wrench, volts, slide = (np.array(stream.values) for stream in (
+        r.wrench, r.accelerometer, r.optidrive))
+    wrench[100, 2], wrench[200, 1], wrench[300:310] = np.nan, np.inf, 1e12
+    volts[400], volts[500:600], volts[900, 1], slide[700] = np.nan, 1e10, np.inf, np.nan
+    return replace(r, wrench=Stream(r.wrench.t, wrench), optidrive=Stream(r.optidrive.t, slide),
+                   accelerometer=Stream(r.accelerometer.t, volts))
+
+
+def with_jitter():
+    r, rng = swing(), np.random.default_rng(0)
+
+    def shaken(t, size):
+        return t + rng.uniform(-size, size, len(t))
+
+    pose = r.pose
+    return replace(
+        r, wrench=Stream(shaken(r.wrench.t, 2e-4), r.wrench.values),
+        accelerometer=Stream(shaken(r.accelerometer.t, 3e-4), r.accelerometer.values),
+        pose=PoseStream(shaken(pose.t, 1e-3), pose.position, pose.R_base_sensor))
+
+
+def with_pauses():
+    r = swing()
+    return replace(r, wrench=without(r.wrench, (0.0, 0.4), (0.6, 0.75), (0.8, 1.15)))
+
+
+def only(*names):
+    r = swing()
+    return Recording(**{name: getattr(r, name) for name in names})
+
+
+CASES = {
+    'plain': (swing(), calibration(), Settings()),
+    'gaps': (with_gaps(), calibration(), Settings()),
+    'gaps, later': (with_gaps(delay=0.0073), calibration(0.0073), Settings()),
+    'gaps, earlier': (with_gaps(delay=-0.0073), calibration(-0.0073), Settings()),
+    'gaps, newton': (with_gaps(), calibration(), Settings(mode='newton')),
+    'much later': (swing(delay=0.2), calibration(0.2), Settings()),
+    'coupled by ac': (swing(wash=0.5), calibration(wash=0.5), Settings()),
+    'newton': (swing(), calibration(), Settings(mode='newton')),
+    'orientation': (orientation_only(swing()), calibration(), Settings()),
+    'orientation, coupled by ac': (
+        orientation_only(swing(wash=0.5)), calibration(wash=0.5), Settings()),
+    'offset held': (swing(), calibration(), Settings(offset='off')),
+    'no pose': (only('wrench', 'accelerometer', 'optidrive'), calibration(), Settings()),
+    'no accelerometer': (only('wrench', 'pose', 'optidrive'), calibration(), Settings()),
+    'accelerometer unknown': (swing(), calibration(accelerometer=None), Settings()),
+    'no displacement': (only('wrench', 'accelerometer', 'pose'), calibration(), Settings()),
+    'wrench alone': (only('wrench'), calibration(), Settings()),
+    'limits': (swing(), calibration(), Settings(
+        wrench_limit=(100.0,) * 3 + (3.0,) * 3, accelerometer_limit=6.0)),
+    'pauses': (with_pauses(), calibration(), Settings()),
+    'bad samples': (with_bad_samples(), calibration(), Settings()),
+    'jitter': (with_jitter(), calibration(), Settings()),
+}
+
+
+@pytest.mark.parametrize('case', CASES)
+def test_batch_equals_step(case):
+    recording, known, settings = CASES[case]
+    model = design(known, settings)
+    state, samples = run(recording, model)
+    t, wrenches, status, dropped = estimates(recording, model)
+    assert dropped == state.refusals.counts
+    assert status.tolist() == [sample.status for sample in samples]
+    assert t.tolist() == [sample.t for sample in samples]
+    for name, values in zip(('contact', 'measured', 'innovation', 'inertial'), wrenches):
+        expected = np.array([getattr(sample, name) for sample in samples])
+        np.testing.assert_allclose(values, expected, rtol=0, atol=1e-9)
+
+
+def test_cases_meet_everything_a_status_can_say():
+    seen = 0
+    for recording, known, settings in CASES.values():
+        seen |= int(np.bitwise_or.reduce(estimates(recording, design(known, settings))[2]))
+    assert seen == 511
+
+
+def test_stamps_that_repeat_or_fall_are_not_in_order():
+    r = swing()
+    assert in_order(r)
+    for bad in (r.wrench.t[5], np.nan, -1.0):
+        t = np.array(r.wrench.t)
+        t[6] = bad
+        assert not in_order(replace(r, wrench=Stream(t, r.wrench.values)))

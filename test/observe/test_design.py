@@ -1,0 +1,194 @@
+"""Gains: detectability before Riccati, the joint problem as yardstick, poles for any period."""
+
+from dataclasses import replace
+
+from forcecal_ros.calibration.model import Estimate
+from forcecal_ros.errors import ConfigError, UnobservableError
+from forcecal_ros.observe import (
+    design,
+    kalman_gains,
+    noise_levels,
+    replay,
+    Settings,
+    Status,
+    with_kalman_gains,
+)
+from forcecal_ros.observe.bandwidth import design_joint, joint_model, offset_poles, STATES
+from forcecal_ros.observe.riccati import stationary_filter, undetectable_states
+from forcecal_ros.observe.tracking import butterworth, Poles, tracking_gains
+import numpy as np
+from observing import calibration, push, record
+import pytest
+from scipy.linalg import LinAlgError, solve_discrete_are, solve_discrete_lyapunov
+
+LEVELS = noise_levels(calibration().noise)
+MASS, DT = 13.0, 0.001
+
+
+def test_offset_is_undetectable_without_the_position():
+    A, C, *_ = joint_model(LEVELS, MASS, Settings(), DT, position=False)
+    assert undetectable_states(A, C, STATES) == STATES
+    A, C, *_ = joint_model(LEVELS, MASS, Settings(), DT, position=True)
+    assert undetectable_states(A, C, STATES) == ()
+
+
+def test_design_refuses_an_undetectable_offset_and_auto_leaves_it_out():
+    with pytest.raises(UnobservableError, match='accelerometer offset.*pose'):
+        design(calibration(), Settings(offset='on', position=False))
+    assert not design(calibration(), Settings(offset='auto', position=False)).track_offset
+    assert not design(calibration(), Settings(offset='off')).track_offset
+    assert design(calibration(), Settings(offset='on')).track_offset
+
+
+@pytest.mark.parametrize('walk', [2e-4, 5e-4, 1e-3, 2e-3])
+def test_riccati_solver_answers_an_undetectable_problem_with_newtons_of_no_meaning(walk):
+    """Offset and force alone: what it returns is no filter, one error never fades."""
+    A, C, Q, R, _ = joint_model(LEVELS, MASS, Settings(offset_walk=walk), DT, position=False)
+    A, C, Q = A[2:, 2:], C[:, 2:], Q[2:, 2:]
+    with pytest.raises(UnobservableError):
+        stationary_filter(A, C, Q, R, STATES[2:])
+    try:
+        P = solve_discrete_are(A.T, C.T, Q, R)
+    except LinAlgError:
+        return
+    gain = P @ C.T / (C @ P @ C.T + R)
+    slowest = np.abs(np.linalg.eigvals((np.eye(2) - gain @ C) @ A)).max()
+    assert slowest > 1 - 1e-6
+    assert np.isfinite(P).all() and np.sqrt(P[1, 1]) > 2.0
+
+
+def force_error(gain):
+    """Stationary standard deviation of the force error with any gain of the joint problem."""
+    A, C, Q, R, S = joint_model(LEVELS, MASS, Settings(), DT, position=True)
+    keep = np.eye(4) - gain @ C
+    # error after update: keep (A e + w) - gain v', w of this instant and v' of the next
+    F = keep @ A
+    noise = keep @ Q @ keep.T + gain @ R @ gain.T
+    carried = keep @ A @ gain
+    # w is correlated with v of the instant before, which sits in e through -gain v
+    noise -= keep @ S @ carried.T + carried @ S.T @ keep.T
+    P = solve_discrete_lyapunov(F, noise)
+    return np.sqrt(P[3, 3])
+
+
+def running_gain():
+    """Return the gain that runs: pose corrects place and offset, wrench the force alone."""
+    model = design(calibration())
+    gain = np.zeros((4, 2))
+    k = tracking_gains(DT, model.offset_poles)
+    gain[:3, 0] = k[0], k[1], -k[2]
+    gain[3, 1] = 1 - np.exp(-model.rate * DT)
+    return gain
+
+
+def test_keeping_the_force_out_of_the_offset_costs_next_to_nothing():
+    """The unconstrained joint filter, correlated noise and all, is not better by a thousandth."""
+    joint = design_joint(LEVELS, MASS, Settings(), DT)
+    assert force_error(running_gain()) < 1.001 * np.sqrt(joint.updated[3, 3])
+    assert running_gain()[2, 1] == 0.0
+
+
+def test_a_lasting_contact_does_not_become_an_offset():
+    """50 N for 10 s on the compliant tool, the displacement from the spring force."""
+    recording = record(12.0, contact=push(0, 50.0, 1.0), seed=1, without=('optidrive',))
+    estimate = replay(recording, calibration())
+    late = estimate.t > 8.0
+    assert estimate.contact[late, 0].mean() == pytest.approx(50.0, abs=0.1)
+
+
+def test_an_accelerometer_offset_is_found_through_the_pose():
+    """0.1 m/s^2 too much is 1.3 N of false contact; without the state it stays."""
+    known = calibration()
+    wrong = replace(known, accelerometer=replace(
+        known.accelerometer, offset=Estimate(
+            known.accelerometer.offset.value - 0.1 * 0.2937, 0.0, 'V')))
+    recording = record(12.0, seed=2)
+    tracked, held = (replay(recording, wrong, Settings(offset=o)) for o in ('on', 'off'))
+    late = tracked.t > 10.0
+    assert np.abs(tracked.contact[late, :3].mean(axis=0)).max() < 0.1
+    assert np.abs(held.contact[late, :3].mean(axis=0)) == pytest.approx([1.3] * 3, abs=0.05)
+    assert (held.status[100:-20] == Status.OFFSET_HELD).all()
+
+
+@pytest.mark.parametrize('dt', [0.001, 0.004, 0.01, 0.03])
+@pytest.mark.parametrize('poles', [butterworth(80.0), Poles(0.5, 9.0, 85.0), Poles(2.0, 9., -30.)])
+def test_gains_place_the_poles_whatever_the_period(dt, poles):
+    A = np.array([[1, dt, dt * dt / 2], [0, 1, dt], [0, 0, 1]])
+    gain = np.array(tracking_gains(dt, poles))[:, None]
+    found = np.linalg.eigvals((np.eye(3) - gain @ [[1.0, 0.0, 0.0]]) @ A)
+    pair = -poles.mean + np.array([1, -1]) * np.emath.sqrt(-poles.split)
+    wanted = np.exp(dt * np.array([-poles.real, *pair]).astype(complex))
+    assert np.poly(found) == pytest.approx(np.real(np.poly(wanted)), abs=1e-9)
+
+
+def test_offset_poles_are_those_of_the_riccati_equation():
+    dt = 1 / Settings().pose_rate
+    poles = offset_poles(LEVELS, Settings(), Settings().pose_position_std)
+    found = np.array(tracking_gains(dt, poles))
+    A = np.array([[1, dt, -dt * dt / 2], [0, 1, -dt], [0, 0, 1]])
+    Q = np.zeros((3, 3))
+    Q[:2, :2] = LEVELS.specific_force * np.array([[dt ** 3 / 3, dt ** 2 / 2], [dt ** 2 / 2, dt]])
+    Q[2, 2] = Settings().offset_walk ** 2 * dt
+    C, R = np.array([[1.0, 0.0, 0.0]]), np.array([[Settings().pose_position_std ** 2]])
+    wanted = stationary_filter(A, C, Q, R, STATES[:3]).gain[:, 0]
+    assert found * [1, 1, -1] == pytest.approx(wanted, rel=1e-3)
+
+
+def test_stationary_filter_is_the_limit_of_the_recursion():
+    A, C, Q, R, _ = joint_model(LEVELS, MASS, Settings(), 0.004, position=True)
+    filter_ = stationary_filter(A, C, Q, R, STATES)
+    P = np.diag([1e-6, 1e-4, 1e-2, 10.0])
+    for _ in range(20000):
+        gain = P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
+        P = A @ (np.eye(4) - gain @ C) @ P @ A.T + Q
+    assert filter_.predicted == pytest.approx(P, rel=1e-3, abs=1e-12)
+
+
+def test_gains_for_the_calibration_name_the_bandwidth():
+    gains = kalman_gains(design(calibration(), Settings(bandwidth_hz=20.0)), 0.001)
+    assert float(gains['bandwidth']) == pytest.approx(20.0)
+    assert float(gains['contact']) == pytest.approx(1 - np.exp(-2 * np.pi * 0.02))
+    assert set(with_kalman_gains(calibration()).observer.kalman) == set(gains)
+    assert with_kalman_gains(replace(calibration(), observer=None)).observer is None
+
+
+@pytest.mark.parametrize(('changes', 'message'), [
+    ({'mass': Estimate(-1.0, 0.0, 'kg')}, 'no usable mass'),
+    ({'com': Estimate([np.nan] * 3, 0.0, 'm')}, 'no usable mass'),
+    ({'wrench_bias': Estimate([np.nan] * 6, 0.0, 'N')}, 'wrench_bias')])
+def test_a_calibration_that_lacks_what_is_needed_is_refused(changes, message):
+    with pytest.raises(ConfigError, match=message):
+        design(calibration(**changes))
+
+
+def test_an_accelerometer_that_cannot_be_inverted_is_refused():
+    known = calibration()
+    for name, value, message in (('map', np.ones((3, 3)) / 3 ** 0.5, 'cannot be inverted'),
+                                 ('gain', [np.nan] * 3, 'cannot be inverted'),
+                                 ('offset', [np.nan] * 3, 'offset')):
+        broken = replace(known.accelerometer, **{name: Estimate(value, 0.0, '1')})
+        with pytest.raises(ConfigError, match=message):
+            design(replace(known, accelerometer=broken))
+    with pytest.raises(ConfigError, match='cutoff'):
+        design(replace(known, accelerometer=replace(known.accelerometer, coupling='ac')))
+
+
+@pytest.mark.parametrize('wrong', [
+    {'mode': 'luenberger'}, {'offset': 'maybe'}, {'bandwidth_hz': 0.0}, {'skew': -1.0},
+    {'contact_walk': np.inf}, {'wrench_limit': (1.0, 2.0)}])
+def test_settings_out_of_range_are_refused(wrong):
+    with pytest.raises(ConfigError):
+        Settings(**wrong)
+
+
+def test_noise_levels_stand_in_where_none_were_measured():
+    assert design(replace(calibration(), noise=None)).rate > 0
+    broken = replace(calibration().noise, wrench_rate=np.nan)
+    with pytest.raises(ConfigError, match='noise'):
+        noise_levels(broken)
+
+
+def test_a_delay_that_was_not_identified_counts_as_none():
+    known = calibration()
+    unknown = replace(known.accelerometer, delay=Estimate(np.nan, np.nan, 's'))
+    assert design(replace(known, accelerometer=unknown)).delay == 0.0

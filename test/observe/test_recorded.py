@@ -1,0 +1,65 @@
+"""A real arm, its sensors 6 ms apart: free motion, where the truth is zero, and contact."""
+
+from forcecal_ros.identify.delay import estimate_delay, with_delay
+from forcecal_ros.observe import replay, Status
+from forcecal_ros.recording.streams import Recording
+from kuka import kuka_recording, slow, static_calibration
+import numpy as np
+import pytest
+
+GRAVITY = 9.8209
+THRESHOLD = 3.0
+
+
+@pytest.fixture(scope='module')
+def kuka(data_dir):
+    return data_dir / 'kuka_lbr_med'
+
+
+@pytest.fixture(scope='module')
+def known(kuka):
+    static = static_calibration(kuka)
+    return with_delay(static, estimate_delay(kuka_recording(kuka, '1-baseline'), static))
+
+
+@pytest.fixture(scope='module')
+def free(kuka, known):
+    return replay(kuka_recording(kuka, '1-baseline'), known)
+
+
+def test_the_sensors_are_6_to_7_ms_apart(known):
+    delay = known.accelerometer.delay
+    assert 0.006 < float(delay) < 0.007
+    assert delay.std < 0.0005
+
+
+def test_free_motion_leaves_little_force(free):
+    assert (slow(free).std(axis=0) < [0.13, 0.045, 0.07]).all()
+    assert (free.contact[:, :3].std(axis=0) < [0.40, 0.17, 0.18]).all()
+
+
+def test_the_bias_of_z_has_moved_since_the_calibration(free):
+    assert free.contact[:, 2].mean() == pytest.approx(0.2, abs=0.05)
+
+
+def test_without_the_accelerometer_gravity_alone_leaves_three_times_as_much(kuka, known, free):
+    # but not along y: the arm turns about y and hardly accelerates that way, so all that the
+    # accelerometer adds there is its own error of 4 mg
+    recording = kuka_recording(kuka, '1-baseline')
+    static = replay(Recording(wrench=recording.wrench, pose=recording.pose), known)
+    assert (static.status[100:] & Status.NO_ACCELEROMETER).all()
+    left, better = slow(static)[100:].std(axis=0), slow(free).std(axis=0)
+    assert left == pytest.approx([0.36, 0.02, 0.15], abs=0.02)
+    assert left[0] > 2.5 * better[0] and left[2] > 2 * better[2] and left[1] < better[1]
+
+
+def test_contact_is_seen_when_it_is_there_and_only_then(kuka, known, free):
+    touched = replay(kuka_recording(kuka, '3-vibrations-contact'), known)
+    above = touched.t[np.linalg.norm(touched.contact[:, :3], axis=1) > THRESHOLD]
+    assert 0.60 < above[0] < 0.85
+    assert 4.10 < above[-1] < 4.25
+    assert np.linalg.norm(free.contact[:, :3], axis=1).max() < THRESHOLD
+
+
+def test_orientation_without_position_is_said(free):
+    assert (free.status[50:-50] == Status.NO_POSITION | Status.OFFSET_HELD).all()

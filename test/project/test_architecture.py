@@ -1,0 +1,151 @@
+"""Imports point one way, numerics know no ROS: read from the source, nothing is imported."""
+
+import ast
+from graphlib import CycleError, TopologicalSorter
+from importlib.util import resolve_name
+from pathlib import Path
+import re
+
+import pytest
+
+PACKAGE = 'forcecal_ros'
+SOURCE = Path(__file__).resolve().parents[2] / PACKAGE
+ROS = re.compile(
+    r'\w+_msgs|rcl\w*|std_srvs|builtin_interfaces|ament_\w+|launch\w*|rosidl\w*|ros\w*2\w*|tf2\w*')
+
+NUMERICS = (
+    ('errors',),
+    ('atomic_files', 'geometry', 'jit', 'safe_yaml'),
+    ('recording',),
+    ('calibration',),
+    ('effects', 'gravity', 'identify', 'insitu', 'motion', 'observe', 'simulators'),
+    ('diagnose', 'impedance'),
+)
+FILES_IN = ('recording.bags',)
+"""Below a room, but files in and out: only what may read files may import it."""
+
+LAYERS = (
+    *NUMERICS,
+    ('recording.bags', 'parallel', 'report'),
+    ('nodes',),
+    ('commands',),
+    ('cli',),
+)
+"""From the ground up: a module may import from its own line and from those above it."""
+
+
+def _module_name(path):
+    parts = path.relative_to(SOURCE.parent).with_suffix('').parts
+    return '.'.join(parts[:-1] if parts[-1] == '__init__' else parts)
+
+
+PATHS = {_module_name(path): path for path in sorted(SOURCE.rglob('*.py'))}
+TREES = {name: ast.parse(path.read_text()) for name, path in PATHS.items()}
+
+
+def _imports(name):
+    """Every module that is named in an import of this one, wherever in its text."""
+    found = set()
+    package = name if PATHS[name].name == '__init__.py' else name.rpartition('.')[0]
+    for node in ast.walk(TREES[name]):
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = resolve_name('.' * node.level + (node.module or ''), package)
+            for alias in node.names:
+                submodule = f'{base}.{alias.name}'
+                found.add(submodule if submodule in PATHS else base)
+    return found
+
+
+IMPORTS = {name: _imports(name) for name in PATHS}
+
+
+def _unit(name):
+    """Return the part of the package a module belongs to: its file or folder at the top."""
+    parts = name.split('.')[1:3]
+    return '.'.join(parts) if '.'.join(parts) in FILES_IN else ''.join(parts[:1])
+
+
+def _loaded_by(name):
+    """Return all modules of this package that importing ``name`` executes."""
+    loaded, waiting = set(), [name]
+    while waiting:
+        module = waiting.pop()
+        if module in PATHS and module not in loaded:
+            loaded.add(module)
+            waiting.extend(IMPORTS[module])
+            waiting.append(module.rpartition('.')[0])
+    return loaded
+
+
+def _of(units):
+    return [name for name in PATHS if _unit(name) in units]
+
+
+def _foreign(name):
+    """Return the top-level names of what a module imports from elsewhere."""
+    return {module.split('.')[0] for module in IMPORTS[name]} - {PACKAGE}
+
+
+NUMERIC_MODULES = _of([unit for layer in NUMERICS for unit in layer])
+
+
+def test_every_module_has_its_layer():
+    known = {unit for layer in LAYERS for unit in layer}
+    assert {_unit(name) for name in PATHS} - {''} <= known
+
+
+@pytest.mark.parametrize('layer', range(len(LAYERS)), ids=lambda n: LAYERS[n][0])
+def test_imports_never_point_down_the_layers(layer):
+    below = {unit for line in LAYERS[layer + 1:] for unit in line}
+    wrong = [f'{name} -> {target}' for name in _of(LAYERS[layer]) for target in IMPORTS[name]
+             if target in PATHS and _unit(target) in below]
+    assert not wrong
+
+
+@pytest.mark.parametrize('grain', [_unit, str], ids=['parts', 'modules'])
+def test_imports_make_no_circle(grain):
+    graph = {}
+    for name, targets in IMPORTS.items():
+        inside = {grain(target) for target in targets if target in PATHS}
+        graph.setdefault(grain(name), set()).update(inside - {grain(name)})
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(' <- '.join(error.args[1]))
+
+
+@pytest.mark.parametrize('one, other', [
+    ('simulators', 'identify'), ('identify', 'simulators'), ('identify', 'effects')])
+def test_simulator_and_identification_share_no_physics(one, other):
+    assert _of([one])
+    wrong = {(name, loaded) for name in _of([one]) for loaded in _loaded_by(name)
+             if _unit(loaded) == other}
+    assert not wrong
+
+
+def test_numerics_load_neither_ros_nor_bags():
+    wrong = {f'{name} loads {loaded} imports {foreign}' for name in NUMERIC_MODULES
+             for loaded in _loaded_by(name) for foreign in _foreign(loaded)
+             if ROS.fullmatch(foreign) or foreign == 'rosbags'}
+    assert not wrong
+
+
+def test_numerics_neither_log_nor_print():
+    printing = {f'{name}:{node.lineno}' for name in NUMERIC_MODULES
+                for node in ast.walk(TREES[name]) if isinstance(node, ast.Call)
+                and isinstance(node.func, ast.Name) and node.func.id == 'print'}
+    assert not printing
+    logging = {name for name in NUMERIC_MODULES if _foreign(name) & {'logging', 'tqdm'}}
+    assert not logging
+
+
+def test_only_bags_knows_rosbags():
+    assert {_unit(name) for name in PATHS if 'rosbags' in _foreign(name)} == {'recording.bags'}
+
+
+def test_only_nodes_and_messages_know_ros():
+    knowing = {_unit(name) for name in PATHS for foreign in _foreign(name)
+               if ROS.fullmatch(foreign)}
+    assert knowing <= {'nodes'}

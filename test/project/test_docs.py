@@ -1,0 +1,75 @@
+"""What the documents say is there, and what is there is in the documents."""
+
+from fnmatch import fnmatch
+from importlib import import_module
+from pathlib import Path
+import re
+
+from forcecal_ros.cli import build_parser, COMMANDS
+from forcecal_ros.effects.library import EFFECTS
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').glob('*.md'))]
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
+def test_every_link_leads_somewhere(page):
+    for target in re.findall(r'\]\(([^)#]+)', page.read_text()):
+        assert target.startswith('http') or (page.parent / target).exists(), target
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
+def test_every_command_named_exists_with_its_options(page):
+    text = page.read_text().replace('\\\n', ' ')
+    for line in re.findall(r'\bforcecal ((?:[a-z-]+) [^`\n]*)', text):
+        command = line.split()[0]
+        if command not in COMMANDS:
+            continue
+        parser = build_parser(command)
+        usage = parser._subparsers._group_actions[0].choices[command].format_help()
+        for option in re.findall(r'(?<![\w-])--[a-z][a-z-]*', line.split('#')[0]):
+            assert option in usage, f'{command} {option}'
+
+
+def test_every_command_is_in_the_readme():
+    text = (ROOT / 'README.md').read_text()
+    for command in COMMANDS:
+        assert re.search(rf'forcecal {command}\b|`{command}`|run {command}\b', text), command
+
+
+def test_every_effect_and_each_of_its_parameters_is_catalogued():
+    rows = dict(re.findall(r'^\| `(\w+)` \|(.*)$', (ROOT / 'docs/effects.md').read_text(), re.M))
+    assert list(rows) and set(rows) == set(EFFECTS)
+    for name, effect in EFFECTS.items():
+        _, plain, shape, _ = rows[name].split('|')
+        words = {True: re.findall(r'\w+', ' '.join(re.findall('`(.+?)`', shape))),
+                 False: re.findall(r'\w+', ' '.join(re.findall('`(.+?)`', plain)))}
+        for shapes, found in words.items():
+            assert found == [q.name for q in effect.parameters if q.shapes is shapes], name
+
+
+PARAMETERS = {row.name for table in (
+    'gap', 'impedance_settings', 'observer_settings', 'sequencer_settings', 'sim')
+    for row in import_module(f'forcecal_ros.nodes.{table}').PARAMETERS}
+GROUPS = {name.partition('.')[0] for name in PARAMETERS if '.' in name} - {
+    path.stem for path in (ROOT / 'forcecal_ros').iterdir()}
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
+def test_every_parameter_named_is_one_of_a_node(page):
+    for word in re.findall(r'`([a-z]+\.[a-z_*/.]+)`', page.read_text()):
+        group, _, rest = word.partition('.')
+        if group in GROUPS:
+            first, *more = rest.split('/')
+            stem = first.rpartition('_')[0]
+            for name in (first, *(f'{stem}_{part}' for part in more)):
+                assert any(fnmatch(known, f'{group}.{name}*') for known in PARAMETERS), word
+
+
+@pytest.mark.parametrize('script', sorted(
+    set(re.findall(r'benchmark/\w+\.py', ''.join(page.read_text() for page in PAGES)))))
+def test_every_script_named_is_there(script):
+    assert (ROOT / script).is_file()
+
+

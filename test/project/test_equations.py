@@ -1,0 +1,65 @@
+"""The README's table of equations and the docstrings say the same."""
+
+import ast
+from pathlib import Path
+import re
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCE = ROOT / 'forcecal_ros'
+TAG = re.compile(
+    r'\[(Gamez2005|Traversaro2014)\] Eq\. (\d+(?:(?:, | and | to |-)\d+(?!\.\d))*)')
+ROW = re.compile(r'^\| (\[\w+\] Eq\. [^|]+?) \| `([\w.]+)` \| `([\w/]+)` \|$', re.MULTILINE)
+ELSEWHERE = {'report', 'geometry', 'calibration', 'motion'}
+"""Rooms that show, hold or use an equation's result without being its home."""
+
+
+def equations(text):
+    """Return every (source, number) that a text names."""
+    found = set()
+    for source, numbers in TAG.findall(' '.join(text.split())):
+        for part in re.split(r', | and ', numbers):
+            first, *last = (int(n) for n in re.split(r'-| to ', part))
+            found |= {(source, n) for n in range(first, (last or [first])[0] + 1)}
+    return found
+
+
+def documented():
+    """Map each documented name of the package to its docstring."""
+    names = {}
+    for path in sorted(SOURCE.rglob('*.py')):
+        module = '.'.join(path.relative_to(SOURCE).with_suffix('').parts)
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+                names[f'{module}.{node.name}'] = ast.get_docstring(node) or ''
+    return names
+
+
+DOCSTRINGS = documented()
+ROWS = ROW.findall((ROOT / 'README.md').read_text())
+
+
+def test_there_is_a_table():
+    assert len(ROWS) > 30
+
+
+@pytest.mark.parametrize(('named', 'function', 'test'), ROWS, ids=[row[1] for row in ROWS])
+def test_a_row_names_a_function_that_says_so_and_a_test_that_uses_it(named, function, test):
+    assert equations(named) <= equations(DOCSTRINGS[function])
+    text = (ROOT / 'test' / f'{test}.py').read_text()
+    module, name = function.rsplit('.', 1)
+    assert name in text or module.rsplit('.', 1)[-1] in text
+
+
+def test_every_equation_named_in_a_docstring_stands_in_the_table():
+    listed = {one for named, _, _ in ROWS for one in equations(named)}
+    missing = {(name, one) for name, text in DOCSTRINGS.items()
+               for one in equations(text) - listed if name.split('.')[0] not in ELSEWHERE}
+    assert not missing
+
+
+def test_every_equation_of_the_procedure_is_there():
+    listed = {one for named, _, _ in ROWS for one in equations(named)}
+    assert {('Gamez2005', n) for n in range(1, 30)} <= listed
+    assert {('Traversaro2014', n) for n in (3, 4, 5, *range(9, 19), *range(21, 25))} <= listed

@@ -1,0 +1,178 @@
+"""What is installed is whole, and says the same about itself in every place."""
+
+import ast
+from importlib.metadata import entry_points, requires, version
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import xml.etree.ElementTree as ElementTree
+import zipfile
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = 'forcecal_ros'
+COMMANDS = {'forcecal', 'gap', 'impedance', 'observer', 'sequencer', 'sim'}
+SHARE = ('config/**/*.yaml', 'launch/*.launch.py', 'layouts/*.*', 'package.xml')
+INSIDE = ('**/*.py', 'config/*.yaml', 'config/*/*.yaml', '**/*.html.j2')
+ROSDEP_KEYS = {  # name in an import -> key; a key that ends in -pip exists for pip alone
+    'control': 'python-control-pip', 'jinja2': 'python3-jinja2',
+    'matplotlib': 'python3-matplotlib', 'numba': 'python3-numba', 'numpy': 'python3-numpy',
+    'rosbags': 'python3-rosbags-pip', 'scipy': 'python3-scipy', 'tqdm': 'python3-tqdm',
+    'yaml': 'python3-yaml',
+}
+PIP_NAMES = {'yaml': 'pyyaml'}
+OPTIONAL = {'distributed', 'joblib'}
+
+
+def _run(*arguments, cwd=ROOT, **options):
+    done = subprocess.run([str(argument) for argument in arguments], cwd=cwd,
+                          capture_output=True, text=True, **options)
+    assert done.returncode == 0, f'{arguments}\n{done.stdout}\n{done.stderr}'
+    return done.stdout
+
+
+def _setup(*arguments):
+    return _run(sys.executable, 'setup.py', *arguments).split()[-1]
+
+
+def _manifest():
+    return ElementTree.parse(ROOT / 'package.xml').getroot()
+
+
+def _imported():
+    """Return the top-level names that the package imports from elsewhere."""
+    names = set()
+    for path in (ROOT / PACKAGE).rglob('*.py'):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                names.update(alias.name.split('.')[0] for alias in node.names)
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                names.add(node.module.split('.')[0])
+    return names - set(sys.stdlib_module_names) - {PACKAGE, 'compression'} - OPTIONAL
+
+
+def _required_by(distribution):
+    return {re.match(r'[\w.-]+', line)[0].replace('.', '-').lower()
+            for line in requires(distribution) or [] if 'extra ==' not in line}
+
+
+def test_version_is_the_same_everywhere():
+    source = (ROOT / PACKAGE / '__init__.py').read_text()
+    wanted = re.search(r"^__version__ = '(.+)'$", source, re.MULTILINE)[1]
+    assert _setup('--version') == wanted
+    assert _manifest().findtext('version') == wanted
+    assert f'## [{wanted}]' in (ROOT / 'CHANGELOG.md').read_text()
+
+
+def test_package_xml_passes_the_checks_of_catkin_pkg():
+    package_module = pytest.importorskip('catkin_pkg.package')
+    warnings = []
+    package = package_module.parse_package(ROOT / 'package.xml', warnings=warnings)
+    package.validate(warnings=warnings)
+    assert not warnings
+    assert package.get_build_type() == 'ament_python'
+
+
+def test_package_xml_and_setup_agree_about_license_and_maintainer():
+    manifest = _manifest()
+    assert _setup('--license') == manifest.findtext('license') == 'Apache-2.0'
+    assert _setup('--maintainer-email') == manifest.find('maintainer').get('email')
+
+
+def test_every_import_is_declared_to_rosdep():
+    declared = {node.text for node in _manifest().findall('exec_depend')}
+    transitive = _required_by('rosbags')
+    missing = {ROSDEP_KEYS.get(name, name) for name in _imported()
+               if ROSDEP_KEYS.get(name, name) not in declared
+               and not any(needed.startswith(name) for needed in transitive)}
+    assert not missing
+
+
+def test_every_import_is_declared_to_pip():
+    ours = _required_by(PACKAGE)
+    transitive = _required_by('rosbags')
+    python = {PIP_NAMES.get(name, name) for name in _imported() if name in ROSDEP_KEYS}
+    assert python <= ours
+    assert not {name for name in ours - transitive
+                if name not in {PIP_NAMES.get(key, key) for key in ROSDEP_KEYS}}
+
+
+def test_what_is_optional_is_declared_as_such():
+    extra = {re.match(r'\w+', line)[0] for line in requires(PACKAGE) if "extra == 'scale'" in
+             line.replace('"', "'")}
+    assert extra == OPTIONAL
+
+
+def test_every_command_resolves_to_a_function():
+    scripts = {point.name: point for point in entry_points(group='console_scripts')
+               if point.value.startswith(f'{PACKAGE}.')}
+    assert set(scripts) == COMMANDS
+    assert all(callable(point.load()) for point in scripts.values())
+
+
+@pytest.fixture(scope='module')
+def archives(tmp_path_factory, project_files):
+    """Return a source archive of this tree and the wheel that pip makes from it alone."""
+    pytest.importorskip('pip')
+    setuptools = version('setuptools')
+    if tuple(int(part) for part in setuptools.split('.')[:2]) < (70, 1):
+        pytest.skip(f'setuptools {setuptools} makes no wheels by itself; 70.1 does')
+    tree = tmp_path_factory.mktemp('tree')
+    for path in project_files:
+        (tree / path).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(ROOT / path, tree / path, follow_symlinks=False)
+    out = tmp_path_factory.mktemp('dist')
+    build = 'import sys; from setuptools import build_meta; build_meta.build_sdist(sys.argv[1])'
+    _run(sys.executable, '-c', build, out, cwd=tree)
+    sdist, = out.glob('*.tar.gz')
+    _run(sys.executable, '-m', 'pip', 'wheel', '--no-deps', '--no-build-isolation',
+         '--disable-pip-version-check', '--wheel-dir', out, sdist)
+    wheel, = out.glob('*.whl')
+    return sdist, wheel
+
+
+def _expected(base, patterns):
+    """Return what the patterns find in the tree, generated files aside."""
+    found = {path.relative_to(base).as_posix() for pattern in patterns
+             for path in base.glob(pattern) if '__pycache__' not in path.parts}
+    assert found
+    return found
+
+
+@pytest.mark.workspace
+@pytest.mark.timeout(400)
+def test_wheel_holds_all_that_the_tree_holds(archives):
+    names = set(zipfile.ZipFile(archives[1]).namelist())
+    assert {f'{PACKAGE}/{name}' for name in _expected(ROOT / PACKAGE, INSIDE)} <= names
+    share, = {name.rpartition('package.xml')[0] for name in names if name.endswith('package.xml')}
+    assert share.endswith(f'.data/data/share/{PACKAGE}/')
+    assert {share + name for name in _expected(ROOT, SHARE)} <= names
+    assert any(name.endswith(f'/resource_index/packages/{PACKAGE}') for name in names)
+    assert any(name.endswith('LICENSE') for name in names)
+
+
+@pytest.mark.workspace
+@pytest.mark.timeout(400)
+def test_source_archive_holds_all_that_the_tree_holds(archives, project_files):
+    with tarfile.open(archives[0]) as archive:
+        names = {name.partition('/')[2] for name in archive.getnames()}
+    ours = _expected(ROOT, SHARE) | {path.as_posix() for path in project_files
+                                     if path.parts[0] in {'test', '.ci', 'run', 'LICENSE'}}
+    assert ours <= names
+
+
+@pytest.mark.workspace
+@pytest.mark.timeout(400)
+def test_pip_puts_the_commands_where_a_shell_finds_them(archives, tmp_path):
+    _run(sys.executable, '-m', 'venv', '--without-pip', tmp_path)
+    _run(sys.executable, '-m', 'pip', '--python', tmp_path / 'bin' / 'python', 'install',
+         '--no-deps', '--disable-pip-version-check', archives[1])
+    assert COMMANDS <= {path.name for path in (tmp_path / 'bin').iterdir()}
+    site, = tmp_path.glob('lib/python*/site-packages')
+    where = _run(tmp_path / 'bin' / 'python', '-c', f'import {PACKAGE}; print({PACKAGE}.__file__)',
+                 cwd=tmp_path)
+    assert Path(where.strip()).is_relative_to(site)

@@ -1,0 +1,40 @@
+"""Style and types of the source, with the rules of ruff.toml and mypy.ini."""
+
+from pathlib import Path
+import re
+import subprocess
+import sys
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+MACHINE_PATH = re.compile(r'(?<![\w.~$}/-])/' + r'(work|root|home|Users)/')
+
+
+def _check(module, *arguments):
+    pytest.importorskip(module)
+    done = subprocess.run([sys.executable, '-m', module, *arguments], cwd=ROOT,
+                          capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.lint
+def test_source_follows_the_rules_of_ament():
+    _check('ruff', 'check', '--output-format', 'concise', '.')
+
+
+@pytest.mark.lint
+@pytest.mark.timeout(400)
+def test_types_are_strict():
+    pytest.importorskip('numpy', minversion='2.2', reason='older ones have types of their own')
+    _check('mypy')
+
+
+@pytest.mark.lint
+def test_no_file_knows_the_machine_it_was_written_on(project_files):
+    found = []
+    for path in project_files:
+        if (ROOT / path).is_file():
+            text = (ROOT / path).read_bytes().decode(errors='replace')
+            found += [f'{path}: {line}' for line in text.splitlines() if MACHINE_PATH.search(line)]
+    assert not found

@@ -1,0 +1,324 @@
+"""Tables become recordings: exact stamps, SI units, and one clear line where that cannot be."""
+
+import argparse
+import json
+from pathlib import Path
+
+from forcecal_ros.commands import import_csv
+from forcecal_ros.errors import ConfigError, DataError, ForcecalError
+from forcecal_ros.recording.bags import read_recording
+from forcecal_ros.recording.csv_import import assemble, load_specification
+from forcecal_ros.recording.csv_import.specification import ORIENTATIONS
+from forcecal_ros.recording.csv_import.units import UNITS
+from forcecal_ros.recording.streams import Phase
+from hypothesis import given, HealthCheck, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+import yaml
+
+WRENCH = {'frame': 'ft', 'force': {'columns': ['fx', 'fy', 'fz'], 'unit': 'N'},
+          'torque': {'columns': ['tx', 'ty', 'tz'], 'unit': 'N m'}}
+HEADER = 't,fx,fy,fz,tx,ty,tz\n'
+ROWS = HEADER + '1,1,2,3,4,5,6\n2,7,8,9,10,11,12\n'
+
+
+def specify(folder, *tables):
+    path = folder / 'spec.yaml'
+    path.write_text(json.dumps({'format': 'forcecal-import/1', 'tables': list(tables)}))
+    return path
+
+
+def table(text, folder, name='log.csv', unit='s', signals=None, **more):
+    (folder / name).write_text(text)
+    time = {} if 'rate' in more else {'time': {'column': 't', 'unit': unit}}
+    return {'file': name, 'signals': {'wrench': WRENCH} if signals is None else signals,
+            **time, **more}
+
+
+def run_import(specification, bag, *options, topics=None):
+    parser = argparse.ArgumentParser()
+    import_csv.add_parser(parser.add_subparsers())
+    args = parser.parse_args(['import', str(specification), '-o', str(bag), *map(str, options)])
+    assert args.run(args) == 0
+    return read_recording(bag, topics)
+
+
+def imported(folder, *tables):
+    return assemble(load_specification(specify(folder, *tables)))
+
+
+def example(name):
+    return Path(__file__).parents[2] / 'config' / 'examples' / f'kuka_{name}.yaml'
+
+
+def test_table_of_poses_gives_one_measurement_a_row(tmp_path, data_dir):
+    recording = run_import(example('poses'), tmp_path / 'bag',
+                           '--tables', data_dir / 'kuka_lbr_med')
+    rows = np.loadtxt(data_dir / 'kuka_lbr_med' / '0-calibration_fts-accel.csv',
+                      delimiter=',', skiprows=1)
+    np.testing.assert_array_equal(recording.wrench.values, rows[:, :6])
+    np.testing.assert_allclose(recording.accelerometer.values, 9.80665 * rows[:, 6:9], rtol=1e-15)
+    assert recording.accelerometer_unit == 'm/s^2'
+    np.testing.assert_allclose(recording.pose.R_base_sensor.reshape(-1, 9), rows[:, 12:],
+                               atol=5e-4)
+    assert not recording.pose.has_position
+    measures = [phase for phase in recording.phases if phase.name == 'measure']
+    assert [len(recording.wrench.between(one.start, one.end)) for one in measures] == [1] * 24
+    between = [phase for phase in recording.phases if phase.name == 'move']
+    assert [len(recording.wrench.between(one.start, one.end)) for one in between] == [0] * 23
+
+
+@pytest.mark.parametrize('name, part', [
+    ('baseline', '1-baseline'), ('contact', '3-vibrations-contact')])
+def test_tables_of_one_trajectory_keep_their_stamps(tmp_path, data_dir, name, part):
+    folder = data_dir / 'kuka_lbr_med'
+    recording = run_import(example(name), tmp_path / 'bag', '--tables', folder)
+    for stream, file in ((recording.wrench, 'wrench'), (recording.accelerometer, 'accel'),
+                         (recording.pose, 'orientations')):
+        with (folder / f'{part}_{file}.csv').open() as lines:
+            next(lines)
+            stamps = np.array([int(line.partition(',')[0]) for line in lines])
+        read = np.rint(stream.t * 1e9).astype(int) + recording.start_ns
+        np.testing.assert_array_equal(read, 1000 * stamps)
+    assert recording.notes == ()
+
+
+@given(st.lists(st.integers(1, 10**15), min_size=1, max_size=20, unique=True),
+       st.sampled_from([('us', 1000), ('ns', 1), ('ms', 10**6)]))
+@settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
+def test_integer_times_are_exact(tmp_path, times, unit):
+    name, size = unit
+    start = 1_600_000_000 * 10**9 // size
+    times = [start + time % (10**13 // size) for time in times]
+    times = sorted(set(times))
+    text = HEADER + ''.join(f'{time},0,0,0,0,0,0\n' for time in times)
+    result = imported(tmp_path, table(text, tmp_path, unit=name))
+    stamps = np.rint(result.signals['wrench'].t * 1e9).astype(int) + result.start_ns
+    assert stamps.tolist() == [size * time for time in times]
+
+
+def test_decimal_times_are_exact(tmp_path):
+    text = HEADER + ''.join(f'1708857503.{i:06d},0,0,0,0,0,0\n' for i in (1, 7, 999_999))
+    result = imported(tmp_path, table(text, tmp_path))
+    stamps = np.rint(result.signals['wrench'].t * 1e9).astype(int) + result.start_ns
+    assert stamps.tolist() == [1708857503_000_001_000, 1708857503_000_007_000,
+                               1708857503_999_999_000]
+
+
+def test_times_from_zero_are_shifted_together(tmp_path):
+    accel = {'accel': {'frame': 'a', 'acceleration': {
+        'columns': ['ax', 'ay', 'az'], 'unit': 'm/s^2'}}}
+    recording = run_import(specify(
+        tmp_path, table(ROWS.replace('\n1,', '\n0,'), tmp_path),
+        table('t,ax,ay,az\n-0.5,1,2,3\n', tmp_path, 'a.csv', signals=accel)), tmp_path / 'bag')
+    assert recording.accelerometer.t.tolist() == [0.0]
+    assert recording.wrench.t.tolist() == [0.5, 2.5]
+    assert recording.start_ns > 0
+
+
+@pytest.mark.parametrize('quantity, unit, one', [
+    ('force', 'mN', 1e-3), ('force', 'kN', 1e3), ('force', 'lbf', 4.4482216),
+    ('force', 'kgf', 9.80665)])
+def test_forces_become_newtons(tmp_path, quantity, unit, one):
+    wrench = {**WRENCH, 'force': {'columns': ['fx', 'fy', 'fz'], 'unit': unit,
+                                  'signs': [1, 1, -1]}}
+    result = imported(tmp_path, table(ROWS, tmp_path, signals={'wrench': wrench}))
+    np.testing.assert_allclose(result.signals['wrench'].values[0],
+                               [one, 2 * one, -3 * one, 4, 5, 6], rtol=1e-7)
+
+
+@pytest.mark.parametrize('role, part, quantity, width', [
+    ('accelerometer', 'voltage', 'voltage', 3), ('accel', 'acceleration', 'acceleration', 3),
+    ('optidrive', 'displacement', 'length', 1)])
+def test_every_unit_of_a_quantity_is_converted(tmp_path, role, part, quantity, width):
+    names = [f'c{i}' for i in range(width)]
+    for unit, size in UNITS[quantity].items():
+        result = imported(tmp_path, table(
+            f't,{",".join(names)}\n1,{",".join(["2.5"] * width)}\n', tmp_path,
+            signals={role: {'frame': 'f', part: {'columns': names, 'unit': unit}}}))
+        np.testing.assert_array_equal(result.signals[role].values, np.full((1, width), 2.5) * size)
+
+
+def test_gyro_in_degrees_becomes_radians(tmp_path):
+    imu = {'imu': {'frame': 'imu',
+                   'acceleration': {'columns': ['ax', 'ay', 'az'], 'unit': 'g'},
+                   'angular_velocity': {'columns': ['wx', 'wy', 'wz'], 'unit': 'deg/s'}}}
+    recording = run_import(specify(tmp_path, table(
+        't,ax,ay,az,wx,wy,wz\n1,0,0,1,180,0,-90\n', tmp_path, signals=imu)), tmp_path / 'bag')
+    np.testing.assert_allclose(recording.accelerometer.values, [[0, 0, 9.80665]])
+    np.testing.assert_allclose(recording.angular_velocity.values, [[np.pi, 0, -np.pi / 2]])
+
+
+@pytest.mark.parametrize('convention', ORIENTATIONS)
+def test_every_way_to_write_an_orientation_is_the_same_rotation(tmp_path, convention):
+    rotations = Rotation.from_quat(np.random.default_rng(4).normal(size=(5, 4)))
+    written = {
+        'R_base_sensor': rotations.as_matrix().reshape(5, 9),
+        'R_sensor_base': rotations.inv().as_matrix().reshape(5, 9),
+        'quaternion_xyzw': rotations.as_quat(),
+        'rpy': rotations.as_euler('xyz', degrees=True),
+    }[convention]
+    names = [f'q{i}' for i in range(written.shape[1])]
+    columns = {'columns': names, 'unit': 'deg'} if convention == 'rpy' else names
+    rows = ''.join(f'{i + 1},{1000 * i},0,0,{",".join(map(repr, row.tolist()))}\n'
+                   for i, row in enumerate(written))
+    result = imported(tmp_path, table(
+        f't,x,y,z,{",".join(names)}\n{rows}', tmp_path, signals={'pose': {
+            'frame': 'base', convention: columns,
+            'position': {'columns': ['x', 'y', 'z'], 'unit': 'mm'}}}))
+    poses = result.signals['pose']
+    np.testing.assert_allclose(poses.R_base_sensor, rotations.as_matrix(), atol=1e-14)
+    np.testing.assert_array_equal(poses.position[:, 0], np.arange(5.0))
+
+
+def test_phases_from_a_column_change_where_the_word_does(tmp_path):
+    words = ['settle', 'measure', 'measure', 'move']
+    text = 't,fx,fy,fz,tx,ty,tz,state\n' + ''.join(
+        f'{i + 1},0,0,0,0,0,0,{word}\n' for i, word in enumerate(words))
+    recording = run_import(specify(tmp_path, table(
+        text, tmp_path, phases={'column': 'state'})), tmp_path / 'bag')
+    assert recording.phases == (
+        Phase('settle', 0.0, 1.0), Phase('measure', 1.0, 3.0), Phase('move', 3.0, 4.0),
+        Phase('done', 4.0, 4.0))
+
+
+def test_whole_table_is_one_phase(tmp_path):
+    text = ROWS.replace('t,', '').replace('\n1,', '\n').replace('\n2,', '\n')
+    recording = run_import(specify(tmp_path, table(
+        text, tmp_path, rate=10, phases={'whole': 'measure'})), tmp_path / 'bag')
+    assert recording.phases[0] == Phase('measure', 0.0, 0.2)
+    assert len(recording.wrench.between(0.0, 0.2)) == 2
+
+
+def test_topic_and_frame_are_the_ones_named(tmp_path):
+    signals = {'wrench': {**WRENCH, 'topic': '/jr3/wrench_raw'}}
+    recording = run_import(specify(tmp_path, table(ROWS, tmp_path, signals=signals)),
+                           tmp_path / 'bag', topics={'wrench': 'jr3/wrench_raw'})
+    assert recording.wrench.frame == 'ft'
+    assert len(recording.wrench) == 2
+
+
+@pytest.mark.parametrize('text, message', [
+    (ROWS.replace('8', 'eight'), "log.csv line 3: 'eight' in column 'fy' is not a number"),
+    (ROWS.replace('\n2,', '\n1,'), "line 3: time 1 in column 't' is not after 1"),
+    (ROWS.replace('\n2,', '\n0.5,'), 'line 3: time 0.5 .* is not after 1'),
+    (ROWS.replace('\n2,', '\nnoon,'), "line 3: 'noon' in column 't' is not a number"),
+    (ROWS.replace('\n2,', '\n1e400,'), 'out of range; is the unit right'),
+    (ROWS.replace('\n2,', '\n4e9,'), 'between 1970 and 2038'),
+    (ROWS.replace(',12', ''), 'line 3: 6 cells, but 7 columns'),
+    (ROWS.replace('12', ''), "line 3: '' in column 'tz' is not a number"),
+    (ROWS.replace('fx', 'fX'), "no column 'fx'; there are t, fX, fy"),
+    (ROWS.replace('fx,fy', 'fx,fx'), "several columns 'fx'|no column 'fy'"),
+    (HEADER, 'no rows'),
+    ('', 'no rows'),
+    ('t,"fx\n1,2', 'not a table of text'),
+])
+def test_faulty_table_is_one_line_that_says_where(tmp_path, text, message):
+    with pytest.raises(DataError, match=message) as error:
+        run_import(specify(tmp_path, table(text, tmp_path)), tmp_path / 'bag')
+    assert '\n' not in str(error.value)
+    assert not (tmp_path / 'bag').exists()
+
+
+def test_binary_and_missing_files_are_one_line(tmp_path):
+    specification = specify(tmp_path, table(ROWS, tmp_path))
+    (tmp_path / 'log.csv').write_bytes(b'\xff\xfe\x00t,\x80')
+    with pytest.raises(DataError, match='not a table of text'):
+        assemble(load_specification(specification))
+    (tmp_path / 'log.csv').unlink()
+    with pytest.raises(DataError, match='log.csv: cannot be read .*No such file'):
+        assemble(load_specification(specification))
+
+
+@pytest.mark.parametrize('matrix, message', [
+    ('1,0,0,0,1,0,0,0,2', 'line 2: the orientation is no rotation matrix'),
+    ('1,0,0,0,1,0,0,0,-1', 'line 2: the orientation is a reflection'),
+    ('1,0,0,0,nan,0,0,0,1', 'line 2: the orientation is no rotation matrix')])
+def test_matrix_that_is_no_rotation_is_refused(tmp_path, matrix, message):
+    names = [f'r{i}' for i in range(9)]
+    poses = {'pose': {'frame': 'base', 'R_base_sensor': names}}
+    with pytest.raises(DataError, match=message):
+        imported(tmp_path, table(f't,{",".join(names)}\n1,{matrix}\n', tmp_path, signals=poses))
+
+
+def changed(**keys):
+    return {key: value for key, value in {**WRENCH, **keys}.items() if value is not None}
+
+
+@pytest.mark.parametrize('change, message', [
+    ({'signals': {'wrench': changed(force={'columns': ['fx', 'fy', 'fz'], 'unit': 'V'})}},
+     r"wrench force: 'V' is no unit of force here; use N, mN"),
+    ({'signals': {'wrench': changed(force={'columns': ['fx', 'fy'], 'unit': 'N'})}},
+     'wrench force: expected a list of 3 columns'),
+    ({'signals': {'wrench': changed(torque=None)}}, 'wrench: torque is missing'),
+    ({'signals': {'wrench': changed(frame=None)}}, 'wrench frame: expected a text'),
+    ({'signals': {'wrench': changed(forces=1)}}, 'wrench: unknown forces; the keys are frame'),
+    ({'signals': {'force': WRENCH}}, 'signals: unknown force; the keys are wrench'),
+    ({'signals': {'pose': {'frame': 'base'}}}, 'expected one of R_base_sensor'),
+    ({'signals': {'wrench': changed(force={
+        'columns': ['fx', 'fy', 'fz'], 'unit': 'N', 'signs': [1, 1, 0]})}}, 'signs: expected'),
+    ({'time': {'column': 't', 'unit': 'h'}}, "'h' is no unit of time here; use s, ms, us, ns"),
+    ({'rate': 0}, 'rate: expected rows a second'),
+    ({'rate': 'fast'}, 'rate: expected a number'),
+    ({'time': None}, 'time: expected keys such as column'),
+    ({'start': 1.0}, 'start is for tables without time'),
+    ({'phases': {'each_row': 'measure'}}, 'expected column, or each_row and between'),
+    ({'phases': {'whole': 'rest'}}, "'rest' is no phase; use idle"),
+    ({'phases': {'each_row': 'move', 'between': 'move'}}, 'must differ'),
+    ({'delimiter': ';;'}, 'delimiter: expected one character'),
+    ({'file': 3}, 'table 1 file: expected a text'),
+])
+def test_faulty_specification_names_the_key(tmp_path, change, message):
+    entry = {**table(ROWS, tmp_path), **change}
+    if 'rate' in change:
+        del entry['time']
+    with pytest.raises(ConfigError, match=message) as error:
+        imported(tmp_path, entry)
+    assert 'spec.yaml' in str(error.value)
+    assert '\n' not in str(error.value)
+
+
+@pytest.mark.parametrize('text, message', [
+    ('', 'expected keys such as format, tables'),
+    ('format: other/1', 'format must be forcecal-import/1'),
+    ('format: forcecal-import/1', 'tables must be a list'),
+    ('a: &x [1]\nb: *x', 'aliases'),
+    ('[' * 3000, 'nested more than'),
+    ('a: b: c', 'not YAML'),
+    ('!!python/object:os.system {}', 'not YAML'),
+    ('x' * (1 << 18) + 'x', 'larger than'),
+], ids=range(8))
+def test_hostile_specification_is_one_line(tmp_path, text, message):
+    path = tmp_path / 'spec.yaml'
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=message) as error:
+        load_specification(path)
+    assert len(str(error.value)) < 600
+
+
+@given(st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+                    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(
+                        st.sampled_from(['file', 'time', 'rate', 'signals', 'wrench', 'force',
+                                         'columns', 'unit', 'frame', 'phases', 'pose', 'start']),
+                        inner, max_size=6), max_leaves=25))
+@settings(deadline=None, suppress_health_check=list(HealthCheck))
+def test_any_document_is_read_or_refused(tmp_path, value):
+    path = tmp_path / 'spec.yaml'
+    path.write_text(yaml.safe_dump({'format': 'forcecal-import/1', 'tables': [value]}))
+    try:
+        assemble(load_specification(path))
+    except ForcecalError as error:
+        assert '\n' not in str(error)
+
+
+def test_same_signal_twice_and_strange_time_bases_are_refused(tmp_path):
+    first, second = table(ROWS, tmp_path, 'a.csv'), table(ROWS, tmp_path, 'b.csv')
+    with pytest.raises(ConfigError, match='wrench in more than one table'):
+        imported(tmp_path, first, second)
+    accel = {'accel': {'frame': 'a', 'acceleration': {
+        'columns': ['ax', 'ay', 'az'], 'unit': 'm/s^2'}}}
+    late = table('t,ax,ay,az\n1708857503,1,2,3\n', tmp_path, 'c.csv', signals=accel)
+    with pytest.raises(DataError, match='c.csv begins 19778 days after .*a.csv ends'):
+        imported(tmp_path, first, late)

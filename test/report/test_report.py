@@ -1,0 +1,64 @@
+"""The report shows the numbers, escapes what it was given, and needs no network."""
+
+import re
+
+from forcecal_ros.calibration.model import Calibration, Estimate
+from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
+from forcecal_ros.report.calibration import render
+from forcecal_ros.report.rows import as_text, table
+import numpy as np
+import pytest
+
+
+@pytest.fixture
+def calibration():
+    return Calibration(
+        mass=Estimate(13.0012, 0.0011, 'kg'), com=Estimate([0.03, -0.01, 0.14], 1e-4, 'm'),
+        wrench_bias=Estimate([4, -3, 8, 0.3, -0.2, 0.1], 0.01, 'N, N m'),
+        quality={'warnings': ['<script>alert(1)</script> & more'], 'chi2': 1.25},
+        source={'recording': '<b>bag</b>', 'created': 'today'})
+
+
+@pytest.fixture
+def recording():
+    t = np.arange(400) / 100
+    R = np.broadcast_to(np.diag([1.0, -1.0, -1.0]), (400, 3, 3))
+    return Recording(
+        wrench=Stream(t, np.ones((400, 6)), 'ft_sensor'),
+        pose=PoseStream(t, np.zeros((400, 3)), R),
+        phases=(Phase('measure', 0.0, 2.0), Phase('measure', 2.0, 4.0)))
+
+
+def test_standard_errors_decide_how_many_digits_are_shown(calibration):
+    line = as_text(table(calibration)).splitlines()[2]
+    assert line.split() == ['tool', 'mass', '13.0012', '0.0011', 'kg']
+
+
+def test_forces_and_torques_have_units_of_their_own(calibration):
+    units = {row.key: row.unit for row in table(calibration)}
+    assert units['wrench_bias.force.z'] == 'N' and units['wrench_bias.torque.x'] == 'N m'
+
+
+def test_the_truth_stands_beside_with_its_distance(calibration):
+    rows = table(calibration, {'mass': np.array(13.0)})
+    assert rows[0].truth == 13.0
+    assert rows[0].sigmas == pytest.approx(0.0012 / 0.0011)
+    assert '+1.1 sigma' in as_text(rows)
+
+
+def test_what_a_recording_says_is_escaped(calibration, recording):
+    page = render(recording, calibration)
+    assert '<script>' not in page and '&lt;script&gt;' in page
+    assert '<b>bag' not in page
+
+
+def test_one_file_without_network(calibration, recording):
+    contact = Stream(recording.wrench.t, recording.wrench.values)
+    page = render(recording, calibration, contact)
+    assert re.findall(r'(?:src|href)="(?!data:)', page) == []
+    assert page.count('<img') == 2
+
+
+def test_warnings_come_before_the_numbers(calibration, recording):
+    page = render(recording, calibration)
+    assert page.index('class="warning"') < page.index('<table')
