@@ -140,7 +140,7 @@ def riccati_gain(A: Array, C: Array, Q: Array, R: Array,
     # measurements in units of their own noise: metres and m/s^2 lie ten decades apart
     try:
         K, _, _ = control.lqe(A, np.eye(len(A)), C / scale[:, None], Q, R / np.outer(scale, scale))
-    except np.linalg.LinAlgError as error:
+    except ValueError as error:  # LinAlgError is one; reordering the pencil raises others
         raise UnobservableError(f'no stationary gain for these covariances ({error}); they lie '
                                 'too many decades apart: check the units') from error
     if not np.isfinite(K).all():

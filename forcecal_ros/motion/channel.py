@@ -32,6 +32,7 @@ class Channel:
         self.heard = -inf
         self.changed = -inf
         self.rest_timeout = inf
+        self.moving_since = inf
         self.stamp = -inf
         self.late_since = inf
         self.values: tuple[float, ...] = ()

@@ -33,6 +33,20 @@ WORKSPACE_SLACK = 0.002
 UNIT_NORM = 1e-2
 """Most that the squared norm of a measured quaternion departs from 1."""
 
+VISIBLE_TRAVEL, VISIBLE_TURN = 1e-3, 5e-3
+"""
+Readings that repeat count as frozen only once the commands have moved that far [m], [rad].
+
+A pose published with four digits changes every 0.1 mm, and at the default pace the commands are
+1 mm ahead of a robot that lags by 50 ms: what lags more shows as an error of tracking.
+"""
+
+ARRIVED = 0.9
+"""A robot that has done less than this part of the commanded motion is still on its way."""
+
+ASTRAY_AT_REST = 5e-4, 2e-3
+"""As far as that a robot may stand beside its command, however short the motion [m], [rad]."""
+
 NAMES = {'wrench': ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z'),
          'pose': ('position.x', 'position.y', 'position.z')}
 
@@ -105,7 +119,10 @@ class Monitor:
         self._alive = 0.0
         self._ticked = -inf
         self._doubted = False
-        self._moving_since = inf
+        self._resting: tuple[float, ...] = ()
+        self._moved = inf
+        self._arrived: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+        self._commanded: tuple[float, ...] = ()
         self._commands: deque[tuple[float, tuple[float, ...]]] = deque()
         self._noise: dict[str, Array] = {}
 
@@ -203,6 +220,21 @@ class Monitor:
     def command(self, stamp: float, pose: tuple[float, ...]) -> None:
         """Note a command, x y z [m] qx qy qz qw, to compare poses of its time with."""
         self._commands.append((stamp, pose))
+        travel = distance_between(pose, self._resting or pose) / VISIBLE_TRAVEL
+        turn = angle_between(pose[3:], (self._resting or pose)[3:]) / VISIBLE_TURN
+        self._follow(stamp, pose, max(travel, turn))
+
+    def joints(self, stamp: float, positions: tuple[float, ...]) -> None:
+        """Note a command of joints [rad], which poses are not compared with."""
+        turns = (abs(a - b) for a, b in zip(positions, self._resting or positions))
+        self._follow(stamp, positions, max(turns) / VISIBLE_TURN)
+
+    def _follow(self, stamp: float, command: tuple[float, ...], travel: float) -> None:
+        """Note from which stamp on the commanded motion shows in readings, 1 ``travel`` away."""
+        self._resting = self._resting or command
+        self._commanded = command
+        if travel >= 1.0:
+            self._moved = min(self._moved, stamp)
 
     def check(self, moving: bool) -> str:
         """
@@ -218,7 +250,11 @@ class Monitor:
         str
             One line that names the topic; empty where all is well.
         """
-        self._moving_since = min(self._moving_since, self._alive) if moving else inf
+        if not moving:
+            self._moved, self._resting = inf, self._commanded
+        for channel in self.channels.values():
+            moved = moving and channel.stamp >= self._moved
+            channel.moving_since = min(channel.moving_since, self._alive) if moved else inf
         return self.fault or self._frozen() or self._astray()
 
     def doubt(self, ros_now: float) -> str:
@@ -262,7 +298,7 @@ class Monitor:
     def _frozen(self) -> str:
         timeout = self.settings.frozen_timeout
         for channel in self.channels.values():
-            stuck = channel.heard - max(channel.changed, self._moving_since)
+            stuck = channel.heard - max(channel.changed, channel.moving_since)
             if 0 < timeout < stuck:
                 return f'{channel.topic}: the same reading for {stuck:.3f} s of motion'
         return self._frozen_at_rest()
@@ -310,6 +346,7 @@ class Monitor:
                                 'and the name remapped?')
         self.fault = ''
         self._commands.clear()
+        self._resting, self._commanded, self._moved, self._arrived = (), (), inf, None
         for fault in (self._silence(self.settings.lost_timeout), self._late(ros_now, 0.0)):
             if fault:
                 raise DataError(fault)
@@ -345,7 +382,9 @@ class Monitor:
         return np.repeat([settings.force_floor, settings.torque_floor], 3)
 
     def stillness(self) -> Stillness:
-        """Judge the newest window against the noise that was learned at the start."""
+        """Judge the newest window against the noise at the start, of a robot that has arrived."""
+        if on_its_way := self._on_its_way():
+            return Stillness(False, on_its_way)
         for name, labels in NAMES.items():
             channel = self.channels[name]
             values = channel.window(self.settings.window, len(labels))
@@ -357,7 +396,24 @@ class Monitor:
             if not std[i] <= bound[i]:
                 return Stillness(False, f'{channel.topic}: standard deviation of {labels[i]} is '
                                         f'{std[i]:.3g} > {bound[i]:.3g}')
+        if self._commands:
+            self._arrived = self._commands[-1][1], self.channels['pose'].values
         return Stillness(True, '')
+
+    def _on_its_way(self) -> str:
+        """Say how far the robot is behind a command that it has not reached; empty: it has."""
+        if self._arrived is None or not self._commands:
+            return ''
+        pose, (told, seen), now = self.channels['pose'], self._arrived, self._commands[-1][1]
+        for a, b, place, slack, unit in (
+                (now, told, distance_between(pose.values, seen), ASTRAY_AT_REST[0], 'm'),
+                (now[3:], told[3:], angle_between(pose.values[3:], seen[3:]), ASTRAY_AT_REST[1],
+                 'rad')):
+            wanted = distance_between(a, b) if unit == 'm' else angle_between(a, b)
+            if place < ARRIVED * wanted - slack:
+                return (f'{pose.topic}: has done {place:.3g} of the {wanted:.3g} {unit} that it '
+                        'was told to')
+        return ''
 
     def mean(self, name: str) -> Array:
         """Return the mean of the newest window of ``wrench`` (6,) or ``pose`` positions (3,)."""

@@ -30,13 +30,15 @@ RECORDED = ('wrench', 'accelerometer', 'optidrive', 'pose', 'target', 'contact_t
 START_TIMEOUT = 120.0
 """A first run compiles the simulator before its node answers [s]."""
 
-HEARING = 15.0
+HEARING = 30.0
 """The sequencer refuses to start until it has heard every sensor for a while [s]."""
 
 COMMAND_WAIT = 0.5
 """The rig's time stands for so long where a command is missing [s]."""
 
-SEQUENCE_TIMEOUT = 90.0
+PATIENCE = 30.0
+"""A rig whose time stands for so long has stopped; on a slow computer it passes slowly [s]."""
+
 FOR_SIMULATION = {
     'use_sim_time': True,
     'limits.workspace_max': [1.35, 0.4, 1.4],
@@ -103,18 +105,21 @@ class Conductor(Node):
         self.calibration = message.data
 
     def wait(self, until: Callable[[], bool], timeout: float, what: str,
-             each: Callable[[], None] = lambda: None) -> None:
+             each: Callable[[], None] = lambda: None,
+             progress: Callable[[], object] = lambda: None) -> None:
         """
         Spin until a condition holds.
 
         Raises
         ------
         DataError
-            It did not within ``timeout`` [s].
+            It did not, and ``progress`` stayed what it was, within ``timeout`` [s].
         """
-        end = time.monotonic() + timeout
+        end, before = time.monotonic() + timeout, progress()
         while not until():
             each()
+            if (now := progress()) != before:
+                end, before = time.monotonic() + timeout, now
             if time.monotonic() > end:
                 raise DataError(f'{what} did not happen within {timeout:.0f} s')
             self._executor.spin_until_future_complete(Future(), timeout_sec=TURN)
@@ -124,7 +129,7 @@ class Conductor(Node):
         """Call a service and wait for its answer."""
         self.wait(client.service_is_ready, START_TIMEOUT, f'service {client.srv_name}', each)
         future = client.call_async(request)
-        self.wait(future.done, 10.0, f'an answer of {client.srv_name}', each)
+        self.wait(future.done, PATIENCE, f'an answer of {client.srv_name}', each)
         return future.result()
 
     def run_sequence(self, name: str, each: Callable[[], None]) -> float:
@@ -151,11 +156,11 @@ class Conductor(Node):
         while not (answer := self.call(self._start, Trigger.Request(), each)).success:
             if time.monotonic() > end:
                 raise MotionError(f'sequence {name}: {answer.message}')
-        self.wait(lambda: self.phase not in ('idle', 'done', 'aborted', ''), 10.0,
+        self.wait(lambda: self.phase not in ('idle', 'done', 'aborted', ''), PATIENCE,
                   f'the start of sequence {name}', each)
         began = self.since
-        self.wait(lambda: self.phase in ('done', 'aborted'), SEQUENCE_TIMEOUT,
-                  f'the end of sequence {name}', each)
+        self.wait(lambda: self.phase in ('done', 'aborted'), PATIENCE,
+                  f'the end of sequence {name}', each, lambda: self.recorder.counts['pose'])
         if self.phase == 'aborted':
             raise MotionError(f'sequence {name} was aborted: {self.label}')
         return (self.since - began) * 1e-9
@@ -207,10 +212,10 @@ def run_demo(accelerometer: str, out: Path, seed: int, progress: Say) -> DemoRes
             conductor.wait(lambda: conductor.recorder.counts['pose'] > 0, START_TIMEOUT,
                            'a first pose of the simulated rig', each)
             duration = conductor.run_sequence('calibrate', each)
-            conductor.wait(lambda: bool(conductor.calibration), 10.0, 'the calibration', each)
+            conductor.wait(lambda: bool(conductor.calibration), PATIENCE, 'the calibration', each)
             heard = conductor.recorder.counts['contact_wrench']
-            conductor.wait(lambda: conductor.recorder.counts['contact_wrench'] > heard + 500, 10.0,
-                           'the observer taking over the calibration', each)
+            conductor.wait(lambda: conductor.recorder.counts['contact_wrench'] > heard + 500,
+                           PATIENCE, 'the observer taking over the calibration', each)
             conductor.run_sequence('contact', each)
             conductor.recorder.write(out / 'bag')
             return DemoResult(conductor.calibration, duration)

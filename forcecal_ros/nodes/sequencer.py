@@ -105,6 +105,7 @@ class Sequencer(Node):
         self._command = command
         if isinstance(self._backend, JointTrajectories):
             assert isinstance(command, JointSetpoint)
+            self._monitor.joints(stamp_ns * 1e-9, tuple(command.positions.tolist()))
             self._backend.send(command, self._period_ns)
             return
         assert not isinstance(command, JointSetpoint)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
 import numpy as np
-from scipy.linalg import LinAlgError, solve_discrete_are
+from scipy.linalg import solve_discrete_are
 
 
 class StationaryFilter(NamedTuple):
@@ -93,7 +93,7 @@ def stationary_filter(
             'add the pose, or leave the accelerometer offset out (observer offset: off)')
     try:
         P = solve_discrete_are(A.T, C.T, Q, R, s=S)
-    except LinAlgError as error:
+    except ValueError as error:  # LinAlgError is one; reordering the pencil raises others
         raise UnobservableError(
             f'no stationary gain for {", ".join(names)}: {error}; check the covariances') from None
     innovation = C @ P @ C.T + R

@@ -367,6 +367,64 @@ def test_a_lost_sensor_is_named_in_time_to_stop_within_a_tenth_of_a_second(bench
     assert (bench.ms - begin) * 1e-3 + STREAM.stop_duration <= 0.1
 
 
+def command(bench, travel):
+    bench.monitor.command(bench.ms * 1e-3, (*(HOME.position + [travel, 0, 0]), *bench.quaternion))
+
+
+@pytest.fixture
+def quiet():
+    """Return a robot whose readings repeat to the last bit while it stands, as simulators' do."""
+    bench = Bench()
+    for name in TOPICS:
+        bench.tick()
+        bench.frozen[name] = bench.monitor.channels[name].values
+    for _ in range(300):
+        bench.tick()
+    bench.monitor.begin(bench.ms * 1e-3)
+    command(bench, 0.0)
+    return bench
+
+
+def test_a_quiet_robot_that_is_told_to_move_and_has_not_yet_is_not_frozen(quiet):
+    for i in range(50):
+        command(quiet, 1e-5 * i)
+        assert not quiet.tick(moving=True)
+
+
+def test_commands_that_no_pose_has_reached_in_time_yet_freeze_nothing(quiet):
+    for _ in range(20):
+        quiet.monitor.command(quiet.ms * 1e-3 + 10.0, (*HOME.position + 0.01, *quiet.quaternion))
+        assert not quiet.tick(moving=True)
+
+
+@pytest.mark.parametrize('name', list(TOPICS))
+def test_a_quiet_sensor_that_repeats_itself_under_way_is_found_frozen(quiet, name):
+    for other in set(TOPICS) - {name}:
+        del quiet.frozen[other]
+    begin = quiet.ms
+    for i in range(20):
+        command(quiet, 1e-3 * (i + 1))
+        if fault := quiet.tick(moving=True):
+            break
+    assert f'{TOPICS[name]}: the same reading' in fault
+    assert (quiet.ms - begin) * 1e-3 + STREAM.stop_duration <= 0.1
+
+
+def test_a_robot_that_has_not_set_off_is_not_still_yet(bench):
+    command(bench, 0.0)
+    bench.tick()
+    assert bench.monitor.stillness().still
+    command(bench, 0.01)
+    for _ in range(100):
+        bench.tick()
+    verdict = bench.monitor.stillness()
+    assert not verdict.still and 'of the 0.01 m that it was told to' in verdict.detail
+    bench.position = HOME.position + [0.0098, 0, 0]
+    for _ in range(100):
+        bench.tick()
+    assert bench.monitor.stillness().still
+
+
 def test_a_sensor_that_is_back_leaves_no_doubt(bench):
     bench.silent.add('wrench')
     for _ in range(20):

@@ -19,7 +19,7 @@ from forcecal_ros.observe.playback import answers, run
 from forcecal_ros.observe.riccati import stationary_filter
 from forcecal_ros.observe.status import BAD_WRENCH, INVALID, NO_GRAVITY
 from forcecal_ros.observe.step import ABSURD
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import numpy as np
 from observing import calibration, push, record, Swing
@@ -90,6 +90,7 @@ def test_a_wrench_that_is_no_number_is_said_to_be_none(steps):
 
 @given(st.lists(st.sampled_from([0.0, 1e-30, 1e-12, 1e-6, 1.0, 1e6, 1e30]), min_size=4,
                 max_size=4), st.floats(0.1, 1000.0))
+@example([1e30, 1e-12, 1e30, 1e-30], 1.0)
 def test_gains_of_any_covariance_are_finite_or_refused_in_one_line(sizes, mass):
     model = observer_model(mass)
     Q, R = np.diag([0.0, sizes[0]]), np.diag(sizes[1:])
