@@ -22,8 +22,8 @@ os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 from fault_motion import arguments, count, go, known, table
 from fault_motion_runs import ABORT, Bench, FOREIGN, LIMITS, PERIOD, STOP
 from forcecal_ros.calibration.file import save
-from forcecal_ros.impedance.rehearsal import rehearse
 from forcecal_ros.impedance.session import Bounds
+from forcecal_ros.reproduce.rehearsal import rehearse
 from forcecal_ros.simulators.rig.file import load_rig
 from geometry_msgs.msg import WrenchStamped
 import numpy as np

@@ -13,7 +13,7 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.impedance.design import design
 from forcecal_ros.impedance.plant.excitation import excitation
 from forcecal_ros.impedance.plant.file import save_plant
-from forcecal_ros.impedance.plant.identify import identify_plant
+from forcecal_ros.impedance.plant.fit import identify_plant
 from forcecal_ros.recording.streams import PoseStream, Recording
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.offline import simulate

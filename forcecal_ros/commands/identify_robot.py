@@ -8,7 +8,7 @@ from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
 
 if TYPE_CHECKING:
-    from forcecal_ros.impedance.plant.identify import PlantFit
+    from forcecal_ros.impedance.plant.fit import PlantFit
 
 
 def add_parser(subparsers: Any) -> None:
@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
 def answer(args: argparse.Namespace) -> Answer:
     """Identify from one recording."""
     from forcecal_ros.impedance.plant.file import save_plant, to_document
-    from forcecal_ros.impedance.plant.identify import identify_plant
+    from forcecal_ros.impedance.plant.fit import identify_plant
     from forcecal_ros.recording.bags import read_recording, require
 
     recording = read_recording(

@@ -8,7 +8,7 @@ from typing import Any, TYPE_CHECKING
 from forcecal_ros.commands.common import add_json, new_parser, print_json, say, say_if_compiling
 
 if TYPE_CHECKING:
-    from forcecal_ros.impedance.experiment import Experiment
+    from forcecal_ros.reproduce.experiment import Experiment
 
 RUNS = 7
 """Steps of work for each accelerometer: calibration, five feedbacks, the oscillation."""
@@ -46,10 +46,10 @@ def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     from forcecal_ros.atomic_files import write_bytes, write_text
     from forcecal_ros.impedance.design import design
-    from forcecal_ros.impedance.experiment import conduct
     from forcecal_ros.impedance.plant.file import load_plant
     from forcecal_ros.impedance.settings import DesignSettings, Wanted
     from forcecal_ros.report.impedance import pictures, render, text
+    from forcecal_ros.reproduce.experiment import conduct
     from forcecal_ros.simulators.rig.file import load_rig
     from forcecal_ros.simulators.rig.simulator import waits_for_compiler
     from tqdm import tqdm

@@ -1,7 +1,7 @@
-"""Error analysis, [Gamez2005] Eq. 21 to 27: how errors of orientation and of one estimate travel.
+"""Error analysis, [Gamez2005] Eq. 23 to 27: how errors of orientation and of one estimate travel.
 
 The paper writes R P for the x component in ft_sensor of a vector P given in the world, so here
-``x_of(R, P)`` is the first element of R_base_sensor^T P. e_v in its Eq. 25 and 27 is its e_o.
+``x_of(R, P)`` is the first element of R_base_sensor^T P. e_v in its Eq. 27 is its e_o.
 """
 
 from forcecal_ros.geometry import Array
@@ -11,28 +11,6 @@ import numpy as np
 def x_of(R_base_sensor: Array, vector_base: Array) -> float:
     """X component in ft_sensor of a vector in base, the R P of the paper."""
     return float(R_base_sensor[:, 0] @ vector_base)
-
-
-def mass_from_weight(R_h: Array, R_v: Array, weight_h: Array, weight_v: Array,
-                     gravity: float) -> float:
-    """
-    Mass from the weight along x in two orientations, [Gamez2005] Eq. 21, [Gamez2005] Eq. 22.
-
-    Parameters
-    ----------
-    R_h, R_v : ndarray, shape (3, 3)
-        R_base_sensor of steps 1 and 3: the real ones (Eq. 21) or those assumed (Eq. 22).
-    weight_h, weight_v : ndarray, shape (3,)
-        The paper's P_z and P_x: tool weight in base as carried in each pose [N].
-    gravity : float
-        Magnitude [m/s^2].
-
-    Returns
-    -------
-    float
-        [kg]
-    """
-    return (x_of(R_h, weight_h) - x_of(R_v, weight_v)) / gravity
 
 
 def mass_error(R_h: Array, R_h_assumed: Array, R_v: Array, R_v_assumed: Array,
@@ -97,33 +75,6 @@ def gravity_leak(R_accelerometer: Array, gain: float, gravity: float) -> float:
         [V]
     """
     return gain * gravity * float(R_accelerometer[2, 0])
-
-
-def gain_error(u: float, u_assumed: float, a: float, a_assumed: float, offset: float,
-               mass: float, offset_error: float, mass_error: float) -> float:
-    """
-    Error of the gain, [Gamez2005] Eq. 25.
-
-    Parameters
-    ----------
-    u, u_assumed : float
-        Force along x by the real and by the assumed orientation, R u in the paper [N].
-    a, a_assumed : float
-        Acceleration likewise, R a.
-    offset, mass : float
-        V_o and m.
-    offset_error, mass_error : float
-        e_v and e_m.
-
-    Returns
-    -------
-    float
-        Zero where orientations are right and both errors are.
-    """
-    true = (u - offset * mass) / (a * mass)
-    found_mass = mass + mass_error
-    found = (u_assumed - (offset + offset_error) * found_mass) / (a_assumed * found_mass)
-    return true - found
 
 
 def acceleration_error(volts: float, offset: float, gain: float, offset_error: float,

@@ -6,7 +6,6 @@ from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.mass import mass_from_tilt
 from forcecal_ros.identify.means import window_mean
-from forcecal_ros.identify.operations import operation_count
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.identify.step_gain import plain_offset, step_gain
 from forcecal_ros.recording.streams import Recording
@@ -128,3 +127,22 @@ def _gains(recording: Recording, step: tuple[float, float], alignment: Alignment
                 step_gain(shown, Y(alignment.delay), alignment.variance))
     except UnobservableError:
         return float('nan'), float('nan'), float('nan')
+
+
+def operation_count(times: tuple[float, float, float, float, float], rate: float) -> float:
+    """
+    Arithmetic operations of the plain procedure, [Gamez2005] Eq. 20.
+
+    Parameters
+    ----------
+    times : tuple of float
+        t0 to t4: pose 1 from t0 to t1, pose 3 from t2 to t3, the step until t4 [s].
+    rate : float
+        Samples per second.
+
+    Returns
+    -------
+    float
+    """
+    t0, t1, t2, t3, t4 = times
+    return ((t1 - t0) + 2 * (t3 - t2) + (t4 - t3)) * rate

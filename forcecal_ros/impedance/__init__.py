@@ -1,5 +1,5 @@
-"""Impedance control with the contact-force observer, [Gamez2005] V and VI.
+"""Impedance control with the observed contact force, [Gamez2005] V.
 
-program (the reference) -> trial (the loop through the simulated rig, force by feedback) -> assess
-(what the feedback was worth) -> experiment (all feedbacks, both accelerometers)
+plant (robot and slide, identified) -> design (law and margins) -> law (one step) -> session
+(one contact task within its bounds)
 """

@@ -15,7 +15,7 @@ from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array
 from forcecal_ros.impedance.law import Law
 from forcecal_ros.impedance.plant.model import Plant
-from forcecal_ros.impedance.process import Process, process, Wall
+from forcecal_ros.impedance.plant.process import Process, process, Wall
 from forcecal_ros.impedance.settings import DesignSettings, Wanted
 from forcecal_ros.impedance.stability import Loop, loop, Margins, margins
 import numpy as np

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from forcecal_ros.errors import ConfigError, MotionError
 from forcecal_ros.impedance.law import Measurement
 from forcecal_ros.impedance.program import Program, Reference
-from forcecal_ros.impedance.trial import Controller
+from forcecal_ros.impedance.regulator import Controller
 from forcecal_ros.impedance.withdraw import Motion, to_rest, Withdrawal
 
 WITHDRAWING = 0.25

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import control
 from forcecal_ros.geometry import Array
 from forcecal_ros.impedance.law import Law
-from forcecal_ros.impedance.process import Process
+from forcecal_ros.impedance.plant.process import Process
 import numpy as np
 
 _FREQUENCIES = 600

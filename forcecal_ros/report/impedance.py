@@ -5,11 +5,11 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
-from forcecal_ros.impedance.assess import Figures
-from forcecal_ros.impedance.experiment import Experiment
-from forcecal_ros.impedance.paper import continuous, error_poles, PRINTED
 from forcecal_ros.report import impedance_figures as drawn
 from forcecal_ros.report.figures import png
+from forcecal_ros.reproduce.assess import Figures
+from forcecal_ros.reproduce.experiment import Experiment
+from forcecal_ros.reproduce.printed_gains import continuous, error_poles, PRINTED
 import jinja2
 from matplotlib.figure import Figure
 
@@ -62,7 +62,7 @@ def pictures(experiment: Experiment) -> dict[str, bytes]:
     """Return Figures 5 to 8 as PNG, by file name."""
     first, *_, last = experiment.calibrations if len(experiment.calibrations) > 1 else (
         *experiment.calibrations, *experiment.calibrations)
-    one, other = (drawn.seen(experiment.trials[name, 'kalman'], experiment.calibrations[name])
+    one, other = (drawn.seen(experiment.runs[name, 'kalman'], experiment.calibrations[name])
                   for name in (first, last))
     swing = drawn.seen(experiment.oscillations[last], experiment.calibrations[last])
     figures: dict[str, Figure] = {

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.geometry import Array
-from forcecal_ros.impedance.trial import Trial
 from forcecal_ros.observe import ContactEstimate, replay, Settings
 from forcecal_ros.recording.streams import Stream
 from forcecal_ros.report.figures import axes_grid, ESTIMATED, MEASURED, specific_force, TRUE
+from forcecal_ros.reproduce.closed_loop import ClosedLoopRun
 from matplotlib.figure import Figure
 from scipy import signal
 
@@ -35,36 +35,36 @@ class Seen(NamedTuple):
         What each observer makes of the same recording.
     acceleration : Stream
         Of the tool, by the calibrated accelerometer [m/s^2].
-    trial : Trial
+    run : ClosedLoopRun
     """
 
     sensor: Stream
     kalman: ContactEstimate
     newton: ContactEstimate
     acceleration: Stream
-    trial: Trial
+    run: ClosedLoopRun
 
 
-def seen(trial: Trial, calibration: Calibration) -> Seen:
+def seen(run: ClosedLoopRun, calibration: Calibration) -> Seen:
     """
-    Run both observers over a trial.
+    Run both observers over a run.
 
     Parameters
     ----------
-    trial : Trial
+    run : ClosedLoopRun
     calibration : Calibration
 
     Returns
     -------
     Seen
     """
-    recording = trial.recording
+    recording = run.recording
     wrench, acceleration = recording.wrench, specific_force(recording, calibration)
     assert wrench is not None and acceleration is not None
     sensor = float(calibration.wrench_bias.value[0]) - wrench.values[:, :1]
     kalman, newton = (_finished(replay(recording, calibration, Settings(mode)),
                                 acceleration.t[-1]) for mode in ('kalman', 'newton'))
-    return Seen(Stream(wrench.t, sensor), kalman, newton, acceleration, trial)
+    return Seen(Stream(wrench.t, sensor), kalman, newton, acceleration, run)
 
 
 def _finished(estimate: ContactEstimate, end: float) -> ContactEstimate:

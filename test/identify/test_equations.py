@@ -5,15 +5,13 @@ from forcecal_ros.geometry import rotation_about, rotation_from_vector
 from forcecal_ros.identify.error_analysis import (
     acceleration_error,
     force_error,
-    gain_error,
     gravity_leak,
     mass_error,
-    mass_from_weight,
     offset_error,
 )
 from forcecal_ros.identify.mass import mass_from_tilt
 from forcecal_ros.identify.means import window_mean
-from forcecal_ros.identify.operations import operation_count
+from forcecal_ros.identify.paper import operation_count
 from forcecal_ros.identify.poses import orientation_h, orientation_v
 from forcecal_ros.identify.step_gain import plain_offset, step_gain
 from forcecal_ros.recording.streams import Stream
@@ -140,11 +138,6 @@ def test_operations_count_the_samples_of_the_procedure():
 WEIGHT = 13.0 * G * np.array([0.0, 0.0, -1.0])
 
 
-def test_mass_from_weight_is_the_mass():
-    assert mass_from_weight(orientation_h(), orientation_v(), WEIGHT, WEIGHT, G) \
-        == pytest.approx(13.0)
-
-
 @given(st.floats(-0.2, 0.2))
 def test_mass_error_is_the_difference_of_the_two_masses(tilt):
     assumed = orientation_h() @ rotation_about('y', tilt)
@@ -165,16 +158,6 @@ def test_gravity_leaks_into_the_offset_of_a_tilted_sensor():
     tilted = orientation_v() @ rotation_about('y', 0.01)
     felt = tilted.T @ np.array([0.0, 0.0, G])
     assert gravity_leak(tilted, -0.2937, G) == pytest.approx(-0.2937 * felt[0])
-
-
-def test_gain_error_vanishes_with_its_causes():
-    arguments = {'u': 20.0, 'u_assumed': 20.0, 'a': 1.5, 'a_assumed': 1.5, 'offset': 5.0,
-                 'mass': 13.0, 'offset_error': 0.0, 'mass_error': 0.0}
-    assert gain_error(**arguments) == 0
-    assert gain_error(**{**arguments, 'mass_error': 0.1}) != 0
-    # (u - V0 m) / (a m) with another mass is u / a (1/m - 1/m')
-    assert gain_error(**{**arguments, 'mass_error': 0.1}) == pytest.approx(
-        20 / 1.5 * (1 / 13 - 1 / 13.1))
 
 
 def test_acceleration_error_is_that_of_the_inverted_map():

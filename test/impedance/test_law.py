@@ -9,7 +9,7 @@ from forcecal_ros.impedance.design import design, relation
 from forcecal_ros.impedance.law import at_rest, COASTING, LATE, Measurement, OK, step
 from forcecal_ros.impedance.plant.file import load_plant
 from forcecal_ros.impedance.plant.model import Plant, Robot, Slide
-from forcecal_ros.impedance.process import process, Wall
+from forcecal_ros.impedance.plant.process import process, Wall
 from forcecal_ros.impedance.settings import DesignSettings, Wanted
 from forcecal_ros.impedance.stability import loop
 from forcecal_ros.simulators.rig.file import load_rig

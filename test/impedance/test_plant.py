@@ -10,11 +10,11 @@ from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.cli import main
 from forcecal_ros.errors import ConfigError, DataError
 from forcecal_ros.impedance.plant.file import load_plant
-from forcecal_ros.impedance.plant.identify import identify_plant
+from forcecal_ros.impedance.plant.fit import identify_plant
 from forcecal_ros.impedance.plant.model import Plant, Robot, Slide
 from forcecal_ros.impedance.plant.output_error import fit_output_error
-from forcecal_ros.impedance.plant.robot import identify_robot
-from forcecal_ros.impedance.plant.slide import identify_slide, Signal
+from forcecal_ros.impedance.plant.robot_fit import identify_robot
+from forcecal_ros.impedance.plant.slide_fit import identify_slide, Signal
 from forcecal_ros.impedance.plant.state_space import state_space
 from forcecal_ros.recording.bags import write_recording
 import numpy as np

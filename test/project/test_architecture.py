@@ -20,6 +20,7 @@ NUMERICS = (
     ('calibration',),
     ('effects', 'gravity', 'identify', 'insitu', 'motion', 'observe', 'simulators'),
     ('diagnose', 'impedance'),
+    ('reproduce',),
 )
 FILES_IN = ('recording.bags',)
 """Below a room, but files in and out: only what may read files may import it."""
@@ -123,6 +124,12 @@ def test_simulator_and_identification_share_no_physics(one, other):
     wrong = {(name, loaded) for name in _of([one]) for loaded in _loaded_by(name)
              if _unit(loaded) == other}
     assert not wrong
+
+
+def test_nothing_that_runs_on_a_robot_loads_the_papers_experiments():
+    assert _of(['reproduce'])
+    assert not {(name, loaded) for name in _of(['nodes']) for loaded in _loaded_by(name)
+                if _unit(loaded) == 'reproduce'}
 
 
 def test_numerics_load_neither_ros_nor_bags():

@@ -9,7 +9,7 @@ from forcecal_ros.atomic_files import write_text
 from forcecal_ros.calibration.document import plain
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.errors import ConfigError
-from forcecal_ros.impedance.plant.identify import PlantFit
+from forcecal_ros.impedance.plant.fit import PlantFit
 from forcecal_ros.impedance.plant.model import Plant, Robot, Slide
 from forcecal_ros.impedance.plant.state_space import state_space
 from forcecal_ros.safe_yaml import LARGEST, load_yaml

@@ -16,23 +16,11 @@ from forcecal_ros.simulators.rig.offline import simulate
 import numpy as np
 
 SETTLE = 1.0
-"""Rest before each measurement, for the tool to become still [s]."""
+"""Wait before each measurement, until the tool has stopped ringing on its spring [s]."""
 
 
 def calibration_motion(period: float) -> tuple[PoseStream, tuple[Phase, ...]]:
-    """
-    Return what the sequencer would command in its default sequence.
-
-    Parameters
-    ----------
-    period : float
-        Between commands [s].
-
-    Returns
-    -------
-    target : PoseStream
-    phases : tuple of Phase
-    """
+    """Return the commands of the sequencer's default sequence, one a ``period`` [s]."""
     timing, poses = Timing(), nominal_poses()
     home = next(iter(poses.values()))
     plan = calibration_plan(poses, step_goal(home, timing.step_distance), timing)
@@ -57,17 +45,7 @@ def rehearse(rig: Rig, accelerometer: str | None = None, seed: int | None = None
     """
     Calibrate a simulated rig as the sequencer would, nothing known beforehand.
 
-    Parameters
-    ----------
-    rig : Rig
-    accelerometer : str, optional
-        ``acc1`` or ``acc2``; the rig's mounted one where none is given.
-    seed : int, optional
-        Of the sensor noise.
-
-    Returns
-    -------
-    Calibration
+    ``accelerometer`` is ``acc1``, ``acc2`` or, where None, the one that the rig file mounts.
     """
     target, phases = calibration_motion(rig.robot.period)
     recording = replace(simulate(rig, target, accelerometer=accelerometer, seed=seed),

@@ -79,7 +79,7 @@ class RobotFit(NamedTuple):
     pairs: tuple[Pair, ...]
 
 
-class _Trial(NamedTuple):
+class _Candidate(NamedTuple):
     order: int
     model: OutputError
     squares: Array
@@ -117,13 +117,13 @@ def identify_robot(command: Array, position: Array, period: float, *,
                         f"tell the robot's model; record {FEWEST} or more that move it")
     held_out = slice(round(n * (1.0 - HELD_OUT)), n)
     used = slice(round(SETTLING / period), held_out.start)
-    trials = []
+    candidates = []
     for order in orders:
         models = [fit_output_error(command, position, order, delay, used) for delay in delays]
-        trials.append(min(
-            (_Trial(order, model, (position - model.predict(command))[held_out]**2)
-             for model in models), key=lambda trial: float(trial.squares.mean())))
-    chosen = _smallest_of_the_best(trials, float(np.mean(position**2)))
+        candidates.append(min(
+            (_Candidate(order, model, (position - model.predict(command))[held_out]**2)
+             for model in models), key=lambda one: float(one.squares.mean())))
+    chosen = _smallest_of_the_best(candidates, float(np.mean(position**2)))
     model, order = chosen.model, chosen.order
     std = np.sqrt(np.diag(model.covariance))
     robot = Robot(period, model.delay, Estimate(model.feedback, std[:order], '1'),
@@ -131,17 +131,17 @@ def identify_robot(command: Array, position: Array, period: float, *,
     error = float(np.sqrt(chosen.squares.mean()))
     return RobotFit(
         robot, model.offset, 1.0 - error / float(np.std(position[held_out])), error,
-        tuple(Order(t.order, t.model.delay, float(np.sqrt(t.squares.mean()))) for t in trials),
+        tuple(Order(c.order, c.model.delay, float(np.sqrt(c.squares.mean()))) for c in candidates),
         cancelling_pairs(robot))
 
 
-def _smallest_of_the_best(trials: Sequence[_Trial], power: float) -> _Trial:
-    best = min(trials, key=lambda trial: float(trial.squares.mean()))
-    for trial in trials:
-        worse = trial.squares - best.squares
+def _smallest_of_the_best(candidates: Sequence[_Candidate], power: float) -> _Candidate:
+    best = min(candidates, key=lambda one: float(one.squares.mean()))
+    for candidate in candidates:
+        worse = candidate.squares - best.squares
         chance = float(np.std(worse)) / np.sqrt(len(worse)) + _ROUNDING**2 * power
         if float(worse.mean()) <= chance:
-            return trial
+            return candidate
     return best
 
 

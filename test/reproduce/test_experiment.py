@@ -3,21 +3,21 @@
 from dataclasses import replace
 
 from forcecal_ros.errors import ConfigError
-from forcecal_ros.impedance.assess import (
+from forcecal_ros.impedance.design import design
+from forcecal_ros.impedance.plant.file import load_plant
+from forcecal_ros.impedance.program import Program, Stage, Task
+from forcecal_ros.impedance.regulator import Regulator
+from forcecal_ros.observe import replay, Settings
+from forcecal_ros.reproduce.assess import (
     assess,
     exceptions,
     Figures,
     losses,
     settling_time,
 )
-from forcecal_ros.impedance.design import design
-from forcecal_ros.impedance.feedback import feedback_of
-from forcecal_ros.impedance.plant.file import load_plant
-from forcecal_ros.impedance.program import Program, Stage, Task
-from forcecal_ros.impedance.regulator import Regulator
-from forcecal_ros.impedance.rehearsal import rehearse
-from forcecal_ros.impedance.trial import run_trial
-from forcecal_ros.observe import replay, Settings
+from forcecal_ros.reproduce.closed_loop import run_closed_loop
+from forcecal_ros.reproduce.feedback import feedback_of
+from forcecal_ros.reproduce.rehearsal import rehearse
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.simulator import Simulator
 from forcecal_ros.simulators.rig.truth import true_calibration
@@ -35,14 +35,14 @@ def calibration():
     return rehearse(RIG, 'acc1', 1)
 
 
-def trial(calibration, source):
-    return run_trial(RIG, PROGRAM, feedback_of(source, calibration), Regulator(LAW),
-                     accelerometer='acc1', seed=2)
+def run(calibration, source):
+    return run_closed_loop(RIG, PROGRAM, feedback_of(source, calibration), Regulator(LAW),
+                           accelerometer='acc1', seed=2)
 
 
 @pytest.fixture(scope='module')
-def trials(calibration):
-    return {source: trial(calibration, source) for source in ('true', 'static', 'kalman')}
+def runs(calibration):
+    return {source: run(calibration, source) for source in ('true', 'static', 'kalman')}
 
 
 def test_the_task_lasts_ten_seconds_as_in_figure_5():
@@ -73,21 +73,21 @@ def test_static_feedback_takes_off_the_weight_where_x_is_not_level(calibration):
     tilted = replace(RIG, home=replace(RIG.home, orientation_xyzw=(0.6, 0.0, 0.8, 0.0)))
     samples = Simulator(tilted, 'acc1', 3).advance(noise=False)
     assert abs(samples.wrench[-1, 0]) > 50.0
-    (_, left), *_ = feedback_of('static', calibration).hear(samples)
+    (_, left), *_ = feedback_of('static', calibration).update(samples)
     assert abs(left) < 5 * np.hypot(calibration.wrench_bias.std[0],
                                     9.81 * float(calibration.mass.std))
 
 
-def test_observer_in_the_loop_is_the_observer_of_the_replay(calibration, trials):
-    run = trials['kalman']
-    again = replay(run.recording, calibration, Settings('kalman'))
-    n = len(run.feedback)
+def test_observer_in_the_loop_is_the_observer_of_the_replay(calibration, runs):
+    kalman = runs['kalman']
+    again = replay(kalman.recording, calibration, Settings('kalman'))
+    n = len(kalman.feedback)
     assert n > 0.99 * len(again.t)
-    assert np.abs(again.contact[:n, 0] - run.feedback.values[:, 0]).max() < 1e-9
+    assert np.abs(again.contact[:n, 0] - kalman.feedback.values[:, 0]).max() < 1e-9
 
 
-def test_observer_takes_the_phantom_force_out_of_free_movement(trials):
-    static, kalman = (assess(trials[source], trials['true'], PROGRAM)
+def test_observer_takes_the_phantom_force_out_of_free_movement(runs):
+    static, kalman = (assess(runs[source], runs['true'], PROGRAM)
                       for source in ('static', 'kalman'))
     assert static.phantom_rms > 5.0
     assert kalman.phantom_rms < static.phantom_rms / 20
@@ -95,14 +95,14 @@ def test_observer_takes_the_phantom_force_out_of_free_movement(trials):
     assert kalman.phantom_peak < static.phantom_peak / 20
 
 
-def test_observer_knows_the_force_in_contact(trials):
-    kalman = assess(trials['kalman'], trials['true'], PROGRAM)
+def test_observer_knows_the_force_in_contact(runs):
+    kalman = assess(runs['kalman'], runs['true'], PROGRAM)
     assert kalman.contact_force > 5.0
     assert kalman.force_error < 0.2 * kalman.contact_force
 
 
-def test_true_force_has_no_error_to_assess(trials):
-    ideal = assess(trials['true'], trials['true'], PROGRAM)
+def test_true_force_has_no_error_to_assess(runs):
+    ideal = assess(runs['true'], runs['true'], PROGRAM)
     assert ideal.phantom_peak == ideal.strayed == ideal.force_error == 0.0
 
 

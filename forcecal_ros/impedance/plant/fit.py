@@ -5,8 +5,8 @@ from typing import NamedTuple
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, rotation_vector
 from forcecal_ros.impedance.plant.model import Plant
-from forcecal_ros.impedance.plant.robot import identify_robot, RobotFit
-from forcecal_ros.impedance.plant.slide import identify_slide, Signal, SlideFit
+from forcecal_ros.impedance.plant.robot_fit import identify_robot, RobotFit
+from forcecal_ros.impedance.plant.slide_fit import identify_slide, Signal, SlideFit
 from forcecal_ros.recording.streams import PoseStream, Recording
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The force that closes the loop: sensor as read, static compensation, or either observer."""
+"""Contact forces to feed back: true, as read, without bias and weight, or of either observer."""
 
 from typing import Protocol
 
@@ -18,56 +18,43 @@ from forcecal_ros.simulators.rig.simulator import Samples
 
 SOURCES = ('true', 'raw', 'static', 'newton', 'kalman')
 """
-What may close the loop: the true force, which only a simulator knows; the sensor as read; the
+Forces that are compared: the true one, which only a simulator knows; the sensor as read; the
 sensor less bias and weight; the paper's observer; the six-axis Kalman observer.
 """
 
 
 class Feedback(Protocol):
-    """Hears what the sensors say and answers with the contact force along x of ft_sensor."""
+    """Turns samples of the sensors into the contact force along x of ft_sensor."""
 
-    def hear(self, samples: Samples) -> list[tuple[float, float]]:
-        """
-        Take in what one or more periods brought.
-
-        Returns
-        -------
-        list of tuple
-            Stamp [s] and force of the environment on the tool [N], in order of time.
-        """
+    def update(self, samples: Samples) -> list[tuple[float, float]]:
+        """Return stamps [s] and forces of the environment on the tool [N], in order of time."""
 
 
 class Truth:
     """The true contact force, without noise or delay."""
 
-    def hear(self, samples: Samples) -> list[tuple[float, float]]:
-        """Return what only a simulator knows."""
+    def update(self, samples: Samples) -> list[tuple[float, float]]:
+        """Return the true force."""
         return list(zip(samples.contact_t.tolist(), samples.contact[:, 0].tolist()))
 
 
 class Raw:
     """The sensor as read, bias included."""
 
-    def hear(self, samples: Samples) -> list[tuple[float, float]]:
-        """Return the readings themselves."""
+    def update(self, samples: Samples) -> list[tuple[float, float]]:
+        """Return the readings."""
         return list(zip(samples.wrench_t.tolist(), samples.wrench[:, 0].tolist()))
 
 
 class Static:
-    """
-    The sensor less bias and weight: what gravity compensation without an accelerometer leaves.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    """
+    """The sensor less bias and weight: gravity compensation without an accelerometer."""
 
     def __init__(self, calibration: Calibration) -> None:
         self._bias = float(calibration.wrench_bias.value[0])
         self._weight = float(calibration.mass) * calibration.gravity
 
-    def hear(self, samples: Samples) -> list[tuple[float, float]]:
-        """Return what is left; the weight by the newest measured pose."""
+    def update(self, samples: Samples) -> list[tuple[float, float]]:
+        """Subtract bias and weight, which follows from the newest measured pose."""
         # at rest and unloaded the wire reads m g, which points along -z of base
         weight = -self._weight * float(samples.R_base_sensor[-1][2, 0])
         force = samples.wrench[:, 0] - self._bias - weight
@@ -75,21 +62,13 @@ class Static:
 
 
 class Observed:
-    """
-    The observer, by the step that its node runs.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    mode : str
-        ``newton`` or ``kalman``.
-    """
+    """The observer in mode ``newton`` or ``kalman``, by the step that its node runs."""
 
     def __init__(self, calibration: Calibration, mode: str) -> None:
         self._model = design(calibration, Settings(mode=mode))
         self._state = State()
 
-    def hear(self, samples: Samples) -> list[tuple[float, float]]:
+    def update(self, samples: Samples) -> list[tuple[float, float]]:
         """Return the contact forces that these samples complete."""
         state, model, s = self._state, self._model, samples
         out: list[tuple[float, float]] = []
@@ -113,11 +92,6 @@ class Observed:
 def feedback_of(source: str, calibration: Calibration) -> Feedback:
     """
     Return one of :data:`SOURCES`.
-
-    Parameters
-    ----------
-    source : str
-    calibration : Calibration
 
     Raises
     ------

@@ -15,7 +15,7 @@ PRINTED = {
 
 PERIOD = 0.004
 """
-Of the paper's observer [s], which it does not print.
+Sample time of the paper's observer, which it does not print [s].
 
 At 4 ms, k11 and k21 of K1 and K2 are to the last digit those of double poles at 5.0 and 7.5 rad/s
 (0.04 = 2 x 5.0 x 4 ms, 0.1 = 5.0^2 x 4 ms, and so on), critically damped. Taken as continuous
@@ -24,7 +24,7 @@ gains the same numbers would ring for minutes.
 
 
 class Poles(NamedTuple):
-    """Of the observer's error: natural frequency [rad/s] and damping ratio."""
+    """Natural frequency [rad/s] and damping ratio of the observer's error."""
 
     frequency: float
     damping: float
@@ -32,33 +32,15 @@ class Poles(NamedTuple):
 
 def continuous(K: Array) -> Array:
     """
-    Return a printed gain per second.
+    Return a printed gain (2, 3) per second.
 
-    Parameters
-    ----------
-    K : ndarray, shape (2, 3)
-        Per ``PERIOD``, but for its last column, which no dynamics depend on.
-
-    Returns
-    -------
-    ndarray, shape (2, 3)
+    It is printed per ``PERIOD`` but for its last column, which no dynamics depend on.
     """
     return np.column_stack([K[:, :2] / PERIOD, K[:, 2]])
 
 
 def error_poles(K: Array) -> Poles:
-    """
-    Return how fast the error of [Gamez2005] Eq. 4 fades, and how it rings.
-
-    Parameters
-    ----------
-    K : ndarray, shape (2, 3)
-        Continuous.
-
-    Returns
-    -------
-    Poles
-    """
+    """Return the poles of the error dynamics, [Gamez2005] Eq. 4, of a continuous gain (2, 3)."""
     matrix, _ = error_dynamics(observer_model(1.0), K)
     frequency = sqrt(float(np.linalg.det(matrix)))
     return Poles(frequency, -float(np.trace(matrix)) / (2.0 * frequency))

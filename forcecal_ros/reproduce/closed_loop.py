@@ -1,50 +1,37 @@
-"""One contact task through the simulated rig, the loop closed at the rate of the robot."""
+"""One contact task on the simulated rig, the loop closed at the rate of the robot."""
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Protocol
 
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.impedance.feedback import Feedback
 from forcecal_ros.impedance.law import Measurement
-from forcecal_ros.impedance.program import Program, Reference
+from forcecal_ros.impedance.program import Program
+from forcecal_ros.impedance.regulator import Controller
 from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
+from forcecal_ros.reproduce.feedback import Feedback
 from forcecal_ros.simulators.rig.simulator import Samples, Simulator
 import numpy as np
 
 
-class Controller(Protocol):
-    """One control step a period, along x of ft_sensor from the start."""
-
-    def __call__(self, reference: Reference, heard: Measurement) -> float:
-        """Return the command of S [m]."""
-
-    def sent(self, command: float) -> None:
-        """Learn which command was really sent [m]."""
-
-
 @dataclass(frozen=True)
-class Trial:
+class ClosedLoopRun:
     """
-    What one run gave.
+    The recording of one run with what closed its loop.
 
     Attributes
     ----------
     recording : Recording
         Every sensor, the commands, the true contact wrench.
-    feedback : Stream
-        (n, 1) force along x of ft_sensor that was fed back, environment on tool [N].
-    reference : Stream
-        (m, 1) from the start [m].
+    feedback : Stream, shape (n, 1)
+        Force fed back along x of ft_sensor, environment on tool [N].
     """
 
     recording: Recording
     feedback: Stream
-    reference: Stream
 
     @property
     def tool(self) -> Stream:
-        """Where the tool is along x of ft_sensor at home, (m, 1): S and its displacement [m]."""
+        """Position of the tool along x of ft_sensor at home, shape (m, 1) [m]."""
         pose, slide = self.recording.pose, self.recording.optidrive
         assert pose is not None
         place = pose.position @ pose.R_base_sensor[0][:, :1]
@@ -52,60 +39,43 @@ class Trial:
 
     @property
     def contact(self) -> Stream:
-        """True contact wrench, (n, 6)."""
+        """True contact wrench, shape (n, 6)."""
         assert self.recording.contact_truth is not None
         return self.recording.contact_truth
 
 
-def run_trial(rig: Rig, program: Program, feedback: Feedback, controller: Controller, *,
-              accelerometer: str | None = None, seed: int | None = None, latency: int = 0
-              ) -> Trial:
+def run_closed_loop(rig: Rig, program: Program, feedback: Feedback, controller: Controller, *,
+                    accelerometer: str | None = None, seed: int | None = None, latency: int = 0
+                    ) -> ClosedLoopRun:
     """
     Follow a program in closed loop, from the rig's home.
 
-    Parameters
-    ----------
-    rig : Rig
-    program : Program
-    feedback : Feedback
-    controller : Controller
-        Of the newest samples of each period; what it commands holds in the next one.
-    accelerometer : str, optional
-        ``acc1`` or ``acc2``; the rig's mounted one where none is given.
-    seed : int, optional
-        Of the noise.
-    latency : int
-        Periods that a command takes in addition.
-
-    Returns
-    -------
-    Trial
+    The controller has the newest samples of each period; its command holds in the next one, or
+    ``latency`` periods later.
     """
     simulator = Simulator(rig, accelerometer, seed)
     home, R = np.array(rig.home.position), rig.home.R_base_sensor
     period, axis = rig.robot.period, rig.home.R_base_sensor[:, 0]
-    underway = deque([0.0] * (latency + 1))
-    pieces: list[Samples] = []
-    fed: list[tuple[float, float]] = []
-    commands, references = [], []
+    pending = deque([0.0] * (latency + 1))
+    chunks: list[Samples] = []
+    fed_back: list[tuple[float, float]] = []
+    commands = []
     for k in range(round(program.duration / period)):
-        commands.append(home + underway.popleft() * axis)
+        commands.append(home + pending.popleft() * axis)
         simulator.command(commands[-1], R)
         samples = simulator.advance()
-        pieces.append(samples)
-        fed += feedback.hear(samples)
+        chunks.append(samples)
+        fed_back += feedback.update(samples)
         reference = program.at((k + 1) * period)
-        references.append(reference.position)
-        underway.append(controller(reference, Measurement(
+        pending.append(controller(reference, Measurement(
             float((samples.position[-1] - home) @ axis),
             float(samples.optidrive[-1]) if len(samples.optidrive) else 0.0,
-            fed[-1][1] if fed else 0.0)))
+            fed_back[-1][1] if fed_back else 0.0)))
     t = np.arange(len(commands), dtype=float) * period
     target = PoseStream(t, np.array(commands), np.broadcast_to(R, (len(t), 3, 3)))
-    return Trial(
-        _recording(Samples(*map(np.concatenate, zip(*pieces))), target, program),
-        Stream(np.array([one[0] for one in fed]), np.array([[one[1]] for one in fed])),
-        Stream(t + period, np.array(references)[:, np.newaxis]))
+    return ClosedLoopRun(
+        _recording(Samples(*map(np.concatenate, zip(*chunks))), target, program),
+        Stream(np.array([one[0] for one in fed_back]), np.array([[one[1]] for one in fed_back])))
 
 
 def _recording(s: Samples, target: PoseStream, program: Program) -> Recording:

@@ -5,22 +5,21 @@ from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.impedance.program import Program
-from forcecal_ros.impedance.trial import Trial
+from forcecal_ros.reproduce.closed_loop import ClosedLoopRun
 import numpy as np
 from numpy.typing import NDArray
 
 TOUCH = 0.5
-"""Contact force above which the tool touches [N]."""
+"""True contact force above which the tool counts as touching the wall [N]."""
 
 SETTLED = 0.05
-"""Share of the final force that it stays within once settled."""
+"""A contact force is settled once it stays within this share of its final value, ..."""
 
 SETTLED_FLOOR = 1.0
-"""The same at least [N]."""
-
+"""... or within this force of it, where that is more: the share of a light touch is noise [N]."""
 
 EVEN = 0.05
-"""Figures that differ by less than this share are even."""
+"""Two feedbacks are reported as equal in a figure that differs by less than this share."""
 
 COMPARED = {
     'phantom_rms': 'Phantom force in free motion, RMS [N]',
@@ -31,12 +30,12 @@ COMPARED = {
     'settling': 'Settling [s]',
     'force_error': 'Force error in contact [N]',
 }
-"""Figures of which less is better, in words."""
+"""Fields of :class:`Figures` in which less is better, with their names in the report."""
 
 
 class Figures(NamedTuple):
     """
-    What a run came to; forces along x of ft_sensor.
+    What one run is judged by; forces along x of ft_sensor.
 
     Attributes
     ----------
@@ -47,7 +46,7 @@ class Figures(NamedTuple):
     peak : float
         Greatest true force from the first touch to the end of the first hold [N].
     bounces : int
-        How often contact was lost in that time.
+        Times that contact was lost in that span.
     settling : float
         From the first touch until the true force stays within 5 % (or 1 N) of that at the end of
         the first hold; NaN: it does not by then [s].
@@ -67,27 +66,13 @@ class Figures(NamedTuple):
     contact_force: float
 
 
-def assess(trial: Trial, ideal: Trial, program: Program) -> Figures:
-    """
-    Return the figures of a run.
-
-    Parameters
-    ----------
-    trial : Trial
-    ideal : Trial
-        The same with the true force fed back, and the same noise.
-    program : Program
-        Their reference.
-
-    Returns
-    -------
-    Figures
-    """
+def assess(run: ClosedLoopRun, ideal: ClosedLoopRun, program: Program) -> Figures:
+    """Judge a run; ``ideal`` followed the same program with the true force and the same noise."""
     start, end = program.span('free')
-    free = trial.feedback.between(start, end).values[:, 0]
-    strayed = (trial.tool.between(start, end).values - ideal.tool.between(start, end).values)
+    free = run.feedback.between(start, end).values[:, 0]
+    strayed = (run.tool.between(start, end).values - ideal.tool.between(start, end).values)
     held = program.first_hold('contact')
-    touching = trial.contact.between(program.span('approach')[0], held)
+    touching = run.contact.between(program.span('approach')[0], held)
     force = -touching.values[:, 0]
     begin, bounces, settling, peak = np.nan, 0, np.nan, 0.0
     if (force > TOUCH).any():
@@ -95,46 +80,38 @@ def assess(trial: Trial, ideal: Trial, program: Program) -> Figures:
         begin, force = touching.t[first], force[first:]
         bounces, peak = losses(force > 0.0), float(force.max())
         settling = settling_time(touching.t[first:], force) - begin
-    pressed = trial.feedback.between(*program.span('contact'))
-    truth = trial.contact.at(pressed.t)[:, 0]
+    pressed = run.feedback.between(*program.span('contact'))
+    truth = run.contact.at(pressed.t)[:, 0]
     return Figures(
         rms(free), float(np.abs(free).max()), rms(strayed), peak, bounces, float(settling),
         rms(pressed.values[:, 0] - truth), float(-truth.mean()))
 
 
 def rms(values: Array) -> float:
-    """Return the root of the mean square."""
+    """Return the root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
 def exceptions(figures: Mapping[str, Figures]) -> Iterator[str]:
     """
-    Say where the Kalman observer is not the best feedback, and what the true force would give.
+    Say where the Kalman observer is not the best feedback, one sentence a figure.
 
-    Parameters
-    ----------
-    figures : mapping of str to Figures
-        By feedback, ``true`` among them.
-
-    Yields
-    ------
-    str
-        One sentence a figure.
+    ``figures`` goes by feedback, ``true`` among them.
     """
     kalman, ideal = figures['kalman'], figures['true']
     even = []
     others = {name: one for name, one in figures.items() if name not in ('kalman', 'true')}
     for field, words in COMPARED.items():
-        mine, best = getattr(kalman, field), min(others, key=lambda name: _rank(
+        observed, best = getattr(kalman, field), min(others, key=lambda name: _rank(
             getattr(others[name], field)))
-        theirs = getattr(others[best], field)
-        if _rank(mine) <= (1.0 + EVEN) * _rank(theirs):
-            if _rank(mine) >= (1.0 - EVEN) * _rank(theirs):
+        rival = getattr(others[best], field)
+        if _rank(observed) <= (1.0 + EVEN) * _rank(rival):
+            if _rank(observed) >= (1.0 - EVEN) * _rank(rival):
                 even.append(words)
             continue
         perfect = getattr(ideal, field)
-        yield (f'{words}: kalman {mine:.3g}, {best} {theirs:.3g}; with the true force '
-               f'{perfect:.3g}. ' + _why(perfect, theirs, others[best], ideal))
+        yield (f'{words}: kalman {observed:.3g}, {best} {rival:.3g}; with the true force '
+               f'{perfect:.3g}. ' + _why(perfect, rival, others[best], ideal))
     if even:
         yield (f'Within {EVEN:.0%} of the best of the others: {"; ".join(even)}. There the tool '
                'on its spring decides, and what the law does with position and displacement, '
@@ -142,15 +119,15 @@ def exceptions(figures: Mapping[str, Figures]) -> Iterator[str]:
 
 
 def _rank(value: float) -> float:
-    """Return a figure so that less is better: what never settles is last."""
+    """Return a figure for comparison: what never settles (NaN) comes last."""
     return value if value == value else float('inf')
 
 
-def _why(perfect: float, theirs: float, other: Figures, ideal: Figures) -> str:
+def _why(perfect: float, rival: float, other: Figures, ideal: Figures) -> str:
     if other.contact_force < (1.0 - EVEN) * ideal.contact_force:
         return (f'That one presses with {other.contact_force:.1f} N in the place of '
                 f'{ideal.contact_force:.1f} N: its bias counts as contact.')
-    if _rank(perfect) > (1.0 + EVEN) * _rank(theirs):
+    if _rank(perfect) > (1.0 + EVEN) * _rank(rival):
         return ('The true force fares no better: it is the law that gains from a sensor which '
                 'reads the spring between robot and tool, damped as it is, and not the contact.')
     return ('The observer answers later than the sensor, by its filter: that costs while the '
@@ -158,25 +135,18 @@ def _why(perfect: float, theirs: float, other: Figures, ideal: Figures) -> str:
 
 
 def losses(touching: NDArray[np.bool_]) -> int:
-    """Return how often something that is true ends, the end of the array left out."""
+    """Count the changes from true to false."""
     return int(np.count_nonzero(touching[:-1] & ~touching[1:]))
 
 
 def settling_time(t: Array, force: Array) -> float:
     """
-    Return when a force is settled: NaN where it is not in the last tenth.
+    Return the time from which a force stays within its band; NaN: not even in the last tenth.
 
     Parameters
     ----------
-    t : ndarray, shape (n,)
-        [s]
-    force : ndarray, shape (n,)
-        [N]
-
-    Returns
-    -------
-    float
-        [s]
+    t, force : ndarray, shape (n,)
+        [s], [N]
     """
     tenth = max(1, len(force) // 10)
     final = float(force[-tenth:].mean())
