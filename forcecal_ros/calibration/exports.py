@@ -66,10 +66,8 @@ def export(calibration: Calibration, consumer: str, place: Place | None = None) 
 
     Parameters
     ----------
-    calibration : Calibration
     consumer : str
         One of ``CONSUMERS``.
-    place : Place, optional
 
     Returns
     -------

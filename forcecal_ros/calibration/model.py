@@ -31,7 +31,6 @@ class Estimate:
         Zero-dimensional for a scalar; ``float(estimate)`` gives it.
     std : ndarray
         One standard error each, same shape; NaN where it is not known.
-    unit : str
     """
 
     value: Array

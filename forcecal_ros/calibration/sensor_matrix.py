@@ -23,10 +23,6 @@ def six_axis(calibration: Calibration) -> SixAxis | None:
     """
     Return the six-axis part of a calibration, for use on a WrenchStamped.
 
-    Parameters
-    ----------
-    calibration : Calibration
-
     Returns
     -------
     SixAxis or None
@@ -55,7 +51,6 @@ def corrected(raw: Wrench, part: SixAxis) -> Wrench:
     ----------
     raw : tuple of 6 float
         As the driver publishes it.
-    part : SixAxis
 
     Returns
     -------
@@ -80,7 +75,6 @@ def all_corrected(raw: Array, part: SixAxis) -> Array:
     Parameters
     ----------
     raw : ndarray, shape (n, 6)
-    part : SixAxis
 
     Returns
     -------
@@ -98,11 +92,6 @@ def recording_corrected(recording: Recording, part: SixAxis) -> Recording:
     ----------
     recording : Recording
         Its wrench holds the raw channels.
-    part : SixAxis
-
-    Returns
-    -------
-    Recording
     """
     raw = recording.wrench
     if raw is None:
@@ -121,10 +110,6 @@ def with_matrix_of(calibration: Calibration, source: Calibration) -> Calibration
         Identified from corrected wrenches.
     source : Calibration
         Whose matrix corrected them.
-
-    Returns
-    -------
-    Calibration
     """
     return replace(calibration, matrix=source.matrix, matrix_offset=source.matrix_offset)
 
@@ -135,13 +120,8 @@ def required_six_axis(source: Calibration, name: str) -> SixAxis:
 
     Parameters
     ----------
-    source : Calibration
     name : str
         Of its file, for messages.
-
-    Returns
-    -------
-    SixAxis
 
     Raises
     ------

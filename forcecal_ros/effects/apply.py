@@ -16,8 +16,6 @@ def applicable(effect: Effect, rig: Rig, accelerometer: str | None = None) -> bo
 
     Parameters
     ----------
-    effect : Effect
-    rig : Rig
     accelerometer : str, optional
         ``acc1`` or ``acc2``; either can have all effects of accelerometers.
 
@@ -35,13 +33,8 @@ def with_effects(rig: Rig, effects: Values) -> Rig:
 
     Parameters
     ----------
-    rig : Rig
     effects : mapping of str to mapping of str to float
         Parameters that are not named stay at their nominal value.
-
-    Returns
-    -------
-    Rig
 
     Raises
     ------

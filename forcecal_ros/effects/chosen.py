@@ -25,10 +25,6 @@ def chosen_effects(effects: Values | Chosen | None) -> Chosen:
     effects : mapping of str to mapping of str to float, Chosen or None
         Parameters that are not named stay at their nominal value.
 
-    Returns
-    -------
-    Chosen
-
     Raises
     ------
     ConfigError
@@ -47,17 +43,7 @@ def chosen_effects(effects: Values | Chosen | None) -> Chosen:
 
 
 def named_effects(chosen: Chosen) -> dict[str, dict[str, float]]:
-    """
-    Name the parameters of the effects of a rig.
-
-    Parameters
-    ----------
-    chosen : Chosen
-
-    Returns
-    -------
-    dict of str to dict of str to float
-    """
+    """Name the parameters of the effects of a rig."""
     return {name: dict(zip((q.name for q in EFFECTS[name].parameters), values))
             for name, values in chosen}
 

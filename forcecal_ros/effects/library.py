@@ -16,7 +16,6 @@ class Quantity(NamedTuple):
 
     Attributes
     ----------
-    name, unit : str
     nominal : float
         With every parameter at its nominal value the effect does nothing. A parameter that only
         shapes the effect (a frequency, say) does nothing by itself at any value.
@@ -47,7 +46,6 @@ class Effect(NamedTuple):
 
     Attributes
     ----------
-    name : str
     stage : str
         ``robot``, ``tool``, ``environment``, ``wrench_sensor``, ``accelerometer`` or ``timing``.
     parameters : tuple of Quantity

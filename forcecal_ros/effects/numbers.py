@@ -62,10 +62,6 @@ def physical_rig(rig: Rig) -> Rig:
     """
     Put those effects that are other numbers into the rig's numbers.
 
-    Parameters
-    ----------
-    rig : Rig
-
     Returns
     -------
     Rig

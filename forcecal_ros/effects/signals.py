@@ -171,7 +171,6 @@ class WrenchEffects:
 
     Parameters
     ----------
-    rig : Rig
     dt : float
         Between samples [s].
     """
@@ -197,7 +196,6 @@ class AccelerometerEffects:
 
     Parameters
     ----------
-    rig : Rig
     accelerometer : str or None
         ``acc1`` or ``acc2``; the mounted one where none is given.
     dt : float

@@ -15,7 +15,6 @@ class StampEffects:
 
     Parameters
     ----------
-    rig : Rig
     seed : numpy.random.SeedSequence
         Of what gets lost; a stream's losses do not hang on the others.
     """

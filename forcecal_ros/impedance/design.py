@@ -45,7 +45,6 @@ class Design(NamedTuple):
 
     Attributes
     ----------
-    law : Law
     margins : tuple of Margins
         Without contact, against the softest and against the stiffest wall of the stated range.
     unstable_from : float
@@ -64,16 +63,6 @@ def design(plant: Plant, wanted: Wanted = Wanted(), settings: DesignSettings = D
            ) -> Design:
     """
     Design the law [Gamez2005] Eq. 31 and check it.
-
-    Parameters
-    ----------
-    plant : Plant
-    wanted : Wanted
-    settings : DesignSettings
-
-    Returns
-    -------
-    Design
 
     Raises
     ------
@@ -131,13 +120,8 @@ def relation(free: Process, wanted: Wanted, period: float) -> Relation:
     ----------
     free : Process
         Without a wall.
-    wanted : Wanted
     period : float
         [s]
-
-    Returns
-    -------
-    Relation
     """
     inertia, v = wanted.mass / period, free.velocity
     return Relation(

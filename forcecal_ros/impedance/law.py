@@ -103,9 +103,6 @@ def step(law: Law, state: State, heard: Measurement, position: float, velocity: 
 
     Parameters
     ----------
-    law : Law
-    state : State
-    heard : Measurement
     position, velocity : float
         Of the reference [m], [m/s].
     dt : float, optional

@@ -41,13 +41,7 @@ class Reference(NamedTuple):
 
 @dataclass(frozen=True)
 class Program:
-    """
-    Stages one after another, beginning at zero.
-
-    Attributes
-    ----------
-    stages : tuple of Stage
-    """
+    """Stages one after another, beginning at zero."""
 
     stages: tuple[Stage, ...]
 
@@ -81,10 +75,6 @@ class Program:
         ----------
         t : float
             Since the start [s]; held beyond the ends.
-
-        Returns
-        -------
-        Reference
         """
         i = min(int(np.searchsorted(self.ends, t, side='right')), len(self.stages) - 1)
         stage = self.stages[i]
@@ -152,10 +142,6 @@ class Task:
         ----------
         cycles : int
             How often free movement, contact and way back follow one another.
-
-        Returns
-        -------
-        Program
         """
         free = [Stage('free', 0.0, self.rest)]
         for _ in range(self.swings):

@@ -127,12 +127,10 @@ class Session:
 
         Parameters
         ----------
-        program : Program
         wall : float
             Where it is expected, from the start [m].
         controller : Controller
             At rest at zero.
-        bounds : Bounds
 
         Raises
         ------
@@ -184,10 +182,6 @@ class Session:
     def step(self, heard: Measurement) -> float | None:
         """
         Advance by one period.
-
-        Parameters
-        ----------
-        heard : Measurement
 
         Returns
         -------

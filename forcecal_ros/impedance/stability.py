@@ -55,7 +55,6 @@ def loop(law: Law, plant: Process, force_lag: float) -> Loop:
 
     Parameters
     ----------
-    law : Law
     plant : Process
         With the wall that it touches, of the same states as the law's process.
     force_lag : float
@@ -88,15 +87,10 @@ def margins(open_loop: Loop, period: float, wall_stiffness: float = 0.0) -> Marg
 
     Parameters
     ----------
-    open_loop : Loop
     period : float
         [s]
     wall_stiffness : float
         What is touched, for the record [N/m].
-
-    Returns
-    -------
-    Margins
     """
     frequency = np.geomspace(0.1, 0.999 * np.pi / period, _FREQUENCIES)
     z = np.exp(1j * frequency * period)[:, np.newaxis, np.newaxis]

@@ -22,7 +22,6 @@ class Withdrawal:
 
     Attributes
     ----------
-    start : Motion
     goal : float
         [m]
     duration : float
@@ -41,10 +40,6 @@ class Withdrawal:
         ----------
         t : float
             Since the start [s]; held beyond the ends.
-
-        Returns
-        -------
-        Motion
         """
         T = self.duration
         x = min(max(t / T, 0.0), 1.0)
@@ -67,7 +62,6 @@ def to_rest(motion: Motion, duration: float, retract: float, acceleration: float
 
     Parameters
     ----------
-    motion : Motion
     duration : float
         [s]
     retract : float
@@ -75,10 +69,6 @@ def to_rest(motion: Motion, duration: float, retract: float, acceleration: float
         wherever the gentlest stop ends.
     acceleration : float
         Limit of it [m/s^2].
-
-    Returns
-    -------
-    Withdrawal
     """
     gentlest = motion.position + 0.5 * motion.velocity * duration
     if not retract > 0.0:

@@ -22,7 +22,6 @@ def render(recording: Recording, calibration: Calibration, contact: Stream | Non
     ----------
     recording : Recording
         What was identified from.
-    calibration : Calibration
     contact : Stream, optional
         (n, 6) contact wrench by the observer over the same recording [N, N m].
     truth : mapping of str to ndarray, optional

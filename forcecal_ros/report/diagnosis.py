@@ -20,10 +20,6 @@ def render(view: View) -> str:
     """
     Return a diagnosis as a page: verdict first, then where, which, how far and what next.
 
-    Parameters
-    ----------
-    view : View
-
     Returns
     -------
     str

@@ -24,13 +24,11 @@ class View:
 
     Attributes
     ----------
-    diagnosis : Diagnosis
     advice : tuple of str
         What to record next.
     units : dict of str to str
         Of the channels.
     times : ndarray, shape (n,)
-    phases : tuple of Phase
     groups : ndarray of int, shape (n,)
         0 at rest.
     present : ndarray of bool, shape (n, 16)
@@ -71,11 +69,6 @@ def view_of(outcome: Outcome, advice: tuple[str, ...]) -> View:
     ----------
     outcome : Outcome
         With cases.
-    advice : tuple of str
-
-    Returns
-    -------
-    View
     """
     case = outcome.cases[-1]
     present = case.measured.present
@@ -95,11 +88,6 @@ def view_of_motion(outcome: MotionOutcome, advice: tuple[str, ...]) -> View:
     ----------
     outcome : MotionOutcome
         With arms.
-    advice : tuple of str
-
-    Returns
-    -------
-    View
     """
     assert outcome.arms is not None
     arms = outcome.arms

@@ -31,13 +31,7 @@ class Table(NamedTuple):
 
 
 def tables(experiment: Experiment) -> Iterator[Table]:
-    """
-    Yield every table.
-
-    Yields
-    ------
-    Table
-    """
+    """Yield every table."""
     for name in experiment.calibrations:
         rows = [[FEEDBACKS[row.feedback], *_cells(row.figures)]
                 for row in experiment.rows if row.accelerometer == name]
@@ -104,15 +98,10 @@ def render(experiment: Experiment, images: Mapping[str, bytes], origin: str) -> 
 
     Parameters
     ----------
-    experiment : Experiment
     images : mapping of str to bytes
         Of :func:`pictures`.
     origin : str
         What it was made from.
-
-    Returns
-    -------
-    str
     """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader('forcecal_ros', 'report'), autoescape=True,

@@ -35,7 +35,6 @@ class Seen(NamedTuple):
         What each observer makes of the same recording.
     acceleration : Stream
         Of the tool, by the calibrated accelerometer [m/s^2].
-    run : ClosedLoopRun
     """
 
     sensor: Stream
@@ -46,18 +45,7 @@ class Seen(NamedTuple):
 
 
 def seen(run: ClosedLoopRun, calibration: Calibration) -> Seen:
-    """
-    Run both observers over a run.
-
-    Parameters
-    ----------
-    run : ClosedLoopRun
-    calibration : Calibration
-
-    Returns
-    -------
-    Seen
-    """
+    """Run both observers over a run."""
     recording = run.recording
     wrench, acceleration = recording.wrench, specific_force(recording, calibration)
     assert wrench is not None and acceleration is not None

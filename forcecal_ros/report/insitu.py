@@ -44,15 +44,10 @@ def render(results: Sequence[SensorResult], drawn: Mapping[str, Mapping[str, byt
 
     Parameters
     ----------
-    results : sequence of SensorResult
     drawn : mapping
         Of :func:`pictures`, by sensor.
     origin : str
         What it was made from.
-
-    Returns
-    -------
-    str
     """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader('forcecal_ros', 'report'), autoescape=True,
@@ -79,13 +74,7 @@ def text(result: SensorResult) -> str:
 
 
 def tables(result: SensorResult) -> Iterator[tuple[str, list[str], Rows]]:
-    """
-    Yield every table of one sensor.
-
-    Yields
-    ------
-    title, head, rows : str, list of str, list of list of str
-    """
+    """Yield every table of one sensor."""
     e = result.excitation
     yield ('Spread of gravity in the sensor frame', ['direction', 'm/s^2'],
            [[_vector(v, 2), f'{s:.3g}'] for v, s in zip(e.directions, e.spreads)])

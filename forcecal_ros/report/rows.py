@@ -20,7 +20,6 @@ class Row:
     ----------
     name, key, unit : str
         Words for people, key in ``calibration.yaml``, SI unit.
-    value, std : float
     truth : float or None
         Known in simulation only.
     """
@@ -73,13 +72,8 @@ def table(calibration: Calibration, truth: Mapping[str, Array] | None = None) ->
 
     Parameters
     ----------
-    calibration : Calibration
     truth : mapping of str to ndarray, optional
         By key, as ``mass`` or ``accelerometer.gain``, where it is known.
-
-    Returns
-    -------
-    list of Row
     """
     rows = []
     for name, key, estimate, labels in estimates(calibration):
@@ -97,10 +91,6 @@ def table(calibration: Calibration, truth: Mapping[str, Array] | None = None) ->
 def as_text(rows: list[Row]) -> str:
     """
     Return the rows as a table for a terminal.
-
-    Parameters
-    ----------
-    rows : list of Row
 
     Returns
     -------

@@ -41,7 +41,6 @@ class Experiment:
         By accelerometer and feedback.
     oscillations : mapping of str to ClosedLoopRun
         In free space with feedback ``kalman``, by accelerometer.
-    rows : tuple of Row
     notes : mapping of str to tuple of str
         Figures in which the Kalman observer is not the best, by accelerometer.
     """

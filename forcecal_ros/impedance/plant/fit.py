@@ -39,10 +39,6 @@ def identify_plant(recording: Recording) -> PlantFit:
         In free space, in one orientation, from rest, with commands, poses, wrench and
         displacement.
 
-    Returns
-    -------
-    PlantFit
-
     Raises
     ------
     DataError

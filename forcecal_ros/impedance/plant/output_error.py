@@ -71,10 +71,6 @@ def fit_output_error(command: Array, position: Array, order: int, delay: int, us
     used : slice
         Samples whose errors count.
 
-    Returns
-    -------
-    OutputError
-
     Raises
     ------
     DataError

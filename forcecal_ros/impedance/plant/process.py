@@ -53,15 +53,10 @@ def process(plant: Plant, latency: int = 0, wall: Wall = Wall()) -> Process:
 
     Parameters
     ----------
-    plant : Plant
     latency : int
         Periods that a command takes beyond the robot's own delay.
     wall : Wall
         In touch at position 0; of stiffness 0 where there is none.
-
-    Returns
-    -------
-    Process
     """
     A_r, B_r, C_r = _robot(plant.robot, latency)
     over, begin, end, push = _slide(plant.slide, wall, plant.robot.period)

@@ -59,14 +59,12 @@ class RobotFit(NamedTuple):
 
     Attributes
     ----------
-    robot : Robot
     offset : float
         Of the measured against the commanded position [m].
     fit : float
         1 - RMS error / RMS of the position about its mean, held out; 1 is perfect.
     error : float
         RMS error held out [m].
-    orders : tuple of Order
     pairs : tuple of Pair
         Poles and zeros of the model that nearly cancel.
     """
@@ -101,10 +99,6 @@ def identify_robot(command: Array, position: Array, period: float, *,
         [s]
     orders, delays : sequence of int
         To choose from.
-
-    Returns
-    -------
-    RobotFit
 
     Raises
     ------
@@ -151,14 +145,6 @@ def cancelling_pairs(robot: Robot) -> tuple[Pair, ...]:
 
     A pair changes the frequency response by |pole - zero| / |z - pole|, which on the unit
     circle is at most |pole - zero| / (1 - |pole|).
-
-    Parameters
-    ----------
-    robot : Robot
-
-    Returns
-    -------
-    tuple of Pair
     """
     pairs = []
     for pole in robot.poles:

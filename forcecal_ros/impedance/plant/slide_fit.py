@@ -40,8 +40,6 @@ class SlideFit(NamedTuple):
 
     Attributes
     ----------
-    slide : Slide
-    windows : int
     spring_error, inertia_error : float
         What spring and damper, and the mass, leave over of the force, RMS over windows [N].
     """
@@ -64,10 +62,6 @@ def identify_slide(force: Signal, slide: Signal, position: Signal) -> SlideFit:
         Displacement of the tool against S [m].
     position : Signal
         Of S along x of ft_sensor [m].
-
-    Returns
-    -------
-    SlideFit
 
     Raises
     ------

@@ -34,10 +34,6 @@ def state_space(plant: Plant) -> StateSpace | None:
     The command holds for a period. The tool hears position and velocity of S, which are no
     states as in print but C x and C (A x + B x_r).
 
-    Parameters
-    ----------
-    plant : Plant
-
     Returns
     -------
     StateSpace or None

@@ -179,17 +179,12 @@ def in_recording(recording: Recording, sensor: str, kind: str, start: float,
 
     Parameters
     ----------
-    recording : Recording
     sensor, kind : str
         Of ``SENSORS`` and ``FAULTS``.
     start : float
         From when on [s].
     seed : int, optional
         Of garbage.
-
-    Returns
-    -------
-    Recording
     """
     stream = getattr(recording, sensor)
     names = [name for name in ('values', 'position', 'R_base_sensor') if hasattr(stream, name)]

@@ -44,7 +44,6 @@ def simulate(rig: Rig, target: PoseStream, *, accelerometer: str | None = None,
 
     Parameters
     ----------
-    rig : Rig
     target : PoseStream
         Commanded poses. In each period of the robot the command holds that is the latest at its
         start: a late one takes effect a period later, a missing one leaves the one before.

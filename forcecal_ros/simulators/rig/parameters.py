@@ -38,7 +38,6 @@ def kernel_parameters(rig: Rig, accelerometer: str | None = None) -> Array:
 
     Parameters
     ----------
-    rig : Rig
     accelerometer : str, optional
         ``acc1`` or ``acc2``; the mounted one where none is given.
 

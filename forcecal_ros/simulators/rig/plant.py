@@ -30,7 +30,6 @@ class Plant:
 
     Parameters
     ----------
-    rig : Rig
     accelerometer : str, optional
         ``acc1`` or ``acc2``; the rig's mounted one where none is given.
     steps : int, optional
@@ -126,10 +125,6 @@ def common_samples(rig: Rig) -> int:
 def enough_steps(rig: Rig) -> int:
     """
     Return the fewest integration steps per robot period that are accurate and meet the sensors.
-
-    Parameters
-    ----------
-    rig : Rig
 
     Returns
     -------

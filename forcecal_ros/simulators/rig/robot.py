@@ -82,7 +82,6 @@ def move(p: Record, state: Record, positions: Array, xyzw: Array, steps: int,
 
     Parameters
     ----------
-    p : record of PARAMETERS
     state : record of ROBOT_STATE
         Before; after the call, at the end of the last period.
     positions : ndarray, shape (m, 3)

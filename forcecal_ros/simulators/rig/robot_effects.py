@@ -14,7 +14,6 @@ class MotionEffects:
 
     Parameters
     ----------
-    rig : Rig
     dt : float
         Between the nodes of the motion [s].
     """
@@ -35,10 +34,6 @@ class MotionEffects:
         ----------
         motion : Motion
             Its first node is the last one of the block before, or rest.
-
-        Returns
-        -------
-        Motion
         """
         if not self._delays and self._ringing is None:
             return motion

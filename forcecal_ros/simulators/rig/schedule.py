@@ -49,7 +49,6 @@ class CommandSchedule:
         ----------
         stamp_ns : int
             Of its header; taken to be now where it is in the future or too old.
-        now_ns : int
         next_period : int
             The first period that is not simulated yet.
         command : object
@@ -89,10 +88,6 @@ class CommandSchedule:
         ----------
         start_ns : int
             When period 0 begins from now on [ns].
-
-        Returns
-        -------
-        CommandSchedule
         """
         schedule = CommandSchedule(self._period, start_ns)
         schedule._queue.extend((i, command) for i, (_, command) in enumerate(self._queue))

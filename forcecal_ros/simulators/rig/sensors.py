@@ -46,7 +46,6 @@ def highpass_settled(p: Record, R_base_sensor: Array) -> Array:
 
     Parameters
     ----------
-    p : record of PARAMETERS
     R_base_sensor : ndarray, shape (3, 3)
 
     Returns
@@ -70,7 +69,6 @@ def respond(p: Record, state: Record, motion: Motion, slide: Slide, h: float,
 
     Parameters
     ----------
-    p : record of PARAMETERS
     state : record of HIGHPASS_STATE
         Before; after the call, at the last step.
     motion : Motion
@@ -169,7 +167,6 @@ class Noise:
 
     Parameters
     ----------
-    rig : Rig
     seed : int, optional
         Fresh noise each time where none is given.
 

@@ -78,7 +78,6 @@ class Simulator:
 
     Parameters
     ----------
-    rig : Rig
     accelerometer : str, optional
         ``acc1`` or ``acc2``; the rig's mounted one where none is given.
     seed : int, optional

@@ -39,10 +39,6 @@ def slide_effects(rig: Rig) -> tuple[Any, ...]:
     """
     Flatten the effects that enter the integration of the tool.
 
-    Parameters
-    ----------
-    rig : Rig
-
     Returns
     -------
     tuple
@@ -68,10 +64,6 @@ def slide_effects(rig: Rig) -> tuple[Any, ...]:
 def slide_rates(rig: Rig) -> list[float]:
     """
     Return how fast these effects make the tool answer.
-
-    Parameters
-    ----------
-    rig : Rig
 
     Returns
     -------

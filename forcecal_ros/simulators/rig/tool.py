@@ -74,7 +74,6 @@ def tool_at_rest(p: Record, position: Array, R_base_sensor: Array) -> Array:
 
     Parameters
     ----------
-    p : record of PARAMETERS
     position : ndarray, shape (3,)
         Of S in base [m].
     R_base_sensor : ndarray, shape (3, 3)
@@ -132,7 +131,6 @@ def slide_along(p: Record, state: Record, motion: Motion, h: float, out: Slide) 
 
     Parameters
     ----------
-    p : record of PARAMETERS
     state : record of TOOL_STATE
         Before; after the call, at the last step.
     motion : Motion
