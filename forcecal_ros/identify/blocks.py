@@ -8,14 +8,10 @@ a fraction of a sample is a shift of the stretch.
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
-from forcecal_ros.recording.streams import Phase
+from forcecal_ros.recording.streams import FREE, Phase, phase_spans
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-
-STILL = ('measure',)
-FREE = ('move', 'settle', 'step', 'sweep', 'reverse')
-"""Phases in which nothing touches the tool."""
 
 _GAP = 2.5
 _MIN_SAMPLES = 5
@@ -143,28 +139,3 @@ def make_grid(t: Array, length: float, windows: list[tuple[float, float]],
 
 def _within(starts: Array, length: float, begin: float, end: float) -> NDArray[np.bool_]:
     return (starts >= begin - 1e-9) & (starts + length <= end + 1e-9)
-
-
-def phase_spans(phases: tuple[Phase, ...], names: tuple[str, ...]) -> list[tuple[float, float]]:
-    """
-    Join consecutive phases of some names.
-
-    Parameters
-    ----------
-    phases : tuple of Phase
-    names : tuple of str
-
-    Returns
-    -------
-    list of tuple of float
-        Start and end of each stretch [s].
-    """
-    spans: list[tuple[float, float]] = []
-    for phase in phases:
-        if phase.name not in names:
-            continue
-        if spans and abs(spans[-1][1] - phase.start) < 1e-6:
-            spans[-1] = (spans[-1][0], phase.end)
-        else:
-            spans.append((phase.start, phase.end))
-    return spans

@@ -18,12 +18,7 @@ from forcecal_ros.identify.means import Autocovariance, window_mean
 from forcecal_ros.identify.moving_tool import identify_moving_tool
 from forcecal_ros.identify.poses import static_poses, StaticPose
 from forcecal_ros.identify.quality import quality_of
-from forcecal_ros.identify.readings import (
-    clean,
-    refuse_frozen_pose,
-    refuse_stuck,
-    require_wrench,
-)
+from forcecal_ros.identify.readings import clean, refuse_stuck, require_wrench
 from forcecal_ros.identify.result import (
     accelerometer_of,
     inertia_of,
@@ -38,6 +33,7 @@ from forcecal_ros.identify.static_accelerometer import identify_static_accelerom
 from forcecal_ros.identify.static_readings import gravity_spread, Statics
 from forcecal_ros.identify.statics import read_statics, ring_of, sag_of, with_ring
 from forcecal_ros.identify.tool import identify_tool, ToolFit
+from forcecal_ros.recording.checks.motion import refuse_frozen_pose
 from forcecal_ros.recording.streams import Recording
 import numpy as np
 

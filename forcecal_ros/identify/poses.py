@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, rotation_about, rotation_vector
-from forcecal_ros.identify.blocks import STILL
-from forcecal_ros.recording.streams import PoseStream, Recording
+from forcecal_ros.recording.checks.motion import rest_within
+from forcecal_ros.recording.streams import PoseStream, Recording, STILL
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -77,7 +77,8 @@ def static_windows(recording: Recording) -> list[tuple[float, float]]:
     """
     Find the stretches of time in which the robot stands to be measured.
 
-    Phases say so where there are any; otherwise the pose that does not move does.
+    Phases say so where there are any, less what the measured pose still moves in them; otherwise
+    the pose that does not move does.
 
     Parameters
     ----------
@@ -94,6 +95,7 @@ def static_windows(recording: Recording) -> list[tuple[float, float]]:
     DataError
         There is none.
     """
+    assert recording.pose is not None
     if recording.phases:
         last = recording.phases[-1].end
         windows = [(p.start - _ROUNDING, p.end + (_ROUNDING if p.end == last else -_ROUNDING))
@@ -103,8 +105,7 @@ def static_windows(recording: Recording) -> list[tuple[float, float]]:
                 f'{recording.source or "the recording"}: none of its {len(recording.phases)} '
                 "phases is `measure`; record the sequencer's phases, or leave them out and stand "
                 'still in each pose')
-        return windows
-    assert recording.pose is not None
+        return [rest_within(recording.pose, *window) for window in windows]
     windows = _standing(recording.pose)
     if not windows:
         raise DataError(

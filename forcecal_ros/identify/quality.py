@@ -11,7 +11,6 @@ from typing import Any
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.axes import Axes, in_words
-from forcecal_ros.identify.blocks import phase_spans
 from forcecal_ros.identify.error_analysis import (
     acceleration_error,
     force_error,
@@ -25,6 +24,7 @@ from forcecal_ros.identify.paper import Alignment, Plain, plain_procedure
 from forcecal_ros.identify.poses import orientation_h, orientation_v
 from forcecal_ros.identify.result import Stages
 from forcecal_ros.identify.settings import Settings
+from forcecal_ros.recording.streams import phase_spans
 import numpy as np
 
 _PEAK = 10.0

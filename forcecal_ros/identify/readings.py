@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 from forcecal_ros.errors import DataError
-from forcecal_ros.identify.blocks import phase_spans
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.recording.streams import Recording, Stream
 import numpy as np
@@ -15,8 +14,6 @@ _LONG, _OFTEN = 10, 0.05
 _NOISY = 1e-4
 _DEAD = 100
 _ABSURD = 1e9
-_TURNING = ('move', 'sweep', 'reverse')
-_LONG_MOVE, _FROZEN = 0.3, 0.5
 
 
 def clean(recording: Recording) -> tuple[Recording, dict[str, int]]:
@@ -112,35 +109,6 @@ def refuse_stuck(wrench: Stream, accelerometer: Stream | None, poses: list[Stati
     if stuck:
         raise DataError(f'saturated or stuck: {"; ".join(stuck)}; lower the load, or raise the '
                         'range of the sensor')
-
-
-def refuse_frozen_pose(recording: Recording) -> None:
-    """
-    Refuse a pose that repeats itself to the last bit while the robot moves.
-
-    Parameters
-    ----------
-    recording : Recording
-
-    Raises
-    ------
-    DataError
-        Says when.
-    """
-    pose = recording.pose
-    assert pose is not None
-    for start, end in phase_spans(recording.phases, _TURNING):
-        cut = pose.between(start, end)
-        if end - start < _LONG_MOVE or len(cut) < 2:
-            continue
-        rows = np.hstack([cut.R_base_sensor.reshape(len(cut), 9), np.nan_to_num(cut.position)])
-        changes = np.flatnonzero((np.diff(rows, axis=0) != 0).any(axis=1))
-        times = np.concatenate([[start], cut.t[changes + 1], [end]])
-        i = int(np.argmax(np.diff(times)))
-        if times[i + 1] - times[i] > _FROZEN * (end - start):
-            raise DataError(f'current_pose repeats itself to the last bit from {times[i]:.2f} s '
-                            f'to {times[i + 1]:.2f} s of {recording.source or "the recording"}, '
-                            'while the robot moves; look at its driver')
 
 
 def clipped(stream: Stream, names: tuple[str, ...]) -> list[str]:

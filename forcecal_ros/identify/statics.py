@@ -1,6 +1,6 @@
 """What the static poses and the ringing say about the tool, put together."""
 
-from forcecal_ros.identify.blocks import Averager, phase_spans
+from forcecal_ros.identify.blocks import Averager
 from forcecal_ros.identify.lattice import Lattice, windows_of
 from forcecal_ros.identify.means import autocovariance, window_mean
 from forcecal_ros.identify.poses import StaticPose
@@ -9,7 +9,7 @@ from forcecal_ros.identify.ringing import RingFit, rings, stiffness_and_damping
 from forcecal_ros.identify.sag import Sag, stiffness_from_sag
 from forcecal_ros.identify.settings import Settings
 from forcecal_ros.identify.static_readings import Statics
-from forcecal_ros.recording.streams import Recording
+from forcecal_ros.recording.streams import phase_spans, Recording
 import numpy as np
 
 

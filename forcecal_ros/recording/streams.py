@@ -16,6 +16,12 @@ PHASES = (
 )
 """The words a sequencer says; see ``sequencer/phase``."""
 
+FREE = ('move', 'settle', 'step', 'sweep', 'reverse')
+"""Phases in which nothing touches the tool while the robot moves, or may."""
+
+STILL = ('measure',)
+"""Phases in which nothing touches the tool while the robot stands."""
+
 
 def _frozen(values: object) -> Array:
     """Return the values so that nobody can change them: a copy, unless that is so already."""
@@ -188,3 +194,28 @@ class Recording:
     start_ns: int = 0
     source: str = ''
     notes: tuple[str, ...] = field(default=())
+
+
+def phase_spans(phases: tuple[Phase, ...], names: tuple[str, ...]) -> list[tuple[float, float]]:
+    """
+    Join consecutive phases of some names.
+
+    Parameters
+    ----------
+    phases : tuple of Phase
+    names : tuple of str
+
+    Returns
+    -------
+    list of tuple of float
+        Start and end of each stretch [s].
+    """
+    spans: list[tuple[float, float]] = []
+    for phase in phases:
+        if phase.name not in names:
+            continue
+        if spans and abs(spans[-1][1] - phase.start) < 1e-6:
+            spans[-1] = (spans[-1][0], phase.end)
+        else:
+            spans.append((phase.start, phase.end))
+    return spans

@@ -1,0 +1,1 @@
+"""What a recording can have wrong, found once where it enters: one function a check."""
