@@ -11,7 +11,7 @@ import argparse
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
 from forcecal_ros.impedance.design import design
-from forcecal_ros.impedance.plant.excitation import excitation
+from forcecal_ros.impedance.plant.excitation import excitation_commands
 from forcecal_ros.impedance.plant.file import save_plant
 from forcecal_ros.impedance.plant.fit import identify_plant
 from forcecal_ros.recording.streams import PoseStream, Recording
@@ -55,7 +55,7 @@ def main() -> None:
     known = (rig.tool.mass, rig.optidrive.stiffness, rig.optidrive.damping)
     print('run  order  fit [%]  response error [%]  mass, stiffness, damping [standard errors]')
     for run in range(RUNS):
-        fit = identify_plant(record(rig, excitation(SECONDS, rig.robot.period, seed=run),
+        fit = identify_plant(record(rig, excitation_commands(SECONDS, rig.robot.period, seed=run),
                                     seed=100 + run))
         robot, slide = fit.robot.robot, fit.slide.slide
         error = np.abs(robot.response(FREQUENCIES) / truth - 1.0).max()

@@ -18,7 +18,7 @@ def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'impedance',
-        summary='simulate the contact experiment: which force feedback is worth what',
+        summary='simulate the contact experiment: compares four ways of feeding force back',
         example='forcecal impedance -o contact_experiment')
     parser.add_argument('-o', '--output', metavar='DIR', required=True,
                         help='folder for report.html and the pictures')

@@ -129,15 +129,15 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remai
             return 'unknown', (f'there is a gap that no effect of the library explains: '
                                f'{remains.words}')
         return 'no_gap', 'the recalibrated rig explains the recording down to its noise'
-    done = f'closes {100.0 * (closed or 0.0):.0f} % of the gap'
+    done = f'explains {100.0 * (closed or 0.0):.0f} % of the misfit'
     if closed is None:
         done, closed = 'shows in stamps and values', 1.0
     doubtful = dict(candidates).get(UNKNOWN, 0.0) > 0.5
     if left and (closed < NAMED or doubtful):
-        closest = f'{listed} comes closest and {done}; left is ' if closed > 0.0 else ''
+        closest = f'{listed} comes closest and {done}; unexplained: ' if closed > 0.0 else ''
         return 'unknown', (f'no effect of the library explains the gap: {closest}'
                            f'{remains.words}')
-    rest = f'; left is {remains.words}' if left else ''
+    rest = f'; unexplained: {remains.words}' if left else ''
     if doubtful:
         rest += '; one effect that is not in the library is likelier than these together'
     if doubtful or left and (closed < WHOLE or remains.ratio > GLARING):

@@ -1,4 +1,4 @@
-"""Effects on a rig, and on signals that are there already."""
+"""Effects applied to a rig, and to signals that lack them."""
 
 from dataclasses import replace
 
@@ -49,7 +49,7 @@ def with_effects(rig: Rig, effects: Values) -> Rig:
 def apply_signal_effects(recording: Recording, rig: Rig,
                          accelerometer: str | None = None) -> Recording:
     """
-    Lay a rig's effects of where ``signal`` on signals that lack them.
+    Apply a rig's effects on sampled signals to signals that lack them.
 
     Parameters
     ----------

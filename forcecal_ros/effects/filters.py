@@ -8,10 +8,10 @@ import numpy as np
 from scipy.linalg import expm
 
 Operator = Callable[[Array], Array]
-"""Takes the next samples of a signal, shape (n, k), and gives what becomes of them."""
+"""Changes the next samples of a signal, shape (n, k), and keeps what it needs for those after."""
 
 TAPS = 6
-"""Samples between which a delay interpolates; true to 1.3e-3 up to a tenth of their rate."""
+"""Samples a delay interpolates between; accurate to 1.3e-3 up to a tenth of the sample rate."""
 
 
 class Delay:
@@ -62,7 +62,7 @@ class Filter:
     dt : float
         Between samples [s].
     settled : float
-        How much of the first sample has been there for ever before.
+        Share of the first sample that the filter had settled to before.
     """
 
     def __init__(self, numerator: Sequence[float], denominator: Sequence[float], dt: float,

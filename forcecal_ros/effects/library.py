@@ -22,7 +22,7 @@ class Quantity(NamedTuple):
     low, high : float
         Limits.
     typical : float
-        A size that is clearly visible; |typical - nominal| is a fair unit to count it in.
+        A clearly visible value; |typical - nominal| is a natural unit for it.
     starts : tuple of float
         Where to begin a search: several values where one may miss, the usual value where the
         parameter only shapes the effect.
@@ -59,7 +59,7 @@ class Effect(NamedTuple):
         ``rig``: it changes the physics; ``signal``: it acts on a sampled signal; ``stamps``: on
         time stamps and arrival.
     nuisance : str or None
-        Key of the rig's spreads for the parameter that it moves beyond them.
+        Key of the rig's spreads (nominal tolerances) that it exceeds.
     """
 
     name: str
@@ -71,6 +71,7 @@ class Effect(NamedTuple):
     nuisance: str | None = None
 
 
+# phases of a recording that excite an effect
 ALWAYS = ('measure', 'move', 'step', 'sweep', 'reverse', 'approach', 'contact', 'retract')
 STATIC = ('measure', 'contact')
 MOVING = ('move', 'step', 'sweep', 'reverse', 'retract')
@@ -84,7 +85,7 @@ _STREAMS = ('wrench', 'accelerometer', 'optidrive', 'pose')
 
 def _each(names: tuple[str, ...], unit: str, size: float, typical: float, *,
           prefix: str = '') -> tuple[Quantity, ...]:
-    """Make parameters of one kind, nothing at 0 and as far one way as the other."""
+    """Make parameters of one kind, nominal at 0 within symmetric limits."""
     return tuple(Quantity(prefix + name, unit, 0.0, -size, size, typical) for name in names)
 
 
@@ -98,7 +99,7 @@ def _delay() -> tuple[Quantity, ...]:
 
 def _shape(name: str, unit: str, usual: float, low: float, high: float, unit_size: float,
            starts: tuple[float, ...] = ()) -> Quantity:
-    """Make a parameter that only shapes its effect, and is usually so and so."""
+    """Make a parameter that only shapes its effect, with its usual value."""
     return Quantity(name, unit, usual, low, high, usual + unit_size, starts or (usual,), True)
 
 
@@ -222,7 +223,7 @@ _ROBOT = (
         # how much of the damping acts against the world, not against the moving robot
         _shape('grounded', '1', 1.0, 0.0, 1.0, -0.5, (0.0, 1.0)),
     ), FAST, True, 'rig'),
-    # the rotation vector, about X and Y of base, by which base stands askew
+    # the rotation vector, about X and Y of base, by which base is tilted
     Effect('base_tilt', 'robot', _each(_AXES[:2], 'rad', 0.5, 0.01), STATIC, True, 'rig'),
 )
 

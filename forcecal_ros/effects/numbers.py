@@ -1,4 +1,4 @@
-"""Effects that are other numbers of the same rig: mass, stiffness, where the wall stands."""
+"""Effects that change a number of the rig: mass, stiffness, position of the wall."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -43,7 +43,7 @@ def _wall_position(rig: Rig, v: Named) -> Rig:
 
 
 def _base_tilt(rig: Rig, v: Named) -> Rig:
-    """Gravity in a base that stands askew by a rotation vector about its X and Y."""
+    """Gravity in a base that is tilted by a rotation vector about its X and Y."""
     R_level_base = rotation_from_vector(np.array([v['x'], v['y'], 0.0]))
     x, y, z = R_level_base.T @ rig.gravity
     return replace(rig, gravity=(x, y, z))
@@ -60,15 +60,15 @@ NUMBERS: Mapping[str, Callable[[Rig, Named], Rig]] = {
 
 def physical_rig(rig: Rig) -> Rig:
     """
-    Put those effects that are other numbers into the rig's numbers.
+    Apply the effects that change numbers of the rig.
 
     Returns
     -------
     Rig
         Without these effects, with the others.
     """
-    rest = tuple(one for one in rig.effects if one[0] not in NUMBERS)
+    others = tuple(one for one in rig.effects if one[0] not in NUMBERS)
     for name, values in named_effects(rig.effects).items():
         if name in NUMBERS:
             rig = NUMBERS[name](rig, values)
-    return rig if rest == rig.effects else replace(rig, effects=rest)
+    return rig if others == rig.effects else replace(rig, effects=others)

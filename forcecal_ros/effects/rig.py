@@ -22,7 +22,10 @@ Vector6 = tuple[float, float, float, float, float, float]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
 
 _RATE_TOLERANCE = 1e-6
+"""Largest deviation of a sensor's samples per period from a whole number that is rounding."""
+
 _GAIN_TOLERANCE = 1e-6
+"""Largest deviation of the robot's static gain from 1 that counts as rounding."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +174,7 @@ class PoseSensor(Section):
 
 @dataclass(frozen=True)
 class Spreads(Section):
-    """How far a sound rig departs from its file, 1 sigma."""
+    """Nominal tolerances: how far a healthy rig departs from its file, 1 sigma."""
 
     mass: float = field(metadata=quantity('1', 'relative', least=0.0))
     com: float = field(metadata=quantity('m', least=0.0))

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 
 from forcecal_ros.effects.chosen import named_effects
 from forcecal_ros.effects.filters import Delay, Filter, Operator
+from forcecal_ros.effects.hysteresis import Hysteresis
 from forcecal_ros.effects.library import EFFECTS
-from forcecal_ros.effects.play import Hysteresis
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array, rotation_from_vector
 import numpy as np
@@ -19,7 +19,7 @@ Named = Mapping[str, float]
 FORCES = ('fx', 'fy', 'fz', 'tx', 'ty', 'tz')
 
 
-def _listed(v: Named, *names: str) -> Array:
+def _vector(v: Named, *names: str) -> Array:
     return np.array([v[name] for name in names])
 
 
@@ -50,11 +50,11 @@ class _Drift:
 
 
 def _wrench_bias_drift(v: Named, dt: float) -> Operator:
-    return _Drift(_listed(v, *FORCES), v['settling'], dt)
+    return _Drift(_vector(v, *FORCES), v['settling'], dt)
 
 
 def _wrench_gain(v: Named, dt: float) -> Operator:
-    gain = 1.0 + _listed(v, *FORCES)
+    gain = 1.0 + _vector(v, *FORCES)
     return lambda wrench: wrench * gain
 
 
@@ -73,7 +73,7 @@ def _wrench_hysteresis(v: Named, dt: float) -> Operator:
 
 
 def _wrench_saturation(v: Named, dt: float) -> Operator:
-    limit = np.minimum(np.repeat([v['limit'], v['torque_limit']], 3), _listed(v, *FORCES))
+    limit = np.minimum(np.repeat([v['limit'], v['torque_limit']], 3), _vector(v, *FORCES))
     return lambda wrench: np.clip(wrench, -limit, limit)
 
 
@@ -88,13 +88,13 @@ def _wrench_quantisation(v: Named, dt: float) -> Operator:
 
 
 def _accel_gain(v: Named, dt: float) -> Operator:
-    gain = 1.0 + _listed(v, *'xyz')
+    gain = 1.0 + _vector(v, *'xyz')
     return lambda force: force * gain
 
 
 def _accel_misalignment(v: Named, dt: float) -> Operator:
     """Turn the axes of the accelerometer, by a rotation vector in S."""
-    R_sensor_accelerometer = rotation_from_vector(_listed(v, *'xyz'))
+    R_sensor_accelerometer = rotation_from_vector(_vector(v, *'xyz'))
     return lambda force: force @ R_sensor_accelerometer
 
 
@@ -115,12 +115,12 @@ def _accel_resonance(v: Named, dt: float) -> Operator:
 
 
 def _accel_saturation(v: Named, dt: float) -> Operator:
-    limit = np.minimum(v['limit'], _listed(v, *'xyz'))
+    limit = np.minimum(v['limit'], _vector(v, *'xyz'))
     return lambda force: np.clip(force, -limit, limit)
 
 
 def _accel_bias(v: Named, dt: float) -> Operator:
-    bias = _listed(v, *'xyz')
+    bias = _vector(v, *'xyz')
     return lambda volts: volts + bias
 
 

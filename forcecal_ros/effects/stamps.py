@@ -1,4 +1,4 @@
-"""Effects on time stamps and arrival: clocks that run at their own rate, samples that get lost."""
+"""Effects on stamps and arrival: clocks that run fast or slow, samples that get lost."""
 
 from forcecal_ros.effects.chosen import named_effects
 from forcecal_ros.effects.rig import Rig
@@ -16,7 +16,7 @@ class StampEffects:
     Parameters
     ----------
     seed : numpy.random.SeedSequence
-        Of what gets lost; a stream's losses do not hang on the others.
+        Of the losses; those of one stream do not depend on the others.
     """
 
     def __init__(self, rig: Rig, seed: np.random.SeedSequence) -> None:

@@ -21,13 +21,13 @@ from forcecal_ros.impedance.stability import Loop, loop, Margins, margins
 import numpy as np
 
 STIFFEST = 1e6
-"""Of the walls that are looked at beyond the stated range [N/m]."""
+"""Stiffest wall for which stability is checked beyond the stated range [N/m]."""
 
 WALLS = 60
-"""Stiffnesses looked at in the stated range, and as many beyond it."""
+"""Number of wall stiffnesses checked within the stated range, and as many beyond it."""
 
 AGREEMENT = 1.0
-"""Frequency up to which the impedance is compared with the wanted one [Hz]."""
+"""Highest frequency at which the impedance is compared with the wanted one [Hz]."""
 
 
 class Relation(NamedTuple):
@@ -41,7 +41,7 @@ class Relation(NamedTuple):
 
 class Design(NamedTuple):
     """
-    A law and what it is worth.
+    A law with its margins.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Design(NamedTuple):
     unstable_from : float
         Softest wall that makes it unstable; inf: none up to 1 MN/m does [N/m].
     disagreement : float
-        Greatest relative error of the compliance up to 1 Hz, without contact.
+        Largest relative error of the compliance up to 1 Hz, without contact.
     """
 
     law: Law
@@ -177,8 +177,8 @@ def _disagreement(law: Law, free: Process, wanted: Wanted, settings: DesignSetti
     open_loop = loop(law, free, settings.force_lag)
     n = len(law.B)
     A = open_loop.A + np.outer(open_loop.B, open_loop.C)
-    heard = 1.0 - np.exp(-law.period / settings.force_lag)
-    B = np.concatenate([free.F, [heard], np.zeros(n)])
+    passed = 1.0 - np.exp(-law.period / settings.force_lag)
+    B = np.concatenate([free.F, [passed], np.zeros(n)])
     frequency = np.linspace(0.02, 1.0, 50) * AGREEMENT * 2.0 * np.pi
     z = np.exp(1j * frequency * law.period)[:, np.newaxis, np.newaxis]
     states = np.linalg.solve(z * np.eye(len(B)) - A, B[:, np.newaxis].astype(complex))[..., 0]

@@ -11,7 +11,7 @@ COASTING = 'coasting'
 LATE = 'late'
 
 LONGEST = 250
-"""Most periods that one step predicts over."""
+"""Longest gap that one step predicts over [periods]: 1 s at 250 Hz."""
 
 
 class Law(NamedTuple):
@@ -53,14 +53,14 @@ class Law(NamedTuple):
 
 class State(NamedTuple):
     """
-    Of the law; replace ``command`` where limits let another one through.
+    State of the law; replace ``command`` where limits changed what was sent.
 
     Attributes
     ----------
     estimate : ndarray, shape (n,)
         Of the process at the last step.
     command, force, goal : float
-        The last ones [m], [N], [m].
+        Those of the last step [m], [N], [m].
     """
 
     estimate: Array
@@ -71,7 +71,7 @@ class State(NamedTuple):
 
 class Measurement(NamedTuple):
     """
-    What is heard at one step, from the start, where everything was at rest at 0.
+    What one step is given, relative to the start, where everything rested at 0.
 
     Attributes
     ----------
@@ -89,17 +89,17 @@ class Measurement(NamedTuple):
 
 
 def at_rest(law: Law) -> State:
-    """Return the state of a law whose plant has rested at 0 for ever, untouched."""
+    """Return the state of a law whose plant rests at 0, not in contact."""
     return State(np.zeros(len(law.B)))
 
 
-def step(law: Law, state: State, heard: Measurement, position: float, velocity: float = 0.0,
+def step(law: Law, state: State, measured: Measurement, position: float, velocity: float = 0.0,
          dt: float | None = None) -> tuple[State, float, str]:
     """
     Take one control step, [Gamez2005] Eq. 31: u = -L X + c F + l_r x_r.
 
-    X comes from the Kalman estimator. What is not finite is replaced: a measurement by what the
-    estimator predicts, a force or a reference by the last one.
+    X comes from the Kalman estimator. What is not finite is replaced: a measurement by the
+    estimator's prediction, a force or a reference by the last one.
 
     Parameters
     ----------
@@ -114,20 +114,20 @@ def step(law: Law, state: State, heard: Measurement, position: float, velocity: 
     command : float
         Of S [m].
     status : str
-        ``ok``, ``coasting`` (something was not finite) or ``late`` (periods were left out).
+        ``ok``, ``coasting`` (an input was not finite) or ``late`` (periods were skipped).
     """
     periods = 1 if dt is None or not isfinite(dt) else round(dt / law.period)
     status = LATE if periods > 1 else OK
-    if not (all(map(isfinite, heard)) and isfinite(position) and isfinite(velocity)):
+    if not (all(map(isfinite, measured)) and isfinite(position) and isfinite(velocity)):
         status = COASTING
     estimate = state.estimate
     for _ in range(min(max(periods, 1), LONGEST)):
         estimate = law.A @ estimate + law.B * state.command + law.F * state.force
-    force = heard.force if isfinite(heard.force) else state.force
+    force = measured.force if isfinite(measured.force) else state.force
     goal = position + law.lead * velocity
     if not isfinite(goal):
         goal = state.goal
-    error = np.array(heard[:2]) - law.C @ estimate
+    error = np.array(measured[:2]) - law.C @ estimate
     estimate = estimate + law.K @ np.where(np.isfinite(error), error, 0.0)
     command = float(-law.L @ estimate + law.force_gain * force + law.position_gain * goal)
     return State(estimate, command, force, goal), command, status

@@ -7,19 +7,19 @@ from forcecal_ros.errors import ConfigError, MotionError
 from forcecal_ros.impedance.law import Measurement
 from forcecal_ros.impedance.program import Program, Reference
 from forcecal_ros.impedance.regulator import Controller
-from forcecal_ros.impedance.withdraw import Motion, to_rest, Withdrawal
+from forcecal_ros.impedance.withdraw import LineMotion, to_rest, Withdrawal
 
 WITHDRAWING = 0.25
-"""Duration of a slow way out, after the stop [s]."""
+"""Duration of the slow withdrawal after a stop, while the tool still presses [s]."""
 
 COMPRESSED = 5e-4
-"""A tool that is pushed in by more than this presses, whatever the force is said to be [m]."""
+"""Displacement beyond which the tool counts as pressed in, whatever the force says [m]."""
 
 
 @dataclass(frozen=True)
 class Bounds:
     """
-    What the command of S may not exceed, and when a force ends the task.
+    Limits of the command of S, and forces that end the task.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Bounds:
     free_force : float
         The same where no wall is expected [N].
     margin : float
-        So much before the wall it is expected already [m].
+        Distance before the wall from which contact is expected [m].
     touch : float
         Contact force above which the tool touches [N].
     stop_duration : float
@@ -40,9 +40,9 @@ class Bounds:
     retract : float
         How far a stop at the wall takes the tool back, within its duration [m].
     withdraw : float
-        How far it goes on from there, slowly, where it still presses [m].
+        How far a slow withdrawal then takes it, where it still presses [m].
     closing : float
-        A stream ends with commands at rest for that long [s].
+        How long the stream of commands goes on at rest before it ends [s].
     """
 
     speed: float = 0.25
@@ -98,7 +98,7 @@ class Session:
 
     def __init__(self, period: float) -> None:
         self._period = period
-        self._motion = Motion(0.0)
+        self._motion = LineMotion(0.0)
         self._stop: Withdrawal | None = None
         self._paused = False
         self._closing = 0
@@ -141,7 +141,7 @@ class Session:
             raise MotionError(f'a task is under way already ({self.status.phase}); abort it first')
         self._program, self._wall = program, wall
         self._controller, self._bounds = controller, bounds
-        self._motion, self._stop, self._time = Motion(0.0), None, 0.0
+        self._motion, self._stop, self._time = LineMotion(0.0), None, 0.0
         self._closing, self._streaming, self._paused = 0, True, False
         self._touched, self._withdrawn, self._force = False, False, 0.0
         self.status = Status(program.at(0.0).phase)
@@ -171,15 +171,15 @@ class Session:
         return True
 
     def pause(self, paused: bool) -> None:
-        """Let the reference stand, or go on; the law goes on in either case."""
+        """Hold the reference, or let it continue; the law runs in either case."""
         self._paused = paused
 
     def restart(self) -> None:
-        """Take up speed from rest, after a silence in which the robot came to stand."""
+        """Start again from rest, after a silence in which the robot came to a stop."""
         if self._stop is None:
-            self._motion = Motion(self._motion.position)
+            self._motion = LineMotion(self._motion.position)
 
-    def step(self, heard: Measurement) -> float | None:
+    def step(self, measured: Measurement) -> float | None:
         """
         Advance by one period.
 
@@ -191,20 +191,20 @@ class Session:
         if not self._streaming:
             return None
         if self._stop is None and not self._closing:
-            self._follow(heard)
+            self._follow(measured)
         if self._stop is not None:
             self._time += self._period
             self._motion = self._stop.at(self._time)
             if self._time >= self._stop.duration - 1e-9:
-                self._rest(heard)
+                self._rest(measured)
         elif self._closing:
             self._closing -= 1
             self._streaming = self._closing > 0
         return self._motion.position
 
-    def _rest(self, heard: Measurement) -> None:
+    def _rest(self, measured: Measurement) -> None:
         """Hold at the end of a stop, or go on, once, where the tool still presses."""
-        pressing = -heard.force > self._bounds.touch or heard.slide < -COMPRESSED
+        pressing = -measured.force > self._bounds.touch or measured.slide < -COMPRESSED
         if self.status.phase == 'aborted' and pressing and not self._withdrawn:
             self._withdrawn, self._time = True, 0.0
             self._stop = Withdrawal(self._motion, self._motion.position - self._bounds.withdraw,
@@ -213,14 +213,14 @@ class Session:
         self._stop = None
         self._closing = max(2, round(self._bounds.closing / self._period))
 
-    def _follow(self, heard: Measurement) -> None:
+    def _follow(self, measured: Measurement) -> None:
         self._time += 0.0 if self._paused else self._period
         reference = self._program.at(self._time)
         if self._paused:
             reference = reference._replace(velocity=0.0)
-        self._note(reference.phase, heard)
-        wanted = self._controller(reference, heard)
-        if fault := self._fault(reference, heard, wanted):
+        self._note(reference.phase, measured)
+        wanted = self._controller(reference, measured)
+        if fault := self._fault(reference, measured, wanted):
             self.abort(fault)
         elif self._time >= self._program.duration:
             self.status = self.status._replace(phase='done')
@@ -231,20 +231,20 @@ class Session:
             self._motion = self._limited(wanted)
             self._controller.sent(self._motion.position)
 
-    def _note(self, phase: str, heard: Measurement) -> None:
-        """Keep count of the visits of the wall, and of those that touched it."""
-        status, self._force = self.status, heard.force
+    def _note(self, phase: str, measured: Measurement) -> None:
+        """Count the visits of the wall with and without contact."""
+        status, self._force = self.status, measured.force
         if phase == 'contact':
-            self._touched |= -heard.force > self._bounds.touch
+            self._touched |= -measured.force > self._bounds.touch
         elif status.phase == 'contact':
             hit = 'contacts' if self._touched else 'missed'
             status = status._replace(**{hit: getattr(status, hit) + 1})
             self._touched = False
         self.status = status._replace(phase=phase)
 
-    def _fault(self, reference: Reference, heard: Measurement, wanted: float) -> str:
-        bounds, force = self._bounds, abs(heard.force)
-        tool = heard.position + heard.slide
+    def _fault(self, reference: Reference, measured: Measurement, wanted: float) -> str:
+        bounds, force = self._bounds, abs(measured.force)
+        tool = measured.position + measured.slide
         if force > bounds.force:
             return f'contact force {force:.1f} N exceeds limits.force {bounds.force:g} N'
         expected = reference.phase != 'free' and tool > self._wall - bounds.margin
@@ -256,7 +256,7 @@ class Session:
                     f'limits.deviation is {bounds.deviation:g} m; the loop is not stable here')
         return ''
 
-    def _limited(self, wanted: float) -> Motion:
+    def _limited(self, wanted: float) -> LineMotion:
         """Return the command one period on, held to speed and acceleration."""
         dt, before, bounds = self._period, self._motion, self._bounds
         velocity = (wanted - before.position) / dt
@@ -265,4 +265,4 @@ class Session:
                    before.velocity + change)
         if held != velocity:
             self.status = self.status._replace(limited=self.status.limited + 1)
-        return Motion(before.position + held * dt, held, (held - before.velocity) / dt)
+        return LineMotion(before.position + held * dt, held, (held - before.velocity) / dt)

@@ -1,4 +1,4 @@
-"""Is the closed loop stable, and by what margin: without contact and against walls."""
+"""Stability of the closed loop and its margins, without contact and against walls."""
 
 from typing import NamedTuple
 
@@ -9,10 +9,11 @@ from forcecal_ros.impedance.plant.process import Process
 import numpy as np
 
 _FREQUENCIES = 600
+"""Points of the frequency response that the margins are read from."""
 
 
 class Loop(NamedTuple):
-    """The loop cut open at the command: x_(k+1) = A x_k + B u_k, and C x_k what is commanded."""
+    """The loop opened at the command: x_(k+1) = A x_k + B u_k; C x_k would be commanded."""
 
     A: Array
     B: Array
@@ -26,12 +27,12 @@ class Loop(NamedTuple):
 
 class Margins(NamedTuple):
     """
-    How much the loop bears, cut open at the command.
+    Margins of the loop, opened at the command.
 
     Attributes
     ----------
     wall_stiffness : float
-        Of the wall that is touched; 0: none [N/m].
+        Of the wall in contact; 0: none [N/m].
     gain : float
         Factor on the command that makes it unstable; inf: none does.
     phase : float
@@ -63,11 +64,11 @@ def loop(law: Law, plant: Process, force_lag: float) -> Loop:
     Returns
     -------
     Loop
-        States: of the plant, the force fed back, what the estimator expects.
+        States: of the plant, the force fed back, the estimator's prediction.
     """
     n = len(law.B)
     keep = np.exp(-law.period / force_lag)
-    # the estimate is K C X + (1 - K C) Z, Z what was expected; c acts on the force fed back
+    # the estimate is K C X + (1 - K C) Z, Z the prediction; c acts on the force fed back
     seen = law.K @ law.C
     estimate = np.hstack([seen, np.zeros((n, 1)), np.eye(n) - seen])
     force = np.eye(2 * n + 1)[n]
@@ -90,7 +91,7 @@ def margins(open_loop: Loop, period: float, wall_stiffness: float = 0.0) -> Marg
     period : float
         [s]
     wall_stiffness : float
-        What is touched, for the record [N/m].
+        Of the wall in contact, for the record [N/m].
     """
     frequency = np.geomspace(0.1, 0.999 * np.pi / period, _FREQUENCIES)
     z = np.exp(1j * frequency * period)[:, np.newaxis, np.newaxis]

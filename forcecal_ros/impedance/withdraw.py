@@ -1,13 +1,13 @@
-"""The way to rest from any motion: a quintic that ends at rest where it is told to."""
+"""Coming to rest from any motion: a quintic that ends at rest at a given place."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
 
 STEPS = 8
-"""Ends of a stop that are tried, from the farthest back to the gentlest."""
+"""Number of end points that are tried for a stop, from the farthest back to the gentlest."""
 
 
-class Motion(NamedTuple):
+class LineMotion(NamedTuple):
     """Position [m], velocity [m/s] and acceleration [m/s^2] along one line."""
 
     position: float
@@ -28,11 +28,11 @@ class Withdrawal:
         [s]
     """
 
-    start: Motion
+    start: LineMotion
     goal: float
     duration: float
 
-    def at(self, t: float) -> Motion:
+    def at(self, t: float) -> LineMotion:
         """
         Return the motion at one time.
 
@@ -49,14 +49,15 @@ class Withdrawal:
         c4 = -15.0 * way + 8.0 * v + 1.5 * a
         c5 = 6.0 * way - 3.0 * v - 0.5 * a
         if x == 1.0:
-            return Motion(self.goal)
-        return Motion(
+            return LineMotion(self.goal)
+        return LineMotion(
             p + x * (v + x * (0.5 * a + x * (c3 + x * (c4 + x * c5)))),
             (v + x * (a + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)))) / T,
             (a + x * (6.0 * c3 + x * (12.0 * c4 + x * 20.0 * c5))) / (T * T))
 
 
-def to_rest(motion: Motion, duration: float, retract: float, acceleration: float) -> Withdrawal:
+def to_rest(motion: LineMotion, duration: float, retract: float, acceleration: float
+            ) -> Withdrawal:
     """
     Return the stop of a motion.
 

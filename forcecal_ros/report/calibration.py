@@ -58,7 +58,7 @@ def _cells(row: Row) -> dict[str, str]:
 def _pictures(recording: Recording, calibration: Calibration,
               contact: Stream | None) -> Any:
     drawn: list[tuple[str, str, Figure | None]] = [
-        ('Poses', 'The weight of the tool in each orientation, and what the calibration leaves.',
+        ('Poses', 'The weight of the tool in each orientation, and the residuals.',
          figures.pose_means(recording, calibration)),
         ('Step', 'The inertial force of the step motion that the accelerometer has to explain.',
          figures.step_fit(recording, calibration)),
@@ -69,7 +69,7 @@ def _pictures(recording: Recording, calibration: Calibration,
         drawn += [
             ('Observer', 'Weight and inertia are gone from the contact force.',
              figures.observer_output(recording, calibration, contact)),
-            ('Spectra', 'What the observer takes off the noise of sensor and accelerometer.',
+            ('Spectra', 'How the observer filters the noise of sensor and accelerometer.',
              figures.spectra(recording, calibration, contact)),
         ]
     for title, words, figure in drawn:

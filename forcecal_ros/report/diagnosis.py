@@ -9,10 +9,10 @@ import jinja2
 from matplotlib.figure import Figure
 
 CAPTIONS = {
-    'Where': 'Excess of the recalibrated residual over the noise at rest, by stage and channel, '
-             'phase and octave. Grey: within the noise.',
-    'Signals': 'The channels where most has changed, on the recording that was judged.',
-    'Spectra': 'What is left in motion before and after the effects, against the noise at rest.',
+    'Where': 'Excess of the recalibrated residual over the noise at standstill, by stage and '
+             'channel, phase and octave. Grey: within the noise.',
+    'Signals': 'The channels that the effects change most, on the recording that was judged.',
+    'Spectra': 'Residual in motion before and after the effects, against the noise at standstill.',
 }
 
 

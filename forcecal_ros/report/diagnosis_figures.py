@@ -1,4 +1,4 @@
-"""The pictures of a diagnosis: where the gap is, signals over each other, spectra."""
+"""The pictures of a diagnosis: localisation, signals over each other, spectra."""
 
 from forcecal_ros.diagnose.channels import CHANNELS, STAGES
 from forcecal_ros.diagnose.remainder import BANDS, RATE
@@ -13,13 +13,13 @@ from scipy import signal
 MEASURED, BEFORE, AFTER, NOISE = '#222222', '#D55E00', '#0072B2', '#999999'
 
 SEEN = 4.0
-"""Sigmas from which a cell is coloured."""
+"""Standard deviations above which a time-frequency bin is coloured."""
 
 SHOWN = 4
-"""Channels that are drawn."""
+"""Number of channels that are drawn."""
 
 MOST_POINTS = 3000
-"""Points of a line; more than that cannot be seen."""
+"""Most points of a line; more would not be visible."""
 
 
 def heat_map(view: View) -> Figure | None:
@@ -54,7 +54,7 @@ def heat_map(view: View) -> Figure | None:
 
 
 def overlays(view: View) -> Figure:
-    """Draw measured, nominal and explained signals over each other, and what is left of each."""
+    """Draw measured, nominal and explained signals over each other, and the residuals."""
     chosen = view.channels(SHOWN)
     figure = Figure(figsize=(10.0, 2.3 * len(chosen)), layout='constrained')
     grid = np.atleast_2d(figure.subplots(len(chosen), 2, sharex=True))
@@ -83,7 +83,7 @@ def overlays(view: View) -> Figure:
 
 
 def spectra(view: View) -> Figure:
-    """Draw the residual's spectra before and after against those at rest."""
+    """Draw the spectra of the residual before and after against those at standstill."""
     chosen = view.channels(SHOWN)
     figure = Figure(figsize=(10.0, 2.8), layout='constrained')
     axes = np.atleast_1d(figure.subplots(1, len(chosen)))
@@ -92,7 +92,7 @@ def spectra(view: View) -> Figure:
         for rows, color, label in (
                 (view.recalibrated[there & (view.groups > 0), c], BEFORE, 'recalibrated'),
                 (view.explained[there & (view.groups > 0), c], AFTER, 'explained'),
-                (view.explained[there & (view.groups == 0), c], NOISE, 'at rest')):
+                (view.explained[there & (view.groups == 0), c], NOISE, 'at standstill')):
             if len(rows) > 64:
                 _spectrum(ax, rows, color, label)
         name = CHANNELS[c].name

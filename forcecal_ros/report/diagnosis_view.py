@@ -1,4 +1,4 @@
-"""What the report of a diagnosis shows, whether commands or measured motion explain the data."""
+"""The data of a diagnosis report, whether made from commands or from measured motion."""
 
 from dataclasses import dataclass
 
@@ -53,7 +53,7 @@ class View:
     cells: tuple[Cell, ...]
 
     def channels(self, count: int) -> list[int]:
-        """Name the channels where most has changed or, where nothing has, the first ones."""
+        """Return the channels that changed most or, where none did, the first ones."""
         index = {c.name: i for i, c in enumerate(CHANNELS)}
         listed = list(dict.fromkeys(index[w.channel] for w in self.diagnosis.where))
         listed += [i for i in range(len(CHANNELS))

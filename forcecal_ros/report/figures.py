@@ -21,7 +21,7 @@ def gravity_in_sensor(pose: PoseStream, t: Array, gravity: float) -> Array:
 
 
 def specific_force(recording: Recording, calibration: Calibration) -> Stream | None:
-    """Return what the calibrated accelerometer says, delay removed, in ft_sensor [m/s^2]."""
+    """Return calibrated specific force in ft_sensor, its delay removed [m/s^2]."""
     raw, sensor = recording.accelerometer, calibration.accelerometer
     if raw is None or sensor is None:
         return None
@@ -66,7 +66,7 @@ def pose_means(recording: Recording, calibration: Calibration) -> Figure | None:
 
 
 def step_fit(recording: Recording, calibration: Calibration) -> Figure | None:
-    """Draw the step: sensor force along x, what mass times acceleration says, what is left."""
+    """Draw the step: sensor force along x, mass times acceleration, and the residual."""
     force, f, span = recording.wrench, specific_force(recording, calibration), \
         step_phase(recording)
     if force is None or f is None or span is None:

@@ -87,8 +87,7 @@ WORDS = {
     '7': ('Figure 7: sensor, observer, acceleration, compensation',
           'The compensation is the inertial force that the observer takes off the sensor’s.'),
     '8': ('Figure 8: an oscillation in free space',
-          'The same axis on both sides: what is left is what a controller would take for '
-          'contact.'),
+          'The same axis on both sides: a controller would take the residual for contact.'),
 }
 
 

@@ -78,7 +78,7 @@ def tables(result: SensorResult) -> Iterator[tuple[str, list[str], Rows]]:
     e = result.excitation
     yield ('Spread of gravity in the sensor frame', ['direction', 'm/s^2'],
            [[_vector(v, 2), f'{s:.3g}'] for v, s in zip(e.directions, e.spreads)])
-    yield ('What is used', ['data set', 'use', 'samples', 'stretches [s]', 'singular values'],
+    yield ('Data used', ['data set', 'use', 'samples', 'stretches [s]', 'singular values'],
            [[d.name, 'train' if d.train else 'validate', str(d.samples),
              ', '.join(f'{a:.1f}..{b:.1f}' for a, b in d.kept),
              ' '.join(f'{s:.3g}' for s in d.singular_values)] for d in result.data_sets])

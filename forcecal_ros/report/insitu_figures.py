@@ -12,7 +12,10 @@ import numpy as np
 
 CALIBRATED, MANUFACTURER, TRUE = '#009E73', '#D55E00', '#555555'
 POINTS = 600
+"""Most points of a cloud; more would hide each other."""
+
 COLUMNS = 4
+"""Most pictures side by side."""
 
 
 def subspace_clouds(result: SensorResult) -> Figure:
@@ -70,7 +73,7 @@ def singular_values(result: SensorResult) -> Figure:
                       label=data_set.name)
     axes.axvline(3.5, color=TRUE, linewidth=0.8, linestyle='--')
     axes.set(xlabel='singular value', ylabel=f'over sqrt(N) [{result.options.raw_unit}]',
-             title=f'{result.name}: what spans the raw measurements')
+             title=f'{result.name}: dimensions of the raw measurements')
     axes.set_xticks(np.arange(1, len(result.offset.value) + 1))
     axes.grid(alpha=0.25)
     axes.spines[['top', 'right']].set_visible(False)

@@ -1,4 +1,4 @@
-"""The figures of one closed-loop run: what the force feedback was worth."""
+"""Figures by which a closed-loop run is judged."""
 
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple

@@ -61,7 +61,7 @@ def test_the_patched_rig_shrinks_the_gap_as_claimed(diagnosed):
 
 def test_the_report_is_one_file_with_all_parts(diagnosed):
     page = (diagnosed / 'out' / 'report.html').read_text()
-    assert 'wrench_delay closes' in page
+    assert 'wrench_delay explains' in page
     for part in ('Which effect', 'How far', 'Where', 'Signals', 'Spectra', 'What to record next'):
         assert f'<h2>{part}</h2>' in page
     assert page.count('src="data:image/png;base64,') == 3

@@ -13,7 +13,7 @@ from effects_runs import (
 )
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.effects.filters import Delay
-from forcecal_ros.effects.play import Hysteresis
+from forcecal_ros.effects.hysteresis import Hysteresis
 from forcecal_ros.effects.signals import AccelerometerEffects, WrenchEffects
 from forcecal_ros.geometry import rotation_about, rotation_from_vector
 from forcecal_ros.simulators.rig.offline import simulate

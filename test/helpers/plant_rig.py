@@ -1,6 +1,6 @@
 """The nominal rig shaken along x of ft_sensor, and what it truly answers."""
 
-from forcecal_ros.impedance.plant.excitation import excitation
+from forcecal_ros.impedance.plant.excitation import excitation_commands
 from forcecal_ros.recording.streams import PoseStream
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.offline import simulate
@@ -18,7 +18,7 @@ def record(along_x, **options):
 
 
 def shaken(seconds, seed):
-    return record(excitation(seconds, RIG.robot.period, seed=seed), seed=seed + 100)
+    return record(excitation_commands(seconds, RIG.robot.period, seed=seed), seed=seed + 100)
 
 
 def true_response(frequency):

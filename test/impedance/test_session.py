@@ -4,7 +4,7 @@ from forcecal_ros.errors import ConfigError, MotionError
 from forcecal_ros.impedance.law import Measurement
 from forcecal_ros.impedance.program import Program, Stage, Task
 from forcecal_ros.impedance.session import Bounds, Session
-from forcecal_ros.impedance.withdraw import Motion, to_rest
+from forcecal_ros.impedance.withdraw import LineMotion, to_rest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -201,7 +201,7 @@ def test_a_pause_lets_the_reference_stand():
 @settings(max_examples=40)
 @given(st.floats(-0.25, 0.25), st.floats(-3.0, 3.0), st.floats(0.0, 0.01))
 def test_a_stop_begins_as_the_motion_is_and_ends_at_rest(velocity, acceleration, retract):
-    motion = Motion(0.3, velocity, acceleration)
+    motion = LineMotion(0.3, velocity, acceleration)
     stop = to_rest(motion, 0.062, retract, 8.0)
     assert stop.at(0.0) == pytest.approx(motion, abs=1e-9)
     end = stop.at(0.062 - 1e-9)
@@ -212,7 +212,7 @@ def test_a_stop_begins_as_the_motion_is_and_ends_at_rest(velocity, acceleration,
 @settings(max_examples=40)
 @given(st.floats(-0.1, 0.1), st.floats(0.001, 0.05))
 def test_a_retract_is_shortened_until_its_acceleration_is_within_the_limit(velocity, retract):
-    stop = to_rest(Motion(0.0, velocity), 0.062, retract, 8.0)
+    stop = to_rest(LineMotion(0.0, velocity), 0.062, retract, 8.0)
     peak = max(abs(stop.at(t).acceleration) for t in np.linspace(0.0, 0.062, 200))
     assert peak < 8.0 * 1.05
     assert stop.goal <= 0.5 * velocity * 0.062 + 1e-12

@@ -6,13 +6,14 @@ import pkgutil
 import subprocess
 import sys
 
+import forcecal_ros.effects
 from forcecal_ros.effects import EFFECTS, with_effects
 import forcecal_ros.simulators.rig
 from numba.extending import is_jitted
 import pytest
 
-MODULES = [import_module(m.name) for m in pkgutil.walk_packages(
-    forcecal_ros.simulators.rig.__path__, 'forcecal_ros.simulators.rig.')]
+MODULES = [import_module(m.name) for room in (forcecal_ros.effects, forcecal_ros.simulators.rig)
+           for m in pkgutil.walk_packages(room.__path__, f'{room.__name__}.')]
 COMPILED = {(module.__name__, name): value for module in MODULES
             for name, value in vars(module).items() if is_jitted(value)
             and value.py_func.__module__ == module.__name__}
@@ -39,9 +40,10 @@ def test_simulator_compiles_one_form_of_each_function():
     every = {effect.name: {q.name: q.typical for q in effect.parameters}
              for effect in EFFECTS.values()}
     Simulator(with_effects(load_rig(), every)).advance()
-    entries = [COMPILED[f'forcecal_ros.simulators.rig.{m}', f] for m, f in (
-        ('robot', 'move'), ('tool', 'slide_along'), ('sensors', 'respond'),
-        ('effects.filters', '_filter'), ('effects.play', '_stop'))]
+    entries = [COMPILED[f'forcecal_ros.{m}', f] for m, f in (
+        ('simulators.rig.robot', 'move'), ('simulators.rig.tool', 'slide_along'),
+        ('simulators.rig.sensors', 'respond'),
+        ('effects.filters', '_filter'), ('effects.hysteresis', '_stop'))]
     assert [len(entry.signatures) for entry in entries] == [1] * len(entries)
 
 

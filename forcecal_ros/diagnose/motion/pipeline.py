@@ -225,12 +225,12 @@ def _verdict(state: Fitting, measured: Gap, ratio: float, left: str) -> tuple[st
             return 'no_gap', 'wrench and motion agree down to the noise'
         return 'unknown', f'no effect explains the gap between wrench and motion: {left}'
     names = list(_found(state))
-    closes = 'close' if len(names) > 1 else 'closes'
-    share = (f'{" and ".join(names)} {closes} {100.0 * measured.closed:.0f} % of the gap '
+    explain = 'explain' if len(names) > 1 else 'explains'
+    share = (f'{" and ".join(names)} {explain} {100.0 * measured.closed:.0f} % of the misfit '
              f'below {SLOW:g} Hz')
     if ratio < SOUND:
         return 'identified', share
-    return 'partial', f'{share}; left is {left}'
+    return 'partial', f'{share}; unexplained: {left}'
 
 
 def _not_excited(state: Fitting) -> list[str]:

@@ -1,12 +1,12 @@
-"""Commands that tell the plant: wide slow moves for accuracy, a small random code on top."""
+"""Commands that excite the plant: wide slow moves for accuracy, a small random code on top."""
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.motion.profiles import quintic
 import numpy as np
 
 
-def excitation(seconds: float, period: float, *, seed: int = 0, reach: float = 0.02,
-               move: float = 0.4, code: float = 0.0005, chip: int = 2) -> Array:
+def excitation_commands(seconds: float, period: float, *, seed: int = 0, reach: float = 0.02,
+                        move: float = 0.4, code: float = 0.0005, chip: int = 2) -> Array:
     """
     Return commands along x of ft_sensor, from rest at 0.
 

@@ -1,4 +1,4 @@
-"""From a recording in free space to the plant."""
+"""The plant from a recording in free space."""
 
 from typing import NamedTuple
 
@@ -11,14 +11,14 @@ from forcecal_ros.recording.streams import PoseStream, Recording
 import numpy as np
 
 MOST_TURN = 0.01
-"""Most that the sensor may turn in the recording [rad]."""
+"""Largest rotation of the sensor within a recording that a plant is identified from [rad]."""
 
 _DIGITS = 9
-"""Of a period in seconds."""
+"""Decimals of a period, the median of stamp differences, in seconds."""
 
 
 class PlantFit(NamedTuple):
-    """Robot and slide with what tells how good they are."""
+    """Robot and slide with the quality of their fits."""
 
     robot: RobotFit
     slide: SlideFit

@@ -1,4 +1,4 @@
-"""Output-error models of one order: what the command alone explains of the position."""
+"""Output-error models of one order: the position as a response to the command alone."""
 
 from typing import NamedTuple
 
@@ -8,13 +8,19 @@ import numpy as np
 from scipy.signal import lfilter
 
 _WEIGHTED_ROUNDS = 20
+"""Most rounds of weighted least squares, which give the Gauss-Newton search its start."""
+
 _NEWTON_ROUNDS = 30
+"""Most Gauss-Newton steps."""
+
 _STEPS = tuple(0.5**i for i in range(7))
+"""Shares of a Gauss-Newton step that are tried in turn until one lowers the squared error."""
+
 _CONVERGED = 1e-9
 """Relative change of the squared error below which a search ends."""
 
 _NEGLIGIBLE = 1e-13
-"""Relative size of directions that the data does not tell."""
+"""Relative singular value below which a direction of the parameters is not excited."""
 
 
 class OutputError(NamedTuple):
@@ -169,7 +175,7 @@ def _is_stable(feedback: Array) -> bool:
 
 
 def _jacobian(theta: Array, command: Array, order: int, delay: int) -> Array:
-    """Return what the parameters do to the prediction, one column each."""
+    """Return the derivatives of the prediction, one column a parameter."""
     below = np.append(1.0, -theta[:order])
     r = lfilter([1.0], below, command)
     y = lfilter([1.0], below, _respond(theta[:order], theta[order:-1], delay, command))

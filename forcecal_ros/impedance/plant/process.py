@@ -1,9 +1,9 @@
 """Robot, slide and wall as one linear difference equation, [Gamez2005] Eq. 30 at its samples.
 
-The continuous form of Eq. 30 holds at the sample times only: between them it throws the robot
-about at several m/s, and the tool with it. So the robot stays the difference equation it is, and
-the slide, which hears it through a position that goes linearly from sample to sample, is solved
-exactly over a period.
+The continuous form of Eq. 30 holds at the sample times only: between them its robot swings at
+several m/s, and the tool with it. So the robot stays the difference equation it is, and the
+slide, driven by a position that goes linearly from sample to sample, is solved exactly over a
+period.
 """
 
 from typing import NamedTuple
@@ -41,7 +41,7 @@ class Process(NamedTuple):
 
 
 class Wall(NamedTuple):
-    """A wall that the tool stays in touch with: stiffness [N/m], damping [N s/m]."""
+    """A wall that the tool stays in contact with: stiffness [N/m], damping [N s/m]."""
 
     stiffness: float = 0.0
     damping: float = 0.0
@@ -56,12 +56,12 @@ def process(plant: Plant, latency: int = 0, wall: Wall = Wall()) -> Process:
     latency : int
         Periods that a command takes beyond the robot's own delay.
     wall : Wall
-        In touch at position 0; of stiffness 0 where there is none.
+        Its surface at position 0; of stiffness 0 where there is none.
     """
     A_r, B_r, C_r = _robot(plant.robot, latency)
     over, begin, end, push = _slide(plant.slide, wall, plant.robot.period)
     n = len(A_r)
-    # the slide hears C_r x at the begin of the period, and C_r (A_r x + B_r u) at its end
+    # the slide is driven by C_r x at the begin of the period, C_r (A_r x + B_r u) at its end
     A = np.block([[A_r, np.zeros((n, 2))],
                   [np.outer(begin, C_r) + np.outer(end, C_r @ A_r), over]])
     B = np.append(B_r, end * (C_r @ B_r))

@@ -1,4 +1,4 @@
-"""The robot's model from commands and positions: orders by what was not used to fit them."""
+"""The robot's model from commands and positions, its order chosen on held-out data."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,21 +11,25 @@ from forcecal_ros.impedance.plant.output_error import fit_output_error, OutputEr
 import numpy as np
 
 ORDERS = (1, 2, 3, 4, 5, 6)
+"""Orders of the difference equation that are tried."""
+
 DELAYS = (1, 2, 3)
+"""Delays from command to position that are tried [periods]."""
 
 SETTLING = 0.25
-"""Errors at the begin that do not count, since the robot may have moved before [s]."""
+"""Start of a recording in which errors do not count, since the robot may have moved before [s]."""
 
 HELD_OUT = 1.0 / 3.0
-"""Share of the recording, its end, that is kept to choose the order and to judge the model."""
+"""Last share of a recording, not fitted: it chooses the order and judges the model."""
 
 FEWEST = 500
-"""Samples that an identification wants."""
+"""Fewest samples that a robot is identified from: 2 s at 250 Hz."""
 
 CANCELLING = 0.05
-"""Pairs of pole and zero that change the frequency response by less than that are reported."""
+"""A pole and a zero nearly cancel where they change the frequency response by less, relatively."""
 
 _ROUNDING = 1e-12
+"""Relative rounding error by which two exact models may differ."""
 
 
 class Pair(NamedTuple):

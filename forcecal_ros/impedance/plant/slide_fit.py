@@ -18,13 +18,13 @@ from forcecal_ros.impedance.plant.model import Slide
 import numpy as np
 
 WINDOW = 0.1
-"""Length of a window [s]."""
+"""Length of a weighting window [s]."""
 
 SPACING = 0.75
-"""From one window to the next, in their length: those further apart have errors of their own."""
+"""Distance of window starts in window lengths; closer windows would share their errors."""
 
 FEWEST = 50
-"""Windows that an identification wants."""
+"""Fewest windows that a slide is identified from."""
 
 
 class Signal(NamedTuple):
@@ -41,7 +41,7 @@ class SlideFit(NamedTuple):
     Attributes
     ----------
     spring_error, inertia_error : float
-        What spring and damper, and the mass, leave over of the force, RMS over windows [N].
+        RMS residual of the force over the windows, by spring and damper and by the mass [N].
     """
 
     slide: Slide
@@ -110,7 +110,7 @@ def _weighted(signal: Signal, starts: Array) -> tuple[Array, Array, Array]:
 
 
 def _two_stage(columns: Array, values: Array, instruments: Array) -> tuple[Array, Array, float]:
-    """Solve columns theta = values; return theta, its standard errors and the RMS left over."""
+    """Solve columns theta = values; return theta, its standard errors and the RMS residual."""
     columns_size, instruments_size = (np.linalg.norm(a, axis=0) for a in (columns, instruments))
     X, Z = columns / columns_size, instruments / instruments_size
     cross = Z.T @ X

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.linalg import logm
 
 _REAL = 1e-6
+"""Largest imaginary part of a matrix logarithm, relative, that counts as rounding."""
 
 
 class StateSpace(NamedTuple):
@@ -31,7 +32,7 @@ def state_space(plant: Plant) -> StateSpace | None:
     """
     Give the continuous form that has the robot's samples, [Gamez2005] Eq. 30.
 
-    The command holds for a period. The tool hears position and velocity of S, which are no
+    The command holds for a period. Position and velocity of S, which drive the tool, are no
     states as in print but C x and C (A x + B x_r).
 
     Returns

@@ -29,20 +29,20 @@ FAULTS = {
 """What a sensor can be made to do, by the word that switches it on."""
 
 SLOW = 20
-"""One sample in so many is left of a slow sensor."""
+"""A slow sensor delivers one sample in this many."""
 
 DELAY = 0.3
-"""By so much a delayed sensor is late [s]."""
+"""Lateness of a delayed sensor [s]."""
 
 SILENCE, CYCLE = 0.1, 0.3
 """An intermittent sensor is silent for the first part of each cycle [s]."""
 
 OFFSETS = {'wrench': (20.0, 20.0, 20.0, 2.0, 2.0, 2.0), 'volts': 0.5, 'specific_force': 2.0,
            'optidrive': 0.005, 'position': 0.03, 'R_base_sensor': 0.0}
-"""By how much a wrong sensor is off [N, N m], [V], [m/s^2], [m]; a pose keeps its orientation."""
+"""Error of a wrong sensor [N, N m], [V], [m/s^2], [m]; a pose keeps its orientation."""
 
 RUNAWAY = 0.5
-"""How fast a robot that runs away does so, towards its base [m/s]."""
+"""Speed of a robot that runs away, towards its base [m/s]."""
 
 ROBOT_FAULTS = {'none': 'follows its commands', 'stuck': 'stands where it is',
                 'runaway': f'leaves its commands behind at {RUNAWAY:g} m/s, towards its base'}
@@ -53,7 +53,7 @@ CLOCK_FAULTS = {'none': 'runs', 'stopped': 'stands', 'forward': 'jumps 0.5 s ahe
 """What a clock of the simulator's own can be made to do."""
 
 CLOCK_JUMP = 0.5
-"""How far that is [s]."""
+"""Jump of a faulty clock [s]."""
 
 
 class _Block(NamedTuple):
@@ -142,7 +142,7 @@ class SensorFault:
         return block.where(index % SLOW == 0)
 
     def _delayed(self, block: _Block) -> _Block:
-        """Keep what is younger than the delay; time goes by the newest sample."""
+        """Hold back what is younger than the delay, counted from the newest sample."""
         block = block.after(self._held)
         due = block.t <= (block.t[-1] if len(block.t) else 0.0) - DELAY
         self._held = block.where(~due)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 BLOCK = 500
-"""Robot periods that are simulated in one go, which bounds the memory."""
+"""Robot periods simulated in one block, which bounds the memory."""
 
 
 def held_commands(stamps: Array, starts: Array, tolerance: float) -> NDArray[np.intp]:
@@ -50,7 +50,7 @@ def simulate(rig: Rig, target: PoseStream, *, accelerometer: str | None = None,
     accelerometer : str, optional
         ``acc1`` or ``acc2``; the rig's mounted one where none is given.
     noise : bool
-        False: what noise-free sensors would say, of which nothing gets lost.
+        False: readings of noise-free sensors, without losses.
     seed : int, optional
         Of the noise; fresh noise each time where none is given.
     start : float, optional

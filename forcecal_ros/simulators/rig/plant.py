@@ -1,4 +1,4 @@
-"""What happens, sensors aside: commands move the robot, the tool slides and meets the wall."""
+"""The physics without the sensors: commands move the robot, the tool slides and meets the wall."""
 
 import math
 
@@ -15,10 +15,10 @@ from forcecal_ros.simulators.rig.tool import Slide, slide_along, tool_at_rest
 import numpy as np
 
 LONGEST_STEP = 0.0005
-"""Of the integration [s]; converged to better than 1e-4 N on the nominal rig."""
+"""Longest integration step [s]: forces of the nominal rig have converged to 1e-4 N."""
 
 FASTEST = 0.2
-"""Most of a step times the fastest rate of the tool or the orientation servo [rad]."""
+"""Longest step times the fastest rate of tool or orientation servo [rad]."""
 
 
 class Plant:
@@ -112,7 +112,7 @@ class Plant:
 
 
 def same_motion(rig: Rig) -> object:
-    """Return what the motion of S hangs on, equal and hashed alike where the motion is."""
+    """Return a key that rigs share (equal, same hash) whose S moves alike."""
     return (rig.robot, rig.servo, *(one for one in rig.effects if one[0].startswith('robot_')))
 
 
@@ -124,7 +124,7 @@ def common_samples(rig: Rig) -> int:
 
 def enough_steps(rig: Rig) -> int:
     """
-    Return the fewest integration steps per robot period that are accurate and meet the sensors.
+    Return the fewest integration steps per robot period that are accurate and hit every sample.
 
     Returns
     -------

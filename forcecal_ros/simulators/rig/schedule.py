@@ -4,10 +4,10 @@ from collections import deque
 from typing import Any
 
 OLDEST = 200_000_000
-"""A stamp older than this says nothing about when the command was meant [ns]."""
+"""Age beyond which the stamp of a command is ignored and its arrival counts [ns]."""
 
 LONGEST_LAG = 250
-"""A stream that came late lags by so many periods at most; beyond that commands are dropped."""
+"""Most periods that a late stream lags behind; commands beyond that are dropped."""
 
 
 class CommandSchedule:

@@ -1,4 +1,4 @@
-"""What the sensors say: the wrench of the tool on the wrist, volts, displacement, pose."""
+"""The readings of the sensors: wrench of the tool on the wrist, volts, displacement, pose."""
 
 import math
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""The rig as a whole: commands in, what the sensors say out, any number of periods at a time."""
+"""The whole rig: commands in, readings of the sensors out, any number of periods at a time."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 ORTHONORMAL = 1e-6
-"""Most that the product of a commanded rotation and its transpose departs from 1."""
+"""Largest deviation of R^T R from 1 for a commanded rotation R: rounding."""
 
 
 class Samples(NamedTuple):
@@ -135,7 +135,7 @@ class Simulator:
         Parameters
         ----------
         noise : bool
-            False: what noise-free sensors would say, of which nothing gets lost.
+            False: readings of noise-free sensors, without losses.
 
         Returns
         -------
@@ -156,7 +156,7 @@ class Simulator:
         xyzw : ndarray, shape (m, 4)
             Orientations of S in base, unit quaternions.
         noise : bool
-            False: what noise-free sensors would say, of which nothing gets lost.
+            False: readings of noise-free sensors, without losses.
 
         Returns
         -------

@@ -27,12 +27,13 @@ SLIDE_EFFECTS = (
 """Fields of the record; :mod:`forcecal_ros.simulators.rig.tool` says what they do."""
 
 USUAL = 0.015
-"""Displacement up to which a stiffening spring is followed accurately [m]."""
+"""Displacement up to which the integration resolves a stiffening spring [m]."""
 
 STICKING = 0.5
-"""Part of the rate of creep in friction that has to be followed: it is over at once."""
+"""Share of the rate of creep in friction that the integration resolves: creep is over at once."""
 
 NAMES = ('tool_stiffening', 'tool_friction', 'tool_backlash', 'cable_force', 'spindle_vibration')
+"""Effects that enter the integration of the tool."""
 
 
 def slide_effects(rig: Rig) -> tuple[Any, ...]:
@@ -63,7 +64,7 @@ def slide_effects(rig: Rig) -> tuple[Any, ...]:
 
 def slide_rates(rig: Rig) -> list[float]:
     """
-    Return how fast these effects make the tool answer.
+    Return the rates that these effects add to the tool's dynamics.
 
     Returns
     -------

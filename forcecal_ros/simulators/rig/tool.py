@@ -1,4 +1,4 @@
-"""The compliant tool on its slide, and the screen it meets.
+"""The compliant tool on its slide, and the wall it meets.
 
 The slide is integrated by Runge-Kutta 4; the instants at which contact begins and ends are found
 by bisection, since a step across them would be of first order only.
@@ -23,20 +23,20 @@ TOOL_STATE = np.dtype([
     ('speed', 'f8'),       # [m/s]
     ('touching', 'f8'),    # 1: the wall pushes
     ('steps', 'f8'),       # since the start
-    ('anchor', 'f8'),      # [m] displacement at which friction that holds does not pull
+    ('anchor', 'f8'),      # [m] displacement at which static friction is zero
 ])
 
 MOST_EVENTS = 8
-"""Beginnings and ends of contact that are looked for within one step."""
+"""Most beginnings and ends of contact that are located within one step."""
 
 BISECTIONS = 40
-"""Of a step, to find such an instant."""
+"""Halvings of a step that locate a beginning or end of contact, to 1e-12 of the step."""
 
 FURTHEST = 1.0
-"""Displacement at which a tool can rest [m]."""
+"""Largest displacement at which equilibrium is looked for [m]."""
 
 BALANCED = 1e-8
-"""Force that counts as none when looking for a place to rest [N]."""
+"""Net force that counts as zero when looking for equilibrium [N]."""
 
 
 class Slide(NamedTuple):

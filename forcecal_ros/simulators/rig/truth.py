@@ -1,4 +1,4 @@
-"""What a rig's calibration should come out as, for tables of estimate against truth."""
+"""The true calibration of a rig, for tables of estimate against truth."""
 
 from forcecal_ros.effects.numbers import physical_rig
 from forcecal_ros.effects.rig import AccelerometerModel, Rig
@@ -13,7 +13,7 @@ def true_calibration(rig: Rig, accelerometer: str | None = None) -> dict[str, Ar
     Parameters
     ----------
     rig : Rig
-        Of its effects, those that are other numbers of tool and wall count.
+        Of its effects, those that change numbers of tool and wall count.
     accelerometer : str, optional
         ``acc1`` or ``acc2``; the rig's mounted one where none is given.
 

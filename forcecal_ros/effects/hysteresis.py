@@ -1,16 +1,16 @@
-"""Hysteresis: what a signal's reversals leave behind."""
+"""Hysteresis of a sensor as Bouc and Wen model it."""
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.jit import compiled
 import numpy as np
 
 SHARP = 0.02
-"""Softness that makes no difference."""
+"""Softness up to which a hysteresis counts as elasto-plastic: exponents of 50 and more."""
 
 
 class Hysteresis:
     """
-    A signal less what friction inside the sensor holds back.
+    A signal less the part that friction inside the sensor holds back.
 
     y = x - height / width * z, where z follows x within +-width as Bouc and Wen have it:
     dz = dx (1 - (z / width)^n) on the way to the bound, dz = dx on the way back. At first, z = 0.
@@ -20,9 +20,9 @@ class Hysteresis:
     Parameters
     ----------
     height : float
-        By how much the reading lags at most [unit of the signal].
+        Largest lag of the reading [unit of the signal].
     width : float
-        How far the signal goes until it does [unit of the signal].
+        Travel of the signal after which the lag is full [unit of the signal].
     softness : float
         1 / n: how gradually it gets there, from 0 to 1.
     """
