@@ -20,7 +20,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers')
 from forcecal_ros.gravity import (
     Imu,
     initial_state,
-    kalman,
     model_from_calibration,
     pose_free_model,
     pose_free_step,
@@ -29,10 +28,10 @@ from forcecal_ros.gravity import (
     replay_pose_free,
     Settings,
     step,
-    ukf,
 )
-from forcecal_ros.gravity.gaussian import Gaussian, linear, predict
-from forcecal_ros.gravity.orientation import Belief, exponential, start_pose_free
+from forcecal_ros.observe.filters import ekf, ukf
+from forcecal_ros.observe.filters.gaussian import Gaussian, linear, predict
+from forcecal_ros.observe.pose_free.orientation import Belief, exponential, start_pose_free
 import gravity_arm as arm
 import numpy as np
 from scipy.stats import chi2
@@ -169,7 +168,7 @@ def speed():
     def ours():
         return ukf.update(predict(belief, moving, Q), y, linear(H, load), R)
 
-    exact = kalman.update(predict(belief, moving, Q), y, linear(H, load), R)
+    exact = ekf.update(predict(belief, moving, Q), y, linear(H, load), R)
     out = {'ours_us': _best(ours, 200),
            'ours_from_exact': float(np.abs(ours().mean - exact.mean).max())}
     calibration, _ = arm.calibrate(np.random.default_rng(1), seconds=0.2)

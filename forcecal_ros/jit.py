@@ -76,7 +76,7 @@ def compiled_with_all_it_calls(function: F) -> F:
     for called in _called_by(cast(FunctionType, function)):
         register_jitable(called)
     folder = Path(function.__code__.co_filename).parent
-    text = b''.join(path.read_bytes() for path in sorted(folder.glob('*.py')))
+    text = b''.join(path.read_bytes() for path in sorted(folder.rglob('*.py')))
     function.__qualname__ += f'-{sha256(text).hexdigest()[:12]}'
     return compiled(function)
 

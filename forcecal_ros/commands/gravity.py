@@ -57,7 +57,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     from forcecal_ros.calibration.file import dump
-    from forcecal_ros.gravity.step import INVALID
+    from forcecal_ros.observe.filters.bias_filter import INVALID
     from forcecal_ros.recording.bags import read_recording, write_signals
     from forcecal_ros.recording.streams import Stream
     import numpy as np
@@ -140,7 +140,7 @@ def compensated(recording: 'Recording', calibration: 'Calibration', settings: 'S
     """Run the filter; noise and delay that the calibration does not know come from the signals."""
     from forcecal_ros.commands.estimate import with_known_delay
     from forcecal_ros.gravity import Imu, replay, replay_pose_free
-    from forcecal_ros.gravity.noise import with_noise
+    from forcecal_ros.observe.noise import with_noise
     from tqdm import tqdm
 
     notes: list[str] = []

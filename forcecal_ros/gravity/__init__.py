@@ -6,13 +6,24 @@ puts them together; :mod:`live` and :mod:`playback` feed it from the observer. W
 :mod:`orientation` and :mod:`pose_free`.
 """
 
-from forcecal_ros.gravity.imu import Imu, pose_free_model, PoseFreeModel
 from forcecal_ros.gravity.live import begin, Live, on_sample
-from forcecal_ros.gravity.model import Model, model_from_calibration, observability_rank
 from forcecal_ros.gravity.playback import Compensated, replay, replay_pose_free
-from forcecal_ros.gravity.pose_free import pose_free_step, PoseFreeEstimate, PoseFreeState
-from forcecal_ros.gravity.settings import Settings
-from forcecal_ros.gravity.step import describe, Estimate, initial_state, State, step, weight
+from forcecal_ros.observe.filters.bias_filter import (
+    describe,
+    Estimate,
+    initial_state,
+    State,
+    step,
+    weight,
+)
+from forcecal_ros.observe.filters.bias_model import (
+    Model,
+    model_from_calibration,
+    observability_rank,
+)
+from forcecal_ros.observe.pose_free.model import Imu, pose_free_model, PoseFreeModel
+from forcecal_ros.observe.pose_free.step import pose_free_step, PoseFreeEstimate, PoseFreeState
+from forcecal_ros.observe.settings import FilterSettings as Settings
 
 __all__ = [
     'Compensated', 'Estimate', 'Imu', 'Live', 'Model', 'PoseFreeEstimate', 'PoseFreeModel',

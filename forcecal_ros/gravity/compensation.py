@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.gravity.live import begin, Live, on_sample
-from forcecal_ros.gravity.model import Model, model_from_calibration
-from forcecal_ros.gravity.settings import Settings
 from forcecal_ros.observe.contact import ContactSample
+from forcecal_ros.observe.filters.bias_model import Model, model_from_calibration
+from forcecal_ros.observe.settings import FilterSettings as Settings
 from forcecal_ros.observe.settings import Settings as ObserverSettings
 from forcecal_ros.observe.tracking import Rotation
 import numpy as np

@@ -1,16 +1,23 @@
 """Gravity compensation behind the observer: from its samples to compensated wrenches.
 
 The observer brings the streams together, knows their delays, and works out the load of the tool
-from accelerometer and pose; what is left to do here is one :func:`~forcecal_ros.gravity.step.step`
+from accelerometer and pose; what is left to do here is one ``bias_filter.step``
 a sample. Node and replay both call :func:`on_sample` and nothing else.
 """
 
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array, matrix_from_quaternion
-from forcecal_ros.gravity.model import Model
-from forcecal_ros.gravity.step import Estimate, initial_state, INVALID, State, step, weight
 from forcecal_ros.observe.contact import ContactSample
+from forcecal_ros.observe.filters.bias_filter import (
+    Estimate,
+    initial_state,
+    INVALID,
+    State,
+    step,
+    weight,
+)
+from forcecal_ros.observe.filters.bias_model import Model
 from forcecal_ros.observe.status import BAD_WRENCH, NO_GRAVITY
 from forcecal_ros.observe.tracking import Rotation, turned
 import numpy as np

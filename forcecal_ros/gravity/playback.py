@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from forcecal_ros.calibration.model import Accelerometer, Calibration
 from forcecal_ros.errors import ConfigError, DataError, UnobservableError
 from forcecal_ros.geometry import Array
-from forcecal_ros.gravity.imu import Imu, pose_free_model
 from forcecal_ros.gravity.live import begin, on_sample
-from forcecal_ros.gravity.model import model_from_calibration
-from forcecal_ros.gravity.pose_free import pose_free_step, PoseFreeEstimate, PoseFreeState
-from forcecal_ros.gravity.settings import Settings
-from forcecal_ros.gravity.step import Estimate
 from forcecal_ros.observe.design import design
+from forcecal_ros.observe.filters.bias_filter import Estimate
+from forcecal_ros.observe.filters.bias_model import model_from_calibration
 from forcecal_ros.observe.playback import answers
+from forcecal_ros.observe.pose_free.model import Imu, pose_free_model
+from forcecal_ros.observe.pose_free.step import pose_free_step, PoseFreeEstimate, PoseFreeState
+from forcecal_ros.observe.settings import FilterSettings as Settings
 from forcecal_ros.observe.settings import Settings as ObserverSettings
 from forcecal_ros.recording.streams import Recording, Stream
 import numpy as np
@@ -25,7 +25,7 @@ Progress = Callable[[int], object]
 @dataclass(frozen=True)
 class Compensated:
     """
-    Gravity-compensated wrench over time; rows as in :class:`~forcecal_ros.gravity.step.Estimate`.
+    Gravity-compensated wrench over time; rows as in ``bias_filter.Estimate``.
 
     Attributes
     ----------

@@ -4,11 +4,10 @@ from collections.abc import Mapping
 from math import inf
 from typing import Any
 
-from forcecal_ros.gravity.settings import FILTERS
 from forcecal_ros.nodes.parameters import Parameter
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
-from forcecal_ros.observe.settings import MODES, OFFSETS, Settings
+from forcecal_ros.observe.settings import FILTERS, MODES, OFFSETS, Settings
 
 _DEFAULT = Settings()
 

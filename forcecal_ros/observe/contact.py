@@ -6,6 +6,7 @@ from typing import NamedTuple
 from forcecal_ros.observe import status as st
 from forcecal_ros.observe.align import Reading
 from forcecal_ros.observe.design import Model
+from forcecal_ros.observe.filters.newton import newton_step, NewtonState
 from forcecal_ros.observe.inertial import (
     gravity_in_sensor,
     NO_RUN,
@@ -13,7 +14,6 @@ from forcecal_ros.observe.inertial import (
     tool_wrench,
     track_place,
 )
-from forcecal_ros.observe.newton import newton_step, NewtonState
 from forcecal_ros.observe.status import saturated
 from forcecal_ros.observe.tracking import (
     Poles,

@@ -1,8 +1,8 @@
 """Behind the observer: samples of it come in, whatever their status."""
 
 from forcecal_ros.gravity import begin, model_from_calibration, on_sample, Settings, weight
-from forcecal_ros.gravity.step import BAD_WRENCH, NO_LOAD
 from forcecal_ros.observe import ContactSample, Status
+from forcecal_ros.observe.filters.bias_filter import BAD_WRENCH, NO_LOAD
 from forcecal_ros.observe.tracking import Rotation
 import gravity_arm as arm
 import numpy as np

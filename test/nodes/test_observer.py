@@ -7,7 +7,6 @@ from forcecal_ros.calibration.model import Accelerometer, Calibration, Estimate,
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.gravity.playback import replay as compensate
-from forcecal_ros.gravity.settings import Settings as GravitySettings
 from forcecal_ros.motion.poses import nominal_poses
 from forcecal_ros.motion.profiles import Move, Pose
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT
@@ -15,6 +14,7 @@ from forcecal_ros.nodes.wire import JointWriter, Writer
 from forcecal_ros.observe import replay
 from forcecal_ros.observe.playback import events
 from forcecal_ros.observe.rest import refuse_motion
+from forcecal_ros.observe.settings import FilterSettings as GravitySettings
 from forcecal_ros.recording.streams import PoseStream
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.offline import simulate

@@ -13,10 +13,12 @@ from forcecal_ros.gravity import (
     step,
     weight,
 )
-from forcecal_ros.gravity.gaussian import Gaussian
-from forcecal_ros.gravity.imu import Imu
-from forcecal_ros.gravity.noise import white_noise, with_noise
-from forcecal_ros.gravity.orientation import (
+from forcecal_ros.observe.filters.covariances import gain_of, load_noise, paper_covariances
+from forcecal_ros.observe.filters.gaussian import Gaussian
+from forcecal_ros.observe.filters.sigma_points import transform
+from forcecal_ros.observe.noise import white_noise, with_noise
+from forcecal_ros.observe.pose_free.model import Imu
+from forcecal_ros.observe.pose_free.orientation import (
     exponential,
     Motion,
     readings,
@@ -24,8 +26,6 @@ from forcecal_ros.gravity.orientation import (
     start_pose_free,
     STATES,
 )
-from forcecal_ros.gravity.settings import gain_of, load_noise, paper_covariances
-from forcecal_ros.gravity.sigma_points import transform
 from forcecal_ros.recording.streams import Stream
 import gravity_arm as arm
 import numpy as np

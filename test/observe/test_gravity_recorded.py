@@ -3,9 +3,9 @@
 from types import SimpleNamespace
 
 from forcecal_ros.gravity import replay, Settings
-from forcecal_ros.gravity.noise import with_noise
 from forcecal_ros.identify.delay import estimate_delay, with_delay
 from forcecal_ros.observe import replay as observe
+from forcecal_ros.observe.noise import with_noise
 from kuka import kuka_recording, slow, static_calibration
 import numpy as np
 import pytest

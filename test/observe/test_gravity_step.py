@@ -12,8 +12,7 @@ from forcecal_ros.gravity import (
     State,
     step,
 )
-from forcecal_ros.gravity.gaussian import Gaussian
-from forcecal_ros.gravity.step import (
+from forcecal_ros.observe.filters.bias_filter import (
     BAD_PERIOD,
     BAD_WRENCH,
     NO_ACCELEROMETER,
@@ -21,6 +20,7 @@ from forcecal_ros.gravity.step import (
     NO_LOAD,
     RESTARTED,
 )
+from forcecal_ros.observe.filters.gaussian import Gaussian
 import gravity_arm as arm
 from hypothesis import example, given, settings
 from hypothesis import strategies as st

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.observe import replay, Settings
-from forcecal_ros.observe.newton import newton_step, NewtonState
+from forcecal_ros.observe.filters.newton import newton_step, NewtonState
 import numpy as np
 from observing import calibration, K1, K2, push, record, Swing
 import pytest

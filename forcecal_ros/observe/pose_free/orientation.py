@@ -13,9 +13,9 @@ from math import cos, exp, sin, sqrt
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array, skew
-from forcecal_ros.gravity.gaussian import Function, Gaussian, linear
-from forcecal_ros.gravity.imu import PoseFreeModel
-from forcecal_ros.gravity.model import relaxation
+from forcecal_ros.observe.filters.bias_model import relaxation
+from forcecal_ros.observe.filters.gaussian import Function, Gaussian, linear
+from forcecal_ros.observe.pose_free.model import PoseFreeModel
 import numpy as np
 from scipy.linalg import block_diag
 

@@ -6,8 +6,8 @@ from typing import NamedTuple
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array, skew
-from forcecal_ros.gravity.model import Model, model_from_calibration
-from forcecal_ros.gravity.settings import Settings
+from forcecal_ros.observe.filters.bias_model import Model, model_from_calibration
+from forcecal_ros.observe.settings import FilterSettings
 import numpy as np
 from scipy.linalg import block_diag
 
@@ -64,7 +64,7 @@ class PoseFreeModel(NamedTuple):
     inertia : ndarray, shape (3, 3)
         About the centre of mass [kg m^2].
     noise : ndarray, shape (9, 9)
-        Of the :func:`~forcecal_ros.gravity.orientation.readings`.
+        Of the :func:`~forcecal_ros.observe.pose_free.orientation.readings`.
     """
 
     wrench: Model
@@ -77,7 +77,7 @@ class PoseFreeModel(NamedTuple):
     noise: Array
 
 
-def pose_free_model(calibration: Calibration, settings: Settings = Settings(),
+def pose_free_model(calibration: Calibration, settings: FilterSettings = FilterSettings(),
                     imu: Imu = Imu()) -> PoseFreeModel:
     """
     Turn a calibration into the pose-free model.
@@ -85,7 +85,7 @@ def pose_free_model(calibration: Calibration, settings: Settings = Settings(),
     Parameters
     ----------
     calibration : Calibration
-    settings : Settings
+    settings : FilterSettings
         Twelve states of the wrench; ``ukf`` or ``ekf``.
     imu : Imu
 

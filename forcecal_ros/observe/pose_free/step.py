@@ -5,17 +5,29 @@ from math import sqrt
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
-from forcecal_ros.gravity import kalman, ukf
-from forcecal_ros.gravity.contact import assess, Contact, free_hypothesis, opened
-from forcecal_ros.gravity.gaussian import (
+from forcecal_ros.observe.filters import ekf, ukf
+from forcecal_ros.observe.filters.bias_filter import (
+    check,
+    Estimate,
+    estimate_of,
+    LONGEST_PERIOD,
+    NO_ACCELEROMETER,
+    NO_GYRO,
+    NO_LOAD,
+    RESTARTED,
+    sensible,
+    State,
+)
+from forcecal_ros.observe.filters.contact_test import assess, Contact, free_hypothesis, opened
+from forcecal_ros.observe.filters.gaussian import (
     condition,
     first,
     Gaussian,
     NotPositiveDefinite,
     predict,
 )
-from forcecal_ros.gravity.imu import PoseFreeModel
-from forcecal_ros.gravity.orientation import (
+from forcecal_ros.observe.pose_free.model import PoseFreeModel
+from forcecal_ros.observe.pose_free.orientation import (
     Belief,
     differentiate,
     LEARNED,
@@ -28,18 +40,6 @@ from forcecal_ros.gravity.orientation import (
     STATES,
     TILT,
     turned,
-)
-from forcecal_ros.gravity.step import (
-    check,
-    Estimate,
-    estimate_of,
-    LONGEST_PERIOD,
-    NO_ACCELEROMETER,
-    NO_GYRO,
-    NO_LOAD,
-    RESTARTED,
-    sensible,
-    State,
 )
 import numpy as np
 from numpy.typing import ArrayLike
@@ -141,7 +141,7 @@ def _filter(state: PoseFreeState, y: Array, f: Array | None, omega: Array | None
     filtered = None if omega is None else differentiate(state.motion, omega, dt, model.imu.corner)
     motion = _STILL if filtered is None or omega is None else Motion(omega, filtered.alpha)
     settings = model.wrench.settings
-    expect = kalman.expect
+    expect = ekf.expect
     if settings.filter == 'ukf':
         expect = partial(ukf.expect, scaling=settings.scaling)
     level, transition, Q = turned(state.belief, model, omega, dt, state.contact.assumed)

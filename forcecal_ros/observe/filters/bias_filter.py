@@ -7,7 +7,7 @@ A wrench F and biases b that both wander freely have rank 6 of 12: a reading sho
 - while contact is assumed, F wanders freely, and the biases are frozen at what they were, their
   uncertainty still counted (Schmidt's filter): a steady push never becomes a bias.
 
-A push too weak for the test (see :mod:`forcecal_ros.gravity.contact`) is read 6 % short and does
+A push too weak for the test (see ``contact_test``) is read 6 % short and does
 become bias, over a minute or more; the correlation of F and b in each estimate says how little the
 two can be told apart.
 
@@ -20,10 +20,10 @@ from math import isfinite
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
-from forcecal_ros.gravity import kalman, ukf
-from forcecal_ros.gravity.contact import assess, Contact, free_hypothesis, opened
-from forcecal_ros.gravity.gaussian import condition, Gaussian, NotPositiveDefinite, predict
-from forcecal_ros.gravity.model import measurement, Model, start, transition
+from forcecal_ros.observe.filters import ekf, ukf
+from forcecal_ros.observe.filters.bias_model import measurement, Model, start, transition
+from forcecal_ros.observe.filters.contact_test import assess, Contact, free_hypothesis, opened
+from forcecal_ros.observe.filters.gaussian import condition, Gaussian, NotPositiveDefinite, predict
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -215,7 +215,7 @@ def check(y: Array, dt: float) -> int:
 def _filter(state: State, y: Array, load: Array, dt: float,
             model: Model) -> tuple[State, Estimate]:
     R = model.covariances.R
-    expect = kalman.expect
+    expect = ekf.expect
     if model.settings.filter == 'ukf':
         expect = partial(ukf.expect, scaling=model.settings.scaling)
     moved = predict(state.belief, *transition(model, dt, state.contact.assumed))

@@ -1,7 +1,7 @@
 """The Kalman filter: exact on linear functions, the extended filter (EKF) on others."""
 
 from forcecal_ros.geometry import Array
-from forcecal_ros.gravity.gaussian import condition, Expected, Function, Gaussian
+from forcecal_ros.observe.filters.gaussian import condition, Expected, Function, Gaussian
 
 
 def expect(belief: Gaussian, measurement: Function, R: Array) -> Expected:

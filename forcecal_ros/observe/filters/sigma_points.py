@@ -20,7 +20,7 @@ and the differences come from :attr:`Function.difference`, which never subtracts
 from math import sqrt
 from typing import NamedTuple
 
-from forcecal_ros.gravity.gaussian import cholesky, Expected, Function, Gaussian
+from forcecal_ros.observe.filters.gaussian import cholesky, Expected, Function, Gaussian
 import numpy as np
 
 

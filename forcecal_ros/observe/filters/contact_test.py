@@ -10,8 +10,8 @@ from math import exp
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
-from forcecal_ros.gravity.gaussian import Expected, Gaussian, mahalanobis
-from forcecal_ros.gravity.model import ContactModel
+from forcecal_ros.observe.filters.bias_model import ContactModel
+from forcecal_ros.observe.filters.gaussian import Expected, Gaussian, mahalanobis
 import numpy as np
 
 

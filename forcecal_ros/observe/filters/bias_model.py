@@ -5,22 +5,22 @@ from typing import NamedTuple
 
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.geometry import Array, skew
-from forcecal_ros.gravity.gaussian import Function, Gaussian, linear
-from forcecal_ros.gravity.settings import (
+from forcecal_ros.observe.design import design
+from forcecal_ros.observe.filters.covariances import (
     Covariances,
     measured_covariances,
     paper_covariances,
     PAPER_PERIOD,
-    Settings,
 )
-from forcecal_ros.observe.design import design
+from forcecal_ros.observe.filters.gaussian import Function, Gaussian, linear
+from forcecal_ros.observe.settings import FilterSettings
 from forcecal_ros.observe.settings import Settings as ObserverSettings
 import numpy as np
 from scipy.stats import chi2
 
 
 class ContactModel(NamedTuple):
-    """When contact is assumed; see :mod:`forcecal_ros.gravity.contact`."""
+    """When contact is assumed; see :mod:`forcecal_ros.observe.filters.contact_test`."""
 
     floor: Array
     """Covariance of errors that are not contact, (6, 6)."""
@@ -38,7 +38,7 @@ class Model(NamedTuple):
 
     Attributes
     ----------
-    settings : Settings
+    settings : FilterSettings
     bias : ndarray, shape (6,)
         Where the biases start; with six states, what they are.
     bias_cov, bias_walk : ndarray, shape (6, 6)
@@ -51,7 +51,7 @@ class Model(NamedTuple):
     contact : ContactModel
     """
 
-    settings: Settings
+    settings: FilterSettings
     bias: Array
     bias_cov: Array
     bias_walk: Array
@@ -66,7 +66,7 @@ class Model(NamedTuple):
         return self.settings.states == 12
 
 
-def _covariances(calibration: Calibration, settings: Settings,
+def _covariances(calibration: Calibration, settings: FilterSettings,
                  observer: ObserverSettings) -> Covariances:
     if settings.covariances == 'paper':
         return paper_covariances()
@@ -83,7 +83,7 @@ def _pair(force: float, torque: float) -> Array:
     return np.diag([force ** 2] * 3 + [torque ** 2] * 3)
 
 
-def model_from_calibration(calibration: Calibration, settings: Settings = Settings(),
+def model_from_calibration(calibration: Calibration, settings: FilterSettings = FilterSettings(),
                            observer: ObserverSettings = ObserverSettings()) -> Model:
     """
     Turn a calibration into the model of the running filter.
@@ -91,7 +91,7 @@ def model_from_calibration(calibration: Calibration, settings: Settings = Settin
     Parameters
     ----------
     calibration : Calibration
-    settings : Settings
+    settings : FilterSettings
     observer : observe.Settings
         Of the observer that the load comes from: its pose filter adds noise.
 

@@ -1,8 +1,8 @@
 """The unscented Kalman filter of [Ukf2025] as pure functions of (mean, cov)."""
 
 from forcecal_ros.geometry import Array
-from forcecal_ros.gravity.gaussian import condition, Expected, Function, Gaussian
-from forcecal_ros.gravity.sigma_points import PAPER_SCALING, Scaling, transform
+from forcecal_ros.observe.filters.gaussian import condition, Expected, Function, Gaussian
+from forcecal_ros.observe.filters.sigma_points import PAPER_SCALING, Scaling, transform
 
 
 def expect(belief: Gaussian, measurement: Function, R: Array,

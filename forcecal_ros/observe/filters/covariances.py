@@ -1,11 +1,11 @@
-"""What a user may say about gravity compensation, and the covariances that follow from it.
+"""Q, R and P0 of the filters after [Ukf2025]: as the paper prints them, or as measured.
 
 Where [Ukf2025] leaves a choice open, this is ours:
 
 - f and h. The paper prints neither; with h = identity the filter smooths the weight instead of
   removing it. Ours: y = F + b + load + v, load = weight and inertia of the tool.
 - "Constant velocity" needs twelve more states than the paper has. Ours: a random walk, which
-  returns to nil while contact is excluded (see :mod:`forcecal_ros.gravity.step`).
+  returns to nil while contact is excluded (see :mod:`forcecal_ros.observe.filters.bias_filter`).
 - x0. The paper says both "the first reading" and nil. Ours: nil, since the first reading is
   mostly the weight; biases start from the calibration.
 - n = 8 or 12. The paper lists b_f and b_m, two names of three numbers each. Ours: 12, or 6.
@@ -17,87 +17,16 @@ Where [Ukf2025] leaves a choice open, this is ours:
   rise time asks for. No free motion can tell Q: it is the room left to contact.
 """
 
-from dataclasses import dataclass
-from math import exp, isfinite, log
+from math import exp, log
 from typing import NamedTuple
 
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array, skew
-from forcecal_ros.gravity.sigma_points import PAPER_SCALING, Scaling
 import numpy as np
 
-FILTERS = ('ukf', 'ekf', 'static')
-COVARIANCES = ('measured', 'paper')
 PAPER_PERIOD = 0.001
 """[Ukf2025] samples at 1000 Hz [s]."""
-
-
-@dataclass(frozen=True)
-class Settings:
-    """
-    Choices of gravity compensation.
-
-    Attributes
-    ----------
-    filter : str
-        ``ukf``, ``ekf``, or ``static``: weight and bias taken off, nothing filtered.
-    states : int
-        6 (wrench) or 12 (wrench and biases).
-    covariances : str
-        ``measured`` or ``paper``.
-    rise_time : float
-        10-90 % rise of a contact wrench that ``measured`` aims at [s].
-    relaxation : float
-        Time in which the wrench is expected to return to nil while contact is excluded [s].
-    bias_walk : tuple of 2 float
-        Wander of the biases [N/sqrt(s)], [N m/sqrt(s)].
-    bias_prior : tuple of 2 float
-        How far the biases may have moved since the calibration [N], [N m].
-    contact_floor : tuple of 2 float
-        Errors of weight and inertia that are not to be called contact [N], [N m].
-    contact_window : float
-        Time over which a weak contact is averaged [s].
-    false_alarm : float
-        Probability that a sample without contact is called contact.
-    release_time : float
-        Quiet after which contact counts as ended [s].
-    scaling : Scaling
-        Spread of the sigma points.
-    """
-
-    filter: str = 'ukf'
-    states: int = 12
-    covariances: str = 'measured'
-    rise_time: float = 0.012
-    relaxation: float = 0.1
-    bias_walk: tuple[float, float] = (4e-4, 4e-5)
-    bias_prior: tuple[float, float] = (0.0, 0.0)
-    contact_floor: tuple[float, float] = (0.03, 0.003)
-    contact_window: float = 0.1
-    false_alarm: float = 1e-6
-    release_time: float = 0.2
-    scaling: Scaling = PAPER_SCALING
-
-    def __post_init__(self) -> None:
-        for name, value, words in (('filter', self.filter, FILTERS),
-                                   ('states', self.states, (6, 12)),
-                                   ('covariances', self.covariances, COVARIANCES)):
-            if value not in words:
-                raise ConfigError(f'gravity.{name} is {value!r}; '
-                                  f'it wants one of {", ".join(map(str, words))}')
-        for name in ('rise_time', 'relaxation', 'contact_window', 'release_time'):
-            value = getattr(self, name)
-            if not (isfinite(value) and value > 0):
-                raise ConfigError(f'gravity.{name} is {value!r}; it wants a positive time [s]')
-        for name in ('bias_walk', 'bias_prior', 'contact_floor'):
-            pair = getattr(self, name)
-            if len(pair) != 2 or not all(isfinite(x) and x >= 0 for x in pair):
-                raise ConfigError(f'gravity.{name} is {pair!r}; '
-                                  'it wants two numbers from 0 on [N], [N m]')
-        if not 0 < self.false_alarm < 1:
-            raise ConfigError(f'gravity.false_alarm is {self.false_alarm!r}; '
-                              'it wants a probability between 0 and 1')
 
 
 class Covariances(NamedTuple):

@@ -1,0 +1,1 @@
+"""Stages that turn the unfiltered contact wrench into the published one."""

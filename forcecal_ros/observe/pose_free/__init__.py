@@ -1,0 +1,1 @@
+"""The chain without a pose: accelerometer and gyro tell where down is."""
