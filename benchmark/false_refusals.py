@@ -52,7 +52,7 @@ def judge(seed):
 
 
 def departures(found, accelerometer):
-    """Standard errors by which the estimates are off, the largest of each key's elements."""
+    """Return the standard errors by which estimates are off, by key the largest of its elements."""
     off = {}
     for key, truth in true_calibration(load_rig(), accelerometer).items():
         part = found

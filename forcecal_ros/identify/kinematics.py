@@ -7,10 +7,24 @@ from forcecal_ros.identify.blocks import Grid
 from forcecal_ros.identify.means import autocovariance, correlated_sum
 from forcecal_ros.recording.streams import PoseStream
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import convolve1d
+from scipy.ndimage import binary_dilation, convolve1d
 from scipy.spatial.transform import Rotation, RotationSpline
 from scipy.stats import binom
+
+ABRUPT = 8.0
+"""
+Times the median at rest that derivatives differ where a motion is abrupt.
+
+The norm of three normal numbers passes three times its median once in 10^6.
+"""
+
+SMOOTH = 0.5
+"""Angular accelerations that are known as well as that are never abrupt [rad/s^2]."""
+
+REACH = 3
+"""Blocks on each side that a derivative and its smoothing reach into."""
 
 
 class Turning(NamedTuple):
@@ -112,6 +126,34 @@ def rate_of_change(means: Array, length: float) -> Array:
     out = np.zeros_like(means)
     out[2:-2] = (8 * (means[3:-1] - means[1:-3]) - (means[4:] - means[:-4])) / (12 * length)
     return out
+
+
+def unresolved(omega: Array, length: float, at_rest: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """
+    Tell which blocks turn too abruptly for their acceleration to be known.
+
+    A stop within one command, as of a stream that was held back, is over before the pose has
+    shown it. There the derivatives to second and to fourth order differ by more than their noise.
+
+    Parameters
+    ----------
+    omega : ndarray, shape (n, 3)
+        Means over the blocks [rad/s].
+    length : float
+        Of the blocks [s].
+    at_rest : ndarray of bool, shape (n,)
+        Blocks that show the noise.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        With the blocks around them that the derivatives reach into.
+    """
+    apart = np.zeros(len(omega))
+    coarse = (omega[3:-1] - omega[1:-3]) / (2 * length)
+    apart[2:-2] = np.linalg.norm(rate_of_change(omega, length)[2:-2] - coarse, axis=1)
+    noise = float(np.median(apart[at_rest])) if at_rest.any() else 0.0
+    return np.asarray(binary_dilation(apart > max(ABRUPT * noise, SMOOTH), iterations=REACH))
 
 
 def pose_delay(motions: Motions, force: Array, slide: Array, grid: Grid, mass: float, bias: Array,

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.blocks import Averager, block_length, Grid, make_grid
-from forcecal_ros.identify.kinematics import Motions, Turning
+from forcecal_ros.identify.kinematics import Motions, Turning, unresolved
 from forcecal_ros.identify.means import Autocovariance, autocovariance, SHORTEST
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.identify.settings import Settings
@@ -76,9 +76,11 @@ def lay_lattice(recording: Recording, poses: list[StaticPose], settings: Setting
     grid = make_grid(wrench.t, length, [(p.start, p.end) for p in poses], recording.phases)
     if not any((grid.still == i).sum() > SHORTEST for i in range(len(poses))):
         return None
-    averager = Averager(wrench.t, wrench.values)
+    averager, motions = Averager(wrench.t, wrench.values), Motions(pose, grid)
+    abrupt = unresolved(motions.turning().omega, grid.length, grid.still >= 0)
+    grid = grid._replace(free=grid.free & ~abrupt)
     return Lattice(grid, averager.means(grid.starts, grid.length),
-                   autocovariance(windows_of(averager, grid)), Motions(pose, grid))
+                   autocovariance(windows_of(averager, grid)), motions)
 
 
 def windows_of(averager: Averager, grid: Grid) -> list[Array]:

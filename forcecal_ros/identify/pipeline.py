@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from datetime import datetime, timezone
+from typing import Any
 
 from forcecal_ros.calibration.model import Calibration, Estimate, Noise, ObserverGain
 from forcecal_ros.errors import DataError, UnobservableError
@@ -34,6 +35,7 @@ from forcecal_ros.identify.static_readings import gravity_spread, Statics
 from forcecal_ros.identify.statics import read_statics, ring_of, sag_of, with_ring
 from forcecal_ros.identify.tool import identify_tool, ToolFit
 from forcecal_ros.recording.checks.motion import refuse_frozen_pose
+from forcecal_ros.recording.stamps import with_even_stamps
 from forcecal_ros.recording.streams import Recording
 import numpy as np
 
@@ -123,6 +125,7 @@ def identify_stages(recording: Recording, settings: Settings) -> Stages:
         As :func:`identify`.
     """
     recording, removed = clean(recording)
+    recording = _evened(recording)
     wrench = require_wrench(recording)
     poses = static_poses(recording)
     refuse_stuck(wrench, recording.accelerometer, poses, recording.optidrive)
@@ -142,6 +145,21 @@ def identify_stages(recording: Recording, settings: Settings) -> Stages:
     return Stages(recording, removed, poses, statics, tool, sag, ring,
                   _accelerometer(recording, lattice, tool, turn, settings), inertia, late,
                   Moved(lattice, slide, turn))
+
+
+def _evened(recording: Recording) -> Recording:
+    """Even the stamps that jitter, and note which."""
+    changes: dict[str, Any] = {}
+    notes = []
+    for name in ('wrench', 'accelerometer', 'optidrive', 'pose'):
+        stream = getattr(recording, name)
+        if stream is None:
+            continue
+        changes[name], jitter = with_even_stamps(stream)
+        if changes[name] is not stream:
+            notes.append(f'stamps of {name} jitter by {1e3 * jitter.std:.2g} ms around '
+                         f'{1e3 * jitter.period:.3g} ms; evened out')
+    return replace(recording, **changes, notes=(*recording.notes, *notes))
 
 
 def _single_samples(recording: Recording, removed: dict[str, int], poses: list[StaticPose],
