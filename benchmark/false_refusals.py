@@ -52,7 +52,7 @@ def judge(seed):
 
 
 def departures(found, accelerometer):
-    """Return the standard errors by which estimates are off, by key the largest of its elements."""
+    """Return by how many standard errors estimates are off, the most of any element."""
     off = {}
     for key, truth in true_calibration(load_rig(), accelerometer).items():
         part = found
