@@ -120,7 +120,9 @@ def torque_residuals(stages: Stages) -> Residuals | None:
     else:
         values = values + inertia_regressor(turning.omega, turning.alpha) @ stages.inertia.elements
     noise = autocovariance([values[grid.still == i] for i in range(grid.still.max() + 1)])
-    sigma = np.broadcast_to(np.sqrt(np.diag(noise.lags[0])), values.shape)
+    moment = 0.0 if stages.inertia is None else np.linalg.norm(
+        inertia_regressor(np.zeros((3, 3)), np.eye(3)) @ stages.inertia.elements, axis=1).max()
+    sigma = np.hypot(np.sqrt(np.diag(noise.lags[0])), moment * lattice.doubt[:, None])
     return Residuals(grid.starts + grid.length / 2, values, sigma, memory_of(noise), use)
 
 
@@ -172,7 +174,9 @@ def accelerometer_departs(stages: Stages, settings: Settings) -> Iterator[Findin
     fit = stages.accelerometer
     if fit is None or fit.residuals is None or stages.moved is None:
         return
-    found = strongest(fit.residuals)
+    lever = np.linalg.norm(np.nan_to_num(fit.position))
+    off = np.abs(fit.matrix).max(axis=1) * lever * stages.moved.lattice.doubt[:, None]
+    found = strongest(fit.residuals._replace(sigma=np.hypot(fit.residuals.sigma, off)))
     if found.sigmas > VOLTS and abs(found.size) > _small_volts(fit.matrix, settings):
         grid = stages.moved.lattice.grid
         yield Finding(

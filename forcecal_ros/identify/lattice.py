@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.blocks import Averager, block_length, Grid, make_grid
-from forcecal_ros.identify.kinematics import Motions, Turning, unresolved
+from forcecal_ros.identify.kinematics import ABRUPT, acceleration_doubt, Motions, Turning
 from forcecal_ros.identify.means import Autocovariance, autocovariance, SHORTEST
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.identify.settings import Settings
@@ -24,12 +24,15 @@ class Lattice(NamedTuple):
     noise : Autocovariance
         Of these at rest.
     motions : Motions
+    doubt : ndarray, shape (n,)
+        How far angular accelerations may be off [rad/s^2].
     """
 
     grid: Grid
     wrench: Array
     noise: Autocovariance
     motions: Motions
+    doubt: Array
 
 
 class Moved(NamedTuple):
@@ -77,10 +80,10 @@ def lay_lattice(recording: Recording, poses: list[StaticPose], settings: Setting
     if not any((grid.still == i).sum() > SHORTEST for i in range(len(poses))):
         return None
     averager, motions = Averager(wrench.t, wrench.values), Motions(pose, grid)
-    abrupt = unresolved(motions.turning().omega, grid.length, grid.still >= 0)
-    grid = grid._replace(free=grid.free & ~abrupt)
+    doubt = acceleration_doubt(motions.turning().omega, grid.length, grid.still >= 0)
+    grid = grid._replace(free=grid.free & (doubt < 2 * ABRUPT))
     return Lattice(grid, averager.means(grid.starts, grid.length),
-                   autocovariance(windows_of(averager, grid)), motions)
+                   autocovariance(windows_of(averager, grid)), motions, doubt)
 
 
 def windows_of(averager: Averager, grid: Grid) -> list[Array]:

@@ -3,8 +3,8 @@
 from collections import deque
 from typing import Any
 
-OLDEST = 200_000_000
-"""Age beyond which the stamp of a command is ignored and its arrival counts [ns]."""
+OLDEST = 1_000_000_000
+"""Age beyond which a stamp is of another clock, and the arrival of its command counts [ns]."""
 
 LONGEST_LAG = 250
 """Most periods that a late stream lags behind; commands beyond that are dropped."""
@@ -97,8 +97,9 @@ class CommandSchedule:
         return schedule
 
     def drop(self) -> None:
-        """Forget what waits: its sender has fallen silent."""
-        self._queue.clear()
+        """Forget what waits, its sender silent; a stream that lags acts to its end."""
+        if not self._lag:
+            self._queue.clear()
 
     def take(self, period: int) -> Any:
         """Return the newest command that acts in a period; None: the one before holds."""
