@@ -6,6 +6,7 @@ from typing import NamedTuple, TypeVar
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import PoseStream, Stream
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 SPAN = 50
@@ -33,6 +34,17 @@ HALF_WAY = 0.25
 WINDOW = 1.0
 """Lateness is averaged over that long: clocks drift apart by microseconds within it [s]."""
 
+MOST_LOST = 2
+"""Of so many samples one at least has arrived; bursts look as if far more had been lost."""
+
+BY_LOSS = 0.25
+"""
+Samples count as lost where stamps are that much more regular with them counted.
+
+Rounding to whole periods takes no more than two thirds off a jitter of three periods; where one
+sample in five is lost and nothing jitters, it takes all.
+"""
+
 PAUSE = 6.0
 """An interval longer than the period by so many standard deviations of the jitter is a pause."""
 
@@ -49,10 +61,13 @@ class Jitter(NamedTuple):
         Between samples [s].
     std : float
         Of the stamps around regular instants [s].
+    number : ndarray of int, shape (n,)
+        Of each sample in the order in which the sensor took them, lost ones counted.
     """
 
     period: float
     std: float
+    number: NDArray[np.intp]
 
 
 def jitter_of(t: Array) -> Jitter:
@@ -64,13 +79,25 @@ def jitter_of(t: Array) -> Jitter:
     t : ndarray, shape (n,)
         Increasing [s].
     """
+    every = np.arange(len(t))
     if len(t) <= 2 * SPAN:
-        period = float(np.median(np.diff(t))) if len(t) > 1 else np.nan
-        return Jitter(period, 0.0)
-    period = float(np.median(t[SPAN:] - t[:-SPAN]) / SPAN)
-    line = t - period * np.arange(len(t))
+        return Jitter(float(np.median(np.diff(t))) if len(t) > 1 else np.nan, 0.0, every)
+    steps = np.diff(t)
+    lost = np.rint(steps / np.median(steps)).clip(min=1).astype(int)
+    with_lost = np.concatenate([[0], np.cumsum(lost)])
+    jitter = _around(t, every)
+    if with_lost[-1] >= MOST_LOST * len(t):
+        return jitter
+    found = _around(t, with_lost)
+    return found if found.std < BY_LOSS * jitter.std else jitter
+
+
+def _around(t: Array, number: NDArray[np.intp]) -> Jitter:
+    """Measure stamps against samples that are numbered so."""
+    period = float(np.median((t[SPAN:] - t[:-SPAN]) / (number[SPAN:] - number[:-SPAN])))
+    line = t - period * number
     off = np.abs(line - uniform_filter1d(line, SPAN, mode='nearest'))
-    return Jitter(period, 1.4826 * float(np.median(off)))
+    return Jitter(period, 1.4826 * float(np.median(off)), number)
 
 
 def even_instants(t: Array, jitter: Jitter) -> Array:
@@ -92,13 +119,12 @@ def even_instants(t: Array, jitter: Jitter) -> Array:
     ndarray, shape (n,)
         Increasing [s].
     """
+    line = jitter.period * jitter.number
     pauses = np.flatnonzero(np.diff(t) > 2 * jitter.period + PAUSE * jitter.std) + 1
     width = max(3, round(WINDOW / jitter.period))
-    parts = []
-    for part in np.split(t, pauses):
-        line = jitter.period * np.arange(len(part))
-        parts.append(line + uniform_filter1d(part - line, min(width, len(part)), mode='nearest'))
-    even = np.concatenate(parts)
+    off = [uniform_filter1d(part, min(width, len(part)), mode='nearest')
+           for part in np.split(t - line, pauses)]
+    even = line + np.concatenate(off)
     return even if (np.diff(even) > 0).all() else t
 
 

@@ -83,3 +83,18 @@ def test_a_pause_stays_a_pause_and_what_comes_after_it_stays_late():
 def test_few_stamps_say_nothing_about_their_jitter():
     assert jitter_of(np.array([0.0, 1.0, 2.5])).std == 0.0
     assert np.isnan(jitter_of(np.array([1.0])).period)
+
+
+@pytest.mark.parametrize('share', [0.01, 0.2])
+def test_lost_samples_are_no_jitter(share):
+    t = regular()
+    t = t[np.random.default_rng(3).random(len(t)) > share]
+    stream = Stream(t, swinging(t))
+    assert with_even_stamps(stream)[0] is stream
+
+
+def test_lost_samples_leave_the_others_where_they_were():
+    t = regular()
+    kept = np.random.default_rng(3).random(len(t)) > 0.05
+    even, _ = with_even_stamps(Stream(arrived(t, 3e-4)[kept], swinging(t)[kept]))
+    assert (even.t - t[kept])[1000:-1000].std() < 5e-5
