@@ -1,6 +1,5 @@
 """The report of a calibration as one HTML page."""
 
-import base64
 from collections.abc import Mapping
 from typing import Any
 
@@ -8,8 +7,8 @@ from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import Recording, Stream
 from forcecal_ros.report import figures
+from forcecal_ros.report.page import embedded, png, render_page
 from forcecal_ros.report.rows import interval, Row, table, value
-import jinja2
 from matplotlib.figure import Figure
 
 
@@ -32,27 +31,25 @@ def render(recording: Recording, calibration: Calibration, contact: Stream | Non
     str
         HTML, one file without network; everything from the recording is escaped.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader('forcecal_ros', 'report'), autoescape=True,
-        trim_blocks=True, undefined=jinja2.StrictUndefined)
     rows = table(calibration, truth)
     source = calibration.source
-    return environment.get_template('calibration.html.j2').render(
-        title='Calibration report',
+    with_truth = any(row.truth is not None for row in rows)
+    return render_page(
+        'calibration.html.j2', 'Calibration report',
         origin=' · '.join(str(source[k]) for k in ('recording', 'created') if k in source),
         warnings=calibration.quality.get('warnings', ()),
-        with_truth=any(row.truth is not None for row in rows),
-        rows=[_cells(row) for row in rows],
+        head=['estimate', 'value', '95 % interval', 'unit'] + ['truth', 'off by'] * with_truth,
+        rows=[_cells(row, with_truth) for row in rows],
         figures=list(_pictures(recording, calibration, contact)),
         quality=sorted(_flat(calibration.quality)))
 
 
-def _cells(row: Row) -> dict[str, str]:
-    return {
-        'name': row.name, 'unit': row.unit, 'value': value(row), 'interval': interval(row),
-        'truth': '' if row.truth is None else f'{row.truth:.6g}',
-        'off': '' if row.sigmas is None else f'{row.sigmas:+.1f} σ',
-    }
+def _cells(row: Row, with_truth: bool) -> list[str]:
+    cells = [row.name, value(row), interval(row), row.unit]
+    if with_truth:
+        cells += ['' if row.truth is None else f'{row.truth:.6g}',
+                  '' if row.sigmas is None else f'{row.sigmas:+.1f} σ']
+    return cells
 
 
 def _pictures(recording: Recording, calibration: Calibration,
@@ -74,8 +71,7 @@ def _pictures(recording: Recording, calibration: Calibration,
         ]
     for title, words, figure in drawn:
         if figure is not None:
-            yield {'title': title, 'words': words,
-                   'png': base64.b64encode(figures.png(figure)).decode()}
+            yield {'title': title, 'words': words, 'png': embedded(png(figure, dpi=130))}
 
 
 def _flat(quality: Mapping[str, Any], prefix: str = '') -> Any:

@@ -1,12 +1,8 @@
 """The report of a diagnosis as one HTML page."""
 
-import base64
-from io import BytesIO
-
 from forcecal_ros.report import diagnosis_figures as figures
 from forcecal_ros.report.diagnosis_view import View
-import jinja2
-from matplotlib.figure import Figure
+from forcecal_ros.report.page import embedded, png, render_page
 
 CAPTIONS = {
     'Where': 'Excess of the recalibrated residual over the noise at standstill, by stage and '
@@ -25,25 +21,16 @@ def render(view: View) -> str:
     str
         HTML, one file without network; everything is escaped.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader('forcecal_ros', 'report'), autoescape=True,
-        trim_blocks=True, undefined=jinja2.StrictUndefined)
     drawn = (('Where', figures.heat_map(view)), ('Signals', figures.overlays(view)),
              ('Spectra', figures.spectra(view)))
     d = view.diagnosis
     effects = [(e.name, name, f'{p.value:.5g}', f'{p.std:.2g}', '' if p.unit == '1' else p.unit)
                for e in d.effects for name, p in e.parameters.items()]
-    return environment.get_template('diagnosis.html.j2').render(
-        title='Sim-to-real gap', verdict=d.verdict.replace('_', ' '), reason=d.reason,
-        notes=d.notes, effects=effects, not_excited=d.not_excited, gap=d.gap,
-        advice=view.advice, candidates=[(name, 100.0 * p) for name, p in d.candidates],
+    return render_page(
+        'diagnosis.html.j2', 'Sim-to-real gap', verdict=d.verdict.replace('_', ' '),
+        reason=d.reason, notes=d.notes, effects=effects, gap=d.gap, advice=view.advice,
+        candidates=[(name, 100.0 * p) for name, p in d.candidates],
         channels=[(name, view.units[name], *(f'{x:.3g}' for x in rms))
                   for name, rms in (d.gap.channels.items() if d.gap else ())],
-        figures=[(title, CAPTIONS[title], _png(figure)) for title, figure in drawn
-                 if figure is not None])
-
-
-def _png(figure: Figure) -> str:
-    buffer = BytesIO()
-    figure.savefig(buffer, format='png', dpi=110)
-    return base64.b64encode(buffer.getvalue()).decode()
+        figures=[{'title': title, 'words': CAPTIONS[title], 'png': embedded(png(figure))}
+                 for title, figure in drawn if figure is not None])

@@ -1,6 +1,5 @@
 """The pictures of a calibration report, each a function of a recording and its calibration."""
 
-from io import BytesIO
 from typing import Any
 
 from forcecal_ros.calibration.model import Calibration
@@ -167,10 +166,3 @@ def axes_grid(rows: int, columns: int, *, height: float, sharex: bool = False,
         one.grid(alpha=0.25)
         one.spines[['top', 'right']].set_visible(False)
     return figure, list(axes.flat)
-
-
-def png(figure: Figure, dpi: int = 130) -> bytes:
-    """Return a figure as a PNG."""
-    buffer = BytesIO()
-    figure.savefig(buffer, format='png', dpi=dpi)
-    return buffer.getvalue()

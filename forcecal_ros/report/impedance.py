@@ -1,16 +1,15 @@
 """The contact experiment as tables for a terminal, pictures, and one HTML page."""
 
-import base64
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.report import impedance_figures as drawn
-from forcecal_ros.report.figures import png
+from forcecal_ros.report.page import embedded, png, render_page
+from forcecal_ros.report.text import aligned
 from forcecal_ros.reproduce.assess import Figures
 from forcecal_ros.reproduce.experiment import Experiment
 from forcecal_ros.reproduce.printed_gains import continuous, error_poles, PRINTED
-import jinja2
 from matplotlib.figure import Figure
 
 HEAD = ['force fed back', 'phantom RMS [N]', 'peak [N]', 'strayed [mm]', 'peak at contact [N]',
@@ -44,11 +43,7 @@ def text(experiment: Experiment) -> str:
     """Return the tables for a terminal."""
     parts = []
     for title, head, rows, notes in tables(experiment):
-        widths = [max(len(row[k]) for row in [head, *rows]) for k in range(len(head))]
-        parts += [title, *(
-            '  ' + '  '.join(cell.ljust(width) if k == 0 else cell.rjust(width)
-                             for k, (cell, width) in enumerate(zip(row, widths))).rstrip()
-            for row in [head, *rows]), *notes, '']
+        parts += [title, *('  ' + line for line in aligned([head, *rows])), *notes, '']
     return '\n'.join(parts)
 
 
@@ -64,7 +59,7 @@ def pictures(experiment: Experiment) -> dict[str, bytes]:
         f'figure_6_{first}': drawn.power_spectra(one),
         f'figure_7_{last}': drawn.four_panels(other),
         f'figure_8_{last}': drawn.oscillation(swing)}
-    return {f'{name}.png': png(figure) for name, figure in figures.items()}
+    return {f'{name}.png': png(figure, dpi=130) for name, figure in figures.items()}
 
 
 GAIN_NOTES = [
@@ -102,18 +97,14 @@ def render(experiment: Experiment, images: Mapping[str, bytes], origin: str) -> 
     origin : str
         What it was made from.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader('forcecal_ros', 'report'), autoescape=True,
-        trim_blocks=True, undefined=jinja2.StrictUndefined)
     figures = []
     for name, image in images.items():
         _, number, accelerometer = name.removesuffix('.png').split('_')
         title, words = WORDS[number]
         figures.append({'title': f'{title} ({PAPER[accelerometer]})', 'words': words,
-                        'png': base64.b64encode(image).decode()})
-    return environment.get_template('impedance.html.j2').render(
-        title='Contact experiment', origin=origin,
-        tables=[table._asdict() for table in tables(experiment)], figures=figures)
+                        'png': embedded(image)})
+    return render_page('impedance.html.j2', 'Contact experiment', origin=origin,
+                       tables=list(tables(experiment)), figures=figures)
 
 
 def _cells(f: Figures) -> list[str]:

@@ -1,15 +1,14 @@
 """The report of an in-situ calibration: tables for a terminal, pictures, one HTML page."""
 
-import base64
 from collections.abc import Iterator, Mapping, Sequence
-from io import BytesIO
 
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu import SensorResult
 from forcecal_ros.insitu.result import DataSetResult
 from forcecal_ros.report.insitu_figures import force_clouds, singular_values, subspace_clouds
-import jinja2
+from forcecal_ros.report.page import embedded, png, render_page
+from forcecal_ros.report.text import aligned
 import numpy as np
 
 Rows = list[list[str]]
@@ -28,13 +27,7 @@ def pictures(result: SensorResult) -> dict[str, bytes]:
     """Return the pictures of one sensor as PNG by title."""
     figures = {'forces': force_clouds(result), 'subspace': subspace_clouds(result),
                'singular_values': singular_values(result)}
-    drawn = {}
-    for title, figure in figures.items():
-        if figure is not None:
-            buffer = BytesIO()
-            figure.savefig(buffer, format='png', dpi=110)
-            drawn[title] = buffer.getvalue()
-    return drawn
+    return {title: png(figure) for title, figure in figures.items() if figure is not None}
 
 
 def render(results: Sequence[SensorResult], drawn: Mapping[str, Mapping[str, bytes]],
@@ -49,26 +42,19 @@ def render(results: Sequence[SensorResult], drawn: Mapping[str, Mapping[str, byt
     origin : str
         What it was made from.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader('forcecal_ros', 'report'), autoescape=True,
-        trim_blocks=True, undefined=jinja2.StrictUndefined)
     sensors = [{
         'name': r.name, 'warnings': r.warnings, 'tables': list(tables(r)),
-        'pictures': [{'title': title, 'words': WORDS[title],
-                      'png': base64.b64encode(png).decode()}
-                     for title, png in drawn[r.name].items()],
+        'figures': [{'title': title.replace('_', ' ').capitalize(), 'words': WORDS[title],
+                     'png': embedded(image)} for title, image in drawn[r.name].items()],
     } for r in results]
-    return environment.get_template('insitu.html.j2').render(
-        title='In-situ calibration', origin=origin, sensors=sensors)
+    return render_page('insitu.html.j2', 'In-situ calibration', origin=origin, sensors=sensors)
 
 
 def text(result: SensorResult) -> str:
     """Return the tables of one sensor for a terminal."""
     parts = [f'sensor {result.name}']
     for title, head, rows in tables(result):
-        widths = [max(len(row[k]) for row in [head, *rows]) for k in range(len(head))]
-        lines = ['  '.join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip()
-                 for row in [head, *rows]]
+        lines = aligned([head, *rows], left=range(len(head)))
         parts += ['', title, *('  ' + line for line in lines)]
     return '\n'.join(parts) + '\n'
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.geometry import Array
+from forcecal_ros.report.text import aligned
 import numpy as np
 
 AXES = ('x', 'y', 'z')
@@ -107,12 +108,8 @@ def as_text(rows: list[Row]) -> str:
             cells += ['' if row.truth is None else f'{row.truth:.6g}',
                       '' if sigmas is None else f'{sigmas:+.1f} sigma']
         body.append(cells)
-    widths = [max(len(line[i]) for line in [head, *body]) for i in range(len(head))]
-    rule = ['-' * width for width in widths]
-    return '\n'.join(
-        '  '.join(cell.ljust(width) if i in (0, 3) else cell.rjust(width)
-                  for i, (cell, width) in enumerate(zip(line, widths))).rstrip()
-        for line in [head, rule, *body])
+    rule = ['-' * max(len(line[i]) for line in [head, *body]) for i in range(len(head))]
+    return '\n'.join(aligned([head, rule, *body], left=(0, 3)))
 
 
 def interval(row: Row) -> str:
