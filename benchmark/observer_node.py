@@ -16,8 +16,8 @@ from forcecal_ros.calibration.file import save
 from forcecal_ros.nodes.runtime import OUTPUT, SENSOR
 from forcecal_ros.nodes.wire import Reader, Writer
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
-from live import own_domain, process, processor_time
 import numpy as np
+from processes import own_domain, process, processor_time
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental import EventsExecutor

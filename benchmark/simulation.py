@@ -18,8 +18,8 @@ from forcecal_ros.recording.streams import PoseStream
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.offline import simulate
 from forcecal_ros.simulators.rig.simulator import warm_up
-from live import own_domain, process, processor_time
 import numpy as np
+from processes import own_domain, process, processor_time
 from timing import best, head, row
 
 SECONDS = 60.0

@@ -40,7 +40,6 @@ KEPT = 2 * SECOND
 """Samples older than that are forgotten once judged [ns]."""
 
 
-
 class Gap(Node):
     """Follows the robot from its first command on."""
 
@@ -73,7 +72,7 @@ class Gap(Node):
     def destroy_node(self) -> None:
         """Free what the node holds."""
         self._inbox.close()
-        super().destroy_node()
+        super().destroy_node()  # type: ignore[no-untyped-call]
 
     def _hear(self, channel: str, topic: str, kind: Any, read: Any) -> None:
         def take(raw: bytes) -> None:
@@ -130,9 +129,10 @@ class Gap(Node):
         return found
 
     def _say(self, found: Judgement) -> None:
-        values = {f'{name} [noise RMS]': excess for name, excess in found.excess.items()}
-        values |= {'stage': found.stage, 'channels': ', '.join(found.channels),
-                   'first stage': found.first}
+        values: dict[str, object] = {
+            **{f'{name} [noise RMS]': excess for name, excess in found.excess.items()},
+            'stage': found.stage, 'channels': ', '.join(found.channels),
+            'first stage': found.first}
         if found.learning:
             self._report('ok', 'learning the noise, at rest', values)
         elif found.stage:

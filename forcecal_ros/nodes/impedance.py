@@ -111,7 +111,7 @@ class Impedance(Node):
     def destroy_node(self) -> None:
         """Free what the node holds."""
         self._inbox.close()
-        super().destroy_node()
+        super().destroy_node()  # type: ignore[no-untyped-call]
 
     # The loop -------------------------------------------------------------------------------
 

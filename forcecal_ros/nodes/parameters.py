@@ -107,12 +107,6 @@ def guard(node: Node, check: Callable[[dict[str, Any]], object]) -> None:
     node.add_on_set_parameters_callback(on_set)
 
 
-def values(node: Node, prefix: str) -> dict[str, Any]:
-    """Return the values of all parameters below a prefix, by the rest of their name."""
-    return {name: parameter.value
-            for name, parameter in node.get_parameters_by_prefix(prefix).items()}
-
-
 def _descriptor(row: Parameter) -> ParameterDescriptor:
     text = f'{row.description} [{row.unit}]' if row.unit else row.description
     if row.choices:

@@ -75,7 +75,7 @@ class Player:
                 now = first + int((time.monotonic_ns() - began) * self._rate)
                 told = min(now, message.log_ns)  # on a busy computer messages may lag
                 if self._clock is not None and told >= next_tick:
-                    self._tell(told)
+                    self._clock.publish(_clock_message(told))
                     next_tick = told + int(self._tick * self._rate)
                     each((told - first) / SECOND)
                 if now >= message.log_ns or self._session.interrupted:
@@ -95,11 +95,6 @@ class Player:
         until = min(due, next_tick) if self._clock is not None else due
         time.sleep(min(max((until - now) / SECOND / self._rate, SHORTEST_WAIT), LONGEST_WAIT))
 
-    def _tell(self, now: int) -> None:
-        message = Clock()
-        message.clock.sec, message.clock.nanosec = divmod(now, SECOND)
-        self._clock.publish(message)
-
     def _publish(self, message: Raw) -> None:
         publisher = self._publishers.get(message.topic)
         if publisher is not None:
@@ -117,3 +112,9 @@ class Player:
             depth=1 if latched else DEPTH, reliability=ReliabilityPolicy.RELIABLE,
             durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched
                         else DurabilityPolicy.VOLATILE)))
+
+
+def _clock_message(now: int) -> Clock:
+    message = Clock()
+    message.clock.sec, message.clock.nanosec = divmod(now, SECOND)
+    return message

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 from types import TracebackType
+from typing import IO
 
 from forcecal_ros.errors import DataError
 
@@ -27,7 +28,7 @@ class Processes:
     def __init__(self, environment: Mapping[str, str]) -> None:
         self._environment = {**os.environ, **environment}
         self._running: dict[str, subprocess.Popen[bytes]] = {}
-        self._said = {}
+        self._said: dict[str, IO[bytes]] = {}
 
     def start(self, node: str, parameters: Mapping[str, object]) -> None:
         """Start one node with its parameters."""

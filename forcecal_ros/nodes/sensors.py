@@ -29,8 +29,8 @@ def _wrench_reader(six_axis: SixAxis | None) -> Callable[[bytes], Sample]:
         return read
 
     def read_raw(raw: bytes) -> Sample:
-        stamp_ns, values = read(raw)
-        return Sample(stamp_ns, corrected(values, six_axis))
+        stamp_ns, (fx, fy, fz, nx, ny, nz) = read(raw)
+        return Sample(stamp_ns, corrected((fx, fy, fz, nx, ny, nz), six_axis))
 
     return read_raw
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 from struct import error as StructError
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.errors import ConfigError, MotionError
@@ -20,6 +21,7 @@ from forcecal_ros.simulators.rig.simulator import Samples, Simulator, waits_for_
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
 import numpy as np
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import Imu, JointState
@@ -99,7 +101,7 @@ class Sim(Node):
 
     # Time -----------------------------------------------------------------------------------
 
-    def _make_clock(self, value: dict) -> None:
+    def _make_clock(self, value: dict[str, Any]) -> None:
         self._speed = value['speed']
         external = self.get_parameter('use_sim_time').value
         self._own_clock = value['clock.publish'] or self._speed != 1.0
@@ -125,13 +127,14 @@ class Sim(Node):
         if self._schedule is not None:
             self._begin(self._now())
 
-    def _begin(self, now: int) -> None:
+    def _begin(self, now: int) -> CommandSchedule:
         """Let period 0 of the schedule begin at the next whole period of the clock."""
         self._start = -(-now // self._period_ns) * self._period_ns
         self._next = 0
         self._schedule = (self._schedule.restarted(self._start) if self._schedule is not None
                           else CommandSchedule(self._period_ns, self._start))
         self._sample0 = self._start - round(self._simulator.time * 1e9)
+        return self._schedule
 
     def _pass(self, elapsed: int, steady: int) -> None:
         """Let the clock of one's own go on, up to where the next command is needed."""
@@ -151,8 +154,7 @@ class Sim(Node):
         now = self._now()
         if now <= 0:
             return
-        if self._schedule is None:
-            self._begin(now)
+        schedule = self._schedule or self._begin(now)
         due = (now - self._latency_ns - self._start) // self._period_ns - self._next
         if self._own_clock:
             late = max(0, due - self._most)
@@ -168,10 +170,10 @@ class Sim(Node):
             return
         for _ in range(min(due, self._most)):
             self._inbox.drain()
-            self._advance()
+            self._advance(schedule)
 
-    def _advance(self) -> None:
-        command = self._schedule.take(self._next)
+    def _advance(self, schedule: CommandSchedule) -> None:
+        command = schedule.take(self._next)
         self._last_command = command or self._last_command
         if self._last_command is not None and (command or self._faults.runaway):
             self._follow(self._last_command)
@@ -191,7 +193,7 @@ class Sim(Node):
     def destroy_node(self) -> None:
         """Free what the node holds."""
         self._inbox.close()
-        super().destroy_node()
+        super().destroy_node()  # type: ignore[no-untyped-call]
 
     # Messages -------------------------------------------------------------------------------
 
@@ -216,7 +218,7 @@ class Sim(Node):
         self._ignored += 1
         self.get_logger().warning(f'{why}: ignored', throttle_duration_sec=1.0)
 
-    def _make_publishers(self, value: dict) -> None:
+    def _make_publishers(self, value: dict[str, Any]) -> None:
         sensor, base = value['frames.sensor'], value['frames.base']
         self._wrench = self.create_publisher(WrenchStamped, 'wrench', OUTPUT)
         self._contact = self.create_publisher(WrenchStamped, 'sim/contact_wrench', OUTPUT)
@@ -249,7 +251,7 @@ class Sim(Node):
         for stamp, volts in zip(stamps, samples.volts.tolist()):
             self._volts.publish(self._write_volts(stamp, volts))
         if self._imu is not None:
-            self._publish_imu(stamps, samples)
+            self._publish_imu(self._imu, stamps, samples)
         if self._optidrive is not None:
             for stamp, s in zip(self._stamps(samples.optidrive_t), samples.optidrive.tolist()):
                 self._optidrive.publish(self._write_optidrive(stamp, s))
@@ -258,12 +260,13 @@ class Sim(Node):
             self._pose.publish(self._write_pose(
                 stamp, (*position.tolist(), *quaternion_of(R_base_sensor))))
 
-    def _publish_imu(self, stamps: Sequence[int], samples: Samples) -> None:
+    def _publish_imu(self, publisher: Publisher, stamps: Sequence[int], samples: Samples
+                     ) -> None:
         nothing = (NO_DATA, *(0.0,) * 8)
         variance = (self._rig.accelerometer.noise / self._imu_gain) ** 2
         known = (variance, 0.0, 0.0, 0.0, variance, 0.0, 0.0, 0.0, variance)
         for stamp, force in zip(stamps, samples.specific_force.tolist()):
-            self._imu.publish(self._write_imu(
+            publisher.publish(self._write_imu(
                 stamp, (0.0, 0.0, 0.0, 1.0, *nothing, 0.0, 0.0, 0.0, *nothing, *force, *known)))
 
     @property

@@ -1,0 +1,7 @@
+class Trigger:
+    class Request:
+        ...
+    class Response:
+        success: bool
+        message: str
+        def __init__(self, *, success: bool = ..., message: str = ...) -> None: ...
