@@ -39,7 +39,8 @@ def to_recording(recorded: Recorded, source: str = '') -> Recording:
 
 def ask_with_arrays(pair):
     """Return the answer on a pair of recordings, through the function in which reading ends."""
-    outcome = diagnose(*(to_recording(one, 'blind') for one in pair), load_rig(None), None)
+    real, heldout = (to_recording(one, 'blind') for one in pair)
+    outcome = diagnose(real, heldout, load_rig(None))
     return to_document(outcome.diagnosis, {c.name: c.unit for c in CHANNELS}, None)
 
 

@@ -83,12 +83,12 @@ def cost(pair: list[Recording], rig: Rig, count: int) -> tuple[float, float, str
     """Return processor time and time on the wall [s] with the first effects, and the answer."""
     # late, so that every part of the library has the effect that is there
     asked = [n for n in EFFECTS if n != 'wrench_delay'][:count - 1] + ['wrench_delay']
-    whole, hypotheses.EFFECTS = hypotheses.EFFECTS, {n: EFFECTS[n] for n in asked}
+    hypotheses.EFFECTS = {n: EFFECTS[n] for n in asked}  # type: ignore[attr-defined]
     used, start = time.process_time(), time.perf_counter()
     try:
-        found = diagnose(*pair, rig).diagnosis
+        found = diagnose(pair[0], pair[1], rig).diagnosis
     finally:
-        hypotheses.EFFECTS = whole
+        hypotheses.EFFECTS = EFFECTS  # type: ignore[attr-defined]
     return (time.process_time() - used, time.perf_counter() - start,
             f'{found.verdict} {[e.name for e in found.effects]}')
 

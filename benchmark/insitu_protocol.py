@@ -53,13 +53,14 @@ def arm(name, seeds):
                         'leaves the subspace' if 'leave their' in w else w[:40]
                         for w in result.warnings)
     worst, typical = np.max(rows, axis=0), np.median(rows, axis=0)
-    z = np.abs(np.concatenate(z))
+    off = np.abs(np.concatenate(z))
     print(f'{name}, {seeds} runs of 8 data sets: worst (median) error of a validation set')
     print(f'  added mass {worst[0]:.4f} ({typical[0]:.4f}) kg   position {100 * worst[1]:.2f} '
           f'({100 * typical[1]:.2f}) cm   semi-axes {100 * worst[2]:.2f} '
           f'({100 * typical[2]:.2f}) %')
-    print(f'  within one standard error {(z < 1).mean():.1%}, 1.96 {(z < 1.96).mean():.1%}, '
-          f'three {(z < 3).mean():.2%}; most {z.max():.1f}; rms {np.sqrt((z ** 2).mean()):.2f}')
+    print(f'  within one standard error {(off < 1).mean():.1%}, 1.96 {(off < 1.96).mean():.1%}, '
+          f'three {(off < 3).mean():.2%}; most {off.max():.1f}; '
+          f'rms {np.sqrt((off**2).mean()):.2f}')
     print('  said:', ', '.join(f'{text} {count}/{seeds}' for text, count in warnings.items())
           or 'nothing')
 

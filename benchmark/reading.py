@@ -9,6 +9,7 @@ arrays; the raw messages, joined and seen through a dtype by np.frombuffer; and 
 
 import argparse
 from collections import defaultdict
+from functools import partial
 from operator import attrgetter
 from pathlib import Path
 import subprocess
@@ -72,9 +73,9 @@ def rates(folder: Path) -> None:
     for storage, mode in STORAGES:
         path = copy_bag(folder / 'source', folder / f'{storage.name}-{mode.name}', storage, mode)
         assert any_reader(path).keys() == raw_and_frombuffer(path).keys()
-        times = best({'any': lambda p=path: any_reader(p),
-                      'raw': lambda p=path: raw_and_frombuffer(p),
-                      'ours': lambda p=path: read_recording(p)}, rounds=4)
+        times = best({'any': partial(any_reader, path),
+                      'raw': partial(raw_and_frombuffer, path),
+                      'ours': partial(read_recording, path)}, rounds=4)
         row(storage.name.lower() + NAMES[mode], *(f'{count / times[name] / 1e3:.0f} k'
                                                   for name in times),
             f'{times["any"] / times["ours"]:.1f}', f'{times["ours"] / times["raw"]:.2f}')

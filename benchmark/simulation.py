@@ -77,8 +77,13 @@ def live() -> None:
         node.create_subscription(kind, topic, take, 1000, raw=True)
     target = node.create_publisher(PoseStamped, 'target_frame', 10)
     read = Reader(PoseStamped)
+
+    def follow(raw: bytes) -> None:
+        read(raw)
+        target.publish(raw)
+
     node.create_subscription(PoseStamped, 'current_pose',
-                             lambda raw: read(raw) and target.publish(raw), 10, raw=True)
+                             follow, 10, raw=True)
 
     def spin(seconds: float) -> None:
         end = time.monotonic() + seconds

@@ -10,6 +10,7 @@ measurements.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 import sys
 
@@ -96,7 +97,7 @@ def main() -> None:
         recording = replace(record(SECONDS, SWING, seed=1, delay=DELAY), **{left_out: None})
         parts[f'step: wrench, {name}'] = steps(recording, model)
         long = replace(record(60.0, SWING, seed=1, delay=DELAY), **{left_out: None})
-        parts[f'batch: wrench, {name}'] = lambda long=long: estimates(long, model)
+        parts[f'batch: wrench, {name}'] = partial(estimates, long, model)
         calls[f'step: wrench, {name}'] = len(recording.wrench)
         calls[f'batch: wrench, {name}'] = len(long.wrench)
         expected = [(*s.contact, *s.inertial) for s in run(recording, model)[1]]

@@ -132,7 +132,7 @@ def unknown(tilt_std, payload_std, bias_std, runs=12, seconds=3.0):
             level, states = start_pose_free(model, recording.accelerometer.values[0])
             states.mean[6:12] += bias_std * rng.normal(size=6) * ([1.0] * 3 + [0.1] * 3)
             states.mean[12] += payload_std * rng.normal()
-            level = level @ exponential(*tilt_std * rng.normal(size=2), 0.0)
+            level = level @ exponential(*(*tilt_std * rng.normal(size=2), 0.0))
             state = PoseFreeState(Belief(level, states))
             for row in zip(recording.wrench.values, recording.accelerometer.values,
                            recording.angular_velocity.values):

@@ -1,11 +1,16 @@
 """Samples as they arrive, and the recording they make."""
 
+from typing import TypeAlias
+
 from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import matrix_from_quaternion
+from forcecal_ros.geometry import Array, matrix_from_quaternion
 from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
 import numpy as np
 
 CHANNELS = ('wrench', 'accelerometer', 'pose', 'target', 'optidrive')
+
+Sorted: TypeAlias = tuple[Array, Array]
+"""Times since the recording began [s], ascending, and the values (n, columns) of them."""
 
 
 class Collector:
@@ -77,17 +82,17 @@ class Collector:
             optidrive=self._stream('optidrive', streams),
             phases=self._closed_phases(start), start_ns=start, source='live')
 
-    def _sorted(self, name: str, start: int) -> tuple[np.ndarray, np.ndarray]:
+    def _sorted(self, name: str, start: int) -> Sorted:
         stamps = np.array(self._stamps[name], dtype=np.int64)
         _, order = np.unique(stamps, return_index=True)
         values = np.array([self._values[name][i] for i in order], dtype=float)
-        return (stamps[order] - start) * 1e-9, values
+        return np.asarray((stamps[order] - start) * 1e-9, dtype=float), values
 
-    def _stream(self, name: str, streams: dict) -> Stream | None:
+    def _stream(self, name: str, streams: dict[str, Sorted]) -> Stream | None:
         t, values = streams[name]
         return Stream(t, values, self.frames.get(name, '')) if len(t) else None
 
-    def _poses(self, name: str, streams: dict) -> PoseStream | None:
+    def _poses(self, name: str, streams: dict[str, Sorted]) -> PoseStream | None:
         t, values = streams[name]
         if not len(t):
             return None

@@ -19,7 +19,7 @@ import yaml
 
 
 def assert_same(a, b):
-    assert calibration_document.to_document(a) == calibration_file.to_document(b)
+    assert calibration_document.to_document(a) == calibration_document.to_document(b)
 
 
 def test_what_was_saved_is_what_is_loaded(tmp_path):

@@ -1,6 +1,7 @@
 """Every command over damaged recordings: an answer, or one line and status 1; no traceback."""
 
 from dataclasses import replace
+from typing import Any
 
 from bag_samples import copy_bag, START_NS, STORE, wrench_message, write_messages
 from calibration_runs import run
@@ -97,7 +98,7 @@ def leg(folder):
 def readers(folder, kind):
     """Return the commands that read a damaged table or recording of the leg."""
     time = {'column': 't', 'unit': 's'}
-    six = {'csv': {'columns': [*'abcdef']}, 'mcap': {'topic': 'wrench'}}[kind]
+    six: dict[str, Any] = {'csv': {'columns': [*'abcdef']}, 'mcap': {'topic': 'wrench'}}[kind]
     felt = {'csv': {'columns': ['ax', 'ay', 'az']}, 'mcap': {'topic': 'imu/data_raw'}}[kind]
     insitu = {'format': 'forcecal-insitu/1', 'estimate': 'offset', 'accelerometer': felt,
               'sensors': {'leg': {**six, 'unit': 'counts'}},

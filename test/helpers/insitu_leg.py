@@ -97,7 +97,7 @@ class Log:
     wrench: Array
 
 
-def motion(t: Array, phase: float, speed: float) -> tuple[Array, Array, Array, Array]:
+def motion(t: Array, phase: float, speed: float) -> tuple[Array, Array, Array]:
     """Front-back +-40 deg and lateral +-30 deg: R_base_sensor, omega, alpha in S."""
     def swing(amplitude: float, rate: float, shift: float) -> tuple[Array, Array, Array]:
         w = 2 * np.pi * rate * speed

@@ -5,6 +5,7 @@ from pathlib import Path
 import re
 import subprocess
 import sys
+from typing import Any
 from xml.etree import ElementTree
 
 from forcecal_ros.calibration.file import load
@@ -43,7 +44,7 @@ def test_the_rig_is_identified_live(demo):
     calibration = load(out / 'calibration.yaml')
     truth = true_calibration(load_rig(), 'acc1')
     for key, within in WITHIN.items():
-        estimate = calibration
+        estimate: Any = calibration
         for name in key.split('.'):
             estimate = getattr(estimate, name)
         error = np.abs(estimate.value - truth[key])
@@ -108,7 +109,7 @@ def test_every_curve_of_a_layout_is_in_the_recording(demo, layout):
             connections = [c for c in reader.connections if c.topic == topic]
             assert connections, topic
             connection, _, data = next(reader.messages(connections))
-            value = reader.deserialize(data, connection.msgtype)
+            value: Any = reader.deserialize(data, connection.msgtype)
             for name, index in re.findall(r'(\w+)|\[(\d+)\]', field):
                 value = value[int(index)] if index else getattr(value, name)
             assert isinstance(value, (float, str)), (topic, field)

@@ -44,7 +44,7 @@ def test_every_remapped_topic_is_one_that_nodes_ask_for():
     from forcecal_ros.recording.topics import ROLES
     known = {role.topic for role in ROLES.values()}
     table = next(node.value for node in ast.parse(SHARED.read_text()).body
-                 if isinstance(node, ast.Assign) and node.targets[0].id == 'TOPICS')
+                 if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'TOPICS')
     topics = [topic for topic, _ in ast.literal_eval(table).values()]
     assert len(topics) == 7
     assert set(topics) <= known

@@ -100,7 +100,7 @@ def test_tool_wrench_is_newton_and_euler(s):
     rng = np.random.default_rng(2)
     a, omega, alpha = rng.normal(size=(3, 3))
     d = COM - ACCELEROMETER
-    load = Load(MASS, *COM, *d, *np.diag(INERTIA), 0.01, -0.02, 0.005)
+    load = Load(*(MASS, *COM, *d, *np.diag(INERTIA), 0.01, -0.02, 0.005))
     J = INERTIA + np.array([[0, 0.01, -0.02], [0.01, 0, 0.005], [-0.02, 0.005, 0]])
     f = a + np.cross(alpha, d) + np.cross(omega, np.cross(omega, d))
     r = COM + [s, 0.0, 0.0]

@@ -23,7 +23,7 @@ def run(u, a, x, v, K):
     """Return the force of [Gamez2005] Eq. 3 over time."""
     state, force = NewtonState(x[0], v[0]), []
     for row in zip(u, a, x, v):
-        state, f = newton_step(state, DT, *(float(y) for y in row), MASS, gain(K))
+        state, f = newton_step(state, DT, *(*map(float, row), MASS, gain(K)))
         force.append(f)
     return np.array(force)
 

@@ -27,7 +27,7 @@ def test_every_command_named_exists_with_its_options(page):
         if command not in COMMANDS:
             continue
         parser = build_parser(command)
-        usage = parser._subparsers._group_actions[0].choices[command].format_help()
+        usage = parser._subparsers._group_actions[0].choices[command].format_help()  # type: ignore[index]
         for option in re.findall(r'(?<![\w-])--[a-z][a-z-]*', line.split('#')[0]):
             assert option in usage, f'{command} {option}'
 

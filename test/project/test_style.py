@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 
+import message_stubs
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -27,7 +28,16 @@ def test_source_follows_the_rules_of_ament():
 @pytest.mark.timeout(400)
 def test_types_are_strict():
     pytest.importorskip('numpy', minversion='2.2', reason='older ones have types of their own')
+    pytest.importorskip('rclpy', reason='without ROS the types of the nodes are not known')
     _check('mypy')
+
+
+@pytest.mark.lint
+def test_stubs_are_those_of_the_messages():
+    pytest.importorskip('rclpy')
+    made = message_stubs.make()
+    assert {str(path.relative_to(message_stubs.STUBS)): path.read_text()
+            for path in message_stubs.STUBS.rglob('*.pyi')} == made
 
 
 @pytest.mark.lint

@@ -1,5 +1,7 @@
 """Recordings come back as they were written, whoever wrote them and however they are stored."""
 
+from typing import Any
+
 from bag_samples import (
     assert_same_recording,
     copy_bag,
@@ -51,7 +53,7 @@ def test_arrays_equal_what_rosbags_deserialises(rig_sample):
     stamps, wrench, poses = [], [], []
     with AnyReader([rig_sample / 'bag']) as reader:
         for connection, _, data in reader.messages():
-            message = reader.deserialize(data, connection.msgtype)
+            message: Any = reader.deserialize(data, connection.msgtype)
             stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
             if connection.topic == '/wrench':
                 f, n = message.wrench.force, message.wrench.torque
@@ -213,7 +215,7 @@ def test_nan_and_infinite_rows_are_left_out_and_counted(tmp_path):
 
 def test_orientations_that_are_no_rotations_are_left_out(tmp_path):
     types = STORE.types
-    pose = types['geometry_msgs/msg/Pose'](
+    pose: Any = types['geometry_msgs/msg/Pose'](
         types['geometry_msgs/msg/Point'](0.0, 0.0, 0.0),
         types['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0))
     unset = types['geometry_msgs/msg/Pose'](

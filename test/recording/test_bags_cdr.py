@@ -1,5 +1,7 @@
 """Serialised messages: arrays and rosbags' messages say the same, bit for bit."""
 
+from typing import Any
+
 from bag_samples import STORE
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.bags.batch import Batch
@@ -52,7 +54,7 @@ def test_rosbags_reads_what_was_encoded(msgtype, data):
     frame = data.draw(TEXT)
     rows = encode(STORE, msgtype, stamps, paths, values, {'header.frame_id': frame})
     for row, stamp, numbers in zip(rows, stamps.tolist(), values):
-        message = STORE.deserialize_cdr(row.tobytes(), msgtype)
+        message: Any = STORE.deserialize_cdr(row.tobytes(), msgtype)
         assert (message.header.stamp.sec, message.header.stamp.nanosec) == divmod(stamp, 10**9)
         assert message.header.frame_id == frame
         read = (message.position if msgtype == JOINT_STATE
@@ -103,7 +105,7 @@ def test_every_type_of_ours_has_a_layout(msgtype):
 def test_sequences_are_as_long_as_their_elements_are_named():
     row = encode(STORE, MULTI_ARRAY, np.zeros(1, int), ('data[5]', 'layout.dim[1].size'),
                  np.array([[7.0, 3.0]]), {'layout.dim[0].label': 'rows'})[0].tobytes()
-    message = STORE.deserialize_cdr(row, MULTI_ARRAY)
+    message: Any = STORE.deserialize_cdr(row, MULTI_ARRAY)
     np.testing.assert_array_equal(message.data, [0, 0, 0, 0, 0, 7])
     assert [one.label for one in message.layout.dim] == ['rows', '']
     assert message.layout.dim[1].size == 3
@@ -111,7 +113,7 @@ def test_sequences_are_as_long_as_their_elements_are_named():
 
 def test_imu_without_gyro_says_so():
     row = next(iter(messages_of('imu', Stream([0.0], [[1.0, 2.0, 3.0]]), 0).rows)).tobytes()
-    message = STORE.deserialize_cdr(row, IMU)
+    message: Any = STORE.deserialize_cdr(row, IMU)
     assert message.linear_acceleration.z == 3.0
     assert message.orientation_covariance[0] == message.angular_velocity_covariance[0] == -1
 
