@@ -190,9 +190,27 @@ def stiffness_and_damping(
     covariance[:size, :size] = full * np.outer(scale[:size], scale[:size])
     delay = float(fit.x[2] * _DELAY) if size == 3 else 0.0
     n = len(fit.fun)
-    left = Residuals(np.arange(n, dtype=float), fit.fun[:, None], np.ones((n, 1)), np.ones(1),
+    sigma = _scatter(fit.fun, [m for ring in ringing for m in (len(ring.t), len(ring.slide))])
+    left = Residuals(np.arange(n, dtype=float), fit.fun[:, None], sigma[:, None], np.ones(1),
                      np.ones(n, dtype=bool))
     return RingFit(float(k), float(d), delay, covariance, strength, left)
+
+
+def _scatter(residuals: Array, lengths: list[int]) -> Array:
+    """
+    Noise of the residuals of each sensor and stretch, from neighbours; at least what was assumed.
+
+    A few seconds at rest tell the density of a noise to a factor of two only. Where neighbours
+    scatter by more than was assumed it is the noise that was taken for too small, not the ringing
+    that departs from a spring's.
+    """
+    sigma = np.ones(len(residuals))
+    ends = np.cumsum(lengths)
+    for begin, end in zip(ends - lengths, ends):
+        part = residuals[begin:end]
+        if len(part) > 2:
+            sigma[begin:end] = max(1.0, float(np.sqrt((np.diff(part)**2).mean() / 2)))
+    return sigma
 
 
 _DELAY = 0.001

@@ -86,10 +86,30 @@ def jitter_of(t: Array) -> Jitter:
     lost = np.rint(steps / np.median(steps)).clip(min=1).astype(int)
     with_lost = np.concatenate([[0], np.cumsum(lost)])
     jitter = _around(t, every)
-    if with_lost[-1] >= MOST_LOST * len(t):
-        return jitter
-    found = _around(t, with_lost)
-    return found if found.std < BY_LOSS * jitter.std else jitter
+    if with_lost[-1] < MOST_LOST * len(t):
+        counted = _around(t, with_lost)
+        if counted.std < BY_LOSS * jitter.std:
+            return counted
+    return _with_pauses(t, jitter)
+
+
+def _with_pauses(t: Array, jitter: Jitter) -> Jitter:
+    """Count the samples lost in pauses that are too short to be seen among jittering intervals."""
+    half = SPAN // 2
+    late = t - jitter.period * jitter.number
+    means = uniform_filter1d(late, half, mode='nearest')
+    step = np.zeros(len(t))
+    step[half:-half] = means[half + half // 2:len(t) - half + half // 2] \
+        - means[half - half // 2 - 1:len(t) - half - half // 2 - 1]
+    number = jitter.number.copy()
+    least = max(1.5 * jitter.period, PAUSE * jitter.std * np.sqrt(2 / half))
+    while abs(step).max() > least:
+        i = int(np.argmax(step))
+        if step[i] <= least:
+            break
+        number[i:] += round(step[i] / jitter.period)
+        step[max(0, i - half):i + half] = 0.0
+    return _around(t, number) if number[-1] != jitter.number[-1] else jitter
 
 
 def _around(t: Array, number: NDArray[np.intp]) -> Jitter:

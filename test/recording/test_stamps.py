@@ -98,3 +98,12 @@ def test_lost_samples_leave_the_others_where_they_were():
     kept = np.random.default_rng(3).random(len(t)) > 0.05
     even, _ = with_even_stamps(Stream(arrived(t, 3e-4)[kept], swinging(t)[kept]))
     assert (even.t - t[kept])[1000:-1000].std() < 5e-5
+
+
+@pytest.mark.parametrize('lost', [3, 5, 12])
+def test_a_pause_that_is_shorter_than_the_jitter_is_found(lost):
+    t = regular()
+    kept = np.r_[0:7000, 7000 + lost:len(t)]
+    even, _ = evened(arrived(t, 3e-3)[kept])
+    off = (even - t[kept])[1000:-1000]
+    assert off.std() < 1.5e-4

@@ -1,0 +1,26 @@
+"""A sound rig is neither refused nor stopped because the computer is late."""
+
+from forcecal_ros.identify.pipeline import identify
+from forcecal_ros.identify.settings import Settings
+from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rig.truth import true_calibration
+from late_computer import Conditions, run
+import numpy as np
+import pytest
+
+
+@pytest.mark.parametrize('conditions', [
+    Conditions(latency=0.5, jitter=3e-3),
+    Conditions(stall=0.5, load=1),
+    Conditions(latency=0.1, pause=0.05, jitter=1e-3, load=2),
+], ids=['late by half a second', 'held back', 'pauses under load'])
+def test_a_sound_rig_is_calibrated_as_well_on_a_computer_that_is_late(conditions):
+    outcome = run(7, conditions)
+    assert not outcome.aborted
+    found = identify(outcome.recording, Settings())
+    truth = true_calibration(load_rig(), 'acc1')
+    off = [(found.mass.value - truth['mass']) / found.mass.std,
+           *((found.com.value - truth['com']) / found.com.std),
+           *((found.wrench_bias.value - truth['wrench_bias']) / found.wrench_bias.std)]
+    assert (np.abs(off) < 4).all(), off
+    assert not [line for line in found.quality['warnings'] if 'suspect' in line]
