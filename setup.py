@@ -25,8 +25,10 @@ setup(
         (f'share/{PACKAGE}/layouts', sorted(glob('layouts/*.*'))),
     ],
     install_requires=[
+        "backports.zstd>=1.0; python_version < '3.14'",  # in the standard library since
         'control>=0.10',
         'jinja2>=3.1',
+        'lz4>=4.0',
         'matplotlib>=3.6',
         'numba>=0.58',
         'numpy>=1.26',
