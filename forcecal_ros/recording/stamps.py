@@ -95,20 +95,17 @@ def jitter_of(t: Array) -> Jitter:
 
 def _with_pauses(t: Array, jitter: Jitter) -> Jitter:
     """Count the samples lost in pauses that are too short to be seen among jittering intervals."""
-    half = SPAN // 2
     late = t - jitter.period * jitter.number
-    means = uniform_filter1d(late, half, mode='nearest')
+    sums = np.concatenate([[0.0], np.cumsum(late)])
+    means = (sums[SPAN:] - sums[:-SPAN]) / SPAN
     step = np.zeros(len(t))
-    step[half:-half] = means[half + half // 2:len(t) - half + half // 2] \
-        - means[half - half // 2 - 1:len(t) - half - half // 2 - 1]
+    step[SPAN:len(t) - SPAN + 1] = means[SPAN:] - means[:-SPAN]
+    least = max(1.5 * jitter.period, PAUSE * 1.4826 * float(np.median(np.abs(step))))
     number = jitter.number.copy()
-    least = max(1.5 * jitter.period, PAUSE * jitter.std * np.sqrt(2 / half))
-    while abs(step).max() > least:
+    while step.max() > least:
         i = int(np.argmax(step))
-        if step[i] <= least:
-            break
         number[i:] += round(step[i] / jitter.period)
-        step[max(0, i - half):i + half] = 0.0
+        step[max(0, i - SPAN):i + SPAN] = 0.0
     return _around(t, number) if number[-1] != jitter.number[-1] else jitter
 
 
@@ -116,7 +113,7 @@ def _around(t: Array, number: NDArray[np.intp]) -> Jitter:
     """Measure stamps against samples that are numbered so."""
     period = float(np.median((t[SPAN:] - t[:-SPAN]) / (number[SPAN:] - number[:-SPAN])))
     line = t - period * number
-    off = np.abs(line - uniform_filter1d(line, SPAN, mode='nearest'))
+    off = np.abs(line - uniform_filter1d(line, SPAN, mode='reflect'))
     return Jitter(period, 1.4826 * float(np.median(off)), number)
 
 
@@ -139,13 +136,21 @@ def even_instants(t: Array, jitter: Jitter) -> Array:
     ndarray, shape (n,)
         Increasing [s].
     """
-    line = jitter.period * jitter.number
-    pauses = np.flatnonzero(np.diff(t) > 2 * jitter.period + PAUSE * jitter.std) + 1
+    late = t - jitter.period * jitter.number
+    pauses = np.flatnonzero(np.diff(late) > jitter.period + PAUSE * jitter.std) + 1
     width = max(3, round(WINDOW / jitter.period))
-    off = [uniform_filter1d(part, min(width, len(part)), mode='nearest')
-           for part in np.split(t - line, pauses)]
-    even = line + np.concatenate(off)
+    even = np.concatenate([_even(part, number, width) for part, number in
+                           zip(np.split(t, pauses), np.split(jitter.number, pauses))])
     return even if (np.diff(even) > 0).all() else t
+
+
+def _even(t: Array, number: NDArray[np.intp], width: int) -> Array:
+    """Even one stretch: a line, and what its samples are off it on average around each."""
+    if len(t) < SPAN:
+        return t
+    slope, start = np.polyfit(number - number[0], t, 1)
+    line = start + slope * (number - number[0])
+    return line + uniform_filter1d(t - line, min(width, len(t)), mode='reflect')
 
 
 def roughness(t: Array, values: Array) -> float:
