@@ -151,28 +151,3 @@ def rotation_from_vector(vector: ArrayLike) -> Array:
     ndarray, shape (..., 3, 3)
     """
     return np.asarray(Rotation.from_rotvec(np.array(vector, dtype=float)).as_matrix())
-
-
-def transport_wrench(wrench: ArrayLike, R_to_from: ArrayLike, origin_from: ArrayLike) -> Array:
-    """
-    Express a wrench in another frame and about that frame's origin.
-
-    Parameters
-    ----------
-    wrench : array_like, shape (..., 6)
-        Force [N], torque [N m], in frame ``from`` about its origin.
-    R_to_from : array_like, shape (3, 3)
-        Maps ``from`` coordinates to ``to`` coordinates.
-    origin_from : array_like, shape (3,)
-        Origin of ``from``, in ``to`` coordinates [m].
-
-    Returns
-    -------
-    ndarray, shape (..., 6)
-        The same wrench in frame ``to`` about its origin.
-    """
-    wrench = np.asarray(wrench, dtype=float)
-    R_to_from = np.asarray(R_to_from, dtype=float)
-    force = wrench[..., :3] @ R_to_from.T
-    torque = wrench[..., 3:] @ R_to_from.T + np.cross(np.asarray(origin_from, dtype=float), force)
-    return np.concatenate([force, torque], axis=-1)

@@ -120,11 +120,11 @@ def calibration_for(args: argparse.Namespace,
     from forcecal_ros.errors import DataError, UnobservableError
     from forcecal_ros.identify.pipeline import identify
     from forcecal_ros.identify.settings import Settings
-    from forcecal_ros.recording.bags import read_texts
+    from forcecal_ros.recording.bags import read_calibrations
 
     if args.calibration:
         return load(args.calibration), args.calibration
-    recorded = read_texts(args.bag, 'calibration', topic_names(args))
+    recorded = read_calibrations(args.bag, topic_names(args))
     if recorded:
         return parse(recorded[-1], f'{args.bag}: sequencer/calibration'), 'in the recording'
     try:

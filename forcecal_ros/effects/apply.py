@@ -46,8 +46,7 @@ def with_effects(rig: Rig, effects: Values) -> Rig:
     return replace(rig, effects=chosen_effects(together))
 
 
-def apply_signal_effects(recording: Recording, rig: Rig,
-                         accelerometer: str | None = None) -> Recording:
+def apply_signal_effects(recording: Recording, rig: Rig) -> Recording:
     """
     Apply a rig's effects on sampled signals to signals that lack them.
 
@@ -56,9 +55,7 @@ def apply_signal_effects(recording: Recording, rig: Rig,
     recording : Recording
         Simulated or measured, sampled without gaps.
     rig : Rig
-        With effects.
-    accelerometer : str, optional
-        ``acc1`` or ``acc2``; the mounted one where none is given.
+        With effects; the accelerometer is the mounted one.
 
     Returns
     -------
@@ -71,11 +68,11 @@ def apply_signal_effects(recording: Recording, rig: Rig,
         recording = replace(recording, wrench=_changed(wrench, WrenchEffects(
             rig, 1.0 / wrench.rate)))
     if volts is not None and len(volts) > 1:
-        model = rig.accelerometer.model(accelerometer)
+        model = rig.accelerometer.model()
         gain, offset = ((np.ones(3), np.zeros(3)) if recording.accelerometer_unit == 'V'
                         else (np.array(model.gain), np.array(model.offset)))
         volts = replace(volts, values=volts.values * gain + offset)
-        volts = _changed(volts, AccelerometerEffects(rig, accelerometer, 1.0 / volts.rate))
+        volts = _changed(volts, AccelerometerEffects(rig, None, 1.0 / volts.rate))
         volts = replace(volts, values=(volts.values - offset) / gain)
         recording = replace(recording, accelerometer=volts)
     return recording

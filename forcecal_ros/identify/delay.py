@@ -19,11 +19,16 @@ _PARTS = 12
 """Parts of the motion that are left out in turn for the standard error."""
 
 _STEP = 1e-3
+"""Between the delays that are tried before the best one is refined [s]."""
+
+_LARGEST = 0.02
+"""Greatest delay looked for, either way; real pairs of sensors were 6 to 9 ms apart [s]."""
+
+_SHORTEST = 0.02
+"""Length of the blocks that are averaged, longer where a sensor is slow [s]."""
 
 
-def estimate_delay(recording: Recording, calibration: Calibration, start: float = -np.inf,
-                   end: float = np.inf, largest: float = 0.02,
-                   shortest: float = 0.02) -> Estimate:
+def estimate_delay(recording: Recording, calibration: Calibration) -> Estimate:
     """
     Find the delay that makes force and acceleration of a free motion agree, u = m (a - g).
 
@@ -34,15 +39,9 @@ def estimate_delay(recording: Recording, calibration: Calibration, start: float 
     Parameters
     ----------
     recording : Recording
-        With wrench and accelerometer.
+        With wrench and accelerometer, of motion in which nothing touches the tool.
     calibration : Calibration
         Mass, biases and accelerometer are used.
-    start, end : float
-        Stretch in which nothing touches the tool [s].
-    largest : float
-        Greatest delay looked for, either way [s].
-    shortest : float
-        Length of the blocks, longer where a sensor is slow [s].
 
     Returns
     -------
@@ -53,17 +52,17 @@ def estimate_delay(recording: Recording, calibration: Calibration, start: float 
     Raises
     ------
     DataError
-        A sensor is missing, the stretch is too short, or its motion does not tell.
+        A sensor is missing, the recording is too short, or its motion does not tell.
     """
     wrench, accelerometer = recording.wrench, recording.accelerometer
     if wrench is None or accelerometer is None or calibration.accelerometer is None:
         raise DataError('the delay wants wrench and accelerometer, recorded and calibrated')
     known = calibration.accelerometer
     f = np.linalg.solve(known.matrix, (accelerometer.values - known.offset.value).T).T
-    force, pull = wrench.between(start, end), Stream(accelerometer.t, f)
-    length = block_length(shortest, 1 / wrench.rate, 1 / accelerometer.rate)
-    first = max(force.t[0], pull.t[0] + largest) if len(force) else 0.0
-    last = min(force.t[-1], pull.t[-1] - largest) if len(force) else 0.0
+    force, pull = wrench, Stream(accelerometer.t, f)
+    length = block_length(_SHORTEST, 1 / wrench.rate, 1 / accelerometer.rate)
+    first = max(force.t[0], pull.t[0] + _LARGEST) if len(force) else 0.0
+    last = min(force.t[-1], pull.t[-1] - _LARGEST) if len(force) else 0.0
     starts = np.arange(first, last - length, length / 2)
     if len(starts) < 4 * _PARTS:
         raise DataError(f'{len(starts)} blocks of {1e3 * length:.0f} ms of free motion do not '
@@ -75,7 +74,7 @@ def estimate_delay(recording: Recording, calibration: Calibration, start: float 
         r = F + mass * averager.means(starts + delay, length)
         return np.asarray(r - np.nanmean(r, axis=0))
 
-    grid = np.arange(-largest, largest + _STEP / 2, _STEP)
+    grid = np.arange(-_LARGEST, _LARGEST + _STEP / 2, _STEP)
     costs = np.array([np.nansum(residual(d) ** 2, axis=1) for d in grid])
     best = _minimum(residual, grid, costs, np.ones(len(starts), dtype=bool))
     parts = np.arange(len(starts)) * _PARTS // len(starts)
@@ -83,11 +82,11 @@ def estimate_delay(recording: Recording, calibration: Calibration, start: float 
     spread = (_PARTS - 1) / _PARTS * np.sum((left_out - left_out.mean()) ** 2)
     moved = float(np.nansum((F - np.nanmean(F, axis=0)) ** 2))
     explained = 1 - float(np.nansum(residual(best) ** 2)) / moved
-    if explained < 0.5 or abs(best) > largest - _STEP or spread > (largest / 10) ** 2:
+    if explained < 0.5 or abs(best) > _LARGEST - _STEP or spread > (_LARGEST / 10) ** 2:
         raise DataError(
             f'the motion does not tell the delay: {1e3 * best:.1f} +- {1e3 * spread ** 0.5:.1f} '
             f'ms, the acceleration explains {100 * explained:.0f} % of the force; move faster, '
-            f'free of contact, or look further than {1e3 * largest:.0f} ms')
+            f'free of contact; delays beyond {1e3 * _LARGEST:.0f} ms are not looked for')
     return Estimate(best, np.sqrt(spread), 's')
 
 

@@ -6,12 +6,15 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 import numpy as np
 
+_STEPS = 20
+"""Newton's method doubles its digits with each step; what needs more does not converge."""
+
 _SETTLED = 0.05
 """Last step, in standard errors with the other unknowns held; the next is a hundredth of it."""
 
 
-def solve_score(score: Callable[[Array], Array], slope: Callable[[Array], Array], start: Array,
-                iterations: int = 20) -> tuple[Array, Array]:
+def solve_score(score: Callable[[Array], Array], slope: Callable[[Array], Array], start: Array
+                ) -> tuple[Array, Array]:
     """
     Newton's method.
 
@@ -22,8 +25,6 @@ def solve_score(score: Callable[[Array], Array], slope: Callable[[Array], Array]
     slope : callable
         (p,) to (p, p): derivative of the score, noise left out where that makes a difference.
     start : ndarray, shape (p,)
-    iterations : int
-        At most.
 
     Returns
     -------
@@ -37,7 +38,7 @@ def solve_score(score: Callable[[Array], Array], slope: Callable[[Array], Array]
         It does not converge.
     """
     theta = start.copy()
-    for _ in range(iterations):
+    for _ in range(_STEPS):
         derivative = slope(theta)
         scale = np.sqrt(np.abs(np.diag(derivative)))
         scale[scale == 0] = 1.0
@@ -46,7 +47,7 @@ def solve_score(score: Callable[[Array], Array], slope: Callable[[Array], Array]
         theta = theta - move / scale
         if (np.abs(move) <= _SETTLED).all():
             return theta, derivative
-    raise DataError(f'the fit does not settle within {iterations} steps; '
+    raise DataError(f'the fit does not settle within {_STEPS} steps; '
                     'the recording may hold contact in phases of free motion')
 
 

@@ -170,7 +170,7 @@ def _single_samples(recording: Recording, removed: dict[str, int], poses: list[S
     if recording.accelerometer is not None:
         volts = np.stack([window_mean(recording.accelerometer, p.start, p.end, 'accelerometer')
                           for p in poses])
-        accelerometer = identify_static_accelerometer(statics.gravity, volts, None, condition)
+        accelerometer = identify_static_accelerometer(statics.gravity, volts, condition)
     return Stages(recording, removed, poses, statics, tool, None, None, accelerometer, None, None,
                   None)
 

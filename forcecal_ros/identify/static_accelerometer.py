@@ -8,8 +8,7 @@ import numpy as np
 
 
 def identify_static_accelerometer(
-        gravity: Array, volts: Array, covariance: Array | None, condition: float = 100.0
-        ) -> AccelerometerFit:
+        gravity: Array, volts: Array, condition: float = 100.0) -> AccelerometerFit:
     """
     Fit V = V0 - M g_S to the means of the static poses, [Gamez2005] Eq. 2 on three axes.
 
@@ -18,9 +17,7 @@ def identify_static_accelerometer(
     gravity : ndarray, shape (n, 3)
         In ft_sensor [m/s^2].
     volts : ndarray, shape (n, 3)
-        Means.
-    covariance : ndarray, shape (n, 3, 3), or None
-        Of these means; None: taken from the residuals.
+        Means; their covariance is taken from the residuals.
     condition : float
         Largest ratio of the first to the third spread of gravity.
 
@@ -47,17 +44,12 @@ def identify_static_accelerometer(
     bread = np.linalg.inv(rows.T @ rows)
     solution = bread @ rows.T @ volts
     residuals = volts - rows @ solution
-    if covariance is None:
-        noise = np.broadcast_to(np.diag((residuals**2).sum(axis=0) / (n - 4)), (n, 3, 3))
-        chi_square = np.nan
-    else:
-        noise = covariance
-        chi_square = float(np.einsum('ni,nij,nj->', residuals, np.linalg.inv(noise), residuals))
-    spread_of = np.einsum('ap,np,nij,nq,bq->iajb', bread, rows, noise, rows, bread, optimize=True)
+    noise = np.diag((residuals**2).sum(axis=0) / (n - 4))
+    spread_of = np.einsum('ab,ij->iajb', bread, noise)
     order = np.array([[i, 0] for i in range(3)]
                      + [[i, 1 + j] for i in range(3) for j in range(3)]).T
     full = np.full((17, 17), np.nan)
     full[:12, :12] = spread_of[order[0][:, None], order[1][:, None], order[0], order[1]]
     nan = float('nan')
     return AccelerometerFit(solution[0], solution[1:].T, nan, nan, np.full(3, nan), full, None,
-                            chi_square, 3 * n - 12, float(np.abs(residuals).max()))
+                            nan, 3 * n - 12, float(np.abs(residuals).max()))

@@ -112,24 +112,23 @@ def accelerometer_regression(recording: Recording, calibration: Calibration) -> 
     return figure
 
 
-def observer_output(recording: Recording, calibration: Calibration, contact: Stream,
-                    axis: int = 0) -> Figure | None:
-    """Draw sensor and observer over the whole recording, as [Gamez2005] Fig. 5."""
+def observer_output(recording: Recording, calibration: Calibration, contact: Stream
+                    ) -> Figure | None:
+    """Draw sensor and observer along x over the whole recording, as [Gamez2005] Fig. 5."""
     if recording.wrench is None:
         return None
     figure, (axes,) = axes_grid(1, 1, height=3.6)
     every = max(1, len(recording.wrench) // 6000)
-    sensor = recording.wrench.values[::every, axis] - calibration.wrench_bias.value[axis]
+    sensor = recording.wrench.values[::every, 0] - calibration.wrench_bias.value[0]
     axes.plot(recording.wrench.t[::every], sensor, color=MEASURED, linewidth=0.8,
               label='sensor, bias removed')
-    axes.plot(contact.t[::every], contact.values[::every, axis], color=ESTIMATED, linewidth=1,
+    axes.plot(contact.t[::every], contact.values[::every, 0], color=ESTIMATED, linewidth=1,
               label='observer: contact force')
     if recording.contact_truth is not None:
         truth = recording.contact_truth
-        axes.plot(truth.t[::every], truth.values[::every, axis], '--', color=TRUE, linewidth=1,
+        axes.plot(truth.t[::every], truth.values[::every, 0], '--', color=TRUE, linewidth=1,
                   label='true contact force')
-    axes.set(title=f'Force along {"xyz"[axis]} of the sensor', xlabel='time [s]',
-             ylabel='force [N]')
+    axes.set(title='Force along x of the sensor', xlabel='time [s]', ylabel='force [N]')
     axes.legend(fontsize=8)
     return figure
 

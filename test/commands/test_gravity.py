@@ -6,7 +6,12 @@ import json
 from forcecal_ros.calibration.file import parse, save
 from forcecal_ros.cli import main
 from forcecal_ros.gravity import replay
-from forcecal_ros.recording.bags import read_recording, read_texts, write_recording, write_signals
+from forcecal_ros.recording.bags import (
+    read_calibrations,
+    read_recording,
+    write_recording,
+    write_signals,
+)
 import gravity_arm as arm
 import numpy as np
 import pytest
@@ -35,7 +40,7 @@ def test_the_bag_holds_what_the_replay_gives(capsys, folder, tmp_path):
     assert (status, err) == (0, '')
     assert '1500 wrenches by ukf, gravity from the pose' in out
     written = read_recording(tmp_path / 'out', topics={'wrench': 'observer/contact_wrench'}).wrench
-    calibration = parse(read_texts(tmp_path / 'out', 'calibration')[0])
+    calibration = parse(read_calibrations(tmp_path / 'out')[0])
     expected = replay(read_recording(folder / 'bag'), calibration)
     assert (written.values == expected.wrench).all()
     assert written.t == pytest.approx(expected.t)

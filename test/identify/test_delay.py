@@ -3,7 +3,7 @@
 from forcecal_ros.errors import DataError
 from forcecal_ros.identify.delay import estimate_delay, with_delay
 import numpy as np
-from observing import calibration, push, record, Swing
+from observing import calibration, record, Swing
 import pytest
 
 SWING = Swing(place=(0.012, 0.004, 0.006), slide=0.003)
@@ -28,17 +28,11 @@ def test_a_bias_that_moved_does_not_count():
     assert float(found) == pytest.approx(0.006, abs=4 * found.std)
 
 
-def test_contact_outside_the_stretch_does_not_count():
-    recording = record(5.0, SWING, push(0, 20.0, 3.0), seed=1, delay=0.006)
-    found = estimate_delay(recording, calibration(), end=2.9)
-    assert float(found) == pytest.approx(0.006, abs=4 * found.std)
-
-
-def test_rest_and_short_stretches_are_refused():
+def test_rest_and_short_recordings_are_refused():
     with pytest.raises(DataError, match='does not tell the delay'):
         estimate_delay(record(3.0, seed=2), calibration())
     with pytest.raises(DataError, match='blocks'):
-        estimate_delay(record(3.0, SWING), calibration(), end=0.3)
+        estimate_delay(record(0.3, SWING), calibration())
     with pytest.raises(DataError, match='wants wrench and accelerometer'):
         estimate_delay(record(1.0, without=('accelerometer',)), calibration())
 

@@ -24,8 +24,7 @@ class Piece(NamedTuple):
     values: Array
 
 
-def read_pieces(path: Path | str, topics: Mapping[str, Sequence[str]], start_ns: int | None = None
-                ) -> Iterator[Piece]:
+def read_pieces(path: Path | str, topics: Mapping[str, Sequence[str]]) -> Iterator[Piece]:
     """
     Read fields of some topics in the order of recording.
 
@@ -37,8 +36,6 @@ def read_pieces(path: Path | str, topics: Mapping[str, Sequence[str]], start_ns:
     topics : mapping of str to sequence of str
         Fields by topic, as for :func:`~forcecal_ros.recording.bags.read_columns`; none given:
         what the topic's type usually has.
-    start_ns : int, optional
-        Stamp that t = 0 stands for; the first one read, if not given [ns since the epoch].
 
     Yields
     ------
@@ -54,6 +51,7 @@ def read_pieces(path: Path | str, topics: Mapping[str, Sequence[str]], start_ns:
         collectors = {topic: Collector(bag, topic, topics[name] or _usual_fields(bag, topic))
                       for topic, name in wanted.items()}
         waiting = dict.fromkeys(wanted, 0)
+        start_ns: int | None = None
         last = dict.fromkeys(wanted, -np.inf)
 
         def flush(topic: Topic) -> Iterator[Piece]:

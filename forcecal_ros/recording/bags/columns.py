@@ -73,15 +73,13 @@ def read_columns(path: Path | str, topic: str, fields: Sequence[str]) -> Columns
                        series.frame, start_ns, tuple(bag.notes))
 
 
-def read_texts(path: Path | str, role: str, topics: Mapping[str, str] | None = None) -> list[str]:
+def read_calibrations(path: Path | str, topics: Mapping[str, str] | None = None) -> list[str]:
     """
-    Read the strings said on a topic, as the calibration in force while recording.
+    Read the calibrations that were published while recording, as texts.
 
     Parameters
     ----------
     path : Path or str
-    role : str
-        One of the roles of type std_msgs/String.
     topics : mapping of str to str, optional
         As for :func:`read_recording`.
 
@@ -96,11 +94,12 @@ def read_texts(path: Path | str, role: str, topics: Mapping[str, str] | None = N
         See :func:`read_recording`.
     """
     with Bag(path) as bag:
-        found = find_topics(bag.topics, topics or {}, [role])[0]
-        if role not in found:
+        found = find_topics(bag.topics, topics or {}, ['calibration'])[0]
+        if 'calibration' not in found:
             return []
-        collector = Collector(bag, found[role], ['data'], text=True)
-        for batch in bag.batches({found[role]}):
+        topic = found['calibration']
+        collector = Collector(bag, topic, ['data'], text=True)
+        for batch in bag.batches({topic}):
             collector.add(batch)
         series = collector.series(bag.notes)
         return [] if series is None else [str(text) for text in series.values[:, 0]]

@@ -19,8 +19,8 @@ _DAY = 86400.0
 
 
 def read_recording(
-        path: Path | str, topics: Mapping[str, str] | None = None, wrench_sign: int = 1,
-        roles: Collection[str] | None = None) -> Recording:
+        path: Path | str, topics: Mapping[str, str] | None = None, wrench_sign: int = 1
+        ) -> Recording:
     """
     Read a rosbag2 recording: a folder or one file, SQLite or MCAP, compressed or not.
 
@@ -36,8 +36,6 @@ def read_recording(
         :data:`forcecal_ros.recording.topics.ROLES`.
     wrench_sign : int
         -1 for a driver that reports the wrench of the tool on its environment.
-    roles : collection of str, optional
-        What to read; everything a :class:`Recording` can hold if not given.
 
     Returns
     -------
@@ -51,10 +49,8 @@ def read_recording(
     ConfigError
         A role does not exist.
     """
-    wanted = [role for role in (*_STREAMS, 'phase') if roles is None or role in roles
-              or role in ('imu', 'accel') and 'accelerometer' in roles]
     with Bag(path) as bag:
-        found, mismatches = find_topics(bag.topics, topics or {}, wanted)
+        found, mismatches = find_topics(bag.topics, topics or {}, (*_STREAMS, 'phase'))
         for mismatch in mismatches:
             bag.notes.add(mismatch)
         _choose_accelerometer(found, topics or {}, bag.notes)
