@@ -17,11 +17,13 @@ from forcecal_ros.recording.bags import read_recording, write_recording
 import numpy as np
 from observing import calibration, record, Swing
 import pytest
-from scale_work import always_killed, killed_at_first, process, square
+import scale_work
+from scale_work import always_killed, killed_at_first, meet, square
 
 pytest.importorskip('joblib')
 distributed = pytest.importorskip('distributed')
 
+NAMES = ('one', 'two', 'friday/one')
 SWING = Swing(place=(0.012, 0.004, 0.006), turn=0.2)
 
 
@@ -29,7 +31,7 @@ SWING = Swing(place=(0.012, 0.004, 0.006), turn=0.2)
 def cluster(tmp_path_factory):
     """Start a scheduler and two worker processes of one thread each; return the address."""
     folder = tmp_path_factory.mktemp('dask')
-    environment = {**os.environ, 'PYTHONPATH': str(Path(__file__).parent),
+    environment = {**os.environ, 'PYTHONPATH': str(Path(scale_work.__file__).parent),
                    # how long the scheduler looks for what a dead worker had done
                    'DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT': '2s'}
     said = folder / 'scheduler'
@@ -71,9 +73,9 @@ def test_outcomes_come_as_they_are_done():
     assert next(waiting).value == 1
 
 
-def test_work_is_spread_over_processes():
-    pids = set(values(each(process, range(8), jobs=2)).values())
-    assert 1 <= len(pids) <= 2 and os.getpid() not in pids
+def test_work_is_spread_over_processes(tmp_path):
+    pids = set(values(each(meet, [str(tmp_path)] * 8, jobs=2)).values())
+    assert len(pids) == 2 and os.getpid() not in pids
 
 
 def test_a_process_killed_half_way_costs_nothing_but_time(tmp_path):
@@ -103,7 +105,7 @@ def test_a_cluster_that_is_not_there_is_said_so():
 def fleet(tmp_path_factory):
     """Write three recordings, the last of another day, and their calibration."""
     folder = tmp_path_factory.mktemp('fleet')
-    for i, name in enumerate(('one', 'two', 'friday/one')):
+    for i, name in enumerate(NAMES):
         (folder / name).parent.mkdir(exist_ok=True)
         write_recording(folder / name, record(1.5, SWING, seed=i))
     save(calibration(), folder / 'calibration.yaml')
@@ -115,22 +117,29 @@ def estimated(folder, *names):
     return [read_recording(folder / name, topic).wrench.values for name in names]
 
 
+@pytest.fixture(scope='module')
+def alone(fleet, tmp_path_factory):
+    """Estimate the recordings one by one; return the contact wrenches."""
+    folder = tmp_path_factory.mktemp('alone')
+    (folder / 'friday').mkdir()
+    for name in NAMES:
+        assert main(['estimate', str(fleet / name), '--calibration',
+                     str(fleet / 'calibration.yaml'), '-o', str(folder / name)]) == 0
+    return estimated(folder, *NAMES)
+
+
 @pytest.mark.parametrize('where', ['jobs', 'dask'])
 def test_many_recordings_are_estimated_as_one_by_one_to_the_bit(
-        capsys, fleet, tmp_path, where, request):
-    names = ['one', 'two', 'friday/one']
+        capsys, fleet, alone, tmp_path, where, request):
     known = ['--calibration', str(fleet / 'calibration.yaml')]
-    for name in names:
-        assert main(['estimate', str(fleet / name), *known, '-o', str(tmp_path / 'a' / name)]) == 0
     at = ['--jobs', '2'] if where == 'jobs' else ['--dask', request.getfixturevalue('cluster')]
     capsys.readouterr()
-    assert main(['estimate', *(str(fleet / name) for name in names), *known, *at,
+    assert main(['estimate', *(str(fleet / name) for name in NAMES), *known, *at,
                  '-o', str(tmp_path / 'b'), '--json']) == 0
     documents = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert {one['recording'] for one in documents} == {str(fleet / name) for name in names}
-    for alone, together in zip(estimated(tmp_path / 'a', *names),
-                               estimated(tmp_path / 'b', *names)):
-        np.testing.assert_array_equal(alone, together)
+    assert {one['recording'] for one in documents} == {str(fleet / name) for name in NAMES}
+    for one_by_one, together in zip(alone, estimated(tmp_path / 'b', *NAMES)):
+        np.testing.assert_array_equal(one_by_one, together)
 
 
 def test_a_list_of_recordings_leaves_out_what_cannot_be_read_and_says_so(
