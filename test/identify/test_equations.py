@@ -13,6 +13,7 @@ from forcecal_ros.identify.mass import mass_from_tilt
 from forcecal_ros.identify.means import window_mean
 from forcecal_ros.identify.paper import operation_count
 from forcecal_ros.identify.poses import orientation_h, orientation_v
+from forcecal_ros.identify.static_accelerometer import identify_static_accelerometer
 from forcecal_ros.identify.step_gain import plain_offset, step_gain
 from forcecal_ros.recording.streams import Stream
 from hypothesis import given
@@ -71,6 +72,17 @@ def test_a_mass_with_x_as_good_as_horizontal_is_refused():
 def test_mean_takes_the_window_alone():
     stream = Stream(np.arange(10.0), np.arange(20.0).reshape(10, 2))
     np.testing.assert_array_equal(window_mean(stream, 2.0, 5.0), [6.0, 7.0])
+
+
+def test_volts_at_rest_are_offset_less_gain_times_gravity_on_three_axes():
+    """Eq. 2 for gravity of 10 m/s^2 along each axis; y and z stand for each other."""
+    gravity = 10.0 * np.vstack([np.eye(3), -np.eye(3)])
+    volts = np.array([[8.0, 4.0, 6.0], [5.0, 4.0, 8.5], [5.0, 1.0, 6.0],
+                      [2.0, 4.0, 6.0], [5.0, 4.0, 3.5], [5.0, 7.0, 6.0]])
+    found = identify_static_accelerometer(gravity, volts)
+    np.testing.assert_allclose(found.offset, [5.0, 4.0, 6.0])
+    np.testing.assert_allclose(
+        found.matrix, [[-0.3, 0.0, 0.0], [0.0, 0.0, 0.3], [0.0, -0.25, 0.0]], atol=1e-12)
 
 
 def ringing(delay=0.0, noise=0.0, n=1000, gain=-0.2937, seed=1):

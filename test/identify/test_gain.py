@@ -2,6 +2,7 @@
 
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.identify.covariance import (
+    measurement_covariance,
     process_covariance,
     sample_covariance,
     stream_covariance,
@@ -15,7 +16,7 @@ from forcecal_ros.identify.gain import (
     with_unit_k23,
 )
 from forcecal_ros.identify.poses import StaticPose
-from forcecal_ros.recording.streams import Stream
+from forcecal_ros.recording.streams import PoseStream, Stream
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
@@ -161,6 +162,23 @@ def test_a_covariance_at_rest_leaves_each_poses_own_mean_out():
     assert (np.abs(found.value - L @ L.T) < 4 * found.std).all()
     assert found.rate == pytest.approx(1000.0)
     np.testing.assert_allclose(found.density, found.value / 1000)
+
+
+def test_the_noise_of_position_enters_its_difference_and_makes_the_two_correlated():
+    """R of y = [x, dx/dt, d2x/dt2] at 250 Hz: 2e-5 m in x, 0.04 m/s^2 at 1 kHz."""
+    rng, n = np.random.default_rng(8), 20_000
+    t, fine = 0.004 * np.arange(n), 0.001 * np.arange(4 * n)
+    pose = PoseStream(t, [1.0, 0.0, 1.0] + 2e-5 * rng.standard_normal((n, 3)),
+                      np.broadcast_to(np.eye(3), (n, 3, 3)))
+    force = Stream(fine, 0.04 * rng.standard_normal((4 * n, 3)))
+    still = StaticPose(0.1, t[-1], np.eye(3), np.nan)
+    found = measurement_covariance([still], pose, None, force)
+    # (2e-5)^2; (2e-5)^2 / 4 ms; 2 (2e-5)^2 / (4 ms)^2
+    expected = np.array([[4e-10, 1e-7, 0.0], [1e-7, 5e-5, 0.0], [0.0, 0.0, found.value[2, 2]]])
+    assert (np.abs(found.value - expected) < 5 * found.std).all()
+    assert 0.04**2 / 5 < found.value[2, 2] < 0.04**2 / 4  # averages of four to five samples
+    assert found.rate == pytest.approx(250.0)
+    np.testing.assert_allclose(found.density, found.value * 0.004)
 
 
 def test_standard_errors_of_a_covariance_hold():

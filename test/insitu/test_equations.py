@@ -180,6 +180,32 @@ def test_the_known_side_is_the_wrench_of_the_added_mass():
     np.testing.assert_allclose(wrench[:, 3:], np.cross(load.position, 0.5 * gravity))
 
 
+def test_body_and_load_are_weighed_together():
+    body = np.array([2.0, 0.2, -0.4, 0.6])
+    weight = eq.total_map(body, Load(0.5, (0.4, 0.0, -0.2)), STATIC) @ [0.0, 0.0, -10.0]
+    # 2.5 kg; moment (0.4, -0.4, 0.5) kg m x (0, 0, -10) m/s^2
+    np.testing.assert_allclose(weight, [0.0, 0.0, -25.0, 4.0, 4.0, 0.0], atol=1e-12)
+
+
+def test_the_body_that_a_calibrated_sensor_feels_is_found():
+    gravity = 10.0 * np.eye(3)
+    wrench = [[20.0, 0.0, 0.0, 0.0, 6.0, 4.0], [0.0, 20.0, 0.0, -6.0, 0.0, 2.0],
+              [0.0, 0.0, 20.0, -4.0, -2.0, 0.0]]
+    np.testing.assert_allclose(eq.body_of(np.array(wrench), gravity), [2.0, 0.2, -0.4, 0.6])
+
+
+def test_the_truth_solves_the_system_of_all_data_sets():
+    loads = [Added(0.0), ADDED]
+    logs = [record(load, QUIET, k) for k, load in enumerate(loads)]
+    left, right = eq.system([log.raw[::500] - OFFSET for log in logs],
+                            [-log.accel[::500] for log in logs],
+                            [Load(load.mass, load.position) for load in loads])
+    body = insitu_leg.BODY_MASS * np.array([1.0, *insitu_leg.BODY_COM])
+    truth = np.concatenate([insitu_leg.true_matrix(QUIET).T.ravel(), body])
+    np.testing.assert_allclose(left @ truth, right, atol=1e-8)
+    assert np.abs(right).max() > 1.0
+
+
 def solved(channels, noise):
     leg = Leg(noise=0.0, channels=channels, offset=np.zeros(len(channels)), noise_map=np.zeros(
         (len(channels), 6)))

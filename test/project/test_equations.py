@@ -1,6 +1,7 @@
 """The README's table of equations and the docstrings say the same."""
 
 import ast
+from importlib import import_module
 from pathlib import Path
 import re
 
@@ -36,6 +37,29 @@ def documented():
     return names
 
 
+def imported(tree):
+    """Map each name that a source imports from the package to what it is."""
+    return {alias.asname or alias.name: from_package(node.module, alias.name)
+            for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)
+            and (node.module or '').partition('.')[0] == 'forcecal_ros' for alias in node.names}
+
+
+def from_package(module, name):
+    """Return a member or a submodule."""
+    found = getattr(import_module(module), name, None)
+    return import_module(f'{module}.{name}') if found is None else found
+
+
+def called(source):
+    """Return all functions and classes of the package that a source calls."""
+    tree = ast.parse(source)
+    known = imported(tree)
+    names = [node.func for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    return [known.get(f.id) for f in names if isinstance(f, ast.Name)] + [
+        getattr(known.get(f.value.id), f.attr, None) for f in names
+        if isinstance(f, ast.Attribute) and isinstance(f.value, ast.Name)]
+
+
 DOCSTRINGS = documented()
 ROWS = ROW.findall((ROOT / 'README.md').read_text())
 
@@ -45,11 +69,20 @@ def test_there_is_a_table():
 
 
 @pytest.mark.parametrize(('named', 'function', 'test'), ROWS, ids=[row[1] for row in ROWS])
-def test_a_row_names_a_function_that_says_so_and_a_test_that_uses_it(named, function, test):
+def test_a_row_names_a_function_that_says_so_and_a_test_that_calls_it(named, function, test):
     assert equations(named) <= equations(DOCSTRINGS[function])
-    text = (ROOT / 'test' / f'{test}.py').read_text()
-    module, name = function.rsplit('.', 1)
-    assert name in text or module.rsplit('.', 1)[-1] in text
+    module, _, name = function.rpartition('.')
+    wanted = from_package(f'forcecal_ros.{module}', name)
+    assert any(one is wanted for one in called((ROOT / 'test' / f'{test}.py').read_text()))
+
+
+def test_a_name_in_a_comment_or_another_module_of_its_name_is_no_call():
+    source = 'from forcecal_ros.identify.mass import mass_from_tilt\n'
+    wanted = from_package('forcecal_ros.identify.mass', 'mass_from_tilt')
+    assert not any(one is wanted for one in called(source + '# mass_from_tilt(1, 2, 3)'))
+    assert wanted not in called('def mass_from_tilt(): pass\nmass_from_tilt()')
+    assert wanted in called(source + 'mass_from_tilt(1, 2, 3)')
+    assert wanted in called('from forcecal_ros.identify import mass as m\nm.mass_from_tilt()')
 
 
 def test_every_equation_named_in_a_docstring_stands_in_the_table():

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+from forcecal_ros.effects.rig import Robot
+from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import rotation_from_vector, rotation_vector, skew
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.parameters import kernel_parameters
@@ -34,6 +36,17 @@ def smooth(n, seed, size):
     for _ in range(4):
         curve = lfilter([0.1], [1.0, -0.9], curve, axis=0)
     return size * curve / np.abs(curve).max()
+
+
+def test_coefficients_are_those_that_the_paper_prints():
+    assert RIG.robot == Robot(0.004, (1.0494, -0.0775, 0.0006), (1.2348, -1.5084, 0.3011))
+
+
+def test_a_robot_that_is_unstable_or_rests_elsewhere_is_refused():
+    with pytest.raises(ConfigError, match='unstable, a pole of magnitude 1.1000'):
+        Robot(0.004, (1.1, 0.0, 0.0), (-0.1, 0.0, 0.0))
+    with pytest.raises(ConfigError, match='static gain 1.2'):
+        Robot(0.004, (0.5, 0.0, 0.0), (0.6, 0.0, 0.0))
 
 
 def test_static_gain_of_eq_28_is_one():
