@@ -19,6 +19,13 @@ settings.register_profile('same_everywhere', derandomize=True, deadline=None)
 settings.load_profile('same_everywhere')
 
 ROOT = Path(__file__).resolve().parents[1]
+NO_DATA = 'wants recordings that are not here: '
+FETCH = {
+    'kuka_lbr_med': 'Zenodo record 11096791 as $FORCECAL_DATA/kuka_lbr_med',
+    'icub_foot': "the log of an iCub's foot in the air as $FORCECAL_DATA/icub_foot",
+    'rig_sample': 'a run of the rig by other code as $FORCECAL_RIG_SAMPLE'}
+"""Where recordings that only others can make come from, and where they are looked for."""
+
 GENERATED = re.compile(r'(__pycache__|build|install|log|dist|.+\.egg-info|\.(?!ci|gitignore).+)')
 
 
@@ -31,23 +38,64 @@ def pytest_collection_modifyitems(items):
         item.add_marker(pytest.mark.xdist_group('live' if live else str(item.path)))
 
 
-def _shared(variable: str, name: str) -> Path:
-    path = Path(os.environ.get(variable, ROOT.parent / 'shared' / name))
+def _recorded_elsewhere(variable: str, default: str, what: str) -> Path:
+    path = Path(os.environ.get(variable, ROOT.parent / 'shared' / default))
+    path = path / what if variable == 'FORCECAL_DATA' else path
     if not path.is_dir():
-        pytest.skip(f'{path} is absent; set {variable} to a copy')
+        pytest.skip(f'{NO_DATA}{what}')
     return path
 
 
 @pytest.fixture(scope='session')
-def data_dir():
-    """Return where recordings of real sensors are: ``$FORCECAL_DATA`` or ``../shared/data``."""
-    return _shared('FORCECAL_DATA', 'data')
+def kuka_data():
+    """Return the recordings of a KUKA arm, below ``$FORCECAL_DATA`` or ``../shared/data``."""
+    return _recorded_elsewhere('FORCECAL_DATA', 'data', 'kuka_lbr_med')
+
+
+@pytest.fixture(scope='session')
+def icub_data():
+    """Return the recording of an iCub's foot, below ``$FORCECAL_DATA`` or ``../shared/data``."""
+    return _recorded_elsewhere('FORCECAL_DATA', 'data', 'icub_foot')
 
 
 @pytest.fixture(scope='session')
 def rig_sample():
-    """Return where the rig recording is: ``$FORCECAL_RIG_SAMPLE`` or ``../shared/rig_sample``."""
-    return _shared('FORCECAL_RIG_SAMPLE', 'rig_sample')
+    """Return the rig by other code: ``$FORCECAL_RIG_SAMPLE`` or ``../shared/rig_sample``."""
+    return _recorded_elsewhere('FORCECAL_RIG_SAMPLE', 'rig_sample', 'rig_sample')
+
+
+@pytest.fixture(scope='session')
+def rig_run(tmp_path_factory):
+    """Return a folder with ``bag``: this package's rig over half a minute of every motion."""
+    from rig_recordings import write_own
+    return write_own(tmp_path_factory.mktemp('rig_run'))
+
+
+@pytest.fixture(scope='session')
+def second_rig(tmp_path_factory):
+    """Return a folder with ``bag`` and ``clean.npz``: the same motion run by the second rig."""
+    if not (ROOT / 'blind').is_dir():
+        pytest.skip('the second rig is not part of what is installed')
+    from rig_recordings import write_second
+    return write_second(tmp_path_factory.mktemp('second_rig'))
+
+
+@pytest.fixture(scope='session', params=['second_rig', 'rig_sample'])
+def other_rig(request):
+    """Return a folder with ``bag`` and ``clean.npz``, by each code that is not this package's."""
+    return request.getfixturevalue(request.param)
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Say in one line how many tests were skipped for want of data, and what to fetch."""
+    reasons = [report.longrepr[2] for report in terminalreporter.stats.get('skipped', ())
+               if NO_DATA in report.longrepr[2]]
+    wanted = [where for name, where in FETCH.items()
+              if any(reason.endswith(name) for reason in reasons)]
+    if reasons:
+        terminalreporter.write_line(
+            f'{len(reasons)} tests were skipped for want of recordings; fetch '
+            + '; '.join(wanted))
 
 
 @pytest.fixture(scope='session')

@@ -1,9 +1,7 @@
 """The second rig: its physics, and that it shares nothing with the package it checks."""
 
 import ast
-import os
 from pathlib import Path
-import sys
 
 import numpy as np
 import pytest
@@ -11,18 +9,15 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 if not (ROOT / 'blind').is_dir():
     pytest.skip('the blind check is not part of what is installed', allow_module_level=True)
-sys.path.insert(0, str(ROOT))
 
-from blind import outside  # noqa: E402
-from blind.cases import draw, kinds, LIBRARY, OUTSIDE, Runner  # noqa: E402
-from blind.motion import Path as Trajectory  # noqa: E402
-from blind.motion import TOUCH  # noqa: E402
-from blind.noise import draw_colours  # noqa: E402
-from blind.rig import Commands, nominal, run  # noqa: E402
-from blind.sensors import record  # noqa: E402
+from blind import outside
+from blind.cases import draw, kinds, LIBRARY, OUTSIDE, Runner
+from blind.motion import Path as Trajectory
+from blind.motion import TOUCH
+from blind.noise import draw_colours
+from blind.rig import Commands, nominal, run
+from blind.sensors import record
 
-SAMPLE = Path(os.environ.get('FORCECAL_DATA', ROOT.parent / 'shared' / 'data')
-              ).parent / 'rig_sample' / 'clean.npz'
 EFFECTS = {**LIBRARY, **OUTSIDE}
 
 
@@ -41,9 +36,8 @@ def test_second_rig_and_package_never_import_each_other(one, other):
     assert not [path for path, name in imports if name == other]
 
 
-@pytest.mark.skipif(not SAMPLE.exists(), reason=f'no {SAMPLE}')
-def test_nominal_run_meets_that_of_another_implementation():
-    with np.load(SAMPLE) as data:
+def test_nominal_run_meets_that_of_another_implementation(rig_sample):
+    with np.load(rig_sample / 'clean.npz') as data:
         truth = run(nominal(), Commands(data['target_position'], data['target_rotation'], ()))
         i = np.round(data['t'][:-1] / 0.00025).astype(int)
         sensors = nominal().sensors

@@ -1,17 +1,15 @@
 """Scoring of the blind check, on answers made up for the purpose."""
 
 from pathlib import Path
-import sys
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 if not (ROOT / 'blind').is_dir():
     pytest.skip('the blind check is not part of what is installed', allow_module_level=True)
-sys.path.insert(0, str(ROOT))
 
-from blind.answered import same_class  # noqa: E402
-from blind.score import calibration_error, Rate, score  # noqa: E402
+from blind.answered import same_class
+from blind.score import calibration_error, Rate, score
 
 
 def _label(kind, *names, energy=1e4):

@@ -211,9 +211,9 @@ def test_the_examples_can_be_read(path):
     assert spec.sensors and spec.data_sets
 
 
-def test_the_example_of_the_foot_works_on_its_recording(data_dir, tmp_path):
+def test_the_example_of_the_foot_works_on_its_recording(icub_data, tmp_path):
     for path in (EXAMPLES / 'insitu_icub_foot.yaml',
-                 data_dir / 'icub_foot' / 'right_foot_in_air.csv'):
+                 icub_data / 'right_foot_in_air.csv'):
         (tmp_path / path.name).symlink_to(path)
     out = tmp_path / 'out'
     assert main(['insitu', str(tmp_path / 'insitu_icub_foot.yaml'), '-o', str(out)]) == 0

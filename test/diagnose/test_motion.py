@@ -22,12 +22,12 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope='module')
-def kuka(data_dir, tmp_path_factory):
+def kuka(kuka_data, tmp_path_factory):
     """Calibrated on the poses and diagnosed on a trajectory, by the commands."""
     folder = tmp_path_factory.mktemp('kuka')
     for name in ('poses', 'baseline'):
         assert main(['import', str(ROOT / f'config/examples/kuka_{name}.yaml'),
-                     '--tables', str(data_dir / 'kuka_lbr_med'), '-o', str(folder / name)]) == 0
+                     '--tables', str(kuka_data), '-o', str(folder / name)]) == 0
     known = folder / 'calibration.yaml'
     assert main(['calibrate', str(folder / 'poses'), '--gravity', GRAVITY, '-o', str(known)]) == 0
     assert main(['diagnose', str(folder / 'baseline'), '--calibration', str(known),

@@ -1,8 +1,6 @@
 """The gap between recording and simulator: named, measured, or denied."""
 
 from dataclasses import replace
-import os
-from pathlib import Path
 
 from forcecal_ros.diagnose import datachecks
 from forcecal_ros.diagnose.evidence import fit, Gram, Prior
@@ -15,10 +13,6 @@ from forcecal_ros.recording.streams import Recording, Stream
 from forcecal_ros.simulators.rig.file import load_rig
 import numpy as np
 import pytest
-
-SAMPLE = Path(os.environ.get(
-    'FORCECAL_DATA', Path(__file__).resolve().parents[3] / 'shared' / 'data')).parent \
-    / 'rig_sample' / 'bag'
 
 
 def test_whitened_noise_is_white_whatever_its_colour():
@@ -84,14 +78,12 @@ def test_a_recording_without_commands_is_invalid_and_says_so():
 
 
 @pytest.fixture(scope='module')
-def sample():
-    if not SAMPLE.exists():
-        pytest.skip(f'{SAMPLE} is not there')
-    return read_recording(SAMPLE)
+def sample(second_rig):
+    return read_recording(second_rig / 'bag')
 
 
-def test_a_sound_recording_by_other_code_has_no_gap(sample):
-    diagnosis = diagnose(sample, None, load_rig()).diagnosis
+def test_a_sound_recording_by_other_code_has_no_gap(other_rig):
+    diagnosis = diagnose(read_recording(other_rig / 'bag'), None, load_rig()).diagnosis
     assert diagnosis.verdict == 'no_gap'
     assert not diagnosis.effects
 

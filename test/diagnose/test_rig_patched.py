@@ -17,9 +17,9 @@ EFFECTS = {'wrench_delay': {'delay': 0.006}}
 
 
 @pytest.fixture(scope='module')
-def diagnosed(rig_sample, tmp_path_factory):
+def diagnosed(rig_run, tmp_path_factory):
     folder = tmp_path_factory.mktemp('patched')
-    sample = read_recording(rig_sample / 'bag')
+    sample = read_recording(rig_run / 'bag')
     recording = simulate(with_effects(load_rig(), EFFECTS), sample.target, seed=4)
     write_recording(folder / 'bag', replace(recording, phases=sample.phases,
                                             start_ns=sample.start_ns))

@@ -171,8 +171,8 @@ def test_a_limit_that_no_sensor_has_is_a_note_and_no_effect(recording):
     assert not effects and any('stops at 3.277e+04' in note for note in notes)
 
 
-def test_a_sound_recording_with_pauses_has_no_gap(rig_sample):
-    sample = read_recording(rig_sample / 'bag')
+def test_a_sound_recording_with_pauses_has_no_gap(second_rig):
+    sample = read_recording(second_rig / 'bag')
     for start, end in ((1.5, 3.2), (15.0, 19.0)):
         sample = replace(sample, **{n: cut(getattr(sample, n), start, end) for n in STREAMS})
     diagnosis = diagnose(sample, None, load_rig()).diagnosis

@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
-import sys
 from typing import NamedTuple
 
 from calibration_runs import run, shifted
@@ -15,10 +13,8 @@ from forcecal_ros.identify.pipeline import identify
 from forcecal_ros.identify.settings import Settings
 from forcecal_ros.recording.streams import Recording
 from forcecal_ros.simulators.rig.faults import in_recording, OFFSETS
+from identification_coverage import draw, errors
 import numpy as np
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / 'benchmark'))
-from identification_coverage import draw, errors  # noqa: E402
 
 WORST = 5.0
 """An estimate that is off by more of its standard errors has to be called into question."""

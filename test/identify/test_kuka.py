@@ -11,8 +11,8 @@ G0 = 9.80665
 
 
 @pytest.fixture(scope='module')
-def rows(data_dir):
-    path = data_dir / 'kuka_lbr_med' / '0-calibration_fts-accel.csv'
+def rows(kuka_data):
+    path = kuka_data / '0-calibration_fts-accel.csv'
     return np.loadtxt(path, delimiter=',', skiprows=1)
 
 

@@ -170,33 +170,33 @@ def test_flex_and_hysteresis_are_told_apart(leg, bending, hysteresis):
     assert (found.bending.significant, found.hysteresis.significant) == (bending, hysteresis)
 
 
-def foot(data_dir, window=None, **options):
-    table = np.loadtxt(data_dir / 'icub_foot' / 'right_foot_in_air.csv', delimiter=',',
+def foot(icub_data, window=None, **options):
+    table = np.loadtxt(icub_data / 'right_foot_in_air.csv', delimiter=',',
                        skiprows=1)
     chunk = Chunk(table[:, 0], table[:, 1:7], -table[:, 7:10], None)
     return DataSet('foot', lambda: [chunk], None, True, window)
 
 
-def calibrated_foot(data_dir, window=None):
+def calibrated_foot(icub_data, window=None):
     from forcecal_ros.insitu import calibrate, Options
-    return calibrate('foot', [foot(data_dir, window)], Mounting(), Options(matrix=False))
+    return calibrate('foot', [foot(icub_data, window)], Mounting(), Options(matrix=False))
 
 
-def test_icub_foot_in_the_window_given_has_the_known_offset(data_dir):
-    result = calibrated_foot(data_dir, (21.0, 57.0))
+def test_icub_foot_in_the_window_given_has_the_known_offset(icub_data):
+    result = calibrated_foot(icub_data, (21.0, 57.0))
     off = np.abs(result.offset.value - FOOT)
     assert (off[:3] < 0.05).all()
     assert (off[3:] < 0.005).all()
 
 
-def test_icub_foot_spans_three_dimensions_in_the_window_given(data_dir):
-    values = calibrated_foot(data_dir, (21.0, 57.0)).data_sets[0].singular_values
+def test_icub_foot_spans_three_dimensions_in_the_window_given(icub_data):
+    values = calibrated_foot(icub_data, (21.0, 57.0)).data_sets[0].singular_values
     np.testing.assert_allclose(values[:3], [2.03, 0.596, 0.1325], rtol=0.03)
     assert values[3] < values[2] / 30
 
 
-def test_icub_foot_whole_finds_its_window_and_says_that_y_is_weak(data_dir):
-    result = calibrated_foot(data_dir)
+def test_icub_foot_whole_finds_its_window_and_says_that_y_is_weak(icub_data):
+    result = calibrated_foot(icub_data)
     (start, end), = result.data_sets[0].kept
     assert abs(start - 21.0) < 2.0
     assert abs(end - 57.0) < 2.0

@@ -15,13 +15,13 @@ VIBRATION = Settings(contact_floor=(1.0, 0.1), bias_prior=(0.3, 0.02))
 
 
 @pytest.fixture(scope='module')
-def recording(data_dir):
-    return kuka_recording(data_dir / 'kuka_lbr_med', '1-baseline')
+def recording(kuka_data):
+    return kuka_recording(kuka_data, '1-baseline')
 
 
 @pytest.fixture(scope='module')
-def calibration(data_dir, recording):
-    static = static_calibration(data_dir / 'kuka_lbr_med')
+def calibration(kuka_data, recording):
+    static = static_calibration(kuka_data)
     return with_noise(with_delay(static, estimate_delay(recording, static)), recording)
 
 

@@ -12,19 +12,14 @@ THRESHOLD = 3.0
 
 
 @pytest.fixture(scope='module')
-def kuka(data_dir):
-    return data_dir / 'kuka_lbr_med'
+def known(kuka_data):
+    static = static_calibration(kuka_data)
+    return with_delay(static, estimate_delay(kuka_recording(kuka_data, '1-baseline'), static))
 
 
 @pytest.fixture(scope='module')
-def known(kuka):
-    static = static_calibration(kuka)
-    return with_delay(static, estimate_delay(kuka_recording(kuka, '1-baseline'), static))
-
-
-@pytest.fixture(scope='module')
-def free(kuka, known):
-    return replay(kuka_recording(kuka, '1-baseline'), known)
+def free(kuka_data, known):
+    return replay(kuka_recording(kuka_data, '1-baseline'), known)
 
 
 def test_the_sensors_are_6_to_7_ms_apart(known):
@@ -42,10 +37,11 @@ def test_the_bias_of_z_has_moved_since_the_calibration(free):
     assert free.contact[:, 2].mean() == pytest.approx(0.2, abs=0.05)
 
 
-def test_without_the_accelerometer_gravity_alone_leaves_three_times_as_much(kuka, known, free):
+def test_without_the_accelerometer_gravity_alone_leaves_three_times_as_much(
+        kuka_data, known, free):
     # but not along y: the arm turns about y and hardly accelerates that way, so all that the
     # accelerometer adds there is its own error of 4 mg
-    recording = kuka_recording(kuka, '1-baseline')
+    recording = kuka_recording(kuka_data, '1-baseline')
     static = replay(Recording(wrench=recording.wrench, pose=recording.pose), known)
     assert (static.status[100:] & Status.NO_ACCELEROMETER).all()
     left, better = slow(static)[100:].std(axis=0), slow(free).std(axis=0)
@@ -53,8 +49,8 @@ def test_without_the_accelerometer_gravity_alone_leaves_three_times_as_much(kuka
     assert left[0] > 2.5 * better[0] and left[2] > 2 * better[2] and left[1] < better[1]
 
 
-def test_contact_is_seen_when_it_is_there_and_only_then(kuka, known, free):
-    touched = replay(kuka_recording(kuka, '3-vibrations-contact'), known)
+def test_contact_is_seen_when_it_is_there_and_only_then(kuka_data, known, free):
+    touched = replay(kuka_recording(kuka_data, '3-vibrations-contact'), known)
     above = touched.t[np.linalg.norm(touched.contact[:, :3], axis=1) > THRESHOLD]
     assert 0.60 < above[0] < 0.85
     assert 4.10 < above[-1] < 4.25

@@ -129,10 +129,10 @@ def test_torque_is_about_the_origin_of_the_sensor():
     assert np.abs(error).max() < 5 * 0.05 / np.sqrt(2000)
 
 
-def test_recorded_rig_of_other_code_agrees_in_six_axes(rig_sample):
+def test_recorded_rig_of_other_code_agrees_in_six_axes(other_rig):
     """Free motion, then contact at rest; truth and noise by another implementation."""
-    recording = read_recording(rig_sample / 'bag')
-    truth = np.load(rig_sample / 'clean.npz')
+    recording = read_recording(other_rig / 'bag')
+    truth = np.load(other_rig / 'clean.npz')
     estimate = replay(recording, calibration())
     level = np.repeat([0.16, 0.022], 3)
     still = (estimate.t > 1.0) & (estimate.t < 10.5)

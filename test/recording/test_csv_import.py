@@ -53,10 +53,10 @@ def example(name):
     return Path(__file__).parents[2] / 'config' / 'examples' / f'kuka_{name}.yaml'
 
 
-def test_table_of_poses_gives_one_measurement_a_row(tmp_path, data_dir):
+def test_table_of_poses_gives_one_measurement_a_row(tmp_path, kuka_data):
     recording = run_import(example('poses'), tmp_path / 'bag',
-                           '--tables', data_dir / 'kuka_lbr_med')
-    rows = np.loadtxt(data_dir / 'kuka_lbr_med' / '0-calibration_fts-accel.csv',
+                           '--tables', kuka_data)
+    rows = np.loadtxt(kuka_data / '0-calibration_fts-accel.csv',
                       delimiter=',', skiprows=1)
     np.testing.assert_array_equal(recording.wrench.values, rows[:, :6])
     np.testing.assert_allclose(recording.accelerometer.values, 9.80665 * rows[:, 6:9], rtol=1e-15)
@@ -72,8 +72,8 @@ def test_table_of_poses_gives_one_measurement_a_row(tmp_path, data_dir):
 
 @pytest.mark.parametrize('name, part', [
     ('baseline', '1-baseline'), ('contact', '3-vibrations-contact')])
-def test_tables_of_one_trajectory_keep_their_stamps(tmp_path, data_dir, name, part):
-    folder = data_dir / 'kuka_lbr_med'
+def test_tables_of_one_trajectory_keep_their_stamps(tmp_path, kuka_data, name, part):
+    folder = kuka_data
     recording = run_import(example(name), tmp_path / 'bag', '--tables', folder)
     for stream, file in ((recording.wrench, 'wrench'), (recording.accelerometer, 'accel'),
                          (recording.pose, 'orientations')):

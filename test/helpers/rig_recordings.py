@@ -1,0 +1,108 @@
+"""The nominal rig recorded over one motion by this package's simulator and by the second rig."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from forcecal_ros.recording.bags import write_recording
+from forcecal_ros.recording.streams import Phase, PoseStream, Recording
+from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rig.offline import simulate
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+PERIOD = 0.004
+HOME = np.array([1.0, 0.0, 1.0])
+R_HOME = np.diag([1.0, -1.0, -1.0])
+
+MOTION = (
+    ('measure', 1.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    ('move', 1.6, (0.0, 0.0, 0.0), (0.0, -np.pi / 2, 0.0)),
+    ('settle', 0.8, (0.0, 0.0, 0.0), (0.0, -np.pi / 2, 0.0)),
+    ('measure', 0.8, (0.0, 0.0, 0.0), (0.0, -np.pi / 2, 0.0)),
+    ('move', 1.6, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    ('settle', 0.8, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    ('measure', 0.8, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    ('step', 0.1, (0.01, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    ('step', 1.4, (0.01, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    ('move', 0.5, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    ('approach', 1.0, (0.075, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    ('settle', 0.4, (0.075, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    ('contact', 0.6, (0.09, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    ('contact', 1.0, (0.09, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    ('retract', 1.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    ('settle', 0.4, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    ('move', 1.0, (0.02, 0.05, -0.04), (0.35, 0.25, -0.3)),
+    ('move', 1.0, (0.0, -0.03, 0.03), (-0.3, 0.2, 0.4)),
+    ('move', 1.0, (0.0, 0.0, 0.0), (0.35, 0.25, -0.3)),
+    ('settle', 0.6, (0.0, 0.0, 0.0), (0.35, 0.25, -0.3)),
+    ('approach', 1.0, (0.07, 0.0, 0.0), (0.35, 0.25, -0.3)),
+    ('contact', 0.6, (0.11, 0.01, 0.0), (0.35, 0.25, -0.3)),
+    ('contact', 0.8, (0.11, 0.01, 0.0), (0.35, 0.25, -0.3)),
+    ('retract', 1.0, (0.0, 0.0, 0.0), (0.35, 0.25, -0.3)),
+    ('settle', 0.6, (0.0, 0.0, 0.0), (0.35, 0.25, -0.3)))
+"""Phase, duration [s], where to: from home in base [m], rotation vector from home [rad]."""
+
+
+def motion():
+    """Return positions (n, 3) and rotations (n, 3, 3), one every 4 ms, and the phases."""
+    at, positions, turns, phases, begin = np.zeros(6), [], [], [], 0.0
+    for name, seconds, offset, turn in MOTION:
+        n, goal = round(seconds / PERIOD), np.array([*offset, *turn])
+        x = np.arange(n)[:, np.newaxis] / n
+        way = at + x**3 * (10.0 - 15.0 * x + 6.0 * x**2) * (goal - at)
+        positions.append(HOME + way[:, :3])
+        turns.append(way[:, 3:])
+        if phases and phases[-1].name == name:
+            phases[-1] = replace(phases[-1], end=begin + seconds)
+        else:
+            phases.append(Phase(name, begin, begin + seconds))
+        at, begin = goal, begin + seconds
+    rotations = R_HOME @ Rotation.from_rotvec(np.concatenate(turns)).as_matrix()
+    return np.concatenate(positions), rotations, tuple(phases)
+
+
+def own_recording(seed: int = 8) -> Recording:
+    """Return what this package's simulator makes of the motion, with noise."""
+    positions, rotations, phases = motion()
+    target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
+    return replace(simulate(load_rig(), target, seed=seed), phases=phases)
+
+
+def write_own(folder: Path) -> Path:
+    """Write the recording of :func:`own_recording` as ``folder/bag``."""
+    write_recording(folder / 'bag', replace(own_recording(), contact_truth=None))
+    return folder
+
+
+def write_second(folder: Path, seed: int = 9) -> Path:
+    """
+    Let the second rig, which shares no code with this package, run the motion.
+
+    Its recording with white noise is ``folder/bag``; ``folder/clean.npz`` is the same without
+    noise, of both accelerometers, with the true contact force. Its steps of 0.125 ms meet the
+    edge of the wall, where the force jumps by the damping of 50 N s/m, to ``accuracy`` [N].
+    """
+    from blind.rig import Commands, nominal, run
+    from blind.sensors import record
+    from blind_tool import to_recording
+
+    positions, rotations, phases = motion()
+    commands = Commands(positions, rotations, tuple((p.name, p.start, p.end) for p in phases))
+    rig = nominal()
+    truth = run(rig, commands)
+    clean, other = (record(one, truth, None, seed) for one in (rig, nominal('acc2')))
+    n = len(clean.wrench_t)
+    np.savez(folder / 'clean.npz', t=clean.wrench_t, wrench=clean.wrench, volts=clean.volts,
+             volts_acc2=other.volts, contact_force=truth.felt.contact[4::4][:n],
+             optidrive=clean.slide, position=truth.motion.position[4::4][:n],
+             target_t=clean.target_t, target_position=positions, target_rotation=rotations,
+             accuracy=2e-3)
+    write_recording(folder / 'bag', to_recording(record(rig, truth, white(), seed)))
+    return folder
+
+
+def white():
+    """Return the noise of the nominal rig as its description has it, for the second rig."""
+    from blind.noise import Colour, SIGMA
+    return {name: [Colour(1.0, np.ones(1), np.ones(1)) for _ in sigma]
+            for name, sigma in SIGMA.items()}
