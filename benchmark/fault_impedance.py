@@ -9,24 +9,21 @@ is not counted. Survived: that, the task aborted, no force above the limit, and 
 of the wall in the end, unless nobody is left to lead it there.
 """
 
-import os
 from pathlib import Path
-import random
 import sys
 import tempfile
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
-os.environ.setdefault('ROS_DOMAIN_ID', str(random.randint(1, 101)))
-os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
-from fault_motion import arguments, count, go, known, table
 from fault_motion_runs import ABORT, Bench, FOREIGN, LIMITS, PERIOD, STOP
+from fault_table import arguments, count, go, known, table
 from forcecal_ros.calibration.file import save
 from forcecal_ros.impedance.session import Bounds
 from forcecal_ros.reproduce.rehearsal import rehearse
 from forcecal_ros.simulators.rig.file import load_rig
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
+from processes import own_domain
 
 PHASES = ('free', 'approach', 'contact', 'retract')
 NODE = 'sequencer'
@@ -104,8 +101,7 @@ def main() -> int:
     """Print the table."""
     args = arguments('faults while the robot presses')
     outcomes = known(args)
-    with tempfile.TemporaryDirectory() as folder:
-        os.environ.setdefault('ROS_LOG_DIR', folder)
+    with tempfile.TemporaryDirectory() as folder, own_domain(Path(folder)):
         calibration = Path(folder) / 'calibration.yaml'
         save(rehearse(load_rig(), 'acc1', 1), calibration)
         with ContactBench(calibration) as bench:

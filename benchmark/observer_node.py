@@ -9,14 +9,19 @@ and publishes a copy of each wrench. Latency is counted from the message that co
 answer is here again. Of several rounds the least figure counts, for both alike.
 """
 
+from pathlib import Path
 import sys
+import tempfile
 import time
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
 
 from forcecal_ros.calibration.file import save
 from forcecal_ros.nodes.runtime import OUTPUT, SENSOR
 from forcecal_ros.nodes.wire import Reader, Writer
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
 import numpy as np
+from observing import calibration
 from processes import own_domain, process, processor_time
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -165,11 +170,7 @@ def main() -> None:
         bare_node(sys.argv[2])
         return
     rounds = int(sys.argv[1]) if len(sys.argv) > 1 else 3
-    from pathlib import Path
-    import tempfile
-    sys.path.append(str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
-    from observing import calibration
-    with tempfile.TemporaryDirectory() as folder, own_domain():
+    with tempfile.TemporaryDirectory() as folder, own_domain(Path(folder)):
         path = f'{folder}/calibration.yaml'
         save(calibration(), path)
         rclpy.init()

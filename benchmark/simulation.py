@@ -8,10 +8,13 @@ wrench, contact wrench, accelerometer and displacement at 1 kHz each, and to the
 """
 
 import os
+from pathlib import Path
 import subprocess
 import sys
 import tempfile
 import time
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
 
 from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.recording.streams import PoseStream
@@ -110,7 +113,7 @@ def main() -> None:
     head('simulated rig', 'measured', 'wanted')
     offline()
     first_run()
-    with own_domain():
+    with tempfile.TemporaryDirectory() as logs, own_domain(Path(logs)):
         live()
 
 

@@ -1,15 +1,13 @@
 """Fixtures of general use: where recorded data is, and a DDS domain of one's own."""
 
-from contextlib import contextmanager
 import os
 from pathlib import Path
-import random
 import re
 import shutil
-import socket
 import subprocess
 
 from hypothesis import settings
+from processes import own_domain
 import pytest
 
 # small matrices are slower on two threads than on one, many times so where cores are busy
@@ -113,38 +111,15 @@ def project_files():
                   and not any(GENERATED.fullmatch(part) for part in path.parts))
 
 
-@contextmanager
-def _ros_domain(log_dir):
-    with (pytest.MonkeyPatch.context() as monkeypatch,
-          socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as reservation):
-        for domain in random.sample(range(1, 102), 101):
-            try:
-                reservation.bind(f'\0forcecal-test-domain-{domain}')
-                break
-            except OSError:
-                continue
-        else:
-            pytest.fail('all DDS domains from 1 to 101 are taken by other tests')
-        monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
-        monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-        monkeypatch.setenv('ROS_LOG_DIR', str(log_dir))
-        yield domain
-
-
 @pytest.fixture
 def ros_domain(tmp_path):
-    """
-    Keep this test's nodes, child processes included, to themselves.
-
-    Domains 1 to 101 have ports below Linux's ephemeral ones. A name in the abstract socket
-    namespace reserves one among all tests on this machine, and vanishes with the process.
-    """
-    with _ros_domain(tmp_path / 'ros_log') as domain:
+    """Keep a DDS domain for this test, its child processes included."""
+    with own_domain(tmp_path / 'ros_log') as domain:
         yield domain
 
 
 @pytest.fixture(scope='module')
 def ros_domain_of_module(tmp_path_factory):
     """Keep a domain for all tests of a module, whose nodes then start only once."""
-    with _ros_domain(tmp_path_factory.mktemp('ros_log')) as domain:
+    with own_domain(tmp_path_factory.mktemp('ros_log')) as domain:
         yield domain
