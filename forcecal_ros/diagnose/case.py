@@ -36,7 +36,7 @@ class Case:
     nominal : Signals
         Of the rig as given.
     groups : ndarray of int, shape (n,)
-        Index into noise.GROUPS of each block.
+        Index into autoregression.GROUPS of each block.
     phases : tuple of Phase
         As recorded, else made up from the motion.
     train, held : ndarray of bool, shape (n,)

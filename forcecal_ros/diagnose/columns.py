@@ -6,11 +6,11 @@ from typing import NamedTuple
 from forcecal_ros.diagnose.case import Case
 from forcecal_ros.diagnose.channels import CHANNELS, COLUMNS
 from forcecal_ros.diagnose.evidence import Gram
-from forcecal_ros.diagnose.noise import Noise
 from forcecal_ros.diagnose.nuisances import Nuisance
 from forcecal_ros.diagnose.replay import Signals
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
+from forcecal_ros.recording.noise.autoregression import Autoregression
 import numpy as np
 from numpy.typing import NDArray
 
@@ -92,14 +92,14 @@ def nuisance_column(case: Case, nuisance: Nuisance, size: float, rig: Rig, refer
     return {channel: per_block.astype(np.float32)}
 
 
-def gram(noise: Noise, columns: Sequence[Column], residual: Array,
+def gram(noise: Autoregression, columns: Sequence[Column], residual: Array,
          parts: Sequence[NDArray[np.bool_]]) -> list[Gram]:
     """
     Inner products of whitened columns and residual of one recording.
 
     Parameters
     ----------
-    noise : Noise
+    noise : Autoregression
     columns : sequence of Column
     residual : ndarray, shape (n, 16)
     parts : sequence of ndarray of bool, shape (n,)

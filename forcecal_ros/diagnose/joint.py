@@ -7,13 +7,13 @@ from typing import NamedTuple
 from forcecal_ros.diagnose.bench import Bench
 from forcecal_ros.diagnose.columns import gram
 from forcecal_ros.diagnose.hypotheses import bounds_of, values_of
-from forcecal_ros.diagnose.noise import Noise
 from forcecal_ros.diagnose.nuisances import LIMIT
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.tangent import Tangent, tangent
 from forcecal_ros.diagnose.trial import Trial
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.geometry import Array
+from forcecal_ros.recording.noise.autoregression import Autoregression
 import numpy as np
 from numpy.typing import NDArray
 
@@ -144,14 +144,14 @@ def without(start: Problem, problem: Problem, accepted: Sequence[Accepted], name
     return out, rest, [_tangent(out, a) for a in rest if len(a.theta)]
 
 
-def misfit(problem: Problem, noise: list[Noise]) -> float:
+def misfit(problem: Problem, noise: list[Autoregression]) -> float:
     """
     Whitened squares of what a problem leaves, on all blocks, and what its priors cost.
 
     Parameters
     ----------
     problem : Problem
-    noise : list of Noise
+    noise : list of Autoregression
         Of each recording, to whiten by.
 
     Returns

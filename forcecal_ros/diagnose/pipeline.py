@@ -14,7 +14,6 @@ from forcecal_ros.diagnose.measure import (
     sample_noise,
     unpredictable,
 )
-from forcecal_ros.diagnose.noise import resting
 from forcecal_ros.diagnose.nuisances import apply_all
 from forcecal_ros.diagnose.parameters import from_checks, parameters_of, seen_in
 from forcecal_ros.diagnose.problem import Problem, problem
@@ -31,6 +30,7 @@ from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
+from forcecal_ros.recording.noise.autoregression import at_standstill
 from forcecal_ros.recording.streams import Recording
 import numpy as np
 
@@ -148,7 +148,7 @@ def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Che
     if word == 'unknown':
         effects = [Found('unknown', {}, dict(candidates).get('unknown', 0.9))]
         # what is not named is not added to the rig; a gap without a name looks like noise
-        final = replace(p, noise=[resting(b, n) for b, n in zip(p.blocks, p.noise)])
+        final = replace(p, noise=[at_standstill(b, n) for b, n in zip(p.blocks, p.noise)])
         selection = Selection(final, (), (), {}, selection.screened)
         measured, noise = _measured(first, selection, look(final), observed)
     elif word == 'not_excited':

@@ -7,12 +7,12 @@ from forcecal_ros.diagnose.case import Case
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.columns import Column, column, combined, gram, nuisance_column
 from forcecal_ros.diagnose.evidence import Fit, fit, Gram, Prior
-from forcecal_ros.diagnose.noise import fit_noise, Noise
 from forcecal_ros.diagnose.nuisances import apply_all, LIMIT, Nuisance, nuisances, spreads
 from forcecal_ros.diagnose.replay import Signals
 from forcecal_ros.effects import with_effects
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
+from forcecal_ros.recording.noise.autoregression import Autoregression, fit_autoregression
 import numpy as np
 
 EFFECT = 1.0 / 3.0 ** 2
@@ -64,7 +64,7 @@ class Problem:
     base: list[Signals] = field(default_factory=list)
     blocks: list[Array] = field(default_factory=list)
     columns: list[list[Column]] = field(default_factory=list)
-    noise: list[Noise] = field(default_factory=list)
+    noise: list[Autoregression] = field(default_factory=list)
     _calibrated: tuple[bytes, Rig] | None = None
 
     def current(self, effects: Values | None = None) -> Rig:
@@ -139,7 +139,7 @@ class Problem:
     def refit_noise(self, x: Array) -> None:
         """Fit the noise of what a step of the nuisances leaves."""
         self.noise = [
-            fit_noise(b - combined(columns, x, len(b)), c.measured.present, c.groups)
+            fit_autoregression(b - combined(columns, x, len(b)), c.measured.present, c.groups)
             for b, columns, c in zip(self.blocks, self.columns, self.cases)]
 
     def recalibrate(self) -> None:

@@ -5,10 +5,10 @@ from typing import NamedTuple
 from forcecal_ros.diagnose.blocked import Blocked
 from forcecal_ros.diagnose.case import Case
 from forcecal_ros.diagnose.channels import CHANNELS
-from forcecal_ros.diagnose.noise import Noise
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.replay import Signals
 from forcecal_ros.geometry import Array
+from forcecal_ros.recording.noise.autoregression import Autoregression
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
@@ -189,7 +189,7 @@ def _ridge(gram: Array) -> Array:
     return np.asarray(vectors @ (turned / (values + best)) / scale)
 
 
-def cells(case: Blocked, noise: Noise, blocks: Array) -> list[Cell]:
+def cells(case: Blocked, noise: Autoregression, blocks: Array) -> list[Cell]:
     """
     Compare the energy of every channel, phase and octave with the noise at rest.
 
@@ -199,7 +199,7 @@ def cells(case: Blocked, noise: Noise, blocks: Array) -> list[Cell]:
     Parameters
     ----------
     case : Blocked
-    noise : Noise
+    noise : Autoregression
     blocks : ndarray, shape (n, 16)
 
     Returns
@@ -271,7 +271,7 @@ def _octaves(white: Array, rows: NDArray[np.bool_]) -> tuple[Array, Array]:
     return energy, dof
 
 
-def impulses(noise: Noise, blocks: Array) -> Array:
+def impulses(noise: Autoregression, blocks: Array) -> Array:
     """Count innovations of each channel that noise does not make, shape (16,)."""
     return np.array([
         np.sum(np.abs(noise.whiten(blocks[:, c][np.newaxis], c)) > IMPULSE)

@@ -9,7 +9,6 @@ from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.hypotheses import Hypothesis
 from forcecal_ros.diagnose.joint import Accepted, joint, misfit, without
 from forcecal_ros.diagnose.memory import slow_gain
-from forcecal_ros.diagnose.noise import resting
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.ranking import (
     acceptable,
@@ -26,6 +25,7 @@ from forcecal_ros.diagnose.remainder import cells, STRONG
 from forcecal_ros.diagnose.tangent import Tangent
 from forcecal_ros.diagnose.trial import Trial
 from forcecal_ros.effects import EFFECTS
+from forcecal_ros.recording.noise.autoregression import at_standstill
 import numpy as np
 
 NEAR = 3.0
@@ -194,7 +194,7 @@ def _gross(problem: Problem, accepted: Sequence[Accepted], tangents: Sequence[Ta
     best has to leave less of the gap, less than what passes beside the fitted noise, too, and to
     hold beside noise that is fitted to what it leaves.
     """
-    quiet = replace(problem, noise=[resting(b, n) for b, n in zip(
+    quiet = replace(problem, noise=[at_standstill(b, n) for b, n in zip(
         problem.blocks, problem.noise)])
     loud = _loudest(quiet)
     strongest = max(cells(case, n, b)[0].z for case, n, b in zip(

@@ -6,9 +6,9 @@ from typing import NamedTuple
 from forcecal_ros.diagnose.blocked import Blocked
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.columns import Column
-from forcecal_ros.diagnose.noise import Noise
 from forcecal_ros.diagnose.remainder import BANDS, RATE
 from forcecal_ros.geometry import Array
+from forcecal_ros.recording.noise.autoregression import Autoregression
 import numpy as np
 from scipy.stats import norm
 
@@ -64,7 +64,7 @@ def stage_of(channel: str, phase: str, touched: set[str]) -> str:
     return next(c.stage for c in CHANNELS if c.name == channel)
 
 
-def places(cases: Sequence[Blocked], noise: list[Noise], residual: list[Array],
+def places(cases: Sequence[Blocked], noise: list[Autoregression], residual: list[Array],
            difference: list[Array], stage: Callable[[str, str, set[str]], str],
            sensors: Sequence[Sequence[Column]] = ()) -> tuple[Place, ...]:
     """
@@ -73,7 +73,7 @@ def places(cases: Sequence[Blocked], noise: list[Noise], residual: list[Array],
     Parameters
     ----------
     cases : sequence of Blocked
-    noise : list of Noise
+    noise : list of Autoregression
     residual, difference : list of ndarray, shape (n, 16)
         Measured less the one simulation; the other less the one.
     stage : callable

@@ -18,9 +18,9 @@ from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.ac_coupling import fading
 from forcecal_ros.identify.accelerometer_model import DEFAULT_CUTOFF, Motion, Problem, ToolPart
-from forcecal_ros.identify.departures import memory_of, Residuals
+from forcecal_ros.identify.departures import Residuals
 from forcecal_ros.identify.estimating import jacobian, solve_score
-from forcecal_ros.identify.means import Autocovariance, autocovariance, correlated_sum
+from forcecal_ros.recording.noise.autocovariance import Autocovariance, noise_of_windows
 import numpy as np
 from scipy.optimize import minimize_scalar
 
@@ -99,14 +99,14 @@ def identify_accelerometer(
     """
     problem = Problem(motion, volts, tool, coupling, cutoff, place)
     theta = _start(problem, largest_delay)
-    noise = _rest_noise(problem, problem.residuals(theta, tool.vector))
+    noise = _noise_at_standstill(problem, problem.residuals(theta, tool.vector))
     for _ in range(2):
         matrix = theta[3:12].reshape(3, 3)
-        weight = problem.weights(matrix, noise.lags[0])
+        weight = problem.weights(matrix, noise.covariance)
         theta, derivative = solve_score(
             lambda p: problem.score(p, tool.vector, weight),
             lambda p: problem.slope(p, tool.vector, weight), theta)
-        noise = _rest_noise(problem, problem.residuals(theta, tool.vector))
+        noise = _noise_at_standstill(problem, problem.residuals(theta, tool.vector))
     return _result(problem, theta, derivative, weight, noise)
 
 
@@ -171,10 +171,10 @@ def _require_span(problem: Problem, cutoff: float) -> None:
             'directions of ft_sensor in the poses and the motion between them; add a pose')
 
 
-def _rest_noise(problem: Problem, residuals: Array) -> Autocovariance:
-    """Noise of the volts' blocks as the residuals at rest show it."""
+def _noise_at_standstill(problem: Problem, residuals: Array) -> Autocovariance:
+    """Noise of the volts' blocks as the residuals at standstill show it."""
     still = problem.motion.still
-    return autocovariance([
+    return noise_of_windows([
         np.where(problem.use[still == i, None], residuals[still == i], np.nan)
         for i in range(still.max() + 1)])
 
@@ -185,7 +185,8 @@ def _result(problem: Problem, theta: Array, derivative: Array, weight: Array,
     matrix = theta[3:12].reshape(3, 3)
     X = weight @ problem.derivatives(theta, tool.vector)
     by_force = problem.motion.force_noise.mapped(matrix / tool.mass)
-    meat = correlated_sum(X, noise) + correlated_sum(X * problem.moving[:, None, None], by_force)
+    meat = noise.covariance_of_sum(X) + by_force.covariance_of_sum(
+        X * problem.moving[:, None, None])
     inverse = np.linalg.inv(derivative)
     by_tool = -inverse @ jacobian(lambda v: problem.score(theta, v, weight), tool.vector,
                                   np.array([1e-3] + [1e-2] * 3 + [1e-4] * 3))
@@ -221,16 +222,17 @@ def _residuals(problem: Problem, theta: Array, weight: Array, noise: Autocovaria
     values = problem.residuals(theta, problem.tool.vector)
     variance = np.diagonal(np.linalg.inv(weight), axis1=1, axis2=2)
     sigma = np.sqrt(variance)
-    memory = memory_of(noise).clip(min=float(memory_of(problem.motion.force_noise).max()))
+    inflation = noise.inflation.clip(min=float(problem.motion.force_noise.inflation.max()))
     times = np.arange(len(values), dtype=np.float64) * problem.motion.length
-    return Residuals(times, values, np.broadcast_to(sigma, values.shape), memory, problem.use)
+    return Residuals(times, values, np.broadcast_to(sigma, values.shape), inflation,
+                     problem.use)
 
 
 def _static_misfit(problem: Problem, theta: Array, noise: Autocovariance
                    ) -> tuple[float, int, float]:
     """Chi-square of the static poses' mean residuals, how many numbers it sums, the largest."""
     residuals, still = problem.residuals(theta, problem.tool.vector), problem.motion.still
-    precision = np.linalg.inv(noise.total)
+    precision = np.linalg.inv(noise.long_run)
     total, means = 0.0, []
     for i in range(still.max() + 1):
         rows = residuals[problem.use & (still == i)]

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.ac_coupling import fading, lowpassed
 from forcecal_ros.identify.kinematics import smoothed
-from forcecal_ros.identify.means import Autocovariance
+from forcecal_ros.recording.noise.autocovariance import Autocovariance
 import numpy as np
 from numpy.typing import NDArray
 
@@ -175,7 +175,7 @@ class Problem:
     @property
     def force_noise(self) -> Array:
         """Variance of a block of f_c, shape (3, 3)."""
-        return np.asarray(self.motion.force_noise.lags[0] / self.tool.mass**2)
+        return np.asarray(self.motion.force_noise.covariance / self.tool.mass**2)
 
     def score(self, theta: Array, tool: Array, weight: Array) -> Array:
         """Weigh the residuals by the derivatives, freed of what noise in f_c adds."""

@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
-from forcecal_ros.identify.means import Autocovariance
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,7 +22,7 @@ class Residuals(NamedTuple):
         Unit of the signal.
     sigma : ndarray, shape (n, k)
         Noise of each value.
-    memory : ndarray, shape (k,)
+    inflation : ndarray, shape (k,)
         Variance of the mean of n values, times n, over that of one.
     use : ndarray of bool, shape (n,)
         Which of them count.
@@ -32,7 +31,7 @@ class Residuals(NamedTuple):
     times: Array
     values: Array
     sigma: Array
-    memory: Array
+    inflation: Array
     use: NDArray[np.bool_]
 
 
@@ -55,11 +54,6 @@ class Departure(NamedTuple):
     size: float
     channel: int
     time: float
-
-
-def memory_of(noise: Autocovariance) -> Array:
-    """Return by how much the noise of each channel remembers itself; 1 where white or less."""
-    return np.maximum(1.0, np.diag(noise.total) / np.diag(noise.lags[0]))
 
 
 def strongest(residuals: Residuals) -> Departure:
@@ -88,7 +82,7 @@ def strongest(residuals: Residuals) -> Departure:
         if not whole.any():
             continue
         sigmas = np.abs(sums[length:] - sums[:-length])[whole] / np.sqrt(
-            n[whole, None] * residuals.memory)
+            n[whole, None] * residuals.inflation)
         i, channel = (int(j) for j in np.unravel_index(np.argmax(sigmas), sigmas.shape))
         if sigmas[i, channel] > found.sigmas:
             first = int(np.flatnonzero(whole)[i])

@@ -12,12 +12,13 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array, rotation_vector
-from forcecal_ros.identify.departures import memory_of, Residuals, strongest
+from forcecal_ros.identify.departures import Residuals, strongest
 from forcecal_ros.identify.inertia import inertia_regressor, unexplained_torque
-from forcecal_ros.identify.means import autocovariance, drift
+from forcecal_ros.identify.means import drift
 from forcecal_ros.identify.readings import CHANNELS, clipped
 from forcecal_ros.identify.result import Stages
 from forcecal_ros.identify.settings import Settings
+from forcecal_ros.recording.noise.autocovariance import noise_of_windows
 from forcecal_ros.recording.streams import Recording
 import numpy as np
 from scipy.stats import chi2
@@ -119,11 +120,11 @@ def torque_residuals(stages: Stages) -> Residuals | None:
         use &= np.linalg.norm(turning.omega, axis=1) < _TURNS_SLOWLY
     else:
         values = values + inertia_regressor(turning.omega, turning.alpha) @ stages.inertia.elements
-    noise = autocovariance([values[grid.still == i] for i in range(grid.still.max() + 1)])
+    noise = noise_of_windows([values[grid.still == i] for i in range(grid.still.max() + 1)])
     moment = 0.0 if stages.inertia is None else np.linalg.norm(
         inertia_regressor(np.zeros((3, 3)), np.eye(3)) @ stages.inertia.elements, axis=1).max()
-    sigma = np.hypot(np.sqrt(np.diag(noise.lags[0])), moment * lattice.doubt[:, None])
-    return Residuals(grid.starts + grid.length / 2, values, sigma, memory_of(noise), use)
+    sigma = np.hypot(np.sqrt(np.diag(noise.covariance)), moment * lattice.doubt[:, None])
+    return Residuals(grid.starts + grid.length / 2, values, sigma, noise.inflation, use)
 
 
 def torque_departs(stages: Stages, settings: Settings) -> Iterator[Finding]:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from forcecal_ros.geometry import Array, skew
 from forcecal_ros.identify.estimating import jacobian
 from forcecal_ros.identify.kinematics import smoothed
-from forcecal_ros.identify.means import autocovariance, correlated_sum
+from forcecal_ros.recording.noise.autocovariance import noise_of_windows
 import numpy as np
 from numpy.typing import NDArray
 
@@ -127,7 +127,7 @@ def identify_inertia(
     torque = np.where(use[:, None], unexplained_torque(wrench, slide, tool), 0.0)
     still_torque = [unexplained_torque(wrench[still == i], slide[still == i], tool)
                     for i in range(still.max() + 1)]
-    weight = np.linalg.inv(autocovariance(still_torque).lags[0])
+    weight = np.linalg.inv(noise_of_windows(still_torque).covariance)
     weighted = np.where(use[:, None, None], weight @ quiet, 0.0)
     normal = np.einsum('nip,niq->pq', weighted, rows)
     # what noise of the orientation adds to the products, measured where there is nothing else
@@ -143,8 +143,8 @@ def identify_inertia(
         lambda v: np.einsum('nip,ni->p', weighted, np.where(
             use[:, None], unexplained_torque(wrench, slide, v), 0.0)),
         tool, np.array([1e-3] * 4 + [1e-5] * 3 + [1e-3] * 3))
-    noise = autocovariance([torque - quiet[still == i] @ elements
-                            for i, torque in enumerate(still_torque)])
-    covariance = inverse @ correlated_sum(weighted, noise) @ inverse.T \
+    noise = noise_of_windows([torque - quiet[still == i] @ elements
+                              for i, torque in enumerate(still_torque)])
+    covariance = inverse @ noise.covariance_of_sum(weighted) @ inverse.T \
         + by_tool @ tool_covariance @ by_tool.T
     return InertiaFit(elements, covariance, vectors[:, 0])

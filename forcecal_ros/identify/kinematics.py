@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from forcecal_ros.geometry import Array, rotation_vector, skew
 from forcecal_ros.identify.blocks import Grid
-from forcecal_ros.identify.means import autocovariance, correlated_sum
+from forcecal_ros.recording.noise.autocovariance import noise_of_windows
 from forcecal_ros.recording.streams import PoseStream
 import numpy as np
 from numpy.typing import NDArray
@@ -218,8 +218,8 @@ def pose_delay(motions: Motions, force: Array, slide: Array, grid: Grid, mass: f
         if abs(move) < 1e-7:
             break
     rest = misfit(delay)
-    noise = autocovariance([rest[grid.still == i] for i in range(grid.still.max() + 1)])
-    std = float(np.sqrt(correlated_sum(slope[:, :, None], noise)[0, 0]) / abs(rate))
+    noise = noise_of_windows([rest[grid.still == i] for i in range(grid.still.max() + 1)])
+    std = float(np.sqrt(noise.covariance_of_sum(slope[:, :, None])[0, 0]) / abs(rate))
     return (delay, std) if std < largest / 10 else None
 
 

@@ -5,9 +5,9 @@ from typing import NamedTuple
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.blocks import Averager, block_length, Grid, make_grid
 from forcecal_ros.identify.kinematics import ABRUPT, acceleration_doubt, Motions, Turning
-from forcecal_ros.identify.means import Autocovariance, autocovariance, SHORTEST
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.identify.settings import Settings
+from forcecal_ros.recording.noise.autocovariance import Autocovariance, noise_of_windows, SHORTEST
 from forcecal_ros.recording.streams import Recording
 import numpy as np
 
@@ -83,7 +83,7 @@ def lay_lattice(recording: Recording, poses: list[StaticPose], settings: Setting
     doubt = acceleration_doubt(motions.turning().omega, grid.length, grid.still >= 0)
     grid = grid._replace(free=grid.free & (doubt < 2 * ABRUPT))
     return Lattice(grid, averager.means(grid.starts, grid.length),
-                   autocovariance(windows_of(averager, grid)), motions, doubt)
+                   noise_of_windows(windows_of(averager, grid)), motions, doubt)
 
 
 def windows_of(averager: Averager, grid: Grid) -> list[Array]:

@@ -14,9 +14,9 @@ from forcecal_ros.identify.estimating import jacobian
 from forcecal_ros.identify.inertia import inertia_regressor, InertiaFit
 from forcecal_ros.identify.kinematics import smoothed, Turning
 from forcecal_ros.identify.mass import Weight
-from forcecal_ros.identify.means import autocovariance, correlated_sum
 from forcecal_ros.identify.static_readings import gravity_spread, Statics
 from forcecal_ros.identify.tool import ToolFit, X_HAT
+from forcecal_ros.recording.noise.autocovariance import noise_of_windows
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
@@ -80,10 +80,11 @@ def identify_moving_tool(
         return [residual[still == i] for i in range(still.max() + 1)]
 
     theta, _, _ = fit(weight.force_bias, np.eye(3))
-    precision = np.diag(1 / np.diag(autocovariance(left(theta)).lags[0]))
+    precision = np.diag(1 / np.diag(noise_of_windows(left(theta)).covariance))
     theta, bread, instruments = fit(weight.force_bias, precision)
     by_bias = jacobian(lambda b: fit(b, precision)[0], weight.force_bias, np.full(3, 1e-2))
-    covariance = bread @ correlated_sum(instruments, autocovariance(left(theta))) @ bread.T
+    noise = noise_of_windows(left(theta))
+    covariance = bread @ noise.covariance_of_sum(instruments) @ bread.T
     covariance = covariance + by_bias @ weight.covariance[1:, 1:] @ by_bias.T
     tool = _tool_fit(weight, statics, theta, covariance, by_bias)
     _, vectors = np.linalg.eigh(np.linalg.inv(covariance[6:, 6:]))

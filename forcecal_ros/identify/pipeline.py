@@ -15,7 +15,7 @@ from forcecal_ros.identify.inertia import identify_inertia, InertiaFit
 from forcecal_ros.identify.kinematics import pose_delay, Turning
 from forcecal_ros.identify.lattice import Lattice, lay_lattice, Moved
 from forcecal_ros.identify.mass import weigh, Weight
-from forcecal_ros.identify.means import Autocovariance, window_mean
+from forcecal_ros.identify.means import window_mean
 from forcecal_ros.identify.moving_tool import identify_moving_tool
 from forcecal_ros.identify.poses import static_poses, StaticPose
 from forcecal_ros.identify.quality import quality_of
@@ -219,9 +219,9 @@ def _accelerometer(recording: Recording, lattice: Lattice, tool: ToolFit, turn: 
     stream, grid = recording.accelerometer, lattice.grid
     if stream is None or len(stream) < 20:
         return None
-    noise = Autocovariance(lattice.noise.lags[:, :3, :3], lattice.noise.blocks)
     motion = Motion(grid.length, -settings.gravity * turn.R_base_sensor[:, 2],
-                    lattice.wrench[:, :3], turn.lever, grid.still, grid.free, noise)
+                    lattice.wrench[:, :3], turn.lever, grid.still, grid.free,
+                    lattice.noise.mapped(np.eye(3, 6)))
     volts = Averager(stream.t, stream.values)
     place = settings.accelerometer_position
     return identify_accelerometer(

@@ -2,13 +2,14 @@
 
 from forcecal_ros.identify.blocks import Averager
 from forcecal_ros.identify.lattice import Lattice, windows_of
-from forcecal_ros.identify.means import autocovariance, window_mean
+from forcecal_ros.identify.means import window_mean
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.identify.readings import require_wrench
 from forcecal_ros.identify.ringing import RingFit, rings, stiffness_and_damping
 from forcecal_ros.identify.sag import Sag, stiffness_from_sag
 from forcecal_ros.identify.settings import Settings
 from forcecal_ros.identify.static_readings import Statics
+from forcecal_ros.recording.noise.autocovariance import noise_of_windows
 from forcecal_ros.recording.streams import phase_spans, Recording
 import numpy as np
 
@@ -36,7 +37,7 @@ def read_statics(recording: Recording, poses: list[StaticPose], settings: Settin
     spans = np.array([p.end - p.start for p in poses])
     covariance = None
     if lattice is not None:
-        covariance = lattice.noise.total * (lattice.grid.length / spans)[:, None, None]
+        covariance = lattice.noise.long_run * (lattice.grid.length / spans)[:, None, None]
     rigid = np.zeros(len(poses))
     if settings.tool_compliance == 'no' or optidrive is None or not len(optidrive):
         return Statics(gravity, means, covariance, rigid, rigid)
@@ -44,7 +45,7 @@ def read_statics(recording: Recording, poses: list[StaticPose], settings: Settin
     variance = rigid
     if lattice is not None:
         blocks = windows_of(Averager(optidrive.t, optidrive.values), lattice.grid)
-        variance = float(autocovariance(blocks).total[0, 0]) * lattice.grid.length / spans
+        variance = float(noise_of_windows(blocks).long_run[0, 0]) * lattice.grid.length / spans
     return Statics(gravity, means, covariance, slide, variance)
 
 
@@ -76,7 +77,7 @@ def ring_of(recording: Recording, poses: list[StaticPose], statics: Statics, mas
     ringing = rings(phase_spans(recording.phases, ('step',)), require_wrench(recording), optidrive,
                     recording.pose, recording.target)
     return stiffness_and_damping(
-        ringing, mass, lattice.noise.total[0, 0] * lattice.grid.length, density,
+        ringing, mass, lattice.noise.long_run[0, 0] * lattice.grid.length, density,
         (sag.stiffness, sag.variance) if sag else None)
 
 

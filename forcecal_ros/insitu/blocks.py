@@ -8,6 +8,7 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.prepare import Prepared
 from forcecal_ros.jit import compiled
+from forcecal_ros.recording.noise.white import difference_gain
 import numpy as np
 from numpy.typing import NDArray
 
@@ -242,7 +243,7 @@ def _noise(tally: _Tally, samples: int, n: int, correlation: Array) -> tuple[Arr
     """Return the noise covariance of raw and gravity, and the roughness of each block."""
     span = np.append(np.ptp(np.concatenate([tally.low, tally.high]), axis=0), np.zeros(3))
     floor = (FLOOR * span) ** 2
-    power = tally.differences.astype(float) / max(1, 20 * (samples - 3))
+    power = tally.differences.astype(float) / max(1, difference_gain(3) * (samples - 3))
     level = np.maximum(power, floor)
     typical = np.maximum(np.median(level, axis=0), TINY)
     roughness = np.sqrt((level[:, :n] / typical[:n]).mean(axis=1))

@@ -120,7 +120,7 @@ def _covariance(moments: Sequence[Moments], left: Sequence[Residual]) -> Array:
     Both are linear in the scores of :func:`score_covariance`, which are independent from data set
     to data set.
     """
-    n = left[0].blocks.shape[1]
+    n = len(left[0].noise.covariance)
     sizes = [len(m.ones) for m in moments]
     starts = n * np.concatenate([[1], 1 + np.cumsum(sizes)])
     total = np.zeros((starts[-1], starts[-1]))

@@ -7,6 +7,7 @@ from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.blocks import Blocks, Mask
 from forcecal_ros.insitu.moments import Moments
+from forcecal_ros.recording.noise.autocovariance import noise_of_residuals
 import numpy as np
 from scipy import stats
 
@@ -153,8 +154,6 @@ def norm(data_sets: Sequence[tuple[Blocks, Mask]], gravity: float) -> Norm:
 
 
 def _long_run(rest: Array) -> float:
-    lags = max(1, int(2 * len(rest) ** (1 / 3)))
-    power = float((rest ** 2).mean())
-    return max(power, power + 2 * sum(
-        (1 - k / (lags + 1)) * float((rest[k:] * rest[:-k]).sum()) / len(rest)
-        for k in range(1, min(lags, len(rest) - 1) + 1)))
+    """Long-run variance of a scalar residual, at least its variance."""
+    noise = noise_of_residuals(rest[:, None], max(1, int(2 * len(rest) ** (1 / 3))))
+    return float(max(noise.covariance[0, 0], noise.long_run[0, 0]))

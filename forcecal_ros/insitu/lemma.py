@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.blocks import Blocks, Mask
 from forcecal_ros.jit import compiled
+from forcecal_ros.recording.noise.autocovariance import noise_of_residuals
 import numpy as np
 from scipy import stats
 
@@ -209,7 +210,5 @@ def _cause(left: Array, these: Array, others: Array, root: Array) -> tuple[Cause
 
 def _inflation(rest: Array) -> float:
     """How many times larger correlation makes the variance of a slow weighted sum."""
-    power = (rest ** 2).sum()
-    lags = max(1, int(len(rest) ** (1 / 3)))
-    return float(max(1.0, 1 + 2 * sum(
-        (1 - k / (lags + 1)) * (rest[k:] * rest[:-k]).sum() / power for k in range(1, lags + 1))))
+    noise = noise_of_residuals(rest, max(1, int(len(rest) ** (1 / 3))))
+    return max(1.0, float(np.trace(noise.long_run) / np.trace(noise.covariance)))

@@ -3,8 +3,7 @@
 The filter correlates neighbouring samples, and so do hysteresis, flex and what else the model
 leaves out. Residuals are therefore taken of block means of the unfiltered recording, each stretch
 of some seconds under the fit to all other stretches, so that what a stretch bends the fit by is
-not lost. The covariance of every weighted sum of them is built from their autocovariance,
-Bartlett-weighted up to a lag that their own persistence sets (Andrews, Econometrica 59, 1991).
+not lost. The covariance of every weighted sum of them is built from their autocovariance.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -13,21 +12,17 @@ from typing import NamedTuple
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.blocks import Blocks, Mask
 from forcecal_ros.insitu.moments import Moments
+from forcecal_ros.recording.noise.autocovariance import Autocovariance, noise_of_residuals
+from forcecal_ros.recording.noise.lag_window import andrews_lags
 import numpy as np
 from numpy.typing import NDArray
 
 STRETCH = 6.0
 """Length of the stretches that are held out, at most a fifth of what is used [s]."""
-BANDWIDTH = 2.3
-"""Factor of Andrews' rule, twice his: recordings hold few periods of their slowest motion."""
 MOST_STRETCHES = 200
 """Longer recordings have longer stretches."""
-MOST_LAGS = 0.25
-"""Share of the blocks that the longest lag may reach."""
 NOTHING = 1e-9
 """Share of the blocks that counts as none: in motion the constant is among the regressors."""
-MOST_PERSISTENT = 0.98
-"""AR(1) coefficient that full correlation is taken for."""
 
 
 class Sums(NamedTuple):
@@ -59,21 +54,18 @@ class Residual(NamedTuple):
     """
     Held-out residual of one data set.
 
-    ``regressors`` (b, 1 + q) constant and pseudo-sample weights and ``blocks`` (b, n) residuals
-    of block means, both zero where a block is not used; ``samples`` in a block; ``lags`` the
-    number of correlated lags; ``long_run`` (n, n) the covariance of a sample that correlation
-    makes of it.
+    ``regressors`` (b, 1 + q) constant and pseudo-sample weights, zero where a block is not used;
+    ``samples`` in a block; ``noise`` of the block means.
     """
 
     regressors: Array
-    blocks: Array
     samples: int
-    lags: int
-    long_run: Array
+    noise: Autocovariance
 
-    def lagged(self, lag: int) -> Array:
-        """Autocovariance of the residual at a lag, Bartlett-weighted, shape (n, n)."""
-        return _bartlett(lag, self.lags) * _lagged(self.blocks, lag) / _count(self.regressors)
+    @property
+    def long_run(self) -> Array:
+        """Covariance of a sample that correlation makes of it, shape (n, n)."""
+        return self.noise.long_run * self.samples
 
 
 def residuals(data_sets: Sequence[tuple[Moments, Blocks, Mask]]) -> list[Residual]:
@@ -161,11 +153,8 @@ def _stretches(blocks: Blocks, use: Mask) -> Iterator[NDArray[np.intp]]:
 
 
 def _residual(x: Array, left: Array, samples: int) -> Residual:
-    one = Residual(x, left, samples, _lags(left, _count(x)), np.empty(0))
-    long_run = one.lagged(0)
-    for lag in range(1, one.lags + 1):
-        long_run = long_run + one.lagged(lag) + one.lagged(lag).T
-    return one._replace(long_run=long_run * samples)
+    used = int((x[:, 0] != 0).sum())
+    return Residual(x, samples, noise_of_residuals(left, andrews_lags(left, used), used))
 
 
 def score_covariance(left: Residual) -> Array:
@@ -180,42 +169,7 @@ def score_covariance(left: Residual) -> Array:
     -------
     ndarray, shape ((1 + q) n, (1 + q) n)
     """
-    x = left.regressors * left.samples
-    total = np.kron(_lagged(x, 0), left.lagged(0))
-    for lag in range(1, left.lags + 1):
-        part = np.kron(_lagged(x, lag), left.lagged(lag))
-        total += part + part.T
-    return np.asarray(total)
-
-
-def _count(x: Array) -> int:
-    """Return the number of blocks in use."""
-    return int((x[:, 0] != 0).sum())
-
-
-def _lags(left: Array, count: int) -> int:
-    """Bandwidth from the persistence of the most persistent channel."""
-    rho = max(_persistence(left, lag, count) for lag in (1, 4))
-    alpha = 4 * rho ** 2 / (1 - rho ** 2) ** 2
-    return int(min(np.ceil(BANDWIDTH * (alpha * count) ** (1 / 3)), MOST_LAGS * count))
-
-
-def _persistence(left: Array, lag: int, count: int) -> float:
-    """AR(1) coefficient that the correlation at a lag stands for; later lags see past noise."""
-    power = (left ** 2).sum(axis=0)
-    correlation = (left[lag:] * left[:-lag]).sum(axis=0)[power > 0] / power[power > 0]
-    strongest = float(correlation.max(initial=0.0))
-    if lag > 1 and strongest < 2.5 / np.sqrt(count):
-        return 0.0
-    return float(np.clip(strongest, 0.0, 1.0) ** (1 / lag)) * MOST_PERSISTENT
-
-
-def _lagged(values: Array, lag: int) -> Array:
-    return np.asarray(values[:len(values) - lag].T @ values[lag:])
-
-
-def _bartlett(lag: int, lags: int) -> float:
-    return 1 - lag / (lags + 1)
+    return left.noise.covariance_of_products(left.regressors * left.samples)
 
 
 def propagate(function: Callable[[Array], Array], x: Array, covariance: Array) -> Array:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from forcecal_ros.calibration.model import Calibration, Estimate, Noise
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
+from forcecal_ros.recording.noise.white import white_covariance
 from forcecal_ros.recording.streams import Recording, Stream
 import numpy as np
 
@@ -14,19 +15,7 @@ FEWEST = 100
 
 def white_noise(stream: Stream) -> Array:
     """
-    Covariance of the white part of a signal, motion or not.
-
-    Second differences take off what is smooth and leave six times the variance of white noise;
-    vibration near the sampling rate counts as noise.
-
-    Parameters
-    ----------
-    stream : Stream
-        (n, k)
-
-    Returns
-    -------
-    ndarray, shape (k, k)
+    Covariance (k, k) of the white part of a signal, motion or not.
 
     Raises
     ------
@@ -35,7 +24,7 @@ def white_noise(stream: Stream) -> Array:
     """
     if len(stream) < FEWEST:
         raise DataError(f'{len(stream)} samples do not tell the noise; record {FEWEST} or more')
-    return np.asarray(np.cov(np.diff(stream.values, 2, axis=0).T) / 6)
+    return white_covariance(stream.values)
 
 
 def with_noise(calibration: Calibration, recording: Recording) -> Calibration:

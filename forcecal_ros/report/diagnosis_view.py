@@ -6,12 +6,12 @@ from forcecal_ros.diagnose.blocked import Blocked
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.motion.document import UNITS
 from forcecal_ros.diagnose.motion.pipeline import MotionOutcome
-from forcecal_ros.diagnose.noise import fit_noise
 from forcecal_ros.diagnose.pipeline import Outcome
 from forcecal_ros.diagnose.remainder import Cell, cells
 from forcecal_ros.diagnose.replay import Signals
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.geometry import Array
+from forcecal_ros.recording.noise.autoregression import fit_autoregression
 from forcecal_ros.recording.streams import Phase
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +101,7 @@ def view_of_motion(outcome: MotionOutcome, advice: tuple[str, ...]) -> View:
 
 def _cells(case: Blocked, present: NDArray[np.bool_], before: Array, after: Array
            ) -> tuple[Cell, ...]:
-    noise = fit_noise(after, present, case.groups)
+    noise = fit_autoregression(after, present, case.groups)
     return tuple(cells(case, noise, before))
 
 

@@ -6,8 +6,6 @@ from forcecal_ros.diagnose.evidence import fit, Gram, Prior, Score
 from forcecal_ros.diagnose.gap import Errors
 from forcecal_ros.diagnose.left import _foreign
 from forcecal_ros.diagnose.limits import _best_limit
-from forcecal_ros.diagnose.memory import _unpredicted
-from forcecal_ros.diagnose.noise import fit_noise, resting
 from forcecal_ros.diagnose.nuisances import nuisances, spreads
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.ranking import MISMATCH, PARSIMONY, TEMPERATURE, weights
@@ -40,28 +38,6 @@ def test_a_bounded_fit_is_the_best_one_within_the_bounds_however_alike_the_colum
         assert found == pytest.approx(best, abs=1e-4)
 
 
-def test_a_constant_is_no_noise_and_counts_against_noise_that_is_fitted_beside_it():
-    rng = np.random.default_rng(4)
-    residual = np.zeros((3000, 16))
-    residual[:, 0] = 40.0 + rng.standard_normal(3000)
-    noise = fit_noise(residual, np.ones((3000, 16), dtype=bool), np.zeros(3000, dtype=np.intp))
-    constant = noise.whiten(np.full((1, 3000), 40.0), 0)[0, 8:]
-    # sum of 8 coefficients of white noise: 8 / sqrt(3000) at 5 sigma would be 0.26 of it
-    assert constant.mean() == pytest.approx(40.0, rel=0.3)
-
-
-def test_noise_of_rest_knows_nothing_of_a_gap_that_shows_in_motion():
-    rng = np.random.default_rng(5)
-    groups = np.repeat(np.array([0, 1, 0, 1], dtype=np.intp), 1000)
-    residual = np.zeros((4000, 16))
-    residual[:, 0] = rng.standard_normal(4000) + 5.0 * (np.arange(4000) > 2000)
-    residual[groups == 1, 0] += 100.0 * np.sin(np.arange(2000) / 5.0)
-    own = fit_noise(residual, np.ones((4000, 16), dtype=bool), groups)
-    rest = resting(residual, own)
-    assert rest.sigma[:, 0] == pytest.approx(1.0, abs=5.0 / np.sqrt(2.0 * 2000))
-    moving = rest.whiten(residual[:, :1].T, 0)[0, groups == 1]
-    hidden = own.whiten(residual[:, :1].T, 0)[0, groups == 1]
-    assert np.std(moving) > 10.0 * np.std(hidden)
 
 
 def test_a_soft_limit_under_noise_is_found_where_it_is():
@@ -72,14 +48,6 @@ def test_a_soft_limit_under_noise_is_found_where_it_is():
     assert limit == pytest.approx(80.0, abs=100.0 * 0.5 / 40)
     assert removed > 0.9 * np.sum((measured - signal) ** 2)
 
-
-def test_slow_noise_is_predicted_from_its_past_and_white_noise_is_not():
-    rng = np.random.default_rng(1)
-    white = rng.standard_normal(10_000)
-    slow = white + np.cumsum(rng.standard_normal(10_000)) * 0.02
-    rows = np.ones(10_000, dtype=bool)
-    assert _unpredicted(white, rows) > white @ white - 5.0 * 4.0 * np.sqrt(2.0)
-    assert _unpredicted(slow, rows) < 0.9 * (slow @ slow)
 
 
 def test_noise_that_grows_from_octave_to_octave_is_expected_and_one_strong_octave_is_not():

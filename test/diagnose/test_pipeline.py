@@ -4,7 +4,6 @@ from dataclasses import replace
 
 from forcecal_ros.diagnose import datachecks
 from forcecal_ros.diagnose.evidence import fit, Gram, Prior
-from forcecal_ros.diagnose.noise import fit_noise
 from forcecal_ros.diagnose.parameters import from_checks
 from forcecal_ros.diagnose.pipeline import diagnose
 from forcecal_ros.diagnose.stamps import Corrected
@@ -14,18 +13,6 @@ from forcecal_ros.simulators.rig.file import load_rig
 import numpy as np
 import pytest
 
-
-def test_whitened_noise_is_white_whatever_its_colour():
-    rng = np.random.default_rng(0)
-    n = 20_000
-    white = rng.standard_normal((n, 16))
-    coloured = white.copy()
-    for k in range(1, n):
-        coloured[k] += 0.9 * coloured[k - 1]
-    noise = fit_noise(coloured, np.ones((n, 16), dtype=bool), np.zeros(n, dtype=int))
-    w = noise.whiten(coloured[:, 0][np.newaxis], 0)[0][8:]
-    assert abs(w.var() - 1.0) < 5.0 * np.sqrt(2.0 / n)
-    assert abs(w[1:] @ w[:-1]) / n < 5.0 / np.sqrt(n)
 
 
 def test_a_nuisance_takes_up_three_spreads_and_no_more():

@@ -1,9 +1,8 @@
 """Block means and what the noise at rest is worth."""
 
-from forcecal_ros.errors import DataError
 from forcecal_ros.identify.ac_coupling import fading, lowpassed
 from forcecal_ros.identify.blocks import Averager, block_length, make_grid
-from forcecal_ros.identify.means import autocovariance, correlated_sum, drift
+from forcecal_ros.identify.means import drift
 from forcecal_ros.recording.streams import Phase, Stream
 from hypothesis import given
 from hypothesis import strategies as st
@@ -58,49 +57,10 @@ def test_contact_and_idle_are_neither_still_nor_free():
     assert grid.free.sum() >= 98
 
 
-def ar1(rng, rho, n, k=1):
-    noise = rng.standard_normal((n, k))
-    for i in range(1, n):
-        noise[i] = rho * noise[i - 1] + np.sqrt(1 - rho**2) * noise[i]
-    return noise
 
 
-@pytest.mark.parametrize('rho', [-0.4, 0.0, 0.3, 0.6])
-def test_the_variance_of_a_mean_is_found_for_coloured_noise(rho):
-    rng = np.random.default_rng(8)
-    found = [autocovariance([ar1(rng, rho, 100) for _ in range(3)]).total[0, 0]
-             for _ in range(100)]
-    true = (1 + rho) / (1 - rho)
-    # a tenth falls short where correlation fades into what 300 blocks can show
-    assert np.mean(found) == pytest.approx(true, rel=0.12, abs=4 * np.std(found) / 10)
 
 
-def test_white_noise_is_taken_for_white():
-    rng = np.random.default_rng(12)
-    kept = [len(autocovariance([rng.standard_normal((100, 3)) for _ in range(3)]).lags)
-            for _ in range(60)]
-    assert np.mean(np.array(kept) == 1) > 0.8
-
-
-def test_noise_common_to_two_channels_is_seen():
-    rng = np.random.default_rng(9)
-    L = np.array([[1.0, 0.0], [0.8, 0.6]])
-    found = autocovariance([rng.standard_normal((2000, 2)) @ L.T])
-    np.testing.assert_allclose(found.lags[0], L @ L.T, atol=0.15)
-
-
-def test_the_variance_of_a_weighted_sum_holds_for_coloured_noise():
-    rng = np.random.default_rng(10)
-    noise = autocovariance([ar1(rng, 0.5, 20000)])
-    rows = np.sin(np.arange(300) / 40.0)[:, None, None]
-    sums = [float(rows[:, 0, 0] @ ar1(rng, 0.5, 300)[:, 0]) for _ in range(400)]
-    # taper and estimate: 15 %; spread of a variance over 400 draws: 7 %
-    assert correlated_sum(rows, noise)[0, 0] == pytest.approx(np.var(sums), rel=0.35)
-
-
-def test_too_short_a_rest_is_refused():
-    with pytest.raises(DataError, match='hold each pose'):
-        autocovariance([np.zeros((4, 1))])
 
 
 def test_a_drift_is_found_where_it_is_and_noise_is_none():

@@ -8,9 +8,9 @@ from forcecal_ros.diagnose.columns import Column, column, gram
 from forcecal_ros.diagnose.evidence import Fit, fit, Gram, Prior, Score, score
 from forcecal_ros.diagnose.motion.case import EVERY, MotionCase
 from forcecal_ros.diagnose.motion.model import DELAYS, predict, Term
-from forcecal_ros.diagnose.noise import Noise, ORDER
 from forcecal_ros.diagnose.nuisances import LIMIT
 from forcecal_ros.geometry import Array
+from forcecal_ros.recording.noise.autoregression import Autoregression, ORDER
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
@@ -114,7 +114,7 @@ class Fitting:
         Of every term that departs.
     usual : dict of str to float
         The same where all usual effects are there, from which noise is learned.
-    noise : list of Noise
+    noise : list of Autoregression
     residual : list of ndarray, shape (n, 16)
     """
 
@@ -124,7 +124,7 @@ class Fitting:
     rivals: dict[str, str] = field(default_factory=dict)
     values: dict[str, float] = field(default_factory=dict)
     usual: dict[str, float] = field(default_factory=dict)
-    noise: list[Noise] = field(default_factory=list)
+    noise: list[Autoregression] = field(default_factory=list)
     residual: list[Array] = field(default_factory=list)
 
     def settle(self) -> None:
@@ -253,7 +253,7 @@ class Fitting:
         return train, held
 
 
-def _noise(case: MotionCase, residual: Array) -> Noise:
+def _noise(case: MotionCase, residual: Array) -> Autoregression:
     """
     Take what remains for white noise, somewhat stronger than it is since it is not white.
 
@@ -263,7 +263,7 @@ def _noise(case: MotionCase, residual: Array) -> Noise:
     there = [residual[case.present_slow[:, c], c] for c in range(residual.shape[1])]
     sigma = np.array([COLOUR * np.std(r) if len(r) >= FEWEST else 0.0 for r in there])
     groups: NDArray[np.intp] = np.zeros(len(residual), dtype=np.intp)
-    return Noise(np.zeros((1, len(sigma), ORDER)), sigma[np.newaxis],
+    return Autoregression(np.zeros((1, len(sigma), ORDER)), sigma[np.newaxis],
                  case.present_slow & (sigma > 0.0), groups)
 
 

@@ -12,13 +12,13 @@ from forcecal_ros.diagnose.motion.case import held_apart, MotionCase, SHORTEST
 from forcecal_ros.diagnose.motion.fitting import Fitting, RIVAL, ROUNDS, SCAN, Trial, USUAL
 from forcecal_ros.diagnose.motion.known import Known
 from forcecal_ros.diagnose.motion.model import DELAYS, terms_of, WRENCH_AXES
-from forcecal_ros.diagnose.noise import fit_noise
 from forcecal_ros.diagnose.result import Diagnosis, Found, Parameter
 from forcecal_ros.diagnose.soundness import check_alike, silences, sound
 from forcecal_ros.diagnose.verdict import UNKNOWN
 from forcecal_ros.diagnose.where import places
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
+from forcecal_ros.recording.noise.autoregression import fit_autoregression
 from forcecal_ros.recording.streams import Recording
 import numpy as np
 
@@ -181,7 +181,7 @@ def _conclude(state: Fitting, recalibrated: dict[str, float], notes: list[str]
     notes = notes + [f'{name}: the offset from what was known is {mean:+.3g} {unit}'
                      for name, mean, unit in arms.offsets()]
     difference = [before - after for before, after in zip(arms.recalibrated, arms.explained)]
-    noise = [fit_noise(r, c.present, c.groups) for c, r in zip(cases, arms.explained)]
+    noise = [fit_autoregression(r, c.present, c.groups) for c, r in zip(cases, arms.explained)]
     found = places(cases, noise, list(arms.recalibrated), difference, _stage(state))
     rivals = {name: other for name, other in state.rivals.items()
               if other in _found(state) and name not in _found(state)}

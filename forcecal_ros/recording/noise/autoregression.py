@@ -1,4 +1,4 @@
-"""Coloured noise of every channel and kind of motion: autoregressive models that whiten."""
+"""Autoregressive models of coloured noise, AR(p), and whitening by them."""
 
 from typing import NamedTuple
 
@@ -8,29 +8,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 ORDER = 8
-"""Of the autoregression."""
+"""Coefficients of an autoregression."""
 
 FEWEST = 300
-"""Rows that a model of its own takes; a group with fewer shares the whole recording's."""
+"""Samples that a model of its own takes; a kind of motion with fewer shares the recording's."""
 
 GROUPS = ('rest', 'motion', 'contact')
+"""Kinds of motion whose noise differs."""
 
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
 
 
-class Noise(NamedTuple):
+class Autoregression(NamedTuple):
     """
-    Whitening filters of one recording.
+    AR models of one recording's channels in each kind of motion.
 
     Attributes
     ----------
     coefficients : ndarray, shape (groups, channels, ORDER)
     sigma : ndarray, shape (groups, channels)
-        Of the innovations; 0 where a channel has no data.
+        Standard deviation of the innovations; 0 where a channel has no data.
     rows : ndarray of bool, shape (n, channels)
-        Blocks whose whole history was measured.
+        Samples whose whole history was measured.
     groups : ndarray of int, shape (n,)
+        Kind of motion of each sample.
     """
 
     coefficients: Array
@@ -40,7 +42,7 @@ class Noise(NamedTuple):
 
     def whiten(self, columns: Array, channel: int) -> Array:
         """
-        Whiten columns of one channel.
+        Turn signals of one channel into innovations of unit variance.
 
         Parameters
         ----------
@@ -61,15 +63,9 @@ class Noise(NamedTuple):
         return out
 
     def rms(self, group: int = 0) -> Array:
-        """Stationary RMS of each channel's noise in one group, shape (channels,)."""
+        """Stationary RMS of each channel's noise in one kind of motion, shape (channels,)."""
         return np.array([_stationary(a, s) for a, s in zip(
             self.coefficients[group], self.sigma[group])])
-
-    def density(self, group: int, channel: int, frequency: Array, rate: float) -> Array:
-        """One-sided power spectral density [unit^2/Hz] at frequencies [Hz]."""
-        z = np.exp(-2j * np.pi * np.outer(frequency / rate, np.arange(1, ORDER + 1)))
-        response = np.abs(1.0 - z @ self.coefficients[group, channel]) ** 2
-        return np.asarray(2.0 * self.sigma[group, channel] ** 2 / rate / response)
 
 
 @compiled
@@ -88,28 +84,29 @@ def _whiten(columns: Array, coefficients: Array, scale: Array, groups: IntArray,
 
 
 def _stationary(a: Array, sigma: float) -> float:
+    """RMS of an AR process: root of the integral of its power spectral density."""
     frequency = (np.arange(2048) + 0.5) / 4096.0
     z = np.exp(-2j * np.pi * np.outer(frequency, np.arange(1, len(a) + 1)))
     return float(sigma * np.sqrt(np.mean(1.0 / np.abs(1.0 - z @ a) ** 2)))
 
 
-def fit_noise(residual: Array, present: BoolArray, groups: IntArray) -> Noise:
+def fit_autoregression(residual: Array, present: BoolArray, groups: IntArray) -> Autoregression:
     """
     Fit the noise of one recording, each channel's mean in each kind of motion taken out.
 
-    To a residual that is mostly a constant, an autoregression finds a root near 1, and a constant
-    is then nothing to it.
+    To a residual that is mostly a constant, an autoregression finds a root near 1, and whitens
+    the constant away; hence the mean.
 
     Parameters
     ----------
     residual : ndarray, shape (n, channels)
     present : ndarray of bool, shape (n, channels)
     groups : ndarray of int, shape (n,)
-        Kind of motion of each block, index into GROUPS.
+        Kind of motion of each sample, index into GROUPS.
 
     Returns
     -------
-    Noise
+    Autoregression
     """
     n, channels = residual.shape
     rows = np.zeros((n, channels), dtype=bool)
@@ -121,32 +118,32 @@ def fit_noise(residual: Array, present: BoolArray, groups: IntArray) -> Noise:
         if rows[:, c].sum() < FEWEST:
             rows[:, c] = False
             continue
-        lags = np.lib.stride_tricks.sliding_window_view(residual[:, c], ORDER + 1)[:, ::-1]
-        pooled = _autoregression(lags[rows[ORDER:, c]])
+        lagged = _lagged(residual[:, c])
+        pooled = _least_squares(lagged[rows[ORDER:, c]])
         for g in range(len(GROUPS)):
             chosen = rows[ORDER:, c] & (groups[ORDER:] == g)
             a, s = pooled
             if chosen.sum() >= FEWEST:
-                a, s = _autoregression(lags[chosen])
+                a, s = _least_squares(lagged[chosen])
             coefficients[g, c], sigma[g, c] = a, s
-    return Noise(coefficients, sigma, rows, groups)
+    return Autoregression(coefficients, sigma, rows, groups)
 
 
-def resting(residual: Array, noise: Noise) -> Noise:
+def at_standstill(residual: Array, noise: Autoregression) -> Autoregression:
     """
-    Fit the noise to rest alone, each stretch's mean taken out, for all kinds of motion.
+    Fit the noise at standstill alone, each stretch's mean taken out, for all kinds of motion.
 
-    It is not the noise of a recording, but knows nothing of a gap that shows in motion.
+    It is not the noise of a recording, but knows nothing of a misfit that shows in motion.
 
     Parameters
     ----------
     residual : ndarray, shape (n, channels)
-    noise : Noise
-        Fitted to all of it; what rest is too short for is taken from there.
+    noise : Autoregression
+        Fitted to all of it; taken where the standstill is too short.
 
     Returns
     -------
-    Noise
+    Autoregression
     """
     edges = np.flatnonzero(np.diff(noise.groups)) + 1
     flat = np.concatenate([part - part.mean(axis=0) for part in np.split(residual, edges)])
@@ -155,18 +152,22 @@ def resting(residual: Array, noise: Noise) -> Noise:
     start[edges] = True
     whole = ~np.lib.stride_tricks.sliding_window_view(start, ORDER).any(axis=1)
     for c in np.flatnonzero(noise.sigma.any(axis=0)):
-        lags = np.lib.stride_tricks.sliding_window_view(flat[:, c], ORDER + 1)[:, ::-1]
         chosen = noise.rows[ORDER:, c] & (noise.groups[ORDER:] == 0) & whole[1:]
         if chosen.sum() >= FEWEST:
-            coefficients[:, c], sigma[:, c] = _autoregression(lags[chosen])
+            coefficients[:, c], sigma[:, c] = _least_squares(_lagged(flat[:, c])[chosen])
     return noise._replace(coefficients=coefficients, sigma=sigma)
 
 
-def _autoregression(lags: Array) -> tuple[Array, float]:
-    """Fit lags[:, 0] by the other columns; give coefficients and innovations' sigma."""
-    lags = lags - lags.mean()
-    gram = lags.T @ lags
+def _lagged(values: Array) -> Array:
+    """Each value, then its past, newest first, shape (n - ORDER, 1 + ORDER)."""
+    return np.lib.stride_tricks.sliding_window_view(values, ORDER + 1)[:, ::-1]
+
+
+def _least_squares(lagged: Array) -> tuple[Array, float]:
+    """Fit the first column by the others; give coefficients and sigma of the innovations."""
+    lagged = lagged - lagged.mean()
+    gram = lagged.T @ lagged
     inner = gram[1:, 1:] + np.eye(ORDER) * (1e-9 * gram[0, 0] + 1e-300)
     a = np.linalg.solve(inner, gram[1:, 0])
-    variance = (gram[0, 0] - a @ gram[1:, 0]) / max(1, len(lags) - ORDER)
-    return a, float(np.sqrt(max(variance, 1e-30 * gram[0, 0] / len(lags))))
+    variance = (gram[0, 0] - a @ gram[1:, 0]) / max(1, len(lagged) - ORDER)
+    return a, float(np.sqrt(max(variance, 1e-30 * gram[0, 0] / len(lagged))))

@@ -1,0 +1,188 @@
+"""
+Autocovariance of coloured noise, and the variance of means and weighted sums that follows from it.
+
+A variance of a sum of correlated terms is a sum over lags; with the lags of a sample it is the
+HAC estimate (heteroskedasticity and autocorrelation consistent: Newey and West, Econometrica 55,
+1987).
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array
+from forcecal_ros.recording.noise.lag_window import bartlett, flat_top, last_correlated_lag
+import numpy as np
+
+SHORTEST = 10
+"""Blocks in a row that noise can be measured on."""
+
+MOST_LAGS = 24
+"""Blocks over which noise at standstill may be correlated, half a second of 20 ms each."""
+
+_LEAST = 0.2
+"""Share of the white-noise variance below which a flat-top sum is taken to be an accident."""
+
+_FINEST = 1e-7
+"""Standard deviation of noise, as a share of the largest reading, that is taken for rounding."""
+
+
+class Autocovariance(NamedTuple):
+    """
+    Estimate for a stationary noise e of k channels.
+
+    Attributes
+    ----------
+    lags : ndarray, shape (1 + m, k, k)
+        E[e_n e_(n + l)^T] for l = 0..m.
+    weights : ndarray, shape (m,)
+        Lag window at 1..m.
+    least : float
+        A sum over lags is kept from falling below this share of what white noise gives; 0 where
+        the window itself keeps it positive.
+    """
+
+    lags: Array
+    weights: Array
+    least: float = 0.0
+
+    @property
+    def covariance(self) -> Array:
+        """Of one sample, shape (k, k)."""
+        return np.asarray(self.lags[0])
+
+    @property
+    def long_run(self) -> Array:
+        """Long-run covariance: n times that of a mean of n samples, shape (k, k)."""
+        return self._over_lags(lambda lag: self.lags[lag])
+
+    @property
+    def inflation(self) -> Array:
+        """How many times correlation enlarges the variance of a mean, at least 1, shape (k,)."""
+        return np.maximum(1.0, np.diag(self.long_run) / np.diag(self.covariance))
+
+    def mapped(self, matrix: Array) -> 'Autocovariance':
+        """Noise of ``matrix @ e``."""
+        return self._replace(lags=matrix @ self.lags @ matrix.T)
+
+    def covariance_of_sum(self, rows: Array) -> Array:
+        """
+        Covariance of the sum of ``rows[n].T @ e[n]``.
+
+        Parameters
+        ----------
+        rows : ndarray, shape (n, k, p)
+            Of consecutive samples; zero where one does not count.
+
+        Returns
+        -------
+        ndarray, shape (p, p)
+        """
+        n = len(rows)
+        return self._over_lags(lambda lag: np.asarray(np.tensordot(
+            rows[:n - lag], self.lags[lag] @ rows[lag:], ((0, 1), (0, 1)))))
+
+    def covariance_of_products(self, regressors: Array) -> Array:
+        """
+        Covariance of the sum of ``kron(regressors[n], e[n])``, the scores of a linear regression.
+
+        Parameters
+        ----------
+        regressors : ndarray, shape (n, q)
+
+        Returns
+        -------
+        ndarray, shape (q k, q k)
+        """
+        return self._over_lags(
+            lambda lag: np.asarray(np.kron(_lagged(regressors, lag), self.lags[lag])))
+
+    def _over_lags(self, term: Callable[[int], Array]) -> Array:
+        white = term(0)
+        total = white.copy()
+        for lag, weight in enumerate(self.weights, 1):
+            part = term(lag)
+            total += weight * (part + part.T)
+        return _bounded(total, white, self.least) if self.least else total
+
+
+def _lagged(values: Array, lag: int) -> Array:
+    return np.asarray(values[:len(values) - lag].T @ values[lag:])
+
+
+def _bounded(total: Array, white: Array, least: float) -> Array:
+    """Lift the directions in which a sum falls below a share of what white noise gives."""
+    values, vectors = np.linalg.eigh(white)
+    kept = values > 1e-12 * max(values[-1], 1e-300)
+    root = vectors[:, kept] * np.sqrt(values[kept])
+    whiten = vectors[:, kept] / np.sqrt(values[kept])
+    ratio, turn = np.linalg.eigh(whiten.T @ total @ whiten)
+    if ratio.min(initial=1.0) >= least:
+        return total
+    out = root @ turn
+    return np.asarray((out * np.maximum(ratio, least)) @ out.T)
+
+
+def noise_of_windows(windows: list[Array]) -> Autocovariance:
+    """
+    Measure the noise of block means while nothing moves.
+
+    The mean of each window is taken off, and the bias that leaves behind is put right. As many
+    lags are kept as stand out of what white noise would show: none for white noise, whose
+    long-run variance they would only make worse.
+
+    Parameters
+    ----------
+    windows : list of ndarray, shape (n_i, k)
+        Consecutive blocks of each window; NaN rows are left out.
+
+    Returns
+    -------
+    Autocovariance
+
+    Raises
+    ------
+    DataError
+        No window is long enough.
+    """
+    windows = [w for w in windows if np.isfinite(w).all(1).sum() >= SHORTEST]
+    if not windows:
+        raise DataError(f'the robot stood still for less than {SHORTEST} blocks at a time; '
+                        'hold each pose for a second or more')
+    whole = [np.isfinite(w).all(1) for w in windows]
+    clean = [np.where(ok[:, None], w - w[ok].mean(axis=0), 0.0) for w, ok in zip(windows, whole)]
+    n = sum(int(ok.sum()) for ok in whole)
+    longest = min(MOST_LAGS, min(len(w) for w in windows) // 3)
+    lags = np.stack([
+        np.asarray(sum(_lagged(c, lag) for c in clean))
+        / max(1, sum(int((ok[:len(ok) - lag] & ok[lag:]).sum()) for ok in whole))
+        for lag in range(longest + 1)])
+    finest = (_FINEST * max(float(np.nanmax(np.abs(w))) for w in windows))**2
+    lags[0] += max(finest, 1e-300) * np.eye(lags.shape[1])
+    m = last_correlated_lag(lags, n)
+    raw = Autocovariance(lags[:1 + 2 * m], flat_top(m), _LEAST)
+    shortfall = raw.long_run / max(n / len(windows) - (1 + 2 * raw.weights.sum()), 1.0)
+    return raw._replace(lags=raw.lags + shortfall)
+
+
+def noise_of_residuals(residuals: Array, lags: int, samples: int | None = None) -> Autocovariance:
+    """
+    Measure the noise that a fit leaves, its misfit included: no mean is taken off.
+
+    Parameters
+    ----------
+    residuals : ndarray, shape (n, k)
+        Consecutive; zero where there is none.
+    lags : int
+        Of the Bartlett window.
+    samples : int, optional
+        How many residuals there are; n unless given.
+
+    Returns
+    -------
+    Autocovariance
+    """
+    lags = min(lags, len(residuals) - 1)
+    return Autocovariance(
+        np.stack([_lagged(residuals, lag) for lag in range(lags + 1)])
+        / (len(residuals) if samples is None else samples), bartlett(lags))

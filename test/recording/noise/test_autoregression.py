@@ -1,0 +1,53 @@
+"""Whitening by autoregressions."""
+
+from forcecal_ros.recording.noise.autoregression import at_standstill, fit_autoregression
+import numpy as np
+import pytest
+
+
+def test_whitened_noise_is_white_whatever_its_colour():
+    rng = np.random.default_rng(0)
+    n = 20_000
+    white = rng.standard_normal((n, 16))
+    coloured = white.copy()
+    for k in range(1, n):
+        coloured[k] += 0.9 * coloured[k - 1]
+    noise = fit_autoregression(coloured, np.ones((n, 16), dtype=bool), np.zeros(n, dtype=int))
+    w = noise.whiten(coloured[:, 0][np.newaxis], 0)[0][8:]
+    assert abs(w.var() - 1.0) < 5.0 * np.sqrt(2.0 / n)
+    assert abs(w[1:] @ w[:-1]) / n < 5.0 / np.sqrt(n)
+
+
+def test_a_constant_is_no_noise_and_counts_against_noise_that_is_fitted_beside_it():
+    rng = np.random.default_rng(4)
+    residual = np.zeros((3000, 16))
+    residual[:, 0] = 40.0 + rng.standard_normal(3000)
+    noise = fit_autoregression(residual, np.ones((3000, 16), dtype=bool),
+                               np.zeros(3000, dtype=np.intp))
+    constant = noise.whiten(np.full((1, 3000), 40.0), 0)[0, 8:]
+    # sum of 8 coefficients of white noise: 8 / sqrt(3000) at 5 sigma would be 0.26 of it
+    assert constant.mean() == pytest.approx(40.0, rel=0.3)
+
+
+def test_noise_at_standstill_knows_nothing_of_a_gap_that_shows_in_motion():
+    rng = np.random.default_rng(5)
+    groups = np.repeat(np.array([0, 1, 0, 1], dtype=np.intp), 1000)
+    residual = np.zeros((4000, 16))
+    residual[:, 0] = rng.standard_normal(4000) + 5.0 * (np.arange(4000) > 2000)
+    residual[groups == 1, 0] += 100.0 * np.sin(np.arange(2000) / 5.0)
+    own = fit_autoregression(residual, np.ones((4000, 16), dtype=bool), groups)
+    rest = at_standstill(residual, own)
+    assert rest.sigma[:, 0] == pytest.approx(1.0, abs=5.0 / np.sqrt(2.0 * 2000))
+    moving = rest.whiten(residual[:, :1].T, 0)[0, groups == 1]
+    hidden = own.whiten(residual[:, :1].T, 0)[0, groups == 1]
+    assert np.std(moving) > 10.0 * np.std(hidden)
+
+
+def test_the_rms_of_an_autoregression_is_that_of_its_process():
+    rng = np.random.default_rng(6)
+    n, e = 50_000, rng.standard_normal(50_000)
+    for k in range(1, n):
+        e[k] += 0.8 * e[k - 1]
+    noise = fit_autoregression(e[:, None], np.ones((n, 1), dtype=bool), np.zeros(n, dtype=np.intp))
+    # variance of AR(1) over that of its innovations; n (1 - rho) / (1 + rho) independent samples
+    assert noise.rms()[0] == pytest.approx(1 / np.sqrt(1 - 0.8 ** 2), rel=5 / np.sqrt(2 * n / 9))
