@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.ac_coupling import fading, lowpassed
-from forcecal_ros.identify.kinematics import smoothed
+from forcecal_ros.recording.kinematics import smoothed
 from forcecal_ros.recording.noise.autocovariance import Autocovariance
 import numpy as np
 from numpy.typing import NDArray

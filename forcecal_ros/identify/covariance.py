@@ -20,9 +20,9 @@ Eq. 7 gives.
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
-from forcecal_ros.identify.blocks import Averager
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.recording.streams import PoseStream, Stream
+from forcecal_ros.recording.time_grid import Averager
 import numpy as np
 
 

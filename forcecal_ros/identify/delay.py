@@ -10,8 +10,8 @@ from dataclasses import replace
 from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
-from forcecal_ros.identify.blocks import Averager, block_length
 from forcecal_ros.recording.streams import Recording, Stream
+from forcecal_ros.recording.time_grid import Averager, block_length
 import numpy as np
 from scipy.optimize import minimize_scalar
 

@@ -108,31 +108,31 @@ def poses_disagree(stages: Stages, settings: Settings) -> Iterator[Finding]:
 
 def torque_residuals(stages: Stages) -> Residuals | None:
     """Torques that neither force nor turning explains, where free or still; None: unknown."""
-    if stages.moved is None:
+    if stages.motion is None:
         return None
-    lattice, slide, turning = stages.moved
-    tool, grid = stages.tool, lattice.grid
+    gridded, slide, angular = stages.motion
+    tool, grid = stages.tool, gridded.grid
     theta = np.concatenate([[tool.mass], tool.force_bias, tool.com, tool.torque_bias])
-    values = unexplained_torque(lattice.wrench, slide, theta)
+    values = unexplained_torque(gridded.wrench, slide, theta)
     use = (grid.free | (grid.still >= 0)) & np.isfinite(values).all(axis=1)
-    use &= np.isfinite(turning.alpha).all(axis=1)
+    use &= np.isfinite(angular.alpha).all(axis=1)
     if stages.inertia is None:
-        use &= np.linalg.norm(turning.omega, axis=1) < _TURNS_SLOWLY
+        use &= np.linalg.norm(angular.omega, axis=1) < _TURNS_SLOWLY
     else:
-        values = values + inertia_regressor(turning.omega, turning.alpha) @ stages.inertia.elements
+        values = values + inertia_regressor(angular.omega, angular.alpha) @ stages.inertia.elements
     noise = noise_of_windows([values[grid.still == i] for i in range(grid.still.max() + 1)])
     moment = 0.0 if stages.inertia is None else np.linalg.norm(
         inertia_regressor(np.zeros((3, 3)), np.eye(3)) @ stages.inertia.elements, axis=1).max()
-    sigma = np.hypot(np.sqrt(np.diag(noise.covariance)), moment * lattice.doubt[:, None])
+    sigma = np.hypot(np.sqrt(np.diag(noise.covariance)), moment * gridded.alpha_error[:, None])
     return Residuals(grid.starts + grid.length / 2, values, sigma, noise.inflation, use)
 
 
 def torque_departs(stages: Stages, settings: Settings) -> Iterator[Finding]:
     """Look for torques in motion and at rest that one tool does not explain."""
     residuals = torque_residuals(stages)
-    if residuals is None or stages.moved is None:
+    if residuals is None or stages.motion is None:
         return
-    turns = np.linalg.norm(stages.moved.turning.omega, axis=1) > _TURNS_SLOWLY
+    turns = np.linalg.norm(stages.motion.angular.omega, axis=1) > _TURNS_SLOWLY
     by_motion = stages.tool.condition > settings.thresholds.condition
     small = _SMALL * stages.tool.mass * settings.gravity * np.linalg.norm(stages.tool.com)
     said = False
@@ -173,13 +173,13 @@ def _small_volts(matrix: Array, settings: Settings) -> float:
 def accelerometer_departs(stages: Stages, settings: Settings) -> Iterator[Finding]:
     """Look for readings of the accelerometer that the force does not explain."""
     fit = stages.accelerometer
-    if fit is None or fit.residuals is None or stages.moved is None:
+    if fit is None or fit.residuals is None or stages.motion is None:
         return
     lever = np.linalg.norm(np.nan_to_num(fit.position))
-    off = np.abs(fit.matrix).max(axis=1) * lever * stages.moved.lattice.doubt[:, None]
+    off = np.abs(fit.matrix).max(axis=1) * lever * stages.motion.gridded.alpha_error[:, None]
     found = strongest(fit.residuals._replace(sigma=np.hypot(fit.residuals.sigma, off)))
     if found.sigmas > VOLTS and abs(found.size) > _small_volts(fit.matrix, settings):
-        grid = stages.moved.lattice.grid
+        grid = stages.motion.gridded.grid
         yield Finding(
             f'accelerometer {"xyz"[found.channel]} is off by {found.size:+.2g} '
             f'{stages.recording.accelerometer_unit} ({found.sigmas:.0f} standard errors) about '
@@ -189,20 +189,20 @@ def accelerometer_departs(stages: Stages, settings: Settings) -> Iterator[Findin
 
 def gaps_behind_highpass(stages: Stages, settings: Settings) -> Iterator[Finding]:
     """Look for pauses that a high-pass, which remembers all that was, does not see through."""
-    if settings.coupling != 'ac' or stages.accelerometer is None or stages.moved is None:
+    if settings.coupling != 'ac' or stages.accelerometer is None or stages.motion is None:
         return
-    lattice = stages.moved.lattice
-    wanted = lattice.grid.free | (lattice.grid.still >= 0)
+    gridded = stages.motion.gridded
+    wanted = gridded.grid.free | (gridded.grid.still >= 0)
     fit = stages.accelerometer.residuals
-    used = np.isfinite(lattice.wrench).all(axis=1) & (fit is None or fit.use)
+    used = np.isfinite(gridded.wrench).all(axis=1) & (fit is None or fit.use)
     missing = float((~used[wanted]).mean()) if wanted.any() else 0.0
     if missing > _MISSING:
         yield Finding(f'wrench or accelerometer pause for {missing:.1%} of the motion, which an '
                       'AC-coupled accelerometer remembers; record them without gaps',
                       ACCELEROMETER)
-    elif lattice.grid.length > _COARSE * settings.block:
+    elif gridded.grid.length > _COARSE * settings.block:
         yield Finding(f'a sensor is so slow that readings are averaged over '
-                      f'{lattice.grid.length:.2g} s, too long for an AC-coupled accelerometer; '
+                      f'{gridded.grid.length:.2g} s, too long for an AC-coupled accelerometer; '
                       'record it faster', ACCELEROMETER)
 
 

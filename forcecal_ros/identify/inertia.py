@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from forcecal_ros.geometry import Array, skew
 from forcecal_ros.identify.estimating import jacobian
-from forcecal_ros.identify.kinematics import smoothed
+from forcecal_ros.recording.kinematics import smoothed
 from forcecal_ros.recording.noise.autocovariance import noise_of_windows
 import numpy as np
 from numpy.typing import NDArray

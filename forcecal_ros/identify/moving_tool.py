@@ -12,10 +12,10 @@ from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array, skew
 from forcecal_ros.identify.estimating import jacobian
 from forcecal_ros.identify.inertia import inertia_regressor, InertiaFit
-from forcecal_ros.identify.kinematics import smoothed, Turning
 from forcecal_ros.identify.mass import Weight
 from forcecal_ros.identify.static_readings import gravity_spread, Statics
 from forcecal_ros.identify.tool import ToolFit, X_HAT
+from forcecal_ros.recording.kinematics import AngularMotion, smoothed
 from forcecal_ros.recording.noise.autocovariance import noise_of_windows
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from scipy.stats import chi2
 
 
 def identify_moving_tool(
-        weight: Weight, statics: Statics, wrench: Array, slide: Array, turn: Turning,
+        weight: Weight, statics: Statics, wrench: Array, slide: Array, turn: AngularMotion,
         free: NDArray[np.bool_], still: NDArray[np.intp], condition: float = 100.0
         ) -> tuple[ToolFit, InertiaFit]:
     """
@@ -38,7 +38,7 @@ def identify_moving_tool(
         Block means on the wire; NaN where missing.
     slide : ndarray, shape (n,)
         Of the tool along x [m].
-    turn : Turning
+    turn : AngularMotion
     free, still : ndarray, shape (n,)
         Free motion; which static pose, -1 for none.
     condition : float
@@ -97,7 +97,7 @@ def _rest_product(quiet: Array, turned: Array, still: NDArray[np.intp]) -> Array
     return np.asarray(np.einsum('nip,niq->pq', quiet[at_rest], turned[at_rest]) / at_rest.sum())
 
 
-def _check_motion(turn: Turning, use: NDArray[np.bool_], condition: float) -> None:
+def _check_motion(turn: AngularMotion, use: NDArray[np.bool_], condition: float) -> None:
     if use.sum() > 50:
         spread, _ = gravity_spread(-turn.R_base_sensor[use, 2])
         if spread[1] * condition >= spread[0]:

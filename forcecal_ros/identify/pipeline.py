@@ -10,13 +10,12 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.identify.ac_coupling import lowpassed
 from forcecal_ros.identify.accelerometer import AccelerometerFit, identify_accelerometer
 from forcecal_ros.identify.accelerometer_model import Motion, ToolPart
-from forcecal_ros.identify.blocks import Averager
+from forcecal_ros.identify.gridded import grid_recording, GriddedRecording, ToolMotion
 from forcecal_ros.identify.inertia import identify_inertia, InertiaFit
-from forcecal_ros.identify.kinematics import pose_delay, Turning
-from forcecal_ros.identify.lattice import Lattice, lay_lattice, Moved
 from forcecal_ros.identify.mass import weigh, Weight
 from forcecal_ros.identify.means import window_mean
 from forcecal_ros.identify.moving_tool import identify_moving_tool
+from forcecal_ros.identify.pose_delay import pose_delay
 from forcecal_ros.identify.poses import static_poses, StaticPose
 from forcecal_ros.identify.quality import quality_of
 from forcecal_ros.identify.readings import clean, refuse_stuck, require_wrench
@@ -35,8 +34,10 @@ from forcecal_ros.identify.static_readings import gravity_spread, Statics
 from forcecal_ros.identify.statics import read_statics, ring_of, sag_of, with_ring
 from forcecal_ros.identify.tool import identify_tool, ToolFit
 from forcecal_ros.recording.checks.motion import refuse_frozen_pose
+from forcecal_ros.recording.kinematics import AngularMotion
 from forcecal_ros.recording.stamps import with_even_stamps
 from forcecal_ros.recording.streams import Recording
+from forcecal_ros.recording.time_grid import Averager
 import numpy as np
 
 
@@ -130,21 +131,21 @@ def identify_stages(recording: Recording, settings: Settings) -> Stages:
     poses = static_poses(recording)
     refuse_stuck(wrench, recording.accelerometer, poses, recording.optidrive)
     refuse_frozen_pose(recording)
-    lattice = lay_lattice(recording, poses, settings)
-    statics = read_statics(recording, poses, settings, lattice)
-    if lattice is None:
+    gridded = grid_recording(recording, poses, settings)
+    statics = read_statics(recording, poses, settings, gridded)
+    if gridded is None:
         return _single_samples(recording, removed, poses, statics, settings)
     weight = weigh(statics, settings.thresholds.condition)
     sag, ring = sag_of(statics, weight.mass), None
     if settings.tool_compliance != 'no':
-        ring = ring_of(recording, poses, statics, weight.mass, sag, lattice)
+        ring = ring_of(recording, poses, statics, weight.mass, sag, gridded)
     statics = with_ring(statics, weight.mass, ring, settings)
-    slide = _slide(recording, lattice, weight, ring)
-    tool, inertia, late = _tool(lattice, statics, weight, slide, settings)
-    turn = lattice.motions.turning(late[0] if late else 0.0)
+    slide = _slide(recording, gridded, weight, ring)
+    tool, inertia, late = _tool(gridded, statics, weight, slide, settings)
+    turn = gridded.kinematics.angular(late[0] if late else 0.0)
     return Stages(recording, removed, poses, statics, tool, sag, ring,
-                  _accelerometer(recording, lattice, tool, turn, settings), inertia, late,
-                  Moved(lattice, slide, turn))
+                  _accelerometer(recording, gridded, tool, turn, settings), inertia, late,
+                  ToolMotion(gridded, slide, turn))
 
 
 def _evened(recording: Recording) -> Recording:
@@ -175,34 +176,36 @@ def _single_samples(recording: Recording, removed: dict[str, int], poses: list[S
                   None)
 
 
-def _tool(lattice: Lattice, statics: Statics, weight: Weight, slide: Array, settings: Settings
+def _tool(gridded: GriddedRecording, statics: Statics, weight: Weight, slide: Array,
+          settings: Settings
           ) -> tuple[ToolFit, InertiaFit | None, tuple[float, float] | None]:
     """Tool and inertia; the centre of mass by the motion where the poses do not tell it."""
-    grid, condition = lattice.grid, settings.thresholds.condition
+    grid, condition = gridded.grid, settings.thresholds.condition
     spread, _ = gravity_spread(statics.gravity)
     by_motion = spread[1] * condition < spread[0] and bool(grid.free.any())
     tool = None if by_motion else identify_tool(statics, condition,
                                                 settings.thresholds.probability)
     late = pose_delay(
-        lattice.motions, lattice.wrench[:, :3], slide, grid, weight.mass, weight.force_bias,
+        gridded.kinematics, gridded.wrench[:, :3], slide, grid, weight.mass, weight.force_bias,
         np.zeros(3) if tool is None else tool.com, settings.gravity, settings.largest_delay)
-    turn = lattice.motions.turning(late[0] if late else 0.0)
+    turn = gridded.kinematics.angular(late[0] if late else 0.0)
     if tool is None:
-        return *identify_moving_tool(weight, statics, lattice.wrench, slide, turn, grid.free,
+        return *identify_moving_tool(weight, statics, gridded.wrench, slide, turn, grid.free,
                                      grid.still, condition), late
     theta = np.concatenate([[tool.mass], tool.force_bias, tool.com, tool.torque_bias])
-    return tool, identify_inertia(lattice.wrench, slide, turn.omega, turn.alpha, grid.free,
+    return tool, identify_inertia(gridded.wrench, slide, turn.omega, turn.alpha, grid.free,
                                   grid.still, theta, tool.covariance), late
 
 
-def _slide(recording: Recording, lattice: Lattice, weight: Weight, ring: RingFit | None) -> Array:
+def _slide(recording: Recording, gridded: GriddedRecording, weight: Weight,
+           ring: RingFit | None) -> Array:
     """Displacement of the tool in each block [m]: measured, by the spring, or none."""
-    optidrive, grid = recording.optidrive, lattice.grid
+    optidrive, grid = recording.optidrive, gridded.grid
     if optidrive is not None and len(optidrive) > 1:
         delay = ring.slide_delay if ring else 0.0
         means = Averager(optidrive.t, optidrive.values).means(grid.starts + delay, grid.length)
         return np.asarray(means[:, 0])
-    force = lattice.wrench[:, 0] - weight.force_bias[0]
+    force = gridded.wrench[:, 0] - weight.force_bias[0]
     if ring is None:
         return np.zeros(len(force))
     # k s + d ds/dt = F: the slide follows the force through a first-order low-pass
@@ -214,14 +217,14 @@ def _slide(recording: Recording, lattice: Lattice, weight: Weight, ring: RingFit
     return np.where(whole, slide, np.nan)
 
 
-def _accelerometer(recording: Recording, lattice: Lattice, tool: ToolFit, turn: Turning,
-                   settings: Settings) -> AccelerometerFit | None:
-    stream, grid = recording.accelerometer, lattice.grid
+def _accelerometer(recording: Recording, gridded: GriddedRecording, tool: ToolFit,
+                   turn: AngularMotion, settings: Settings) -> AccelerometerFit | None:
+    stream, grid = recording.accelerometer, gridded.grid
     if stream is None or len(stream) < 20:
         return None
     motion = Motion(grid.length, -settings.gravity * turn.R_base_sensor[:, 2],
-                    lattice.wrench[:, :3], turn.lever, grid.still, grid.free,
-                    lattice.noise.mapped(np.eye(3, 6)))
+                    gridded.wrench[:, :3], turn.lever, grid.still, grid.free,
+                    gridded.noise.mapped(np.eye(3, 6)))
     volts = Averager(stream.t, stream.values)
     place = settings.accelerometer_position
     return identify_accelerometer(

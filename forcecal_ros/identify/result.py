@@ -20,8 +20,8 @@ from forcecal_ros.identify.covariance import (
 )
 from forcecal_ros.identify.estimating import jacobian
 from forcecal_ros.identify.gain import observer_model, pole_gain, riccati_gain, with_unit_k23
+from forcecal_ros.identify.gridded import ToolMotion
 from forcecal_ros.identify.inertia import InertiaFit
-from forcecal_ros.identify.lattice import Moved
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.identify.ringing import RingFit
 from forcecal_ros.identify.sag import Sag
@@ -47,7 +47,7 @@ class Stages:
         See the modules of the same names; None where the recording did not hold what they need.
     pose_delay : tuple of float or None
         How much later than the wrench the pose shows the same instant, and its error [s].
-    moved : Moved or None
+    motion : ToolMotion or None
         None where the poses were single samples.
     """
 
@@ -61,7 +61,7 @@ class Stages:
     accelerometer: AccelerometerFit | None
     inertia: InertiaFit | None
     pose_delay: tuple[float, float] | None
-    moved: Moved | None
+    motion: ToolMotion | None
 
 
 def tool_of(stages: Stages) -> Tool | None:

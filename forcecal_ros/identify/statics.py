@@ -1,7 +1,6 @@
 """What the static poses and the ringing say about the tool, put together."""
 
-from forcecal_ros.identify.blocks import Averager
-from forcecal_ros.identify.lattice import Lattice, windows_of
+from forcecal_ros.identify.gridded import GriddedRecording, windows_of
 from forcecal_ros.identify.means import window_mean
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.identify.readings import require_wrench
@@ -11,11 +10,12 @@ from forcecal_ros.identify.settings import Settings
 from forcecal_ros.identify.static_readings import Statics
 from forcecal_ros.recording.noise.autocovariance import noise_of_windows
 from forcecal_ros.recording.streams import phase_spans, Recording
+from forcecal_ros.recording.time_grid import Averager
 import numpy as np
 
 
 def read_statics(recording: Recording, poses: list[StaticPose], settings: Settings,
-                 lattice: Lattice | None) -> Statics:
+                 gridded: GriddedRecording | None) -> Statics:
     """
     Take the means of the static poses, [Gamez2005] Eq. 11 and Eq. 14 in all six axes.
 
@@ -24,7 +24,7 @@ def read_statics(recording: Recording, poses: list[StaticPose], settings: Settin
     recording : Recording
     poses : list of StaticPose
     settings : Settings
-    lattice : Lattice or None
+    gridded : GriddedRecording or None
         Where the noise is measured; None: the poses are single samples.
 
     Returns
@@ -36,21 +36,21 @@ def read_statics(recording: Recording, poses: list[StaticPose], settings: Settin
     gravity = np.stack([p.gravity(settings.gravity) for p in poses])
     spans = np.array([p.end - p.start for p in poses])
     covariance = None
-    if lattice is not None:
-        covariance = lattice.noise.long_run * (lattice.grid.length / spans)[:, None, None]
+    if gridded is not None:
+        covariance = gridded.noise.long_run * (gridded.grid.length / spans)[:, None, None]
     rigid = np.zeros(len(poses))
     if settings.tool_compliance == 'no' or optidrive is None or not len(optidrive):
         return Statics(gravity, means, covariance, rigid, rigid)
     slide = np.array([window_mean(optidrive, p.start, p.end, 'optidrive')[0] for p in poses])
     variance = rigid
-    if lattice is not None:
-        blocks = windows_of(Averager(optidrive.t, optidrive.values), lattice.grid)
-        variance = float(noise_of_windows(blocks).long_run[0, 0]) * lattice.grid.length / spans
+    if gridded is not None:
+        blocks = windows_of(Averager(optidrive.t, optidrive.values), gridded.grid)
+        variance = float(noise_of_windows(blocks).long_run[0, 0]) * gridded.grid.length / spans
     return Statics(gravity, means, covariance, slide, variance)
 
 
 def ring_of(recording: Recording, poses: list[StaticPose], statics: Statics, mass: float,
-            sag: Sag | None, lattice: Lattice) -> RingFit | None:
+            sag: Sag | None, gridded: GriddedRecording) -> RingFit | None:
     """
     Fit what rings after the step.
 
@@ -63,7 +63,7 @@ def ring_of(recording: Recording, poses: list[StaticPose], statics: Statics, mas
         [kg]
     sag : Sag or None
         Stiffness as the static poses show it.
-    lattice : Lattice
+    gridded : GriddedRecording
 
     Returns
     -------
@@ -77,7 +77,7 @@ def ring_of(recording: Recording, poses: list[StaticPose], statics: Statics, mas
     ringing = rings(phase_spans(recording.phases, ('step',)), require_wrench(recording), optidrive,
                     recording.pose, recording.target)
     return stiffness_and_damping(
-        ringing, mass, lattice.noise.long_run[0, 0] * lattice.grid.length, density,
+        ringing, mass, gridded.noise.long_run[0, 0] * gridded.grid.length, density,
         (sag.stiffness, sag.variance) if sag else None)
 
 

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 
-
 def test_a_nuisance_takes_up_three_spreads_and_no_more():
     gram = Gram(np.array([[1e6]]), np.array([5e6]), 0.0, 1000)
     bounded = fit(gram, Prior(np.zeros(1), np.ones(1), np.full(1, 3.0)))

@@ -4,9 +4,9 @@ from forcecal_ros.diagnose.channels import BLOCK, CHANNELS
 from forcecal_ros.diagnose.motion.known import Known
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
-from forcecal_ros.identify.blocks import Averager, Grid
-from forcecal_ros.identify.kinematics import Motions, smoothed
+from forcecal_ros.recording.kinematics import PoseKinematics, smoothed
 from forcecal_ros.recording.streams import Phase, Recording
+from forcecal_ros.recording.time_grid import Averager, TimeGrid
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
@@ -184,9 +184,9 @@ class MotionCase:
     def _turning(self) -> None:
         pose, n = self.recording.pose, len(self.starts)
         assert pose is not None
-        grid = Grid(self.starts, BLOCK, np.full(n, -1), np.ones(n, dtype=bool))
-        self._poses = Motions(pose, grid)
-        turn = self._poses.turning()
+        grid = TimeGrid(self.starts, BLOCK, np.full(n, -1), np.ones(n, dtype=bool))
+        self._poses = PoseKinematics(pose, grid)
+        turn = self._poses.angular()
         turn = turn._replace(omega=smoothed(turn.omega), alpha=smoothed(turn.alpha))
         self._place = self._poses.acceleration()
         com, place = self.known.com, self.known.place
@@ -208,7 +208,7 @@ class MotionCase:
     def _at(self, delay: float) -> tuple[Array, Array | None]:
         """Orientation, and specific force by the position where there is no accelerometer."""
         if delay not in self._motions:
-            R, f = self._poses.turning(-delay).R_base_sensor, None
+            R, f = self._poses.angular(-delay).R_base_sensor, None
             if self._pull is None and (a := self._poses.acceleration(-delay)) is not None:
                 a = smoothed(a) + [0.0, 0.0, self.known.gravity]
                 f = np.einsum('nji,nj->ni', R, a) + self._lever

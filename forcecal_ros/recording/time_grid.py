@@ -14,7 +14,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 _GAP = 2.5
+"""Stamps further apart than this many median periods leave the blocks between them empty."""
+
 _MIN_SAMPLES = 5
+"""Of the slowest sensor in a block: fewer do not average its noise."""
 
 
 class Averager:
@@ -60,7 +63,7 @@ class Averager:
         return np.asarray(means)
 
 
-class Grid(NamedTuple):
+class TimeGrid(NamedTuple):
     """
     Consecutive blocks of equal length.
 
@@ -69,7 +72,7 @@ class Grid(NamedTuple):
     starts : ndarray, shape (n,)
         [s]
     length : float
-        [s]
+        Of each block [s].
     still : ndarray of int, shape (n,)
         Which static pose a block lies in; -1 for none.
     free : ndarray of bool, shape (n,)
@@ -84,26 +87,17 @@ class Grid(NamedTuple):
 
 def block_length(shortest: float, *periods: float) -> float:
     """
-    Choose the length of the blocks.
+    Choose the length of the blocks [s].
 
-    Parameters
-    ----------
-    shortest : float
-        Asked for [s].
-    *periods : float
-        Of the sensors' samples [s].
-
-    Returns
-    -------
-    float
-        A multiple of the first period that holds at least five samples of each [s].
+    It is a multiple of the first period that holds at least five samples of each sensor, and no
+    shorter than asked for.
     """
     wanted = max(shortest, _MIN_SAMPLES * max(periods))
     return float(np.ceil(wanted / periods[0] - 1e-6) * periods[0])
 
 
-def make_grid(t: Array, length: float, windows: list[tuple[float, float]],
-              phases: tuple[Phase, ...]) -> Grid:
+def make_time_grid(t: Array, length: float, windows: list[tuple[float, float]],
+                   phases: tuple[Phase, ...]) -> TimeGrid:
     """
     Lay blocks over a recording and say what happens in each.
 
@@ -117,10 +111,6 @@ def make_grid(t: Array, length: float, windows: list[tuple[float, float]],
         Start and end of each static pose [s].
     phases : tuple of Phase
         Empty where none was recorded: all but the windows counts as free motion.
-
-    Returns
-    -------
-    Grid
     """
     period = float(np.median(np.diff(t)))
     n = max(0, int((t[-1] - t[0]) / length))
@@ -134,7 +124,7 @@ def make_grid(t: Array, length: float, windows: list[tuple[float, float]],
     touched = np.zeros(n, dtype=bool)
     for begin, end in windows:
         touched |= (starts + length > begin) & (starts < end)
-    return Grid(starts, length, still, free & ~touched)
+    return TimeGrid(starts, length, still, free & ~touched)
 
 
 def _within(starts: Array, length: float, begin: float, end: float) -> NDArray[np.bool_]:

@@ -1,9 +1,7 @@
-"""Block means and what the noise at rest is worth."""
+"""Blocks over a recording, and means over them."""
 
-from forcecal_ros.identify.ac_coupling import fading, lowpassed
-from forcecal_ros.identify.blocks import Averager, block_length, make_grid
-from forcecal_ros.identify.means import drift
-from forcecal_ros.recording.streams import Phase, Stream
+from forcecal_ros.recording.streams import Phase
+from forcecal_ros.recording.time_grid import Averager, block_length, make_time_grid
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
@@ -49,40 +47,9 @@ def test_blocks_hold_five_samples_of_the_slowest_sensor():
 def test_contact_and_idle_are_neither_still_nor_free():
     phases = (Phase('idle', 0, 1), Phase('measure', 1, 2), Phase('move', 2, 3),
               Phase('settle', 3, 4), Phase('contact', 4, 5))
-    grid = make_grid(np.arange(0, 5, 0.001), 0.02, [(1.0, 2.0)], phases)
+    grid = make_time_grid(np.arange(0, 5, 0.001), 0.02, [(1.0, 2.0)], phases)
     seconds = (grid.starts + 0.01).astype(int)
     assert (seconds[grid.still == 0] == 1).all() and (grid.still == 0).sum() >= 48
     assert set(seconds[grid.free]) == {2, 3}
     # one block lies across the border of move and settle: both are free
     assert grid.free.sum() >= 98
-
-
-
-
-
-
-
-
-def test_a_drift_is_found_where_it_is_and_noise_is_none():
-    rng = np.random.default_rng(11)
-    t = np.arange(0, 4, 0.001)
-    values = 0.01 * rng.standard_normal((len(t), 3))
-    windows = [(0.0, 2.0), (2.0, 4.0)]
-    assert drift(Stream(t, values), windows)[0] < 5
-    values[2000:, 1] += 0.01 * np.exp(-(t[2000:] - 2) / 0.5)
-    sigmas, pose, channel = drift(Stream(t, values), windows)
-    assert sigmas > 6 and (pose, channel) == (1, 1)
-
-
-def test_the_highpass_of_block_means_is_that_of_the_signal():
-    cutoff, dt, length = 0.2, 1e-4, 0.02
-    t = np.arange(0, 6, dt) + dt / 2
-    f = np.sin(3 * t) + (t > 2)
-    keep = np.exp(-2 * np.pi * cutoff * dt)
-    w, state = np.empty_like(t), 1.5
-    for i, value in enumerate(f):
-        w[i] = state + (value - state) * (1 - keep) / 2
-        state = keep * state + (1 - keep) * value
-    blocks = f.reshape(-1, 200).mean(axis=1)
-    found = lowpassed(blocks, length, cutoff) + 1.5 * fading(len(blocks), length, cutoff)
-    np.testing.assert_allclose(found, w.reshape(-1, 200).mean(axis=1), atol=2e-4)

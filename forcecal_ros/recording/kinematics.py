@@ -1,11 +1,10 @@
-"""How the sensor turns, block by block, from its measured orientation."""
+"""How the sensor moves, block by block, from its measured pose."""
 
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array, rotation_vector, skew
-from forcecal_ros.identify.blocks import Grid
-from forcecal_ros.recording.noise.autocovariance import noise_of_windows
 from forcecal_ros.recording.streams import PoseStream
+from forcecal_ros.recording.time_grid import TimeGrid
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
@@ -27,7 +26,7 @@ REACH = 3
 """Blocks on each side that a derivative and its smoothing reach into."""
 
 
-class Turning(NamedTuple):
+class AngularMotion(NamedTuple):
     """
     Orientation and its derivatives, in ft_sensor, at each block.
 
@@ -50,34 +49,23 @@ class Turning(NamedTuple):
         return np.asarray(skew(self.alpha) + W @ W)
 
 
-class Motions:
-    """
-    Measured motion of the sensor, to be read at any time.
+class PoseKinematics:
+    """Derivatives of the measured pose on a time grid, whatever its delay."""
 
-    Parameters
-    ----------
-    pose : PoseStream
-    grid : Grid
-    """
-
-    def __init__(self, pose: PoseStream, grid: Grid) -> None:
+    def __init__(self, pose: PoseStream, grid: TimeGrid) -> None:
         self._spline = RotationSpline(pose.t, Rotation.from_matrix(np.array(pose.R_base_sensor)))
         self._place = CubicSpline(pose.t, pose.position) if pose.has_position else None
         self._first, self._last = float(pose.t[0]), float(pose.t[-1])
         self._grid = grid
 
-    def turning(self, delay: float = 0.0) -> Turning:
+    def angular(self, delay: float = 0.0) -> AngularMotion:
         """
         Differentiate the measured orientation.
 
         Parameters
         ----------
         delay : float
-            How much later than the wrench the pose shows the same instant [s].
-
-        Returns
-        -------
-        Turning
+            How much later than the grid the pose shows the same instant [s].
         """
         grid = self._grid
         edges = np.append(grid.starts, grid.starts[-1] + grid.length) + delay
@@ -85,7 +73,7 @@ class Motions:
         middle = edges[:-1] + grid.length / 2
         R_middle = self._spline(np.clip(middle, self._first, self._last)).as_matrix()
         omega = rotation_vector(np.swapaxes(R[:-1], 1, 2) @ R[1:]) / grid.length
-        return Turning(np.asarray(R_middle), omega, rate_of_change(omega, grid.length))
+        return AngularMotion(np.asarray(R_middle), omega, rate_of_change(omega, grid.length))
 
     def acceleration(self, delay: float = 0.0) -> Array | None:
         """
@@ -94,7 +82,7 @@ class Motions:
         Parameters
         ----------
         delay : float
-            As in :meth:`turning`.
+            As in :meth:`angular`.
 
         Returns
         -------
@@ -110,25 +98,13 @@ class Motions:
 
 
 def rate_of_change(means: Array, length: float) -> Array:
-    """
-    Differentiate block means, to fourth order; zero in the outermost two.
-
-    Parameters
-    ----------
-    means : ndarray, shape (n, k)
-    length : float
-        Of the blocks [s].
-
-    Returns
-    -------
-    ndarray, shape (n, k)
-    """
+    """Differentiate means (n, k) of blocks of length [s], to fourth order; 0 in the outer two."""
     out = np.zeros_like(means)
     out[2:-2] = (8 * (means[3:-1] - means[1:-3]) - (means[4:] - means[:-4])) / (12 * length)
     return out
 
 
-def acceleration_doubt(omega: Array, length: float, at_rest: NDArray[np.bool_]) -> Array:
+def acceleration_error(omega: Array, length: float, at_rest: NDArray[np.bool_]) -> Array:
     """
     Tell how far angular accelerations may be off where a motion was abrupt.
 
@@ -158,71 +134,6 @@ def acceleration_doubt(omega: Array, length: float, at_rest: NDArray[np.bool_]) 
     return 2 * beyond.clip(min=0.0)
 
 
-def pose_delay(motions: Motions, force: Array, slide: Array, grid: Grid, mass: float, bias: Array,
-               com: Array, gravity: float, largest: float) -> tuple[float, float] | None:
-    """
-    Find how much later than the wrench the pose shows the same instant.
-
-    The weight turns through the sensor's axes while the robot rotates, and the force shows it:
-    F - b + m (R^T (a_S - g) + ...) has to stay at its noise. Along y and z only, where the
-    tool's slide adds next to nothing.
-
-    Parameters
-    ----------
-    motions : Motions
-    force : ndarray, shape (n, 3)
-        Block means on the wire [N].
-    slide : ndarray, shape (n,)
-        Displacement of the tool along x [m].
-    grid : Grid
-    mass : float
-        [kg]
-    bias, com : ndarray, shape (3,)
-        Of the force [N]; centre of mass [m].
-    gravity, largest : float
-        [m/s^2]; delays are looked for up to this [s].
-
-    Returns
-    -------
-    delay, std : float, float, or None
-        [s]; None where the robot did not turn, or its position is not known.
-    """
-    slip = np.zeros_like(force)
-    slip[:, 0] = rate_of_change(slide[:, None], grid.length)[:, 0]
-    lever = com + slide[:, None] * np.array([1.0, 0.0, 0.0])
-
-    def misfit(delay: float) -> Array:
-        turn, a = motions.turning(delay), motions.acceleration(delay)
-        assert a is not None
-        a = smoothed(a)
-        a[:, 2] += gravity
-        f = (np.einsum('nji,nj->ni', turn.R_base_sensor, a)
-             + np.einsum('nij,nj->ni', turn.lever, lever) + 2 * np.cross(turn.omega, slip))
-        return np.asarray(force - bias + mass * f)[:, 1:]
-
-    if motions.acceleration() is None:
-        return None
-    turn = motions.turning()
-    down = -gravity * turn.R_base_sensor[:, 2]
-    slope = smoothed(mass * np.cross(turn.omega, down))[:, 1:]
-    use = grid.free & np.isfinite(force).all(1) & np.isfinite(slip).all(1)
-    slope[~use] = 0
-    delay, size = 0.0, 1e-3
-    for _ in range(6):
-        low, middle, high = (float(np.nansum(slope * misfit(delay + e))) for e in (-size, 0, size))
-        rate = (high - low) / (2 * size)
-        if abs(rate) < 1e-12:
-            return None
-        move = -middle / rate
-        delay = float(np.clip(delay + move, -largest, largest))
-        if abs(move) < 1e-7:
-            break
-    rest = misfit(delay)
-    noise = noise_of_windows([rest[grid.still == i] for i in range(grid.still.max() + 1)])
-    std = float(np.sqrt(noise.covariance_of_sum(slope[:, :, None])[0, 0]) / abs(rate))
-    return (delay, std) if std < largest / 10 else None
-
-
 def smoothed(rows: Array) -> Array:
     """
     Average over neighbouring blocks with binomial weights.
@@ -230,13 +141,5 @@ def smoothed(rows: Array) -> Array:
     Derivatives of the pose are differences: their noise is loud at the blocks' own frequency and
     next to nothing where the motion is. Weighing by smoothed rows, not by the rows themselves,
     keeps that noise from meeting itself in the normal equations.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (n, ...)
-
-    Returns
-    -------
-    ndarray, shape (n, ...)
     """
     return np.asarray(convolve1d(rows, binom.pmf(np.arange(9), 8, 0.5), axis=0, mode='nearest'))

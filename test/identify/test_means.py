@@ -1,0 +1,16 @@
+"""Means while the robot stands still, and drift."""
+
+from forcecal_ros.identify.means import drift
+from forcecal_ros.recording.streams import Stream
+import numpy as np
+
+
+def test_a_drift_is_found_where_it_is_and_noise_is_none():
+    rng = np.random.default_rng(11)
+    t = np.arange(0, 4, 0.001)
+    values = 0.01 * rng.standard_normal((len(t), 3))
+    windows = [(0.0, 2.0), (2.0, 4.0)]
+    assert drift(Stream(t, values), windows)[0] < 5
+    values[2000:, 1] += 0.01 * np.exp(-(t[2000:] - 2) / 0.5)
+    sigmas, pose, channel = drift(Stream(t, values), windows)
+    assert sigmas > 6 and (pose, channel) == (1, 1)
