@@ -1,5 +1,6 @@
 """YAML documents, read so that no small file takes unbounded time or memory."""
 
+import re
 from typing import Any
 
 from forcecal_ros.errors import ConfigError
@@ -42,6 +43,9 @@ class _Loader(yaml.SafeLoader):
         return mapping
 
 
+# YAML 1.2, in which 2e-5 is a number; PyYAML asks for a point and a sign
+_Loader.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(
+    r'[-+]?(\.\d+|\d+(\.\d*)?)[eE][-+]?\d+$', re.ASCII), list('-+.0123456789'))
 _Loader.add_constructor('tag:yaml.org,2002:int', _Loader.construct_yaml_int)
 _Loader.add_constructor('tag:yaml.org,2002:float', _Loader.construct_yaml_float)
 

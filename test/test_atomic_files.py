@@ -160,6 +160,12 @@ def test_hostile_documents_are_refused_in_bounded_time_and_memory():
     assert done.returncode == 0 and not done.stdout, done.stdout + done.stderr
 
 
+@pytest.mark.parametrize(('text', 'number'), [
+    ('2e-5', 2e-5), ('2.0e-5', 2e-5), ('-1.5E3', -1500.0), ('.5e1', 5.0), ('1e3', 1000.0)])
+def test_exponents_are_read_as_in_yaml_1_2(text, number):
+    assert load_yaml(f'[{text}, e5, 1e, "2e-5"]', 'it') == [number, 'e5', '1e', '2e-5']
+
+
 @given(st.text(max_size=300) | st.binary(max_size=300))
 @example('1:1:1')
 @example(b'\xff\xfe')

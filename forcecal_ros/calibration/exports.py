@@ -7,9 +7,10 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.calibration.third_party import FT_TOOLS, KTH
+from forcecal_ros.calibration.third_party import FtTools, Kth
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array
+from forcecal_ros.schema import plain
 import numpy as np
 from numpy.typing import ArrayLike
 import yaml
@@ -157,17 +158,19 @@ def _ur(c: Calibration, place: Place) -> dict[str, Any]:
 
 
 def _kth(c: Calibration, place: Place) -> dict[str, Any]:
-    mass, com, bias, frame = KTH
-    return {bias: _plain(c.wrench_bias.value), mass: _plain(c.mass.value),
-            frame: c.sensor_frame, 'gripper_com_child_frame_id': 'gripper_com',
-            com: [*_plain(c.com.value), 0.0, 0.0, 0.0]}
+    document: dict[str, Any] = plain(Kth(
+        bias=_plain(c.wrench_bias.value), gripper_mass=_plain(c.mass.value),
+        gripper_com_frame_id=c.sensor_frame,
+        gripper_com_pose=(*_plain(c.com.value), 0.0, 0.0, 0.0)))
+    return document
 
 
 def _ft_tools(c: Calibration, place: Place) -> dict[str, Any]:
-    mass, com, force, torque = FT_TOOLS
     bias = _plain(c.wrench_bias.value)
-    return {mass: _plain(c.mass.value), com: _plain(c.com.value),
-            force: bias[:3], torque: bias[3:]}
+    document: dict[str, Any] = plain(FtTools(
+        mass=_plain(c.mass.value), sensor_frame_to_com=_plain(c.com.value),
+        force_offset=bias[:3], torque_offset=bias[3:]))
+    return document
 
 
 CONSUMERS: Mapping[str, Consumer] = {

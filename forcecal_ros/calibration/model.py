@@ -10,14 +10,14 @@ Everything is in SI units and in ft_sensor (S); wrenches are as on the wire, env
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 from forcecal_ros.geometry import Array, STANDARD_GRAVITY
+from forcecal_ros.schema import Mismatch, path, plain, Row
 import numpy as np
 from numpy.typing import ArrayLike
 
 FORMAT = 'forcecal-calibration/1'
-NOT_IDENTIFIED = 'not identified'
 
 
 @dataclass(frozen=True)
@@ -55,37 +55,62 @@ class Estimate:
         return units[index * len(units) // max(self.value.size, 1)]
 
 
-@dataclass(frozen=True)
+@plain.register
+def _plain(estimate: Estimate) -> dict[str, Any]:
+    """Return what a file holds of an estimate; a standard error that is not known is None."""
+    known = np.isfinite(estimate.std).all()
+    return {'value': plain(estimate.value), 'std': plain(estimate.std) if known else None,
+            'unit': estimate.unit}
+
+
+class Entry(Row):
+    """
+    Row of an estimate, in a file ``{value, std, unit}``; shape and range are those of its value.
+
+    ``unit`` may name several, as ``V or m/s^2``; empty: any.
+    """
+
+    def take(self, kind: Any, value: Any, where: str) -> Estimate:
+        """Check an estimate, or an entry of a file that is made one."""
+        entry = vars(value) if isinstance(value, Estimate) else value
+        if not isinstance(entry, Mapping) or not {'value', 'unit'} <= set(entry):
+            raise Mismatch(where, value, '{value, std, unit}')
+        number = super().take(float if self.shape == () else Array, entry['value'],
+                              path(where, 'value'))
+        unit, std = str(entry['unit']), entry.get('std')
+        if self.unit and unit not in self.unit.split(' or '):
+            raise Mismatch(path(where, 'unit'), unit, self.unit)
+        if isinstance(value, Estimate):
+            return value
+        if std is not None:
+            shape = np.shape(number) if isinstance(std, list) else ()
+            std = Row('', unit, 0.0, shape=shape, finite=False).take(
+                Array if shape else float, std, path(where, 'std'))
+        return Estimate(number, np.nan if std is None else std, unit)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Accelerometer:
     """
     Accelerometer on the tool: ``V_i = offset_i + gain_i (map_i . f)``, [Gamez2005] Eq. 2.
 
-    Attributes
-    ----------
-    offset : Estimate, shape (3,)
-        [V], or [m/s^2] for a sensor that is already scaled.
-    gain : Estimate, shape (3,)
-        [V/(m/s^2)], or [1]. Volts: the three share the sign that makes ``map`` right-handed
-        (the paper's Kgain is negative). Scaled sensors: positive.
-    map : Estimate, shape (3, 3)
-        Rows are unit vectors: the direction of each accelerometer axis in ft_sensor.
-    delay : Estimate
-        How much later than the wrench the accelerometer shows the same instant [s].
-    coupling : str
-        ``dc``, or ``ac`` for a sensor with a first-order high-pass.
-    cutoff : Estimate or None
-        Corner of that high-pass [Hz]; None for ``dc``.
-    position : Estimate or None
-        Where it sits in ft_sensor at zero displacement [m]; None: taken to be at the CoM.
+    The three gains of a sensor in volts share the sign that makes ``map`` right-handed (the
+    paper's Kgain is negative); those of a scaled sensor are positive.
     """
 
-    offset: Estimate
-    gain: Estimate
-    map: Estimate
-    delay: Estimate
-    coupling: str = 'dc'
-    cutoff: Estimate | None = None
-    position: Estimate | None = None
+    offset: Annotated[Estimate, Entry('Reading without specific force', 'V or m/s^2', shape=(3,))]
+    gain: Annotated[Estimate, Entry('Of each axis', 'V/(m/s^2) or 1', shape=(3,))]
+    map: Annotated[Estimate, Entry(
+        'Rows are unit vectors: the direction of each axis in ft_sensor', '1', shape=(3, 3))]
+    coupling: Annotated[str, Row(
+        'ac for a sensor with a first-order high-pass', words=('dc', 'ac'))] = 'dc'
+    delay: Annotated[Estimate, Entry(
+        'How much later than the wrench it shows the same instant', 's')]
+    cutoff: Annotated[Estimate | None, Entry(
+        'Corner of the high-pass; None for dc', 'Hz', omit=True)] = None
+    position: Annotated[Estimate | None, Entry(
+        'Place in ft_sensor at zero displacement; None: taken to be at the CoM', 'm', shape=(3,),
+        omit=True)] = None
 
     @property
     def matrix(self) -> Array:
@@ -100,10 +125,10 @@ class Accelerometer:
 
 @dataclass(frozen=True)
 class Tool:
-    """Compliance along x of ft_sensor, [Gamez2005] Eq. 29: stiffness [N/m], damping [N s/m]."""
+    """Compliance along x of ft_sensor, [Gamez2005] Eq. 29."""
 
-    stiffness: Estimate
-    damping: Estimate
+    stiffness: Annotated[Estimate, Entry('Of the spring', 'N/m')]
+    damping: Annotated[Estimate, Entry('Of the damper', 'N s/m')]
 
 
 @dataclass(frozen=True)
@@ -111,96 +136,67 @@ class Noise:
     """
     Covariances at rest, measured.
 
-    Attributes
-    ----------
-    Q : Estimate, shape (2, 2)
-        Of [x, dx/dt] in [Gamez2005] Eq. 6, continuous: per-sample covariance times the period.
-    R : Estimate, shape (3, 3)
-        Of [x, dx/dt, d2x/dt2] in Eq. 6, continuous likewise.
-    wrench : Estimate, shape (6, 6)
-        Per-sample covariance of the wrench [N^2, N^2 m, N^2 m^2].
-    specific_force : Estimate or None, shape (3, 3)
-        Per-sample covariance of the accelerometer, in ft_sensor [(m/s^2)^2].
-    wrench_rate, accelerometer_rate : float
-        Rates the per-sample covariances belong to [Hz].
+    Those of [Gamez2005] Eq. 6 are continuous: per-sample covariance times the period.
     """
 
-    Q: Estimate
-    R: Estimate
-    wrench: Estimate
-    specific_force: Estimate | None
-    wrench_rate: float
-    accelerometer_rate: float
+    Q: Annotated[Estimate, Entry('Of [x, dx/dt] in Eq. 6', '(m, m/s)^2 s', shape=(2, 2))]
+    R: Annotated[Estimate, Entry(
+        'Of [x, dx/dt, d2x/dt2] in Eq. 6', '(m, m/s, m/s^2)^2 s', shape=(3, 3))]
+    wrench: Annotated[Estimate, Entry('Of one wrench', '(N, N m)^2', shape=(6, 6))]
+    specific_force: Annotated[Estimate | None, Entry(
+        'Of one reading of the accelerometer, in ft_sensor', '(m/s^2)^2', shape=(3, 3))] = None
+    wrench_rate: Annotated[float, Row(
+        'Rate that the covariance of the wrench belongs to; NaN: unknown', 'Hz', finite=False)
+        ] = np.nan
+    accelerometer_rate: Annotated[float, Row(
+        'The same of the accelerometer', 'Hz', finite=False)] = np.nan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ObserverGain:
-    """
-    The paper's observer, [Gamez2005] Eq. 4, 18, 19.
+    """The paper's observer, [Gamez2005] Eq. 4, 18, 19."""
 
-    Attributes
-    ----------
-    K : Estimate, shape (2, 3)
-        Gain with k23 = 1.
-    A : Estimate, shape (2, 2)
-    C : Estimate, shape (3, 2)
-    dt : float
-        Period the observer is stepped at [s].
-    mode : str
-        ``kalman`` or ``newton``: which one publishes the contact wrench.
-    kalman : mapping of str to Estimate
-        Stationary gains of the six-axis Kalman observer, by name.
-    """
-
-    K: Estimate
-    A: Estimate
-    C: Estimate
-    dt: float
-    mode: str = 'kalman'
-    kalman: Mapping[str, Estimate] = field(default_factory=dict)
+    mode: Annotated[str, Row(
+        'Which one publishes the contact wrench', words=('kalman', 'newton'))] = 'kalman'
+    dt: Annotated[float, Row('Period the observer is stepped at', 's', above=0.0)]
+    K: Annotated[Estimate, Entry('Gain with k23 = 1', '1', shape=(2, 3))]
+    A: Annotated[Estimate, Entry('Of Eq. 4', '1', shape=(2, 2))]
+    C: Annotated[Estimate, Entry('Of Eq. 4', '1', shape=(3, 2))]
+    kalman: Annotated[Mapping[str, Estimate], Entry(
+        'Stationary gains of the six-axis Kalman observer, by name', shape=None)
+        ] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Calibration:
     """
-    One sensor with one tool, calibrated.
+    One sensor with one tool, calibrated; what was not identified is None.
 
-    Attributes
-    ----------
-    mass : Estimate
-        Of what hangs on the sensor [kg].
-    com : Estimate, shape (3,)
-        Centre of mass in ft_sensor at zero tool displacement [m].
-    wrench_bias : Estimate, shape (6,)
-        Reading without any load, wire sign [N, N m].
-    inertia : Estimate or None, shape (3, 3)
-        About the centre of mass, axes of ft_sensor [kg m^2]; None: not identified.
-    accelerometer, tool, noise, observer : optional parts
-        None where the recording did not have them.
-    matrix, matrix_offset : Estimate or None, shapes (6, n), (n,)
-        Six-axis calibration of n raw channels.
-    gravity : float
-        Magnitude the calibration was made with [m/s^2].
-    sensor_frame : str
-        frame_id of the wrench.
-    wrench_sign : int
-        -1 where the driver reports tool on environment; readings were multiplied by it.
-    quality, source : mapping
-        Plain numbers, words and lists: residuals, condition numbers, warnings; where from, when.
+    The rows are those of ``calibration.yaml``.
     """
 
-    mass: Estimate
-    com: Estimate
-    wrench_bias: Estimate
-    inertia: Estimate | None = None
+    mass: Annotated[Estimate, Entry('Of what hangs on the sensor', 'kg', above=0.0)]
+    com: Annotated[Estimate, Entry(
+        'Centre of mass in ft_sensor at zero tool displacement', 'm', shape=(3,))]
+    inertia: Annotated[Estimate | None, Entry(
+        'About the centre of mass, axes of ft_sensor', 'kg m^2', shape=(3, 3))] = None
+    wrench_bias: Annotated[Estimate, Entry(
+        'Reading without any load, wire sign', 'N, N m', shape=(6,))]
+    gravity: Annotated[float, Row(
+        'Magnitude that the calibration was made with', 'm/s^2')] = STANDARD_GRAVITY
+    sensor_frame: Annotated[str, Row('frame_id of the wrench', key='sensor.frame')] = 'ft_sensor'
+    wrench_sign: Annotated[int, Row(
+        '-1 where the driver reports tool on environment; readings were multiplied by it',
+        words=(1, -1), key='sensor.sign')] = 1
     accelerometer: Accelerometer | None = None
     tool: Tool | None = None
     noise: Noise | None = None
     observer: ObserverGain | None = None
-    matrix: Estimate | None = None
-    matrix_offset: Estimate | None = None
-    gravity: float = STANDARD_GRAVITY
-    sensor_frame: str = 'ft_sensor'
-    wrench_sign: int = 1
-    quality: Mapping[str, Any] = field(default_factory=dict)
-    source: Mapping[str, Any] = field(default_factory=dict)
+    matrix: Annotated[Estimate | None, Entry(
+        'Six-axis calibration of n raw channels', shape=(6, None), omit=True)] = None
+    matrix_offset: Annotated[Estimate | None, Entry(
+        'Raw reading without any load', shape=(None,), key='matrix.offset', omit=True)] = None
+    quality: Annotated[Mapping[str, Any], Row(
+        'Residuals, condition numbers, warnings: plain numbers, words and lists')
+        ] = field(default_factory=dict)
+    source: Annotated[Mapping[str, Any], Row('Where from, when')] = field(default_factory=dict)

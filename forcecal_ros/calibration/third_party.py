@@ -4,35 +4,34 @@ Both say what a reading at rest is in the same way as this package: weight plus 
 """
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.errors import ConfigError
-from forcecal_ros.geometry import Array
+from forcecal_ros.schema import read, Row, Vector3, Vector6
 import numpy as np
 
-KTH = ('gripper_mass', 'gripper_com_pose', 'bias', 'gripper_com_frame_id')
-"""Keys of a file of kth-ros-pkg/force_torque_tools: mass, CoM with RPY, bias, frame of both."""
 
-FT_TOOLS = ('mass', 'sensor_frame_to_com', 'force_offset', 'torque_offset')
-"""Keys of a file of ft_tools_ros2."""
+@dataclass(frozen=True, kw_only=True)
+class Kth:
+    """File of kth-ros-pkg/force_torque_tools."""
+
+    bias: Annotated[Vector6, Row('Reading without load', 'N, N m')]
+    gripper_mass: Annotated[float, Row('Of what hangs on the sensor', 'kg', above=0.0)]
+    gripper_com_frame_id: Annotated[str, Row('frame_id of pose and bias')] = 'ft_sensor'
+    gripper_com_child_frame_id: Annotated[str, Row('frame_id at the centre')] = 'gripper_com'
+    gripper_com_pose: Annotated[Vector6, Row('x y z [m], roll pitch yaw [rad]')]
 
 
-class _Numbers(NamedTuple):
-    document: Mapping[str, Any]
-    name: str
+@dataclass(frozen=True, kw_only=True)
+class FtTools:
+    """File of ft_tools_ros2."""
 
-    def read(self, key: str, count: int) -> Array:
-        """Return some numbers in SI units."""
-        value = self.document.get(key)
-        try:
-            numbers = np.array(value, dtype=float).reshape(-1)
-        except (TypeError, ValueError):
-            numbers = np.array([])
-        if len(numbers) != count or not np.isfinite(numbers).all():
-            raise ConfigError(f'{self.name}: {key} is {str(value)[:80]}, expected '
-                              f'{f"{count} numbers" if count > 1 else "a number"}')
-        return numbers
+    mass: Annotated[float, Row('Of what hangs on the sensor', 'kg', above=0.0)]
+    sensor_frame_to_com: Annotated[Vector3, Row('Centre of mass', 'm')]
+    force_offset: Annotated[Vector3, Row('Reading without load', 'N')]
+    torque_offset: Annotated[Vector3, Row('Reading without load', 'N m')]
 
 
 def recognise(document: Mapping[str, Any], name: str) -> Calibration | None:
@@ -57,19 +56,23 @@ def recognise(document: Mapping[str, Any], name: str) -> Calibration | None:
     ConfigError
         A number is missing or malformed.
     """
-    numbers = _Numbers(document, name)
-    if KTH[0] in document:
-        mass, com, bias = (numbers.read(key, count) for key, count in zip(KTH, (1, 6, 6)))
-        frame, origin = str(document.get(KTH[3], 'ft_sensor')).lstrip('/'), 'force_torque_tools'
-    elif FT_TOOLS[1] in document:
-        mass, com, force, torque = (
-            numbers.read(key, count) for key, count in zip(FT_TOOLS, (1, 3, 3, 3)))
-        bias, frame, origin = np.concatenate([force, torque]), 'ft_sensor', 'ft_tools'
-    else:
-        return None
-    if not mass[0] > 0:
-        raise ConfigError(f'{name}: the mass is {mass[0]:g}, expected a positive one [kg]')
+    try:
+        if 'gripper_mass' in document:
+            kth = read(Kth, document, extra=True)
+            return _calibration(kth.gripper_mass, kth.gripper_com_pose[:3], kth.bias,
+                                'force_torque_tools', name, kth.gripper_com_frame_id.lstrip('/'))
+        if 'sensor_frame_to_com' in document:
+            tools = read(FtTools, document, extra=True)
+            return _calibration(tools.mass, tools.sensor_frame_to_com,
+                                (*tools.force_offset, *tools.torque_offset), 'ft_tools', name)
+    except ConfigError as error:
+        raise ConfigError(f'{name}: {error}; correct the file') from None
+    return None
+
+
+def _calibration(mass: float, com: Vector3, bias: Vector6, origin: str, name: str,
+                 frame: str = 'ft_sensor') -> Calibration:
     return Calibration(
-        mass=Estimate(mass[0], np.nan, 'kg'), com=Estimate(com[:3], np.nan, 'm'),
+        mass=Estimate(mass, np.nan, 'kg'), com=Estimate(com, np.nan, 'm'),
         wrench_bias=Estimate(bias, np.nan, 'N, N m'), sensor_frame=frame,
         source={'file': name, 'of': origin})

@@ -1,13 +1,11 @@
 """Which effects a rig has, and how strongly: checked, hashable, in the order of the library."""
 
-from collections.abc import Iterable, Mapping
-from difflib import get_close_matches
-import math
+from collections.abc import Mapping
 from typing import Any
 
-from forcecal_ros.effects.library import Effect, EFFECTS, Quantity
+from forcecal_ros.effects.library import Effect, EFFECTS
 from forcecal_ros.errors import ConfigError
-import numpy as np
+from forcecal_ros.schema import instead, Row
 
 Chosen = tuple[tuple[str, tuple[float, ...]], ...]
 """Name of an effect and the values of its parameters, for each effect that a rig has."""
@@ -37,7 +35,7 @@ def chosen_effects(effects: Values | Chosen | None) -> Chosen:
                           f'{effects!r}; as in effects: {{wrench_delay: {{delay: 0.004}}}}')
     for name in effects or ():
         if name not in EFFECTS:
-            raise ConfigError(f'effects: unknown effect {name}; {_instead(name, EFFECTS)}')
+            raise ConfigError(f'effects: unknown effect {name}; {instead(name, EFFECTS)}')
     return tuple((name, _values(effect, effects[name]))
                  for name, effect in EFFECTS.items() if effects and name in effects)
 
@@ -57,27 +55,9 @@ def _values(effect: Effect, given: Any) -> tuple[float, ...]:
     if unknown:
         raise ConfigError(f'{where}: unknown key {", ".join(unknown)}; expected only '
                           f'{_listed(effect)}: remove or rename it')
-    return tuple(_value(f'{where}.{q.name}', given.get(q.name, q.nominal), q)
-                 for q in effect.parameters)
-
-
-def _value(where: str, value: Any, q: Quantity) -> float:
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ConfigError(f'{where}: expected a finite number [{q.unit}], got {value!r}; '
-                          'write it so, without the unit')
-    if not q.low <= value <= q.high:
-        raise ConfigError(f'{where}: must be from {q.low:g} to {q.high:g} [{q.unit}], '
-                          f'got {value!r}')
-    return float(value)
+    return tuple(Row('', q.unit, q.low, q.high).take(
+        float, given.get(q.name, q.nominal), f'{where}.{q.name}') for q in effect.parameters)
 
 
 def _listed(effect: Effect) -> str:
     return ', '.join(f'{q.name} [{q.unit}]' for q in effect.parameters)
-
-
-def _instead(name: Any, known: Iterable[str]) -> str:
-    close = get_close_matches(str(name), known, n=3)
-    return (f'did you mean {" or ".join(close)}?' if close
-            else f'expected one of {", ".join(known)}')

@@ -1,25 +1,20 @@
 """The rig as data: every number of the simulated robot, tool, environment and sensors.
 
-The fields carry their unit, shape and limits as metadata, which the checks, the loader and the
-dump in :mod:`forcecal_ros.simulators.rig.file` all read. To change a number,
-``dataclasses.replace`` the section and the rig; arrays are taken and kept as tuples, so that rigs
-compare and hash.
+The rows are those of the rig file, see :mod:`forcecal_ros.simulators.rig.file`. To change a
+number, ``dataclasses.replace`` the section and the rig; arrays are taken and kept as tuples, so
+that rigs compare and hash.
 """
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 import math
+from typing import Annotated, Any
 
 from forcecal_ros.effects.chosen import Chosen, chosen_effects
 from forcecal_ros.effects.library import SLIDE_ONLY
-from forcecal_ros.effects.quantity import checked, choice, quantity
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array, matrix_from_quaternion
+from forcecal_ros.schema import Matrix3, Row, Section, Vector3, Vector4, Vector6
 import numpy as np
-
-Vector3 = tuple[float, float, float]
-Vector4 = tuple[float, float, float, float]
-Vector6 = tuple[float, float, float, float, float, float]
-Matrix3 = tuple[Vector3, Vector3, Vector3]
 
 _RATE_TOLERANCE = 1e-6
 """Largest deviation of a sensor's samples per period from a whole number that is rounding."""
@@ -28,24 +23,21 @@ _GAIN_TOLERANCE = 1e-6
 """Largest deviation of the robot's static gain from 1 that counts as rounding."""
 
 
-@dataclass(frozen=True)
-class Section:
-    """A group of keys of the rig file; checks itself whenever it is made."""
+class _Effects(Row):
+    """Row of the effects; their own rows are those of the library."""
 
-    def __post_init__(self) -> None:
-        for f in fields(self):
-            if f.metadata:
-                name = f'{type(self).__name__}.{f.name}'
-                object.__setattr__(self, f.name, checked(name, getattr(self, f.name), f.metadata))
+    def take(self, kind: Any, value: Any, where: str) -> Chosen:
+        """Check the effects of a rig."""
+        return chosen_effects(value)
 
 
 @dataclass(frozen=True)
 class Robot(Section):
-    """Commanded to reached position per Cartesian axis, [Gamez2005] Eq. 28."""
+    """One model per Cartesian axis, [Gamez2005] Eq. 28 as difference equation."""
 
-    period: float = field(metadata=quantity('s', 'of Eq. 28 and of the commands', positive=True))
-    feedback: Vector3 = field(metadata=quantity('1', 'of y at k-1, k-2, k-3', (3,)))
-    feedforward: Vector3 = field(metadata=quantity('1', 'of the command at k-1, k-2, k-3', (3,)))
+    period: Annotated[float, Row('of Eq. 28 and of the commands', 's', above=0.0)]
+    feedback: Annotated[Vector3, Row('of y at k-1, k-2, k-3', '1')]
+    feedforward: Annotated[Vector3, Row('of the command at k-1, k-2, k-3', '1')]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -63,20 +55,19 @@ class Robot(Section):
 class Servo(Section):
     """What follows the interpolated output of the robot model."""
 
-    position_bandwidth: float = field(metadata=quantity(
-        'rad/s', 'third order, critically damped', positive=True))
-    orientation_bandwidth: float = field(metadata=quantity(
-        'rad/s', 'second order on SO(3), critically damped', positive=True))
+    position_bandwidth: Annotated[float, Row('third order, critically damped', 'rad/s', above=0.0)]
+    orientation_bandwidth: Annotated[float, Row(
+        'second order on SO(3), critically damped', 'rad/s', above=0.0)]
 
 
 @dataclass(frozen=True)
 class Tool(Section):
     """What the sensor carries; in ft_sensor, the Optidrive undisplaced."""
 
-    mass: float = field(metadata=quantity('kg', positive=True))
-    com: Vector3 = field(metadata=quantity('m', 'centre of mass', (3,)))
-    inertia: Matrix3 = field(metadata=quantity('kg m^2', 'about the CoM', (3, 3)))
-    tip: Vector3 = field(metadata=quantity('m', 'the point that meets the wall', (3,)))
+    mass: Annotated[float, Row('', 'kg', above=0.0)]
+    com: Annotated[Vector3, Row('centre of mass', 'm')]
+    inertia: Annotated[Matrix3, Row('about the CoM', 'kg m^2')]
+    tip: Annotated[Vector3, Row('the point that meets the wall', 'm')]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -90,57 +81,56 @@ class Tool(Section):
 class Optidrive(Section):
     """The compliance along x of ft_sensor, [Gamez2005] Eq. 29."""
 
-    stiffness: float = field(metadata=quantity('N/m', positive=True))
-    damping: float = field(metadata=quantity('N s/m', least=0.0))
-    rate: float = field(metadata=quantity('Hz', 'of the displacement signal', positive=True))
-    noise: float = field(metadata=quantity('m', '1 sigma, white', least=0.0))
+    stiffness: Annotated[float, Row('', 'N/m', above=0.0)]
+    damping: Annotated[float, Row('', 'N s/m', 0.0)]
+    rate: Annotated[float, Row('of the displacement signal', 'Hz', above=0.0)]
+    noise: Annotated[float, Row('1 sigma, white', 'm', 0.0)]
 
 
 @dataclass(frozen=True)
 class Wall(Section):
-    """Unilateral screen, normal to X of base."""
+    """Unilateral screen, normal to X of base, in front of the tip."""
 
-    position: float = field(metadata=quantity('m', 'X of base'))
-    stiffness: float = field(metadata=quantity('N/m', least=0.0))
-    damping: float = field(metadata=quantity('N s/m', least=0.0))
+    position: Annotated[float, Row('X of base', 'm')]
+    stiffness: Annotated[float, Row('', 'N/m', 0.0)]
+    damping: Annotated[float, Row('', 'N s/m', 0.0)]
 
 
 @dataclass(frozen=True)
-class WrenchSensor(Section):
+class WrenchSensor(Section, name='wrench_sensor'):
     """wire = gain * (wrench of the environment on the tool) + bias + noise."""
 
-    rate: float = field(metadata=quantity('Hz', positive=True))
-    gain: Vector6 = field(metadata=quantity('1', 'fx fy fz tx ty tz', (6,)))
-    bias: Vector6 = field(metadata=quantity('N, N m', '', (6,)))
-    force_noise: float = field(metadata=quantity('N', '1 sigma, white', least=0.0))
-    torque_noise: float = field(metadata=quantity('N m', '1 sigma, white', least=0.0))
+    rate: Annotated[float, Row('', 'Hz', above=0.0)]
+    gain: Annotated[Vector6, Row('fx fy fz tx ty tz', '1')]
+    bias: Annotated[Vector6, Row('', 'N, N m')]
+    force_noise: Annotated[float, Row('1 sigma, white', 'N', 0.0)]
+    torque_noise: Annotated[float, Row('1 sigma, white', 'N m', 0.0)]
 
 
 @dataclass(frozen=True)
 class AccelerometerModel(Section):
-    """V = gain f + offset + noise, f high-passed where the sensor is AC-coupled."""
+    """V = gain f + offset + noise, f high-passed first where the sensor is AC-coupled."""
 
-    gain: Vector3 = field(metadata=quantity('V/(m/s^2)', 'x y z', (3,)))
-    offset: Vector3 = field(metadata=quantity('V', '', (3,)))
-    highpass: float = field(metadata=quantity('Hz', 'first order; 0: DC response', least=0.0))
+    gain: Annotated[Vector3, Row('x y z', 'V/(m/s^2)')]
+    offset: Annotated[Vector3, Row('', 'V')]
+    highpass: Annotated[float, Row('first order; 0: DC response', 'Hz', 0.0)]
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if 0.0 in self.gain:
-            raise ConfigError(f'accelerometer: a gain of 0 measures nothing, got {self.gain}')
+            raise self.wrong('gain', 'no gain of 0, which measures nothing')
 
 
 @dataclass(frozen=True)
 class Accelerometer(Section):
-    """The accelerometer on the tool, its axes along ft_sensor."""
+    """Rides on the tool, axes along ft_sensor; V = gain f + offset + noise."""
 
-    mounted: str = field(metadata=choice('which of the two below', ('acc1', 'acc2')))
-    position: Vector3 = field(metadata=quantity(
-        'm', 'in ft_sensor, the Optidrive undisplaced', (3,)))
-    rate: float = field(metadata=quantity('Hz', positive=True))
-    noise: float = field(metadata=quantity('V', '1 sigma, white', least=0.0))
-    acc1: AccelerometerModel
-    acc2: AccelerometerModel
+    mounted: Annotated[str, Row('which of the two below', words=('acc1', 'acc2'))]
+    position: Annotated[Vector3, Row('in ft_sensor, the Optidrive undisplaced', 'm')]
+    rate: Annotated[float, Row('', 'Hz', above=0.0)]
+    noise: Annotated[float, Row('1 sigma, white', 'V', 0.0)]
+    acc1: Annotated[AccelerometerModel, Row('PCB, capacitive, DC')]
+    acc2: Annotated[AccelerometerModel, Row('AD, MEMS, high-passed before gain and offset')]
 
     def model(self, name: str | None = None) -> AccelerometerModel:
         """
@@ -163,42 +153,41 @@ class Accelerometer(Section):
 
 
 @dataclass(frozen=True)
-class PoseSensor(Section):
+class PoseSensor(Section, name='pose_sensor'):
     """The measured pose of ft_sensor in base."""
 
-    rate: float = field(metadata=quantity('Hz', positive=True))
-    position_noise: float = field(metadata=quantity('m', '1 sigma, white, per axis', least=0.0))
-    orientation_noise: float = field(metadata=quantity(
-        'rad', '1 sigma, white, rotation vector in S, per axis', least=0.0))
+    rate: Annotated[float, Row('', 'Hz', above=0.0)]
+    position_noise: Annotated[float, Row('1 sigma, white, per axis', 'm', 0.0)]
+    orientation_noise: Annotated[float, Row(
+        '1 sigma, white, rotation vector in S, per axis', 'rad', 0.0)]
 
 
 @dataclass(frozen=True)
 class Spreads(Section):
     """Nominal tolerances: how far a healthy rig departs from its file, 1 sigma."""
 
-    mass: float = field(metadata=quantity('1', 'relative', least=0.0))
-    com: float = field(metadata=quantity('m', least=0.0))
-    inertia: float = field(metadata=quantity('1', 'relative', least=0.0))
-    stiffness: float = field(metadata=quantity('1', 'relative, of the Optidrive', least=0.0))
-    damping: float = field(metadata=quantity('1', 'relative, of the Optidrive', least=0.0))
-    wall_position: float = field(metadata=quantity('m', least=0.0))
-    wall_stiffness: float = field(metadata=quantity('1', 'relative', least=0.0))
-    wall_damping: float = field(metadata=quantity('1', 'relative', least=0.0))
-    force_bias: float = field(metadata=quantity('N', least=0.0))
-    torque_bias: float = field(metadata=quantity('N m', least=0.0))
-    wrench_gain: float = field(metadata=quantity('1', 'relative', least=0.0))
-    accelerometer_gain: float = field(metadata=quantity('1', 'relative', least=0.0))
-    accelerometer_offset: float = field(metadata=quantity('V', least=0.0))
-    noise_factor: float = field(metadata=quantity(
-        '1', 'noise levels times or divided by this', least=1.0))
+    mass: Annotated[float, Row('relative', '1', 0.0)]
+    com: Annotated[float, Row('', 'm', 0.0)]
+    inertia: Annotated[float, Row('relative', '1', 0.0)]
+    stiffness: Annotated[float, Row('relative, of the Optidrive', '1', 0.0)]
+    damping: Annotated[float, Row('relative, of the Optidrive', '1', 0.0)]
+    wall_position: Annotated[float, Row('', 'm', 0.0)]
+    wall_stiffness: Annotated[float, Row('relative', '1', 0.0)]
+    wall_damping: Annotated[float, Row('relative', '1', 0.0)]
+    force_bias: Annotated[float, Row('', 'N', 0.0)]
+    torque_bias: Annotated[float, Row('', 'N m', 0.0)]
+    wrench_gain: Annotated[float, Row('relative', '1', 0.0)]
+    accelerometer_gain: Annotated[float, Row('relative', '1', 0.0)]
+    accelerometer_offset: Annotated[float, Row('', 'V', 0.0)]
+    noise_factor: Annotated[float, Row('noise levels times or divided by this', '1', 1.0)]
 
 
 @dataclass(frozen=True)
 class Home(Section):
-    """Where ft_sensor starts, in base."""
+    """Where ft_sensor starts, in base; Rot(X, pi) has x_S along X and z_S down."""
 
-    position: Vector3 = field(metadata=quantity('m', '', (3,)))
-    orientation_xyzw: Vector4 = field(metadata=quantity('1', 'quaternion', (4,)))
+    position: Annotated[Vector3, Row('', 'm')]
+    orientation_xyzw: Annotated[Vector4, Row('quaternion x y z w', '1')]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -217,8 +206,8 @@ class Home(Section):
 class Step(Section):
     """The default step: a quintic (minimum-jerk) profile."""
 
-    distance: float = field(metadata=quantity('m'))
-    duration: float = field(metadata=quantity('s', positive=True))
+    distance: Annotated[float, Row('', 'm')]
+    duration: Annotated[float, Row('', 's', above=0.0)]
 
 
 @dataclass(frozen=True)
@@ -226,32 +215,28 @@ class Rig(Section):
     """
     The whole rig.
 
-    Attributes
-    ----------
-    optidrive : Optidrive or None
-        None where the tool is rigid: its displacement is 0 and there is no such signal.
-    effects : Chosen
-        In what it differs from the numbers above; see
-        :func:`~forcecal_ros.effects.with_effects`.
+    Without ``optidrive`` the tool is rigid: its displacement is 0 and there is no such signal.
+    ``effects`` are in what it differs from the other numbers, see
+    :func:`~forcecal_ros.effects.with_effects`.
     """
 
     robot: Robot
     servo: Servo
     tool: Tool
-    optidrive: Optidrive | None
+    optidrive: Annotated[Optidrive | None, Row(
+        'lets the tool slide along x of ft_sensor; null: a rigid tool')]
     wall: Wall
     wrench_sensor: WrenchSensor
     accelerometer: Accelerometer
     pose_sensor: PoseSensor
     spreads: Spreads
-    gravity: Vector3 = field(metadata=quantity('m/s^2', 'in base', (3,)))
+    gravity: Annotated[Vector3, Row('in base', 'm/s^2')]
     home: Home
     step: Step
-    effects: Chosen = ()
+    effects: Annotated[Chosen, _Effects()] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, 'effects', chosen_effects(self.effects))
         for name, _ in self.effects:
             if name in SLIDE_ONLY and self.optidrive is None:
                 raise ConfigError(f'effects: {name} needs an optidrive, and this rig has none; '

@@ -105,11 +105,11 @@ def accelerometer_of(stages: Stages, settings: Settings) -> Accelerometer | None
     if settings.coupling == 'ac':
         cutoff = Estimate(fit.cutoff, 0.0 if settings.cutoff else std[13], 'Hz')
     return Accelerometer(
-        Estimate(fit.offset, std[:3], unit),
-        Estimate(axes.gain, axes.gain_std, '1' if scaled else 'V/(m/s^2)'),
-        Estimate(axes.map, axes.map_std, '1'),
-        Estimate(fit.delay if known else 0.0, std[12] if known else np.nan, 's'),
-        settings.coupling, cutoff, place)
+        offset=Estimate(fit.offset, std[:3], unit),
+        gain=Estimate(axes.gain, axes.gain_std, '1' if scaled else 'V/(m/s^2)'),
+        map=Estimate(axes.map, axes.map_std, '1'),
+        delay=Estimate(fit.delay if known else 0.0, std[12] if known else np.nan, 's'),
+        coupling=settings.coupling, cutoff=cutoff, position=place)
 
 
 def specific_force(stages: Stages, coupling: str) -> Stream | None:
@@ -177,5 +177,5 @@ def observer_of(noise: Noise, mass: float, settings: Settings) -> ObserverGain:
         sensitivity = jacobian(gain, p, 0.01 * spread)
         std = np.sqrt((sensitivity**2 @ spread**2)).reshape(2, 3)
     return ObserverGain(
-        Estimate(K, std, '1'), Estimate(model.A, 0.0, '1'), Estimate(model.C, 0.0, '1'),
-        1 / noise.wrench_rate, settings.observer_mode)
+        K=Estimate(K, std, '1'), A=Estimate(model.A, 0.0, '1'), C=Estimate(model.C, 0.0, '1'),
+        dt=1 / noise.wrench_rate, mode=settings.observer_mode)

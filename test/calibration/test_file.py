@@ -52,18 +52,25 @@ def test_a_share_directory_is_refused(tmp_path):
 
 @pytest.mark.parametrize(('path', 'value', 'message'), [
     (('format',), 'forcecal-calibration/9', 'format'),
-    (('mass', 'value'), -1.0, 'mass.value is -1.0, expected a positive mass'),
-    (('mass', 'value'), 'heavy', 'mass.value is heavy, expected numbers'),
-    (('mass', 'unit'), 'lb', 'mass.unit is lb, expected kg'),
-    (('com',), {'value': [1, 2], 'unit': 'm'}, 'com.value is shape (2,), expected shape (3,)'),
+    (('mass', 'value'), -1.0, 'mass.value is -1.0, expected a number above 0 [kg]'),
+    (('mass', 'value'), 'heavy', "mass.value is 'heavy', expected a number"),
+    (('mass', 'unit'), 'lb', "mass.unit is 'lb', expected kg"),
+    (('com',), {'value': [1, 2], 'unit': 'm'},
+     'com.value is [1, 2], expected a list of 3 numbers [m]'),
     (('wrench_bias', 'value'), [math.nan] * 6, 'wrench_bias.value'),
     (('wrench_bias',), None, 'wrench_bias is None, expected {value, std, unit}'),
     (('accelerometer', 'coupling'), 'wireless', 'accelerometer.coupling'),
     (('accelerometer', 'map', 'value'), np.zeros((3, 3)).tolist(), 'singular'),
     (('observer', 'dt'), 0, 'observer.dt'),
     (('observer', 'mode'), 'magic', 'observer.mode'),
-    (('sensor', 'sign'), 2, 'sensor.sign'),
-    (('tool',), 3, 'tool is 3, expected a group of keys'),
+    (('sensor', 'sign'), 2, 'sensor.sign is 2, expected one of 1, -1'),
+    (('sensor',), 3, 'sensor is 3, expected a group of keys'),
+    (('matrix', 'value'), [[1.0] * 7 for _ in range(5)], 'matrix.value'),
+    (('matrix', 'offset', 'value'), [1.0] * 6, 'matrix.offset'),
+    (('mass', 'std'), [0.1], 'mass.std is [0.1], expected a number of at least 0 [kg]'),
+    (('com', 'std'), [0.1, -0.1, 0.1], 'com.std'),
+    (('comm',), 'a key of somebody else', 'unknown key comm; did you mean com?'),
+    (('tool',), 3, 'tool is 3, expected the keys stiffness, damping'),
 ])
 def test_a_wrong_entry_is_named_with_what_was_expected(path, value, message):
     document = calibration_document.to_document(whole_calibration())
@@ -71,6 +78,8 @@ def test_a_wrong_entry_is_named_with_what_was_expected(path, value, message):
     for key in path[:-1]:
         place = place[key]
     place[path[-1]] = value
+    if path == ('comm',):
+        del document['com']
     with pytest.raises(ConfigError) as caught:
         calibration_file.parse(yaml.safe_dump(document), 'cal.yaml')
     text = str(caught.value)

@@ -142,8 +142,8 @@ def calibration(delay=0.0, wash=0.0, K=K1, rigid=False, noise=1.0, **changes):
                        known(np.diag(sigma ** 2), '(N, N m)^2'),
                        known((noise * VOLTS_NOISE / GAIN) ** 2 * np.eye(3), '(m/s^2)^2'),
                        1000.0, 1000.0),
-        'observer': ObserverGain(known(K), known([[0.0, 1.0], [0.0, 0.0]]),
-                                 known([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]), 0.001)}
+        'observer': ObserverGain(K=known(K), A=known([[0.0, 1.0], [0.0, 0.0]]),
+                                 C=known([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]), dt=0.001)}
     return Calibration(**{**parts, **changes})
 
 

@@ -16,6 +16,7 @@ ROS = re.compile(
 NUMERICS = (
     ('errors',),
     ('atomic_files', 'geometry', 'jit', 'safe_yaml'),
+    ('schema',),
     ('recording',),
     ('calibration',),
     ('effects', 'gravity', 'identify', 'insitu', 'motion', 'observe', 'simulators'),

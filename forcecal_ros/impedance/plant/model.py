@@ -1,10 +1,12 @@
 """Models of robot and tool along x of ft_sensor, with their standard errors."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from forcecal_ros.calibration.model import Estimate
+from forcecal_ros.calibration.model import Entry, Estimate
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array
+from forcecal_ros.schema import Row, Section
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,31 +14,22 @@ Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
-class Robot:
+class Robot(Section):
     """
     Commanded to reached position, as difference equation in the form of [Gamez2005] Eq. 28.
 
     y_k = sum_i feedback_i y_(k-i) + sum_i feedforward_i r_(k-delay-i+1), i from 1.
-
-    Attributes
-    ----------
-    period : float
-        [s]
-    delay : int
-        Periods from a command to the first position that it changes, at least 1.
-    feedback, feedforward : Estimate, shape (n,), (m,)
-        [1]
     """
 
-    period: float
-    delay: int
-    feedback: Estimate
-    feedforward: Estimate
+    period: Annotated[float, Row(
+        'Of the equation and of the commands', 's', above=0.0, below=1.0)]
+    delay: Annotated[int, Row(
+        'Periods from a command to the first position that it changes', low=1)]
+    feedback: Annotated[Estimate, Entry('Of y', '1', shape=(None,))]
+    feedforward: Annotated[Estimate, Entry('Of the command', '1', shape=(None,))]
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.period < 1.0 or self.delay < 1:
-            raise ConfigError(f'robot: period {self.period:g} s and delay {self.delay}; expected '
-                              'a period below 1 s and a delay of 1 or more periods')
+        super().__post_init__()
         fastest = float(np.abs(self.poles).max(initial=0.0))
         if not fastest < 1.0:
             raise ConfigError(f'robot.feedback: unstable, a pole of magnitude {fastest:.4f}; '
@@ -77,24 +70,12 @@ class Robot:
 
 
 @dataclass(frozen=True)
-class Slide:
-    """
-    The tool on the Optidrive, [Gamez2005] Eq. 29.
+class Slide(Section):
+    """The tool on the Optidrive, [Gamez2005] Eq. 29."""
 
-    Attributes
-    ----------
-    mass, stiffness, damping : Estimate
-        [kg], [N/m], [N s/m]
-    """
-
-    mass: Estimate
-    stiffness: Estimate
-    damping: Estimate
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not 0.0 < float(value) < np.inf:
-                raise ConfigError(f'slide.{name} is {float(value):g}; it wants a positive number')
+    mass: Annotated[Estimate, Entry('Of the tool', 'kg', above=0.0)]
+    stiffness: Annotated[Estimate, Entry('Of the spring', 'N/m', above=0.0)]
+    damping: Annotated[Estimate, Entry('Of the damper', 'N s/m', above=0.0)]
 
 
 @dataclass(frozen=True)

@@ -1,22 +1,23 @@
 """The rig file: YAML in, a checked :class:`~forcecal_ros.effects.rig.Rig` out, and back."""
 
 from collections.abc import Iterator
-from dataclasses import fields
 from importlib.resources import files
+from itertools import takewhile
 from pathlib import Path
-from types import UnionType
-import typing
-from typing import Any
 
 from forcecal_ros.effects.chosen import Chosen, chosen_effects, named_effects
 from forcecal_ros.effects.library import EFFECTS
-from forcecal_ros.effects.quantity import checked
-from forcecal_ros.effects.rig import Rig, Section
-from forcecal_ros.errors import ConfigError
-from forcecal_ros.safe_yaml import LARGEST, load_yaml
-import yaml
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.schema import columns, load, Section, yaml_value
 
-_COLUMN = 46
+_COLUMN = 44
+"""Where the comments of numbers begin."""
+
+_GROUP_COLUMN = 25
+"""Where the comments of groups begin."""
+
+_EXAMPLE: Chosen = chosen_effects({'wrench_delay': {'delay': 0.004}})
+"""What a file without effects shows as a comment."""
 
 
 def load_rig(path: Path | str | None = None) -> Rig:
@@ -38,97 +39,54 @@ def load_rig(path: Path | str | None = None) -> Rig:
     ConfigError
         The file is missing or no YAML; a key is missing, unknown, or its value is wrong.
     """
-    source = 'rig.yaml' if path is None else str(path)
-    packaged = files('forcecal_ros') / 'config' / source
+    name = 'rig.yaml' if path is None else str(path)
+    packaged = files('forcecal_ros') / 'config' / name
     take_packaged = path is None or (
-        Path(source).name == source and not Path(source).exists() and packaged.is_file())
-    try:
-        with (packaged if take_packaged else Path(source)).open('rb') as file:
-            document = load_yaml(file.read(LARGEST + 1), source)
-    except OSError as error:
-        raise ConfigError(f'{source}: cannot be read ({error.strerror}); give the path of a rig '
-                          'file, or none for the nominal rig') from error
-    try:
-        rig: Rig = _section(Rig, document, '')
-    except ConfigError as error:
-        raise ConfigError(f'{source}: {error}') from None
-    return rig
+        Path(name).name == name and not Path(name).exists() and packaged.is_file())
+    return load(Rig, packaged if take_packaged else Path(name), name=name,
+                remedy='compare with config/rig.yaml, the nominal rig')
 
 
-def _section(section: type[Section], document: Any, path: str) -> Any:
-    names = [f.name for f in fields(section)]
-    where = path or 'a rig'
-    if not isinstance(document, dict):
-        raise ConfigError(f'{where}: expected the keys {", ".join(names)}, got {document!r}; '
-                          'compare with config/rig.yaml')
-    unknown = [str(key) for key in document if key not in names]
-    if unknown:
-        raise ConfigError(f'{where}: unknown key {", ".join(unknown)}; expected only '
-                          f'{", ".join(names)}: remove or rename it')
-    missing = [name for name in names if name not in document and name != 'effects']
-    if missing:
-        raise ConfigError(f'{where}: missing key {", ".join(missing)}; copy it from '
-                          'config/rig.yaml')
-    types = typing.get_type_hints(section)
-    values: dict[str, Any] = {}
-    for f in fields(section):
-        key, value = f'{path}.{f.name}'.lstrip('.'), document.get(f.name)
-        kind = types[f.name]
-        if f.name == 'effects':
-            values[f.name] = chosen_effects(value)
-        elif f.metadata:
-            values[f.name] = checked(key, value, f.metadata)
-        elif isinstance(kind, UnionType):
-            optional = typing.get_args(kind)[0]
-            values[f.name] = None if value is None else _section(optional, value, key)
-        else:
-            values[f.name] = _section(kind, value, key)
-    return section(**values)
-
-
-def dump_rig(rig: Rig) -> str:
+def dump_rig(rig: Rig, heading: str = '') -> str:
     """
-    Write a rig as the text of a rig file, each number with its unit as comment.
+    Return the text of a rig file, each number with its unit as comment.
 
-    Parameters
-    ----------
-    rig : Rig
-
-    Returns
-    -------
-    str
-        YAML that :func:`load_rig` reads back to an equal rig.
+    ``heading`` is comment for its beginning; :func:`load_rig` reads an equal rig back.
     """
-    return '\n'.join(_lines(rig, '')) + '\n'
+    return '\n'.join([heading, *_lines(rig, '')]).lstrip() + '\n'
+
+
+def rewritten(path: Path) -> str:
+    """Return a rig file under its own heading, with what the rows say now as comments."""
+    heading = ''.join(takewhile(lambda line: line.startswith('#'),
+                                path.read_text().splitlines(keepends=True)))
+    return dump_rig(load_rig(path), heading)
 
 
 def _lines(section: Section, indent: str) -> Iterator[str]:
-    for f in fields(section):
-        value = getattr(section, f.name)
-        if f.name == 'effects':
+    for column in columns(type(section)):
+        value, row, start = getattr(section, column.name), column.row, indent + column.key
+        if column.name == 'effects':
             yield from _effect_lines(value)
-            continue
-        if not f.metadata:
-            summary = (type(value).__doc__ or '').split('\n')[0]
-            yield f'{indent}{f.name}:' + (' null' if value is None else f'  # {summary}')
-            if value is not None:
-                yield from _lines(value, indent + '  ')
-            continue
-        note = ', '.join(filter(None, (f.metadata.get('unit'), f.metadata['note'])))
-        yield f'{indent}{f.name}: {_number(value)}'.ljust(_COLUMN) + f' # {note}'
+        elif column.holds_sections:
+            note = row.meaning or column.kind.__doc__.split('\n')[0].rstrip('.')
+            yield from [] if indent else ['']
+            yield f'{start}:{" null" * (value is None)}'.ljust(_GROUP_COLUMN) + f' # {note}'
+            yield from [] if value is None else _lines(value, indent + '  ')
+        else:
+            note = ', '.join(filter(None, (row.unit, row.meaning)))
+            yield from [] if indent else ['']
+            yield f'{start}: {yaml_value(value)}'.ljust(_COLUMN) + f' # {note}'
 
 
 def _effect_lines(chosen: Chosen) -> Iterator[str]:
-    if chosen:
-        yield 'effects:  # In what the rig differs from the numbers above.'
-    for name, values in named_effects(chosen).items():
+    comment = '' if chosen else '# '
+    yield ''
+    yield f'{comment}effects:'.ljust(_GROUP_COLUMN) + (
+        ' # in what the rig differs from the above; docs/effects.md lists them')
+    for name, values in named_effects(chosen or _EXAMPLE).items():
         effect = EFFECTS[name]
-        yield f'  {name}:  # {effect.stage}'
+        yield f'{comment}  {name}:'.ljust(_GROUP_COLUMN) + f' # {effect.stage}'
         for q in effect.parameters:
-            yield f'    {q.name}: {_number(values[q.name])}'.ljust(_COLUMN) + f' # {q.unit}'
-
-
-def _number(value: Any) -> str:
-    if isinstance(value, tuple):
-        return f'[{", ".join(map(_number, value))}]'
-    return yaml.safe_dump(value).removesuffix('...\n').strip()
+            yield f'{comment}    {q.name}: {yaml_value(values[q.name])}'.ljust(_COLUMN) + \
+                f' # {q.unit}'
