@@ -7,6 +7,7 @@ variance, from being mostly that.
 
 from forcecal_ros.geometry import Array
 import numpy as np
+from scipy.stats import norm
 
 BANDWIDTH = 2.3
 """Factor of Andrews' rule, twice his: recordings hold few periods of their slowest motion."""
@@ -16,6 +17,14 @@ MOST_LAGS = 0.25
 
 MOST_PERSISTENT = 0.98
 """AR(1) coefficient that full correlation is taken for; at 1 the rule's bandwidth is infinite."""
+
+ACCIDENT = 0.01
+"""
+Probability that white noise of all channels seems correlated.
+
+Politis' rule is made for one series: six channels of three seconds seemed so one time in nine, and
+their long-run variance then came out at half of what it was or less.
+"""
 
 _QUIET_RUN = 5
 """Lags in a row that look like white noise and so end the correlation (Politis: K = 5)."""
@@ -57,8 +66,9 @@ def last_correlated_lag(lags: Array, samples: int) -> int:
     """
     variance = np.diagonal(lags[0]).copy()
     variance[variance == 0] = 1.0
+    chance = norm.isf(ACCIDENT / (2 * _QUIET_RUN * len(variance)))
     stands_out = np.abs(np.diagonal(lags, axis1=1, axis2=2) / variance).max(axis=1) \
-        > 2 * np.sqrt(np.log10(max(samples, 10)) / samples)
+        > max(chance, 2 * np.sqrt(np.log10(max(samples, 10)))) / np.sqrt(samples)
     most = (len(lags) - 1) // 2
     for m in range(most):
         if not stands_out[m + 1:m + 1 + _QUIET_RUN].any():

@@ -101,3 +101,13 @@ def test_the_last_correlated_lag_of_a_moving_average_is_its_order(last):
     lags[:last + 1, 0, 0] = np.linspace(1.0, 0.5, last + 1)
     # one more is kept where anything is: what fades goes on below what can be told from nothing
     assert last_correlated_lag(lags, 300) == (last + 1 if last else 0)
+
+
+@pytest.mark.parametrize('channels', [1, 3, 6])
+def test_white_noise_of_many_channels_seldom_seems_correlated(channels):
+    rng = np.random.default_rng(5)
+    found = [noise_of_windows([rng.normal(size=(50, channels)) for _ in range(3)])
+             for _ in range(300)]
+    assert sum(len(one.weights) > 0 for one in found) <= 12  # 1 % each, binomial 99.9 %: 10
+    halved = [np.linalg.eigvalsh(one.long_run).min() < 0.5 for one in found]
+    assert sum(halved) <= 12
