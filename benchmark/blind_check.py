@@ -111,11 +111,9 @@ def keep(text, folder):
 
 
 def go(function, items, what, args):
-    failed = []
-    for outcome in tqdm(each(function, items, jobs=args.jobs, dask=args.dask), desc=what,
-                        total=len(items), disable=None):
-        if outcome.error:
-            failed.append(outcome.error)
+    done = each(function, items, jobs=args.jobs, dask=args.dask)
+    failed = [outcome.error for outcome in tqdm(done, desc=what, total=len(items), disable=None)
+              if outcome.error]
     if failed:
         raise ForcecalError(f'{len(failed)} of {len(items)} failed while {what}; the first: '
                             f'{failed[0]}; run again to go on')

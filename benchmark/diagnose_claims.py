@@ -31,7 +31,7 @@ from scipy.spatial.transform import Rotation
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-import diagnose_cases as cases  # noqa: E402, I100, I202
+import diagnose_cases as cases
 
 ALONE = ('wrench_delay', 'wrench_bias_drift', 'wrench_gain', 'wrench_crosstalk',
          'wrench_hysteresis', 'accel_delay', 'accel_misalignment', 'tool_mass', 'tool_stiffness',

@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-import diagnose_cases as cases  # noqa: E402, I100, I202
+import diagnose_cases as cases
 
 PAIRS = (
     ('wrench_crosstalk', 'tool_friction'), ('accel_misalignment', 'tool_backlash'),

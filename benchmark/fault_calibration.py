@@ -53,8 +53,8 @@ def main() -> int:
     verdicts = []
     for fault in FAULTS:
         if args.fault in fault:
-            for seed in range(args.first, args.first + args.runs):
-                verdicts.append(judged(fault, seed))
+            verdicts += [judged(fault, seed)
+                         for seed in range(args.first, args.first + args.runs)]
             print(fault, file=sys.stderr, flush=True)
     print(table(verdicts))
     faulty = [verdict for verdict in verdicts if verdict.fault != 'none']

@@ -21,7 +21,7 @@ from scipy.signal import butter, sosfiltfilt, welch
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'test' / 'helpers'))
-from observing import calibration, push, record, Swing  # noqa: E402
+from observing import calibration, push, record, Swing
 
 SWING = Swing(place=(0.012, 0.004, 0.006), turn=0.2, axis=(0.3, 1.0, 0.2), slide=0.003)
 

@@ -26,8 +26,8 @@ from timing import best, head, row
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'test' / 'helpers'))
-from bag_samples import copy_bag, STORAGES  # noqa: E402
-from observing import record, Swing  # noqa: E402
+from bag_samples import copy_bag, STORAGES
+from observing import record, Swing
 
 SECONDS = 15.0
 SWING = Swing(place=(0.012, 0.004, 0.006), turn=0.2)

@@ -24,7 +24,7 @@ from timing import best, head, row
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'test' / 'helpers'))
-from observing import calibration, record, Swing  # noqa: E402
+from observing import calibration, record, Swing
 
 SWING = Swing(place=(0.012, 0.004, 0.006), turn=0.2)
 

@@ -28,7 +28,7 @@ from timing import head, row
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / 'test' / 'helpers'))
-from observing import calibration, record, Swing  # noqa: E402
+from observing import calibration, record, Swing
 
 SWING = Swing(place=(0.012, 0.004, 0.006), turn=0.2)
 ROUNDS = 3

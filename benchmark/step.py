@@ -29,7 +29,7 @@ from timing import best, head, row
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'test' / 'helpers'))
-from observing import calibration, record, Swing  # noqa: E402
+from observing import calibration, record, Swing
 
 SWING = Swing(place=(0.012, 0.004, 0.006), turn=0.2, axis=(0.3, 1.0, 0.2), slide=0.003)
 SECONDS = 4.0

@@ -40,12 +40,12 @@ FIRST = 2000
 """Seed of the first unseen motion; the filters were set up on others."""
 
 WAYS = {
-    'ukf': lambda r, c: replay(r, c),
+    'ukf': replay,
     'ekf': lambda r, c: replay(r, c, Settings(filter='ekf')),
     'ukf, 6 states': lambda r, c: replay(r, c, Settings(states=6)),
     'ukf, Q R P0 of the paper': lambda r, c: replay(r, c, Settings(covariances='paper')),
     'static': lambda r, c: replay(r, c, Settings(filter='static')),
-    'ukf without pose': lambda r, c: replay_pose_free(r, c),
+    'ukf without pose': replay_pose_free,
     'ekf without pose': lambda r, c: replay_pose_free(r, c, Settings(filter='ekf')),
 }
 

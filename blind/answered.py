@@ -74,14 +74,14 @@ class Answered:
     @property
     def says_unknown(self) -> bool:
         """Whether the answer is that the cause is none of the library."""
-        return self.verdict == 'unknown' or self.detected and self.ranked[:1] == ['unknown']
+        return self.verdict == 'unknown' or (self.detected and self.ranked[:1] == ['unknown'])
 
     def right(self) -> bool:
         """Tell whether the verdict is what it should be."""
         if self.kind == 'lazy':  # losses and the like show without motion
-            return self.verdict == 'not_excited' or bool(self.names) and (
-                self.effects == self.names)
-        if self.kind == 'none' or not self.visible and self.verdict == 'no_gap':
+            return self.verdict == 'not_excited' or (bool(self.names) and (
+                self.effects == self.names))
+        if self.kind == 'none' or (not self.visible and self.verdict == 'no_gap'):
             return self.verdict == 'no_gap'
         if self.kind == 'outside':
             return self.says_unknown

@@ -40,8 +40,8 @@ def table(labels: Mapping[str, Mapping[str, Any]], folder: Path) -> str:
     lines = ['', '### Baselines on the same cases', '',
              '| method | false alarms | right effect or an alias first | right channel |',
              '|---|---|---|---|',
-             f'| ranking by RMSE | {_share([judged[one]["rmse"]["gap"] for one in none])} | '
-             f'names none | {_share([located(one) for one in single])} |']
+             (f'| ranking by RMSE | {_share([judged[one]["rmse"]["gap"] for one in none])} | '
+              f'names none | {_share([located(one) for one in single])} |')]
     for method, name in (('bic', 'white-noise BIC'), ('everything', 'a fit of everything')):
         lines.append(
             f'| {name} | {_share([bool(judged[one][method]["names"]) for one in none])} | '

@@ -155,7 +155,7 @@ def _on(y, h, k):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _advance(t, y, i, j, k, x, v, a, R, omega, alpha, tool, wall):  # type: ignore
+def _advance(t, y, i, j, k, x, v, a, R, omega, alpha, tool, wall):  # type: ignore[no-untyped-def]
     """Go on by two steps of the motion, by Runge-Kutta, over its samples i, j and k."""
     h = 2.0 * STEP
     k1 = _balance(t, y, x[i], v[i], a[i], R[i], omega[i], alpha[i], tool, wall)[0]
@@ -169,7 +169,8 @@ def _advance(t, y, i, j, k, x, v, a, R, omega, alpha, tool, wall):  # type: igno
 
 
 @njit(cache=True)
-def _run(x, v, a, R, omega, alpha, tool, wall, accelerometer, rest_steps):  # type: ignore
+def _run(  # type: ignore[no-untyped-def]
+        x, v, a, R, omega, alpha, tool, wall, accelerometer, rest_steps):
     h = 2.0 * STEP
     count = (len(x) - 1) // 2
     wrench, specific = np.empty((count, 6)), np.empty((count, 3))

@@ -1,6 +1,7 @@
 """Figures of an opening as Markdown and pictures."""
 
 from collections.abc import Mapping
+from itertools import pairwise
 import math
 from pathlib import Path
 from typing import Any
@@ -16,17 +17,17 @@ def render(figures: Figures, plan: Mapping[str, Any], run: Mapping[str, Any],
     none = 'a fifth' if plan['none'] is None else plan['none']
     lines = [
         f'## Opening of {opened["opened"]}: {plan["count"]} cases, {plan["seeds"]} seeds', '',
-        f'{none} of the cases without effect, recordings of about {plan["seconds"]:.0f} s. Tool '
-        f'{tool["commit"][:12]}{" with local changes" if tool["changed"] else ""}, SHA-256 of its '
-        f'files (thresholds included) {tool["thresholds"][:16]}, recorded {run["started"]}, '
-        'before the first case. '
-        f'Master `{opened["master"]}` (SHA-256 published before: {plan["master_sha256"][:16]}); '
-        + ', '.join(f'`{name}` {value}' for name, value in plan['outside_sha256'].items())
-        + '.', '',
-        f'Verdicts right: {figures.right} of {figures.total}. Right is: no gap where no effect '
-        'is or none is visible (energy < 50), `not_excited` where too little moves, unknown '
-        'where the library lacks it, else exactly the effects there are (one of an ambiguous '
-        'set for single ones).', '',
+        (f'{none} of the cases without effect, recordings of about {plan["seconds"]:.0f} s. Tool '
+         f'{tool["commit"][:12]}{" with local changes" if tool["changed"] else ""}, SHA-256 of '
+         f'its files (thresholds included) {tool["thresholds"][:16]}, recorded {run["started"]}, '
+         'before the first case. '
+         f'Master `{opened["master"]}` (SHA-256 published before: {plan["master_sha256"][:16]}); '
+         + ', '.join(f'`{name}` {value}' for name, value in plan['outside_sha256'].items())
+         + '.'), '',
+        (f'Verdicts right: {figures.right} of {figures.total}. Right is: no gap where no effect '
+         'is or none is visible (energy < 50), `not_excited` where too little moves, unknown '
+         'where the library lacks it, else exactly the effects there are (one of an ambiguous '
+         'set for single ones).'), '',
         '| figure | target | here | 95 % interval | cases | |', '|---|---|---|---|---|---|',
         *(_row(row) for row in figures.rows), '', '### Misses', '']
     lines += [f'- `{miss.identity}` {miss.kind}, {miss.truth}: {miss.answer}. {miss.why}.'
@@ -58,7 +59,7 @@ def _detection(axes: Any, figures: Figures) -> None:
     energy = np.array([max(one, 0.1) for one, _ in figures.detection])
     found = np.array([ok for _, ok in figures.detection], float)
     edges = 10.0 ** np.arange(-1, 11)
-    for low, high in zip(edges, edges[1:]):
+    for low, high in pairwise(edges):
         inside = (energy >= low) & (energy < high)
         if inside.any():
             axes.plot(np.sqrt(low * high), found[inside].mean(), 'ko')

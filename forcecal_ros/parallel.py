@@ -103,7 +103,7 @@ def attempt(work: Callable[[T], R], index: int, item: T) -> Outcome[R]:
             return Outcome(index, work(item))
     except ForcecalError as error:
         return Outcome(index, error=str(error))
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001 - of one recording, and the others go on
         at = extract_tb(error.__traceback__)[-1]
         return Outcome(
             index, error=f'{type(error).__name__}: {error} ({at.filename}:{at.lineno})')

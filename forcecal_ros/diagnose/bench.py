@@ -37,7 +37,7 @@ def estimated(effect: Effect, atom: Atom) -> NDArray[np.intp]:
     A shape that begins at its lowest value, where it is absent, stays absent.
     """
     return np.array([i for i, (q, start) in enumerate(zip(effect.parameters, atom.start))
-                     if i in atom.free or q.shapes and not q.low == q.nominal == start],
+                     if i in atom.free or (q.shapes and not q.low == q.nominal == start)],
                     dtype=np.intp)
 
 

@@ -1,6 +1,7 @@
 """One recording made ready: replayed, aligned, in blocks, its motion sorted into kinds."""
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from forcecal_ros.diagnose.alignment import start_of
 from forcecal_ros.diagnose.channels import BLOCK
@@ -180,4 +181,4 @@ def _made_up(groups: NDArray[np.intp], start: float) -> tuple[Phase, ...]:
     words = ('measure', 'move', 'contact')
     edges = [0, *(np.flatnonzero(np.diff(groups)) + 1), len(groups)]
     return tuple(Phase(words[groups[i]], start + BLOCK * i, start + BLOCK * j)
-                 for i, j in zip(edges, edges[1:]))
+                 for i, j in pairwise(edges))

@@ -199,7 +199,7 @@ def _gross(problem: Problem, accepted: Sequence[Accepted], tangents: Sequence[Ta
     loud = _loudest(quiet)
     strongest = max(cells(case, n, b)[0].z for case, n, b in zip(
         problem.cases, problem.noise, problem.blocks))
-    if loud < DEAFENING and (other or strongest < STRONG and loud < LOUD):
+    if loud < DEAFENING and (other or (strongest < STRONG and loud < LOUD)):
         return None
     bench, by_name = Bench(quiet, tangents), {h.name: h for h in left}
     best, least = None, (1.0 - LEAST_FRACTION) * misfit(problem, quiet.noise)

@@ -140,7 +140,7 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remai
     rest = f'; unexplained: {remains.words}' if left else ''
     if doubtful:
         rest += '; one effect that is not in the library is likelier than these together'
-    if doubtful or left and (closed < WHOLE or remains.ratio > GLARING):
+    if doubtful or (left and (closed < WHOLE or remains.ratio > GLARING)):
         return 'partial', f'{listed} {done}{rest}'
     others = [n for n, _ in candidates if n not in named and n != UNKNOWN]
     if others:

@@ -297,7 +297,7 @@ class _Reader:
                         tuple(str(field) for field in fields), scale)
 
     def column(self, value: Any, where: str) -> Column:
-        if type(value) is int and value >= 0 or isinstance(value, str) and value:
+        if (type(value) is int and value >= 0) or (isinstance(value, str) and value):
             return value
         raise self.wrong(where, 'expected names, or numbers from 0 for tables without header')
 

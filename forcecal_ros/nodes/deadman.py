@@ -31,6 +31,6 @@ class Deadman:
         if not 0 < self._timeout < quiet:
             return ''
         if not self._heard:
-            return 'deadman: nothing received; press the switch, or set ' \
-                   'motion.deadman_timeout to 0.0'
+            return ('deadman: nothing received; press the switch, or set '
+                    'motion.deadman_timeout to 0.0')
         return f'deadman: silent for {quiet / SECOND:.3f} s'

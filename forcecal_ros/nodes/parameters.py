@@ -132,7 +132,8 @@ def _check(row: Parameter, value: Any) -> None:
 
 
 def _explain(node: Node, row: Parameter, error: Exception) -> str:
-    override = node._parameter_overrides.get(row.name)
+    # rclpy shows overrides of declared parameters only, and this one could not be declared
+    override = node._parameter_overrides.get(row.name)  # noqa: SLF001
     given = f'{override.value!r}' if override is not None else 'unusable'
     kind = type(row.default).__name__
     hint = ''

@@ -34,7 +34,7 @@ class Processes:
         """Start one node with its parameters."""
         arguments = [part for name, value in parameters.items()
                      for part in ('-p', f'{name}:={_text(value)}')]
-        self._said[node] = tempfile.TemporaryFile()
+        self._said[node] = tempfile.TemporaryFile()  # noqa: SIM115 - outlives this call
         self._running[node] = subprocess.Popen(
             [sys.executable, '-m', f'forcecal_ros.nodes.{node}', '--ros-args', *arguments],
             stdin=subprocess.DEVNULL, stdout=self._said[node], stderr=subprocess.STDOUT,

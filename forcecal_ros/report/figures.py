@@ -11,6 +11,7 @@ from scipy import signal
 
 MEASURED, ESTIMATED, TRUE = '#0072B2', '#D55E00', '#555555'
 WIDTH = 8.0
+"""Width of the figures of calibration and contact reports [in]."""
 
 
 def gravity_in_sensor(pose: PoseStream, t: Array, gravity: float) -> Array:

@@ -63,22 +63,22 @@ def pictures(experiment: Experiment) -> dict[str, bytes]:
 
 
 GAIN_NOTES = [
-    'Comparable: the poles of the error (A - K C), once the paper’s gain is divided by its '
-    'period. It prints none; at 4 ms, its robot’s, k11 and k21 are to the last digit those of '
-    'critically damped double poles at 5.0 and 7.5 rad/s. k23 = 1 on both sides, by Newton’s '
-    'law.',
-    'Not comparable: the single numbers. They follow from the covariances Q and R of each rig’s '
-    'sensors, which the paper does not print. Ours is faster because the simulated pose is '
-    'precise: 20 µm.',
+    ('Comparable: the poles of the error (A - K C), once the paper’s gain is divided by its '
+     'period. It prints none; at 4 ms, its robot’s, k11 and k21 are to the last digit those of '
+     'critically damped double poles at 5.0 and 7.5 rad/s. k23 = 1 on both sides, by Newton’s '
+     'law.'),
+    ('Not comparable: the single numbers. They follow from the covariances Q and R of each rig’s '
+     'sensors, which the paper does not print. Ours is faster because the simulated pose is '
+     'precise: 20 µm.'),
 ]
 
 WORDS = {
     '5': ('Figure 5: sensor and observer',
-          'Free movement, contact transition, constrained movement. The sensor shows the tool’s '
-          'inertia as force; the observer shows contact alone.'),
+          ('Free movement, contact transition, constrained movement. The sensor shows the tool’s '
+           'inertia as force; the observer shows contact alone.')),
     '6': ('Figure 6: spectra of u - m a and of the observer',
-          'The gain of newton has k23 = 1, which passes the noise of u - m a; the Kalman '
-          'observer cuts it off.'),
+          ('The gain of newton has k23 = 1, which passes the noise of u - m a; the Kalman '
+           'observer cuts it off.')),
     '7': ('Figure 7: sensor, observer, acceleration, compensation',
           'The compensation is the inertial force that the observer takes off the sensor’s.'),
     '8': ('Figure 8: an oscillation in free space',

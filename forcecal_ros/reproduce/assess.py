@@ -1,6 +1,7 @@
 """Figures by which a closed-loop run is judged."""
 
 from collections.abc import Iterator, Mapping
+from math import isnan
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
@@ -120,7 +121,7 @@ def exceptions(figures: Mapping[str, Figures]) -> Iterator[str]:
 
 def _rank(value: float) -> float:
     """Return a figure for comparison: what never settles (NaN) comes last."""
-    return value if value == value else float('inf')
+    return float('inf') if isnan(value) else value
 
 
 def _why(perfect: float, rival: float, other: Figures, ideal: Figures) -> str:

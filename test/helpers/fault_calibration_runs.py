@@ -459,7 +459,7 @@ def judged(name, seed):
         found = identify(recording, Settings(coupling=coupling))
     except ForcecalError as error:
         return Verdict(name, seed, 'refused', said=(str(error),))
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001 - a crash is a verdict
         return Verdict(name, seed, 'crashed', said=(f'{type(error).__name__}: {error}',))
     warnings, suspect = tuple(found.quality['warnings']), set(found.quality.get('suspect', ()))
     sigmas, worst = min(farthest(found, truth, suspect),

@@ -33,6 +33,6 @@ def meet(folder):
     """Wait for a second process that was given this work, and say which process this is."""
     (Path(folder) / str(os.getpid())).touch()
     end = time.monotonic() + 60.0
-    while len(os.listdir(folder)) < 2 and time.monotonic() < end:
+    while len(list(Path(folder).iterdir())) < 2 and time.monotonic() < end:
         time.sleep(0.01)
     return os.getpid()

@@ -118,7 +118,7 @@ def test_noise_of_the_regressor_pulls_the_plain_gain_up_and_correction_takes_it_
 def test_delay_biases_the_plain_gain_more_than_noise_does():
     exact = step_gain(*ringing())
     late = step_gain(*ringing(delay=0.01)) / exact - 1
-    theta, Y = ringing()
+    theta, _ = ringing()
     noisy = 0.01**2 * len(theta) / (theta @ theta)
     assert late > 0.015
     assert late > 2 * noisy

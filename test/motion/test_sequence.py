@@ -1,6 +1,7 @@
 """The sequencer's state machine and its watch over the sensors, without ROS."""
 
 from copy import copy
+from itertools import pairwise
 
 from forcecal_ros.errors import DataError, MotionError
 from forcecal_ros.geometry import quaternion_from_matrix, rotation_from_vector, rotation_vector
@@ -201,7 +202,7 @@ def test_a_pause_comes_to_rest_within_the_stop_and_goes_on_along_the_same_path()
     sequence.pause(False)
     after, phases = run(sequence, 5000)
     commands = before + paused + after
-    velocity, spin = speeds(commands)
+    _, spin = speeds(commands)
     stop = len(before) + int(0.05 / PERIOD)
     assert not spin[stop:len(before) + 199].any()
     assert np.linalg.norm(np.diff(spin, axis=0), axis=1).max() / PERIOD < 60
@@ -645,10 +646,9 @@ def test_a_late_caller_sends_few_at_once_and_stamps_lie_neither_ahead_nor_far_be
         now += pause
         count = clock.due(now)
         assert count <= 3
-        for _ in range(count):
-            stamps.append(clock.next_stamp())
+        stamps += [clock.next_stamp() for _ in range(count)]
         assert not stamps or now - 4 < stamps[-1] <= now
-    assert all(b - a >= 4 and (b - a) % 4 == 0 for a, b in zip(stamps, stamps[1:]))
+    assert all(b - a >= 4 and (b - a) % 4 == 0 for a, b in pairwise(stamps))
 
 
 def test_a_stream_takes_up_the_phase_of_the_measured_poses():

@@ -83,7 +83,7 @@ def test_every_bound_and_choice_is_held_when_set(described, node):
 
 def documented(node):
     """Return what the README's table says that a node hears, says and serves, names in full."""
-    row = re.search(rf'^\| `{node}`.*\|$', README.read_text(), re.M)[0]
+    row = re.search(rf'^\| `{node}`.*\|$', README.read_text(), re.MULTILINE)[0]
     _, _, hears, says, services, _ = row.split('|')
     hears, says, services = (re.findall('`(.+?)`', cell) for cell in (hears, says, services))
     prefix = services[0].partition('/')[0] if services else ''

@@ -39,7 +39,8 @@ def test_every_command_is_in_the_readme():
 
 
 def test_every_effect_and_each_of_its_parameters_is_catalogued():
-    rows = dict(re.findall(r'^\| `(\w+)` \|(.*)$', (ROOT / 'docs/effects.md').read_text(), re.M))
+    text = (ROOT / 'docs/effects.md').read_text()
+    rows = dict(re.findall(r'^\| `(\w+)` \|(.*)$', text, re.MULTILINE))
     assert list(rows) and set(rows) == set(EFFECTS)
     for name, effect in EFFECTS.items():
         _, plain, shape, _ = rows[name].split('|')

@@ -48,7 +48,8 @@ class Newcomer:
         path = f'{self.home}/bin:/usr/bin:/bin'
         return subprocess.run(
             [self.project / 'run', *arguments], cwd=self.home, capture_output=True, text=True,
-            env={'HOME': str(self.home), 'PATH': path, 'FORCECAL_ROS': 'wheels', **environment})
+            check=False, env={'HOME': str(self.home), 'PATH': path, 'FORCECAL_ROS': 'wheels',
+                              **environment})
 
     @property
     def installed(self):

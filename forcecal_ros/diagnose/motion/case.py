@@ -1,5 +1,7 @@
 """A recording without commands, in blocks: the wrench, and the motion that it follows from."""
 
+from itertools import pairwise
+
 from forcecal_ros.diagnose.channels import BLOCK, CHANNELS
 from forcecal_ros.diagnose.motion.known import Known
 from forcecal_ros.errors import DataError
@@ -221,7 +223,7 @@ class MotionCase:
         edges = [0, *(np.flatnonzero(np.diff(self.groups)) + 1).tolist(), len(self.groups)]
         times = np.append(self.starts, self.starts[-1] + BLOCK)
         return tuple(Phase(('measure', 'move')[self.groups[i]], float(times[i]), float(times[j]))
-                     for i, j in zip(edges, edges[1:]))
+                     for i, j in pairwise(edges))
 
     def _measure(self, wrench: Averager) -> None:
         n = len(self.starts)
