@@ -2,14 +2,11 @@
 
 import ast
 from graphlib import CycleError, TopologicalSorter
-from importlib.util import resolve_name
-from pathlib import Path
 import re
 
+from imports import IMPORTS, PACKAGE, PATHS, room, TREES
 import pytest
 
-PACKAGE = 'forcecal_ros'
-SOURCE = Path(__file__).resolve().parents[2] / PACKAGE
 ROS = re.compile(
     r'\w+_msgs|rcl\w*|std_srvs|builtin_interfaces|ament_\w+|launch\w*|rosidl\w*|ros\w*2\w*|tf2\w*')
 
@@ -23,50 +20,13 @@ NUMERICS = (
     ('diagnose', 'impedance'),
     ('reproduce',),
 )
-FILES_IN = ('recording.bags',)
-"""Below a room, but files in and out: only what may read files may import it."""
-
 LAYERS = (
     *NUMERICS,
     ('recording.bags', 'parallel', 'report'),
     ('nodes',),
     ('commands',),
-    ('cli',),
 )
 """From the ground up: a module may import from its own line and from those above it."""
-
-
-def _module_name(path):
-    parts = path.relative_to(SOURCE.parent).with_suffix('').parts
-    return '.'.join(parts[:-1] if parts[-1] == '__init__' else parts)
-
-
-PATHS = {_module_name(path): path for path in sorted(SOURCE.rglob('*.py'))}
-TREES = {name: ast.parse(path.read_text()) for name, path in PATHS.items()}
-
-
-def _imports(name):
-    """Every module that is named in an import of this one, wherever in its text."""
-    found = set()
-    package = name if PATHS[name].name == '__init__.py' else name.rpartition('.')[0]
-    for node in ast.walk(TREES[name]):
-        if isinstance(node, ast.Import):
-            found.update(alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            base = resolve_name('.' * node.level + (node.module or ''), package)
-            for alias in node.names:
-                submodule = f'{base}.{alias.name}'
-                found.add(submodule if submodule in PATHS else base)
-    return found
-
-
-IMPORTS = {name: _imports(name) for name in PATHS}
-
-
-def _unit(name):
-    """Return the part of the package a module belongs to: its file or folder at the top."""
-    parts = name.split('.')[1:3]
-    return '.'.join(parts) if '.'.join(parts) in FILES_IN else ''.join(parts[:1])
 
 
 def _loaded_by(name):
@@ -82,7 +42,7 @@ def _loaded_by(name):
 
 
 def _of(units):
-    return [name for name in PATHS if _unit(name) in units]
+    return [name for name in PATHS if room(name) in units]
 
 
 def _foreign(name):
@@ -95,18 +55,18 @@ NUMERIC_MODULES = _of([unit for layer in NUMERICS for unit in layer])
 
 def test_every_module_has_its_layer():
     known = {unit for layer in LAYERS for unit in layer}
-    assert {_unit(name) for name in PATHS} - {''} <= known
+    assert {room(name) for name in PATHS} - {''} <= known
 
 
 @pytest.mark.parametrize('layer', range(len(LAYERS)), ids=lambda n: LAYERS[n][0])
 def test_imports_never_point_down_the_layers(layer):
     below = {unit for line in LAYERS[layer + 1:] for unit in line}
     wrong = [f'{name} -> {target}' for name in _of(LAYERS[layer]) for target in IMPORTS[name]
-             if target in PATHS and _unit(target) in below]
+             if target in PATHS and room(target) in below]
     assert not wrong
 
 
-@pytest.mark.parametrize('grain', [_unit, str], ids=['parts', 'modules'])
+@pytest.mark.parametrize('grain', [room, str], ids=['parts', 'modules'])
 def test_imports_make_no_circle(grain):
     graph = {}
     for name, targets in IMPORTS.items():
@@ -123,14 +83,14 @@ def test_imports_make_no_circle(grain):
 def test_simulator_and_identification_share_no_physics(one, other):
     assert _of([one])
     wrong = {(name, loaded) for name in _of([one]) for loaded in _loaded_by(name)
-             if _unit(loaded) == other}
+             if room(loaded) == other}
     assert not wrong
 
 
 def test_nothing_that_runs_on_a_robot_loads_the_papers_experiments():
     assert _of(['reproduce'])
     assert not {(name, loaded) for name in _of(['nodes']) for loaded in _loaded_by(name)
-                if _unit(loaded) == 'reproduce'}
+                if room(loaded) == 'reproduce'}
 
 
 def test_numerics_load_neither_ros_nor_bags():
@@ -150,10 +110,10 @@ def test_numerics_neither_log_nor_print():
 
 
 def test_only_bags_knows_rosbags():
-    assert {_unit(name) for name in PATHS if 'rosbags' in _foreign(name)} == {'recording.bags'}
+    assert {room(name) for name in PATHS if 'rosbags' in _foreign(name)} == {'recording.bags'}
 
 
 def test_only_nodes_and_messages_know_ros():
-    knowing = {_unit(name) for name in PATHS for foreign in _foreign(name)
+    knowing = {room(name) for name in PATHS for foreign in _foreign(name)
                if ROS.fullmatch(foreign)}
     assert knowing <= {'nodes'}
