@@ -181,8 +181,8 @@ def test_a_recording_without_displacement_is_refused(tmp_path, capsys):
 @pytest.mark.parametrize(('old', 'new', 'message'), [
     ('forcecal-plant/1', 'forcecal-plant/9', 'forcecal-plant/9'),
     ('delay: 2', 'delay: 0', 'delay is 0, expected a whole number of at least 1'),
-    ('stiffness:', 'softness:', 'missing key stiffness'),
-    ('stiffness:', 'stifness:', 'unknown key stifness; did you mean stiffness?'),
+    ('stiffness:', 'spring:', 'slide: missing key stiffness'),
+    ('stiffness:', 'stifness:', r'slide: unknown key stifness; did you mean stiffness\?'),
 ])
 def test_a_damaged_file_is_refused_by_name(tmp_path, old, new, message):
     text = (files('forcecal_ros') / 'config' / 'plant.yaml').read_text()
