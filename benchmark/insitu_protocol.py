@@ -119,7 +119,7 @@ def read_long(path):
         'accelerometer': {'columns': [6, 7, 8]}, 'sensors': {'leg': {'columns': list(range(6))}},
         'data_sets': [{'file': Path(path).name}]}))
     spec = load_spec(spec_path)
-    source = TableSource(spec, Path(path), spec.sensors[0].channels.columns)
+    source = TableSource(spec, Path(path), spec.sensors['leg'].columns)
     result = calibrate('leg', [DataSet('long', source)], Mounting(), spec.options)
     status = Path('/proc/self/status').read_text()
     peak = int(re.search(r'VmHWM:\s*(\d+)', status)[1]) / 1024

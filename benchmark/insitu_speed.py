@@ -52,7 +52,7 @@ def calibration(path: Path, window: float) -> Callable[[], object]:
         'accelerometer': {'columns': [6, 7, 8]}, 'sensors': {'leg': {'columns': list(range(6))}},
         'data_sets': [{'file': path.name}]}))
     spec = load_spec(spec_path)
-    source = TableSource(spec, path, spec.sensors[0].channels.columns)
+    source = TableSource(spec, path, spec.sensors['leg'].columns)
     return lambda: calibrate('leg', [DataSet('long', source)], Mounting(), spec.options)
 
 

@@ -11,7 +11,7 @@ from forcecal_ros.commands.common import add_json, new_parser, print_json, say, 
 if TYPE_CHECKING:
     from forcecal_ros.insitu.prepare import Chunk, Source
     from forcecal_ros.insitu.result import SensorResult
-    from forcecal_ros.insitu.spec import Sensor, Spec
+    from forcecal_ros.insitu.spec import Spec
 
 TABLES = ('.csv', '.txt', '.tsv', '.npy')
 
@@ -44,11 +44,11 @@ def run(args: argparse.Namespace) -> int:
 
     spec = load_spec(args.specification)
     results: list['SensorResult'] = []
-    for sensor in spec.sensors:
-        data_sets = [DataSet(d.name, _source(spec, sensor, d.path), d.load(sensor), d.train,
-                             d.window) for d in spec.data_sets]
+    for name, sensor in spec.sensors.items():
+        data_sets = [DataSet(d.name, _source(spec, name, Path(d.file)), d.load(name, sensor),
+                             d.train, d.window) for d in spec.data_sets]
         results.append(calibrate(
-            sensor.name, data_sets, sensor.mounting, replace(spec.options, raw_unit=sensor.unit),
+            name, data_sets, sensor.mounting, replace(spec.options, raw_unit=sensor.unit),
             sensor.manufacturer_matrix))
     folder = Path(args.output)
     document = to_document(tuple(results))
@@ -58,9 +58,9 @@ def run(args: argparse.Namespace) -> int:
         for title, png in files.items():
             write_bytes(folder / f'{name}_{title}.png', png)
     write_text(folder / 'report.html', render(tuple(results), drawn, str(spec.path)))
-    for sensor, result in zip(spec.sensors, results):
+    for (name, sensor), result in zip(spec.sensors.items(), results):
         if result.matrix is not None:
-            place = folder if len(results) == 1 else folder / sensor.name
+            place = folder if len(results) == 1 else folder / name
             save(to_calibration(result, sensor.frame, str(spec.path)), place / 'calibration.yaml')
     if args.json:
         print_json(document)
@@ -74,21 +74,22 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _source(spec: 'Spec', sensor: 'Sensor', path: Path) -> 'Source':
+def _source(spec: 'Spec', name: str, path: Path) -> 'Source':
     """Return what reads one data set for one sensor: a table, or else a recording."""
     from forcecal_ros.insitu.streams import join, topics_of
     from forcecal_ros.insitu.tables import TableSource
     from forcecal_ros.recording.bags import read_pieces
     from tqdm import tqdm
 
-    table = TableSource(spec, path, sensor.channels.columns) if path.suffix in TABLES else None
+    sensor = spec.sensors[name]
+    table = TableSource(spec, path, sensor.columns) if path.suffix in TABLES else None
 
     told: list[str] = []
 
     def read() -> Iterator['Chunk']:
         chunks = table() if table else join(
-            read_pieces(path, topics_of(spec, sensor)), spec, sensor)
-        with tqdm(desc=f'{sensor.name}: {path.name}', unit=' samples', leave=False,
+            read_pieces(path, topics_of(spec, name)), spec, name)
+        with tqdm(desc=f'{name}: {path.name}', unit=' samples', leave=False,
                   disable=None) as bar:
             for chunk in chunks:
                 bar.update(len(chunk.t))

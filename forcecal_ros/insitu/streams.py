@@ -5,11 +5,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.prepare import Chunk
-from forcecal_ros.insitu.spec import Sensor, Spec
+from forcecal_ros.insitu.spec import Spec
 import numpy as np
 
 
-def topics_of(spec: Spec, sensor: Sensor) -> dict[str, Sequence[str]]:
+def topics_of(spec: Spec, sensor: str) -> dict[str, Sequence[str]]:
     """
     Return which fields of which topics a sensor's calibration needs.
 
@@ -19,7 +19,7 @@ def topics_of(spec: Spec, sensor: Sensor) -> dict[str, Sequence[str]]:
         The SPEC names no topic.
     """
     wanted: dict[str, Sequence[str]] = {}
-    for channels, name in ((sensor.channels, sensor.name), (spec.accelerometer, 'accelerometer'),
+    for channels, name in ((spec.sensors[sensor], sensor), (spec.accelerometer, 'accelerometer'),
                            (spec.gyro, 'gyro')):
         if channels is None:
             continue
@@ -30,7 +30,7 @@ def topics_of(spec: Spec, sensor: Sensor) -> dict[str, Sequence[str]]:
     return wanted
 
 
-def join(pieces: Iterable[tuple[str, Array, Array]], spec: Spec, sensor: Sensor
+def join(pieces: Iterable[tuple[str, Array, Array]], spec: Spec, sensor: str
          ) -> Iterator[Chunk]:
     """
     Interpolate accelerometer and gyro to the sensor's stamps.
@@ -40,14 +40,15 @@ def join(pieces: Iterable[tuple[str, Array, Array]], spec: Spec, sensor: Sensor
     pieces : iterable of (str, ndarray, ndarray)
         Topic, stamps [s] and values, roughly in the order of time.
     spec : Spec
-    sensor : Sensor
+    sensor : str
+        Its name.
 
     Yields
     ------
     Chunk
         SI units; samples before or after another signal's first or last are left out.
     """
-    raw_topic, other = sensor.channels.topic, spec.accelerometer
+    raw_topic, other = spec.sensors[sensor].topic, spec.accelerometer
     assert raw_topic is not None and other.topic is not None
     signals = len(topics_of(spec, sensor))
     held: dict[str, tuple[Array, Array]] = {}

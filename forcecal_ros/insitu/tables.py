@@ -8,7 +8,7 @@ import warnings
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.prepare import Chunk
-from forcecal_ros.insitu.spec import Column, Spec
+from forcecal_ros.insitu.spec import Column, DEFAULT_RATE, Spec
 import numpy as np
 
 ROWS = 50_000
@@ -36,7 +36,7 @@ class TableSource:
         self._spec = spec
         self._path = path
         gyro = spec.gyro.columns if spec.gyro else ()
-        time = (spec.time[0],) if spec.time else ()
+        time = (spec.time.column,) if spec.time else ()
         self._parts = (time, tuple(raw), spec.accelerometer.columns, gyro)
         self.left_out = 0
         for part, name in zip(self._parts[1:3], ('sensor', 'accelerometer')):
@@ -52,9 +52,9 @@ class TableSource:
         for rows in self._rows([column for part in self._parts for column in part]):
             t, raw, f, turn = np.split(rows, ends, axis=1)
             if self._spec.time:
-                stamps = t[:, 0] * self._spec.time[1]
+                stamps = t[:, 0] * self._spec.time.scale
             else:
-                stamps = (row + np.arange(len(rows))) / self._spec.rate
+                stamps = (row + np.arange(len(rows))) / (self._spec.rate or DEFAULT_RATE)
             row += len(rows)
             good = np.isfinite(rows @ np.ones(rows.shape[1]))
             if not (good.all() and stamps[0] > last and (np.diff(stamps) > 0).all()):

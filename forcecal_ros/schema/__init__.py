@@ -22,6 +22,7 @@ from forcecal_ros.schema.row import (
     Row,
     Shape,
     shown,
+    TEXT,
     Vector3,
     Vector4,
     Vector6,
@@ -29,4 +30,5 @@ from forcecal_ros.schema.row import (
 from forcecal_ros.schema.sections import columns, instead, path, read, Section, UNKNOWN
 
 __all__ = ['columns', 'instead', 'load', 'Matrix3', 'Mismatch', 'path', 'plain', 'read', 'Row',
-           'Section', 'Shape', 'shown', 'UNKNOWN', 'Vector3', 'Vector4', 'Vector6', 'yaml_value']
+           'Section', 'Shape', 'shown', 'TEXT', 'UNKNOWN', 'Vector3', 'Vector4', 'Vector6',
+           'yaml_value']

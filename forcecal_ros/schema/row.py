@@ -15,6 +15,9 @@ Vector3 = tuple[float, float, float]
 Vector4 = tuple[float, float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
+TEXT = '.+'
+"""Pattern of a text that must not be empty."""
+
 Shape = tuple[int | None, ...]
 """Lengths of an array along its axes; None: any."""
 
@@ -29,7 +32,7 @@ class Mismatch(ConfigError):
 
     def __init__(self, where: str, value: Any, expected: str, hint: str = '') -> None:
         self.where, self._rest = where, f' is {shown(value)}, expected {expected}{hint}'
-        super().__init__(f'{where or "the document"}{self._rest}')
+        super().__init__(f'{where or "the file"}{self._rest}')
 
     def at(self, where: str) -> 'Mismatch':
         """Return the same complaint about another key."""

@@ -80,9 +80,10 @@ class Section:
                 value = column.take(value, path(self.section, column.name))
                 object.__setattr__(self, column.name, value)
 
-    def wrong(self, name: str, expected: str) -> Mismatch:
-        """Return the complaint that a field is not what was expected."""
-        return Mismatch(path(self.section, name), getattr(self, name), expected)
+    def wrong(self, name: str, expected: str, found: Any = _ABSENT) -> Mismatch:
+        """Return the complaint about a field, or with an empty name about the whole section."""
+        return Mismatch(path(self.section, name),
+                        getattr(self, name) if found is _ABSENT else found, expected)
 
 
 def columns(kind: Any) -> tuple[Column, ...]:
@@ -117,7 +118,7 @@ def _column(name: str, hint: Any, default: Any) -> Column:
 
 def path(where: str, key: str) -> str:
     """Return the path of a key in a group."""
-    return f'{where}.{key}' if where else key
+    return f'{where}.{key}' if where and key else where or key
 
 
 def name(key: Any) -> str:
@@ -166,8 +167,8 @@ def read(kind: type[T], document: Any, where: str = '', *, extra: bool = False) 
     try:
         return kind(**values)
     except Mismatch as error:  # of a check across fields, under the section's own name
-        own = path(getattr(kind, 'section', ''), '')
-        raise error.at(path(where, error.where.removeprefix(own))) from None
+        own = error.where.removeprefix(getattr(kind, 'section', '')).removeprefix('.')
+        raise error.at(path(where, own)) from None
 
 
 def _known(rows: Iterable[Column]) -> list[str]:

@@ -224,17 +224,36 @@ def test_the_example_of_the_foot_works_on_its_recording(icub_data, tmp_path):
 
 
 @pytest.mark.parametrize('change, words', [
-    ({'format': 'other'}, 'format: must be forcecal-insitu/1'),
-    ({'colour': 1}, 'unknown colour'),
+    ({'format': 'other'}, "format is 'other', expected forcecal-insitu/1"),
+    ({'colour': 1}, 'unknown key colour'),
+    ({'filtre': 'off'}, r'unknown key filtre; did you mean filter\?'),
     ({'sensors': {}}, 'one or more sensors'),
-    ({'sensors': {'leg': {'columns': ['a', 'b']}}}, 'list of 6 or more'),
-    ({'accelerometer': {'columns': ['a', 'b', 'c'], 'unit': 'mile'}}, "'mile' is no unit"),
-    ({'data_sets': []}, 'expected a list'),
-    ({'data_sets': [{'file': 'a.csv', 'added_mass': 0.5}]}, 'position of the added mass'),
-    ({'data_sets': [{'file': 'a.csv', 'window': [5, 2]}]}, 'start before end'),
-    ({'data_sets': [{'file': 'a.csv'}, {'file': 'a.csv'}]}, 'twice'),
-    ({'filter': {'order': 99}}, 'filter order'),
-    ({'motion': 'perhaps'}, 'motion: expected on or off'),
+    ({'sensors': {'leg': {'columns': ['a', 'b']}}},
+     r'sensors.leg.columns is .*, expected a list of 6 or more'),
+    ({'accelerometer': {'columns': ['a', 'b', 'c'], 'unit': 'mile'}},
+     "accelerometer.unit is 'mile', expected one of m/s"),
+    ({'data_sets': []}, r'data_sets is \[\], expected a list, each with file'),
+    ({'data_sets': [{'file': 'a.csv', 'added_mass': 0.5}]},
+     r'data_sets\[1: a.csv\].position is None, expected the position of the added'),
+    ({'data_sets': [{'file': 'a.csv', 'window': [5, 2]}]},
+     r'window is \(5.0, 2.0\), expected its start before its end'),
+    ({'data_sets': [{'file': 'a.csv'}, {'file': 'a.csv'}]},
+     r"data_sets is \['a'\], expected no name twice"),
+    ({'filter': {'order': 99}}, 'filter.order is 99, expected a whole number from 0 to 9'),
+    ({'motion': 'perhaps'}, "motion is 'perhaps', expected on or off"),
+    ({'rate': 50.0}, 'rate is 50.0, expected either time or rate, not both'),
+    ({'accelerometer': {'unit': 'g'}}, r'expected columns \(of tables\) or a topic'),
+    ({'motion': True, 'accelerometer': {'columns': ['a', 'b', 'c']}},
+     'accelerometer.gyro is None, expected columns'),
+    ({'motion': True, 'accelerometer': {'topic': 'imu', 'gyro': {'fields': ['x', 'y', 'z']}}},
+     'gyro.fields .* expected the fields of both'),
+    ({'sensors': {'leg': {'topic': 'ft', 'R_sensor_accelerometer': [
+        [2, 0, 0], [0, 1, 0], [0, 0, 1]]}}},
+     'sensors.leg.R_sensor_accelerometer is .*, expected a rotation'),
+    ({'sensors': {'leg': {'topic': 'ft', 'manufacturer_matrix': [[1, 2], [3, 4]]}}},
+     'manufacturer_matrix is .*, expected 6 rows of equally many numbers'),
+    ({'data_sets': [{'file': 'a.csv', 'added_mass': 0.5, 'position': {'arm': [0, 0, 0]}}]},
+     r'position is .*, expected one of each sensor, leg'),
 ])
 def test_a_wrong_spec_is_refused_with_the_key(tmp_path, change, words):
     with pytest.raises(ConfigError, match=words):
@@ -245,7 +264,7 @@ def test_a_missing_column_is_named(tables):
     content = document(accelerometer={'columns': ['ax', 'ay', 'nope']})
     spec = load_spec(write_spec(tables, content))
     with pytest.raises(DataError, match="no column 'nope'; there are t, r0"):
-        next(TableSource(spec, tables / 'set1.csv', spec.sensors[0].channels.columns)())
+        next(TableSource(spec, tables / 'set1.csv', spec.sensors['leg'].columns)())
 
 
 def test_rows_without_numbers_or_out_of_order_are_left_out(tmp_path):
@@ -255,7 +274,7 @@ def test_rows_without_numbers_or_out_of_order_are_left_out(tmp_path):
     rows[300, 0] -= 1.0
     np.savetxt(tmp_path / 'a.csv', rows, delimiter=',', header=','.join(COLUMNS), comments='')
     spec = load_spec(write_spec(tmp_path, document(data_sets=[{'file': 'a.csv'}])))
-    source = TableSource(spec, tmp_path / 'a.csv', spec.sensors[0].channels.columns)
+    source = TableSource(spec, tmp_path / 'a.csv', spec.sensors['leg'].columns)
     t = np.concatenate([chunk.t for chunk in source()])
     assert source.left_out == 3
     assert len(t) == len(rows) - 3

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby, pairwise
+from pathlib import Path
 
 from forcecal_ros.errors import ConfigError, DataError
 from forcecal_ros.geometry import Array, matrix_from_quaternion
@@ -13,6 +14,7 @@ from forcecal_ros.recording.csv_import.specification import (
     TableSpecification,
 )
 from forcecal_ros.recording.csv_import.table import Table
+from forcecal_ros.recording.csv_import.units import NANOSECONDS
 from forcecal_ros.recording.streams import Phase, PHASES, PoseStream, Stream
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +67,7 @@ def assemble(specification: Specification) -> Imported:
     ConfigError
         Two tables give the same signal.
     """
-    tables = [(one, Table(one.path, one.delimiter)) for one in specification.tables]
+    tables = [(one, Table(Path(one.file), one.delimiter)) for one in specification.tables]
     stamps = [_stamps(one, table) for one, table in tables]
     _check_time_base(specification, stamps)
     start = int(min(times[0] for times in stamps))
@@ -74,27 +76,29 @@ def assemble(specification: Specification) -> Imported:
     for (one, table), times in zip(tables, stamps):
         t = (times - start) / 1e9
         found: dict[str, Stream | PoseStream | tuple[Phase, ...]] = {
-            role: _signal(table, t, signal) for role, signal in one.signals.items()}
+            role: _signal(table, t, signal) for role, signal in one.signals.given.items()}
         if one.phases:
             found['phase'] = _phases(one, table, t)
         if repeated := sorted(found.keys() & signals.keys()):
             raise ConfigError(f'{specification.path}: {", ".join(repeated)} in more than one '
                               'table; import them into recordings of their own')
         signals.update(found)
-        topics.update({role: signal.topic for role, signal in one.signals.items()
+        topics.update({role: signal.topic for role, signal in one.signals.given.items()
                        if signal.topic is not None})
     shift = max(0, 1 - start // _SECOND)
     return Imported(signals, topics, start + shift * _SECOND, shift)
 
 
 def _stamps(specification: TableSpecification, table: Table) -> NDArray[np.int64]:
-    if specification.time_column is not None:
-        return table.nanoseconds(specification.time_column, specification.time_unit)
-    rows = np.arange(len(table)) / specification.rate + specification.start
+    time, rate, start = specification.time, specification.rate, specification.start or 0.0
+    if time is not None:
+        return table.nanoseconds(time.column, NANOSECONDS[time.unit])
+    assert rate is not None
+    rows = np.arange(len(table)) / rate + start
     stamps = np.rint(rows * 1e9).astype(np.int64)
     if (np.diff(stamps) <= 0).any():
-        raise DataError(f'{table.path}: rows at {specification.rate:g} Hz from '
-                        f'{specification.start:g} s on cannot be told apart in nanoseconds')
+        raise DataError(f'{table.path}: rows at {rate:g} Hz from {start:g} s on cannot be told '
+                        'apart in nanoseconds')
     return stamps
 
 
@@ -104,8 +108,8 @@ def _check_time_base(specification: Specification, stamps: Sequence[NDArray[np.i
         gap = int(stamps[other][0]) - max(int(stamps[i][-1]) for i in order[:order.index(other)])
         if gap > _DAY:
             raise DataError(
-                f'{specification.tables[other].path} begins {gap / _DAY:.0f} days after '
-                f'{specification.tables[one].path} ends: not one recording, or a wrong unit of '
+                f'{specification.tables[other].file} begins {gap / _DAY:.0f} days after '
+                f'{specification.tables[one].file} ends: not one recording, or a wrong unit of '
                 'time')
 
 
@@ -150,18 +154,20 @@ def _refuse(table: Table, wrong: NDArray[np.bool_], what: str) -> None:
 
 def _phases(specification: TableSpecification, table: Table, t: Array) -> tuple[Phase, ...]:
     words = specification.phases
-    step = float(t[-1] - t[-2]) if len(t) > 1 else 1.0 / specification.rate
-    if 'column' in words:
-        return _spoken(table, words['column'], t, float(t[-1]) + step)
-    if 'whole' in words:
+    assert words is not None
+    step = float(t[-1] - t[-2]) if len(t) > 1 else 1.0 / (specification.rate or 1.0)
+    if words.column is not None:
+        return _spoken(table, words.column, t, float(t[-1]) + step)
+    if words.whole is not None:
         end = float(t[-1]) + step
-        return (Phase(words['whole'], float(t[0]), end), Phase('done', end, end))
+        return (Phase(words.whole, float(t[0]), end), Phase('done', end, end))
+    assert words.each_row is not None and words.between is not None
     middles = [*((t[1:] + t[:-1]) / 2).tolist(), float(t[-1]) + step / 2]
     phases = []
     for start, middle, following in zip(t.tolist(), middles, [*t[1:].tolist(), None]):
-        phases.append(Phase(words['each_row'], start, middle))
+        phases.append(Phase(words.each_row, start, middle))
         phases.append(Phase('done', middle, middle) if following is None
-                      else Phase(words['between'], middle, following))
+                      else Phase(words.between, middle, following))
     return tuple(phases)
 
 

@@ -1,34 +1,16 @@
 """What the columns of tables mean: a YAML file that names signals, units and frames."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, NamedTuple
 
-from forcecal_ros.errors import ConfigError
-from forcecal_ros.recording.csv_import.units import in_si, NANOSECONDS
+from forcecal_ros.recording.csv_import.units import NANOSECONDS, UNITS
 from forcecal_ros.recording.streams import PHASES
-from forcecal_ros.safe_yaml import LARGEST, load_yaml
+from forcecal_ros.schema import columns, load, Mismatch, path, read, Row, Section, TEXT
 
 FORMAT = 'forcecal-import/1'
-
-_WRENCH = {'force': ('force', 3), 'torque': ('torque', 3)}
-_POSE = {'position': ('length', 3), 'R_base_sensor': ('number', 9), 'R_sensor_base': ('number', 9),
-         'quaternion_xyzw': ('number', 4), 'rpy': ('angle', 3)}
-SIGNALS: Mapping[str, Mapping[str, tuple[str, int]]] = {
-    'wrench': _WRENCH,
-    'contact_truth': _WRENCH,
-    'accelerometer': {'voltage': ('voltage', 3)},
-    'accel': {'acceleration': ('acceleration', 3)},
-    'imu': {'acceleration': ('acceleration', 3), 'angular_velocity': ('angular velocity', 3)},
-    'pose': _POSE,
-    'target': _POSE,
-    'optidrive': {'displacement': ('length', 1)},
-}
-"""Role -> part -> quantity and number of columns."""
-
 ORIENTATIONS = ('R_base_sensor', 'R_sensor_base', 'quaternion_xyzw', 'rpy')
-_OPTIONAL = {'position', 'angular_velocity', *ORIENTATIONS}
 
 
 @dataclass(frozen=True)
@@ -40,50 +22,189 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Signal:
-    """One signal of a table: its parts by name, the frame and, if not the usual, the topic."""
+class _Entry:
+    """A part as a file writes it."""
 
-    parts: Mapping[str, Part]
-    frame: str
-    topic: str | None
-
-
-@dataclass(frozen=True)
-class TableSpecification:
-    """
-    One table.
-
-    Attributes
-    ----------
-    path : Path
-    delimiter : str
-    time_column : str or None
-        None for a table without time, which then has a rate.
-    time_unit : int
-        Nanoseconds in the unit of the time column.
-    rate : float
-        Rows a second [Hz].
-    start : float
-        Time of the first row of a table without time [s].
-    phases : mapping of str to str
-        ``column``, or ``each_row`` and ``between``, or ``whole``; empty where there are none.
-    signals : mapping of str to Signal
-        By role.
-    """
-
-    path: Path
-    delimiter: str
-    time_column: str | None
-    time_unit: int
-    rate: float
-    start: float
-    phases: Mapping[str, str]
-    signals: Mapping[str, Signal]
+    columns: tuple[str, ...]
+    unit: str
+    signs: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
-class Specification:
-    """All tables of one recording."""
+class _Columns(Row):
+    """Row of a part: so many columns of one quantity."""
+
+    quantity: str = ''
+    width: int = 0
+
+    def take(self, kind: Any, value: Any, where: str) -> Part:
+        """Check a part."""
+        if isinstance(value, Part):
+            return value
+        plain = self.quantity == 'number'
+        entry = read(_Entry, {'columns': value, 'unit': '1'} if plain else value, where)
+        units = UNITS[self.quantity]
+        for key, right, wanted in (
+                ('columns', len(entry.columns) == self.width, f'a list of {self.width} columns'),
+                ('unit', entry.unit in units, f'a unit of {self.quantity}: {", ".join(units)}'),
+                ('signs', not entry.signs or len(entry.signs) == self.width
+                 and set(entry.signs) <= {1, -1}, f'{self.width} times 1 or -1')):
+            if not right:
+                raise Mismatch(where if plain else path(where, key), getattr(entry, key), wanted)
+        return Part(entry.columns, tuple(units[entry.unit] * sign for sign in
+                                         entry.signs or (1,) * self.width))
+
+
+_FORCE, _TORQUE = _Columns(quantity='force', width=3), _Columns(quantity='torque', width=3)
+_ACCELERATION = _Columns(quantity='acceleration', width=3)
+_TURN = _Columns(quantity='angular velocity', width=3)
+_LENGTHS = _Columns(quantity='length', width=3)
+_MATRIX = _Columns(quantity='number', width=9)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Signal(Section):
+    """One signal of a table: its parts, the frame and, if not the usual, the topic."""
+
+    frame: Annotated[str, Row('frame_id', pattern=TEXT)]
+    topic: Annotated[str | None, Row('None: the usual', pattern=TEXT)] = None
+
+    @property
+    def parts(self) -> Mapping[str, Part]:
+        """The parts that it has, by name."""
+        found = {column.name: getattr(self, column.name) for column in columns(type(self))}
+        return {name: part for name, part in found.items() if isinstance(part, Part)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wrench(Signal):
+    """Force and torque."""
+
+    force: Annotated[Part, _FORCE]
+    torque: Annotated[Part, _TORQUE]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Voltage(Signal):
+    """Readings of an accelerometer that is not scaled."""
+
+    voltage: Annotated[Part, _Columns(quantity='voltage', width=3)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Acceleration(Signal):
+    """Specific force."""
+
+    acceleration: Annotated[Part, _ACCELERATION]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Imu(Acceleration):
+    """Specific force and, where there is one, the gyro."""
+
+    angular_velocity: Annotated[Part | None, _TURN] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pose(Signal):
+    """An orientation in one of its forms and, where it is known, a position."""
+
+    position: Annotated[Part | None, _LENGTHS] = None
+    R_base_sensor: Annotated[Part | None, _MATRIX] = None
+    R_sensor_base: Annotated[Part | None, _MATRIX] = None
+    quaternion_xyzw: Annotated[Part | None, _Columns(quantity='number', width=4)] = None
+    rpy: Annotated[Part | None, _Columns(quantity='angle', width=3)] = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        found = [name for name in ORIENTATIONS if name in self.parts]
+        if len(found) != 1:
+            raise self.wrong('', f'one of {", ".join(ORIENTATIONS)}', found)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Displacement(Signal):
+    """Of the compliant tool."""
+
+    displacement: Annotated[Part, _Columns(quantity='length', width=1)]
+
+
+@dataclass(frozen=True)
+class Signals:
+    """The signals of a table, by role."""
+
+    wrench: Wrench | None = None
+    contact_truth: Wrench | None = None
+    accelerometer: Voltage | None = None
+    accel: Acceleration | None = None
+    imu: Imu | None = None
+    pose: Pose | None = None
+    target: Pose | None = None
+    optidrive: Displacement | None = None
+
+    @property
+    def given(self) -> Mapping[str, Signal]:
+        """Those that there are."""
+        return {role: signal for role, signal in vars(self).items() if signal is not None}
+
+
+@dataclass(frozen=True)
+class Time(Section):
+    """The column of time."""
+
+    column: Annotated[str, Row(pattern=TEXT)]
+    unit: Annotated[str, Row(words=tuple(NANOSECONDS))]
+
+
+@dataclass(frozen=True)
+class Phases(Section):
+    """The word of each row: in a column, of rows and between them, or of all."""
+
+    column: Annotated[str | None, Row(pattern=TEXT)] = None
+    each_row: Annotated[str | None, Row(words=PHASES)] = None
+    between: Annotated[str | None, Row(words=PHASES)] = None
+    whole: Annotated[str | None, Row(words=PHASES)] = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        given = {name for name, word in vars(self).items() if word is not None}
+        if given not in ({'column'}, {'each_row', 'between'}, {'whole'}):
+            raise self.wrong('', 'column, or each_row and between, or whole', sorted(given))
+        if self.between is not None and self.between == self.each_row:
+            raise self.wrong('between', 'another word than each_row, to tell the rows apart')
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableSpecification(Section):
+    """One table, with a column of time or a rate."""
+
+    file: Annotated[str, Row('Path', pattern=TEXT)]
+    delimiter: Annotated[str, Row('', pattern='[^"\r\n]', wanted='one character')] = ','
+    time: Time | None = None
+    rate: Annotated[float | None, Row('Rows a second', 'Hz', above=0.0)] = None
+    start: Annotated[float | None, Row('Time of the first row of a table without time', 's')
+                     ] = None
+    phases: Phases | None = None
+    signals: Signals
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.time is None) == (self.rate is None):
+            raise self.wrong('time', 'either time (column and unit) or rate (rows a second, for a '
+                                     'table without time)')
+        if self.time is not None and self.start is not None:
+            raise self.wrong('start', 'none: start is for tables without time')
+
+
+@dataclass(frozen=True)
+class _Document:
+    """The file."""
+
+    tables: tuple[TableSpecification, ...]
+
+
+class Specification(NamedTuple):
+    """All tables of one recording, and the file that describes them."""
 
     tables: tuple[TableSpecification, ...]
     path: Path
@@ -91,18 +212,9 @@ class Specification:
 
 def load_specification(path: Path | str, folder: Path | str | None = None) -> Specification:
     """
-    Read and check an import specification.
+    Read and check an import specification, a YAML file as ``config/examples/kuka_*.yaml``.
 
-    Parameters
-    ----------
-    path : Path or str
-        YAML file; see ``config/examples``.
-    folder : Path or str, optional
-        What the paths of the tables count from; the file's own folder if not given.
-
-    Returns
-    -------
-    Specification
+    The paths of the tables count from ``folder``, by default the file's own.
 
     Raises
     ------
@@ -110,130 +222,7 @@ def load_specification(path: Path | str, folder: Path | str | None = None) -> Sp
         The file cannot be read, or says what makes no sense; the key is named.
     """
     path = Path(path)
-    reader = _Reader(path, path.parent if folder is None else Path(folder))
-    document = reader.mapping(_parse(path), 'the file', ('format', 'tables'))
-    if document.get('format') != FORMAT:
-        raise ConfigError(f'{path}: format must be {FORMAT}')
-    tables = document.get('tables')
-    if not isinstance(tables, list) or not tables:
-        raise ConfigError(f'{path}: tables must be a list of tables, each with file and signals')
+    document = load(_Document, path, form=FORMAT, remedy='compare with config/examples')
+    place = path.parent if folder is None else Path(folder)
     return Specification(
-        tuple(reader.table(table, number) for number, table in enumerate(tables, 1)), path)
-
-
-def _parse(path: Path) -> Any:
-    try:
-        with path.open('rb') as file:
-            return load_yaml(file.read(LARGEST + 1), str(path))
-    except OSError as error:
-        raise ConfigError(f'{path}: cannot be read ({error.strerror})') from error
-
-
-class _Reader:
-    """Checks and converts one document; every complaint names the file and the key."""
-
-    def __init__(self, path: Path, folder: Path) -> None:
-        self._path = path
-        self._folder = folder
-
-    def wrong(self, where: str, what: str) -> ConfigError:
-        return ConfigError(f'{self._path}: {where}: {what}')
-
-    def mapping(self, value: Any, where: str, keys: Sequence[str]) -> Mapping[str, Any]:
-        if not isinstance(value, dict):
-            raise self.wrong(where, f'expected keys such as {", ".join(keys)}')
-        if unknown := [str(key)[:40] for key in value if key not in keys]:
-            raise self.wrong(where, f'unknown {", ".join(unknown)}; the keys are '
-                                    f'{", ".join(keys)}')
-        return value
-
-    def text(self, value: Any, where: str) -> str:
-        if not isinstance(value, str) or not value:
-            raise self.wrong(where, 'expected a text')
-        return value
-
-    def number(self, value: Any, where: str) -> float:
-        if type(value) not in (int, float) or not -1e12 < value < 1e12:
-            raise self.wrong(where, 'expected a number')
-        return float(value)
-
-    def table(self, value: Any, number: int) -> TableSpecification:
-        where = f'table {number}'
-        table = self.mapping(value, where, (
-            'file', 'delimiter', 'time', 'rate', 'start', 'phases', 'signals'))
-        file = self.text(table.get('file'), f'{where} file')
-        where = f'table {number} ({file})'
-        delimiter = table.get('delimiter', ',')
-        if not isinstance(delimiter, str) or len(delimiter) != 1 or delimiter in '"\r\n':
-            raise self.wrong(f'{where} delimiter', 'expected one character')
-        column, unit = self.time(table, where)
-        rate = self.number(table.get('rate', 1.0), f'{where} rate')
-        if not rate > 0:
-            raise self.wrong(f'{where} rate', 'expected rows a second, above 0')
-        signals = self.mapping(table.get('signals'), f'{where} signals', tuple(SIGNALS))
-        return TableSpecification(
-            self._folder / file, delimiter, column, unit, rate,
-            self.number(table.get('start', 0.0), f'{where} start'),
-            self.phases(table.get('phases'), f'{where} phases'),
-            {role: self.signal(role, signal, f'{where} {role}')
-             for role, signal in signals.items()})
-
-    def time(self, table: Mapping[str, Any], where: str) -> tuple[str | None, int]:
-        if ('time' in table) == ('rate' in table):
-            raise self.wrong(where, 'expected either time (column and unit) or rate (rows a '
-                                    'second, for a table without time)')
-        if 'rate' in table:
-            return None, 1
-        if 'start' in table:
-            raise self.wrong(where, 'start is for tables without time')
-        time = self.mapping(table['time'], f'{where} time', ('column', 'unit'))
-        unit = self.text(time.get('unit'), f'{where} time unit')
-        if unit not in NANOSECONDS:
-            raise self.wrong(f'{where} time', f'{unit!r} is no unit of time here; use '
-                                              f'{", ".join(NANOSECONDS)}')
-        return self.text(time.get('column'), f'{where} time column'), NANOSECONDS[unit]
-
-    def phases(self, value: Any, where: str) -> Mapping[str, str]:
-        if value is None:
-            return {}
-        phases = self.mapping(value, where, ('column', 'each_row', 'between', 'whole'))
-        if set(phases) not in ({'column'}, {'each_row', 'between'}, {'whole'}):
-            raise self.wrong(where, 'expected column, or each_row and between, or whole')
-        words = {key: self.text(word, f'{where} {key}') for key, word in phases.items()}
-        for key, word in words.items():
-            if key != 'column' and word not in PHASES:
-                raise self.wrong(f'{where} {key}', f'{word!r} is no phase; use '
-                                                   f'{", ".join(PHASES)}')
-        if 'between' in words and words['between'] == words['each_row']:
-            raise self.wrong(where, 'each_row and between must differ, to tell the rows apart')
-        return words
-
-    def signal(self, role: str, value: Any, where: str) -> Signal:
-        known = SIGNALS[role]
-        signal = self.mapping(value, where, ('frame', 'topic', *known))
-        missing = [part for part in known if part not in signal and part not in _OPTIONAL]
-        if missing:
-            raise self.wrong(where, f'{", ".join(missing)} is missing')
-        if known is _POSE and sum(part in signal for part in ORIENTATIONS) != 1:
-            raise self.wrong(where, f'expected one of {", ".join(ORIENTATIONS)}')
-        topic = signal.get('topic')
-        return Signal(
-            {part: self.part(signal[part], f'{where} {part}', *known[part])
-             for part in known if part in signal},
-            self.text(signal.get('frame'), f'{where} frame'),
-            None if topic is None else self.text(topic, f'{where} topic'))
-
-    def part(self, value: Any, where: str, quantity: str, width: int) -> Part:
-        if quantity == 'number':
-            value = {'columns': value, 'unit': '1'}
-        part = self.mapping(value, where, ('columns', 'unit', 'signs'))
-        columns = part.get('columns')
-        if not isinstance(columns, list) or len(columns) != width:
-            raise self.wrong(where, f'expected a list of {width} columns')
-        signs = part.get('signs', [1] * width)
-        if not isinstance(signs, list) or len(signs) != width or not set(signs) <= {1, -1}:
-            raise self.wrong(f'{where} signs', f'expected {width} times 1 or -1')
-        size = in_si(quantity, self.text(part.get('unit'), f'{where} unit'),
-                     f'{self._path}: {where}')
-        return Part(tuple(self.text(column, f'{where} columns') for column in columns),
-                    tuple(size * sign for sign in signs))
+        tuple(replace(table, file=str(place / table.file)) for table in document.tables), path)

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from math import pi
 
-from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import STANDARD_GRAVITY
 
 UNITS: Mapping[str, Mapping[str, float]] = {
@@ -21,26 +20,3 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 
 NANOSECONDS: Mapping[str, int] = {'s': 10**9, 'ms': 10**6, 'us': 10**3, 'ns': 1}
 """Nanoseconds in a unit of time."""
-
-
-def in_si(quantity: str, unit: str, where: str) -> float:
-    """
-    Return the size of a unit in SI.
-
-    Parameters
-    ----------
-    quantity : str
-        A key of :data:`UNITS`.
-    unit, where : str
-        The unit, and what has it, for messages.
-
-    Raises
-    ------
-    ConfigError
-        The unit is none of this quantity.
-    """
-    known = UNITS[quantity]
-    if unit not in known:
-        raise ConfigError(f'{where}: {unit!r} is no unit of {quantity} here; use '
-                          f'{", ".join(known)}')
-    return known[unit]
