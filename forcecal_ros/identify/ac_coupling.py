@@ -11,9 +11,9 @@ from scipy.signal import lfilter
 
 def lowpassed(f: Array, length: float, cutoff: float) -> Array:
     """
-    Block means of what a first-order high-pass takes off, its state 0 at the start.
+    Block means of what a first-order high-pass takes off, starting from state 0.
 
-    The high-pass lets f minus this pass, but for its unknown first state w0, which adds
+    The output of the high-pass is f minus this, but for its unknown initial state w0, which adds
     ``w0 * fading(...)``; within a block f is taken as constant.
 
     Parameters
@@ -41,7 +41,6 @@ def fading(n: int, length: float, cutoff: float) -> Array:
 
     Parameters
     ----------
-    n : int
     length, cutoff : float
         [s], [Hz]
 
@@ -61,7 +60,6 @@ def without_fading(stream: Stream, poses: list[StaticPose], cutoff: float) -> St
     ----------
     stream : Stream
         Behind the high-pass.
-    poses : list of StaticPose
     cutoff : float
         Corner [Hz].
 

@@ -7,8 +7,9 @@ the tool feels, f_c = (b_F - F) / m whatever the tool's slide does: the regresso
 [Gamez2005] Eq. 17 on three axes, with u taken from the unloaded reading so that neither bias
 nor taring enters. Moving through gravity spans what three poses cannot.
 
-The regressor is noisy. Its noise is known from rest, so what it adds to the normal equations is
-taken off again (errors in variables). An AC-coupled sensor shows f less its own low-passed past.
+The regressor is noisy. Its noise is known from standstill, so what it adds to the normal
+equations is taken off again (errors in variables). An AC-coupled sensor shows f less its own
+low-passed past.
 """
 
 from collections.abc import Callable
@@ -25,6 +26,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 _DELAY_STEP = 0.001
+"""Step of the coarse search for the delay [s]."""
 
 
 class AccelerometerFit(NamedTuple):
@@ -75,10 +77,8 @@ def identify_accelerometer(
 
     Parameters
     ----------
-    motion : Motion
     volts : callable
         Block means of the readings, shape (n, 3), the blocks shifted by a delay [s].
-    tool : ToolPart
     coupling : str
         ``dc`` or ``ac``.
     cutoff : float, optional
@@ -87,10 +87,6 @@ def identify_accelerometer(
         Of the accelerometer where known [m].
     largest_delay : float
         [s]
-
-    Returns
-    -------
-    AccelerometerFit
 
     Raises
     ------
@@ -133,15 +129,15 @@ def _start(problem: Problem, largest_delay: float) -> Array:
 
 
 def _columns(problem: Problem, cutoff: float) -> Array:
-    felt = problem.felt(problem.tool.vector, np.zeros(3))
-    columns = [np.ones(len(felt)), *problem.shown(felt, cutoff).T]
+    specific_force = problem.specific_force(problem.tool.vector, np.zeros(3))
+    columns = [np.ones(len(specific_force)), *problem.high_passed(specific_force, cutoff).T]
     if problem.ac:
-        columns.append(fading(len(felt), problem.motion.length, cutoff))
+        columns.append(fading(len(specific_force), problem.motion.length, cutoff))
     return np.stack(columns, axis=1)
 
 
 def _linear(problem: Problem, delay: float, cutoff: float) -> tuple[Array, float]:
-    """Solve for offset, map and decay; return them and the mean square left."""
+    """Solve for offset, map and decay; return them and the mean square residual."""
     volts = problem.volts(delay)
     whole = problem.use & np.isfinite(volts).all(1)
     rows = _columns(problem, cutoff)[whole]

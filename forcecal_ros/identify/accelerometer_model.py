@@ -14,11 +14,12 @@ DEFAULT_CUTOFF = 0.01
 """Where the search for an unknown corner starts [Hz]."""
 
 _TURNED = 3.0
+"""Smallest singular value of the blocks' lever matrices from which a lever is fitted [1/s^2]."""
 
 
 class Motion(NamedTuple):
     """
-    What the accelerometer should feel, block by block.
+    What the specific force at the accelerometer follows from, block by block.
 
     Attributes
     ----------
@@ -81,15 +82,13 @@ class Problem:
 
     Unknowns are V0, M row by row, the delay, then as the recording wants them: the lever from
     the centre of mass to the accelerometer, and for an AC-coupled one the decay of its filter's
-    first state [V] and the corner. Methods take them as one vector ``theta``, and mass, force
+    initial state [V] and the corner. Methods take them as one vector ``theta``, and mass, force
     bias and centre of mass as ``tool``.
 
     Parameters
     ----------
-    motion : Motion
     volts : callable
         Block means of the readings, shape (n, 3), the blocks shifted by a delay [s].
-    tool : ToolPart
     coupling : str
         ``dc`` or ``ac``.
     cutoff : float or None
@@ -110,8 +109,8 @@ class Problem:
         self.lever = place is None and _turned(motion, self.moving)
         self.layout = _Layout(self.lever, self.ac, self.ac and cutoff is None)
 
-    def felt(self, tool: Array, lever: Array) -> Array:
-        """Return the specific force at the accelerometer, shape (n, 3) [m/s^2]."""
+    def specific_force(self, tool: Array, lever: Array) -> Array:
+        """Specific force at the accelerometer by force sensor or pose, shape (n, 3) [m/s^2]."""
         m = self.motion
         f = np.where(self.moving[:, None], (tool[1:4] - m.force) / tool[0], -m.gravity)
         if self.place is not None:
@@ -126,16 +125,16 @@ class Problem:
                 theta[lay.lever] if self.lever else np.zeros(3), theta[lay.decay],
                 float(cutoff[0]) if len(cutoff) else (self.known_cutoff or DEFAULT_CUTOFF))
 
-    def shown(self, felt: Array, cutoff: float) -> Array:
-        """Take off what the high-pass takes off, its first state left out."""
+    def high_passed(self, specific_force: Array, cutoff: float) -> Array:
+        """Output of the high-pass, starting from state 0; the input for a sensor that shows DC."""
         if not self.ac:
-            return felt
-        return np.asarray(felt - lowpassed(felt, self.motion.length, cutoff))
+            return specific_force
+        return np.asarray(specific_force - lowpassed(specific_force, self.motion.length, cutoff))
 
     def residuals(self, theta: Array, tool: Array) -> Array:
         """Return volts less model, shape (n, 3); zero in blocks that are not used."""
         offset, matrix, delay, lever, decay, cutoff = self.split(theta)
-        model = offset + self.shown(self.felt(tool, lever), cutoff) @ matrix.T
+        model = offset + self.high_passed(self.specific_force(tool, lever), cutoff) @ matrix.T
         if self.ac:
             model = model + np.outer(fading(len(model), self.motion.length, cutoff), decay)
         r = self.volts(delay) - model
@@ -145,21 +144,21 @@ class Problem:
         """Differentiate the model, as the residuals are weighed by it, shape (n, 3, p)."""
         _, matrix, _, lever, decay, cutoff = self.split(theta)
         lay, n = self.layout, len(self.use)
-        felt = self.felt(tool, lever)
-        x = self.shown(felt, cutoff)
+        specific_force = self.specific_force(tool, lever)
+        x = self.high_passed(specific_force, cutoff)
         J = np.zeros((n, 3, lay.size))
         for i in range(3):
             J[:, i, i] = 1
             J[:, i, 3 + 3 * i:6 + 3 * i] = x
         J[:, :, 12] = -_slope(x, self.motion.length) @ matrix.T
         if self.lever:
-            J[:, :, lay.lever] = matrix @ smoothed(self.shown(self.motion.rotation, cutoff))
+            J[:, :, lay.lever] = matrix @ smoothed(self.high_passed(self.motion.rotation, cutoff))
         if self.ac:
             J[:, :, lay.decay] = (fading(n, self.motion.length, cutoff)[:, None, None]
                                   * np.eye(3))
         if lay.cutoff.stop > lay.cutoff.start:
             h = 1e-3 * cutoff
-            more, less = (self.shown(felt, cutoff + e) @ matrix.T
+            more, less = (self.high_passed(specific_force, cutoff + e) @ matrix.T
                           + np.outer(fading(n, self.motion.length, cutoff + e), decay)
                           for e in (h, -h))
             J[:, :, lay.cutoff] = ((more - less) / (2 * h))[:, :, None]

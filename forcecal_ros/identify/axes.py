@@ -32,10 +32,6 @@ def split_matrix(matrix: Array, covariance: Array, scaled: bool) -> Axes:
         Whether the readings are specific force already: gains are positive then, and a
         left-handed map is left-handed. The three gains of volts share the sign that makes the
         map right-handed, as the paper's do.
-
-    Returns
-    -------
-    Axes
     """
     sign = 1.0 if scaled or np.linalg.det(matrix) > 0 else -1.0
 
@@ -70,17 +66,7 @@ def _curvature(directions: Array, J: Array, covariance: Array) -> Array:
 
 
 def in_words(axes: Axes) -> list[str]:
-    """
-    Say where each axis points, and what hand the three make.
-
-    Parameters
-    ----------
-    axes : Axes
-
-    Returns
-    -------
-    list of str
-    """
+    """Say where each axis points, and what hand the three make."""
     lines = []
     for i, row in enumerate(axes.map):
         j = int(np.argmax(np.abs(row)))

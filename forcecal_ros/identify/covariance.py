@@ -27,7 +27,7 @@ import numpy as np
 
 
 class SampleCovariance(NamedTuple):
-    """Covariance of samples at rest, its standard errors, how many samples, their rate [Hz]."""
+    """Covariance of samples at standstill, its standard errors, samples, their rate [Hz]."""
 
     value: Array
     std: Array
@@ -47,7 +47,7 @@ class SampleCovariance(NamedTuple):
 
 def sample_covariance(windows: list[Array], rate: float) -> SampleCovariance | None:
     """
-    Covariance of samples at rest, each window's mean taken off.
+    Covariance of samples at standstill, each window's mean taken off.
 
     Parameters
     ----------
@@ -85,10 +85,8 @@ def measurement_covariance(poses: list[StaticPose], pose: PoseStream, optidrive:
 
     Parameters
     ----------
-    poses : list of StaticPose
     pose : PoseStream
         With positions.
-    optidrive : Stream or None
     specific_force : Stream
         In ft_sensor [m/s^2].
 
@@ -100,7 +98,7 @@ def measurement_covariance(poses: list[StaticPose], pose: PoseStream, optidrive:
     if not pose.has_position or len(pose) < 3 or len(specific_force) < 3:
         return None
     period = float(np.median(np.diff(pose.t)))
-    felt = Averager(specific_force.t, specific_force.values[:, :1])
+    along_x = Averager(specific_force.t, specific_force.values[:, :1])
     windows = []
     for still in poses:
         cut = pose.between(still.start, still.end)
@@ -110,7 +108,8 @@ def measurement_covariance(poses: list[StaticPose], pose: PoseStream, optidrive:
         if optidrive is not None:
             x = x + optidrive.at(cut.t)[:, 0]
         whole = np.abs(np.diff(cut.t) - period) < period / 2
-        y = np.column_stack([x[1:], np.diff(x) / period, felt.means(cut.t[1:] - period, period)])
+        y = np.column_stack([x[1:], np.diff(x) / period,
+                             along_x.means(cut.t[1:] - period, period)])
         windows.append(y[whole])
     return sample_covariance(windows, 1 / period)
 

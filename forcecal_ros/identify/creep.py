@@ -10,11 +10,11 @@ from forcecal_ros.recording.streams import PoseStream
 import numpy as np
 
 RATE = 8.0
-"""How fast the way that is left dies away [1/s]; slower adds no force, faster is over."""
+"""Rate at which the last of an approach decays [1/s]; slower adds no force, faster is over."""
 
 
 class Creep(NamedTuple):
-    """Way along x that is left at the start, x_end + way exp(-RATE t), and its error [m]."""
+    """Distance still to go along x at the start, x_end + way exp(-RATE t), and its error [m]."""
 
     way: float
     std: float
@@ -31,10 +31,6 @@ def fit_creep(pose: PoseStream) -> Creep:
     ----------
     pose : PoseStream
         From the start of the ringing on.
-
-    Returns
-    -------
-    Creep
     """
     if not pose.has_position or len(pose) < 20:
         return STANDS
@@ -51,7 +47,6 @@ def follow(creep: Creep, t: Array, k: float, d: float, mass: float) -> tuple[Arr
 
     Parameters
     ----------
-    creep : Creep
     t : ndarray, shape (n,)
         Since the start of the ringing [s].
     k, d, mass : float

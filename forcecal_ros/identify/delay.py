@@ -34,7 +34,7 @@ def estimate_delay(recording: Recording, calibration: Calibration) -> Estimate:
 
     Both are averaged over the same blocks, the accelerometer's shifted by the delay; what is
     constant in the residual, a bias that moved, does not count. The lever arm between
-    accelerometer and centre of mass is taken to be nil, which shifts the delay of pure rotation.
+    accelerometer and centre of mass is taken to be zero, which shifts the delay of pure rotation.
 
     Parameters
     ----------
@@ -100,10 +100,6 @@ def with_delay(calibration: Calibration, delay: Estimate) -> Calibration:
         With an accelerometer.
     delay : Estimate
         [s]
-
-    Returns
-    -------
-    Calibration
     """
     if calibration.accelerometer is None:
         raise DataError('the calibration holds no accelerometer whose delay could be set')

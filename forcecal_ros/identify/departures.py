@@ -7,12 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 _STRETCHES = (1, 5, 25, 125, 400)
+"""Lengths of the stretches whose means are tested, in values: one to 8 s of 20 ms blocks."""
+
 _WHOLE = 0.6
+"""Share of a stretch's values that have to count for its mean to be tested."""
 
 
 class Residuals(NamedTuple):
     """
-    What a fit leaves of a signal.
+    Residuals of a fit, and their noise.
 
     Attributes
     ----------
@@ -45,7 +48,6 @@ class Departure(NamedTuple):
         Of its mean, in standard errors.
     size : float
         Its mean [unit of the signal].
-    channel : int
     time : float
         Its middle [s].
     """
@@ -59,10 +61,6 @@ class Departure(NamedTuple):
 def strongest(residuals: Residuals) -> Departure:
     """
     Find the stretch whose mean departs most from zero, whatever its length.
-
-    Parameters
-    ----------
-    residuals : Residuals
 
     Returns
     -------

@@ -23,11 +23,17 @@ from forcecal_ros.recording.streams import Recording
 import numpy as np
 from scipy.stats import chi2
 
-REST = ('mass', 'com', 'wrench_bias')
+STANDSTILL = ('mass', 'com', 'wrench_bias')
+"""Keys of calibration.yaml that are estimated from the static poses."""
+
 ACCELEROMETER = ('accelerometer',)
+"""The key that is estimated from the accelerometer."""
+
 MOTION = ('inertia', 'accelerometer', 'tool')
-ALL = (*REST, *MOTION)
-"""Keys of calibration.yaml by what they are estimated from."""
+"""Keys that are estimated from motion."""
+
+ALL = (*STANDSTILL, *MOTION)
+"""All keys that a finding can call into question."""
 
 TORQUE, VOLTS, RINGING = 4.6, 5.2, 5.2
 """
@@ -37,11 +43,22 @@ In 80 healthy runs the largest were 4.8, 5.0 and 4.6; one in a hundred passes on
 """
 
 _DRIFT = 6.0
+"""Drifts within a static pose of fewer standard errors are taken for chance."""
+
 _MISSING = 0.005
+"""Share of missing blocks that an AC-coupled accelerometer's model bears."""
+
 _COARSE = 2.5
+"""Blocks this many times as long as asked for are too long for that model."""
+
 _SMALL = 1e-4
+"""Residuals below this share of the tool's weight or of gravity are not worth a warning."""
+
 _ASTRAY = 3e-3
+"""Commanded and measured orientation may differ by this much from pose to pose [rad]."""
+
 _TURNS_SLOWLY = 0.01
+"""Angular speed below which inertia does not show [rad/s]."""
 
 
 class Finding(NamedTuple):
@@ -50,7 +67,6 @@ class Finding(NamedTuple):
 
     Attributes
     ----------
-    text : str
     suspect : tuple of str
         None where it is only a weak one, whose standard error says so already.
     """
@@ -65,18 +81,7 @@ class Finding(NamedTuple):
 
 
 def findings(stages: Stages, settings: Settings) -> Iterator[Finding]:
-    """
-    Make every check of this module.
-
-    Parameters
-    ----------
-    stages : Stages
-    settings : Settings
-
-    Yields
-    ------
-    Finding
-    """
+    """Make every check of this module."""
     yield from poses_disagree(stages, settings)
     yield from torque_departs(stages, settings)
     yield from accelerometer_disagrees(stages, settings)

@@ -48,10 +48,6 @@ def observer_model(mass: float) -> ObserverModel:
     ----------
     mass : float
         [kg]
-
-    Returns
-    -------
-    ObserverModel
     """
     third = np.array([0.0, 0.0, 1 / mass])
     return ObserverModel(A, np.array([0.0, 1 / mass]), C, third, -third)
@@ -63,7 +59,6 @@ def error_dynamics(model: ObserverModel, K: Array) -> tuple[Array, Array]:
 
     Parameters
     ----------
-    model : ObserverModel
     K : ndarray, shape (2, 3)
 
     Returns

@@ -123,17 +123,17 @@ def identify_inertia(
     if use.sum() < 12:
         return None
     rows = -inertia_regressor(np.nan_to_num(omega), np.nan_to_num(alpha))
-    quiet = smoothed(rows)
+    smooth = smoothed(rows)
     torque = np.where(use[:, None], unexplained_torque(wrench, slide, tool), 0.0)
     still_torque = [unexplained_torque(wrench[still == i], slide[still == i], tool)
                     for i in range(still.max() + 1)]
     weight = np.linalg.inv(noise_of_windows(still_torque).covariance)
-    weighted = np.where(use[:, None, None], weight @ quiet, 0.0)
+    weighted = np.where(use[:, None, None], weight @ smooth, 0.0)
     normal = np.einsum('nip,niq->pq', weighted, rows)
     # what noise of the orientation adds to the products, measured where there is nothing else
     at_rest = still >= 0
     normal -= use.sum() / at_rest.sum() * np.einsum(
-        'nip,niq->pq', weight @ quiet[at_rest], rows[at_rest])
+        'nip,niq->pq', weight @ smooth[at_rest], rows[at_rest])
     sigma, vectors = np.linalg.eigh((normal + normal.T) / 2)
     if sigma[-1] <= 0 or sigma[0] < 1e-9 * sigma[-1]:
         return None
@@ -143,7 +143,7 @@ def identify_inertia(
         lambda v: np.einsum('nip,ni->p', weighted, np.where(
             use[:, None], unexplained_torque(wrench, slide, v), 0.0)),
         tool, np.array([1e-3] * 4 + [1e-5] * 3 + [1e-3] * 3))
-    noise = noise_of_windows([torque - quiet[still == i] @ elements
+    noise = noise_of_windows([torque - smooth[still == i] @ elements
                               for i, torque in enumerate(still_torque)])
     covariance = inverse @ noise.covariance_of_sum(weighted) @ inverse.T \
         + by_tool @ tool_covariance @ by_tool.T

@@ -50,7 +50,6 @@ class Weight(NamedTuple):
 
     Attributes
     ----------
-    mass : float
     force_bias : ndarray, shape (3,)
     covariance : ndarray, shape (4, 4)
     chi_square, degrees : float, int
@@ -75,10 +74,6 @@ def weigh(statics: Statics, condition: float = 100.0) -> Weight:
     condition : float
         See :func:`check_weight`.
 
-    Returns
-    -------
-    Weight
-
     Raises
     ------
     UnobservableError, DataError
@@ -96,6 +91,6 @@ def weigh(statics: Statics, condition: float = 100.0) -> Weight:
     bread = np.linalg.solve((rows * weight[:, None]).T @ rows, (rows * weight[:, None]).T)
     theta = bread @ reading
     refuse_negative(theta[0])
-    left = reading - rows @ theta
+    residual = reading - rows @ theta
     return Weight(float(theta[0]), theta[1:], bread @ noise @ bread.T,
-                  float(left @ np.linalg.solve(noise, left)), 3 * n - 4)
+                  float(residual @ np.linalg.solve(noise, residual)), 3 * n - 4)

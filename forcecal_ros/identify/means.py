@@ -13,7 +13,6 @@ def window_mean(stream: Stream, start: float, end: float, what: str = 'signal') 
 
     Parameters
     ----------
-    stream : Stream
     start, end : float
         ``start <= t < end`` [s].
     what : str
@@ -41,7 +40,6 @@ def drift(stream: Stream, windows: list[tuple[float, float]]) -> tuple[float, in
 
     Parameters
     ----------
-    stream : Stream
     windows : list of tuple of float
         Start and end [s].
 

@@ -33,20 +33,14 @@ def identify_moving_tool(
     ----------
     weight : Weight
         From the static poses.
-    statics : Statics
     wrench : ndarray, shape (n, 6)
         Block means on the wire; NaN where missing.
     slide : ndarray, shape (n,)
         Of the tool along x [m].
-    turn : AngularMotion
     free, still : ndarray, shape (n,)
         Free motion; which static pose, -1 for none.
     condition : float
         Largest ratio of the first to the second spread of gravity in the motion.
-
-    Returns
-    -------
-    tuple of ToolFit, InertiaFit
 
     Raises
     ------
@@ -56,7 +50,7 @@ def identify_moving_tool(
     use = free & np.isfinite(wrench).all(1) & np.isfinite(slide)
     _check_motion(turn, use, condition)
     turned = -inertia_regressor(turn.omega, turn.alpha)
-    quiet = smoothed(turned)
+    smooth = smoothed(turned)
 
     def rows_of(bias: Array, inertial: Array) -> Array:
         load = wrench[:, :3] - bias
@@ -67,23 +61,23 @@ def identify_moving_tool(
         return np.asarray(wrench[:, 3:] - np.cross(slide[:, None] * X_HAT, wrench[:, :3] - bias))
 
     def fit(bias: Array, precision: Array) -> tuple[Array, Array, Array]:
-        instruments = np.where(use[:, None, None], precision @ rows_of(bias, quiet), 0.0)
+        instruments = np.where(use[:, None, None], precision @ rows_of(bias, smooth), 0.0)
         clean = np.nan_to_num(rows_of(bias, turned))
         normal = np.einsum('nip,niq->pq', instruments, clean)
-        normal[6:, 6:] -= use.sum() * _rest_product(precision @ quiet, turned, still)
+        normal[6:, 6:] -= use.sum() * _standstill_product(precision @ smooth, turned, still)
         bread = np.linalg.inv(normal)
         torque = np.where(use[:, None], torque_of(bias), 0.0)
         return bread @ np.einsum('nip,ni->p', instruments, torque), bread, instruments
 
-    def left(theta: Array) -> list[Array]:
-        residual = torque_of(weight.force_bias) - rows_of(weight.force_bias, quiet) @ theta
+    def still_residuals(theta: Array) -> list[Array]:
+        residual = torque_of(weight.force_bias) - rows_of(weight.force_bias, smooth) @ theta
         return [residual[still == i] for i in range(still.max() + 1)]
 
     theta, _, _ = fit(weight.force_bias, np.eye(3))
-    precision = np.diag(1 / np.diag(noise_of_windows(left(theta)).covariance))
+    precision = np.diag(1 / np.diag(noise_of_windows(still_residuals(theta)).covariance))
     theta, bread, instruments = fit(weight.force_bias, precision)
     by_bias = jacobian(lambda b: fit(b, precision)[0], weight.force_bias, np.full(3, 1e-2))
-    noise = noise_of_windows(left(theta))
+    noise = noise_of_windows(still_residuals(theta))
     covariance = bread @ noise.covariance_of_sum(instruments) @ bread.T
     covariance = covariance + by_bias @ weight.covariance[1:, 1:] @ by_bias.T
     tool = _tool_fit(weight, statics, theta, covariance, by_bias)
@@ -91,10 +85,10 @@ def identify_moving_tool(
     return tool, InertiaFit(theta[6:], covariance[6:, 6:], vectors[:, 0])
 
 
-def _rest_product(quiet: Array, turned: Array, still: NDArray[np.intp]) -> Array:
+def _standstill_product(smooth: Array, turned: Array, still: NDArray[np.intp]) -> Array:
     """Mean of what noise of the orientation alone adds to the normal equations."""
     at_rest = still >= 0
-    return np.asarray(np.einsum('nip,niq->pq', quiet[at_rest], turned[at_rest]) / at_rest.sum())
+    return np.asarray(np.einsum('nip,niq->pq', smooth[at_rest], turned[at_rest]) / at_rest.sum())
 
 
 def _check_motion(turn: AngularMotion, use: NDArray[np.bool_], condition: float) -> None:

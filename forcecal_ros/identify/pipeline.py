@@ -50,7 +50,6 @@ def identify(recording: Recording, settings: Settings = Settings()) -> Calibrati
     recording : Recording
         Wrench and pose; with accelerometer, Optidrive and phases where there are any. Static
         poses are its phases ``measure``, of one sample or more each.
-    settings : Settings
 
     Returns
     -------
@@ -110,15 +109,6 @@ def _observer(stages: Stages, noise: Noise | None, settings: Settings) -> Observ
 def identify_stages(recording: Recording, settings: Settings) -> Stages:
     """
     Run every stage; :func:`identify` makes the calibration of them.
-
-    Parameters
-    ----------
-    recording : Recording
-    settings : Settings
-
-    Returns
-    -------
-    Stages
 
     Raises
     ------

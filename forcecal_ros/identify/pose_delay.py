@@ -63,7 +63,7 @@ def pose_delay(kinematics: PoseKinematics, force: Array, slide: Array, grid: Tim
         delay = float(np.clip(delay + move, -largest, largest))
         if abs(move) < 1e-7:
             break
-    rest = misfit(delay)
-    noise = noise_of_windows([rest[grid.still == i] for i in range(grid.still.max() + 1)])
+    residual = misfit(delay)
+    noise = noise_of_windows([residual[grid.still == i] for i in range(grid.still.max() + 1)])
     std = float(np.sqrt(noise.covariance_of_sum(slope[:, :, None])[0, 0]) / abs(rate))
     return (delay, std) if std < largest / 10 else None

@@ -10,10 +10,19 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 _ROUNDING = 1e-6
+"""By how much stamps of phases are rounded [s]."""
+
 _SHORTEST_STAND = 0.5
+"""A robot that stands for less has not stopped to be measured [s]."""
+
 _RING_DOWN = 1.0
+"""Left out after the robot has stopped, for the tool to ring down [s]."""
+
 _SPEED = 0.002
+"""Speed below which the robot stands [m/s]."""
+
 _TURN_RATE = 0.002
+"""Angular speed below which the robot stands [rad/s]."""
 
 
 class StaticPose(NamedTuple):
@@ -138,14 +147,6 @@ def _standing(pose: PoseStream) -> list[tuple[float, float]]:
 def static_poses(recording: Recording) -> list[StaticPose]:
     """
     Measure the orientation of each static pose.
-
-    Parameters
-    ----------
-    recording : Recording
-
-    Returns
-    -------
-    list of StaticPose
 
     Raises
     ------

@@ -28,6 +28,7 @@ from forcecal_ros.recording.streams import phase_spans
 import numpy as np
 
 _PEAK = 10.0
+"""Acceleration at which Eq. 26 and 27 are evaluated [m/s^2]."""
 
 
 def quality_of(stages: Stages, calibration: Calibration, settings: Settings) -> dict[str, Any]:
@@ -38,8 +39,6 @@ def quality_of(stages: Stages, calibration: Calibration, settings: Settings) -> 
     ----------
     stages : Stages
         What it was made of.
-    calibration : Calibration
-    settings : Settings
 
     Returns
     -------

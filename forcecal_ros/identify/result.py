@@ -116,25 +116,25 @@ def specific_force(stages: Stages, coupling: str) -> Stream | None:
     """
     Return the accelerometer's readings as specific force in ft_sensor [m/s^2].
 
-    What fades at rest where it is AC-coupled is no noise, and is taken off.
+    Where it is AC-coupled, the decay of its reading at standstill is no noise, and is taken off.
     """
     fit, stream = stages.accelerometer, stages.recording.accelerometer
     if fit is None or stream is None:
         return None
-    felt = Stream(stream.t, np.linalg.solve(fit.matrix, (stream.values - fit.offset).T).T)
+    force = Stream(stream.t, np.linalg.solve(fit.matrix, (stream.values - fit.offset).T).T)
     if coupling == 'ac':
-        return without_fading(felt, stages.poses, fit.cutoff)
-    return felt
+        return without_fading(force, stages.poses, fit.cutoff)
+    return force
 
 
 def noise_of(stages: Stages, coupling: str) -> Noise | None:
-    """Carry out step 9: covariances at rest; None where they could not be measured."""
-    recording, felt = stages.recording, specific_force(stages, coupling)
-    if recording.wrench is None or recording.pose is None or felt is None:
+    """Carry out step 9: covariances at standstill; None where they could not be measured."""
+    recording, force = stages.recording, specific_force(stages, coupling)
+    if recording.wrench is None or recording.pose is None or force is None:
         return None
     wrench = stream_covariance(recording.wrench, stages.poses)
-    specific = stream_covariance(felt, stages.poses)
-    measured = measurement_covariance(stages.poses, recording.pose, recording.optidrive, felt)
+    specific = stream_covariance(force, stages.poses)
+    measured = measurement_covariance(stages.poses, recording.pose, recording.optidrive, force)
     if wrench is None or specific is None or measured is None:
         return None
     mass, variance = stages.tool.mass, float(wrench.value[0, 0])

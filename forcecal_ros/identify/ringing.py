@@ -18,17 +18,32 @@ from typing import NamedTuple
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.creep import Creep, fit_creep, follow, STANDS
 from forcecal_ros.identify.departures import Residuals
+from forcecal_ros.recording.noise.white import white_covariance
 from forcecal_ros.recording.streams import PoseStream, Stream
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
 
 _SERVO = 0.06
+"""By how much the robot's servos still settle once its pose does not change any more [s]."""
+
 _STILL = 1e-4
+"""A robot that moves by less within 20 ms has stopped [m]."""
+
 _LONGEST = 2.0
+"""Ringing is fitted over this long at most [s]."""
+
 _SHORTEST = 0.15
+"""Stretches that are shorter do not tell a decay [s]."""
+
 _SIGNIFICANT = 8.0
+"""Ringing of a smaller strength does not stand out of the noise."""
+
 _PRECISE = 0.3
+"""Stiffness and damping with a larger relative error are not worth giving."""
+
+_DELAY = 0.001
+"""Unit of the delay within the fit [s]."""
 
 
 class Ring(NamedTuple):
@@ -89,15 +104,9 @@ def rings(windows: list[tuple[float, float]], wrench: Stream, optidrive: Stream 
     ----------
     windows : list of tuple of float
         Start and end of the phases ``step`` [s].
-    wrench : Stream
-    optidrive : Stream or None
     pose, target : PoseStream or None
         The measured pose says when the robot has arrived, the commanded one where there is no
         position.
-
-    Returns
-    -------
-    list of Ring
     """
     out = []
     for begin, end in windows:
@@ -147,7 +156,6 @@ def stiffness_and_damping(
 
     Parameters
     ----------
-    ringing : list of Ring
     mass : float
         [kg]
     force_density, slide_density : float
@@ -191,9 +199,9 @@ def stiffness_and_damping(
     delay = float(fit.x[2] * _DELAY) if size == 3 else 0.0
     n = len(fit.fun)
     sigma = _scatter(fit.fun, [m for ring in ringing for m in (len(ring.t), len(ring.slide))])
-    left = Residuals(np.arange(n, dtype=float), fit.fun[:, None], sigma[:, None], np.ones(1),
-                     np.ones(n, dtype=bool))
-    return RingFit(float(k), float(d), delay, covariance, strength, left)
+    standardised = Residuals(np.arange(n, dtype=float), fit.fun[:, None], sigma[:, None],
+                             np.ones(1), np.ones(n, dtype=bool))
+    return RingFit(float(k), float(d), delay, covariance, strength, standardised)
 
 
 def _scatter(residuals: Array, lengths: list[int]) -> Array:
@@ -209,12 +217,8 @@ def _scatter(residuals: Array, lengths: list[int]) -> Array:
     for begin, end in zip(ends - lengths, ends):
         part = residuals[begin:end]
         if len(part) > 2:
-            sigma[begin:end] = max(1.0, float(np.sqrt((np.diff(part)**2).mean() / 2)))
+            sigma[begin:end] = max(1.0, float(np.sqrt(white_covariance(part[:, None], 1)[0, 0])))
     return sigma
-
-
-_DELAY = 0.001
-"""Unit of the delay within the fit [s]."""
 
 
 def _basis(t: Array, k: float, d: float, mass: float) -> tuple[Array, Array]:

@@ -21,15 +21,8 @@ def read_statics(recording: Recording, poses: list[StaticPose], settings: Settin
 
     Parameters
     ----------
-    recording : Recording
-    poses : list of StaticPose
-    settings : Settings
     gridded : GriddedRecording or None
         Where the noise is measured; None: the poses are single samples.
-
-    Returns
-    -------
-    Statics
     """
     wrench, optidrive = require_wrench(recording), recording.optidrive
     means = np.stack([window_mean(wrench, p.start, p.end, 'wrench') for p in poses])
@@ -56,14 +49,10 @@ def ring_of(recording: Recording, poses: list[StaticPose], statics: Statics, mas
 
     Parameters
     ----------
-    recording : Recording
-    poses : list of StaticPose
-    statics : Statics
     mass : float
         [kg]
     sag : Sag or None
         Stiffness as the static poses show it.
-    gridded : GriddedRecording
 
     Returns
     -------
@@ -92,11 +81,8 @@ def with_ring(statics: Statics, mass: float, ring: RingFit | None, settings: Set
 
     Parameters
     ----------
-    statics : Statics
     mass : float
         [kg]
-    ring : RingFit or None
-    settings : Settings
 
     Returns
     -------

@@ -75,15 +75,10 @@ def identify_tool(statics: Statics, condition: float = 100.0, probability: float
 
     Parameters
     ----------
-    statics : Statics
     condition : float
         See :func:`check_poses`.
     probability : float
         Residuals less probable than this widen the covariance.
-
-    Returns
-    -------
-    ToolFit
 
     Raises
     ------
