@@ -18,9 +18,14 @@ from typing import NamedTuple
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.ac_coupling import fading
-from forcecal_ros.identify.accelerometer_model import DEFAULT_CUTOFF, Motion, Problem, ToolPart
-from forcecal_ros.identify.departures import Residuals
+from forcecal_ros.identify.accelerometer_model import (
+    AccelerometerModel,
+    DEFAULT_CUTOFF,
+    MotionBlocks,
+    ToolPart,
+)
 from forcecal_ros.identify.estimating import jacobian, solve_score
+from forcecal_ros.identify.residuals import Residuals
 from forcecal_ros.recording.noise.autocovariance import Autocovariance, noise_of_windows
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -69,8 +74,8 @@ class AccelerometerFit(NamedTuple):
 
 
 def identify_accelerometer(
-        motion: Motion, volts: Callable[[float], Array], tool: ToolPart, coupling: str = 'dc',
-        cutoff: float | None = None, place: Array | None = None,
+        motion: MotionBlocks, volts: Callable[[float], Array], tool: ToolPart,
+        coupling: str = 'dc', cutoff: float | None = None, place: Array | None = None,
         largest_delay: float = 0.02) -> AccelerometerFit:
     """
     Fit offset, sensitivity, delay and place to everything that moved freely or stood.
@@ -93,62 +98,62 @@ def identify_accelerometer(
     UnobservableError
         The specific force did not span three directions.
     """
-    problem = Problem(motion, volts, tool, coupling, cutoff, place)
-    theta = _start(problem, largest_delay)
-    noise = _noise_at_standstill(problem, problem.residuals(theta, tool.vector))
+    model = AccelerometerModel(motion, volts, tool, coupling, cutoff, place)
+    theta = _start(model, largest_delay)
+    noise = _noise_at_standstill(model, model.residuals(theta, tool.vector))
     for _ in range(2):
         matrix = theta[3:12].reshape(3, 3)
-        weight = problem.weights(matrix, noise.covariance)
+        weight = model.weights(matrix, noise.covariance)
         theta, derivative = solve_score(
-            lambda p: problem.score(p, tool.vector, weight),
-            lambda p: problem.slope(p, tool.vector, weight), theta)
-        noise = _noise_at_standstill(problem, problem.residuals(theta, tool.vector))
-    return _result(problem, theta, derivative, weight, noise)
+            lambda p: model.score(p, tool.vector, weight),
+            lambda p: model.slope(p, tool.vector, weight), theta)
+        noise = _noise_at_standstill(model, model.residuals(theta, tool.vector))
+    return _result(model, theta, derivative, weight, noise)
 
 
-def _start(problem: Problem, largest_delay: float) -> Array:
+def _start(model: AccelerometerModel, largest_delay: float) -> Array:
     """Least squares for the linear unknowns, over a search of delay and cutoff."""
-    layout = problem.layout
-    delay, cutoff = 0.0, problem.known_cutoff or DEFAULT_CUTOFF
-    _require_span(problem, cutoff)
+    layout = model.layout
+    delay, cutoff = 0.0, model.known_cutoff or DEFAULT_CUTOFF
+    _require_span(model, cutoff)
     search = layout.cutoff.stop > layout.cutoff.start
     if search:
-        cutoff = _nearest_cutoff(problem, delay)
-    if problem.moving.any():
+        cutoff = _nearest_cutoff(model, delay)
+    if model.moving.any():
         delays = np.arange(-largest_delay, largest_delay + 1e-9, _DELAY_STEP)
-        delay = min(delays, key=lambda d: _linear(problem, d, cutoff)[1])
+        delay = min(delays, key=lambda d: _linear(model, d, cutoff)[1])
         if search:
-            cutoff = _nearest_cutoff(problem, delay)
-    solution, _ = _linear(problem, delay, cutoff)
+            cutoff = _nearest_cutoff(model, delay)
+    solution, _ = _linear(model, delay, cutoff)
     theta = np.zeros(layout.size)
     theta[:3], theta[3:12], theta[12] = solution[0], solution[1:4].T.ravel(), delay
-    if problem.ac:
+    if model.ac:
         theta[layout.decay] = solution[4]
     theta[layout.cutoff] = cutoff
     return theta
 
 
-def _columns(problem: Problem, cutoff: float) -> Array:
-    specific_force = problem.specific_force(problem.tool.vector, np.zeros(3))
-    columns = [np.ones(len(specific_force)), *problem.high_passed(specific_force, cutoff).T]
-    if problem.ac:
-        columns.append(fading(len(specific_force), problem.motion.length, cutoff))
+def _columns(model: AccelerometerModel, cutoff: float) -> Array:
+    specific_force = model.specific_force(model.tool.vector, np.zeros(3))
+    columns = [np.ones(len(specific_force)), *model.high_passed(specific_force, cutoff).T]
+    if model.ac:
+        columns.append(fading(len(specific_force), model.motion.length, cutoff))
     return np.stack(columns, axis=1)
 
 
-def _linear(problem: Problem, delay: float, cutoff: float) -> tuple[Array, float]:
+def _linear(model: AccelerometerModel, delay: float, cutoff: float) -> tuple[Array, float]:
     """Solve for offset, map and decay; return them and the mean square residual."""
-    volts = problem.volts(delay)
-    whole = problem.use & np.isfinite(volts).all(1)
-    rows = _columns(problem, cutoff)[whole]
+    volts = model.volts(delay)
+    whole = model.use & np.isfinite(volts).all(1)
+    rows = _columns(model, cutoff)[whole]
     solution = np.linalg.lstsq(rows, volts[whole], rcond=None)[0]
     return solution, float(((volts[whole] - rows @ solution)**2).mean())
 
 
-def _nearest_cutoff(problem: Problem, delay: float) -> float:
+def _nearest_cutoff(model: AccelerometerModel, delay: float) -> float:
     """Search the corner over two decades, then closely."""
     def misfit(logarithm: float) -> float:
-        return _linear(problem, delay, float(np.exp(logarithm)))[1]
+        return _linear(model, delay, float(np.exp(logarithm)))[1]
 
     grid = np.log(DEFAULT_CUTOFF) + np.linspace(-2.3, 2.3, 13)
     best = min(grid, key=misfit)
@@ -158,8 +163,8 @@ def _nearest_cutoff(problem: Problem, delay: float) -> float:
     return float(np.exp(fit.x))
 
 
-def _require_span(problem: Problem, cutoff: float) -> None:
-    rows = _columns(problem, cutoff)[problem.use]
+def _require_span(model: AccelerometerModel, cutoff: float) -> None:
+    rows = _columns(model, cutoff)[model.use]
     if len(rows) < 20 or np.linalg.svd(
             rows / np.linalg.norm(rows, axis=0), compute_uv=False)[-1] < 1e-4:
         raise UnobservableError(
@@ -167,26 +172,26 @@ def _require_span(problem: Problem, cutoff: float) -> None:
             'directions of ft_sensor in the poses and the motion between them; add a pose')
 
 
-def _noise_at_standstill(problem: Problem, residuals: Array) -> Autocovariance:
+def _noise_at_standstill(model: AccelerometerModel, residuals: Array) -> Autocovariance:
     """Noise of the volts' blocks as the residuals at standstill show it."""
-    still = problem.motion.still
+    still = model.motion.still
     return noise_of_windows([
-        np.where(problem.use[still == i, None], residuals[still == i], np.nan)
+        np.where(model.use[still == i, None], residuals[still == i], np.nan)
         for i in range(still.max() + 1)])
 
 
-def _result(problem: Problem, theta: Array, derivative: Array, weight: Array,
+def _result(model: AccelerometerModel, theta: Array, derivative: Array, weight: Array,
             noise: Autocovariance) -> AccelerometerFit:
-    tool = problem.tool
+    tool = model.tool
     matrix = theta[3:12].reshape(3, 3)
-    X = weight @ problem.derivatives(theta, tool.vector)
-    by_force = problem.motion.force_noise.mapped(matrix / tool.mass)
+    X = weight @ model.derivatives(theta, tool.vector)
+    by_force = model.motion.force_noise.mapped(matrix / tool.mass)
     meat = noise.covariance_of_sum(X) + by_force.covariance_of_sum(
-        X * problem.moving[:, None, None])
+        X * model.moving[:, None, None])
     inverse = np.linalg.inv(derivative)
-    by_tool = -inverse @ jacobian(lambda v: problem.score(theta, v, weight), tool.vector,
+    by_tool = -inverse @ jacobian(lambda v: model.score(theta, v, weight), tool.vector,
                                   np.array([1e-3] + [1e-2] * 3 + [1e-4] * 3))
-    lay = problem.layout
+    lay = model.layout
     # estimated, then the tool's own unknowns, so that position = lever + com carries both
     n = lay.size
     joint = np.zeros((n + 7, n + 7))
@@ -196,42 +201,42 @@ def _result(problem: Problem, theta: Array, derivative: Array, weight: Array,
     joint[n:, n:] = tool.covariance
     pick = np.full((17, n + 7), np.nan)
     pick[:12] = np.eye(12, n + 7)
-    if problem.moving.any():
+    if model.moving.any():
         pick[12] = np.eye(n + 7)[12]
     if lay.cutoff.stop > lay.cutoff.start:
         pick[13] = np.eye(n + 7)[lay.cutoff.start]
     position = np.full(3, np.nan)
-    if problem.place is not None:
-        position = problem.place
-    elif problem.lever:
+    if model.place is not None:
+        position = model.place
+    elif model.lever:
         position = theta[lay.lever] + tool.com
         pick[14:] = np.eye(n + 7)[lay.lever] + np.eye(n + 7)[n + 4:]
-    cutoff = problem.split(theta)[5] if problem.ac else np.nan
+    cutoff = model.split(theta)[5] if model.ac else np.nan
     return AccelerometerFit(
-        theta[:3], matrix, float(theta[12]) if problem.moving.any() else np.nan, cutoff,
-        position, pick @ joint @ pick.T, noise, *_static_misfit(problem, theta, noise),
-        _residuals(problem, theta, weight, noise))
+        theta[:3], matrix, float(theta[12]) if model.moving.any() else np.nan, cutoff,
+        position, pick @ joint @ pick.T, noise, *_static_misfit(model, theta, noise),
+        _residuals(model, theta, weight, noise))
 
 
-def _residuals(problem: Problem, theta: Array, weight: Array, noise: Autocovariance
+def _residuals(model: AccelerometerModel, theta: Array, weight: Array, noise: Autocovariance
                ) -> Residuals:
-    values = problem.residuals(theta, problem.tool.vector)
+    values = model.residuals(theta, model.tool.vector)
     variance = np.diagonal(np.linalg.inv(weight), axis1=1, axis2=2)
     sigma = np.sqrt(variance)
-    inflation = noise.inflation.clip(min=float(problem.motion.force_noise.inflation.max()))
-    times = np.arange(len(values), dtype=np.float64) * problem.motion.length
+    inflation = noise.inflation.clip(min=float(model.motion.force_noise.inflation.max()))
+    times = np.arange(len(values), dtype=np.float64) * model.motion.length
     return Residuals(times, values, np.broadcast_to(sigma, values.shape), inflation,
-                     problem.use)
+                     model.use)
 
 
-def _static_misfit(problem: Problem, theta: Array, noise: Autocovariance
+def _static_misfit(model: AccelerometerModel, theta: Array, noise: Autocovariance
                    ) -> tuple[float, int, float]:
     """Chi-square of the static poses' mean residuals, how many numbers it sums, the largest."""
-    residuals, still = problem.residuals(theta, problem.tool.vector), problem.motion.still
+    residuals, still = model.residuals(theta, model.tool.vector), model.motion.still
     precision = np.linalg.inv(noise.long_run)
     total, means = 0.0, []
     for i in range(still.max() + 1):
-        rows = residuals[problem.use & (still == i)]
+        rows = residuals[model.use & (still == i)]
         if len(rows):
             mean = rows.mean(axis=0)
             means.append(mean)

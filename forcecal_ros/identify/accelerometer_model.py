@@ -17,7 +17,7 @@ _TURNED = 3.0
 """Smallest singular value of the blocks' lever matrices from which a lever is fitted [1/s^2]."""
 
 
-class Motion(NamedTuple):
+class MotionBlocks(NamedTuple):
     """
     What the specific force at the accelerometer follows from, block by block.
 
@@ -76,7 +76,7 @@ class _Layout:
         return slice(self.size - n, self.size)
 
 
-class Problem:
+class AccelerometerModel:
     """
     Residuals, their derivatives and the score, all by block.
 
@@ -97,7 +97,7 @@ class Problem:
         Of the accelerometer where known [m].
     """
 
-    def __init__(self, motion: Motion, volts: Callable[[float], Array], tool: ToolPart,
+    def __init__(self, motion: MotionBlocks, volts: Callable[[float], Array], tool: ToolPart,
                  coupling: str, cutoff: float | None, place: Array | None) -> None:
         self.motion, self.volts, self.tool = motion, volts, tool
         self.place, self.ac = place, coupling == 'ac'
@@ -207,7 +207,7 @@ def _slope(x: Array, length: float) -> Array:
     return out
 
 
-def _turned(motion: Motion, moving: NDArray[np.bool_]) -> bool:
+def _turned(motion: MotionBlocks, moving: NDArray[np.bool_]) -> bool:
     """Whether the robot turned enough to tell a lever of centimetres, whatever its direction."""
     rows = smoothed(motion.rotation)[moving].reshape(-1, 3)
     return len(rows) > 60 and float(np.linalg.svd(rows, compute_uv=False)[-1]) > _TURNED

@@ -12,10 +12,10 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array, rotation_vector
-from forcecal_ros.identify.departures import Residuals, strongest
 from forcecal_ros.identify.inertia import inertia_regressor, unexplained_torque
 from forcecal_ros.identify.means import drift
 from forcecal_ros.identify.readings import CHANNELS, clipped
+from forcecal_ros.identify.residuals import largest_deviation, Residuals
 from forcecal_ros.identify.result import Stages
 from forcecal_ros.identify.settings import Settings
 from forcecal_ros.recording.noise.autocovariance import noise_of_windows
@@ -144,7 +144,7 @@ def torque_departs(stages: Stages, settings: Settings) -> Iterator[Finding]:
     for where, part, suspect in (('at rest', ~turns, ALL),
                                  ('in motion', turns, ALL if by_motion else MOTION),
                                  ('on the whole', np.ones_like(turns), ALL)):
-        found = strongest(residuals._replace(use=residuals.use & part))
+        found = largest_deviation(residuals._replace(use=residuals.use & part))
         if not found.sigmas > TORQUE or abs(found.size) <= small or (
                 said and where == 'on the whole'):
             continue
@@ -182,7 +182,7 @@ def accelerometer_departs(stages: Stages, settings: Settings) -> Iterator[Findin
         return
     lever = np.linalg.norm(np.nan_to_num(fit.position))
     off = np.abs(fit.matrix).max(axis=1) * lever * stages.motion.gridded.alpha_error[:, None]
-    found = strongest(fit.residuals._replace(sigma=np.hypot(fit.residuals.sigma, off)))
+    found = largest_deviation(fit.residuals._replace(sigma=np.hypot(fit.residuals.sigma, off)))
     if found.sigmas > VOLTS and abs(found.size) > _small_volts(fit.matrix, settings):
         grid = stages.motion.gridded.grid
         yield Finding(
@@ -215,7 +215,7 @@ def ringing_departs(stages: Stages) -> Iterator[Finding]:
     """Compare the ringing with that of a spring and a damper."""
     if stages.ring is None:
         return
-    found = strongest(stages.ring.residuals)
+    found = largest_deviation(stages.ring.residuals)
     if found.sigmas > RINGING:
         yield Finding(
             f'the tool does not ring like a spring and a damper ({found.sigmas:.0f} standard '

@@ -9,7 +9,7 @@ from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.ac_coupling import lowpassed
 from forcecal_ros.identify.accelerometer import AccelerometerFit, identify_accelerometer
-from forcecal_ros.identify.accelerometer_model import Motion, ToolPart
+from forcecal_ros.identify.accelerometer_model import MotionBlocks, ToolPart
 from forcecal_ros.identify.gridded import grid_recording, GriddedRecording, ToolMotion
 from forcecal_ros.identify.inertia import identify_inertia, InertiaFit
 from forcecal_ros.identify.mass import weigh, Weight
@@ -212,7 +212,7 @@ def _accelerometer(recording: Recording, gridded: GriddedRecording, tool: ToolFi
     stream, grid = recording.accelerometer, gridded.grid
     if stream is None or len(stream) < 20:
         return None
-    motion = Motion(grid.length, -settings.gravity * turn.R_base_sensor[:, 2],
+    motion = MotionBlocks(grid.length, -settings.gravity * turn.R_base_sensor[:, 2],
                     gridded.wrench[:, :3], turn.lever, grid.still, grid.free,
                     gridded.noise.mapped(np.eye(3, 6)))
     volts = Averager(stream.t, stream.values)

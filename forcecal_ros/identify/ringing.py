@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.creep import Creep, fit_creep, follow, STANDS
-from forcecal_ros.identify.departures import Residuals
+from forcecal_ros.identify.residuals import Residuals
 from forcecal_ros.recording.noise.white import white_covariance
 from forcecal_ros.recording.streams import PoseStream, Stream
 import numpy as np

@@ -1,4 +1,4 @@
-"""Where residuals depart from noise: one instant, a stretch, or all along."""
+"""Residuals of a fit, and where they deviate most from noise: an instant, a stretch, all along."""
 
 from typing import NamedTuple
 
@@ -38,9 +38,9 @@ class Residuals(NamedTuple):
     use: NDArray[np.bool_]
 
 
-class Departure(NamedTuple):
+class Deviation(NamedTuple):
     """
-    The stretch that departs most.
+    The stretch of residuals that deviates most from zero.
 
     Attributes
     ----------
@@ -58,16 +58,16 @@ class Departure(NamedTuple):
     time: float
 
 
-def strongest(residuals: Residuals) -> Departure:
+def largest_deviation(residuals: Residuals) -> Deviation:
     """
-    Find the stretch whose mean departs most from zero, whatever its length.
+    Find the stretch whose mean deviates most from zero in standard errors, of any length.
 
     Returns
     -------
-    Departure
+    Deviation
         Of 0 standard errors where nothing counts.
     """
-    found = Departure(0.0, 0.0, 0, 0.0)
+    found = Deviation(0.0, 0.0, 0, 0.0)
     use = residuals.use & np.isfinite(residuals.values).all(axis=1)
     z = np.where(use[:, None], residuals.values / residuals.sigma, 0.0)
     sums = np.concatenate([np.zeros((1, z.shape[1])), np.cumsum(z, axis=0)])
@@ -86,6 +86,6 @@ def strongest(residuals: Residuals) -> Departure:
             first = int(np.flatnonzero(whole)[i])
             stretch = slice(first, first + length)
             size = residuals.values[stretch, channel][use[stretch]].mean()
-            found = Departure(float(sigmas[i, channel]), float(size), channel,
+            found = Deviation(float(sigmas[i, channel]), float(size), channel,
                               float(residuals.times[stretch].mean()))
     return found
