@@ -3,30 +3,22 @@
 from collections.abc import Iterator
 
 from forcecal_ros.geometry import Array
-from forcecal_ros.insitu.lemma import Cause
+from forcecal_ros.insitu.departure import Cause
 from forcecal_ros.insitu.result import DataSetResult, SensorResult
 import numpy as np
 
 MOVES = 0.1
 """Scatter of |g| above which a recording counts as moving [m/s^2]."""
+
 DISAGREES = 5.0
-"""Standard errors between a data set's own offset and the shared one that are worth a word."""
+"""A data set whose own offset is more standard errors from the shared one is warned of."""
+
 OFF_GRAVITY = 0.005
-"""Share by which measured |g| may differ from the stated one without a word."""
+"""Share by which measured |g| may differ from the stated one without a warning."""
 
 
 def warnings_of(result: SensorResult) -> tuple[str, ...]:
-    """
-    Collect what is weak, cut, suspicious or contradictory.
-
-    Parameters
-    ----------
-    result : SensorResult
-
-    Returns
-    -------
-    tuple of str
-    """
+    """Collect what is weak, cut, suspicious or contradictory."""
     return (*_excitation(result), *_accelerometer(result), *_cuts(result), *_subspace(result),
             *_offsets(result))
 

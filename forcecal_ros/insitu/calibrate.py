@@ -7,14 +7,14 @@ from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.advice import warnings_of
+from forcecal_ros.insitu.departure import causes
 from forcecal_ros.insitu.excitation import excitation
-from forcecal_ros.insitu.lemma import causes
 from forcecal_ros.insitu.matrix import Load
 from forcecal_ros.insitu.moments import Moments
 from forcecal_ros.insitu.motion import MOVING, STATIC
 from forcecal_ros.insitu.offset import offset_of, shared_offset
 from forcecal_ros.insitu.prepare import Mounting
-from forcecal_ros.insitu.problem import Problem, with_matrix
+from forcecal_ros.insitu.problem import MatrixProblem, with_matrix
 from forcecal_ros.insitu.rank import require
 from forcecal_ros.insitu.reduce import DataSet, Options, reduce, Reduced, without_hysteresis
 from forcecal_ros.insitu.result import DataSetResult, SensorResult
@@ -27,9 +27,10 @@ from forcecal_ros.insitu.uncertainty import (
 import numpy as np
 
 COARSE = 1.0
-"""Blocks of recordings of many hours are too long to say why they leave the subspace [s]."""
+"""Longer blocks, as recordings of many hours have, do not tell why they leave the subspace [s]."""
+
 AGREEING = 3
-"""Data sets in which hysteresis must be the same to be taken off: drift or touch is not."""
+"""Data sets from which on a common hysteresis is taken off: drift or touch is not common."""
 
 
 def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, options: Options,
@@ -41,15 +42,8 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
     ----------
     name : str
         Of the sensor.
-    data_sets : sequence of DataSet
-    mounting : Mounting
-    options : Options
     manufacturer_matrix : ndarray, shape (6, n), optional
         For comparison.
-
-    Returns
-    -------
-    SensorResult
 
     Raises
     ------
@@ -73,21 +67,21 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
     excited = excitation(moments, options.gravity)
     offset = np.zeros_like(moments[0].mean) if options.moving else shared_offset(moments)
     used = [(r.moments, r.blocks, r.use) for r in reduced]
-    left = residuals(used)
-    covariance = _covariance(moments, left) + doubt_covariance(
+    held_out = residuals(used)
+    covariance = _covariance(moments, held_out) + doubt_covariance(
         used, [r.screening.doubts for r in reduced])
     offset_covariance = covariance[:len(offset), :len(offset)]
     result = SensorResult(
         name=name, options=options, excitation=excited, norm=found_norm,
         offset=Estimate(offset, np.sqrt(np.diag(offset_covariance)), options.raw_unit),
         offset_scatter=np.zeros(len(moments)) if options.moving else _scatter(
-            moments, left, offset),
+            moments, held_out, offset),
         causes=found_causes, compensated=compensate,
         data_sets=tuple(_data_set(d, r, options) for d, r in zip(data_sets, reduced)),
         manufacturer_matrix=manufacturer_matrix)
     if options.matrix:
-        noise = np.mean([one.long_run for one in left], axis=0)
-        result = with_matrix(result, Problem(
+        noise = np.mean([one.long_run for one in held_out], axis=0)
+        result = with_matrix(result, MatrixProblem(
             tuple(data_sets), tuple(moments), offset, noise, covariance, options.gravity))
     return replace(result, warnings=warnings_of(result))
 
@@ -113,20 +107,20 @@ def _check_channels(data_sets: Sequence[DataSet], moments: Sequence[Moments], op
                         f'{channels} raw channels need (6, {channels})')
 
 
-def _covariance(moments: Sequence[Moments], left: Sequence[Residual]) -> Array:
+def _covariance(moments: Sequence[Moments], held_out: Sequence[Residual]) -> Array:
     """
     Covariance of [offset, raw pseudo-samples of every data set], in the order of pack.
 
     Both are linear in the scores of :func:`score_covariance`, which are independent from data set
     to data set.
     """
-    n = len(left[0].noise.covariance)
+    n = len(held_out[0].noise.covariance)
     sizes = [len(m.ones) for m in moments]
     starts = n * np.concatenate([[1], 1 + np.cumsum(sizes)])
     total = np.zeros((starts[-1], starts[-1]))
     still = moments[0].directions.shape[1] == STATIC
     weight = sum(m.constant_weight for m in moments) if still else np.inf
-    for m, one, start, size in zip(moments, left, starts, sizes):
+    for m, one, start, size in zip(moments, held_out, starts, sizes):
         scores = score_covariance(one)
         to_offset = np.concatenate([[1.0], -m.ones])[None] / weight
         linear = np.zeros((starts[-1], (1 + size) * n))
@@ -136,11 +130,11 @@ def _covariance(moments: Sequence[Moments], left: Sequence[Residual]) -> Array:
     return total
 
 
-def _scatter(moments: Sequence[Moments], left: Sequence[Residual], offset: Array) -> Array:
+def _scatter(moments: Sequence[Moments], held_out: Sequence[Residual], offset: Array) -> Array:
     """How far each data set's own offset is from the shared one, in its standard errors."""
     return np.array([
         np.max(np.abs(offset_of(m) - offset) / np.sqrt(np.diag(one.long_run) / m.constant_weight))
-        for m, one in zip(moments, left)])
+        for m, one in zip(moments, held_out)])
 
 
 def _data_set(data_set: DataSet, reduced: Reduced, options: Options) -> DataSetResult:

@@ -4,7 +4,7 @@ from typing import Any
 
 from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.errors import UnobservableError
-from forcecal_ros.insitu.lemma import Cause
+from forcecal_ros.insitu.departure import Cause
 from forcecal_ros.insitu.result import DataSetResult, SensorResult
 from forcecal_ros.schema import plain
 import numpy as np

@@ -1,4 +1,4 @@
-"""What the motion can tell, before anything is estimated from it."""
+"""How far gravity moves in the sensor frame, and what its magnitude says of the accelerometer."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,13 +13,18 @@ from scipy import stats
 
 WEAK = 0.07
 """Spread of gravity along a direction, over its magnitude, below which it is weak: 4 deg."""
+
 BLIND = 0.01
-"""The same below which nothing is estimated."""
+"""Spread of gravity along a direction, over its magnitude, below which nothing is estimated."""
+
 WRONG_UNIT = 0.2
-"""Share by which measured and stated gravity may differ at most."""
+"""Share by which measured and stated gravity may differ, unless the unit is wrong."""
+
 TRUSTED = 0.02
-"""An accelerometer offset found from |g| is used when it is known this well [m/s^2]."""
+"""Largest standard error at which an accelerometer offset found from |g| is used [m/s^2]."""
+
 SIGNIFICANT = 1e-3
+"""Probability by chance below which such an offset is taken to be there."""
 
 
 @dataclass(frozen=True)
@@ -62,13 +67,8 @@ def excitation(data_sets: Sequence[Moments], gravity: float) -> Excitation:
 
     Parameters
     ----------
-    data_sets : sequence of Moments
     gravity : float
         [m/s^2]
-
-    Returns
-    -------
-    Excitation
 
     Raises
     ------
@@ -121,13 +121,8 @@ def norm(data_sets: Sequence[tuple[Blocks, Mask]], gravity: float) -> Norm:
 
     Parameters
     ----------
-    data_sets : sequence of (Blocks, ndarray of bool)
     gravity : float
         Stated magnitude [m/s^2].
-
-    Returns
-    -------
-    Norm
 
     Raises
     ------
@@ -144,8 +139,8 @@ def norm(data_sets: Sequence[tuple[Blocks, Mask]], gravity: float) -> Norm:
     theta, _, rank, _ = np.linalg.lstsq(x, square, rcond=1e-6)
     if rank < 4:
         return Norm(np.zeros(3), np.full(3, np.inf), typical, 1.0)
-    rest = square - x @ theta
-    variance = _long_run(rest) * len(g) / max(len(g) - 4, 1)
+    residual = square - x @ theta
+    variance = _long_run(residual) * len(g) / max(len(g) - 4, 1)
     covariance = np.linalg.inv(x.T @ x)[:3, :3] * max(variance, 1e-20)
     b = theta[:3]
     wald = float(b @ np.linalg.solve(covariance, b))
@@ -153,7 +148,7 @@ def norm(data_sets: Sequence[tuple[Blocks, Mask]], gravity: float) -> Norm:
                 float(stats.chi2.sf(wald, 3)))
 
 
-def _long_run(rest: Array) -> float:
+def _long_run(residual: Array) -> float:
     """Long-run variance of a scalar residual, at least its variance."""
-    noise = noise_of_residuals(rest[:, None], max(1, int(2 * len(rest) ** (1 / 3))))
+    noise = noise_of_residuals(residual[:, None], max(1, int(2 * len(residual) ** (1 / 3))))
     return float(max(noise.covariance[0, 0], noise.long_run[0, 0]))

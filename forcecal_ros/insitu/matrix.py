@@ -61,7 +61,6 @@ def total_map(body: Array, load: Load, regressors: int) -> Array:
     Parameters
     ----------
     body : ndarray, shape (4,) or (16,)
-    load : Load
     regressors : int
         3 at rest, 13 in motion.
 
@@ -100,7 +99,6 @@ def known_side(gravity: Array, load: Load) -> Array:
     Parameters
     ----------
     gravity : ndarray, shape (N, m)
-    load : Load
 
     Returns
     -------
@@ -119,7 +117,6 @@ def system(raw: Sequence[Array], gravity: Sequence[Array], loads: Sequence[Load]
     ----------
     raw, gravity : sequence of ndarray, shape (N_j, n), (N_j, m)
         Offset removed from raw.
-    loads : sequence of Load
 
     Returns
     -------
@@ -141,10 +138,6 @@ def solve(raw: Sequence[Array], gravity: Sequence[Array], loads: Sequence[Load],
         As in :func:`system`.
     channels : ndarray, shape (n, 6)
         Combinations of the raw channels to use, from :func:`six_channels`.
-
-    Returns
-    -------
-    MatrixFit
     """
     left, right = system([r @ channels for r in raw], gravity, loads)
     scale = np.linalg.norm(left, axis=0)
@@ -157,7 +150,7 @@ def six_channels(raw: Sequence[Array], noise: Array) -> Array:
     """
     Six combinations of the raw channels that hold the signal best against the noise.
 
-    Six channels are scaled to unit noise only; of more, the rest holds no wrench.
+    Six channels are scaled to unit noise only; of more, the other combinations hold no wrench.
 
     Parameters
     ----------
@@ -192,7 +185,7 @@ def inertia_about_com(body: Array) -> Array | None:
 
 def body_of(wrench: Array, gravity: Array) -> Array:
     """
-    Parameters of the body that a calibrated sensor feels, [Traversaro2014] Eq. 3-5 inverted.
+    Parameters of the body that a calibrated sensor carries, [Traversaro2014] Eq. 3-5 inverted.
 
     Parameters
     ----------

@@ -61,13 +61,9 @@ class Moments:
             The part, and raw measurements with it, as means of equally long blocks.
         regressors : ndarray, shape (b, m)
             Of the same blocks.
-
-        Returns
-        -------
-        Moments
         """
-        rest = raw - part
-        change = np.cov(rest.T, bias=True) - np.cov(raw.T, bias=True)
+        without = raw - part
+        change = np.cov(without.T, bias=True) - np.cov(raw.T, bias=True)
         each = self.count / len(part)
         return replace(self, mean=self.mean - part.mean(axis=0), scatter=self.scatter + change,
                        raw=self.raw - each * (regressors @ self.combine).T @ part)
@@ -78,20 +74,19 @@ class Moments:
         return float(self.count - self.ones @ self.ones)
 
 
-def accumulate(pieces: Iterable[Prepared], kept: tuple[tuple[float, float], ...], window: int,
+def accumulate(chunks: Iterable[Prepared], kept: tuple[tuple[float, float], ...], window: int,
                order: int, raw_noise: Array, gravity_noise: Array, magnitude: float | None
                ) -> Moments:
     """
     Filter the kept stretches and fold all samples into their moments, in constant memory.
 
     At rest the accelerometer tells a direction only: its readings are scaled to the magnitude of
-    gravity, before the filter, which is linear and so keeps what holds for a sample. What is left
+    gravity, before the filter, which is linear and so keeps what holds for a sample. The rest
     of its noise is an error in the regressor: its share of the second moments, scaled by the
     filter's gain, is taken off before anything is regressed on them.
 
     Parameters
     ----------
-    pieces : iterable of Prepared
     kept : tuple of (float, float)
         Stretches to use [s].
     window, order : int
@@ -103,10 +98,6 @@ def accumulate(pieces: Iterable[Prepared], kept: tuple[tuple[float, float], ...]
     magnitude : float or None
         Of gravity [m/s^2]; None in motion.
 
-    Returns
-    -------
-    Moments
-
     Raises
     ------
     DataError
@@ -117,9 +108,9 @@ def accumulate(pieces: Iterable[Prepared], kept: tuple[tuple[float, float], ...]
     gain = 0.0
     if magnitude is not None:
         size = magnitude + np.trace(gravity_noise) / (3 * magnitude)
-        pieces = (piece._replace(regressors=to_magnitude(piece.regressors, size))
-                  for piece in pieces)
-    for run in _runs(pieces, kept):
+        chunks = (chunk._replace(regressors=to_magnitude(chunk.regressors, size))
+                  for chunk in chunks)
+    for run in _runs(chunks, kept):
         for part in smooth(run, window, order):
             if reference is None:
                 reference = part.values[0].copy()
@@ -146,22 +137,22 @@ def _tangential(factor: Array, gravity_noise: Array, magnitude: float) -> Array:
     return np.asarray(np.trace(gravity_noise) / 3 * (np.eye(3) - along))
 
 
-def _runs(pieces: Iterable[Prepared], kept: tuple[tuple[float, float], ...]
+def _runs(chunks: Iterable[Prepared], kept: tuple[tuple[float, float], ...]
           ) -> Iterator[Iterator[Array]]:
-    """Yield each kept stretch as an iterator over pieces of [regressors, raw]; read in order."""
-    source = iter(pieces)
+    """Yield each kept stretch as an iterator over chunks of [regressors, raw]; read in order."""
+    source = iter(chunks)
     held: list[Prepared] = []
 
     def stretch(start: float, end: float) -> Iterator[Array]:
         while True:
-            piece = held.pop() if held else next(source, None)
-            if piece is None:
+            chunk = held.pop() if held else next(source, None)
+            if chunk is None:
                 return
-            i, j = np.searchsorted(piece.t, [start, end])
+            i, j = np.searchsorted(chunk.t, [start, end])
             if j > i:
-                yield np.concatenate([piece.regressors[i:j], piece.raw[i:j]], axis=1)
-            if j < len(piece.t):
-                held.append(piece.take(slice(j, None)))
+                yield np.concatenate([chunk.regressors[i:j], chunk.raw[i:j]], axis=1)
+            if j < len(chunk.t):
+                held.append(chunk.take(slice(j, None)))
                 return
 
     for start, end in kept:

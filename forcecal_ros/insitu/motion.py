@@ -1,4 +1,4 @@
-"""Wrench of a rigid body as a linear map on what accelerometer and gyro say.
+"""Wrench of a rigid body as a linear map of the readings of accelerometer and gyro.
 
 At rest the regressor is gravity alone, [Traversaro2014] Eq. 3-5. Its future work, motion, adds
 angular acceleration and products of the angular rate: twelve numbers a sample, in which the wire
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 STATIC, MOVING = 3, 13
 """Number of regressors at rest and in motion."""
+
 PHYSICAL = 10
 """Parameters of a rigid body: mass, moment, inertia."""
 
@@ -157,7 +158,6 @@ def body_map(theta: Array, regressors: int) -> Array:
     theta : ndarray, shape (4,) or (16,)
         Mass [kg], moment [kg m]; in motion also inertia about the origin [kg m^2] and constant
         wrench [N, N m].
-    regressors : int
 
     Returns
     -------

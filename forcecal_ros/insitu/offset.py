@@ -38,7 +38,6 @@ def offset_coordinates(subspace: Subspace, gravity: Array, raw: Array) -> Array:
 
     Parameters
     ----------
-    subspace : Subspace
     gravity : ndarray, shape (N, 3)
     raw : ndarray, shape (N, n)
 
@@ -57,10 +56,6 @@ def offset_of(moments: Moments) -> Array:
     The regression of all channels is projected on the subspace, which gives what a regression of
     the projected channels gives.
 
-    Parameters
-    ----------
-    moments : Moments
-
     Returns
     -------
     ndarray, shape (n,)
@@ -76,10 +71,6 @@ def offset_of(moments: Moments) -> Array:
 def shared_offset(data_sets: Sequence[Moments]) -> Array:
     """
     One offset of several data sets, each weighted by what it knows of a constant.
-
-    Parameters
-    ----------
-    data_sets : sequence of Moments
 
     Returns
     -------

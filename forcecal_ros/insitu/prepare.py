@@ -1,4 +1,4 @@
-"""From what the devices say to the regressors and raw channels that everything else works on."""
+"""From readings of the devices to the regressors and raw channels that all else works on."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
@@ -12,12 +12,14 @@ from scipy import signal
 
 GYRO_WINDOW = 0.21
 """Window over which the angular rate is smoothed and differentiated [s]."""
+
 GYRO_ORDER = 3
+"""Order of the polynomial by which it is."""
 
 
 class Chunk(NamedTuple):
     """
-    A piece of a recording as the devices said it, SI units, each in its own axes.
+    Consecutive samples as the devices sent them, in SI units, each in its own axes.
 
     ``t`` (n,) [s], ``raw`` (n, k) channels, ``accelerometer`` (n, 3) specific force [m/s^2],
     ``gyro`` (n, 3) [rad/s] or None.
@@ -75,18 +77,12 @@ class Mounting:
 
 def prepare(chunks: Iterable[Chunk], mounting: Mounting, moving: bool) -> Iterator[Prepared]:
     """
-    Turn a recording into regressors and raw channels, piece by piece.
+    Turn a recording into regressors and raw channels, chunk by chunk.
 
     Parameters
     ----------
-    chunks : iterable of Chunk
-    mounting : Mounting
     moving : bool
         Use the gyro: thirteen regressors instead of three.
-
-    Yields
-    ------
-    Prepared
 
     Raises
     ------

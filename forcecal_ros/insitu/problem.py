@@ -1,4 +1,4 @@
-"""The matrix, the body and what the loads feel like, from a few measured numbers and their errors.
+"""Matrix, body and estimates of the loads, from a few measured numbers and their errors.
 
 Every data set has been reduced to as many pseudo-samples as its regressors have directions; with
 the offset they are all that [Traversaro2014] III-C and its tables need, and the errors of these
@@ -20,7 +20,7 @@ from forcecal_ros.insitu.rank import data_rank, RankReport
 from forcecal_ros.insitu.reduce import DataSet
 from forcecal_ros.insitu.result import DataSetResult, SensorResult
 from forcecal_ros.insitu.uncertainty import propagate
-from forcecal_ros.insitu.validate import feel, Felt
+from forcecal_ros.insitu.validate import estimate_load, LoadEstimate
 import numpy as np
 
 
@@ -47,19 +47,17 @@ class Fitted(NamedTuple):
     def unpack(self, flat: Array) -> 'Fitted':
         """Give numbers in a row the shapes of this fit."""
         ends = np.cumsum([part.size for part in self])[:-1]
-        return Fitted(*(piece.reshape(part.shape)
-                        for piece, part in zip(np.split(flat, ends), self)))
+        return Fitted(*(one.reshape(part.shape)
+                        for one, part in zip(np.split(flat, ends), self)))
 
 
 @dataclass(frozen=True)
-class Problem:
+class MatrixProblem:
     """
     What was measured, in the order offset, pseudo-samples of the first data set, of the second...
 
     Attributes
     ----------
-    data_sets : tuple of DataSet
-    moments : tuple of Moments
     offset : ndarray, shape (n,)
         Zero in motion, where it is a result of the fit.
     noise : ndarray, shape (n, n)
@@ -77,8 +75,8 @@ class Problem:
     covariance: Array
     gravity: float
 
-    def place(self, number: int) -> slice:
-        """Where the pseudo-samples of a data set stand among the measured numbers."""
+    def part(self, number: int) -> slice:
+        """Return where the pseudo-samples of a data set stand among the measured numbers."""
         start = len(self.offset) + sum(m.raw.size for m in self.moments[:number])
         return slice(start, start + self.moments[number].raw.size)
 
@@ -106,10 +104,6 @@ class Problem:
         """
         How the fit changes with the measured numbers, its residual taken to be small.
 
-        Parameters
-        ----------
-        fitted : Fitted
-
         Returns
         -------
         ndarray
@@ -127,9 +121,9 @@ class Problem:
         out = np.zeros((6 * n + size + n, len(self.covariance)))
         first = 0
         for k, raw in zip(train.numbers, train.raw):
-            part = change[:, first:first + len(raw)]
-            out[:len(change), self.place(k)] = part.reshape(len(change), -1)
-            out[:len(change), :n] -= np.tensordot(part, self.moments[k].ones, (1, 0))
+            columns = change[:, first:first + len(raw)]
+            out[:len(change), self.part(k)] = columns.reshape(len(change), -1)
+            out[:len(change), :n] -= np.tensordot(columns, self.moments[k].ones, (1, 0))
             first += len(raw)
         if size <= PHYSICAL:
             out[-n:, :n] = np.eye(n)
@@ -139,12 +133,12 @@ class Problem:
                 constant - np.einsum('ink,n->ik', matrix, fitted.offset))
         return out
 
-    def feel(self, number: int, fitted: Fitted, raw: Array, matrix: Array) -> Felt:
-        """Return Tables I to III for one data set, as a matrix has it."""
-        m, load = self.moments[number], self.data_sets[number].load
+    def load(self, number: int, fitted: Fitted, raw: Array, matrix: Array) -> LoadEstimate:
+        """Tables I to III for one data set, by a matrix."""
+        m, stated = self.moments[number], self.data_sets[number].load
         wrench = (raw - np.outer(m.ones, fitted.offset)) @ matrix.T
-        return feel(wrench, m.directions, fitted.body, self.gravity,
-                    load is not None and load.mass > 0)
+        return estimate_load(wrench, m.directions, fitted.body, self.gravity,
+                             stated is not None and stated.mass > 0)
 
     def rank(self) -> RankReport:
         """
@@ -166,18 +160,9 @@ class Problem:
         return report
 
 
-def with_matrix(result: SensorResult, problem: Problem) -> SensorResult:
+def with_matrix(result: SensorResult, problem: MatrixProblem) -> SensorResult:
     """
     Add matrix, body and tables to a result, each number with its standard error.
-
-    Parameters
-    ----------
-    result : SensorResult
-    problem : Problem
-
-    Returns
-    -------
-    SensorResult
 
     Raises
     ------
@@ -190,9 +175,9 @@ def with_matrix(result: SensorResult, problem: Problem) -> SensorResult:
     std = fitted.unpack(np.sqrt(np.diag(spread)))
     n, unit, at = len(fitted.offset), result.options.raw_unit, fitted.matrix.size
     bias = fitted.matrix @ spread[-n:, -n:] @ fitted.matrix.T
-    body = _words(fitted.body)
+    body = _named(fitted.body)
     body_std = np.sqrt(np.diag(propagate(
-        _words, fitted.body, spread[at:at + len(fitted.body), at:at + len(fitted.body)])))
+        _named, fitted.body, spread[at:at + len(fitted.body), at:at + len(fitted.body)])))
     known = len(body) > 4 and rank.rank == rank.unknowns
     return replace(
         result, rank=rank, offset=Estimate(fitted.offset, std.offset, unit),
@@ -204,32 +189,32 @@ def with_matrix(result: SensorResult, problem: Problem) -> SensorResult:
         data_sets=tuple(_tables(result, problem, fitted, change)))
 
 
-def _words(body: Array) -> Array:
-    """Body parameters as people name them: mass, centre of mass, in motion inertia about it."""
+def _named(body: Array) -> Array:
+    """Body parameters of common use: mass, centre of mass, in motion inertia about it."""
     inertia = eq.inertia_about_com(body)
     parts = [body[:1], eq.centre_of_mass(body)]
     return np.concatenate(parts if inertia is None else [*parts, inertia_vector(inertia)])
 
 
-def _tables(result: SensorResult, problem: Problem, fitted: Fitted, change: Array
+def _tables(result: SensorResult, problem: MatrixProblem, fitted: Fitted, change: Array
             ) -> Iterator[DataSetResult]:
     count = len(change)
     for k, data_set in enumerate(result.data_sets):
-        shape, place = problem.moments[k].raw.shape, problem.place(k)
+        shape, part = problem.moments[k].raw.shape, problem.part(k)
 
-        def felt(numbers: Array, k: int = k, shape: tuple[int, ...] = shape) -> Array:
+        def tables(numbers: Array, k: int = k, shape: tuple[int, ...] = shape) -> Array:
             fit = fitted.unpack(numbers[:count])
-            found = problem.feel(k, fit, numbers[count:].reshape(shape), fit.matrix)
+            found = problem.load(k, fit, numbers[count:].reshape(shape), fit.matrix)
             return np.concatenate([found.semi_axes, [found.mass], found.position])
 
-        own = np.vstack([change, np.eye(len(problem.covariance))[place]])
+        own = np.vstack([change, np.eye(len(problem.covariance))[part]])
         numbers = np.concatenate([fitted.pack(), problem.moments[k].raw.ravel()])
-        value = felt(numbers)
-        std = np.sqrt(np.diag(propagate(felt, numbers, own @ problem.covariance @ own.T)))
+        value = tables(numbers)
+        std = np.sqrt(np.diag(propagate(tables, numbers, own @ problem.covariance @ own.T)))
         maker = result.manufacturer_matrix
         yield replace(
             data_set, semi_axes=Estimate(value[:3], std[:3], 'N'),
             added_mass=Estimate(value[3], std[3], 'kg'),
             position=Estimate(value[4:], std[4:], 'm') if np.isfinite(value[4:]).all() else None,
-            by_manufacturer=None if maker is None else problem.feel(
+            by_manufacturer=None if maker is None else problem.load(
                 k, fitted, problem.moments[k].raw, maker))

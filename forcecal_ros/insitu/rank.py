@@ -16,6 +16,8 @@ from forcecal_ros.insitu.motion import load_parameters, STATIC
 import numpy as np
 
 RELATIVE = 1e-9
+"""Singular values below this share of the largest are rounding."""
+
 NOISE_FACTOR = 1.5
 """Singular values below this many times what noise alone would make do not count."""
 
@@ -27,7 +29,6 @@ class RankReport:
 
     Attributes
     ----------
-    rank, unknowns : int
     undetermined : tuple of str
         Names of unknowns that the equations leave open.
     singular_values : ndarray
@@ -46,13 +47,8 @@ def structural_rank(loads: Sequence[Load], regressors: int = STATIC) -> RankRepo
 
     Parameters
     ----------
-    loads : sequence of Load
     regressors : int
         3 at rest, 13 in motion.
-
-    Returns
-    -------
-    RankReport
     """
     size = max([load.mass for load in loads] + [1e-3])
     reach = max([float(np.linalg.norm(load.position)) for load in loads] + [1e-3])
@@ -73,11 +69,6 @@ def data_rank(raw: Sequence[Array], gravity: Sequence[Array], loads: Sequence[Lo
     raw : sequence of ndarray, shape (q_j, 6)
         Pseudo-samples of the channels, offset removed, scaled to unit noise.
     gravity : sequence of ndarray, shape (q_j, m)
-    loads : sequence of Load
-
-    Returns
-    -------
-    RankReport
     """
     left, _ = system(raw, gravity, loads)
     count = sum(len(r) for r in raw)
@@ -122,11 +113,6 @@ def require(loads: Sequence[Load], regressors: int = STATIC) -> RankReport:
     ----------
     loads : sequence of Load
         Of the data sets to train on.
-    regressors : int
-
-    Returns
-    -------
-    RankReport
 
     Raises
     ------

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from forcecal_ros.errors import DataError, ForcecalError
 from forcecal_ros.geometry import Array, STANDARD_GRAVITY
 from forcecal_ros.insitu.blocks import Blocks, Mask, to_blocks
+from forcecal_ros.insitu.departure import Departure, departure
 from forcecal_ros.insitu.excitation import Norm, norm
-from forcecal_ros.insitu.lemma import Departure, departure
 from forcecal_ros.insitu.matrix import Load
 from forcecal_ros.insitu.moments import accumulate, Moments
 from forcecal_ros.insitu.prepare import Mounting, prepare, Source

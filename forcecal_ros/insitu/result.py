@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.geometry import Array
+from forcecal_ros.insitu.departure import Causes, Departure
 from forcecal_ros.insitu.excitation import Excitation, Norm
-from forcecal_ros.insitu.lemma import Causes, Departure
 from forcecal_ros.insitu.matrix import Load
 from forcecal_ros.insitu.rank import RankReport
 from forcecal_ros.insitu.reduce import Options
 from forcecal_ros.insitu.screen import Cut
-from forcecal_ros.insitu.validate import Felt
+from forcecal_ros.insitu.validate import LoadEstimate
 
 
 @dataclass(frozen=True)
@@ -20,8 +20,6 @@ class DataSetResult:
 
     Attributes
     ----------
-    name : str
-    train : bool
     load : Load or None
         As stated.
     kept : tuple of (float, float)
@@ -40,7 +38,7 @@ class DataSetResult:
         Block means used, for pictures.
     added_mass, position, semi_axes : Estimate or None
         By the calibrated sensor [kg], (3,) [m], (3,) [N].
-    by_manufacturer : Felt or None
+    by_manufacturer : LoadEstimate or None
         The same by the manufacturer's matrix.
     """
 
@@ -58,7 +56,7 @@ class DataSetResult:
     added_mass: Estimate | None = None
     position: Estimate | None = None
     semi_axes: Estimate | None = None
-    by_manufacturer: Felt | None = None
+    by_manufacturer: LoadEstimate | None = None
 
 
 @dataclass(frozen=True)
@@ -68,9 +66,6 @@ class SensorResult:
 
     Attributes
     ----------
-    name : str
-    options : Options
-    excitation : Excitation
     norm : Norm or None
         What |g| says of the accelerometer; None in motion.
     offset : Estimate, shape (n,)
@@ -78,10 +73,9 @@ class SensorResult:
     offset_scatter : ndarray, shape (k,)
         How far each data set's own offset is from the shared one, in its standard errors.
     causes : Causes or None
-        What the affine maps of gravity leave; None in motion.
+        What the residuals of the affine maps of gravity come from; None in motion.
     compensated : bool
         Whether hysteresis, where there is some, was taken off.
-    data_sets : tuple of DataSetResult
     manufacturer_matrix : ndarray or None, shape (6, n)
     matrix : Estimate or None, shape (6, n)
         Wire wrench = matrix (raw - offset).
@@ -92,7 +86,6 @@ class SensorResult:
         motion [kg m^2].
     rank : RankReport or None
         Of the unknowns, on the data.
-    warnings : tuple of str
     """
 
     name: str

@@ -10,7 +10,9 @@ from scipy import signal
 
 PAPER_WINDOW = 3.01
 """Length of the paper's window [s]: 301 samples at 100 Hz."""
+
 PAPER_ORDER = 3
+"""Order of the paper's polynomial."""
 
 
 class Smoothed(NamedTuple):
@@ -60,10 +62,6 @@ def projection(window: int, order: int) -> Array:
     The middle row holds the filter's coefficients, the others serve the first and last half
     window of a stream; the diagonal holds the gain on white noise power.
 
-    Parameters
-    ----------
-    window, order : int
-
     Returns
     -------
     ndarray, shape (window, window)
@@ -73,30 +71,25 @@ def projection(window: int, order: int) -> Array:
     return np.asarray(q @ q.T)
 
 
-def smooth(pieces: Iterable[Array], window: int, order: int) -> Iterator[Smoothed]:
+def smooth(chunks: Iterable[Array], window: int, order: int) -> Iterator[Smoothed]:
     """
-    Filter one gapless run of samples piece by piece; as many come out as go in.
+    Filter one gapless run of samples chunk by chunk; as many come out as go in.
 
     Parameters
     ----------
-    pieces : iterable of ndarray, shape (n_i, k)
+    chunks : iterable of ndarray, shape (n_i, k)
     window : int
         Odd number of samples; 1 passes everything as it is.
-    order : int
-
-    Yields
-    ------
-    Smoothed
     """
     if window == 1:
-        yield from (Smoothed(piece, float(len(piece))) for piece in pieces)
+        yield from (Smoothed(chunk, float(len(chunk))) for chunk in chunks)
         return
     hat, half = projection(window, order), window // 2
     edge_gain = float(np.trace(hat[:half, :half]))
     held: Array | None = None
     begun = False
-    for piece in pieces:
-        held = piece if held is None else np.concatenate([held, piece])
+    for chunk in chunks:
+        held = chunk if held is None else np.concatenate([held, chunk])
         if len(held) < window + begun:
             continue
         if not begun:

@@ -55,10 +55,6 @@ def from_scatter(mean: Array, scatter: Array) -> Subspace:
     ----------
     mean : ndarray, shape (n,)
     scatter : ndarray, shape (n, n)
-
-    Returns
-    -------
-    Subspace
     """
     _, vectors = np.linalg.eigh(scatter)
     return Subspace(mean, vectors[:, :-4:-1])
@@ -70,7 +66,6 @@ def to_coordinates(subspace: Subspace, raw: Array) -> Array:
 
     Parameters
     ----------
-    subspace : Subspace
     raw : ndarray, shape (..., n)
 
     Returns
@@ -86,7 +81,6 @@ def from_coordinates(subspace: Subspace, coordinates: Array) -> Array:
 
     Parameters
     ----------
-    subspace : Subspace
     coordinates : ndarray, shape (..., 3)
 
     Returns

@@ -19,10 +19,12 @@ from numpy.typing import NDArray
 
 STRETCH = 6.0
 """Length of the stretches that are held out, at most a fifth of what is used [s]."""
+
 MOST_STRETCHES = 200
-"""Longer recordings have longer stretches."""
+"""Number of stretches at most: those of longer recordings are longer."""
+
 NOTHING = 1e-9
-"""Share of the blocks that counts as none: in motion the constant is among the regressors."""
+"""Share of a constant that is taken for rounding: in motion the constant is a regressor itself."""
 
 
 class Sums(NamedTuple):
@@ -35,8 +37,8 @@ class Sums(NamedTuple):
     def weight(self) -> float:
         """What the blocks know of a constant beside the regressors, in blocks."""
         s, G = self.normal[0, 1:], self.normal[1:, 1:]
-        rest = self.normal[0, 0] - s @ np.linalg.lstsq(G, s, rcond=None)[0]
-        return float(rest) if rest > NOTHING * self.normal[0, 0] else 0.0
+        weight = self.normal[0, 0] - s @ np.linalg.lstsq(G, s, rcond=None)[0]
+        return float(weight) if weight > NOTHING * self.normal[0, 0] else 0.0
 
     @property
     def weighted_constant(self) -> Array:
@@ -69,17 +71,7 @@ class Residual(NamedTuple):
 
 
 def residuals(data_sets: Sequence[tuple[Moments, Blocks, Mask]]) -> list[Residual]:
-    """
-    Hold out stretch after stretch, fit shared offset and own maps, and see what is left.
-
-    Parameters
-    ----------
-    data_sets : sequence of (Moments, Blocks, ndarray of bool)
-
-    Returns
-    -------
-    list of Residual
-    """
+    """Hold out stretch after stretch: its residuals under the fit to all others."""
     x = [np.where(use[:, None], _regressors(moments, blocks), 0.0)
          for moments, blocks, use in data_sets]
     sums = [_sums(one, blocks.raw) for one, (_, blocks, _) in zip(x, data_sets)]
@@ -87,14 +79,14 @@ def residuals(data_sets: Sequence[tuple[Moments, Blocks, Mask]]) -> list[Residua
     constant = np.sum([one.weighted_constant for one in sums], axis=0)
     out = []
     for one, total, (_, blocks, use) in zip(x, sums, data_sets):
-        left = np.zeros_like(blocks.raw)
+        held_out = np.zeros_like(blocks.raw)
         for part in _stretches(blocks, use):
             own = _sums(one[part], blocks.raw[part])
-            rest = Sums(total.normal - own.normal, total.right - own.right)
-            offset = _divide(constant - total.weighted_constant + rest.weighted_constant,
-                             weight - total.weight + rest.weight)
-            left[part] = blocks.raw[part] - offset - one[part, 1:] @ rest.slopes(offset)
-        out.append(_residual(one, left, blocks.samples))
+            others = Sums(total.normal - own.normal, total.right - own.right)
+            offset = _divide(constant - total.weighted_constant + others.weighted_constant,
+                             weight - total.weight + others.weight)
+            held_out[part] = blocks.raw[part] - offset - one[part, 1:] @ others.slopes(offset)
+        out.append(_residual(one, held_out, blocks.samples))
     return out
 
 
@@ -105,7 +97,6 @@ def doubt_covariance(data_sets: Sequence[tuple[Moments, Blocks, Mask]],
 
     Parameters
     ----------
-    data_sets : sequence of (Moments, Blocks, ndarray of bool)
     doubts : sequence of sequence of (ndarray of bool, ndarray of bool)
         Of every data set, the narrower and the wider choice of blocks at each found end.
 
@@ -152,24 +143,21 @@ def _stretches(blocks: Blocks, use: Mask) -> Iterator[NDArray[np.intp]]:
     yield from (part for part in np.array_split(used, min(count, len(used))) if len(part))
 
 
-def _residual(x: Array, left: Array, samples: int) -> Residual:
+def _residual(x: Array, held_out: Array, samples: int) -> Residual:
     used = int((x[:, 0] != 0).sum())
-    return Residual(x, samples, noise_of_residuals(left, andrews_lags(left, used), used))
+    return Residual(x, samples, noise_of_residuals(
+        held_out, andrews_lags(held_out, used), used))
 
 
-def score_covariance(left: Residual) -> Array:
+def score_covariance(residual: Residual) -> Array:
     """
     Covariance of sum over samples of [1, pseudo-sample weights] (x) residual.
-
-    Parameters
-    ----------
-    left : Residual
 
     Returns
     -------
     ndarray, shape ((1 + q) n, (1 + q) n)
     """
-    return left.noise.covariance_of_products(left.regressors * left.samples)
+    return residual.noise.covariance_of_products(residual.regressors * residual.samples)
 
 
 def propagate(function: Callable[[Array], Array], x: Array, covariance: Array) -> Array:

@@ -1,4 +1,4 @@
-"""What a calibrated sensor says of the loads: [Traversaro2014] Tables I, II and III."""
+"""Added masses and their positions by a calibrated sensor: [Traversaro2014] Tables I to III."""
 
 from typing import NamedTuple
 
@@ -8,9 +8,9 @@ from forcecal_ros.insitu.motion import body_map
 import numpy as np
 
 
-class Felt(NamedTuple):
+class LoadEstimate(NamedTuple):
     """
-    One data set as a calibrated sensor feels it.
+    The load of one data set by a calibrated sensor.
 
     ``semi_axes`` (3,) of the ellipsoid of forces, longest first [N]; ``mass`` added, [kg];
     ``position`` (3,) of the added mass, NaN where there is none to speak of [m].
@@ -60,8 +60,8 @@ def semi_axes(linear: Array, magnitude: float) -> Array:
     return magnitude * np.linalg.svd(linear, compute_uv=False)
 
 
-def feel(wrench: Array, gravity: Array, body: Array, magnitude: float,
-         position_wanted: bool) -> Felt:
+def estimate_load(wrench: Array, gravity: Array, body: Array, magnitude: float,
+                  position_wanted: bool) -> LoadEstimate:
     """
     Estimate the added mass and its position from a calibrated sensor. Tables I to III.
 
@@ -76,13 +76,9 @@ def feel(wrench: Array, gravity: Array, body: Array, magnitude: float,
         Of gravity [m/s^2].
     position_wanted : bool
         False where nothing was added.
-
-    Returns
-    -------
-    Felt
     """
     total = body_of(wrench, gravity)
     added = total - body
     position = added[1:4] / added[0] if position_wanted and added[0] else np.full(3, np.nan)
     axes = semi_axes(force_map(wrench, gravity, total), magnitude)
-    return Felt(axes, float(added[0]), position)
+    return LoadEstimate(axes, float(added[0]), position)

@@ -5,7 +5,7 @@ from dataclasses import replace
 from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.insitu import Chunk, DataSet
 from forcecal_ros.insitu.blocks import to_blocks
-from forcecal_ros.insitu.lemma import causes, departure
+from forcecal_ros.insitu.departure import causes, departure
 from forcecal_ros.insitu.prepare import Mounting, prepare
 from forcecal_ros.insitu.screen import screen
 import insitu_leg

@@ -1,9 +1,9 @@
-"""[Traversaro2014] Lemma 1 as a check: what of the raw measurements leaves the three dimensions.
+"""[Traversaro2014] Lemma 1 as a check: how far raw measurements leave their three dimensions.
 
-A rigid body at rest and a linear sensor leave nothing but noise. What they leave otherwise is
-told apart: what follows squares and products of gravity bends under load (a joint such as a knee,
-the mount of sensor or accelerometer); what follows the sense in which a channel last moved is
-hysteresis; the rest is drift, cables or a light touch.
+With a rigid body at rest and a linear sensor only noise does. Causes of more are told apart: what
+follows squares and products of gravity bends under load (a joint such as a knee, the mount of
+sensor or accelerometer); what follows the sense in which a channel last moved is hysteresis;
+drift, cables or a light touch remain.
 """
 
 from collections.abc import Sequence
@@ -17,11 +17,13 @@ import numpy as np
 from scipy import stats
 
 SIGNIFICANT = 1e-4
-"""Chance below which a departure, or a cause of it, is not taken for noise."""
+"""Probability by noise alone below which a departure, or a cause of it, is taken to be there."""
+
 ENOUGH = 2
-"""Blocks a regressor that are needed to tell causes apart."""
+"""Blocks for each regressor that are needed to tell causes apart."""
+
 PLAYS = (0.0025, 0.005, 0.01)
-"""Widths of the plays that hysteresis is composed of, as shares of a channel's span."""
+"""Widths of the play operators that make up a hysteresis, as shares of a channel's span."""
 
 
 @dataclass(frozen=True)
@@ -52,12 +54,7 @@ def departure(blocks: Blocks, use: Mask) -> Departure:
 
     Parameters
     ----------
-    blocks : Blocks
     use : ndarray of bool, shape (b,)
-
-    Returns
-    -------
-    Departure
     """
     root = np.linalg.cholesky(blocks.raw_noise / blocks.samples)
     white = np.linalg.solve(root, (blocks.raw[use] - blocks.raw[use].mean(axis=0)).T).T
@@ -70,7 +67,7 @@ def departure(blocks: Blocks, use: Mask) -> Departure:
 @dataclass(frozen=True)
 class Cause:
     """
-    One explanation of what the affine map of gravity leaves, over all data sets.
+    One explanation of the residuals of the affine map of gravity, over all data sets.
 
     Attributes
     ----------
@@ -92,7 +89,7 @@ class Cause:
 @dataclass(frozen=True)
 class Causes:
     """
-    What the affine maps leave, explained.
+    Explanations of the residuals of the affine maps of gravity.
 
     Attributes
     ----------
@@ -109,11 +106,7 @@ class Causes:
 
 def causes(data_sets: Sequence[tuple[Blocks, Mask]]) -> Causes | None:
     """
-    Regress what the affine maps leave on squares of gravity and on plays of the channels.
-
-    Parameters
-    ----------
-    data_sets : sequence of (Blocks, ndarray of bool)
+    Regress the residuals of the affine maps on squares of gravity and on plays of the channels.
 
     Returns
     -------
@@ -125,14 +118,14 @@ def causes(data_sets: Sequence[tuple[Blocks, Mask]]) -> Causes | None:
     all_plays = [np.hstack([_play(f / spans, width) for width in PLAYS]) for f in fitted]
     noise = np.mean([blocks.raw_noise / blocks.samples for blocks, _ in data_sets], axis=0)
     root = np.linalg.cholesky(noise)
-    left = np.vstack([np.linalg.solve(root, (blocks.raw - f)[use].T).T
-                      for f, (blocks, use) in zip(fitted, data_sets)])
+    residual = np.vstack([np.linalg.solve(root, (blocks.raw - f)[use].T).T
+                          for f, (blocks, use) in zip(fitted, data_sets)])
     squares, plays = (np.vstack([_beside_affine(of, *pair) for of, pair in zip(x, data_sets)])
                       for x in ([_squares(blocks) for blocks, _ in data_sets], all_plays))
-    if len(left) < ENOUGH * (squares.shape[1] + plays.shape[1]):
+    if len(residual) < ENOUGH * (squares.shape[1] + plays.shape[1]):
         return None
-    bending, _ = _cause(left, squares, plays, root)
-    hysteresis, size = _cause(left, plays, squares, root)
+    bending, _ = _cause(residual, squares, plays, root)
+    hysteresis, size = _cause(residual, plays, squares, root)
     if not hysteresis.significant:
         size = np.zeros_like(size)
     return Causes(bending, hysteresis, tuple(of @ size for of in all_plays))
@@ -169,7 +162,7 @@ def _beside_affine(values: Array, blocks: Blocks, use: Mask) -> Array:
 
 
 def _play(values: Array, width: float) -> Array:
-    """How far each column is ahead of a play that it drags along, -1..1."""
+    """Play operator (Prandtl, Ishlinskii): how far a column is ahead of what it drags, -1..1."""
     half = width / 2
     behind = np.empty_like(values)
     _drag(values, half, behind)
@@ -186,29 +179,30 @@ def _drag(values: Array, half: float, behind: Array) -> None:
             behind[i, k] = state
 
 
-def _cause(left: Array, these: Array, others: Array, root: Array) -> tuple[Cause, Array]:
+def _cause(residual: Array, these: Array, others: Array, root: Array) -> tuple[Cause, Array]:
     """
     F test of some regressors beside others; noise and its correlation are the residual's.
 
     Returns the coefficients of these regressors too, in raw units.
     """
     both = np.hstack([these, others])
-    theta = np.linalg.lstsq(both, left, rcond=None)[0]
-    rest = left - both @ theta
-    freedom = len(left) - both.shape[1]
-    scatter = rest.T @ rest / freedom + 1e-6 * np.eye(left.shape[1])
+    theta = np.linalg.lstsq(both, residual, rcond=None)[0]
+    unexplained = residual - both @ theta
+    freedom = len(residual) - both.shape[1]
+    scatter = unexplained.T @ unexplained / freedom + 1e-6 * np.eye(residual.shape[1])
     white = np.linalg.inv(np.linalg.cholesky(scatter)).T
     q, _ = np.linalg.qr(others)
-    explained = (((left - q @ (q.T @ left)) @ white) ** 2).sum() - ((rest @ white) ** 2).sum()
-    unknowns = these.shape[1] * left.shape[1]
+    explained = (((residual - q @ (q.T @ residual)) @ white) ** 2).sum() \
+        - ((unexplained @ white) ** 2).sum()
+    unknowns = these.shape[1] * residual.shape[1]
     size = theta[:these.shape[1]] @ root.T
     part = these @ size
-    return Cause(part.T @ part / len(left), float(stats.f.sf(
-        explained / unknowns / _inflation(rest @ white), unknowns,
-        freedom * left.shape[1]))), size
+    return Cause(part.T @ part / len(residual), float(stats.f.sf(
+        explained / unknowns / _inflation(unexplained @ white), unknowns,
+        freedom * residual.shape[1]))), size
 
 
-def _inflation(rest: Array) -> float:
+def _inflation(residual: Array) -> float:
     """How many times larger correlation makes the variance of a slow weighted sum."""
-    noise = noise_of_residuals(rest, max(1, int(len(rest) ** (1 / 3))))
+    noise = noise_of_residuals(residual, max(1, int(len(residual) ** (1 / 3))))
     return max(1.0, float(np.trace(noise.long_run) / np.trace(noise.covariance)))
