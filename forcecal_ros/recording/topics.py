@@ -66,7 +66,6 @@ def find_topics(
 
     Parameters
     ----------
-    available : collection of Topic
     names : mapping of str to str
         Role to topic, where it is not the usual one.
     roles : collection of str

@@ -31,8 +31,6 @@ class Batch(NamedTuple):
 
     Attributes
     ----------
-    topic : Topic
-    buffer : bytes
     start, length : ndarray of int, shape (n,)
         Where each message lies in the buffer [bytes].
     log_ns : ndarray of int, shape (n,)
@@ -52,7 +50,6 @@ def at_offsets(buffer: bytes, offsets: Integers, dtype: str) -> NDArray[Any]:
 
     Parameters
     ----------
-    buffer : bytes
     offsets : ndarray of int, shape (n,)
         Each with a whole item behind it [bytes].
     dtype : str

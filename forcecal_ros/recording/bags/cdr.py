@@ -19,7 +19,10 @@ NUMBERS = {
     'int16': 'i2', 'uint16': 'u2', 'int32': 'i4', 'uint32': 'u4', 'int64': 'i8', 'uint64': 'u8',
     'float32': 'f4', 'float64': 'f8',
 }
+"""Primitive types of messages as numpy writes them."""
+
 _REMEMBERED = 32
+"""Layouts of one topic that are kept to be matched; strings of changing length make new ones."""
 
 
 class CdrError(Exception):
@@ -127,39 +130,39 @@ class Decoder:
 
     def groups(self, batch: Batch) -> Iterator[Group]:
         """Yield the messages of a batch, those of one layout together."""
-        left = np.arange(len(batch.start))
+        unread = np.arange(len(batch.start))
         for layout in tuple(self._known):
-            left, group = _match(batch, left, layout)
+            unread, group = _match(batch, unread, layout)
             if group is not None:
                 yield group
-        while len(left):
-            first = left[0]
+        while len(unread):
+            first = unread[0]
             start, end = batch.start[first], batch.start[first] + batch.length[first]
             try:
                 layout = walk(self._store, self._msgtype, batch.buffer[start:end])
             except (CdrError, RecursionError):
                 self.undecodable += 1
-                left = left[1:]
+                unread = unread[1:]
                 continue
             self._known = [*self._known[-_REMEMBERED:], layout]
-            left, group = _match(batch, left, layout)
+            unread, group = _match(batch, unread, layout)
             if group is not None:
                 yield group
 
 
-def _match(batch: Batch, left: Integers, layout: Layout) -> tuple[Integers, Group | None]:
-    """Split the messages left into those of one layout and the others."""
-    like = batch.length[left] == layout.length
-    index = left[like]
+def _match(batch: Batch, unread: Integers, layout: Layout) -> tuple[Integers, Group | None]:
+    """Split unread messages into those of one layout and the others."""
+    like = batch.length[unread] == layout.length
+    index = unread[like]
     rows = at_offsets(batch.buffer, batch.start[index], f'V{layout.length}')
     if not len(index):
-        return left, None
+        return unread, None
     table = rows.view(np.uint8).reshape(len(index), layout.length)
     same = (table[:, layout.fixed] == layout.pattern).all(axis=1)
     if not same.all():
         like[like] = same
         index, rows = index[same], rows[same]
-    return left[~like], Group(index, layout, rows) if len(index) else None
+    return unread[~like], Group(index, layout, rows) if len(index) else None
 
 
 def walk(store: Typestore, msgtype: str, message: bytes) -> Layout:
@@ -168,7 +171,6 @@ def walk(store: Typestore, msgtype: str, message: bytes) -> Layout:
 
     Parameters
     ----------
-    store : Typestore
     msgtype : str
         As ``geometry_msgs/msg/WrenchStamped``.
     message : bytes

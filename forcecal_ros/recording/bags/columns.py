@@ -43,7 +43,6 @@ def read_columns(path: Path | str, topic: str, fields: Sequence[str]) -> Columns
 
     Parameters
     ----------
-    path : Path or str
     topic : str
         Name as recorded, with or without the leading slash.
     fields : sequence of str
@@ -79,7 +78,6 @@ def read_calibrations(path: Path | str, topics: Mapping[str, str] | None = None)
 
     Parameters
     ----------
-    path : Path or str
     topics : mapping of str to str, optional
         As for :func:`read_recording`.
 

@@ -14,6 +14,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
 STAMP = ('header.stamp.sec', 'header.stamp.nanosec')
+"""Paths of a header's stamp."""
 
 
 def encode(
@@ -24,8 +25,6 @@ def encode(
 
     Parameters
     ----------
-    store : Typestore
-    msgtype : str
     stamp_ns : ndarray of int, shape (n,)
         For the header, where the type has one [ns since the epoch].
     fields : sequence of str

@@ -1,4 +1,4 @@
-"""MCAP files, record by record: whole ones, and what is left of damaged ones."""
+"""MCAP files, record by record: whole ones, and what can be read of damaged ones."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,10 +18,19 @@ else:
     from backports import zstd
 
 MAGIC = b'\x89MCAP0\r\n'
+"""First and last bytes of an MCAP file."""
+
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _CHUNK_INDEX, _DATA_END, _LAST = 3, 4, 5, 6, 8, 15, 15
+"""Opcodes of the records that are read, and the highest there is."""
+
 _FOOTER_SIZE = 9 + 20 + 8
+"""Bytes of the footer record: opcode and length, content, magic."""
+
 _LARGEST = 1 << 28
+"""Bytes that a record or an unpacked chunk may have: a length beyond it is damage."""
+
 _BLOCK = 1 << 22
+"""Bytes of messages outside chunks that are gathered before they are handed on, about."""
 
 
 class McapFile:
@@ -182,7 +191,7 @@ def _string(content: bytes, position: int) -> tuple[str, int]:
 
 
 def _unpack(content: bytes) -> bytes:
-    """Decompress a chunk and check it; of one that was cut off, return what is left."""
+    """Decompress a chunk and check it; of one that was cut off, return what is there."""
     _, _, size, checksum = struct.unpack_from('<QQQI', content)
     compression, position = _string(content, 28)
     (packed,) = struct.unpack_from('<Q', content, position)

@@ -45,10 +45,6 @@ def read_messages(path: Path | str, wanted: Callable[[Topic], bool] = lambda top
     wanted : callable
         Says which topics are read.
 
-    Yields
-    ------
-    Raw
-
     Raises
     ------
     DataError

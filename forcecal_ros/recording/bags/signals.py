@@ -23,12 +23,10 @@ class Messages(NamedTuple):
 
     Attributes
     ----------
-    topic, msgtype : str
     stamp_ns : ndarray of int, shape (n,)
         [ns since the epoch]
     rows : iterable of ndarray of uint8
         One a message.
-    latched : bool
     """
 
     topic: str
@@ -53,10 +51,6 @@ def messages_of(role: str, signal: Signal, start_ns: int, topic: str | None = No
         [ns since the epoch]
     topic : str, optional
         Where it is not the usual one.
-
-    Returns
-    -------
-    Messages
     """
     usual, types, latched = ROLES[role]
     name, msgtype = topic or usual, types[0]

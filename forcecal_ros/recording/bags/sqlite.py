@@ -1,4 +1,4 @@
-"""SQLite files of rosbag2: whole ones, and what is left of damaged ones."""
+"""SQLite files of rosbag2: whole ones, and what can be read of damaged ones."""
 
 from collections.abc import Iterator
 from itertools import compress
@@ -12,6 +12,7 @@ from forcecal_ros.recording.topics import Topic
 import numpy as np
 
 _ROWS = 8192
+"""Messages that are read from the database at a time."""
 
 
 class SqliteFile:

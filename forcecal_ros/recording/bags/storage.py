@@ -24,8 +24,12 @@ else:
 
 _SQLITE_MAGIC = b'SQLite format 3\0'
 _ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
+
 _LARGEST_METADATA = 1 << 20
+"""Bytes of metadata.yaml beyond which it is not read: those of real recordings are kilobytes."""
+
 _LARGEST_BATCH = 1 << 28
+"""Bytes that the compressed messages of a batch may unpack to; more is a decompression bomb."""
 
 
 class Bag:
@@ -34,8 +38,6 @@ class Bag:
 
     Attributes
     ----------
-    path : Path
-    topics : tuple of Topic
     notes : Notes
         What had to be left out or mended so far.
     """

@@ -25,8 +25,10 @@ from rosbags.rosbag2.errors import WriterError
 from rosbags.typesys import get_typestore, Stores
 
 STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
+"""Storage formats of rosbag2 by the names that `ros2 bag` has for them."""
 
 _FOREVER = QosTime(9223372036, 854775807)
+"""How rosbag2 writes an unlimited duration: 2^63 - 1 ns."""
 
 
 def _quality(latched: bool) -> Qos:
@@ -41,7 +43,7 @@ class BagWriter:
     A recording being written; use it as a context.
 
     It takes its place once the context ends without error, and what was there before is kept as
-    ``path~``; after an error nothing is left of it.
+    ``path~``; after an error no part of it remains.
 
     Parameters
     ----------
@@ -176,7 +178,6 @@ def write_recording(path: Path | str, recording: Recording, storage: str = 'mcap
     ----------
     path : Path or str
         Folder of the recording.
-    recording : Recording
     storage : str
         ``mcap`` or ``sqlite3``.
 

@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 _SECOND = 10**9
 _DAY = 86400 * _SECOND
 _NOT_A_ROTATION = 1e-2
+"""A matrix or quaternion that is further from orthogonal or from norm 1 is no rotation."""
 
 
 @dataclass(frozen=True)
@@ -51,14 +52,6 @@ class Imported:
 def assemble(specification: Specification) -> Imported:
     """
     Read all tables and put their signals on one time base.
-
-    Parameters
-    ----------
-    specification : Specification
-
-    Returns
-    -------
-    Imported
 
     Raises
     ------

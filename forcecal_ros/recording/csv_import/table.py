@@ -11,16 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 _FARTHEST = 1 << 62
+"""Times beyond are out of range of 64 bits once they are shifted [ns]."""
 
 
 class Table:
     """
     The cells of a CSV file whose first row names the columns.
-
-    Parameters
-    ----------
-    path : Path
-    delimiter : str
 
     Raises
     ------
@@ -102,7 +98,6 @@ class Table:
 
         Parameters
         ----------
-        name : str
         unit : int
             Nanoseconds in the unit of the column.
 

@@ -17,6 +17,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     'angle': {'rad': 1.0, 'deg': pi / 180},
     'number': {'1': 1.0},
 }
+"""Quantity -> unit -> its size in SI."""
 
 NANOSECONDS: Mapping[str, int] = {'s': 10**9, 'ms': 10**6, 'us': 10**3, 'ns': 1}
 """Nanoseconds in a unit of time."""

@@ -136,10 +136,6 @@ def noise_of_windows(windows: list[Array]) -> Autocovariance:
     windows : list of ndarray, shape (n_i, k)
         Consecutive blocks of each window; NaN rows are left out.
 
-    Returns
-    -------
-    Autocovariance
-
     Raises
     ------
     DataError
@@ -177,10 +173,6 @@ def noise_of_residuals(residuals: Array, lags: int, samples: int | None = None) 
         Of the Bartlett window.
     samples : int, optional
         How many residuals there are; n unless given.
-
-    Returns
-    -------
-    Autocovariance
     """
     lags = min(lags, len(residuals) - 1)
     return Autocovariance(

@@ -47,7 +47,6 @@ class Autoregression(NamedTuple):
         Parameters
         ----------
         columns : ndarray, shape (k, n)
-        channel : int
 
         Returns
         -------
@@ -103,10 +102,6 @@ def fit_autoregression(residual: Array, present: BoolArray, groups: IntArray) ->
     present : ndarray of bool, shape (n, channels)
     groups : ndarray of int, shape (n,)
         Kind of motion of each sample, index into GROUPS.
-
-    Returns
-    -------
-    Autoregression
     """
     n, channels = residual.shape
     rows = np.zeros((n, channels), dtype=bool)
@@ -140,10 +135,6 @@ def at_standstill(residual: Array, noise: Autoregression) -> Autoregression:
     residual : ndarray, shape (n, channels)
     noise : Autoregression
         Fitted to all of it; taken where the standstill is too short.
-
-    Returns
-    -------
-    Autoregression
     """
     edges = np.flatnonzero(np.diff(noise.groups)) + 1
     flat = np.concatenate([part - part.mean(axis=0) for part in np.split(residual, edges)])

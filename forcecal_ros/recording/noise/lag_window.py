@@ -87,10 +87,6 @@ def andrews_lags(residuals: Array, samples: int) -> int:
         Zero where there is none.
     samples : int
         How many there are.
-
-    Returns
-    -------
-    int
     """
     rho = max(_persistence(residuals, lag, samples) for lag in (1, 4))
     alpha = 4 * rho ** 2 / (1 - rho ** 2) ** 2

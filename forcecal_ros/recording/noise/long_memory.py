@@ -20,10 +20,6 @@ def unpredicted(values: Array, rows: NDArray[np.bool_]) -> float:
     values : ndarray, shape (n,)
     rows : ndarray of bool, shape (n,)
         Which of them are predicted; their past may be any.
-
-    Returns
-    -------
-    float
     """
     sums = np.concatenate([[0.0], np.cumsum(values)])
     now = np.arange(len(values))
