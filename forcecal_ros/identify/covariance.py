@@ -49,6 +49,8 @@ def sample_covariance(windows: list[Array], rate: float) -> SampleCovariance | N
     """
     Covariance of samples at standstill, each window's mean taken off.
 
+    No correlation in time enters: Eq. 6 takes the noise of samples for white.
+
     Parameters
     ----------
     windows : list of ndarray, shape (n_i, k)
