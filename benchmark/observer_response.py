@@ -72,12 +72,12 @@ def response() -> None:
 def noise() -> None:
     recording = record(20.0, seed=4)
     for mode in ('kalman', 'newton'):
-        estimate = replay(recording, calibration(), Settings(mode=mode))
+        estimate = replay(recording, calibration(), Settings(mode))
         f, p = welch(estimate.contact[:, :3], 1000.0, nperseg=2048, axis=0)
         _, q = welch(estimate.measured[:, :3], 1000.0, nperseg=2048, axis=0)
         band = (f >= 50) & (f <= 200)
         decibels = 10 * np.log10(p[band].mean(axis=0) / q[band].mean(axis=0))
-        row(f'noise of x, y, z in 50-200 Hz against u - m a, mode {mode}',
+        row(f'noise of x, y, z in 50-200 Hz against u - m a, filter {mode}',
             ', '.join(f'{x:.1f}' for x in decibels) + ' dB',
             '-10 dB' if mode == 'kalman' else '')
 

@@ -101,8 +101,8 @@ def main() -> None:
         calls[f'step: wrench, {name}'] = len(recording.wrench)
         calls[f'batch: wrench, {name}'] = len(long.wrench)
         expected = [(*s.contact, *s.inertial) for s in run(recording, model)[1]]
-        found = estimates(recording, model)[1]
-        differences[name] = np.abs(np.hstack([found[0], found[3]]) - expected).max()
+        found = estimates(recording, model)
+        differences[name] = np.abs(np.hstack([found.contact, found.inertial]) - expected).max()
     times = {name: 1e6 * t / calls[name] for name, t in best(parts, rounds=9).items()}
     reference, other = list(times.values())[:2]
     head('a wrench costs', 'us', 'of deserialising', 'of filterpy', 'wanted')

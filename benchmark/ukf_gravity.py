@@ -17,21 +17,18 @@ import timeit
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
 
-from forcecal_ros.gravity import (
-    Imu,
-    initial_state,
-    model_from_calibration,
-    pose_free_model,
-    pose_free_step,
-    PoseFreeState,
-    replay,
-    replay_pose_free,
-    Settings,
-    step,
-)
+from forcecal_ros.observe import design, FilterSettings, Imu, replay, Settings
 from forcecal_ros.observe.filters import ekf, ukf
+from forcecal_ros.observe.filters.bias_filter import begin, learn
 from forcecal_ros.observe.filters.gaussian import Gaussian, linear, predict
-from forcecal_ros.observe.pose_free.orientation import Belief, exponential, start_pose_free
+from forcecal_ros.observe.pose_free.model import pose_free_model
+from forcecal_ros.observe.pose_free.orientation import (
+    exponential,
+    LevelBelief,
+    start_pose_free,
+)
+from forcecal_ros.observe.pose_free.step import pose_free_step, PoseFreeState
+from forcecal_ros.observe.unload import Unloaded
 import gravity_arm as arm
 import numpy as np
 from scipy.stats import chi2
@@ -39,14 +36,18 @@ from scipy.stats import chi2
 FIRST = 2000
 """Seed of the first unseen motion; the filters were set up on others."""
 
+SIX = Settings('ukf', learning=FilterSettings(states=6))
+PAPER = Settings('ukf', learning=FilterSettings(covariances='paper'))
+
 WAYS = {
-    'ukf': replay,
-    'ekf': lambda r, c: replay(r, c, Settings(filter='ekf')),
-    'ukf, 6 states': lambda r, c: replay(r, c, Settings(states=6)),
-    'ukf, Q R P0 of the paper': lambda r, c: replay(r, c, Settings(covariances='paper')),
-    'static': lambda r, c: replay(r, c, Settings(filter='static')),
-    'ukf without pose': replay_pose_free,
-    'ekf without pose': lambda r, c: replay_pose_free(r, c, Settings(filter='ekf')),
+    'kalman': lambda r, c: replay(r, c, Settings('kalman')),
+    'ukf': lambda r, c: replay(r, c, Settings('ukf')),
+    'ekf': lambda r, c: replay(r, c, Settings('ekf')),
+    'ukf, 6 states': lambda r, c: replay(r, c, SIX),
+    'ukf, Q R P0 of the paper': lambda r, c: replay(r, c, PAPER),
+    'static': lambda r, c: replay(r, c, Settings('static')),
+    'ukf without pose': lambda r, c: replay(r, c, Settings('ukf'), Imu()),
+    'ekf without pose': lambda r, c: replay(r, c, Settings('ekf'), Imu()),
 }
 
 
@@ -67,10 +68,10 @@ def free_motions(count):
         n = len(recording.wrench)
         for name, way in WAYS.items():
             result = way(recording, calibration)
-            error = np.abs(result.wrench).max(axis=0)
+            error = np.abs(result.contact).max(axis=0)
             worst[name] = np.maximum(worst.get(name, 0.0), error)
-            nis.setdefault(name, []).append(float(result.nis.mean()))
-    nis.pop('static')
+            if result.learned is not None:
+                nis.setdefault(name, []).append(float(result.learned.nis.mean()))
     return {'raw': raw.tolist(), 'table': arm.TABLE.tolist(),
             'worst': {name: error.tolist() for name, error in worst.items()}, 'nis': nis,
             'nis_bounds_each': (chi2.ppf([0.025, 0.975], 6 * n) / n).tolist(),
@@ -83,7 +84,7 @@ def rise(name, axis, size, calibration, drift):
     contact = np.zeros((1500, 6))
     contact[1000:, axis] = size
     pair = [WAYS[name](arm.record(motion, np.random.default_rng(8), c, accelerometer_bias=drift),
-                       calibration).wrench[:, axis] for c in (contact, 0.0)]
+                       calibration).contact[:, axis] for c in (contact, 0.0)]
     response = (pair[0] - pair[1])[1000:] / size
     return int(np.argmax(response > 0.9) - np.argmax(response > 0.1))
 
@@ -97,18 +98,22 @@ def response():
             for name in ('ukf', 'ukf, 6 states', 'ukf without pose')}
 
 
+def reading(t, measured):
+    return Unloaded(t, 0, tuple(measured.tolist()), (0.0,) * 6, (0.0,) * 3)
+
+
 def papers_noise():
     """Largest error in 20 s, the first 0.1 s left out, where the paper's R is the true noise."""
     calibration, _ = arm.calibrate(np.random.default_rng(1))
-    model = model_from_calibration(calibration, Settings(covariances='paper', states=6))
+    model = design(calibration, Settings('ukf', learning=FilterSettings(
+        covariances='paper', states=6))).bias_filter
     rng = np.random.default_rng(3)
-    std, state, worst = np.sqrt(model.covariances.R.diagonal()), initial_state(model), np.zeros(6)
+    std, belief, worst = np.sqrt(model.covariances.R.diagonal()), begin(model), np.zeros(6)
     for k in range(20000):
-        state, estimate = step(state, model.bias + std * rng.normal(size=6), np.zeros(6), 1e-3,
-                               model)
+        belief, sample = learn(belief, reading(1e-3 * k, std * rng.normal(size=6)), model)
         if k < 100:
             continue
-        worst = np.maximum(worst, np.abs(estimate.wrench))
+        worst = np.maximum(worst, np.abs(sample.contact))
     return worst.tolist()
 
 
@@ -122,7 +127,8 @@ def unknown(tilt_std, payload_std, bias_std, runs=12, seconds=3.0):
     out = {}
     for name in ('ukf', 'ekf'):
         model = pose_free_model(
-            calibration, Settings(filter=name, bias_prior=(bias_std, 0.1 * bias_std)),
+            calibration, Settings(name, learning=FilterSettings(
+                bias_prior=(bias_std, 0.1 * bias_std))),
             Imu(tilt_std=max(tilt_std, 0.1), payload_std=payload_std))
         angles, masses = [], []
         for seed in range(runs):
@@ -133,10 +139,10 @@ def unknown(tilt_std, payload_std, bias_std, runs=12, seconds=3.0):
             states.mean[6:12] += bias_std * rng.normal(size=6) * ([1.0] * 3 + [0.1] * 3)
             states.mean[12] += payload_std * rng.normal()
             level = level @ exponential(*(*tilt_std * rng.normal(size=2), 0.0))
-            state = PoseFreeState(Belief(level, states))
-            for row in zip(recording.wrench.values, recording.accelerometer.values,
-                           recording.angular_velocity.values):
-                state, estimate = pose_free_step(state, *row, 1e-3, model)
+            state = PoseFreeState(belief=LevelBelief(level, states))
+            for row in zip(recording.wrench.t, recording.wrench.values,
+                           recording.accelerometer.values, recording.angular_velocity.values):
+                state, estimate = pose_free_step(state, *row, model=model)
             g = motion.R_base_sensor[-1].T @ arm.G
             cosine = estimate.gravity @ g / (g @ g)
             angles.append(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
@@ -172,13 +178,15 @@ def speed():
     out = {'ours_us': _best(ours, 200),
            'ours_from_exact': float(np.abs(ours().mean - exact.mean).max())}
     calibration, _ = arm.calibrate(np.random.default_rng(1), seconds=0.2)
-    model = model_from_calibration(calibration)
-    state = initial_state(model)
-    out['whole_step_us'] = _best(lambda: step(state, y, load, 1e-3, model), 100)
+    model = design(calibration, Settings('ukf')).bias_filter
+    one = reading(1e-3, y - load)
+    state = begin(model)._replace(t=0.0)
+    out['whole_step_us'] = _best(lambda: learn(state, one, model), 100)
     free = pose_free_model(calibration)
-    begun, _ = pose_free_step(PoseFreeState(), y, [0.0, 0.0, 9.8], [0.1, 0.2, 0.3], 1e-3, free)
+    f, omega = [0.0, 0.0, 9.8], [0.1, 0.2, 0.3]
+    begun, _ = pose_free_step(PoseFreeState(), 0.0, y, f, omega, free)
     out['pose_free_step_us'] = _best(
-        lambda: pose_free_step(begun, y, [0.0, 0.0, 9.8], [0.1, 0.2, 0.3], 1e-3, free), 50)
+        lambda: pose_free_step(begun, 1e-3, y, f, omega, free), 50)
     try:
         from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
     except ImportError:

@@ -1,7 +1,6 @@
 """``forcecal gravity``: weight, inertia and bias off a recorded wrench, after [Ukf2025]."""
 
 import argparse
-from collections import Counter
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands.common import (
@@ -16,8 +15,10 @@ from forcecal_ros.commands.common import (
 
 if TYPE_CHECKING:
     from forcecal_ros.calibration.model import Calibration
-    from forcecal_ros.gravity import Compensated, Settings
+    from forcecal_ros.observe import ContactEstimate, Settings
     from forcecal_ros.recording.streams import Recording
+
+FILTERS = ('ukf', 'ekf', 'static', 'kalman', 'newton')
 
 
 def add_parser(subparsers: Any) -> None:
@@ -30,8 +31,9 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--calibration', metavar='C.yaml',
                         help='of sensor and tool (default: the one in the recording, or what '
                         'the recording itself identifies)')
-    parser.add_argument('--filter', choices=('ukf', 'ekf', 'static'), default='ukf',
-                        help='static: weight and bias taken off, nothing filtered')
+    parser.add_argument('--filter', choices=FILTERS, default='ukf',
+                        help='ukf and ekf estimate the biases along; kalman and newton are those '
+                        'of estimate; static: weight and bias taken off, nothing filtered')
     parser.add_argument('--orientation', choices=('auto', 'pose', 'imu'), default='auto',
                         help='where gravity comes from: the pose, or accelerometer and gyro')
     parser.add_argument('--states', type=int, choices=(6, 12), default=12,
@@ -56,30 +58,22 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    from forcecal_ros.calibration.file import dump
-    from forcecal_ros.observe.filters.bias_filter import INVALID
-    from forcecal_ros.recording.bags import read_recording, write_signals
-    from forcecal_ros.recording.streams import Stream
-    import numpy as np
+    from forcecal_ros.commands import contact
+    from forcecal_ros.recording.bags import read_recording
 
     settings = settings_of(args)
     recording = read_recording(
         args.bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
+    by_imu = needs_imu(args, recording)
     calibration, source = calibration_for(args, recording)
-    by_imu = args.orientation == 'imu' or (args.orientation == 'auto' and recording.pose is None)
-    result, notes = compensated(recording, calibration, settings, by_imu, args.payload)
-    good = result.status & INVALID == 0
-    frame = calibration.sensor_frame
-    signals: dict[str, Any] = {
-        'contact_wrench': Stream(result.t[good], result.wrench[good], frame),
-        'calibration': dump(calibration)}
-    known = np.isfinite(result.innovation).all(axis=1)
-    if known.any():
-        signals['innovation'] = Stream(result.t[known], result.innovation[known], frame)
-    write_signals(args.output, signals, recording.start_ns)
-    document = {'output': args.output, 'samples': int(good.sum()), 'filter': settings.filter,
+    calibration, about = contact.prepared(calibration, recording, settings)
+    estimate = estimated(recording, calibration, settings, args.payload if by_imu else None)
+    contact.write_estimate(args.output, estimate, calibration, recording.start_ns,
+                           () if args.filter == 'static' else ('innovation',))
+    document = {'output': args.output, 'filter': args.filter,
                 'orientation': 'imu' if by_imu else 'pose', 'calibration': source,
-                'notes': [*recording.notes, *notes, *status_notes(result)], **figures(result)}
+                'notes': [*recording.notes, *about, *contact.status_notes(estimate)],
+                **contact.statistics(estimate), **figures(estimate)}
     if args.json:
         print_json(document)
     else:
@@ -89,13 +83,34 @@ def run(args: argparse.Namespace) -> int:
 
 def settings_of(args: argparse.Namespace) -> 'Settings':
     """Return the settings that the arguments say."""
-    from forcecal_ros.gravity import Settings
+    from forcecal_ros.observe import Settings
+    from forcecal_ros.observe.settings import FilterSettings
 
     given: dict[str, Any] = {name: value for name, value in (
         ('rise_time', args.rise_time),
         ('contact_floor', args.contact_floor and tuple(args.contact_floor)),
         ('bias_prior', args.bias_prior and tuple(args.bias_prior))) if value is not None}
-    return Settings(filter=args.filter, states=args.states, covariances=args.covariances, **given)
+    return Settings(filter=args.filter, learning=FilterSettings(
+        states=args.states, covariances=args.covariances, **given))
+
+
+def needs_imu(args: argparse.Namespace, recording: 'Recording') -> bool:
+    """
+    Whether accelerometer and gyro have to tell where down is.
+
+    Raises
+    ------
+    DataError
+        The pose was asked for, and there is none.
+    """
+    from forcecal_ros.errors import DataError
+
+    if args.orientation == 'pose' and not recording.pose:
+        raise DataError(f'{args.bag} holds no pose; name its topic by --topic pose=..., or let '
+                        'an IMU find gravity (--orientation imu)')
+    if args.orientation == 'auto':
+        return recording.pose is None and args.filter not in ('kalman', 'newton')
+    return bool(args.orientation == 'imu')
 
 
 def calibration_for(args: argparse.Namespace,
@@ -135,67 +150,52 @@ def calibration_for(args: argparse.Namespace,
                           ) from error
 
 
-def compensated(recording: 'Recording', calibration: 'Calibration', settings: 'Settings',
-                by_imu: bool, payload: float) -> tuple['Compensated', list[str]]:
-    """Run the filter; noise and delay that the calibration does not know come from the signals."""
-    from forcecal_ros.commands.estimate import with_known_delay
-    from forcecal_ros.gravity import Imu, replay, replay_pose_free
-    from forcecal_ros.observe.noise import with_noise
+def estimated(recording: 'Recording', calibration: 'Calibration', settings: 'Settings',
+              payload_std: float | None) -> 'ContactEstimate':
+    """Run the chain, by the IMU where ``payload_std`` [kg] is given."""
+    from forcecal_ros.observe import Imu, replay
     from tqdm import tqdm
 
-    notes: list[str] = []
-    if calibration.noise is None and settings.covariances == 'measured':
-        calibration = with_noise(calibration, recording)
-        notes.append('the calibration knows no noise; taken from this recording')
+    imu = None if payload_std is None else Imu(payload_std=payload_std)
     total = len(recording.wrench) if recording.wrench else 0
     with tqdm(total=total, unit=' samples', leave=False, disable=None) as bar:
-        if by_imu:
-            return replay_pose_free(recording, calibration, settings, Imu(payload_std=payload),
-                                    progress=bar.update), notes
-        calibration, about_delay = with_known_delay(calibration, recording)
-        return (replay(recording, calibration, settings, progress=bar.update),
-                [*notes, *about_delay])
+        return replay(recording, calibration, settings, imu, bar.update)
 
 
-def status_notes(result: 'Compensated') -> list[str]:
-    """Return one sentence for whatever was wrong with samples, and how many."""
-    from forcecal_ros.gravity import describe
-
-    seen: Counter[str] = Counter()
-    for status, count in Counter(result.status.tolist()).items():
-        for sentence in describe(status):
-            seen[sentence] += count
-    return [f'{text} ({n} of {len(result.t)} samples)' for text, n in seen.items()]
-
-
-def figures(result: 'Compensated') -> dict[str, Any]:
-    """Return the result in numbers, null where there are none."""
+def figures(estimate: 'ContactEstimate') -> dict[str, Any]:
+    """Return what the filter learned, in numbers; null where there are none."""
     import numpy as np
 
     def plain(values: Any) -> Any:
         return [float(x) if np.isfinite(x) else None for x in values]
 
+    learned, valid = estimate.learned, estimate.valid
+    if learned is None or not valid.any():
+        return {'bias': None, 'bias_std': None, 'correlation': None, 'contact_share': None,
+                'nis': None}
+    nis, touching = np.asarray(learned.nis)[valid], np.asarray(learned.touching)[valid]
+    free = nis[np.isfinite(nis) & ~touching]
     out: dict[str, Any] = {
-        'mean': plain(np.nanmean(result.wrench, axis=0)),
-        'std': plain(np.nanstd(result.wrench, axis=0)),
-        'bias': plain(result.bias[-1]), 'bias_std': plain(result.bias_std[-1]),
-        'correlation': plain(result.correlation[-1]),
-        'unit': 'N, N m', 'contact_share': float(result.contact.mean())}
-    free = result.nis[np.isfinite(result.nis) & ~result.contact]
-    out['nis'] = float(free.mean()) if len(free) else None
-    if result.mass is not None and result.mass_std is not None:
-        out['mass'], out['mass_std'] = plain([result.mass[-1], result.mass_std[-1]])
+        'bias': plain(learned.bias[-1]), 'bias_std': plain(learned.bias_std[-1]),
+        'correlation': plain(learned.correlation[-1]), 'contact_share': float(touching.mean()),
+        'nis': float(free.mean()) if len(free) else None}
+    if estimate.by_imu is not None:
+        _, mass, mass_std = estimate.by_imu
+        out['mass'], out['mass_std'] = plain([mass[-1], mass_std[-1]])
     return out
 
 
 def _print(document: dict[str, Any]) -> None:
+    from forcecal_ros.commands import contact
+
     for note in document['notes']:
         warn(note)
     say(f'{document["output"]}: {document["samples"]} wrenches by {document["filter"]}, gravity '
-        f'from the {document["orientation"]}, calibration {document["calibration"]}')
+        f'from the {document["orientation"]}, calibration {document["calibration"]}'
+        + contact.over_which(document))
     for name in ('mean', 'std', 'bias', 'bias_std'):
-        numbers = '  '.join('        -' if x is None else f'{x:9.4f}' for x in document[name])
-        say(f'{name:8} [N, N m]  {numbers}')
+        if document[name] is not None:
+            say(f'{name:8} [N, N m]  {contact.row(document[name])}')
     if document['nis'] is not None:
         say(f'NIS {document["nis"]:.2f} without contact (6 where all is as modelled), contact '
             f'{100 * document["contact_share"]:.1f} % of the time')

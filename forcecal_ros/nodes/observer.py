@@ -1,6 +1,5 @@
-"""The contact-force observer as a lifecycle node around its one pure step."""
+"""The contact-force observer as a lifecycle node around the chain of forcecal_ros.observe."""
 
-from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from struct import error as StructError
@@ -10,41 +9,24 @@ from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.calibration.file import DAY, load, parse, refuse_old
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import ConfigError, DataError, ForcecalError
-from forcecal_ros.gravity.compensation import compensated, Compensation, compensation_of, rebiased
 from forcecal_ros.nodes.inbox import Inbox
-from forcecal_ros.nodes.observer_settings import PARAMETERS, settings_of
+from forcecal_ros.nodes.observer_settings import accelerometer_for, PARAMETERS, settings_of
+from forcecal_ros.nodes.observer_verdict import Heard, verdict
 from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.reporting import diagnostic_array
-from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, SECOND, STEADY
+from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, STEADY
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Writer
-from forcecal_ros.observe import (
-    ContactSample,
-    describe,
-    design,
-    level,
-    Model,
-    noise_levels,
-    on_accelerometer,
-    on_displacement,
-    on_pose,
-    on_wrench,
-    Settings,
-    State,
-    tare,
-    with_bias,
-)
-from forcecal_ros.observe.fade import begin_fade, Fade, faded, rebased
-from forcecal_ros.observe.rest import refuse_motion
+from forcecal_ros.observe import ContactSample, design, noise_levels, Settings
+from forcecal_ros.observe.live import LiveObserver, Samples, Values
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-EXTRA = {'inertial_wrench': ContactSample._fields.index('inertial'),
-         'innovation': ContactSample._fields.index('innovation')}
-"""Topics published when asked for, and which part of an estimate they carry."""
+EXTRA = {'inertial_wrench': 'inertial', 'innovation': 'innovation'}
+"""Topics published when asked for, and which part of a sample they carry."""
 
 
 class Source(NamedTuple):
@@ -60,17 +42,15 @@ class Observer(LifecycleNode):
     def __init__(self) -> None:
         super().__init__('observer')
         declare(self, PARAMETERS, self._check_changes)
+        self._chain = LiveObserver(self._value('tare.duration'), self._value('takeover.duration'))
         self._source: Source | None = None
         self._text = ''
-        self._model: Model | None = None
-        self._gravity: Compensation | None = None
         self._failure = ''
         self._active = False
         self._accelerometer: Any = None
-        self._heard: dict[str, int] = {}
-        self._frames: dict[str, str] = {}
+        self._heard: dict[str, Heard] = {}
         self._inbox = Inbox(self, polled=self._value('poll_rate') > 0)
-        self._clear()
+        self._origin: int | None = None
         self.add_post_set_parameters_callback(self._on_changed)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', OUTPUT)
         if self._value('poll_rate') > 0:
@@ -85,20 +65,6 @@ class Observer(LifecycleNode):
     def _value(self, name: str) -> Any:
         return self.get_parameter(name).value
 
-    def _clear(self) -> None:
-        """Forget all samples."""
-        self._state = State()
-        self._origin: int | None = None
-        self._last: ContactSample | None = None
-        self._shown = (0.0,) * 6
-        self._fade: Fade | None = None
-        self._changed = False
-        self._status = 0
-        self._count = 0
-        self._recent: deque[ContactSample] = deque()
-        self._poses: deque[tuple[float, tuple[float, ...]]] = deque()
-        self._window = self._value('tare.duration')
-
     def _start(self) -> None:
         self.trigger_configure()
         if self._failure:
@@ -108,16 +74,16 @@ class Observer(LifecycleNode):
     def destroy_node(self) -> None:
         """Free what the node holds."""
         self._inbox.close()
-        super().destroy_node()
+        super().destroy_node()  # type: ignore[no-untyped-call]
 
     # Lifecycle ------------------------------------------------------------------------------
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Load the calibration where a file is given, and get ready to hear and to speak."""
+        """Load the calibration where a file is given; create publishers and subscriptions."""
         self._failure = ''
         try:
             if self._value('calibration.file'):
-                self._load()
+                self._take_over(self._load())
         except ForcecalError as error:
             self._failure = str(error)
             self.get_logger().error(self._failure)
@@ -130,10 +96,11 @@ class Observer(LifecycleNode):
                 self._extra.append((EXTRA[name], self.create_lifecycle_publisher(
                     WrenchStamped, f'observer/{name}', OUTPUT)))
         self._inputs = [
-            self._hear('wrench', WrenchStamped, self._on_wrench),
-            self._hear('current_pose', PoseStamped, self._on_pose)]
+            self._subscribe('wrench', WrenchStamped, self._chain.on_wrench),
+            self._subscribe('current_pose', PoseStamped, self._chain.on_pose)]
         if self._value('optidrive.joint'):
-            self._inputs.append(self._hear('optidrive', JointState, self._on_optidrive))
+            self._inputs.append(self._subscribe(
+                'optidrive', JointState, self._chain.on_displacement))
         if self._value('calibration.follow') or self._source is None:
             self._inputs.append(self.create_subscription(
                 String, 'sequencer/calibration', self._on_calibration, LATCHED))
@@ -141,7 +108,7 @@ class Observer(LifecycleNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to estimate."""
-        self._clear()
+        self._reset()
         self._active = True
         return super().on_activate(state)
 
@@ -172,51 +139,42 @@ class Observer(LifecycleNode):
             self.destroy_lifecycle_publisher(publisher)
         self._inputs, self._extra, self._accelerometer = [], [], None
         del self._out
-        self._source = self._model = self._gravity = None
-        self._clear()
+        self._source = None
+        self._chain.let_go()
+        self._origin = None
 
     # Calibration ----------------------------------------------------------------------------
 
-    def _load(self) -> None:
+    def _load(self) -> Source:
         path = Path(self._value('calibration.file')).expanduser()
         calibration = load(path)
         if self._value('calibration.max_age') > 0:
             refuse_old(calibration, self._value('calibration.max_age') * DAY,
                        self.get_clock().now().nanoseconds * 1e-9, str(path))
-        self._take(Source(calibration, str(path)))
+        return Source(calibration, str(path))
+
+    def _parse(self) -> Source:
+        name = 'sequencer/calibration'
+        return Source(parse(self._text, name), name)
 
     def _on_calibration(self, message: String) -> None:
         self._text = message.data
         try:
-            self._take(Source(parse(message.data, 'sequencer/calibration'),
-                              'sequencer/calibration'))
+            self._take_over(self._parse())
         except ForcecalError as error:
             self.get_logger().error(f'not taken over: {error}')
-            return
 
-    def _take(self, source: Source) -> None:
-        """Take over a calibration, faded in where one was in use."""
-        model, chosen = design(source.calibration, self._settings()), self._chosen(source)
-        gravity = self._gravity_of(source.calibration)
-        self._set_model(model)
-        self._source, self._gravity = source, gravity
-        self._sign = source.calibration.wrench_sign
-        self._write = Writer(WrenchStamped, source.calibration.sensor_frame)
-        self._listen_to_accelerometer(chosen)
+    def _take_over(self, source: Source) -> None:
+        """Run by another calibration, faded in where one was in use."""
+        calibration = source.calibration
+        model = design(calibration, self._settings())
+        accelerometer = accelerometer_for(calibration, self._value('accelerometer.source'))
+        self._chain.take_over(model, calibration.wrench_sign)
+        self._source = source
+        self._write = Writer(WrenchStamped, calibration.sensor_frame)
+        self._subscribe_accelerometer(accelerometer)
         self.get_logger().info(f'calibration taken from {source.name}: mass '
-                               f'{float(source.calibration.mass):.4f} kg')
-
-    def _gravity_of(self, calibration: Calibration, changes: dict[str, Any] | None = None
-                    ) -> Compensation | None:
-        """Return the filter that publishes instead of the observer, where one is asked for."""
-        name = (changes or {}).get('gravity.filter', self._value('gravity.filter'))
-        if name == 'none':
-            return None
-        return compensation_of(calibration, name, self._settings(changes))
-
-    def _set_model(self, model: Model) -> None:
-        self._changed = self._model is not None and self._last is not None
-        self._model = model
+                               f'{float(calibration.mass):.4f} kg')
 
     def _settings(self, changes: dict[str, Any] | None = None) -> Settings:
         return settings_of({row.name: self._value(row.name) for row in PARAMETERS}
@@ -226,33 +184,16 @@ class Observer(LifecycleNode):
         settings = self._settings(changes)
         if self._source is not None:
             design(self._source.calibration, settings)
-            self._gravity_of(self._source.calibration, changes)
 
     def _on_changed(self, parameters: list[Any]) -> None:
-        self._window = self._value('tare.duration')
+        self._chain.window = self._value('tare.duration')
+        self._chain.fade_duration = self._value('takeover.duration')
         if self._source is not None and any(
                 parameter.name.startswith(('observer.', 'limits.', 'gravity.'))
                 for parameter in parameters):
-            bias = self._model.bias
-            self._set_model(design(self._source.calibration, self._settings())
-                            ._replace(bias=bias))
-            self._gravity = rebiased(self._gravity_of(self._source.calibration), bias)
+            self._chain.take_settings(design(self._source.calibration, self._settings()))
 
-    def _chosen(self, source: Source) -> str:
-        """Return which source of acceleration fits a calibration."""
-        wanted = source.calibration.accelerometer
-        chosen = self._value('accelerometer.source')
-        if wanted is None or chosen == 'none':
-            return 'none'
-        if chosen == 'auto':
-            return 'raw' if wanted.unit == 'V' else 'imu'
-        if ACCELEROMETERS[chosen][2] != wanted.unit:
-            raise ConfigError(
-                f'accelerometer.source {chosen} speaks {ACCELEROMETERS[chosen][2]}, the '
-                f'calibration is for {wanted.unit}; calibrate with the same sensor')
-        return str(chosen)
-
-    def _listen_to_accelerometer(self, chosen: str) -> None:
+    def _subscribe_accelerometer(self, chosen: str) -> None:
         topic, message_type, _ = ACCELEROMETERS.get(chosen, ('', None, ''))
         if self._accelerometer is not None:
             if self._accelerometer.topic_name.endswith(f'/{topic}') and topic:
@@ -260,158 +201,91 @@ class Observer(LifecycleNode):
             self._inbox.unsubscribe(self._accelerometer)
             self._accelerometer = None
         if topic:
-            self._accelerometer = self._hear(topic, message_type, self._on_accelerometer)
+            self._accelerometer = self._subscribe(
+                topic, message_type, self._chain.on_accelerometer)
 
     # Samples --------------------------------------------------------------------------------
 
-    def _hear(self, topic: str, message_type: Any,
-              take: Callable[[float, tuple[float, ...]], tuple[State, Any]]) -> Any:
-        """Subscribe; ``take`` makes a new state and estimates of time and values."""
+    def _subscribe(self, topic: str, message_type: Any, take: Callable[[float, Values], Samples]
+                   ) -> Any:
+        """Feed a topic to the chain, and publish what that completes."""
         if message_type is JointState:
             read: Any = JointReader(self._value('optidrive.joint'))
         else:
             read = Reader(message_type)
 
-        def on_sample(raw: bytes) -> None:
-            if not self._active or self._model is None:
+        def on_message(raw: bytes) -> None:
+            if not self._active or self._chain.model is None:
                 return
             try:
-                sample = read(raw)
+                message = read(raw)
             except StructError:
                 return
-            if sample is None:
+            if message is None:
                 return
-            stamp_ns, values = sample
-            if topic not in self._heard:
-                self._frames[topic] = frame_of(raw)
-            self._heard[topic] = STEADY.now().nanoseconds
+            stamp_ns, values = message
+            frame = self._heard[topic].frame if topic in self._heard else frame_of(raw)
+            self._heard[topic] = Heard(STEADY.now().nanoseconds, frame)
             if self._origin is None:
                 self._origin = stamp_ns
-            self._state, estimates = take((stamp_ns - self._origin) * 1e-9, values)
-            for estimate in estimates:
-                self._publish(estimate)
+            for sample in take((stamp_ns - self._origin) * 1e-9, values):
+                self._publish(sample)
 
-        return self._inbox.subscribe(message_type, topic, on_sample)
-
-    def _on_wrench(self, t: float, values: tuple[float, ...]) -> Any:
-        if self._sign < 0:
-            a, b, c, d, e, f = values
-            values = (-a, -b, -c, -d, -e, -f)
-        return on_wrench(self._state, t, values, self._model)
-
-    def _on_accelerometer(self, t: float, values: tuple[float, ...]) -> Any:
-        return on_accelerometer(self._state, t, values, self._model)
-
-    def _on_pose(self, t: float, values: tuple[float, ...]) -> Any:
-        self._poses.append((t, values))
-        while not t - self._poses[0][0] <= self._window:
-            self._poses.popleft()
-        return on_pose(self._state, t, values[:3], values[3:], self._model)
-
-    def _on_optidrive(self, t: float, values: tuple[float, ...]) -> Any:
-        return on_displacement(self._state, t, values[0], self._model)
+        return self._inbox.subscribe(message_type, topic, on_message)
 
     def _publish(self, sample: ContactSample) -> None:
-        if self._changed and self._last is not None:
-            before, self._changed = self._shown, False
-            self._state, sample = rebased(self._state, self._last, sample)
-            self._fade = begin_fade(sample.t, self._value('takeover.duration'), before,
-                                    sample.contact)
-        contact = sample.contact
-        if self._gravity is not None:
-            self._gravity, contact = compensated(self._gravity, sample,
-                                                 self._state.motion.rotation)
-        if self._fade is not None:
-            smooth = faded(self._fade, sample.t, contact)
-            if smooth is None:
-                self._fade = None
-            else:
-                contact = smooth
+        assert self._origin is not None
         stamp = self._origin + round(sample.t * 1e9)
-        self._out.publish(self._write(stamp, contact))
+        self._out.publish(self._write(stamp, sample.contact))
         for field, publisher in self._extra:
-            publisher.publish(self._write(stamp, sample[field]))
-        self._last, self._shown = sample, contact
-        self._recent.append(sample)
-        while not sample.t - self._recent[0].t <= self._window:
-            self._recent.popleft()
-        self._status |= sample.status
-        self._count += 1
+            publisher.publish(self._write(stamp, getattr(sample, field)))
 
     # Services -------------------------------------------------------------------------------
 
-    def _require_model(self) -> tuple[Model, Source]:
-        if self._model is None or self._source is None:
+    def _tare(self) -> str:
+        model = self._chain.model
+        if model is None or self._source is None:
             raise DataError('there is no calibration yet; give calibration.file or run the '
                             'sequencer')
-        return self._model, self._source
-
-    def _tare(self) -> str:
-        model, source = self._require_model()
-        seconds = self._value('tare.duration')
-        newest = self._recent[-1].t if self._recent else 0.0
-        self._refuse_stale('wrench')
-        refuse_motion([pose for t, pose in self._poses if newest - seconds <= t], 'tare')
-        result = tare(tuple(self._recent), model, noise_levels(source.calibration.noise), seconds)
-        self._model = with_bias(model, result.bias)
-        self._gravity = rebiased(self._gravity, result.bias)
-        self._recent.clear()
+        if 'wrench' in self._silent() or 'wrench' not in self._heard:
+            raise DataError('wrench: nothing received; is its driver running?')
+        result = self._chain.tare(model, noise_levels(self._source.calibration.noise))
         shift = ', '.join(f'{x:.3f}' for x in result.shift)
         return f'bias shifted by {shift} (N, N m) until the next calibration'
 
-    def _refuse_stale(self, topic: str) -> None:
-        silent = (STEADY.now().nanoseconds - self._heard.get(topic, 0)) / SECOND
-        if silent > self._value('stale_timeout'):
-            raise DataError(f'{topic}: nothing received; is its driver running?')
-
     def _reset(self) -> str:
-        self._clear()
+        self._chain.reset()
+        self._origin = None
         return 'the filter starts anew'
 
     def _reload(self) -> str:
         if self._value('calibration.file'):
-            self._load()
+            source = self._load()
         elif self._text:
-            self._take(Source(parse(self._text, 'sequencer/calibration'),
-                              'sequencer/calibration'))
+            source = self._parse()
         else:
             raise DataError('no calibration to reload: calibration.file is empty and nothing was '
                             'received on sequencer/calibration')
-        return f'calibration taken from {self._source.name}'
+        self._take_over(source)
+        return f'calibration taken from {source.name}'
 
     # Diagnostics ----------------------------------------------------------------------------
 
-    def _report(self) -> None:
-        now = STEADY.now().nanoseconds
-        silent = [topic for topic, heard in self._heard.items()
-                  if now - heard > self._value('stale_timeout') * SECOND]
-        values = {'estimates a second': self._count,
-                  'calibration': self._source.name if self._source else 'none'}
-        for topic, dropped in zip(('wrench', 'accelerometer', 'pose', 'optidrive'),
-                                  self._state.refusals.counts):
-            values[f'{topic} samples not used'] = dropped
-        self._diagnostics.publish(diagnostic_array(
-            self, '', *self._verdict(silent), values))
-        self._status, self._count = 0, 0
+    def _silent(self) -> list[str]:
+        """Return the topics that were heard once, and not of late."""
+        oldest = STEADY.now().nanoseconds - self._value('stale_timeout') * 1e9
+        return [topic for topic, heard in self._heard.items() if heard.steady_ns < oldest]
 
-    def _verdict(self, silent: list[str]) -> tuple[str, str]:
-        """Return level and message."""
-        if not self._active:
-            return 'stale', 'not active'
-        if self._model is None:
-            return 'warn', 'waiting for a calibration'
-        if 'wrench' in silent or 'wrench' not in self._heard:
-            return 'error', 'wrench: nothing received'
-        sentences = [f'{topic}: nothing received' for topic in silent]
-        sentences += describe(self._status)
-        frame, calibrated = self._frames['wrench'], self._source.calibration.sensor_frame
-        if frame and frame != calibrated:
-            sentences.append(f'wrench is of {frame!r}, the calibration of {calibrated!r}: is it '
-                             'the same sensor?')
-        grade = level(self._status)
-        if len(sentences) > len(describe(self._status)) and grade == 'ok':
-            grade = 'warn'
-        return grade, '; '.join(sentences) or 'estimating'
+    def _report(self) -> None:
+        count, status = self._chain.report()
+        values = {'estimates a second': count,
+                  'calibration': self._source.name if self._source else 'none'}
+        for topic, refused in zip(('wrench', 'accelerometer', 'pose', 'optidrive'),
+                                  self._chain.refused):
+            values[f'{topic} samples not used'] = refused
+        calibrated = self._source.calibration.sensor_frame if self._source else None
+        self._diagnostics.publish(diagnostic_array(self, '', *verdict(
+            self._active, calibrated, self._heard, self._silent(), status), values))
 
 
 def _service(answer: Callable[[], str]) -> Callable[..., Trigger.Response]:

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from math import inf
 from typing import Any
 
+from forcecal_ros.calibration.model import Calibration
+from forcecal_ros.errors import ConfigError
 from forcecal_ros.nodes.parameters import Parameter
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
@@ -55,7 +57,7 @@ PARAMETERS = (
           'that is waited for', 's', 0.001, 1.0),
     _live('gravity.filter', 'none', 'Publish what this filter of gravity compensation says '
           'instead: ukf and ekf estimate the biases along, static filters nothing; none: the '
-          'observer', choices=('none', *FILTERS)),
+          'observer', choices=('none', *(name for name in FILTERS if name not in MODES))),
     _live('limits.force', 0.0, 'End of the force sensor range per axis; 0: unknown', 'N',
           0.0, 1e6),
     _live('limits.torque', 0.0, 'End of the torque range per axis; 0: unknown', 'N m', 0.0, 1e5),
@@ -71,16 +73,7 @@ PARAMETERS = (
 
 def settings_of(value: Mapping[str, Any]) -> Settings:
     """
-    Make settings of parameter values.
-
-    Parameters
-    ----------
-    value : mapping
-        Every parameter of ``PARAMETERS`` by name.
-
-    Returns
-    -------
-    Settings
+    Make settings of the values of all ``PARAMETERS``, by name.
 
     Raises
     ------
@@ -88,11 +81,33 @@ def settings_of(value: Mapping[str, Any]) -> Settings:
         A value makes no sense.
     """
     force, torque = value['limits.force'], value['limits.torque']
+    name = value['gravity.filter']
     return Settings(
-        mode=value['observer.mode'] or None,
+        filter=value['observer.mode'] or None if name == 'none' else name,
         bandwidth_hz=value['observer.bandwidth'] or None,
         contact_walk=value['observer.contact_walk'], offset=value['observer.offset'],
         accelerometer_timeout=value['observer.accelerometer_timeout'],
         pose_timeout=value['observer.pose_timeout'], skew=value['observer.skew'],
         wrench_limit=((force or inf,) * 3 + (torque or inf,) * 3 if force or torque else None),
         accelerometer_limit=value['limits.accelerometer'] or None)
+
+
+def accelerometer_for(calibration: Calibration, chosen: str) -> str:
+    """
+    Return which of ``ACCELEROMETERS`` fits a calibration, or ``none``.
+
+    Raises
+    ------
+    ConfigError
+        The one that was chosen sends another unit than the calibration is for.
+    """
+    wanted = calibration.accelerometer
+    if wanted is None or chosen == 'none':
+        return 'none'
+    if chosen == 'auto':
+        return 'raw' if wanted.unit == 'V' else 'imu'
+    if ACCELEROMETERS[chosen][2] != wanted.unit:
+        raise ConfigError(
+            f'accelerometer.source {chosen} speaks {ACCELEROMETERS[chosen][2]}, the calibration '
+            f'is for {wanted.unit}; calibrate with the same sensor')
+    return chosen

@@ -21,6 +21,7 @@ SAME = 1e-7
 """Stamps closer than this are one instant; a float holds them better than clocks do [s]."""
 
 _HANDFUL = 6
+"""Samples are dropped that many at once: every tuple that is made anew costs the step time."""
 
 Entry = tuple[Any, ...]
 """(time, usable from, values...)"""
@@ -39,13 +40,14 @@ class Channel(NamedTuple):
         Those that may still be needed, in order of time.
     last : float
         The newest stamp, as sent [s].
-    wash : tuple of 3 float
-        What an AC-coupled accelerometer has forgotten of the specific force [m/s^2].
+    highpass : tuple of 3 float
+        High-pass state: what an AC-coupled accelerometer has lost of the specific force
+        [m/s^2].
     """
 
     samples: tuple[Entry, ...] = ()
     last: float = -inf
-    wash: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    highpass: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 class PoseQueue(NamedTuple):
@@ -59,7 +61,7 @@ class PoseQueue(NamedTuple):
 def usable_from(
         last: float, t: float, lead: float, first: float, timeout: float, skew: float) -> float:
     """
-    Return when a sample at ``t`` may be used, if it begins a run; -inf if it continues one.
+    Return when a sample at ``t`` may be used, if it begins a run; -inf if it continues one [s].
 
     Parameters
     ----------
@@ -69,13 +71,7 @@ def usable_from(
         How much later than its instant the sample is stamped [s].
     first : float
         Stamp of the first wrench, inf before it [s].
-    timeout, skew : float
-        [s]
-
-    Returns
-    -------
-    float
-        [s]
+    timeout, skew
     """
     before = last if last > -inf else first
     return t + skew - min(lead, 0.0) if t - before > timeout else -inf
@@ -83,21 +79,9 @@ def usable_from(
 
 def around(samples: Samples, t: float, timeout: float) -> tuple[int, int]:
     """
-    Find the samples before and after ``t``.
+    Find the samples before and after ``t``, gaps up to ``timeout`` bridged.
 
-    Parameters
-    ----------
-    samples : tuple of Entry, or ndarray
-        In order of time.
-    t : float
-        [s]
-    timeout : float
-        Longest gap that is bridged [s].
-
-    Returns
-    -------
-    tuple of two int
-        The same one twice where it lies at ``t``; -1 twice where ``t`` is in a gap.
+    The same one twice where it lies at ``t``; -1 twice where ``t`` is in a longer gap.
     """
     i = len(samples) - 1
     while i >= 0 and samples[i][0] > t:
@@ -148,16 +132,10 @@ def force_at(samples: Samples, t: float, timeout: float, integrated: bool) -> Re
     ----------
     samples : tuple of Entry, or ndarray
         ``(time, usable from, specific force (3), its integral (3), full)``
-    t : float
-        [s]
-    timeout : float
-        Longest gap that is bridged [s].
+    t, timeout
+        As for :func:`around`.
     integrated : bool
         Whether the integral is wanted.
-
-    Returns
-    -------
-    Reading
     """
     i, j = around(samples, t, timeout)
     if i < 0:
@@ -176,21 +154,9 @@ def force_at(samples: Samples, t: float, timeout: float, integrated: bool) -> Re
 
 def displacement_at(samples: Samples, t: float, timeout: float) -> float:
     """
-    Interpolate the displacement.
+    Interpolate the displacement [m]; NaN where no sensor tells.
 
-    Parameters
-    ----------
-    samples : tuple of Entry, or ndarray
-        ``(time, usable from, displacement)``
-    t : float
-        [s]
-    timeout : float
-        Longest gap that is bridged [s].
-
-    Returns
-    -------
-    float
-        NaN where no sensor tells [m].
+    Samples are ``(time, usable from, displacement)``; t and timeout as for :func:`around`.
     """
     i, j = around(samples, t, timeout)
     if i < 0:
@@ -202,19 +168,7 @@ def displacement_at(samples: Samples, t: float, timeout: float) -> float:
 
 
 def pruned(samples: tuple[Entry, ...], t: float) -> tuple[Entry, ...]:
-    """
-    Drop the samples that no instant from ``t`` on needs.
-
-    Parameters
-    ----------
-    samples : tuple of Entry
-    t : float
-        [s]
-
-    Returns
-    -------
-    tuple of Entry
-    """
+    """Drop the samples that no instant from ``t`` on needs."""
     i, end = 0, len(samples) - 1
     while i < end and samples[i + 1][0] <= t:
         i += 1
@@ -222,40 +176,15 @@ def pruned(samples: tuple[Entry, ...], t: float) -> tuple[Entry, ...]:
 
 
 def pruned_channel(channel: Channel, t: float) -> Channel:
-    """
-    Drop the samples that no instant from ``t`` on needs, a handful at a time.
-
-    Parameters
-    ----------
-    channel : Channel
-    t : float
-        [s]
-
-    Returns
-    -------
-    Channel
-        The same one where there is little to drop.
-    """
-    samples, last, wash = channel
+    """Drop the samples that no instant from ``t`` on needs, a handful at a time."""
+    samples, last, highpass = channel
     if len(samples) <= _HANDFUL or samples[_HANDFUL][0] > t:
         return channel
-    return Channel(pruned(samples, t), last, wash)
+    return Channel(pruned(samples, t), last, highpass)
 
 
 def bounded(samples: tuple[Entry, ...], memory: float) -> tuple[Entry, ...]:
-    """
-    Drop samples that are too old for any wrench still to come, lest they pile up without one.
-
-    Parameters
-    ----------
-    samples : tuple of Entry
-    memory : float
-        Age that no sample is kept beyond [s].
-
-    Returns
-    -------
-    tuple of Entry
-    """
+    """Drop samples older than ``memory`` [s], lest they pile up where no wrench comes."""
     oldest = samples[-1][0] - memory
     return samples if samples[0][0] >= oldest else pruned(samples, oldest)
 
@@ -265,17 +194,8 @@ def channel_ready(
     """
     Whether a channel has said all about ``t``, or has stopped.
 
-    Parameters
-    ----------
-    channel : Channel
-    t, now, first : float
-        Stamps of the wrench in question, of the newest and of the first one [s].
-    wait : float
-        ``timeout + skew`` [s].
-
-    Returns
-    -------
-    bool
+    ``t``, ``now``, ``first`` are the stamps of the wrench in question, of the newest and of the
+    first one; ``wait`` is ``timeout + skew`` [s].
     """
     samples, last, _ = channel
     if samples and samples[-1][0] > t - SAME:
@@ -285,44 +205,14 @@ def channel_ready(
 
 def pose_ready(queue: PoseQueue, t: float, now: float, first: float, timeout: float,
                skew: float) -> bool:
-    """
-    Whether no pose up to ``t`` is to be expected any more.
-
-    Parameters
-    ----------
-    queue : PoseQueue
-    t, now, first : float
-        Stamps of the wrench in question, of the newest and of the first one [s].
-    timeout, skew : float
-        [s]
-
-    Returns
-    -------
-    bool
-    """
+    """Whether no pose up to ``t`` is to be expected any more; stamps as in channel_ready."""
     return (t < queue.due or now >= t + skew
             or t > max(queue.last, first) + timeout + skew)
 
 
 def queued_pose(queue: PoseQueue, t: float, value: Entry, first: float, timeout: float,
                 skew: float, memory: float) -> PoseQueue:
-    """
-    Append a pose.
-
-    Parameters
-    ----------
-    queue : PoseQueue
-    t : float
-        Its stamp, later than the last [s].
-    value : tuple
-        Position and quaternion.
-    first, timeout, skew, memory : float
-        [s]
-
-    Returns
-    -------
-    PoseQueue
-    """
+    """Append a pose, ``value`` its position and quaternion, stamped later than the last."""
     usable = usable_from(queue.last, t, 0.0, first, timeout, skew)
     interval = t - queue.last
     due = t + 0.9 * interval if interval <= timeout else t

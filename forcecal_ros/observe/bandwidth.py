@@ -13,15 +13,26 @@ from forcecal_ros.observe.tracking import Poles
 import numpy as np
 
 RISE_TIME = 0.015
-"""10-90 % rise of a contact force that the default bandwidth keeps [s]."""
+"""Longest 10-90 % rise of a contact force that the default bandwidth may have, which is the bar
+of benchmark/observer_response.py [s]."""
 
 QUIET_BAND = (50.0, 200.0)
-"""Band in which the default bandwidth takes 12 dB off white noise [Hz]."""
+"""Band in which the default bandwidth takes 12 dB off white noise: there the same benchmark wants
+10 dB [Hz]."""
 
 STATES = ('position', 'velocity', 'accelerometer offset', 'contact force')
 
+ROTATION_CORNERS = (30.0, 150.0)
+"""Slowest and fastest corner of the filter that follows the orientation: it lags by 2/corner, 13
+to 67 ms, and its angular acceleration is as noisy as corner^2.5 [rad/s]."""
+
+MOTION_CORNERS = (20.0, 100.0)
+"""The same of the filter that finds the acceleration where there is no accelerometer, from
+positions that are noisier than orientations [rad/s]."""
+
 _QUIETEST = 1e-12
-"""Least density that is believed, for calibrations from noise-free data."""
+"""Least density that is believed: the noise of simulations without noise is rounding, of which no
+gain can be made [N^2 s] and so on."""
 
 
 class NoiseLevels(NamedTuple):
@@ -41,14 +52,8 @@ def noise_levels(noise: Noise | None) -> NoiseLevels:
     """
     Reduce the measured covariances to densities.
 
-    Parameters
-    ----------
-    noise : Noise or None
-        None: a quarter of a newton, 0.02 N m and 0.03 m/s^2 at 1 kHz are assumed.
-
-    Returns
-    -------
-    NoiseLevels
+    Without any, a quarter of a newton, 0.02 N m and 0.03 m/s^2 at 1 kHz are assumed, the noise of
+    the nominal rig.
 
     Raises
     ------
@@ -78,21 +83,8 @@ def joint_model(
     x = [p, v, o, F], the accelerometer as input: dv/dt = f - o + g. Measured are p and
     u - m a = F + m o, whose noise (m times the accelerometer's) is also the noise that drives v.
 
-    Parameters
-    ----------
-    levels : NoiseLevels
-    mass : float
-        [kg]
-    settings : Settings
-    dt : float
-        Period [s].
-    position : bool
-        Whether p is measured.
-
-    Returns
-    -------
-    A, C, Q, R, S : ndarray
-        Shapes (4, 4), (m, 4), (4, 4), (m, m), (4, m), as :func:`stationary_filter` takes them.
+    Returns A, C, Q, R, S of shapes (4, 4), (m, 4), (4, 4), (m, m), (4, m) for a period ``dt``
+    [s], as :func:`stationary_filter` takes them; ``position`` says whether p is measured.
     """
     A = np.eye(4)
     A[0, 1], A[0, 2], A[1, 2] = dt, -dt * dt / 2, -dt
@@ -115,19 +107,6 @@ def design_joint(
     """
     Design the unconstrained filter for all four states, the yardstick of the one that runs.
 
-    Parameters
-    ----------
-    levels : NoiseLevels
-    mass, dt : float
-        [kg], [s]
-    settings : Settings
-    position : bool
-        Whether the pose tells the position.
-
-    Returns
-    -------
-    StationaryFilter
-
     Raises
     ------
     UnobservableError
@@ -148,20 +127,7 @@ def _poles(A: Array, gain: Array, dt: float) -> Poles:
 
 
 def offset_poles(levels: NoiseLevels, settings: Settings, position_std: float) -> Poles:
-    """
-    Design place, velocity and offset of the accelerometer from the pose.
-
-    Parameters
-    ----------
-    levels : NoiseLevels
-    settings : Settings
-    position_std : float
-        Of one pose [m].
-
-    Returns
-    -------
-    Poles
-    """
+    """Design place, velocity and offset of the accelerometer from the pose (its std in m)."""
     dt = 1 / settings.pose_rate
     A, C, Q, R, _ = joint_model(levels, 1.0, settings, dt, True)
     A, C, Q, R = A[:3, :3], C[:1, :3], Q[:3, :3], R[:1, :1]
@@ -178,19 +144,7 @@ def contact_bandwidth(levels: NoiseLevels, mass: float, settings: Settings) -> f
     The Riccati equation of the random walk balances ``contact_walk`` against the measured noise
     of u - m a: quiet sensors make it fast, noisy ones slow. Two limits stand on its sides: never
     slower than a rise in 14.6 ms (24 Hz), never so fast that less than 12 dB come off white noise
-    between 50 and 200 Hz (26 Hz). ``bandwidth_hz`` overrides all three.
-
-    Parameters
-    ----------
-    levels : NoiseLevels
-    mass : float
-        [kg]
-    settings : Settings
-
-    Returns
-    -------
-    float
-        [Hz]
+    between 50 and 200 Hz (26 Hz). ``bandwidth_hz`` overrides all three [Hz].
     """
     if settings.bandwidth_hz is not None:
         return settings.bandwidth_hz
@@ -229,11 +183,13 @@ def rotation_corner(
     alpha = min(force / lever ** 2 if lever > 0 else inf,
                 torque / inertia ** 2 if inertia > 0 else inf)
     density = settings.pose_rotation_std ** 2 / settings.pose_rate
-    return float(min(max((3 * alpha / density) ** 0.2, 30.0), 150.0, 0.6 * settings.pose_rate))
+    low, high = ROTATION_CORNERS
+    return float(min(max((3 * alpha / density) ** 0.2, low), high, 0.6 * settings.pose_rate))
 
 
 def motion_corner(levels: NoiseLevels, mass: float, rate: float, settings: Settings) -> float:
     """Find the same for the acceleration that stands in where there is no accelerometer."""
     variance = levels.force * rate / 2 / mass ** 2
     density = settings.pose_position_std ** 2 / settings.pose_rate
-    return float(min(max((3 * variance / density) ** 0.2, 20.0), 100.0, 0.6 * settings.pose_rate))
+    low, high = MOTION_CORNERS
+    return float(min(max((3 * variance / density) ** 0.2, low), high, 0.6 * settings.pose_rate))

@@ -1,4 +1,4 @@
-"""The observer over a whole recording at once: the functions of the step, compiled.
+"""The chain over a whole recording at once: the functions of the step, compiled.
 
 Only what decides which samples a wrench sees is written anew, for arrays: a recording holds all
 of them, so nothing is waited for.
@@ -11,10 +11,23 @@ from forcecal_ros.calibration.sensor_matrix import all_corrected
 from forcecal_ros.geometry import Array, quaternion_from_matrix
 from forcecal_ros.jit import compiled_with_all_it_calls
 from forcecal_ros.observe.align import displacement_at, force_at, SAME, usable_from
-from forcecal_ros.observe.contact import ContactSample, Filter, Motion, observe, take_pose
+from forcecal_ros.observe.contact import filtered
 from forcecal_ros.observe.design import Model
+from forcecal_ros.observe.filters.bias_filter import begin, learn
+from forcecal_ros.observe.filters.bias_model import BiasModel
+from forcecal_ros.observe.filters.memory import Memory
+from forcecal_ros.observe.motion import Motion, take_pose
+from forcecal_ros.observe.sample import (
+    ContactEstimate,
+    ContactSample,
+    Learned,
+    Progress,
+    silent,
+    stacked,
+)
 from forcecal_ros.observe.specific_force import next_sample, NOTHING_BEFORE
-from forcecal_ros.observe.step import ABSURD, KEEP
+from forcecal_ros.observe.tracking import ZERO
+from forcecal_ros.observe.unload import ABSURD, Tool, unload, Unloaded
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 import numpy as np
 from numpy.typing import NDArray
@@ -23,42 +36,14 @@ Mask = NDArray[np.bool_]
 
 
 def in_order(recording: Recording) -> bool:
-    """
-    Whether the stamps of all streams increase, as the batch wants them.
-
-    Parameters
-    ----------
-    recording : Recording
-
-    Returns
-    -------
-    bool
-    """
+    """Whether the stamps of all streams increase, as the batch wants them."""
     streams = (recording.wrench, recording.accelerometer, recording.optidrive, recording.pose)
     return all(np.isfinite(one.t).all() and (np.diff(one.t) > SAME).all()
                for one in streams if one is not None)
 
 
-def estimates(recording: Recording, model: Model
-              ) -> tuple[Array, Array, NDArray[np.int64], tuple[int, ...]]:
-    """
-    Answer every wrench of a recording.
-
-    Parameters
-    ----------
-    recording : Recording
-        With a wrench, its streams :func:`in_order`.
-    model : Model
-
-    Returns
-    -------
-    t : ndarray, shape (n,)
-    wrenches : ndarray, shape (4, n, 6)
-        Contact, measured, innovation, inertial; see :class:`ContactSample`.
-    status : ndarray of int, shape (n,)
-    dropped : tuple of int, length 4
-        Samples not used: wrench, accelerometer, pose, displacement.
-    """
+def estimates(recording: Recording, model: Model, progress: Progress = silent) -> ContactEstimate:
+    """Answer every wrench of a recording whose streams are :func:`in_order`."""
     wrench = recording.wrench
     assert wrench is not None
     wires = wrench.values
@@ -69,9 +54,34 @@ def estimates(recording: Recording, model: Model
     slide, no_slide = _slides(recording.optidrive, first, model)
     poses, no_pose = _poses(recording.pose, first, model)
     wrenches, status = np.empty((4, len(wrench), 6)), np.empty(len(wrench), np.int64)
-    _observe_all(wrench.t, np.ascontiguousarray(wires), force, slide, poses,
-                 model._replace(six_axis=None), Motion(), Filter(), wrenches, status)
-    return wrench.t, wrenches, status, (0, no_force, no_pose, no_slide)
+    _observe_all(wrench.t, np.ascontiguousarray(wires), force, slide, poses, _plain(model),
+                 Motion(), Tool(), Memory(), wrenches, status)
+    learned = None
+    if model.bias_filter is not None:
+        learned = _learn_all(wrench.t, wrenches, status, model.bias_filter, progress)
+    contact, measured, innovation, inertial = wrenches
+    return ContactEstimate(wrench.t, contact, measured, innovation, inertial, status,
+                           (0, no_force, no_pose, no_slide), learned)
+
+
+def _plain(model: Model) -> Model:
+    """Leave out what is done before and after, which compiled code does not know."""
+    return model._replace(six_axis=None, bias_filter=None)
+
+
+def _learn_all(t: Array, wrenches: Array, status: NDArray[np.int64], model: BiasModel,
+               progress: Progress) -> Learned:
+    """Put what the filter makes of each wrench in the place of the unfiltered one."""
+    contact, measured, innovation, inertial = wrenches
+    belief, rows = begin(model), []
+    for k, (one, bits, m, i) in enumerate(zip(
+            t.tolist(), status.tolist(), measured.tolist(), inertial.tolist())):
+        belief, sample = learn(belief, Unloaded(one, bits, tuple(m), tuple(i), ZERO), model)
+        contact[k], innovation[k], status[k] = sample.contact, sample.innovation, sample.status
+        assert sample.learned is not None
+        rows.append(sample.learned)
+        progress(1)
+    return stacked(rows)
 
 
 def waits_for_compiler() -> bool:
@@ -110,8 +120,7 @@ def _forces(stream: Stream | None, first: float, model: Model) -> tuple[Array, i
     begins = _begins(t, model.timeout)
     usable = _usable(t, begins, model.delay, first, model.timeout, model.skew)
     samples = np.empty((len(t), 9))
-    _integrate(t, stream.values[good], _of_run(usable, begins), begins,
-               model._replace(six_axis=None), samples)
+    _integrate(t, stream.values[good], _of_run(usable, begins), begins, _plain(model), samples)
     return samples, int((~good).sum())
 
 
@@ -120,8 +129,9 @@ def _slides(stream: Stream | None, first: float, model: Model) -> tuple[Array, i
         return np.empty((0, 3)), 0
     good = np.abs(stream.values[:, 0]) < ABSURD
     t = stream.t[good]
-    begins = _begins(t, model.timeout)
-    usable = _usable(t, begins, 0.0, first, model.timeout, model.skew)
+    timeout = model.displacement_timeout
+    begins = _begins(t, timeout)
+    usable = _usable(t, begins, 0.0, first, timeout, model.skew)
     return (np.column_stack([t, _of_run(usable, begins), stream.values[good, 0]]),
             int((~good).sum()))
 
@@ -145,10 +155,11 @@ def _poses(stream: PoseStream | None, first: float, model: Model) -> tuple[Array
 @compiled_with_all_it_calls
 def _integrate(t: Array, readings: Array, usable: Array, begins: Mask, model: Model,
                samples: Array) -> None:
-    before, wash = NOTHING_BEFORE, (0.0, 0.0, 0.0)
+    before, highpass = NOTHING_BEFORE, (0.0, 0.0, 0.0)
     for i in range(len(t)):
         reading = (readings[i, 0], readings[i, 1], readings[i, 2])
-        before, wash = next_sample(before, wash, t[i], reading, usable[i], begins[i], model)
+        before, highpass = next_sample(
+            before, highpass, t[i], reading, usable[i], begins[i], model)
         (samples[i, 0], samples[i, 1], samples[i, 2], samples[i, 3], samples[i, 4],
          samples[i, 5], samples[i, 6], samples[i, 7], samples[i, 8]) = before
 
@@ -170,7 +181,7 @@ def _write(sample: ContactSample, out: Array) -> None:
 
 @compiled_with_all_it_calls
 def _observe_all(times: Array, wires: Array, force: Array, slide: Array, poses: Array,
-                 model: Model, motion: Motion, filter_: Filter, wrenches: Array,
+                 model: Model, motion: Motion, tool: Tool, memory: Memory, wrenches: Array,
                  status: NDArray[np.int64]) -> None:
     f = s = p = pose_f = pose_s = 0
     for k in range(len(times)):
@@ -182,17 +193,19 @@ def _observe_all(times: Array, wires: Array, force: Array, slide: Array, poses: 
                 stamp, row = poses[p, 0], poses[p]
                 pose_f = _last_before(force, pose_f, stamp)
                 pose_s = _last_before(slide, pose_s, stamp)
-                slid = displacement_at(slide[pose_s:pose_s + 2], stamp, model.timeout)
+                slid = displacement_at(slide[pose_s:pose_s + 2], stamp,
+                                       model.displacement_timeout)
                 motion = take_pose(
                     motion, stamp, (row[2], row[3], row[4]), (row[5], row[6], row[7], row[8]),
-                    stamp < t - KEEP,
+                    stamp < t - model.keep,
                     force_at(force[pose_f:pose_f + 2], stamp, model.timeout, True),
-                    slid if slid == slid else filter_.s, model)
+                    slid if slid == slid else tool.s, model)
                 p += 1
         f, s = _last_before(force, f, t), _last_before(slide, s, t)
         wire = (wires[k, 0], wires[k, 1], wires[k, 2], wires[k, 3], wires[k, 4], wires[k, 5])
-        filter_, sample = observe(
-            filter_, motion, t, wire, force_at(force[f:f + 2], t, model.timeout, False),
-            displacement_at(slide[s:s + 2], t, model.timeout), model)
+        tool, reading = unload(
+            tool, motion, t, wire, force_at(force[f:f + 2], t, model.timeout, False),
+            displacement_at(slide[s:s + 2], t, model.displacement_timeout), model)
+        memory, sample = filtered(memory, reading, motion, model)
         status[k] = sample.status
         _write(sample, wrenches[:, k])

@@ -1,6 +1,6 @@
 """From a calibration to the numbers the running step needs; everything slow happens here."""
 
-from math import inf, tau
+from math import inf, sqrt, tau
 from typing import NamedTuple
 
 from forcecal_ros.calibration.model import Accelerometer, Calibration
@@ -14,21 +14,36 @@ from forcecal_ros.observe.bandwidth import (
     offset_poles,
     rotation_corner,
 )
+from forcecal_ros.observe.filters.bias_model import bias_model, BiasModel
+from forcecal_ros.observe.filters.memory import KALMAN, NEWTON, UNFILTERED
 from forcecal_ros.observe.inertial import Load
-from forcecal_ros.observe.settings import Settings
+from forcecal_ros.observe.settings import LEARNING, Settings
 from forcecal_ros.observe.tracking import butterworth, Poles
 import numpy as np
 
 Gain = tuple[float, float, float, float, float, float]
 
+PAUSE = 0.1
+"""``Model.pause`` of live wrenches: sensors send at 100 Hz and more, so that ten or more are lost
+[s]."""
+
+KEEP = 0.005
+"""``Model.keep`` of live streams: more than one period of a wrench at 200 Hz and faster [s]."""
+
 _REACH = 0.3
-"""How far an arm is from where it is taken to be when no pose tells [m]."""
+"""Where no pose tells the position it is taken to stay; an arm that works in place keeps within
+about this of it, which is the noise of such a position [m]."""
 
 
 class Model(NamedTuple):
     """Everything the step needs besides its state; plain numbers, SI, ft_sensor."""
 
-    newton: bool
+    filter: int
+    """One of ``filters.memory``: KALMAN, NEWTON or UNFILTERED."""
+    bias_filter: BiasModel | None
+    """Of the filter that follows an UNFILTERED wrench: ``ukf`` or ``ekf``; None: none does."""
+    weight_only: bool
+    """Whether the load is the weight by the pose alone, without inertia (``static``)."""
     load: Load
     six_axis: SixAxis | None
     """Turns raw channels into a wrench before anything else; None where they are one."""
@@ -53,9 +68,16 @@ class Model(NamedTuple):
     motion_poles: Poles
     reach_poles: Poles
     K: Gain
+    pause: float
+    """After a longer pause of the wrench the filter starts anew [s]."""
     timeout: float
+    """Longest gap of the accelerometer that is bridged [s]."""
+    displacement_timeout: float
     pose_timeout: float
     skew: float
+    keep: float
+    """Samples are kept that much longer than the wrench needs them, for poses that come late; an
+    older pose is followed in its rotation only [s]."""
     reach: float
     """Poses further behind a wrench than this do not count for it [s]."""
     memory: float
@@ -89,7 +111,7 @@ def _bias(calibration: Calibration) -> tuple[float, ...]:
 
 
 def _delay(accelerometer: Accelerometer | None) -> float:
-    """Return the delay; nil where it was not identified."""
+    """Return the delay; zero where it was not identified."""
     if accelerometer is None or not np.isfinite(accelerometer.delay.value):
         return 0.0
     return float(accelerometer.delay)
@@ -126,32 +148,39 @@ def _gain(calibration: Calibration) -> Gain:
     return a, b, c, d, e, f
 
 
+def _filter(calibration: Calibration, settings: Settings) -> str:
+    """Return the name of the filter that runs."""
+    observer = calibration.observer
+    name = settings.filter or (observer.mode if observer is not None else 'kalman')
+    if name == 'newton' and observer is None:
+        raise ConfigError('filter newton needs observer.K in the calibration; '
+                          'calibrate with a step, or use filter kalman')
+    return name
+
+
+def _bias_filter(calibration: Calibration, name: str, rotation_corner: float, settings: Settings
+                 ) -> BiasModel | None:
+    if name not in LEARNING:
+        return None
+    # what white noise leaves in the third state of a Butterworth filter
+    density = settings.pose_rotation_std ** 2 / settings.pose_rate
+    return bias_model(calibration, name == 'ukf', settings.learning,
+                      sqrt(density * rotation_corner ** 5 / 3))
+
+
 def design(calibration: Calibration, settings: Settings = Settings()) -> Model:
     """
-    Turn a calibration into the model of the running observer.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    settings : Settings
-
-    Returns
-    -------
-    Model
+    Turn a calibration into the model of the running chain.
 
     Raises
     ------
     ConfigError
-        The calibration does not hold what the mode needs.
+        The calibration does not hold what the filter needs.
     UnobservableError
         The offset was asked for (``offset: on``) where nothing makes it detectable.
     """
     load, levels = _load(calibration), noise_levels(calibration.noise)
-    observer, accelerometer = calibration.observer, calibration.accelerometer
-    mode = settings.mode or (observer.mode if observer is not None else 'kalman')
-    if mode == 'newton' and observer is None:
-        raise ConfigError('mode newton wants observer.K in the calibration; '
-                          'calibrate with a step, or use mode kalman')
+    name, accelerometer = _filter(calibration, settings), calibration.accelerometer
     track = settings.offset == 'on' or (settings.offset == 'auto' and settings.position)
     if track:
         design_joint(levels, load.m, settings, 1 / levels.rate, settings.position)
@@ -159,11 +188,12 @@ def design(calibration: Calibration, settings: Settings = Settings()) -> Model:
     tool = calibration.tool
     stiffness = float(tool.stiffness) if tool is not None else 0.0
     damping = float(tool.damping) if tool is not None else 0.0
-    rotation = rotation_corner(calibration, load, levels, rate, settings)
-    reach = 2 * (max(settings.accelerometer_timeout, settings.pose_timeout) + settings.skew)
-    delay = _delay(accelerometer)
-    return Model(
-        newton=mode == 'newton', load=load, six_axis=six_axis(calibration),
+    corner = rotation_corner(calibration, load, levels, rate, settings)
+    timeout, delay = settings.accelerometer_timeout, _delay(accelerometer)
+    return with_reach(Model(
+        filter={'kalman': KALMAN, 'newton': NEWTON}.get(name, UNFILTERED),
+        bias_filter=_bias_filter(calibration, name, corner, settings),
+        weight_only=name == 'static', load=load, six_axis=six_axis(calibration),
         bias=_bias(calibration),
         gravity=calibration.gravity, accelerometer=accelerometer is not None,
         ac_rate=_ac_rate(accelerometer),
@@ -171,12 +201,20 @@ def design(calibration: Calibration, settings: Settings = Settings()) -> Model:
         delay=delay,
         place=(load.cx - load.dx, load.cy - load.dy, load.cz - load.dz),
         stiffness=stiffness, relaxation=stiffness / damping if damping > 0 else inf,
-        rate=rate, track_offset=track, rotation_poles=butterworth(rotation),
+        rate=rate, track_offset=track, rotation_poles=butterworth(corner),
         offset_poles=offset_poles(levels, settings, settings.pose_position_std),
         motion_poles=butterworth(motion_corner(levels, load.m, rate, settings)),
         reach_poles=offset_poles(levels, settings, _REACH), K=_gain(calibration),
-        timeout=settings.accelerometer_timeout, pose_timeout=settings.pose_timeout,
-        skew=settings.skew, reach=reach, memory=2 * reach + abs(delay),
+        pause=PAUSE, timeout=timeout, displacement_timeout=timeout,
+        pose_timeout=settings.pose_timeout, skew=settings.skew, keep=KEEP, reach=0.0, memory=0.0,
         limited=settings.wrench_limit is not None,
         wrench_limit=settings.wrench_limit or (inf,) * 6,
-        accelerometer_limit=(settings.accelerometer_limit or inf,) * 3)
+        accelerometer_limit=(settings.accelerometer_limit or inf,) * 3))
+
+
+def with_reach(model: Model) -> Model:
+    """Return the model with what follows from its time-outs."""
+    longest = max(
+        model.pause, model.timeout, model.displacement_timeout, model.pose_timeout)
+    reach = 2 * (longest + model.skew)
+    return model._replace(reach=reach, memory=2 * reach + abs(model.delay))

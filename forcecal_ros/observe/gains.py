@@ -1,4 +1,4 @@
-"""Gains of mode ``kalman`` in the form in which a calibration keeps and publishes them."""
+"""Gains of filter ``kalman`` in the form in which a calibration keeps and publishes them."""
 
 from dataclasses import replace
 from math import exp, tau
@@ -10,19 +10,10 @@ from forcecal_ros.observe.settings import Settings
 
 def kalman_gains(model: Model, dt: float) -> dict[str, Estimate]:
     """
-    Return the gains of mode ``kalman`` as a calibration keeps them.
+    Return the gains of filter ``kalman`` as a calibration keeps them.
 
-    Parameters
-    ----------
-    model : Model
-    dt : float
-        Period of the wrench [s].
-
-    Returns
-    -------
-    dict of str to Estimate
-        ``bandwidth`` [Hz], ``contact`` (gain of one update), and the poles of the pose filters as
-        (real, mean of the pair, split of the pair) [1/s, 1/s, 1/s^2].
+    ``bandwidth`` [Hz], ``contact`` (gain of one update, ``dt`` [s] after the last), and the poles
+    of the pose filters as (real, mean of the pair, split of the pair) [1/s, 1/s, 1/s^2].
     """
     return {
         'bandwidth': Estimate(model.rate / tau, 0.0, 'Hz'),
@@ -34,19 +25,10 @@ def kalman_gains(model: Model, dt: float) -> dict[str, Estimate]:
 
 def with_kalman_gains(calibration: Calibration, settings: Settings = Settings()) -> Calibration:
     """
-    Return the calibration with the gains of mode ``kalman`` written into it.
+    Return the calibration with the gains of filter ``kalman`` written into it.
 
     They are a record of what runs; the observer designs its own from the calibration's noise.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    settings : Settings
-
-    Returns
-    -------
-    Calibration
-        The same one where it has no observer part.
+    Returned as it is where it has no observer part.
     """
     observer = calibration.observer
     if observer is None:

@@ -10,12 +10,12 @@ from forcecal_ros.recording.streams import Recording, Stream
 import numpy as np
 
 FEWEST = 100
-"""Samples that a covariance is taken from."""
+"""Samples that a covariance is taken from: it is then known to 14 % in each direction."""
 
 
 def white_noise(stream: Stream) -> Array:
     """
-    Covariance (k, k) of the white part of a signal, motion or not.
+    Covariance (k, k) of the white part of a signal (n, k), motion or not.
 
     Raises
     ------
@@ -31,16 +31,7 @@ def with_noise(calibration: Calibration, recording: Recording) -> Calibration:
     """
     Return the calibration with the noise of wrench and accelerometer as this recording shows it.
 
-    Parameters
-    ----------
-    calibration : Calibration
-    recording : Recording
-        With a wrench.
-
-    Returns
-    -------
-    Calibration
-        Its Q and R of [Gamez2005] are not known.
+    Q and R of [Gamez2005] stay unknown.
 
     Raises
     ------

@@ -1,16 +1,26 @@
-"""The observer over a recording, by the same step as in the node, sample by sample or at once."""
+"""The chain over a recording, by the same step as in the node, sample by sample or at once."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import replace
 from heapq import merge
 from operator import itemgetter
 from typing import Any
 
-from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.errors import DataError
+from forcecal_ros.calibration.model import Accelerometer, Calibration
+from forcecal_ros.errors import ConfigError, DataError, UnobservableError
 from forcecal_ros.geometry import Array, quaternion_from_matrix
-from forcecal_ros.observe.contact import ContactSample
 from forcecal_ros.observe.design import design, Model
+from forcecal_ros.observe.from_file import interpolated, is_slow, never_late, within_gaps
+from forcecal_ros.observe.pose_free.model import Imu, pose_free_model
+from forcecal_ros.observe.pose_free.step import pose_free_step, PoseFreeSample, PoseFreeState
+from forcecal_ros.observe.sample import (
+    ByImu,
+    ContactEstimate,
+    ContactSample,
+    Progress,
+    silent,
+    stacked,
+)
 from forcecal_ros.observe.settings import Settings
 from forcecal_ros.observe.step import (
     finish,
@@ -21,100 +31,107 @@ from forcecal_ros.observe.step import (
     Result,
     State,
 )
-from forcecal_ros.recording.streams import Recording
+from forcecal_ros.recording.streams import Recording, Stream
 import numpy as np
-from numpy.typing import NDArray
 
 Event = tuple[float, str, Any]
 
 
-@dataclass(frozen=True)
-class ContactEstimate:
+def replay(recording: Recording, calibration: Calibration, settings: Settings = Settings(),
+           imu: Imu | None = None, progress: Progress = silent) -> ContactEstimate:
     """
-    Contact wrench over time; rows as in :class:`~forcecal_ros.observe.contact.ContactSample`.
-
-    Attributes
-    ----------
-    t : ndarray, shape (n,)
-        Stamps of the wrench [s].
-    contact, measured, innovation, inertial : ndarray, shape (n, 6)
-        In ft_sensor, wire sign [N, N m].
-    status : ndarray of int, shape (n,)
-        Bits of :mod:`forcecal_ros.observe.status`.
-    dropped : tuple of int, length 4
-        Samples not used: wrench, accelerometer, pose, displacement.
-    """
-
-    t: Array
-    contact: Array
-    measured: Array
-    innovation: Array
-    inertial: Array
-    status: NDArray[np.int64]
-    dropped: tuple[int, ...]
-
-
-def replay(recording: Recording, calibration: Calibration,
-           settings: Settings = Settings()) -> ContactEstimate:
-    """
-    Estimate the contact wrench over a recording.
+    Estimate the contact wrench over a recording, one row for each of its wrenches.
 
     All at once (:mod:`forcecal_ros.observe.batch`) where the stamps of each stream increase, else
-    sample by sample.
+    sample by sample. Time-outs are those of a file, see :mod:`forcecal_ros.observe.from_file`.
 
     Parameters
     ----------
-    recording : Recording
-    calibration : Calibration
-    settings : Settings
-
-    Returns
-    -------
-    ContactEstimate
+    recording, calibration, settings
+    imu : Imu or None
+        Where given, accelerometer and gyro tell where down is, and the pose is not looked at.
+    progress : callable
+        Told how many samples were done since it was told last.
 
     Raises
     ------
     DataError
         The recording holds no wrench, or its accelerometer speaks another unit than the
         calibration's.
+    UnobservableError
+        Neither a pose nor accelerometer and gyro tell where down is.
+    ConfigError
+        The calibration does not hold what the settings need.
     """
-    if recording.wrench is None or not len(recording.wrench):
-        raise DataError(f'{recording.source or "the recording"} holds no wrench; '
-                        'name its topic by --topic wrench=...')
-    wanted = calibration.accelerometer
+    name = recording.source or 'the recording'
+    wrench, wanted = recording.wrench, calibration.accelerometer
+    if wrench is None or not len(wrench):
+        raise DataError(f'{name} holds no wrench; name its topic by --topic wrench=...')
     if (wanted is not None and recording.accelerometer is not None
             and recording.accelerometer_unit != wanted.unit):
         raise DataError(
             f'the accelerometer is recorded in {recording.accelerometer_unit}, the calibration '
             f'is for {wanted.unit}; calibrate with the same sensor')
+    if imu is not None:
+        return _replay_pose_free(recording, wrench, calibration, settings, imu, progress)
+    if settings.filter == 'static' and not recording.pose:
+        raise UnobservableError(f'{name} holds no pose, which filter static takes the weight '
+                                'from; name its topic by --topic pose=..., or use another filter')
     # the node, which never replays, need not load the compiler
     from forcecal_ros.observe.batch import estimates, in_order
 
-    model = design(calibration, settings)
+    model = never_late(design(calibration, settings), recording)
     if not in_order(recording):
         return _collect(*run(recording, model))
-    t, wrenches, status, dropped = estimates(recording, model)
-    for array in (wrenches, status):
-        array.setflags(write=False)
-    contact, measured, innovation, inertial = wrenches
-    return ContactEstimate(t, contact, measured, innovation, inertial, status, dropped)
+    if recording.pose is not None and is_slow(recording.pose, model):
+        recording = replace(recording, pose=interpolated(recording.pose, model.pose_timeout))
+    return estimates(recording, model, progress)
+
+
+def _replay_pose_free(recording: Recording, wrench: Stream, calibration: Calibration,
+                      settings: Settings, imu: Imu, progress: Progress) -> ContactEstimate:
+    model = pose_free_model(calibration, settings, imu)
+    force, omega = recording.accelerometer, recording.angular_velocity
+    accelerometer = calibration.accelerometer
+    if accelerometer is None or force is None or omega is None or not len(force) * len(omega):
+        raise UnobservableError(
+            f'{recording.source or "the recording"} tells gravity neither by a pose nor by '
+            'accelerometer and angular velocity (sensor_msgs/Imu); record one of the two')
+    delay = float(accelerometer.delay)
+    f = (within_gaps(force, wrench.t + delay) - accelerometer.offset.value) @ np.linalg.inv(
+        accelerometer.matrix).T
+    turning = within_gaps(omega, wrench.t + delay) @ axes_of(accelerometer)
+    state = PoseFreeState()
+    samples: list[PoseFreeSample] = []
+    for t, y, specific_force, rate in zip(wrench.t.tolist(), wrench.values, f, turning):
+        state, sample = pose_free_step(state, t, y, specific_force, rate, model)
+        samples.append(sample)
+        progress(1)
+    by_imu = ByImu(*(np.array([getattr(sample, field) for sample in samples])
+                     for field in ByImu._fields))
+    dropped = (0, 0, 0 if recording.pose is None else len(recording.pose), 0)
+    return replace(_collect(None, [sample.contact for sample in samples]),
+                   dropped=dropped, by_imu=by_imu)
+
+
+def axes_of(accelerometer: Accelerometer) -> Array:
+    """
+    Return the rotation closest to the accelerometer's map, (3, 3), from ft_sensor to the IMU.
+
+    Raises
+    ------
+    ConfigError
+        The map is left-handed, as no gyro's axes are.
+    """
+    u, _, v = np.linalg.svd(accelerometer.map.value)
+    if np.linalg.det(u @ v) < 0:
+        raise ConfigError('the accelerometer map is left-handed, so the axes of its gyro are not '
+                          'known; use an IMU whose axes are right-handed (REP-145)')
+    return np.asarray(u @ v)
 
 
 def run(recording: Recording, model: Model) -> tuple[State, list[ContactSample]]:
-    """
-    Feed a recording to the step, in the order of its stamps.
-
-    Parameters
-    ----------
-    recording : Recording
-    model : Model
-
-    Returns
-    -------
-    state : State
-        After the last sample.
-    samples : list of ContactSample
-    """
+    """Feed a recording to the step, in the order of its stamps; return the last state as well."""
     state = State()
     samples: list[ContactSample] = []
     for state, out in answers(recording, model):
@@ -123,47 +140,32 @@ def run(recording: Recording, model: Model) -> tuple[State, list[ContactSample]]
 
 
 def answers(recording: Recording, model: Model) -> Iterator[Result]:
-    """
-    Feed a recording to the step and return what it says to every event, and at the end.
-
-    Parameters
-    ----------
-    recording : Recording
-    model : Model
-
-    Returns
-    -------
-    iterator of tuple
-        The state after the event and the samples it completed.
-    """
+    """Feed a recording to the step and return what it says to every event, and at the end."""
     state = State()
-    for t, kind, row in events(recording):
-        if kind == 'wrench':
-            result = on_wrench(state, t, row, model)
-        elif kind == 'accelerometer':
-            result = on_accelerometer(state, t, row, model)
-        elif kind == 'displacement':
-            result = on_displacement(state, t, row[0], model)
-        else:
-            result = on_pose(state, t, row[:3], row[3:], model)
-        state = result[0]
-        yield result
+    for event in events(recording):
+        state, out = on_event(state, event, model)
+        yield state, out
     yield finish(state, model)
+
+
+def on_event(state: State, event: Event, model: Model) -> Result:
+    """Feed one of :func:`events` to the step."""
+    t, kind, row = event
+    if kind == 'wrench':
+        return on_wrench(state, t, row, model)
+    if kind == 'accelerometer':
+        return on_accelerometer(state, t, row, model)
+    if kind == 'displacement':
+        return on_displacement(state, t, row[0], model)
+    return on_pose(state, t, row[:3], row[3:], model)
 
 
 def events(recording: Recording) -> Iterator[Event]:
     """
-    Return what a recording holds for the observer, in the order of its stamps.
+    Return what a recording holds for the chain, in the order of its stamps.
 
-    Parameters
-    ----------
-    recording : Recording
-
-    Returns
-    -------
-    iterator of tuple
-        ``(stamp, kind, values)``; kinds are ``pose`` (position, quaternion xyzw),
-        ``displacement``, ``accelerometer`` and ``wrench``.
+    Each is ``(stamp, kind, values)``; kinds are ``pose`` (position, quaternion xyzw),
+    ``displacement``, ``accelerometer`` and ``wrench``.
     """
     streams = [(kind, stream.t, stream.values) for kind, stream in (
         ('displacement', recording.optidrive), ('accelerometer', recording.accelerometer),
@@ -177,10 +179,10 @@ def events(recording: Recording) -> Iterator[Event]:
         for kind, times, values in streams), key=itemgetter(0))
 
 
-def _collect(state: State, samples: list[ContactSample]) -> ContactEstimate:
-    columns = [np.array(column) for column in zip(*samples)]
-    for column in columns:
-        column.setflags(write=False)
-    t, contact, status, measured, innovation, inertial = columns
+def _collect(state: State | None, samples: list[ContactSample]) -> ContactEstimate:
+    *columns, learned = zip(*samples)
+    t, contact, status, measured, innovation, inertial = (np.array(column) for column in columns)
     return ContactEstimate(
-        t, contact, measured, innovation, inertial, status, state.refusals.counts)
+        t, contact, measured, innovation, inertial, status,
+        state.refusals.counts if state is not None else (0,) * 4,
+        None if learned[0] is None else stacked(list(learned)))

@@ -1,4 +1,4 @@
-"""Whether a robot stands, by its poses: slow motion shakes nothing and is motion all the same."""
+"""Whether a robot is at rest, by its poses: slow motion shakes nothing, and is motion still."""
 
 from collections.abc import Sequence
 
@@ -7,10 +7,12 @@ from forcecal_ros.geometry import matrix_from_quaternion, rotation_vector
 import numpy as np
 
 DISTANCE = 5e-4
-"""A robot that stays within it over the window stands [m]."""
+"""A robot that stays within it over the window is at rest: 25 times the scatter of the nominal
+rig's poses [m]."""
 
 ANGLE = 1e-3
-"""A robot that turns by less over the window stands [rad]."""
+"""A robot that turns by less over the window is at rest: 50 times the scatter of the nominal
+rig's poses [rad]."""
 
 
 def refuse_motion(poses: Sequence[tuple[float, ...]], what: str) -> None:
@@ -21,7 +23,7 @@ def refuse_motion(poses: Sequence[tuple[float, ...]], what: str) -> None:
     ----------
     poses : sequence of tuple of 7 float
         Of the window: x y z [m] qx qy qz qw; NaN positions are not looked at.
-    what : str
+    what
         To be refused, for the message.
 
     Raises

@@ -29,19 +29,8 @@ def undetectable_states(A: Array, C: Array, names: tuple[str, ...]) -> tuple[str
     """
     Name the states that no measurement will ever correct although they do not fade.
 
-    An unobservable subspace is harmless only where everything in it decays.
-
-    Parameters
-    ----------
-    A : ndarray, shape (n, n)
-    C : ndarray, shape (m, n)
-    names : tuple of str
-        One for each state.
-
-    Returns
-    -------
-    tuple of str
-        States that take part in what is not seen; empty when the pair is detectable.
+    An unobservable subspace is harmless only where everything in it decays. A is (n, n), C
+    (m, n), with one name for each state; none is returned when the pair is detectable.
     """
     n = len(A)
     scale = np.max(np.abs(C), axis=1, keepdims=True)
@@ -71,14 +60,10 @@ def stationary_filter(
     A, C : ndarray, shapes (n, n), (m, n)
     Q, R : ndarray, shapes (n, n), (m, m)
         Covariances of w and v.
-    names : tuple of str
+    names
         One for each state.
     S : ndarray, shape (n, m), optional
         Covariance of w with v of the same instant.
-
-    Returns
-    -------
-    StationaryFilter
 
     Raises
     ------

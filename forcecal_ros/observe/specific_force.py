@@ -12,17 +12,18 @@ Sample = tuple[float, float, float, float, float, float, float, float, bool]
 NOTHING_BEFORE: Sample = (-inf, -inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
 
 
-def next_sample(before: Sample, wash: Vector, t: float, reading: Vector, usable: float,
+def next_sample(before: Sample, highpass: Vector, t: float, reading: Vector, usable: float,
                 begins: bool, model: Model) -> tuple[Sample, Vector]:
     """
     Turn one reading into a sample, the integral by trapezoids.
 
     Parameters
     ----------
-    before : tuple
+    before
         The sample before; not looked at where a run begins.
-    wash : tuple of 3 float
-        What an AC-coupled accelerometer had forgotten of the specific force then [m/s^2].
+    highpass : tuple of 3 float
+        High-pass state: what an AC-coupled accelerometer had lost of the specific force then
+        [m/s^2].
     t : float
         Stamp as sent [s].
     reading : tuple of 3 float
@@ -31,14 +32,13 @@ def next_sample(before: Sample, wash: Vector, t: float, reading: Vector, usable:
         From which stamp on it may be used [s].
     begins : bool
         Whether a run begins with it.
-    model : Model
+    model
 
     Returns
     -------
-    tuple
-        The sample.
-    tuple of 3 float
-        What is forgotten now [m/s^2].
+    sample : tuple
+    highpass : tuple of 3 float
+        Its state now [m/s^2].
     """
     o0, o1, o2, a, b, c, d, e, f, g, h, i = model.volts
     full = model.accelerometer_limit[0] < inf and saturated(reading, model.accelerometer_limit)
@@ -51,12 +51,12 @@ def next_sample(before: Sample, wash: Vector, t: float, reading: Vector, usable:
     half = (tau - start) / 2
     if model.ac_rate > 0:
         # y is what the high-pass leaves of f: dz/dt = rate y, f = y + z
-        zx, zy, zz = wash
+        zx, zy, zz = highpass
         gain = half * model.ac_rate
         zx += gain * (px - zx + fx)
         zy += gain * (py - zy + fy)
         zz += gain * (pz - zz + fz)
-        wash = (zx, zy, zz)
+        highpass = (zx, zy, zz)
         fx, fy, fz = fx + zx, fy + zy, fz + zz
     jx, jy, jz = jx + half * (px + fx), jy + half * (py + fy), jz + half * (pz + fz)
-    return (tau, usable, fx, fy, fz, jx, jy, jz, full), wash
+    return (tau, usable, fx, fy, fz, jx, jy, jz, full), highpass

@@ -1,4 +1,12 @@
-"""The observer's one step: an event goes in, a new state and the estimates it completes come out.
+"""The chain's one step: an event goes in, a new state and the samples it completes come out.
+
+The way of a wrench:
+
+    sensor matrix     raw channels to a wrench in ft_sensor        calibration.sensor_matrix
+    align             what each stream says at its stamp           align, specific_force
+    motion            orientation, place, offset by the poses      motion, tracking
+    weight, inertia   bias and load of the tool off                unload, inertial
+    filter            kalman, newton, ukf, ekf or none             contact, filters
 
 Node and replay both call the ``on_...`` functions below and nothing else. They are pure, never
 raise on a bad sample, and what they return depends on the stamps alone, not on the order in which
@@ -29,31 +37,24 @@ from forcecal_ros.observe.align import (
     SAME,
     usable_from,
 )
-from forcecal_ros.observe.contact import (
-    ContactSample,
-    Filter,
-    Motion,
-    observe,
-    take_pose,
-    Wrench,
-)
+from forcecal_ros.observe.contact import filtered
 from forcecal_ros.observe.design import Model
+from forcecal_ros.observe.filters.bias_filter import Belief, learn
+from forcecal_ros.observe.filters.memory import Memory
+from forcecal_ros.observe.motion import Motion, take_pose
+from forcecal_ros.observe.sample import ContactSample, Wrench
 from forcecal_ros.observe.specific_force import next_sample, NOTHING_BEFORE
 from forcecal_ros.observe.tracking import Quaternion, Vector
+from forcecal_ros.observe.unload import ABSURD, Tool, unload
 
 CLOCK_JUMP = 1.0
-"""Stamps that go back by more than this, twice, are a new clock [s]; one is a bad stamp."""
-
-KEEP = 0.005
-"""Samples are kept a little longer than the wrench needs them, for poses that come late [s]."""
-
-ABSURD = 1e9
-"""Readings beyond this, in any unit, are no readings; neither is NaN."""
+"""Stamps that go back by more than this, twice, are a new clock; one is a bad stamp. Longer than
+any message is late, shorter than any clock is set back [s]."""
 
 
 class Refusals(NamedTuple):
     """
-    Samples that were not used: wrench, accelerometer, pose, displacement.
+    Messages that were not used: wrench, accelerometer, pose, displacement.
 
     Attributes
     ----------
@@ -68,7 +69,7 @@ class Refusals(NamedTuple):
 
 class State(NamedTuple):
     """
-    Everything the observer remembers.
+    Everything the chain remembers.
 
     Attributes
     ----------
@@ -79,7 +80,9 @@ class State(NamedTuple):
     accelerometer, displacement, poses
         What may still be needed of these streams.
     motion : Motion
-    filter : Filter
+    tool : Tool
+    filter : Memory or Belief
+        Of the compiled filters, or of ``ukf`` and ``ekf``.
     refusals : Refusals
     """
 
@@ -90,15 +93,17 @@ class State(NamedTuple):
     displacement: Channel = Channel()
     poses: PoseQueue = PoseQueue()
     motion: Motion = Motion()
-    filter: Filter = Filter()
+    tool: Tool = Tool()
+    filter: Memory | Belief = Memory()
     refusals: Refusals = Refusals()
 
 
 Result = tuple[State, tuple[ContactSample, ...]]
+"""The new state, and samples in order of time: none while a slower stream is waited for."""
 
 
 def _refuse(state: State, which: int, t: float, last: float) -> tuple[State, bool]:
-    """Count a sample that is not used; the second that agrees on an earlier clock starts anew."""
+    """Count a message that is not used; the second that agrees on an earlier clock starts anew."""
     counts, stamps = list(state.refusals.counts), list(state.refusals.stamps)
     again = t < last - CLOCK_JUMP and 0 < t - stamps[which] < CLOCK_JUMP
     counts[which] += not again
@@ -112,19 +117,13 @@ def on_wrench(state: State, t: float, wrench: Wrench, model: Model) -> Result:
 
     Parameters
     ----------
-    state : State
+    state
     t : float
         Stamp [s].
     wrench : tuple of 6 float
         Force [N] and torque [N m], environment on tool, bias included; raw channels where the
         calibration holds a six-axis matrix.
-    model : Model
-
-    Returns
-    -------
-    state : State
-    samples : tuple of ContactSample
-        In order of time; empty while a slower stream is waited for.
+    model
     """
     if not (t - state.newest > SAME and t < inf):
         state, again = _refuse(state, 0, t, state.newest)
@@ -135,7 +134,8 @@ def on_wrench(state: State, t: float, wrench: Wrench, model: Model) -> Result:
         wrench = corrected(wrench, model.six_axis)
     return _release(State(
         (*state.wrenches, (t, wrench)), t, min(state.first, t), state.accelerometer,
-        state.displacement, state.poses, state.motion, state.filter, state.refusals), model)
+        state.displacement, state.poses, state.motion, state.tool, state.filter,
+        state.refusals), model)
 
 
 def on_accelerometer(state: State, t: float, reading: Vector, model: Model) -> Result:
@@ -144,17 +144,12 @@ def on_accelerometer(state: State, t: float, reading: Vector, model: Model) -> R
 
     Parameters
     ----------
-    state : State
+    state
     t : float
         Stamp as sent [s].
     reading : tuple of 3 float
         In the unit of the calibration: volts, or m/s^2.
-    model : Model
-
-    Returns
-    -------
-    state : State
-    samples : tuple of ContactSample
+    model
     """
     channel = state.accelerometer
     last = channel.last
@@ -174,11 +169,12 @@ def on_accelerometer(state: State, t: float, reading: Vector, model: Model) -> R
     else:
         before = samples[-1]
         usable = before[1]
-    sample, wash = next_sample(before, channel.wash, t, reading, usable, begins, model)
+    sample, highpass = next_sample(before, channel.highpass, t, reading, usable, begins, model)
     samples = bounded((*samples, sample), model.memory)
     return _release(State(
-        state.wrenches, state.newest, state.first, Channel(samples, t, wash), state.displacement,
-        state.poses, state.motion, state.filter, state.refusals), model)
+        state.wrenches, state.newest, state.first, Channel(samples, t, highpass),
+        state.displacement, state.poses, state.motion, state.tool, state.filter,
+        state.refusals), model)
 
 
 def on_displacement(state: State, t: float, s: float, model: Model) -> Result:
@@ -187,17 +183,12 @@ def on_displacement(state: State, t: float, s: float, model: Model) -> Result:
 
     Parameters
     ----------
-    state : State
+    state
     t : float
         Stamp [s].
     s : float
         Along x of ft_sensor [m].
-    model : Model
-
-    Returns
-    -------
-    state : State
-    samples : tuple of ContactSample
+    model
     """
     channel = state.displacement
     last = channel.last
@@ -207,14 +198,15 @@ def on_displacement(state: State, t: float, s: float, model: Model) -> Result:
             return on_displacement(state._replace(displacement=Channel()), t, s, model)
         return state, ()
     samples = channel.samples
-    if t - last > model.timeout:
-        usable = usable_from(last, t, 0.0, state.first, model.timeout, model.skew)
+    timeout = model.displacement_timeout
+    if t - last > timeout:
+        usable = usable_from(last, t, 0.0, state.first, timeout, model.skew)
     else:
         usable = samples[-1][1]
     samples = bounded((*samples, (t, usable, s)), model.memory)
     return _release(State(
         state.wrenches, state.newest, state.first, state.accelerometer, Channel(samples, t),
-        state.poses, state.motion, state.filter, state.refusals), model)
+        state.poses, state.motion, state.tool, state.filter, state.refusals), model)
 
 
 def on_pose(state: State, t: float, position: Vector, q: Quaternion, model: Model) -> Result:
@@ -223,19 +215,14 @@ def on_pose(state: State, t: float, position: Vector, q: Quaternion, model: Mode
 
     Parameters
     ----------
-    state : State
+    state
     t : float
         Stamp [s].
     position : tuple of 3 float
         [m]; not finite where only the orientation is known.
     q : tuple of 4 float
         Quaternion xyzw.
-    model : Model
-
-    Returns
-    -------
-    state : State
-    samples : tuple of ContactSample
+    model
     """
     x, y, z, w = q
     n2 = x * x + y * y + z * z + w * w
@@ -250,35 +237,41 @@ def on_pose(state: State, t: float, position: Vector, q: Quaternion, model: Mode
                         model.pose_timeout, model.skew, model.memory)
     return _release(State(
         state.wrenches, state.newest, state.first, state.accelerometer, state.displacement,
-        poses, state.motion, state.filter, state.refusals), model)
+        poses, state.motion, state.tool, state.filter, state.refusals), model)
 
 
 def _release(state: State, model: Model) -> Result:
     """Answer the wrenches that have waited long enough."""
     if not state.wrenches:
         return state, ()
-    wrenches, now, first, accelerometer, displacement, poses, motion, filter_, refusals = state
-    wait = model.timeout + model.skew
+    (wrenches, now, first, accelerometer, displacement, poses, motion, tool, memory,
+     refusals) = state
+    wait, displacement_wait = model.timeout + model.skew, model.displacement_timeout + model.skew
     out: list[ContactSample] = []
     while wrenches:
         t, wire = wrenches[0]
         if not ((not model.accelerometer or channel_ready(accelerometer, t, now, first, wait))
-                and channel_ready(displacement, t, now, first, wait)
+                and channel_ready(displacement, t, now, first, displacement_wait)
                 and pose_ready(poses, t, now, first, model.pose_timeout, model.skew)):
             break
         wrenches = wrenches[1:]
         if poses.pending and poses.pending[0][1] <= t:
             poses, motion = _take_poses(poses, motion, t, accelerometer.samples,
-                                        displacement.samples, filter_.s, model)
-        filter_, sample = observe(
-            filter_, motion, t, wire, force_at(accelerometer.samples, t, model.timeout, False),
-            displacement_at(displacement.samples, t, model.timeout), model)
+                                        displacement.samples, tool.s, model)
+        tool, reading = unload(
+            tool, motion, t, wire, force_at(accelerometer.samples, t, model.timeout, False),
+            displacement_at(displacement.samples, t, model.displacement_timeout), model)
+        if model.bias_filter is None:
+            memory, sample = filtered(
+                memory if isinstance(memory, Memory) else Memory(), reading, motion, model)
+        else:
+            memory, sample = learn(memory, reading, model.bias_filter)
         out.append(sample)
-        accelerometer = pruned_channel(accelerometer, t - KEEP)
-        displacement = pruned_channel(displacement, t - KEEP)
+        accelerometer = pruned_channel(accelerometer, t - model.keep)
+        displacement = pruned_channel(displacement, t - model.keep)
     if not out:
         return state, ()
-    return State(wrenches, now, first, accelerometer, displacement, poses, motion, filter_,
+    return State(wrenches, now, first, accelerometer, displacement, poses, motion, tool, memory,
                  refusals), tuple(out)
 
 
@@ -289,9 +282,9 @@ def _take_poses(poses: PoseQueue, motion: Motion, t: float, accelerometer: tuple
     pending = pruned(poses.pending, t - model.reach)
     while pending and pending[0][1] <= t:
         stamp, _, position, q = pending[0]
-        slid = displacement_at(displacement, stamp, model.timeout)
+        slid = displacement_at(displacement, stamp, model.displacement_timeout)
         motion = take_pose(
-            motion, stamp, position, q, stamp < t - KEEP,
+            motion, stamp, position, q, stamp < t - model.keep,
             force_at(accelerometer, stamp, model.timeout, True), slid if slid == slid else s,
             model)
         pending = pending[1:]
@@ -299,18 +292,6 @@ def _take_poses(poses: PoseQueue, motion: Motion, t: float, accelerometer: tuple
 
 
 def finish(state: State, model: Model) -> Result:
-    """
-    Answer the wrenches still waiting, as if every other stream had stopped.
-
-    Parameters
-    ----------
-    state : State
-    model : Model
-
-    Returns
-    -------
-    state : State
-    samples : tuple of ContactSample
-    """
+    """Answer the wrenches still waiting, as if every other stream had stopped."""
     released, samples = _release(state._replace(newest=inf), model)
     return released._replace(newest=state.newest), samples

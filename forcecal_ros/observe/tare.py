@@ -6,9 +6,12 @@ from dataclasses import dataclass
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.observe.bandwidth import NoiseLevels
-from forcecal_ros.observe.contact import ContactSample
 from forcecal_ros.observe.design import Model
+from forcecal_ros.observe.filters.bias_filter import Belief
+from forcecal_ros.observe.filters.memory import Memory
+from forcecal_ros.observe.sample import ContactSample
 from forcecal_ros.observe.status import describe, INVALID
+from forcecal_ros.observe.step import State
 import numpy as np
 
 CHANNELS = ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z')
@@ -44,21 +47,17 @@ def tare(samples: Sequence[ContactSample], model: Model, levels: NoiseLevels,
 
     Parameters
     ----------
-    samples : sequence of ContactSample
+    samples
         The window, in order of time.
-    model : Model
-        Of the observer that made them.
-    levels : NoiseLevels
+    model
+        Of the chain that made them.
+    levels
         Noise at rest.
     seconds : float
         Shortest window that is accepted [s].
     noise_factor : float
         How many times the noise at rest counts as motion or contact; noise levels drift by a
         factor of two on their own.
-
-    Returns
-    -------
-    Tare
 
     Raises
     ------
@@ -84,21 +83,18 @@ def tare(samples: Sequence[ContactSample], model: Model, levels: NoiseLevels,
                 measured.std(axis=0) / np.sqrt(len(samples)))
 
 
-def with_bias(model: Model, bias: Array) -> Model:
-    """
-    Return the model with another wrench bias.
+def with_bias(model: Model, bias: Array | tuple[float, ...]) -> Model:
+    """Return the model with another wrench bias (6,) [N, N m]."""
+    values = np.array(bias, dtype=float)
+    learning = model.bias_filter
+    return model._replace(
+        bias=tuple(values.tolist()),
+        bias_filter=None if learning is None else learning._replace(bias=values))
 
-    Parameters
-    ----------
-    model : Model
-    bias : ndarray, shape (6,)
-        [N, N m]
 
-    Returns
-    -------
-    Model
-    """
-    return model._replace(bias=tuple(float(x) for x in bias))
+def without_learned_bias(state: State) -> State:
+    """Let a filter that estimates biases begin anew, from the bias that its model has now."""
+    return state._replace(filter=Memory()) if isinstance(state.filter, Belief) else state
 
 
 def _noise_at_rest(model: Model, levels: NoiseLevels, rate: float) -> Array:

@@ -10,6 +10,12 @@ from typing import NamedTuple
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
+ZERO: Vector = (0.0, 0.0, 0.0)
+
+JUMP_SQUARED = 0.09
+"""An orientation more than 0.3 rad from where it was predicted is no noise but another motion:
+the filter starts anew there. Its square [rad^2]."""
+
 
 class Poles(NamedTuple):
     """
@@ -27,32 +33,18 @@ def butterworth(corner: float) -> Poles:
     """
     Return the poles of the stationary Kalman filter for a white third derivative.
 
-    Parameters
-    ----------
-    corner : float
-        Sixth root of the density of that derivative over that of the measurement [rad/s].
-
-    Returns
-    -------
-    Poles
+    ``corner`` is the sixth root of the density of that derivative over that of the measurement
+    [rad/s].
     """
     return Poles(corner, corner / 2, 0.75 * corner * corner)
 
 
 def tracking_gains(dt: float, poles: Poles) -> Vector:
     """
-    Place the poles of a filter on position, velocity and acceleration for one period.
+    Place the poles of a filter on position, velocity and acceleration for one period ``dt`` [s].
 
-    Parameters
-    ----------
-    dt : float
-        Time since the last measurement [s].
-    poles : Poles
-
-    Returns
-    -------
-    tuple of float
-        What an innovation adds to position, to velocity and to acceleration [1, 1/s, 1/s^2].
+    Returns what an innovation adds to position, to velocity and to acceleration
+    [1, 1/s, 1/s^2].
     """
     z = exp(-poles.real * dt)
     r = exp(-poles.mean * dt)
@@ -123,21 +115,9 @@ class Rotation(NamedTuple):
 
 def track_rotation(state: Rotation, t: float, q: Quaternion, poles: Poles) -> Rotation:
     """
-    Take in one measured orientation: predict, compare on SO(3), correct.
+    Take in one orientation measured at ``t`` > ``state.t``: predict, compare on SO(3), correct.
 
-    Parameters
-    ----------
-    state : Rotation
-    t : float
-        Stamp, later than ``state.t`` [s].
-    q : tuple of 4 float
-        Measured orientation, normalised.
-    poles : Poles
-
-    Returns
-    -------
-    Rotation
-        Starts anew where prediction and measurement are more than 0.3 rad apart.
+    Starts anew after a jump, see ``JUMP_SQUARED``.
     """
     dt = t - state.t
     (wx, wy, wz), (ax, ay, az) = state.omega, state.alpha
@@ -145,7 +125,7 @@ def track_rotation(state: Rotation, t: float, q: Quaternion, poles: Poles) -> Ro
     wx, wy, wz = wx + h * ax, wy + h * ay, wz + h * az
     predicted = turned(state.q, wx * dt, wy * dt, wz * dt)
     ex, ey, ez = rotation_between(predicted, q)
-    if not ex * ex + ey * ey + ez * ez < 0.09:
+    if not ex * ex + ey * ey + ez * ez < JUMP_SQUARED:
         return Rotation(t, q, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     k1, k2, k3 = tracking_gains(dt, poles)
     return Rotation(

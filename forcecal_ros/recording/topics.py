@@ -39,6 +39,7 @@ ROLES: Mapping[str, Role] = {
     'contact_wrench': Role('observer/contact_wrench', (WRENCH,)),
     'inertial_wrench': Role('observer/inertial_wrench', (WRENCH,)),
     'innovation': Role('observer/innovation', (WRENCH,)),
+    'status': Role('observer/status', (DIAGNOSTICS,)),
     'phase': Role('sequencer/phase', (DIAGNOSTICS,)),
     'calibration': Role('sequencer/calibration', (STRING,), latched=True),
     'observer_gain': Role('sequencer/observer_gain', (MULTI_ARRAY,), latched=True),

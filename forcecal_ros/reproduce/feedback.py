@@ -65,7 +65,7 @@ class Observed:
     """The observer in mode ``newton`` or ``kalman``, by the step that its node runs."""
 
     def __init__(self, calibration: Calibration, mode: str) -> None:
-        self._model = design(calibration, Settings(mode=mode))
+        self._model = design(calibration, Settings(filter=mode))
         self._state = State()
 
     def update(self, samples: Samples) -> list[tuple[float, float]]:

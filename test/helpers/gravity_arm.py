@@ -1,6 +1,6 @@
 """A simulated arm that swings a hand without touching anything: the experiment of [Ukf2025].
 
-Its own forward physics; nothing of ``forcecal_ros.gravity`` is imported. Wrenches are as on the
+Its own forward physics; nothing of ``forcecal_ros.observe`` is imported. Wrenches are as on the
 wire: environment on tool, so m g at rest.
 """
 

@@ -6,15 +6,13 @@ from forcecal_ros.calibration.file import dump, save
 from forcecal_ros.calibration.model import Accelerometer, Calibration, Estimate, Noise, Tool
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import rotation_from_vector
-from forcecal_ros.gravity.playback import replay as compensate
 from forcecal_ros.motion.poses import nominal_poses
 from forcecal_ros.motion.profiles import Move, Pose
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT
 from forcecal_ros.nodes.wire import JointWriter, Writer
-from forcecal_ros.observe import replay
+from forcecal_ros.observe import replay, Settings
 from forcecal_ros.observe.playback import events
 from forcecal_ros.observe.rest import refuse_motion
-from forcecal_ros.observe.settings import FilterSettings as GravitySettings
 from forcecal_ros.recording.streams import PoseStream
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.offline import simulate
@@ -120,9 +118,7 @@ def noisy():
 
 def offline(recording, gravity):
     """Replay the recording by the observer, or by a filter of gravity compensation."""
-    if gravity == 'none':
-        return replay(recording, noisy()).contact
-    return compensate(recording, noisy(), GravitySettings(filter=gravity)).wrench
+    return replay(recording, noisy(), Settings(None if gravity == 'none' else gravity)).contact
 
 
 @pytest.mark.parametrize('gravity', ['none', 'ukf', 'static'])

@@ -80,10 +80,10 @@ CASES = {
     'gaps': (with_gaps(), calibration(), Settings()),
     'gaps, later': (with_gaps(delay=0.0073), calibration(0.0073), Settings()),
     'gaps, earlier': (with_gaps(delay=-0.0073), calibration(-0.0073), Settings()),
-    'gaps, newton': (with_gaps(), calibration(), Settings(mode='newton')),
+    'gaps, newton': (with_gaps(), calibration(), Settings('newton')),
     'much later': (swing(delay=0.2), calibration(0.2), Settings()),
     'coupled by ac': (swing(wash=0.5), calibration(wash=0.5), Settings()),
-    'newton': (swing(), calibration(), Settings(mode='newton')),
+    'newton': (swing(), calibration(), Settings('newton')),
     'orientation': (orientation_only(swing()), calibration(), Settings()),
     'orientation, coupled by ac': (
         orientation_only(swing(wash=0.5)), calibration(wash=0.5), Settings()),
@@ -93,6 +93,9 @@ CASES = {
     'accelerometer unknown': (swing(), calibration(accelerometer=None), Settings()),
     'no displacement': (only('wrench', 'accelerometer', 'pose'), calibration(), Settings()),
     'wrench alone': (only('wrench'), calibration(), Settings()),
+    'gaps, ukf': (with_gaps(), calibration(), Settings('ukf')),
+    'bad samples, ekf': (with_bad_samples(), calibration(), Settings('ekf')),
+    'gaps, static': (with_gaps(), calibration(), Settings('static')),
     'limits': (swing(), calibration(), Settings(
         wrench_limit=(100.0,) * 3 + (3.0,) * 3, accelerometer_limit=6.0)),
     'pauses': (with_pauses(), calibration(), Settings()),
@@ -106,19 +109,23 @@ def test_batch_equals_step(case):
     recording, known, settings = CASES[case]
     model = design(known, settings)
     state, samples = run(recording, model)
-    t, wrenches, status, dropped = estimates(recording, model)
-    assert dropped == state.refusals.counts
-    assert status.tolist() == [sample.status for sample in samples]
-    assert t.tolist() == [sample.t for sample in samples]
-    for name, values in zip(('contact', 'measured', 'innovation', 'inertial'), wrenches):
+    found = estimates(recording, model)
+    assert found.dropped == state.refusals.counts
+    assert found.status.tolist() == [sample.status for sample in samples]
+    assert found.t.tolist() == [sample.t for sample in samples]
+    for name in ('contact', 'measured', 'innovation', 'inertial'):
         expected = np.array([getattr(sample, name) for sample in samples])
-        np.testing.assert_allclose(values, expected, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(getattr(found, name), expected, rtol=0, atol=1e-9)
+    if model.bias_filter is not None:
+        for name, values in found.learned._asdict().items():
+            expected = np.array([getattr(sample.learned, name) for sample in samples])
+            np.testing.assert_allclose(values, expected, rtol=1e-9, atol=1e-9)
 
 
 def test_cases_meet_everything_a_status_can_say():
     seen = 0
     for recording, known, settings in CASES.values():
-        seen |= int(np.bitwise_or.reduce(estimates(recording, design(known, settings))[2]))
+        seen |= int(np.bitwise_or.reduce(estimates(recording, design(known, settings)).status))
     assert seen == 511
 
 

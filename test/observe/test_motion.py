@@ -1,6 +1,7 @@
 """Following the pose, and the wrench of a tool that moves with it."""
 
-from forcecal_ros.observe.inertial import gravity_in_sensor, Load, Place, tool_wrench, track_place
+from forcecal_ros.observe.inertial import Load, tool_wrench
+from forcecal_ros.observe.motion import gravity_in_sensor, Place, track_place
 from forcecal_ros.observe.tracking import (
     butterworth,
     rotate,

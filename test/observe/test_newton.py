@@ -4,7 +4,8 @@ from dataclasses import replace
 
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.observe import replay, Settings
-from forcecal_ros.observe.filters.newton import newton_step, NewtonState
+from forcecal_ros.observe.filters.memory import NewtonState
+from forcecal_ros.observe.filters.newton import newton_step
 import numpy as np
 from observing import calibration, K1, K2, push, record, Swing
 import pytest
@@ -105,7 +106,7 @@ def test_equation_3_as_printed_lacks_the_term_of_k22_which_is_small_with_the_pap
 def test_mode_newton_publishes_newtons_law_on_all_axes():
     swing = Swing(place=(0.012, 0.004, 0.006), slide=0.003)
     recording = record(3.0, swing, push(0, 20.0, 1.0), seed=3)
-    estimate = replay(recording, calibration(K=K1), Settings(mode='newton'))
+    estimate = replay(recording, calibration(K=K1), Settings('newton'))
     assert estimate.contact[:, 1:] == pytest.approx(estimate.measured[:, 1:])
     late = estimate.t > 2.0
     ratio = estimate.contact[late, 0].std() / estimate.measured[late, 0].std()
@@ -118,7 +119,7 @@ def test_the_calibration_names_the_mode_and_the_settings_override_it():
     named = replace(known, observer=replace(known.observer, mode='newton'))
     recording = record(0.5)
     newton = replay(recording, named)
-    kalman = replay(recording, named, Settings(mode='kalman'))
+    kalman = replay(recording, named, Settings('kalman'))
     assert newton.contact[-50:, 1].std() > 2 * kalman.contact[-50:, 1].std()
     with pytest.raises(ConfigError, match='observer.K'):
-        replay(recording, replace(known, observer=None), Settings(mode='newton'))
+        replay(recording, replace(known, observer=None), Settings('newton'))

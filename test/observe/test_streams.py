@@ -7,16 +7,13 @@ from forcecal_ros.observe import (
     design,
     finish,
     level,
-    on_accelerometer,
-    on_displacement,
-    on_pose,
-    on_wrench,
     replay,
     Settings,
     State,
     Status,
 )
-from forcecal_ros.observe.playback import events
+from forcecal_ros.observe.playback import events, on_event
+from forcecal_ros.observe.settings import FILTERS
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
@@ -29,21 +26,10 @@ SWING = Swing(place=(0.012, 0.004, 0.006), turn=0.2, axis=(0.3, 1.0, 0.2), slide
 SKEW = Settings().skew
 
 
-def feed(state, event, model):
-    t, kind, row = event
-    if kind == 'wrench':
-        return on_wrench(state, t, row, model)
-    if kind == 'accelerometer':
-        return on_accelerometer(state, t, row, model)
-    if kind == 'displacement':
-        return on_displacement(state, t, row[0], model)
-    return on_pose(state, t, row[:3], row[3:], model)
-
-
 def run(sequence, model):
     state, samples = State(), []
     for event in sequence:
-        state, out = feed(state, event, model)
+        state, out = on_event(state, event, model)
         samples.extend(out)
     state, out = finish(state, model)
     return state, [*samples, *out]
@@ -103,7 +89,7 @@ def latencies(delay, rates):
     r = record(1.0, SWING, delay=delay, rates=rates)
     model, state, late = design(calibration(delay)), State(), []
     for event in events(r):
-        state, out = feed(state, event, model)
+        state, out = on_event(state, event, model)
         late.extend(event[0] - sample.t for sample in out if sample.t > 0.2)
     return np.array(late)
 
@@ -128,7 +114,7 @@ def test_a_stream_that_stops_holds_the_output_back_once(stream, wait):
     r = replace(r, **{stream: without_times(getattr(r, stream), (0.7, 2.0))})
     model, state, late = design(calibration()), State(), []
     for event in events(r):
-        state, out = feed(state, event, model)
+        state, out = on_event(state, event, model)
         late.extend((sample.t, event[0] - sample.t) for sample in out)
     t, late = np.array(late).T
     assert late.max() <= wait + 0.001
@@ -145,12 +131,12 @@ anything = st.lists(st.tuples(
 
 
 @pytest.mark.parametrize('coupling', ['dc', 'ac'])
-@pytest.mark.parametrize('mode', ['kalman', 'newton'])
+@pytest.mark.parametrize('mode', FILTERS)
 @given(sequence=anything, ordered=st.booleans())
 @hypothesis_settings(max_examples=25, deadline=None)
 def test_no_sample_makes_the_step_raise_or_its_estimate_infinite(
         sequence, ordered, mode, coupling):
-    model = design(calibration(wash=0.01 if coupling == 'ac' else 0.0), Settings(mode=mode))
+    model = design(calibration(wash=0.01 if coupling == 'ac' else 0.0), Settings(mode))
     if ordered:
         sequence = sorted(sequence, key=lambda e: (e[0] != e[0], e[0]))
     size = {'wrench': 6, 'accelerometer': 3, 'displacement': 1, 'pose': 7}
@@ -221,7 +207,7 @@ def test_readings_at_the_end_of_a_range_are_flagged():
 def test_without_a_wrench_nothing_piles_up():
     model, state = design(calibration()), State()
     for event in events(record(2.0, without=('wrench',))):
-        state, _ = feed(state, event, model)
+        state, _ = on_event(state, event, model)
     memory = 4 * (Settings().pose_timeout + SKEW)
     assert len(state.accelerometer.samples) <= 1000 * memory + 2
     assert len(state.poses.pending) <= 250 * memory + 2

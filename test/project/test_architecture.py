@@ -16,7 +16,7 @@ NUMERICS = (
     ('schema',),
     ('recording',),
     ('calibration',),
-    ('effects', 'gravity', 'identify', 'insitu', 'motion', 'observe', 'simulators'),
+    ('effects', 'identify', 'insitu', 'motion', 'observe', 'simulators'),
     ('diagnose', 'impedance'),
     ('reproduce',),
 )

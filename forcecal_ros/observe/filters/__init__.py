@@ -1,1 +1,1 @@
-"""Stages that turn the unfiltered contact wrench into the published one."""
+"""The filters: from the unfiltered contact wrench to the one that is published."""

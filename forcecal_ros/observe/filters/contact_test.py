@@ -37,8 +37,9 @@ class Contact(NamedTuple):
     share: float = 0.0
 
 
-ROOM = 10.0
-"""How much less certain than its bias a wrench is at the onset of contact, in variance."""
+ONSET_VARIANCE = 10.0
+"""At the onset of contact the wrench is held for that many times as uncertain, in variance, as
+its bias: then what came up is read as wrench (91 % of it at once), not as bias."""
 
 
 class Free(NamedTuple):
@@ -54,18 +55,8 @@ def free_hypothesis(belief: Gaussian, expected: Expected, reading: Array, R: Arr
     """
     Take the wrench out of what was expected.
 
-    Parameters
-    ----------
-    belief : Gaussian
-        Its first six states are the wrench, which adds to the reading.
-    expected : Expected
-        The reading as that belief expects it, its first six elements.
-    reading : ndarray, shape (6,)
-    R : ndarray, shape (6, 6)
-
-    Returns
-    -------
-    Free
+    The first six states are the wrench, which adds to the reading (6,); R (6, 6) is the
+    covariance of its noise.
     """
     wrench_cov, cross = belief.cov[:6, :6], expected.cross[:6, :6]
     cov = expected.cov[:6, :6] - cross - cross.T + wrench_cov
@@ -75,15 +66,7 @@ def free_hypothesis(belief: Gaussian, expected: Expected, reading: Array, R: Arr
 def assess(contact: Contact, free: Free, dt: float, model: ContactModel
            ) -> tuple[Contact, float]:
     """
-    Test one reading.
-
-    Parameters
-    ----------
-    contact : Contact
-    free : Free
-    dt : float
-        Time since the reading before [s].
-    model : ContactModel
+    Test one reading, ``dt`` [s] after the one before.
 
     Returns
     -------
@@ -116,17 +99,9 @@ def opened(belief: Gaussian) -> Gaussian:
     Return the belief at the onset of contact: a wrench of any size may have come up.
 
     The biases are frozen from here on. Where little is known of them yet, a wrench thought to be
-    small would take a second to follow, for all that time suspecting the bias.
-
-    Parameters
-    ----------
-    belief : Gaussian
-        Its first six states are the wrench, the next six its biases.
-
-    Returns
-    -------
-    Gaussian
+    small would take a second to follow, for all that time suspecting the bias. The first six
+    states are the wrench, the next six its biases.
     """
     cov = belief.cov.copy()
-    cov[:6, :6] += ROOM * cov[6:12, 6:12]
+    cov[:6, :6] += ONSET_VARIANCE * cov[6:12, 6:12]
     return Gaussian(belief.mean, cov)

@@ -5,8 +5,8 @@ Where [Ukf2025] leaves a choice open, this is ours:
 - f and h. The paper prints neither; with h = identity the filter smooths the weight instead of
   removing it. Ours: y = F + b + load + v, load = weight and inertia of the tool.
 - "Constant velocity" needs twelve more states than the paper has. Ours: a random walk, which
-  returns to nil while contact is excluded (see :mod:`forcecal_ros.observe.filters.bias_filter`).
-- x0. The paper says both "the first reading" and nil. Ours: nil, since the first reading is
+  returns to zero while contact is excluded (see :mod:`forcecal_ros.observe.filters.bias_filter`).
+- x0. The paper says both "the first reading" and zero. Ours: zero, since the first reading is
   mostly the weight; biases start from the calibration.
 - n = 8 or 12. The paper lists b_f and b_m, two names of three numbers each. Ours: 12, or 6.
 - Scale factors are no states: a scale on F cannot be told from F. They belong into the
@@ -58,10 +58,6 @@ def paper_covariances() -> Covariances:
     R = 0.1 N^2 is a noise of 0.32 N. On a sensor that really is so noisy these give errors of
     0.5 N, three times the paper's own table; on a quiet one they are only its ratio Q/R, a rise
     in about 7 ms, and an innovation far smaller than the filter thinks.
-
-    Returns
-    -------
-    Covariances
     """
     return Covariances(np.diag([0.01] * 3 + [0.001] * 3), np.diag([0.1] * 3 + [0.01] * 3),
                        np.diag([1.0] * 3 + [0.1] * 3), PAPER_PERIOD)
@@ -76,17 +72,8 @@ def load_noise(calibration: Calibration, alpha_std: float) -> Array:
     """
     Noise that the load brings: the accelerometer's, and that of the angular acceleration.
 
-    The load is -m [1; c x] f_c and -I alpha, f_c = f + alpha x d at d from the accelerometer.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    alpha_std : float
-        Of the angular acceleration, per axis [rad/s^2].
-
-    Returns
-    -------
-    ndarray, shape (6, 6)
+    The load is -m [1; c x] f_c and -I alpha, f_c = f + alpha x d at d from the accelerometer;
+    ``alpha_std`` is per axis [rad/s^2]. Covariance of shape (6, 6).
     """
     m, c = float(calibration.mass), calibration.com.value
     by_force = -m * np.vstack([np.eye(3), skew(c)])
@@ -109,19 +96,7 @@ def measured_covariances(calibration: Calibration, rise_time: float,
     Find Q, R and P0 from what was measured.
 
     R is the noise of the force sensor and of the load. Q = R k^2 / (1 - k) is the random walk
-    whose stationary gain k gives the rise time, the same on all axes.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    rise_time : float
-        [s]
-    alpha_std : float
-        See :func:`load_noise`.
-
-    Returns
-    -------
-    Covariances
+    whose stationary gain k gives the rise time [s], the same on all axes.
 
     Raises
     ------

@@ -37,18 +37,7 @@ class Function(NamedTuple):
 
 
 def linear(matrix: Array, offset: Array | float = 0.0) -> Function:
-    """
-    Return ``matrix @ x + offset`` as a :class:`Function`.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (k, n)
-    offset : ndarray, shape (k,), or float
-
-    Returns
-    -------
-    Function
-    """
+    """Return ``matrix @ x + offset``, matrix (k, n), as a :class:`Function`."""
     transposed = matrix.T
     return Function(lambda x: matrix @ x + offset, lambda x, dx: dx @ transposed,
                     lambda x: matrix)
@@ -83,15 +72,7 @@ class NotPositiveDefinite(ArithmeticError):
 
 def cholesky(cov: Array) -> Array:
     """
-    Lower Cholesky factor.
-
-    Parameters
-    ----------
-    cov : ndarray, shape (n, n)
-
-    Returns
-    -------
-    ndarray, shape (n, n)
+    Return the lower Cholesky factor.
 
     Raises
     ------
@@ -127,16 +108,6 @@ def predict(belief: Gaussian, transition: Function, Q: Array) -> Gaussian:
 
     Exact for a linear f. All transitions of this package are linear in the state, so sigma points
     have nothing to add here.
-
-    Parameters
-    ----------
-    belief : Gaussian
-    transition : Function
-    Q : ndarray, shape (n, n)
-
-    Returns
-    -------
-    Gaussian
     """
     G = transition.jacobian(belief.mean)
     return Gaussian(transition.value(belief.mean), G @ belief.cov @ G.T + Q)
@@ -145,22 +116,10 @@ def predict(belief: Gaussian, transition: Function, Q: Array) -> Gaussian:
 def condition(belief: Gaussian, expected: Expected, reading: Array,
               frozen: slice | None = None) -> Gaussian:
     """
-    Take in a reading: x + K e, P - K P_yy K^T with K = P_xy P_yy^-1, [Ukf2025].
+    Take in a reading (k,): x + K e, P - K P_yy K^T with K = P_xy P_yy^-1, [Ukf2025].
 
-    Parameters
-    ----------
-    belief : Gaussian
-        Before the reading.
-    expected : Expected
-        The reading as the belief expects it.
-    reading : ndarray, shape (k,)
-    frozen : slice or None
-        States that the reading must not move (Schmidt's filter): their means and covariances
-        stay, the others are estimated knowing how uncertain these are.
-
-    Returns
-    -------
-    Gaussian
+    ``frozen`` are states that the reading must not move (Schmidt's filter): their means and
+    covariances stay, the others are estimated knowing how uncertain these are.
 
     Raises
     ------

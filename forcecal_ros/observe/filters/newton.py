@@ -1,13 +1,12 @@
-"""The paper's observer, on the x axis of ft_sensor."""
+"""Filter ``newton``: the paper's observer, on the x axis of ft_sensor."""
 
-from typing import NamedTuple
+from math import inf, isfinite
 
-
-class NewtonState(NamedTuple):
-    """Position [m] and velocity [m/s] of the tool along x, as the observer has them."""
-
-    x: float
-    v: float
+from forcecal_ros.observe.design import Model
+from forcecal_ros.observe.filters.memory import Memory, NewtonState, STOPPED
+from forcecal_ros.observe.motion import gravity_in_sensor, Motion
+from forcecal_ros.observe.tracking import rotate, ZERO
+from forcecal_ros.observe.unload import Unloaded
 
 
 def newton_step(
@@ -26,12 +25,12 @@ def newton_step(
     which is Eq. 3 with the k22 term that it drops. Mind what k23 = 1 does: the first two terms
     are u - m a, untouched by any dynamics, so the sensors' noise in u - m a passes undiminished
     (0 dB with the gains printed in Eq. 32 and 33, above 0 dB with faster ones, which add the
-    noise of x and dx/dt). The spectrum of Fig. 6 cannot come from Eq. 3 as printed; mode
+    noise of x and dx/dt). The spectrum of Fig. 6 cannot come from Eq. 3 as printed; filter
     ``kalman`` is the one that filters.
 
     Parameters
     ----------
-    state : NewtonState
+    state
     dt : float
         Time since the last call [s].
     u : float
@@ -63,3 +62,35 @@ def newton_step(
     xi_2 = (a11 * r2 - a21 * r1) / det
     force = k23 * (u - m * a) - m * k21 * (x - xi_1) - m * k22 * (v - xi_2)
     return NewtonState(xi_1, xi_2), force
+
+
+def along_x(memory: Memory, reading: Unloaded, motion: Motion, model: Model) -> Memory:
+    """
+    Run the paper's observer along x; its force comes back in the wire's sign.
+
+    Position and velocity are those of the tool as the pose filter has them; without a position
+    they count as met, which leaves Newton's law. The paper's x does not turn: where the sensor
+    does, the observer's position and velocity are turned along, so that only translation drives
+    its error. The other five components are not filtered.
+    """
+    state, m, f = memory.newton, model.load.m, reading.f
+    _, m1, m2, m3, m4, m5 = reading.measured
+    wire_x = reading.measured[0] + reading.inertial[0]
+    rotation, place = motion.rotation, motion.place
+    if place.t == -inf or not motion.position:
+        return Memory(reading.t, (wire_x + m * f[0], m1, m2, m3, m4, m5), STOPPED, ZERO)
+    g = gravity_in_sensor(rotation.q, model.gravity)[0]
+    nx, ny, nz = axis = rotate(rotation.q, (1.0, 0.0, 0.0))
+    v = nx * place.v[0] + ny * place.v[1] + nz * place.v[2]
+    x = nx * place.p[0] + ny * place.p[1] + nz * place.p[2] + v * (reading.t - place.t)
+    dt = reading.t - memory.t
+    if not isfinite(state.x) or dt > model.pause:
+        state = NewtonState(x, v)
+        dt = 0.0
+    else:
+        dx, dy, dz = nx - memory.axis[0], ny - memory.axis[1], nz - memory.axis[2]
+        (px, py, pz), (vx, vy, vz) = place.p, place.v
+        state = NewtonState(state.x + dx * px + dy * py + dz * pz,
+                            state.v + dx * vx + dy * vy + dz * vz)
+    state, force = newton_step(state, dt, -wire_x + m * g, f[0] + g, x, v, m, model.K)
+    return Memory(reading.t, (-force, m1, m2, m3, m4, m5), state, axis)

@@ -6,8 +6,9 @@ from typing import NamedTuple
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array, skew
-from forcecal_ros.observe.filters.bias_model import Model, model_from_calibration
-from forcecal_ros.observe.settings import FilterSettings
+from forcecal_ros.observe.design import design
+from forcecal_ros.observe.filters.bias_model import BiasModel
+from forcecal_ros.observe.settings import LEARNING, Settings
 import numpy as np
 from scipy.linalg import block_diag
 
@@ -53,8 +54,10 @@ class PoseFreeModel(NamedTuple):
 
     Attributes
     ----------
-    wrench : Model
+    wrench : BiasModel
     imu : Imu
+    gravity : float
+        [m/s^2]
     mass, mass_std : float
         [kg]
     spread : ndarray, shape (6, 3)
@@ -67,8 +70,9 @@ class PoseFreeModel(NamedTuple):
         Of the :func:`~forcecal_ros.observe.pose_free.orientation.readings`.
     """
 
-    wrench: Model
+    wrench: BiasModel
     imu: Imu
+    gravity: float
     mass: float
     mass_std: float
     spread: Array
@@ -77,26 +81,16 @@ class PoseFreeModel(NamedTuple):
     noise: Array
 
 
-def pose_free_model(calibration: Calibration, settings: FilterSettings = FilterSettings(),
+def pose_free_model(calibration: Calibration, settings: Settings = Settings('ukf'),
                     imu: Imu = Imu()) -> PoseFreeModel:
     """
-    Turn a calibration into the pose-free model.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    settings : FilterSettings
-        Twelve states of the wrench; ``ukf`` or ``ekf``.
-    imu : Imu
-
-    Returns
-    -------
-    PoseFreeModel
+    Turn a calibration into the pose-free model, for filter ``ukf`` or ``ekf`` of twelve states.
 
     Raises
     ------
     ConfigError
-        The calibration has no accelerometer that shows gravity, or no noise.
+        The filter is another one, or the calibration has no accelerometer that shows gravity, or
+        no noise.
     """
     accelerometer, noise = calibration.accelerometer, calibration.noise
     if accelerometer is None or accelerometer.coupling != 'dc':
@@ -105,18 +99,18 @@ def pose_free_model(calibration: Calibration, settings: FilterSettings = FilterS
     if noise is None or noise.specific_force is None:
         raise ConfigError('the calibration holds no noise.specific_force; calibrate with a '
                           'stretch at rest')
-    if settings.states != 12 or settings.filter == 'static':
-        raise ConfigError(f'gravity.filter {settings.filter} with {settings.states} states needs '
-                          'a pose; without one use ukf or ekf with 12')
+    wrench = design(calibration, settings).bias_filter
+    if wrench is None or not wrench.augmented:
+        raise ConfigError(f'filter {settings.filter} with {settings.learning.states} states needs '
+                          f'a pose; without one use {" or ".join(LEARNING)} with 12')
     com = calibration.com.value
     place = com if accelerometer.position is None else accelerometer.position.value
     inertia = np.zeros((3, 3)) if calibration.inertia is None else calibration.inertia.value
     mass_std = float(np.nan_to_num(calibration.mass.std))
-    wrench = model_from_calibration(calibration, settings)
-    paper = settings.covariances == 'paper'
+    paper = settings.learning.covariances == 'paper'
     R = block_diag(wrench.covariances.R if paper else noise.wrench.value,
                    noise.specific_force.value)
     return PoseFreeModel(
-        wrench, imu, float(calibration.mass),
+        wrench, imu, calibration.gravity, float(calibration.mass),
         sqrt(mass_std ** 2 + imu.payload_std ** 2 + 1e-12),
         np.vstack([np.eye(3), skew(com)]), place - com, inertia, R)

@@ -26,47 +26,39 @@ LEARNED = slice(6, 13)
 """Biases and mass: what only readings without contact may teach."""
 
 OFFSET_LASTS = 10.0
-"""An offset of the gyro counts as drawn anew that often; as white noise it would count for less
-[s]."""
+"""The offset of a gyro is not estimated; it counts as noise that is drawn anew this often. As
+white noise, anew at every sample, the same size would turn gravity by much less [s]."""
 
 LEAST_FORCE = 1.0
-"""Specific force below which none tells where down is [m/s^2]."""
+"""A specific force below this, a tenth of gravity, does not tell where down is [m/s^2]."""
 
 
-class Motion(NamedTuple):
+class Turning(NamedTuple):
     """Angular velocity [rad/s] and acceleration [rad/s^2], (3,) each."""
 
     omega: Array
     alpha: Array
 
 
-class Belief(NamedTuple):
+class LevelBelief(NamedTuple):
     """``level`` (3, 3), which maps a frame whose z is down to ft_sensor, and the states (18,)."""
 
     level: Array
     states: Gaussian
 
 
-def start_pose_free(model: PoseFreeModel, specific_force: Array) -> Belief:
+def start_pose_free(model: PoseFreeModel, specific_force: Array) -> LevelBelief:
     """
-    Return the belief before the first reading, from the first specific force.
+    Return the belief before the first reading, from the first specific force (3,) [m/s^2].
 
-    Parameters
-    ----------
-    model : PoseFreeModel
-    specific_force : ndarray, shape (3,)
-        Gravity is taken to oppose it; longer than LEAST_FORCE [m/s^2].
-
-    Returns
-    -------
-    Belief
+    Gravity is taken to oppose it, which wants it longer than ``LEAST_FORCE``.
     """
     wrench, imu = model.wrench, model.imu
     mean = np.zeros(STATES)
     mean[BIAS], mean[MASS] = wrench.bias, model.mass
     cov = block_diag(wrench.covariances.P0, wrench.bias_cov, model.mass_std ** 2,
                      imu.tilt_std ** 2 * np.eye(2), imu.acceleration_std ** 2 * np.eye(3))
-    return Belief(_level(-specific_force), Gaussian(mean, cov))
+    return LevelBelief(_level(-specific_force), Gaussian(mean, cov))
 
 
 def _level(down: Array) -> Array:
@@ -89,45 +81,33 @@ def exponential(x: float, y: float, z: float) -> Array:
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
 
 
-def differentiate(motion: Motion | None, omega: Array, dt: float, corner: float) -> Motion:
+def differentiate(turning: Turning | None, omega: Array, dt: float, corner: float) -> Turning:
     """
     Find the angular acceleration from the gyro, by a critically damped second-order filter.
 
     Parameters
     ----------
-    motion : Motion or None
+    turning
         As filtered so far.
     omega : ndarray, shape (3,)
         [rad/s]
     dt, corner : float
         [s], [rad/s]
-
-    Returns
-    -------
-    Motion
     """
-    if motion is None:
-        return Motion(omega, np.zeros(3))
+    if turning is None:
+        return Turning(omega, np.zeros(3))
     r = exp(-corner * dt)
-    predicted = motion.omega + dt * motion.alpha
+    predicted = turning.omega + dt * turning.alpha
     error = omega - predicted
-    return Motion(predicted + (1 - r * r) * error, motion.alpha + (1 - r) ** 2 / dt * error)
+    return Turning(predicted + (1 - r * r) * error, turning.alpha + (1 - r) ** 2 / dt * error)
 
 
-def turned(belief: Belief, model: PoseFreeModel, omega: Array | None, dt: float,
+def follow_gyro(belief: LevelBelief, model: PoseFreeModel, omega: Array | None, dt: float,
            contact: bool) -> tuple[Array, Function, Array]:
     """
-    Carry ``level`` along with the gyro, and return how the states move in a period.
+    Carry ``level`` along with the gyro, and return how the states move in a period ``dt`` [s].
 
-    Parameters
-    ----------
-    belief : Belief
-    model : PoseFreeModel
-    omega : ndarray, shape (3,), or None
-        [rad/s]; None: not known.
-    dt : float
-        [s]
-    contact : bool
+    ``omega`` (3,) [rad/s] is None where the gyro is silent.
 
     Returns
     -------
@@ -152,29 +132,17 @@ def turned(belief: Belief, model: PoseFreeModel, omega: Array | None, dt: float,
     return turn @ belief.level, linear(A), Q
 
 
-def relevelled(level: Array, states: Gaussian) -> Belief:
-    """
-    Move the tilt from the states into ``level``.
-
-    Parameters
-    ----------
-    level : ndarray, shape (3, 3)
-    states : Gaussian
-
-    Returns
-    -------
-    Belief
-        Its tilt is nil.
-    """
+def relevelled(level: Array, states: Gaussian) -> LevelBelief:
+    """Move the tilt from the states into ``level`` (3, 3)."""
     mean = states.mean
     level = level @ exponential(float(mean[13]), float(mean[14]), 0.0)
     # one Newton step back to orthogonality, for a filter that runs for days
     level = 1.5 * level - 0.5 * level @ level.T @ level
     mean[TILT] = 0.0
-    return Belief(level, states)
+    return LevelBelief(level, states)
 
 
-def readings(level: Array, model: PoseFreeModel, motion: Motion) -> Function:
+def readings(level: Array, model: PoseFreeModel, turning: Turning) -> Function:
     """
     Return what the sensors show: wrench (6) and specific force (3).
 
@@ -186,22 +154,13 @@ def readings(level: Array, model: PoseFreeModel, motion: Motion) -> Function:
     leave dm a out. a carries the accelerometer's noise, which a filter would take for excitation:
     it then believes to tell mass from bias at rest, and both end up ten standard errors off.
 
-    Parameters
-    ----------
-    level : ndarray, shape (3, 3)
-    model : PoseFreeModel
-    motion : Motion
-
-    Returns
-    -------
-    Function
-        To shape (9,). Difference and Jacobian hold at tilt 0, where the filter is.
+    Difference and Jacobian hold at tilt 0, where the filter is.
     """
-    spread, G = model.spread, model.wrench.gravity
-    W = skew(motion.omega)
+    spread, G = model.spread, model.gravity
+    W = skew(turning.omega)
     offset = np.zeros(9)
-    offset[3:6] = -model.inertia @ motion.alpha - W @ (model.inertia @ motion.omega)
-    offset[6:] = (skew(motion.alpha) + W @ W) @ model.lever
+    offset[3:6] = -model.inertia @ turning.alpha - W @ (model.inertia @ turning.omega)
+    offset[6:] = (skew(turning.alpha) + W @ W) @ model.lever
     down = G * level[:, 2]
     across = G * level[:, 1::-1] * _SWAP
 

@@ -13,8 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.typesys import get_typestore, Stores
 
-Signal = Stream | PoseStream | Sequence[Phase] | str
-"""What messages can be made of: numbers, poses, phases, or one text."""
+
+class Diagnostic(NamedTuple):
+    """One status: when it begins [s], DiagnosticStatus level, message, and the value behind it."""
+
+    start: float
+    level: int
+    message: str
+    value: str
+
+
+Signal = Stream | PoseStream | Sequence[Phase | Diagnostic] | str
+"""What messages can be made of: numbers, poses, phases, diagnostics, or one text."""
 
 
 class Messages(NamedTuple):
@@ -67,8 +77,8 @@ def messages_of(role: str, signal: Signal, start_ns: int, topic: str | None = No
         stamps = _stamps(signal.t, start_ns)
         rows = _stream_rows(msgtype, stamps, signal)
     else:
-        stamps = _stamps(np.array([phase.start for phase in signal]), start_ns)
-        return Messages(name, msgtype, stamps, _phase_rows(stamps, signal), latched)
+        stamps = _stamps(np.array([one.start for one in signal]), start_ns)
+        return Messages(name, msgtype, stamps, _diagnostic_rows(stamps, signal), latched)
     return Messages(name, msgtype, stamps, rows, latched)
 
 
@@ -99,7 +109,21 @@ def _imu_columns(values: Array) -> tuple[tuple[str, ...], Array]:
             np.hstack([values, np.full((len(values), len(unknown)), -1.0)]))
 
 
-def _phase_rows(stamps: Integers, phases: Sequence[Phase]) -> list[NDArray[np.uint8]]:
-    return [_encode(DIAGNOSTICS, stamps[i:i + 1], (), np.empty((1, 0)),
-                    {'status[0].name': 'sequencer: phase', 'status[0].message': phase.name})[0]
-            for i, phase in enumerate(phases)]
+def _diagnostic_rows(stamps: Integers, signal: Sequence[Phase | Diagnostic]
+                     ) -> list[NDArray[np.uint8]]:
+    return [_phase(stamps[i:i + 1], one) if isinstance(one, Phase)
+            else _diagnostic(stamps[i:i + 1], one) for i, one in enumerate(signal)]
+
+
+def _phase(stamp: Integers, phase: Phase) -> NDArray[np.uint8]:
+    row: NDArray[np.uint8] = _encode(DIAGNOSTICS, stamp, (), np.empty((1, 0)), {
+        'status[0].name': 'sequencer: phase', 'status[0].message': phase.name})[0]
+    return row
+
+
+def _diagnostic(stamp: Integers, one: Diagnostic) -> NDArray[np.uint8]:
+    level = np.array([[float(one.level)]])
+    row: NDArray[np.uint8] = _encode(DIAGNOSTICS, stamp, ('status[0].level',), level, {
+        'status[0].name': 'observer: status', 'status[0].message': one.message,
+        'status[0].values[0].key': 'status', 'status[0].values[0].value': one.value})[0]
+    return row

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.errors import ConfigError, DataError, UnobservableError
-from forcecal_ros.gravity import Imu, replay, replay_pose_free, Settings
-from forcecal_ros.gravity.playback import axes_of
+from forcecal_ros.observe import FilterSettings, Imu, replay, Settings
+from forcecal_ros.observe.playback import axes_of
 from forcecal_ros.recording.streams import Stream
 import gravity_arm as arm
 import numpy as np
@@ -23,7 +23,11 @@ class Case:
         self.recording = arm.record(self.motion, rng, accelerometer_bias=self.drift)
 
     def worst(self, settings):
-        return np.abs(replay(self.recording, self.calibration, settings).wrench).max(axis=0)
+        return np.abs(replay(self.recording, self.calibration, settings).contact).max(axis=0)
+
+
+def replay_pose_free(recording, calibration, settings=Settings('ukf'), imu=Imu()):
+    return replay(recording, calibration, settings, imu)
 
 
 @pytest.fixture(scope='module')
@@ -38,7 +42,7 @@ def short():
 
 @pytest.fixture(scope='module')
 def by_ukf(case):
-    return replay(case.recording, case.calibration)
+    return replay(case.recording, case.calibration, Settings('ukf'))
 
 
 def test_the_simulated_arm_obeys_mechanics():
@@ -64,46 +68,47 @@ def test_raw_errors_reach_those_of_the_paper(case):
 
 
 def test_the_errors_stay_within_the_paper_s_table(by_ukf):
-    assert (np.abs(by_ukf.wrench).max(axis=0) <= arm.TABLE).all()
+    assert (np.abs(by_ukf.contact).max(axis=0) <= arm.TABLE).all()
     assert not by_ukf.status.any()
-    assert not by_ukf.contact.any()
+    assert not by_ukf.learned.touching.any()
 
 
 def test_static_compensation_is_about_two_to_five_times_over(case):
-    over = case.worst(Settings(filter='static')) / arm.TABLE
+    over = case.worst(Settings('static')) / arm.TABLE
     assert (over[:5] > 1.7).all() and (over[:5] < 5.5).all()
     # the table grants 0.039 N m about z, where a hand on the axis gives hardly any torque
     assert over[5] < 1
 
 
 def test_the_extended_filter_is_as_good_as_the_unscented_one(short):
-    errors = [replay(short.recording, short.calibration, Settings(filter=name)).wrench
+    errors = [replay(short.recording, short.calibration, Settings(name)).contact
               for name in ('ukf', 'ekf')]
     assert errors[0] == pytest.approx(errors[1], abs=1e-8)
 
 
 def test_nis_is_within_its_chi_square_bounds(by_ukf):
-    n = len(by_ukf.nis)
+    n = len(by_ukf.learned.nis)
     low, high = chi2.ppf([0.005, 0.995], 6 * n) / n
-    assert low < by_ukf.nis.mean() < high
+    assert low < by_ukf.learned.nis.mean() < high
 
 
 def test_the_paper_s_covariances_expect_errors_far_larger_than_these(short):
-    paper = replay(short.recording, short.calibration, Settings(covariances='paper'))
+    settings = Settings('ukf', learning=FilterSettings(covariances='paper'))
+    paper = replay(short.recording, short.calibration, settings)
     # 0.0034 N^2 where the paper counts on 0.1
-    assert paper.nis.mean() < 0.3
+    assert paper.learned.nis.mean() < 0.3
 
 
 def test_biases_end_up_where_they_are(by_ukf):
-    assert (np.abs(by_ukf.bias[-1] - arm.BIAS) < 4 * by_ukf.bias_std[-1]).all()
+    assert (np.abs(by_ukf.learned.bias[-1] - arm.BIAS) < 4 * by_ukf.learned.bias_std[-1]).all()
 
 
 def test_without_a_pose_the_errors_stay_within_twice_the_table(short):
     result = replay_pose_free(short.recording, short.calibration)
-    assert (np.abs(result.wrench).max(axis=0) <= 2 * arm.TABLE).all()
+    assert (np.abs(result.contact).max(axis=0) <= 2 * arm.TABLE).all()
     assert not result.status.any()
     g = short.motion.R_base_sensor.transpose(0, 2, 1) @ arm.G
-    angle = np.degrees(np.linalg.norm(result.gravity - g, axis=1) / 9.80665)
+    angle = np.degrees(np.linalg.norm(result.by_imu.gravity - g, axis=1) / 9.80665)
     assert angle.max() < 2.0
 
 
@@ -114,11 +119,11 @@ def test_without_a_pose_an_unknown_payload_and_bias_are_learnt(short, name):
     unsure = replace(c, mass=Estimate(float(c.mass) - 0.1, 0.0, 'kg'),
                      wrench_bias=Estimate(c.wrench_bias.value + moved, 0.0, 'N, N m'))
     result = replay_pose_free(
-        short.recording, unsure, Settings(filter=name, bias_prior=(0.3, 0.02)),
+        short.recording, unsure, Settings(name, learning=FilterSettings(bias_prior=(0.3, 0.02))),
         Imu(payload_std=0.1))
-    assert abs(result.mass[-1] - arm.MASS) < 4 * result.mass_std[-1]
-    assert result.mass_std[-1] < 0.006
-    assert (np.abs(result.wrench[3000:]).max(axis=0) <= 2 * arm.TABLE).all()
+    assert abs(result.by_imu.mass[-1] - arm.MASS) < 4 * result.by_imu.mass_std[-1]
+    assert result.by_imu.mass_std[-1] < 0.006
+    assert (np.abs(result.contact[3000:]).max(axis=0) <= 2 * arm.TABLE).all()
 
 
 def test_a_wrench_and_its_reaction_to_contact_come_out_whole(short):
@@ -126,9 +131,9 @@ def test_a_wrench_and_its_reaction_to_contact_come_out_whole(short):
     contact[3000:4000] = [4.0, -3.0, 6.0, 0.3, 0.2, -0.1]
     rng = np.random.default_rng(5)
     touched = arm.record(short.motion, rng, contact, accelerometer_bias=short.drift)
-    result = replay(touched, short.calibration)
-    assert result.contact[3000:4000].all() and not result.contact[:3000].any()
-    mean = (result.wrench - contact)[3100:4000].mean(axis=0)
+    result = replay(touched, short.calibration, Settings('ukf'))
+    assert result.learned.touching[3000:4000].all() and not result.learned.touching[:3000].any()
+    mean = (result.contact - contact)[3100:4000].mean(axis=0)
     assert (np.abs(mean) < 0.1 * arm.TABLE).all()
 
 
@@ -136,8 +141,8 @@ def test_what_is_missing_is_named(short):
     recording, calibration = short.recording, short.calibration
     with pytest.raises(DataError, match='no wrench'):
         replay(replace(recording, wrench=None), calibration)
-    with pytest.raises(DataError, match='no pose.*--orientation imu'):
-        replay(replace(recording, pose=None), calibration)
+    with pytest.raises(UnobservableError, match='no pose, which filter static'):
+        replay(replace(recording, pose=None), calibration, Settings('static'))
     with pytest.raises(UnobservableError, match='angular velocity'):
         replay_pose_free(replace(recording, angular_velocity=None), calibration)
     with pytest.raises(DataError, match='recorded in V'):
@@ -161,6 +166,6 @@ def test_the_gyro_is_turned_as_the_accelerometer_is(short):
         sensor, map=Estimate(quarter, 0.0, '1'),
         offset=Estimate(quarter @ sensor.offset.value, 0.0, 'm/s^2')))
     one, other = replay_pose_free(cut[0], c), replay_pose_free(cut[1], mounted)
-    assert one.wrench == pytest.approx(other.wrench, abs=1e-9)
+    assert one.contact == pytest.approx(other.contact, abs=1e-9)
     with pytest.raises(ConfigError, match='left-handed'):
         axes_of(replace(sensor, map=Estimate(-np.eye(3), 0.0, '1')))

@@ -11,7 +11,8 @@ from forcecal_ros.observe.filters.gaussian import (
     NotPositiveDefinite,
     predict,
 )
-from forcecal_ros.observe.filters.sigma_points import Scaling, transform, weights
+from forcecal_ros.observe.filters.ukf import transform, weights
+from forcecal_ros.observe.settings import Scaling
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np

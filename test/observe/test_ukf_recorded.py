@@ -1,16 +1,14 @@
 """Gravity compensation on a real arm in free motion, where the truth is zero."""
 
-from types import SimpleNamespace
-
-from forcecal_ros.gravity import replay, Settings
 from forcecal_ros.identify.delay import estimate_delay, with_delay
-from forcecal_ros.observe import replay as observe
+from forcecal_ros.observe import FilterSettings, replay, Settings
 from forcecal_ros.observe.noise import with_noise
 from kuka import kuka_recording, slow, static_calibration
 import numpy as np
 import pytest
 
-VIBRATION = Settings(contact_floor=(1.0, 0.1), bias_prior=(0.3, 0.02))
+VIBRATION = Settings('ukf', learning=FilterSettings(
+    contact_floor=(1.0, 0.1), bias_prior=(0.3, 0.02)))
 """This arm shakes its sensor by 1 N, and its bias moved since the calibration."""
 
 
@@ -27,16 +25,16 @@ def calibration(kuka_data, recording):
 
 @pytest.fixture(scope='module')
 def by_observer(recording, calibration):
-    return slow(observe(recording, calibration)).std(axis=0)
+    return slow(replay(recording, calibration)).std(axis=0)
 
 
 def slow_std(result):
-    return slow(SimpleNamespace(t=result.t, contact=result.wrench)).std(axis=0)
+    return slow(result).std(axis=0)
 
 
 @pytest.mark.parametrize('name', ['ukf', 'ekf'])
 def test_below_10_hz_little_is_left(recording, calibration, by_observer, name):
-    left = slow_std(replay(recording, calibration, Settings(filter=name)))
+    left = slow_std(replay(recording, calibration, Settings(name)))
     assert (left < [0.13, 0.045, 0.07]).all()
     # the same load; what differs is how fast the two filters are, which shows a little here
     assert (left < 1.02 * by_observer).all()
@@ -45,13 +43,13 @@ def test_below_10_hz_little_is_left(recording, calibration, by_observer, name):
 def test_with_its_vibration_stated_the_arm_is_free_and_its_bias_is_found(
         recording, calibration, by_observer):
     result = replay(recording, calibration, VIBRATION)
-    assert not result.contact.any()
-    moved = result.bias[-1] - calibration.wrench_bias.value
+    assert not result.learned.touching.any()
+    moved = result.learned.bias[-1] - calibration.wrench_bias.value
     assert 0.15 < moved[2] < 0.4
     assert (slow_std(result) <= by_observer).all()
-    assert np.abs(result.wrench[2000:, :3].mean(axis=0)).max() < 0.1
+    assert np.abs(result.contact[2000:, :3].mean(axis=0)).max() < 0.1
 
 
 def test_static_compensation_leaves_what_gravity_alone_leaves(recording, calibration):
-    left = slow_std(replay(recording, calibration, Settings(filter='static')))
+    left = slow_std(replay(recording, calibration, Settings('static')))
     assert left == pytest.approx([0.36, 0.02, 0.15], abs=0.02)

@@ -1,0 +1,124 @@
+"""What ``estimate`` and ``gravity`` share: prepare a calibration, write and sum up an estimate."""
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from forcecal_ros.calibration.model import Calibration
+    from forcecal_ros.observe import ContactEstimate, Settings
+    from forcecal_ros.recording.streams import Recording
+
+DELAY_STD = 5e-4
+"""A delay found in the recording itself is used where its standard error is below this: half a
+period of a sensor at 1 kHz [s]."""
+
+LEVELS = ('ok', 'warn', 'error')
+"""As diagnostic_msgs/DiagnosticStatus counts them."""
+
+
+def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'Settings'
+             ) -> tuple['Calibration', tuple[str, ...]]:
+    """
+    Find in the recording what the calibration does not know: noise and delay.
+
+    Returns
+    -------
+    calibration : Calibration
+        As given where it knows them, or the recording does not tell.
+    notes : tuple of str
+        What was assumed.
+    """
+    from forcecal_ros.observe.noise import with_noise
+    from forcecal_ros.observe.settings import LEARNING
+
+    notes: tuple[str, ...] = ()
+    if (calibration.noise is None and settings.filter in LEARNING
+            and settings.learning.covariances == 'measured'):
+        calibration = with_noise(calibration, recording)
+        notes = ('the calibration knows no noise; taken from this recording',)
+    calibration, about_delay = with_known_delay(calibration, recording)
+    return calibration, (*notes, *about_delay)
+
+
+def with_known_delay(calibration: 'Calibration', recording: 'Recording'
+                     ) -> tuple['Calibration', tuple[str, ...]]:
+    """Find the delay between the sensors in the recording; returns as :func:`prepared` does."""
+    from forcecal_ros.errors import DataError
+    from forcecal_ros.identify.delay import estimate_delay, with_delay
+    import numpy as np
+
+    sensor = calibration.accelerometer
+    if sensor is None or recording.accelerometer is None or np.isfinite(sensor.delay.std):
+        return calibration, ()
+    unknown = ('the calibration does not know the delay of the accelerometer; calibrate with '
+               '--free-motion')
+    try:
+        delay = estimate_delay(recording, calibration)
+    except DataError as error:
+        return calibration, (f'{unknown}; taken to be 0: {error}',)
+    found = f'{1e3 * float(delay):.2f} +- {1e3 * float(delay.std):.2f} ms in this recording'
+    if not delay.std < DELAY_STD:
+        return calibration, (f'{unknown}; taken to be 0, as {found} is not sure enough',)
+    return with_delay(calibration, delay), (f'{unknown}; found {found}',)
+
+
+def write_estimate(path: str, estimate: 'ContactEstimate', calibration: 'Calibration',
+                   start_ns: int, also: Sequence[str] = ()) -> None:
+    """Write a row for every wrench, what its status was, and ``also``, fields of the estimate."""
+    from forcecal_ros.calibration.file import dump
+    from forcecal_ros.recording.bags import write_signals
+    from forcecal_ros.recording.streams import Stream
+
+    frame = calibration.sensor_frame
+    write_signals(path, {
+        'contact_wrench': Stream(estimate.t, estimate.contact, frame),
+        **{f'{name}_wrench' if name == 'inertial' else name:
+           Stream(estimate.t, getattr(estimate, name), frame) for name in also},
+        'status': status_changes(estimate),
+        'calibration': dump(calibration)}, start_ns)
+
+
+def status_changes(estimate: 'ContactEstimate') -> list[Any]:
+    """Return the status whenever it is another one than that of the wrench before."""
+    from forcecal_ros.observe.status import describe, level
+    from forcecal_ros.recording.bags.signals import Diagnostic
+    import numpy as np
+
+    status = estimate.status
+    changes = np.flatnonzero(np.diff(status, prepend=~status[:1]))
+    return [Diagnostic(t, LEVELS.index(level(bits)), '; '.join(describe(bits)) or 'ok', str(bits))
+            for t, bits in zip(estimate.t[changes].tolist(), status[changes].tolist())]
+
+
+def status_notes(estimate: 'ContactEstimate') -> list[str]:
+    """Return one sentence for whatever was wrong with samples, and with how many of them."""
+    from forcecal_ros.observe.status import describe
+
+    seen: Counter[str] = Counter()
+    for status, count in Counter(estimate.status.tolist()).items():
+        for sentence in describe(status):
+            seen[sentence] += count
+    return [f'{text} ({n} of {len(estimate.t)} samples)' for text, n in seen.items()]
+
+
+def statistics(estimate: 'ContactEstimate') -> dict[str, Any]:
+    """Count the samples and the valid ones, and give mean and std of these; null without any."""
+    contact = estimate.contact[estimate.valid]
+    known = len(contact) > 0
+    return {'samples': len(estimate.t), 'valid': len(contact),
+            'mean': contact.mean(axis=0).tolist() if known else [None] * 6,
+            'std': contact.std(axis=0).tolist() if known else [None] * 6,
+            'unit': 'N, N m'}
+
+
+def over_which(figures: dict[str, Any]) -> str:
+    """Say what mean and std are over, where that is not every sample."""
+    if figures['valid'] == figures['samples']:
+        return ''
+    return f', mean and std over the {figures["valid"]} valid ones'
+
+
+def row(values: Sequence[float | None]) -> str:
+    """Return six numbers in columns."""
+    return '  '.join('        -' if x is None else f'{x:9.4f}' for x in values)

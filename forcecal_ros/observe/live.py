@@ -1,0 +1,159 @@
+"""The chain as a node runs it: models change without a jump, and biases can be tared."""
+
+from collections import deque
+from typing import NamedTuple
+
+from forcecal_ros.observe.bandwidth import NoiseLevels
+from forcecal_ros.observe.design import Model
+from forcecal_ros.observe.fade import begin_fade, Fade, faded, rebased
+from forcecal_ros.observe.rest import refuse_motion
+from forcecal_ros.observe.sample import ContactSample, NO_WRENCH
+from forcecal_ros.observe.step import (
+    on_accelerometer,
+    on_displacement,
+    on_pose,
+    on_wrench,
+    Result,
+    State,
+)
+from forcecal_ros.observe.tare import Tare, tare, with_bias, without_learned_bias
+
+Values = tuple[float, ...]
+Samples = tuple[ContactSample, ...]
+
+
+class Tally(NamedTuple):
+    """What happened since the last report: samples, and all their status bits."""
+
+    samples: int = 0
+    status: int = 0
+
+
+class LiveObserver:
+    """
+    A state of the chain, with the model that it runs by.
+
+    Attributes
+    ----------
+    model : Model or None
+        None until the first :meth:`take_over`.
+    window : float
+        How much is kept for a tare [s].
+    fade_duration : float
+        Over which a new model is faded in [s].
+    """
+
+    def __init__(self, window: float, fade_duration: float) -> None:
+        self.model: Model | None = None
+        self.window, self.fade_duration = window, fade_duration
+        self._negative = False
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all samples."""
+        self._state = State()
+        self._last: ContactSample | None = None
+        self._published = NO_WRENCH
+        self._fade: Fade | None = None
+        self._changed = False
+        self._recent: deque[ContactSample] = deque()
+        self._poses: deque[tuple[float, Values]] = deque()
+        self._tally = Tally()
+
+    def let_go(self) -> None:
+        """Forget the model as well."""
+        self.model = None
+        self.reset()
+
+    def take_over(self, model: Model, wrench_sign: int = 1) -> None:
+        """Run by another model from the next wrench on; ``wrench_sign`` -1: of tool on robot."""
+        self._changed = self.model is not None and self._last is not None
+        self.model, self._negative = model, wrench_sign < 0
+        self._state = without_learned_bias(self._state)
+
+    def take_settings(self, model: Model) -> None:
+        """Do the same for a model of the same calibration, whose bias may have been tared."""
+        if self.model is not None:
+            model = with_bias(model, self.model.bias)
+        self.take_over(model, -1 if self._negative else 1)
+
+    def on_wrench(self, t: float, values: Values) -> Samples:
+        """Take in a wrench; ``t`` in seconds since any fixed instant, as for the others."""
+        if self._negative:
+            a, b, c, d, e, f = values
+            values = (-a, -b, -c, -d, -e, -f)
+        return self._answer(on_wrench(self._state, t, values, self.model))  # type: ignore
+
+    def on_accelerometer(self, t: float, values: Values) -> Samples:
+        """Take in an acceleration."""
+        return self._answer(on_accelerometer(self._state, t, values, self.model))  # type: ignore
+
+    def on_displacement(self, t: float, values: Values) -> Samples:
+        """Take in a displacement."""
+        return self._answer(on_displacement(
+            self._state, t, values[0], self.model))  # type: ignore[arg-type]
+
+    def on_pose(self, t: float, values: Values) -> Samples:
+        """Take in a pose: position, quaternion xyzw."""
+        self._poses.append((t, values))
+        while not t - self._poses[0][0] <= self.window:
+            self._poses.popleft()
+        return self._answer(on_pose(
+            self._state, t, values[:3], values[3:], self.model))  # type: ignore[arg-type]
+
+    def _answer(self, result: Result) -> Samples:
+        self._state, samples = result
+        return tuple(map(self._smooth, samples)) if samples else ()
+
+    def _smooth(self, sample: ContactSample) -> ContactSample:
+        """Fade over from what was published before, and keep what a tare and a report want."""
+        kept = sample
+        if self._changed and self._last is not None:
+            self._changed = False
+            self._state, kept = rebased(self._state, self._last, sample)
+            self._fade = begin_fade(kept.t, self.fade_duration, self._published, kept.contact)
+        sample = kept
+        if self._fade is not None:
+            contact = faded(self._fade, sample.t, sample.contact)
+            if contact is None:
+                self._fade = None
+            else:
+                sample = sample._replace(contact=contact)
+        self._last, self._published = kept, sample.contact
+        self._recent.append(kept)
+        while not kept.t - self._recent[0].t <= self.window:
+            self._recent.popleft()
+        self._tally = Tally(self._tally.samples + 1, self._tally.status | kept.status)
+        return sample
+
+    def tare(self, model: Model, levels: NoiseLevels) -> Tare:
+        """
+        Make the contact wrench of the last ``window`` seconds zero, until the next model.
+
+        Raises
+        ------
+        DataError
+            The window is too short, the robot moves, or something touches the tool.
+        """
+        newest = self._recent[-1].t if self._recent else 0.0
+        refuse_motion([pose for t, pose in self._poses if newest - self.window <= t], 'tare')
+        result = tare(tuple(self._recent), model, levels, self.window)
+        self.model = with_bias(model, result.bias)
+        self._state = without_learned_bias(self._state)
+        self._recent.clear()
+        return result
+
+    @property
+    def refused(self) -> tuple[int, ...]:
+        """Messages that were not used: wrench, accelerometer, pose, displacement."""
+        return self._state.refusals.counts
+
+    @property
+    def status(self) -> int:
+        """All status bits since the last report."""
+        return self._tally.status
+
+    def report(self) -> Tally:
+        """Return the tally, and begin a new one."""
+        tally, self._tally = self._tally, Tally()
+        return tally

@@ -1,0 +1,234 @@
+"""Motion of the sensor, as the poses tell it, and with it the accelerometer's offset.
+
+One third-order filter serves twice. Its third state ``o`` is what the accelerometer shows too
+much: dv/dt = R (f - o) + g. Without an accelerometer, f = 0 and ``-o`` is the specific force
+itself, as the second derivative of the pose has it. Force innovations never enter here: a
+contact must not become an offset.
+"""
+
+from math import inf, isfinite
+from typing import NamedTuple
+
+from forcecal_ros.observe.align import Reading
+from forcecal_ros.observe.design import Model
+from forcecal_ros.observe.filters.memory import NEWTON
+from forcecal_ros.observe.tracking import (
+    Poles,
+    Quaternion,
+    rotate,
+    rotate_back,
+    Rotation,
+    track_rotation,
+    tracking_gains,
+    Vector,
+    ZERO,
+)
+
+OFFSET_DELAY = 0.3
+"""A filter that was just started does not know its velocity, and would take the error that this
+makes for an offset: it leaves the offset alone for this long [s]."""
+
+NO_RUN = inf
+"""Stands for the run of an accelerometer where there is none."""
+
+JUMP_SQUARED = 0.25
+"""A pose further than 0.5 m from where it was predicted is no noise but another place (a robot
+that was moved, a new base frame): the filter starts anew there. Its square [m^2]."""
+
+GUESS_FORGOTTEN = 1.5
+"""The offset of an AC-coupled accelerometer begins as a guess. With a pole at this over the age
+of the filter its error falls as age^-1.5, fast at first; once the designed pole is the slower
+one, that takes over."""
+
+
+class Place(NamedTuple):
+    """
+    Place of the accelerometer at one pose.
+
+    Attributes
+    ----------
+    t : float
+        Stamp of the pose [s].
+    since : float
+        Stamp the filter was started at [s].
+    run : float
+        Which uninterrupted run of the accelerometer drives it; ``NO_RUN``: none does.
+    p, v : tuple of 3 float
+        In base [m], [m/s].
+    o : tuple of 3 float
+        In ft_sensor [m/s^2]: the accelerometer's offset, or minus the specific force.
+    integral : tuple of 3 float
+        Specific force as measured, integrated over time in ft_sensor [m/s].
+    """
+
+    t: float
+    since: float
+    run: float
+    p: Vector
+    v: Vector
+    o: Vector
+    integral: Vector
+
+
+NOWHERE = Place(-inf, -inf, NO_RUN, ZERO, ZERO, ZERO, ZERO)
+
+
+class Motion(NamedTuple):
+    """
+    What the poses tell.
+
+    Attributes
+    ----------
+    rotation : Rotation
+        Of time -inf before the first pose.
+    place : Place
+        Of time -inf where nothing tells.
+    offset : tuple of 3 float
+        Of the accelerometer beyond its calibration, ft_sensor [m/s^2].
+    offset_known, position : bool
+        Whether there is an offset, and whether the last pose held a position.
+    """
+
+    rotation: Rotation = Rotation(-inf, (0.0, 0.0, 0.0, 1.0), ZERO, ZERO)
+    place: Place = NOWHERE
+    offset: Vector = ZERO
+    offset_known: bool = False
+    position: bool = False
+
+
+def gravity_in_sensor(q: Quaternion, gravity: float) -> Vector:
+    """Return the acceleration of gravity in ft_sensor, whose orientation is ``q`` [m/s^2]."""
+    return rotate_back(q, (0.0, 0.0, -gravity))
+
+
+def carried(v: Vector, omega: Vector, dt: float) -> Vector:
+    """Turn a vector fixed in base as ft_sensor sees it ``dt`` later."""
+    (x, y, z), (wx, wy, wz) = v, omega
+    return (x - dt * (wy * z - wz * y), y - dt * (wz * x - wx * z), z - dt * (wx * y - wy * x))
+
+
+def take_pose(motion: Motion, t: float, position: Vector, q: Quaternion, late: bool,
+              force: Reading, s: float, model: Model) -> Motion:
+    """
+    Take in a pose whose turn has come.
+
+    Parameters
+    ----------
+    motion
+    t : float
+        Its stamp [s].
+    position : tuple of 3 float
+        [m]; not finite where only the orientation is known.
+    q : tuple of 4 float
+        xyzw, normalised.
+    late : bool
+        Whether the samples around its stamp may be gone: then only the rotation is followed.
+    force
+        Of the accelerometer at ``t``, with integral.
+    s : float
+        Displacement at ``t`` [m].
+    model
+    """
+    rotation, place = motion.rotation, motion.place
+    offset, offset_known = motion.offset, motion.offset_known
+    if 0 < t - rotation.t <= model.pose_timeout:
+        rotation = track_rotation(rotation, t, q, model.rotation_poles)
+    else:
+        rotation = Rotation(t, q, ZERO, ZERO)
+    if late:
+        return Motion(rotation, place, offset, offset_known, motion.position)
+    known = isfinite(position[0] + position[1] + position[2])
+    fresh = known == motion.position and 0 < t - place.t <= model.pose_timeout
+    anchor = ZERO
+    if known:
+        qx, qy, qz = model.place
+        rx, ry, rz = rotate(rotation.q, (qx + s, qy, qz))
+        anchor = (position[0] + rx, position[1] + ry, position[2] + rz)
+    if not force.known:
+        place = _place_by_pose(place, rotation, anchor, fresh and known, model)
+    elif model.ac_rate > 0 or (known and (model.track_offset or model.filter == NEWTON)):
+        f, run = force.f, force.run
+        if not fresh or place.run != run:
+            if model.ac_rate > 0 and place.run != run:
+                gx, gy, gz = gravity_in_sensor(rotation.q, model.gravity)
+                offset, offset_known = (f[0] + gx, f[1] + gy, f[2] + gz), True
+            place = Place(t, t, run, anchor, ZERO, offset, force.integral)
+        else:
+            poles = model.offset_poles if known else model.reach_poles
+            age = t - place.since
+            if model.ac_rate > 0 and age * poles.real < GUESS_FORGOTTEN:
+                poles = Poles(GUESS_FORGOTTEN / age, poles.mean, poles.split)
+            place = track_place(place, t, rotation.q, rotation.omega, anchor, force.integral,
+                                model.gravity, poles)
+            if model.ac_rate > 0 or model.track_offset:
+                offset, offset_known = place.o, True
+    else:
+        place = NOWHERE
+    return Motion(rotation, place, offset, offset_known, known)
+
+
+def _place_by_pose(place: Place, rotation: Rotation, anchor: Vector, moving: bool, model: Model
+                   ) -> Place:
+    """Carry on without an accelerometer; at rest where the place was not known before."""
+    t = rotation.t
+    if not moving or place.run != NO_RUN:
+        v = place.v if moving else ZERO
+        return Place(t, t, NO_RUN, anchor, v, gravity_in_sensor(rotation.q, model.gravity), ZERO)
+    turned = Place(place.t, place.since, place.run, place.p, place.v,
+                   carried(place.o, rotation.omega, t - place.t), place.integral)
+    return track_place(turned, t, rotation.q, rotation.omega, anchor, ZERO, model.gravity,
+                       model.motion_poles)
+
+
+def track_place(
+        place: Place, t: float, q: Quaternion, omega: Vector, position: Vector,
+        integral: Vector, gravity: float, poles: Poles) -> Place:
+    """
+    Take in one measured position: carry on with the specific force, compare, correct.
+
+    Parameters
+    ----------
+    place
+    t : float
+        Stamp, later than ``place.t`` [s].
+    q : tuple of 4 float
+        Orientation at ``t``.
+    omega : tuple of 3 float
+        Angular velocity in ft_sensor [rad/s].
+    position : tuple of 3 float
+        Measured place of the accelerometer in base [m].
+    integral : tuple of 3 float
+        See :class:`Place`; at ``t``.
+    gravity : float
+        [m/s^2]
+    poles
+
+    Returns
+    -------
+    Place
+        Starts anew, offset kept, after a jump; see ``JUMP_SQUARED``.
+    """
+    dt = t - place.t
+    (px, py, pz), (vx, vy, vz), (ox, oy, oz) = place.p, place.v, place.o
+    gx, gy, gz = integral
+    hx, hy, hz = place.integral
+    fx, fy, fz = (gx - hx) / dt - ox, (gy - hy) / dt - oy, (gz - hz) / dt - oz
+    wx, wy, wz = omega
+    h = dt / 2
+    # the mean of f belongs to the orientation half a period ago
+    ax, ay, az = rotate(q, (fx - h * (wy * fz - wz * fy), fy - h * (wz * fx - wx * fz),
+                            fz - h * (wx * fy - wy * fx)))
+    az -= gravity
+    px, py, pz = px + dt * (vx + h * ax), py + dt * (vy + h * ay), pz + dt * (vz + h * az)
+    ex, ey, ez = position[0] - px, position[1] - py, position[2] - pz
+    if not ex * ex + ey * ey + ez * ez < JUMP_SQUARED:
+        return Place(t, t, place.run, position, (0.0, 0.0, 0.0), place.o, integral)
+    k1, k2, k3 = tracking_gains(dt, poles)
+    if place.run == NO_RUN or t - place.since > OFFSET_DELAY:
+        cx, cy, cz = rotate_back(q, (ex, ey, ez))
+        ox, oy, oz = ox - k3 * cx, oy - k3 * cy, oz - k3 * cz
+    return Place(
+        t, place.since, place.run,
+        (px + k1 * ex, py + k1 * ey, pz + k1 * ez),
+        (vx + dt * ax + k2 * ex, vy + dt * ay + k2 * ey, vz + dt * az + k2 * ez),
+        (ox, oy, oz), integral)

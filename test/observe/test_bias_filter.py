@@ -1,0 +1,218 @@
+"""Filters ukf and ekf: bad samples, contact, biases; what the filter claims about itself."""
+
+from forcecal_ros.observe import design, FilterSettings, Settings, Status
+from forcecal_ros.observe.filters.bias_filter import begin, learn
+from forcecal_ros.observe.filters.gaussian import Gaussian
+from forcecal_ros.observe.filters.memory import Memory
+from forcecal_ros.observe.unload import Unloaded
+import gravity_arm as arm
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+DT = 0.001
+ZERO = (0.0,) * 3
+LOAD = (1.0, -2.0, 5.0, 0.1, 0.2, 0.0)
+KINDS = {'ukf': Settings('ukf'), 'ekf': Settings('ekf'),
+         'six': Settings('ukf', learning=FilterSettings(states=6))}
+NUMBER = st.floats(-4e8, 4e8)
+
+
+@pytest.fixture(scope='module')
+def calibration():
+    return arm.calibrate(np.random.default_rng(11), seconds=0.2)[0]
+
+
+@pytest.fixture(scope='module')
+def models(calibration):
+    return {name: design(calibration, choice).bias_filter for name, choice in KINDS.items()}
+
+
+@pytest.fixture(scope='module')
+def model(models):
+    return models['ukf']
+
+
+def learning(calibration, **choices):
+    return design(calibration, Settings('ukf', learning=FilterSettings(**choices))).bias_filter
+
+
+def reading(t, measured, status=0):
+    return Unloaded(t, status, tuple(measured), LOAD, ZERO)
+
+
+def run(model, contact, rng=None, belief=None, bias=0.0):
+    """Feed noise, bias and a contact (n, 6), a millisecond apart; return belief and samples."""
+    belief = belief or begin(model)
+    noise = np.zeros_like(contact) if rng is None else rng.multivariate_normal(
+        np.zeros(6), model.covariances.R, len(contact))
+    start = belief.t if belief.t == belief.t else 0.0
+    samples = []
+    for k, row in enumerate(contact + noise + bias, 1):
+        belief, sample = learn(belief, reading(start + k * DT, row), model)
+        samples.append(sample)
+    return belief, samples
+
+
+def wrenches(samples):
+    return np.array([s.contact for s in samples])
+
+
+def touching(samples):
+    return [s.learned.touching for s in samples]
+
+
+def pushed(n, at, force, axis=0):
+    contact = np.zeros((n, 6))
+    contact[at:, axis] = force
+    return contact
+
+
+@pytest.mark.filterwarnings('error')
+@given(measured=st.lists(NUMBER, min_size=6, max_size=6), t=st.floats(1e-7, 1e300))
+@example(measured=[4e8] * 6, t=1e300)
+@example(measured=[1.0] * 6, t=1e-7)
+@settings(max_examples=60, deadline=None)
+@pytest.mark.parametrize('kind', KINDS)
+def test_no_sample_makes_the_filter_raise_or_lose_its_numbers(models, kind, measured, t):
+    model = models[kind]
+    belief, _ = learn(begin(model), reading(0.0, ZERO * 2), model)
+    _, sample = learn(belief, reading(t, measured), model)
+    assert np.isfinite(sample.contact).all()
+    assert sample.status in (0, Status.RESTARTED)
+
+
+def test_a_covariance_that_broke_starts_the_filter_anew(model):
+    broken = begin(model)._replace(t=0.0, states=Gaussian(np.zeros(12), np.full((12, 12), np.nan)))
+    belief, sample = learn(broken, reading(DT, ZERO * 2), model)
+    assert sample.status == Status.RESTARTED
+    assert np.isfinite(belief.states.cov).all()
+
+
+@pytest.mark.parametrize('status', [Status.BAD_WRENCH, Status.NO_GRAVITY])
+def test_a_wrench_without_a_load_is_skipped_and_its_time_is_made_up(model, status):
+    belief, before = run(model, np.zeros((50, 6)), np.random.default_rng(1))
+    again, sample = learn(belief, reading(0.051, ZERO * 2, int(status)), model)
+    assert again is belief
+    assert sample.status == status
+    assert sample.contact == before[-1].contact
+    assert sample.innovation == (0.0,) * 6
+    assert learn(again, reading(0.052, ZERO * 2), model)[0].t == 0.052
+
+
+def test_a_filter_that_finds_the_memory_of_another_one_begins_anew(model):
+    belief, sample = learn(Memory(1.0, (9.0,) * 6), reading(1.001, ZERO * 2), model)
+    assert np.abs(sample.contact).max() < 1e-9
+    assert belief.t == 1.001
+
+
+@pytest.mark.parametrize('size', [0.5, 1.0, 10.0, 100.0])
+@pytest.mark.parametrize('axis', [0, 2, 4])
+def test_a_step_of_force_rises_within_15_ms(model, size, axis):
+    force = size * (1.0 if axis < 3 else 0.06)
+    rng = np.random.default_rng(2)
+    belief, _ = run(model, np.zeros((500, 6)), rng)
+    _, with_step = run(model, pushed(300, 100, force, axis), np.random.default_rng(3), belief)
+    _, without = run(model, np.zeros((300, 6)), np.random.default_rng(3), belief)
+    response = (wrenches(with_step) - wrenches(without))[100:, axis] / force
+    rise = np.argmax(response > 0.9) - np.argmax(response > 0.1)
+    assert rise <= 15
+    assert response.max() < 1.05
+    assert response[150:].mean() == pytest.approx(1.0, abs=0.01)
+
+
+def test_while_free_the_biases_learn(calibration):
+    model = learning(calibration, bias_prior=(0.3, 0.02))
+    moved = np.array([0.25, -0.2, 0.1, 0.01, -0.01, 0.02])
+    _, samples = run(model, np.zeros((6000, 6)), np.random.default_rng(4), bias=moved)
+    last = samples[-1].learned
+    assert (np.abs(last.bias - model.bias - moved) < 4 * last.bias_std).all()
+    assert (last.bias_std < [0.02] * 3 + [0.002] * 3).all()
+    assert not any(touching(samples))
+
+
+def test_in_contact_the_biases_are_frozen_and_grow_less_certain(model):
+    belief, _ = run(model, np.zeros((500, 6)), np.random.default_rng(5))
+    _, samples = run(model, pushed(3000, 0, 5.0), np.random.default_rng(6), belief)
+    first, last = samples[1].learned, samples[-1].learned
+    assert all(touching(samples))
+    assert (last.bias == first.bias).all()
+    assert (last.bias_std > first.bias_std).all()
+    assert wrenches(samples)[200:, 0].mean() == pytest.approx(5.0, abs=0.02)
+
+
+def test_contact_ends_after_the_quiet_that_was_asked_for(model):
+    contact = np.zeros((3000, 6))
+    contact[500:1000, 1] = 4.0
+    _, samples = run(model, contact, np.random.default_rng(7))
+    assumed = np.flatnonzero(touching(samples))
+    assert assumed[0] == 500
+    # the average over 0.1 s has to fade below the limit first
+    assert 1000 + 200 <= assumed[-1] < 1000 + 200 + 400
+
+
+def test_a_push_too_weak_for_the_test_is_read_short_and_becomes_a_bias(calibration):
+    model = learning(calibration, bias_walk=(4e-3, 4e-4))
+    _, samples = run(model, pushed(5500, 500, 0.05))
+    assert not any(touching(samples))
+    x = wrenches(samples)[500:, 0] / 0.05
+    assert x[100:200].mean() == pytest.approx(0.92, abs=0.03)
+    assert x[-1] < 0.8
+
+
+def test_wrench_and_bias_are_correlated_against_each_other(model):
+    _, free = run(model, np.zeros((200, 6)))
+    _, touched = run(model, pushed(200, 0, 5.0))
+    for samples in (free, touched):
+        correlation = samples[-1].learned.correlation
+        assert (correlation < 0).all() and (correlation > -1).all()
+
+
+def test_a_bias_of_which_little_is_known_correlates_fully_in_contact(calibration):
+    # from the start, a push too strong to be the bias that may have moved
+    model = learning(calibration, bias_prior=(0.3, 0.02))
+    _, samples = run(model, pushed(100, 0, 20.0))
+    assert (samples[-1].learned.correlation < -0.9).all()
+    assert samples[-1].contact[0] == pytest.approx(20.0, abs=0.03)
+
+
+def test_nis_keeps_to_its_bounds_where_all_is_as_modelled(model):
+    _, samples = run(model, np.zeros((8000, 6)), np.random.default_rng(8))
+    nis = np.array([s.learned.nis for s in samples])
+    low, high = chi2.ppf([0.005, 0.995], 6 * len(nis)) / len(nis)
+    assert low < nis.mean() < high
+    inside = ((nis > chi2.ppf(0.025, 6)) & (nis < chi2.ppf(0.975, 6))).mean()
+    assert inside == pytest.approx(0.95, abs=4 * np.sqrt(0.05 * 0.95 / len(nis)))
+
+
+def test_the_errors_are_as_large_as_the_filter_says_for_a_wrench_that_wanders(calibration):
+    # in contact from the start, all as modelled: a random walk; b from its prior
+    model = learning(calibration, bias_prior=(0.1, 0.01))
+    rng, runs, errors = np.random.default_rng(9), 60, []
+    Q = model.covariances.Q
+    for _ in range(runs):
+        walk = np.cumsum(rng.multivariate_normal(np.zeros(6), Q, 60), axis=0)
+        contact = walk + rng.choice([-1, 1], 6) * [3, 3, 3, 0.2, 0.2, 0.2]
+        bias = np.array([0.1] * 3 + [0.01] * 3) * rng.normal(size=6)
+        _, samples = run(model, contact, rng, bias=bias)
+        last = samples[-1]
+        assert last.learned.touching
+        errors.append((last.contact - contact[-1]) / last.learned.std)
+    assert np.square(errors).mean(axis=0) == pytest.approx(
+        np.ones(6), abs=4 * np.sqrt(2 / runs))
+
+
+def test_ukf_and_ekf_are_the_same_filter_here(models):
+    contact = pushed(400, 200, 3.0)
+    results = [wrenches(run(models[name], contact, np.random.default_rng(10))[1])
+               for name in ('ukf', 'ekf')]
+    assert results[0] == pytest.approx(results[1], abs=1e-9)
+
+
+def test_six_states_keep_the_calibration_s_bias(models):
+    _, samples = run(models['six'], np.zeros((300, 6)), np.random.default_rng(12))
+    last = samples[-1].learned
+    assert (last.bias == models['six'].bias).all()
+    assert (last.correlation == 0).all()

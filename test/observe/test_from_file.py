@@ -1,0 +1,129 @@
+"""Slow logs: what is in the file is never late, and its poses are interpolated."""
+
+from dataclasses import replace
+
+from forcecal_ros.observe import replay, Settings, Status
+from forcecal_ros.observe.from_file import gap_limit, interpolated, within_gaps
+from forcecal_ros.recording.streams import PoseStream, Stream
+import gravity_arm as arm
+import numpy as np
+import pytest
+from slow_log import slow_log
+
+MISSING = Status.NO_ACCELEROMETER
+"""All that may be missing of a log of wrench and pose."""
+
+
+@pytest.fixture(scope='module')
+def calibration():
+    return arm.calibrate(np.random.default_rng(2))[0]
+
+
+LOGS = {'20 Hz, same stamps': (20.0, 20.0), '10 Hz, same stamps': (10.0, 10.0),
+        '50 Hz, poses at 10 Hz': (50.0, 10.0), '50 Hz, same stamps': (50.0, 50.0)}
+
+
+@pytest.fixture(scope='module', params=LOGS)
+def log(request):
+    return slow_log(*LOGS[request.param])
+
+
+@pytest.mark.parametrize('name', ['kalman', 'ukf', 'ekf', 'static'])
+def test_every_wrench_of_a_slow_log_has_its_pose(log, calibration, name):
+    _, recording = log
+    estimate = replay(recording, calibration, Settings(name))
+    assert estimate.t == pytest.approx(recording.wrench.t)
+    assert recording.pose.t[0] == recording.wrench.t[0]
+    assert not (estimate.status & ~MISSING).any()
+    assert estimate.valid.all()
+
+
+def test_what_is_left_of_a_free_motion_is_near_the_noise(log, calibration):
+    """The truth is zero; raw, the swing of weight and inertia is 2 to 6 N."""
+    _, recording = log
+    estimate = replay(recording, calibration)
+    settled = estimate.t > 1.0
+    left = estimate.measured[settled, :3].std(axis=0)
+    assert (recording.wrench.values[settled, :3].std(axis=0) > 0.8).any()
+    assert (left < 1.5 * arm.FORCE_NOISE).all()
+    assert (estimate.measured[settled, 3:].std(axis=0) < 2 * arm.TORQUE_NOISE).all()
+
+
+def test_gaps_longer_than_the_stream_itself_explains_stay_gaps(calibration):
+    _, recording = slow_log(20.0, 20.0)
+    pose = recording.pose
+    keep = (pose.t < 4.0) | (pose.t > 6.0)
+    holed = replace(recording, pose=PoseStream(
+        pose.t[keep], pose.position[keep], pose.R_base_sensor[keep]))
+    estimate = replay(holed, calibration, Settings('ukf'))
+    assert len(estimate.t) == len(recording.wrench)
+    away = (estimate.t > 4.0 + gap_limit(pose, 0.1) + 0.05) & (estimate.t < 6.0)
+    assert (estimate.status[away] & Status.NO_POSE).all() and not estimate.valid[away].any()
+    # at once where it is there again
+    back = (estimate.t >= pose.t[pose.t > 6.0][0])
+    assert estimate.valid[back].all()
+
+
+def test_one_lost_pose_is_no_gap(calibration):
+    _, recording = slow_log(20.0, 20.0, jitter=0.0)
+    pose = recording.pose
+    keep = np.arange(len(pose)) % 7 != 3
+    estimate = replay(replace(recording, pose=PoseStream(
+        pose.t[keep], pose.position[keep], pose.R_base_sensor[keep])), calibration)
+    assert estimate.valid.all()
+
+
+def test_poses_between_are_those_of_the_motion():
+    motion, recording = slow_log(20.0, 20.0)
+    dense = interpolated(recording.pose, 1.0)
+    assert np.isin(recording.pose.t, dense.t).all()
+    assert np.diff(dense.t).max() <= 1 / 250 + 1e-9
+    inner = (dense.t > 0.5) & (dense.t < dense.t[-1] - 0.5)
+    at = np.round(dense.t[inner] * arm.RATE).astype(int)
+    off = np.abs(dense.t[inner] - motion.t[at]).max()
+    assert off < 0.5 / arm.RATE + 1e-9
+    # between two poses of a motion of at most 2 Hz a cubic is off by less than a tenth of a mm
+    assert dense.position[inner] == pytest.approx(motion.position[at], abs=5e-4)
+    turned = np.einsum('nji,njk->nik', motion.R_base_sensor[at], dense.R_base_sensor[inner])
+    assert turned == pytest.approx(np.broadcast_to(np.eye(3), turned.shape), abs=2e-3)
+
+
+def test_orientations_without_positions_are_interpolated_too(calibration):
+    _, recording = slow_log(20.0, 20.0)
+    pose = recording.pose
+    blind = PoseStream(pose.t, np.full_like(pose.position, np.nan), pose.R_base_sensor)
+    estimate = replay(replace(recording, pose=blind), calibration)
+    assert estimate.valid.all()
+    assert (estimate.status & Status.NO_POSITION).all()
+
+
+def test_a_slow_accelerometer_is_interpolated_up_to_its_own_gaps(calibration):
+    rng = np.random.default_rng(4)
+    motion = arm.free_motion(rng, 6.0)
+    full = arm.record(motion, rng)
+    every = slice(None, None, 50)
+    force = Stream(full.accelerometer.t[every], full.accelerometer.values[every])
+    estimate = replay(replace(full, accelerometer=force), calibration)
+    assert not (estimate.status[:-50] & Status.NO_ACCELEROMETER).any()
+    gap = (force.t < 2.0) | (force.t > 3.0)
+    holed = Stream(force.t[gap], force.values[gap])
+    estimate = replay(replace(full, accelerometer=holed), calibration)
+    away = (estimate.t > 2.0) & (estimate.t < 3.0)
+    assert (estimate.status[away] & Status.NO_ACCELEROMETER).all()
+
+
+def test_fast_streams_keep_the_live_time_outs():
+    t = np.arange(0.0, 1.0, 0.001)
+    assert gap_limit(Stream(t, t[:, None]), 0.025) == 0.025
+    assert gap_limit(None, 0.1) == 0.1
+    assert gap_limit(Stream(t[:2], t[:2, None]), 0.1) == 0.1
+    slow = Stream(50 * t, t[:, None])
+    assert gap_limit(slow, 0.1) == pytest.approx(0.2)
+
+
+def test_within_gaps_holds_ends_and_leaves_gaps_open():
+    t = np.array([0.0, 1.0, 2.0, 3.0, 10.0, 11.0, 12.0])
+    stream = Stream(t, t[:, None])
+    at = np.array([-5.0, -3.0, 0.5, 3.0, 6.0, 10.0, 10.5, 15.0, 17.0])
+    expected = [np.nan, 0.0, 0.5, 3.0, np.nan, 10.0, 10.5, 12.0, np.nan]
+    assert within_gaps(stream, at)[:, 0] == pytest.approx(expected, nan_ok=True)
