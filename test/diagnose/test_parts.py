@@ -8,7 +8,7 @@ from forcecal_ros.diagnose.left import _foreign
 from forcecal_ros.diagnose.limits import _best_limit
 from forcecal_ros.diagnose.nuisances import nuisances, spreads
 from forcecal_ros.diagnose.problem import Problem
-from forcecal_ros.diagnose.ranking import MISMATCH, PARSIMONY, TEMPERATURE, weights
+from forcecal_ros.diagnose.ranking import weights
 from forcecal_ros.diagnose.trial import Trial
 from forcecal_ros.diagnose.verdict import probabilities, Remains, verdict
 from forcecal_ros.recording.streams import Recording, Stream
@@ -76,10 +76,9 @@ def test_errors_of_parameters_are_drawn_as_large_as_they_are_expected():
 
 def test_beside_a_gross_effect_a_small_lead_does_not_decide_and_fewer_parameters_do():
     weight = weights([trial('wrench_lowpass', 150_070.0, 2), trial('wrench_delay', 150_000.0)])
-    assert weight['wrench_delay'] > weight['wrench_lowpass'] - PARSIMONY
+    assert 0.0 < weight['wrench_delay'] - weight['wrench_lowpass'] < 1.0
     small = weights([trial('wrench_lowpass', 170.0, 2), trial('wrench_delay', 100.0)])
-    lead = 70.0 / (TEMPERATURE + MISMATCH * 170.0)
-    assert small['wrench_lowpass'] - small['wrench_delay'] == pytest.approx(lead - PARSIMONY)
+    assert small['wrench_lowpass'] - small['wrench_delay'] > np.log(1e6)
 
 
 def test_equal_odds_make_the_verdict_ambiguous_and_a_bad_fit_makes_it_unknown():
