@@ -17,6 +17,10 @@ settings.register_profile('same_everywhere', derandomize=True, deadline=None)
 settings.load_profile('same_everywhere')
 
 ROOT = Path(__file__).resolve().parents[1]
+
+GIVING_WAY = 10
+"""Niceness of what computes only: a tenth of the weight of what has to answer in time."""
+
 NO_DATA = 'wants recordings that are not here: '
 FETCH = {
     'kuka_lbr_med': 'Zenodo record 11096791 as $FORCECAL_DATA/kuka_lbr_med',
@@ -27,13 +31,24 @@ FETCH = {
 GENERATED = re.compile(r'(__pycache__|build|install|log|dist|.+\.egg-info|\.(?!ci|gitignore).+)')
 
 
+def _is_live(item) -> bool:
+    return bool(item.get_closest_marker('live')) or any(
+        name.startswith('ros_domain') for name in item.fixturenames)
+
+
 @pytest.hookimpl(tryfirst=True)  # before the workers look at the groups
 def pytest_collection_modifyitems(items):
     """Keep what runs nodes to one worker of several, where it has the DDS traffic to itself."""
     for item in items:
-        live = item.get_closest_marker('live') or any(
-            name.startswith('ros_domain') for name in item.fixturenames)
-        item.add_marker(pytest.mark.xdist_group('live' if live else str(item.path)))
+        item.add_marker(pytest.mark.xdist_group('live' if _is_live(item) else str(item.path)))
+    items.sort(key=_is_live, reverse=True)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
+    """Let the worker that runs no nodes give way to those that have to keep up with a clock."""
+    if 'PYTEST_XDIST_WORKER' in os.environ and not _is_live(item) and not os.nice(0):
+        os.nice(GIVING_WAY)
 
 
 def _recorded_elsewhere(variable: str, default: str, what: str) -> Path:

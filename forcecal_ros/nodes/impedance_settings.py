@@ -109,6 +109,8 @@ PARAMETERS = (
           'for that long in motion stop; 0: not looked at', 's', 0.0, 10.0),
     _live('watch.max_age', WATCH.max_age, 'Age of its newest header stamp above which a topic '
           'is late; 0: not looked at, for clocks that are not in step', 's', 0.0, 10.0),
+    _live('watch.clock_timeout', WATCH.clock_timeout, 'With use_sim_time, a clock that stands '
+          'for longer stops', 's', 0.02, 60.0),
     Parameter('motion.frame', 'base', 'frame_id of commands: the robot base link'),
     Parameter('motion.deadman_timeout', 0.0, 'Silence of the topic deadman that stops a motion; '
               '0: no dead-man switch', 's', 0.0, 10.0),

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-pytestmark = pytest.mark.timeout(900)
+pytestmark = pytest.mark.timeout(1800)
 ROOT = Path(__file__).resolve().parents[2]
 if not (ROOT / 'blind').is_dir():
     pytest.skip('the blind check is not part of what is installed', allow_module_level=True)

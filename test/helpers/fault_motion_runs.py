@@ -5,11 +5,12 @@ import signal
 
 from forcecal_ros.geometry import rotation_about
 from forcecal_ros.motion.limits import Limits
+from forcecal_ros.motion.monitor import WatchSettings
 from forcecal_ros.motion.poses import flatten_poses, nominal_poses
 from forcecal_ros.motion.profiles import Pose
 from forcecal_ros.nodes.runtime import OUTPUT
 from geometry_msgs.msg import PoseStamped
-from live import Live, speeds
+from live import Live, ON_RIG_TIME, RIG_TIME, speeds
 import numpy as np
 
 CALIBRATE = ('move', 'settle', 'measure', 'step')
@@ -20,6 +21,9 @@ STOP = 0.1
 """Commands may move for that long after a fault [s]."""
 
 PERIOD = 0.004
+ONE_SECOND = 250
+"""Poses, or commands."""
+
 TRIES = 10
 LIMITS = Limits(workspace_max=[1.35, 0.4, 1.4])
 
@@ -88,10 +92,12 @@ class Bench:
     ----------
     clock : bool
         Whether the sim's clock drives all.
+    patient : bool
+        Whether that clock waits for commands that a busy machine makes late.
     """
 
-    def __init__(self, clock=False):
-        self.clock = clock
+    def __init__(self, clock=False, patient=False):
+        self.clock, self.patient = clock, patient
         self.live = Live()
         self.commands, self.poses = [], []
         self.other = None
@@ -111,9 +117,13 @@ class Bench:
     def run(self, fault, phase):
         """Let one fault happen in one phase, and return what it came to."""
         self._heal(fault)
+        if self.patient and fault.endswith('delayed'):  # what is late is to pause at once
+            self.live.set('sequencer', watch__pause_timeout=WatchSettings().pause_timeout)
         self._begin(phase)
         recover, first = self._inject(fault)
         outcome = self._judge(fault, phase, first)
+        if self.patient and fault.endswith('delayed'):
+            self.live.set('sequencer', watch__pause_timeout=ON_RIG_TIME['watch__pause_timeout'])
         recover()
         return outcome
 
@@ -155,18 +165,21 @@ class Bench:
 
     def _start(self, module):
         if module == 'sim':
-            self.live.start('sim', seed=1, clock__publish=str(self.clock).lower())
+            self.live.start('sim', seed=1, **(RIG_TIME if self.patient else {
+                'clock__publish': self.clock}))
         elif module == 'sequencer':
             self._start_sequencer('sequencer', [])
         else:
-            self.live.start(module, use_sim_time=str(self.clock).lower())
+            self.live.start(module, use_sim_time=self.clock)
 
     def _start_sequencer(self, name, remap):
         self.live.start(
             'sequencer', name, remap, timing__measure=0.4, timing__ring=0.25, settle__window=0.1,
             timing__approach=1.0, timing__contact=0.6, poses__names='[v, tilt]',
             poses__values=quick_poses(), limits__workspace_max=LIMITS.workspace_max.tolist(),
-            watch__lost_timeout=0.6, watch__most_pauses=5, use_sim_time=str(self.clock).lower())
+            **(ON_RIG_TIME if self.patient else {'use_sim_time': self.clock,
+                                                 'watch__lost_timeout': 0.6,
+                                                 'watch__most_pauses': 5}))
 
     def _begin(self, phase):
         """Reach the phase; a machine that is too busy for healthy sensors gets more chances."""
@@ -236,7 +249,8 @@ class Bench:
         live = self.live
         killed = fault == 'SIGKILL to sequencer'
         if fault in HARMLESS or killed:
-            live.spin(1.0)
+            heard = len(self.poses)
+            live.until(lambda: len(self.poses) > heard + ONE_SECOND, 'a second of the rig')
         else:
             live.until(lambda: live.phases[-1] in ('aborted', 'done'), f'{fault} in {phase}')
             live.spin(0.3)

@@ -7,7 +7,7 @@ from forcecal_ros.calibration.file import load, parse
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.nodes.runtime import OUTPUT
 from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
-from live import Live
+from live import Live, ON_RIG_TIME, RIG_TIME
 import numpy as np
 import pytest
 from std_msgs.msg import Float64MultiArray, String
@@ -41,16 +41,17 @@ def test_calibrates_publishes_observes_and_touches(ros_domain, tmp_path):
     with Live() as live:
         ears = Ears(live)
         texts = live.latched(String, 'sequencer/calibration')
-        live.start('sim', seed=5)
-        live.start('observer')
-        live.start('sequencer', save__path=path, limits__workspace_max=[1.35, 0.4, 1.4])
+        live.start('sim', seed=5, **RIG_TIME)
+        live.start('observer', use_sim_time=True)
+        live.start('sequencer', save__path=path, limits__workspace_max=[1.35, 0.4, 1.4],
+                   **ON_RIG_TIME)
         live.until(lambda: len(ears.truth) > 1000, 'a simulated rig')
         refused = live.call('sequencer/save_calibration')
         assert not refused.success and 'there is no calibration yet' in refused.message
         assert not ears.commands
 
         live.until(lambda: live.call('sequencer/start').success, 'start')
-        live.until(lambda: live.phases[-1] in ('done', 'aborted'), 'the calibration', 90.0)
+        live.until(lambda: live.phases[-1] in ('done', 'aborted'), 'the calibration', 300.0)
         assert live.phases[-1] == 'done', live.reasons
         check_phases_and_commands(ears)
         live.until(lambda: texts, 'a calibration')

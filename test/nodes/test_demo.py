@@ -33,12 +33,11 @@ def demo(tmp_path_factory):
     out = tmp_path_factory.mktemp('demo')
     ended = subprocess.run(
         [sys.executable, '-m', 'forcecal_ros.cli', 'demo', '--out', str(out), '--json'],
-        capture_output=True, text=True, timeout=170, check=False)
+        capture_output=True, text=True, timeout=500, check=False)
     assert ended.returncode == 0, ended.stderr
     return out, json.loads(ended.stdout)
 
 
-@pytest.mark.timeout(180)
 def test_the_rig_is_identified_live(demo):
     out, _ = demo
     calibration = load(out / 'calibration.yaml')

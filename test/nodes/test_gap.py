@@ -3,11 +3,10 @@
 from diagnostic_msgs.msg import DiagnosticStatus
 from forcecal_ros.effects import with_effects
 from forcecal_ros.simulators.rig.file import dump_rig, load_rig
-from live import Live
+from live import Live, ON_RIG_TIME, RIG_TIME
 import pytest
 
-SHORT = {'timing__measure': 0.4, 'timing__ring': 0.3, 'watch__clock_timeout': 2.0,
-         'watch__pause_timeout': 1.0, 'watch__lost_timeout': 5.0, 'watch__max_age': 0.0}
+SHORT = {**ON_RIG_TIME, 'timing__measure': 0.4, 'timing__ring': 0.3, 'watch__max_age': 0.0}
 """Of the sequencer: brief, and patient with a loaded machine."""
 
 ENOUGH = 14
@@ -22,9 +21,9 @@ def test_the_first_stage_that_leaves_the_noise_is_raised(ros_domain, tmp_path, e
     path = tmp_path / 'rig.yaml'
     path.write_text(dump_rig(with_effects(load_rig(), effects)))
     with Live() as live:
-        live.start('sim', rig=path, seed=1, clock__publish=True, latency=0.1)
+        live.start('sim', rig=path, seed=1, latency=0.1, **RIG_TIME)
         live.start('gap', use_sim_time=True)
-        live.start('sequencer', use_sim_time=True, **SHORT)
+        live.start('sequencer', **SHORT)
         live.until(lambda: 'gap' in live.diagnostics, 'gap speaks')
         live.until(lambda: live.call('sequencer/start').success, 'it starts')
         said = []
@@ -36,7 +35,7 @@ def test_the_first_stage_that_leaves_the_noise_is_raised(ros_domain, tmp_path, e
                 said.append((values, status))
             return values.get('first stage') or len(said) > ENOUGH
 
-        live.until(judged, 'a judgement', timeout=100.0)
+        live.until(judged, 'a judgement', timeout=300.0)
         late = {p.key: p.value for p in live.diagnostics['sim'].values}['commands late']
         if late != '0':
             pytest.skip(f'{late} commands came late to the robot, which is a gap of its own')

@@ -7,8 +7,7 @@ import signal
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.geometry import quaternion_from_matrix
 from forcecal_ros.motion.poses import nominal_poses, step_goal
-from forcecal_ros.motion.profiles import Move
-from forcecal_ros.motion.stream import phased
+from forcecal_ros.motion.profiles import Move, Pose
 from forcecal_ros.nodes import sim
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.nodes.sequencer import Sequencer
@@ -17,7 +16,7 @@ from forcecal_ros.recording.streams import PoseStream
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.offline import simulate
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
-from live import Live
+from live import Live, RIG_TIME
 import numpy as np
 import pytest
 import rclpy
@@ -51,43 +50,62 @@ class Listener:
         return max(self.heard[topic], default=0)
 
 
-def stream(live, heard, move, frame='base'):
-    """Command a move in the phase of the measured poses; returns stamps and setpoints."""
-    publisher = live.node.create_publisher(PoseStamped, 'target_frame', OUTPUT)
-    live.until(lambda: publisher.get_subscription_count() > 0, 'a listening sim')
-    write = Writer(PoseStamped, frame)
-    start = phased(live.node.get_clock().now().nanoseconds, heard.newest('current_pose'), PERIOD)
-    setpoints = [move.at(t) for t in np.arange(0.0, move.duration + 0.02, 0.004)]
-    stamps = [start + i * PERIOD for i in range(len(setpoints))]
-    for stamp, setpoint in zip(stamps, setpoints):
-        live.until(lambda: live.node.get_clock().now().nanoseconds >= stamp, 'time')
-        pose = setpoint.pose
-        publisher.publish(write(stamp, (
-            *pose.position, *quaternion_from_matrix(pose.R_base_sensor))))
-    return stamps, setpoints
+class RigTime:
+    """The clock that the sim publishes, and commands in its time."""
+
+    def __init__(self, live):
+        self.live, self.ticks = live, []
+        live.node.create_subscription(
+            Clock, '/clock', lambda m: self.ticks.append(m.clock.sec * 10**9 + m.clock.nanosec),
+            10)
+        self.publisher = live.node.create_publisher(PoseStamped, 'target_frame', OUTPUT)
+
+    @property
+    def now(self):
+        return self.ticks[-1]
+
+    def until(self, stamp):
+        self.live.until(lambda: self.now >= stamp, 'time')
+
+    def command(self, poses, frame='base'):
+        """Command poses, one a period; return their stamps."""
+        self.live.until(lambda: self.publisher.get_subscription_count() and self.ticks, 'a sim')
+        write, stamps = Writer(PoseStamped, frame), []
+        began = self.now - self.now % PERIOD + PERIOD
+        for i, pose in enumerate(poses):
+            stamps.append(began + i * PERIOD)
+            self.until(stamps[-1])
+            self.publisher.publish(write(stamps[-1], (
+                *pose.position, *quaternion_from_matrix(pose.R_base_sensor))))
+        return stamps
+
+
+def poses_of(move):
+    """Return the setpoints of a move, and HOME before it until the sim waits for commands."""
+    return [HOME] * 50 + [move.at(t).pose for t in np.arange(0.0, move.duration + 0.02, 0.004)]
 
 
 def test_live_says_what_offline_says_of_the_same_commands(ros_domain):
     with Live() as live:
-        heard = Listener(live)
-        live.start('sim', noise='false', latency=0.1, imu__publish='true')
+        heard, rig = Listener(live), RigTime(live)
+        live.start('sim', noise='false', imu__publish='true', latency=0.1, **RIG_TIME)
         live.until(lambda: len(heard['current_pose']) > 20, 'poses')
 
-        stream(live, heard, Move(HOME, step_goal(HOME, 0.03), 0.1), frame='tool0')
-        settled = heard.newest('wrench')
-        live.until(lambda: heard.newest('wrench') > settled + 200_000_000, 'time')
+        rig.command(poses_of(Move(HOME, step_goal(HOME, 0.03), 0.1)), frame='tool0')
+        rig.until(rig.now + 200_000_000)
         positions = np.array(list(heard['current_pose'].values()))[:, :3]
         np.testing.assert_allclose(positions - HOME.position, 0, atol=1e-12)
         assert "target_frame is in 'tool0', the robot base is 'base'" in live.said('sim')
 
-        stamps, setpoints = stream(live, heard, Move(HOME, step_goal(HOME, 0.01), 0.1))
+        poses = poses_of(Move(HOME, step_goal(HOME, 0.01), 0.1))
+        stamps = rig.command(poses)
         live.until(lambda: heard.newest('wrench') > stamps[-1] + 300_000_000, 'the end')
         assert live.end('sim', signal.SIGINT) == 0
 
     target = PoseStream((np.array(stamps) - stamps[0]) * 1e-9,
-                        np.array([s.pose.position for s in setpoints]),
-                        np.array([s.pose.R_base_sensor for s in setpoints]))
-    offline = simulate(load_rig(), target, noise=False, duration=0.3)
+                        np.array([pose.position for pose in poses]),
+                        np.array([pose.R_base_sensor for pose in poses]))
+    offline = simulate(load_rig(), target, noise=False, duration=0.45)
     for topic, t, expected in (
             ('wrench', offline.wrench.t, offline.wrench.values),
             ('accelerometer/raw', offline.accelerometer.t, offline.accelerometer.values),
@@ -111,6 +129,7 @@ def test_live_says_what_offline_says_of_the_same_commands(ros_domain):
 
 
 def test_its_own_clock_runs_at_the_speed_asked_for(ros_domain):
+    """Never faster than three times the wall's, and as fast wherever the machine lets it be."""
     with Live() as live:
         clock, stamps = [], []
         live.node.create_subscription(
@@ -122,11 +141,21 @@ def test_its_own_clock_runs_at_the_speed_asked_for(ros_domain):
         live.node.create_subscription(
             DiagnosticArray, '/diagnostics', lambda m: said.append(m.status[0]), 10)
         live.start('sim', speed=3.0, rig='forcecal_ros/config/rigid_tool.yaml')
+
+        def undisturbed():
+            """Whether the last half second passed at that speed."""
+            newest = [tick for tick in clock[-2000:] if tick[0] > clock[-1][0] - 0.5]
+            wall, simulated = np.array(newest).T
+            return len(newest) > 50 and np.ptp(wall) > 0.4 and abs(
+                np.polyfit(wall, simulated, 1)[0] - 3.0) < 0.15
+
         live.until(lambda: clock and clock[-1][1] - clock[0][1] > 6.0 and said, '6 s')
+        live.until(undisturbed, 'half a second at three times the wall')
         wall, simulated = np.array(clock).T
-        assert np.polyfit(wall, simulated, 1)[0] == pytest.approx(3.0, abs=0.15)
+        assert simulated[-1] - simulated[0] < 3.0 * (wall[-1] - wall[0]) + 1.0
         assert (np.diff(simulated) >= 0).all()
-        assert (stamps[-1] - stamps[0]) * 1e-9 == pytest.approx(6.0, abs=1.0)
+        assert (stamps[-1] - stamps[0]) * 1e-9 == pytest.approx(
+            simulated[-1] - simulated[0], abs=1.0)
         assert not live.node.get_publishers_info_by_topic('/optidrive')
         assert said[-1].message == 'holding' and said[-1].name == 'sim'
         assert live.end('sim', signal.SIGTERM) == 0
@@ -134,30 +163,25 @@ def test_its_own_clock_runs_at_the_speed_asked_for(ros_domain):
 
 def test_its_own_clock_waits_for_commands_that_come_late(ros_domain):
     with Live() as live:
-        clock, poses, said = [], [], []
-        live.node.create_subscription(
-            Clock, '/clock', lambda m: clock.append(m.clock.sec * 10**9 + m.clock.nanosec), 10)
-        live.hear(PoseStamped, 'current_pose', lambda *sample: poses.append(sample))
+        rig, said = RigTime(live), []
         live.node.create_subscription(
             DiagnosticArray, '/diagnostics', lambda m: said.append(m.status[0]), 10)
-        live.start('sim', clock__publish='true', clock__wait=3.0)
-        publisher = live.node.create_publisher(PoseStamped, 'target_frame', OUTPUT)
-        live.until(lambda: publisher.get_subscription_count() and poses and clock, 'a sim')
-        write, rotation = Writer(PoseStamped, 'base'), quaternion_from_matrix(HOME.R_base_sensor)
-        began = clock[-1]
-        for i in range(60):
-            stamp = began + i * PERIOD
-            live.until(lambda: clock[-1] >= stamp, 'time to command')
-            publisher.publish(write(stamp, (*(HOME.position + [0, 0, 1e-5 * i]), *rotation)))
-            if i % 20 == 10:
-                before = clock[-1]
-                live.spin(0.3)
-                assert clock[-1] <= before + 4 * PERIOD
-        live.until(lambda: clock[-1] > stamp + 10**9, 'time goes on after the stream')
+        live.start('sim', clock__publish=True, clock__wait=3.0)
+
+        def dawdling():
+            for i in range(60):
+                yield Pose(HOME.position + [0, 0, 1e-5 * i], HOME.R_base_sensor)
+                if i % 20 == 10:
+                    before = rig.now
+                    live.spin(0.3)
+                    assert rig.now <= before + 4 * PERIOD
+
+        stamps = rig.command(dawdling())
+        rig.until(stamps[-1] + 10**9)
         live.until(lambda: said[-1].message == 'holding', 'holding')
         late = next(pair.value for pair in said[-1].values if pair.key == 'commands late')
         assert int(late) <= 1  # the first may be: nothing waits for a stream that has not begun
-        assert (np.diff(clock) >= 0).all()
+        assert (np.diff(rig.ticks) >= 0).all()
 
 
 @pytest.mark.parametrize('module, arguments, message', [

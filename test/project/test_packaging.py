@@ -153,7 +153,6 @@ def _expected(base, patterns):
 
 
 @pytest.mark.workspace
-@pytest.mark.timeout(400)
 def test_wheel_holds_all_that_the_tree_holds(archives):
     names = set(zipfile.ZipFile(archives[1]).namelist())
     assert {f'{PACKAGE}/{name}' for name in _expected(ROOT / PACKAGE, INSIDE)} <= names
@@ -165,7 +164,6 @@ def test_wheel_holds_all_that_the_tree_holds(archives):
 
 
 @pytest.mark.workspace
-@pytest.mark.timeout(400)
 def test_source_archive_holds_all_that_the_tree_holds(archives, project_files):
     with tarfile.open(archives[0]) as archive:
         names = {name.partition('/')[2] for name in archive.getnames()}
@@ -175,7 +173,6 @@ def test_source_archive_holds_all_that_the_tree_holds(archives, project_files):
 
 
 @pytest.mark.workspace
-@pytest.mark.timeout(400)
 def test_pip_puts_the_commands_where_a_shell_finds_them(archives, tmp_path):
     _run(sys.executable, '-m', 'venv', '--without-pip', tmp_path)
     _run(sys.executable, '-m', 'pip', '--python', tmp_path / 'bin' / 'python', 'install',

@@ -25,7 +25,6 @@ def test_source_follows_the_rules_of_ament():
 
 
 @pytest.mark.lint
-@pytest.mark.timeout(400)
 def test_types_are_strict():
     pytest.importorskip('numpy', minversion='2.2', reason='older ones have types of their own')
     pytest.importorskip('rclpy', reason='without ROS the types of the nodes are not known')

@@ -65,7 +65,7 @@ def run(folder, cache):
     done = subprocess.run(
         [sys.executable, '-c', ('from forcecal_ros.jit import waits_for_compiler as waits\n'
                                 'from twice import twice; print(waits(twice), twice(21))')],
-        env=environment, capture_output=True, text=True, timeout=60, check=False)
+        env=environment, capture_output=True, text=True, timeout=300, check=False)
     assert done.stdout.split()[1] == '42', done.stderr
     return done.stdout.split()[0]
 
