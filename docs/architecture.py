@@ -28,7 +28,6 @@ HOLDS = {
     'commands': 'the command line:\none module a command',
     'diagnose': 'where and why simulation\nand recording differ',
     'effects': 'ways in which a rig\ndiffers from its model',
-    'gravity': 'weight taken off\nby filters',
     'identify': 'tool, sensors and noise\n[Gamez2005]',
     'impedance': 'plant and law\n[Gamez2005] V',
     'insitu': 'six-axis matrix\n[Traversaro2014]',
