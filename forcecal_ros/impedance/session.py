@@ -116,6 +116,11 @@ class Session:
         return self._streaming
 
     @property
+    def guarded(self) -> bool:
+        """Whether a fault ends it."""
+        return self.running
+
+    @property
     def moving(self) -> bool:
         """Whether the command moves."""
         return abs(self._motion.velocity) > 1e-4
@@ -146,7 +151,7 @@ class Session:
         self._touched, self._withdrawn, self._force = False, False, 0.0
         self.status = Status(program.at(0.0).phase)
 
-    def abort(self, reason: str) -> bool:
+    def abort(self, reason: str, *, at_once: bool = False) -> bool:
         """
         Come to rest within the stop's duration, away from what may be touched.
 
@@ -154,6 +159,8 @@ class Session:
         ----------
         reason : str
             One line for the user.
+        at_once : bool
+            Begin from rest, after a silence in which the robot came to a stop.
 
         Returns
         -------
@@ -162,6 +169,8 @@ class Session:
         """
         if not self.running:
             return False
+        if at_once:
+            self.restart()
         bounds = self._bounds
         near = self.status.phase != 'free' or -self._force > bounds.touch
         retract = bounds.retract if near else 0.0

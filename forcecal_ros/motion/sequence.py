@@ -125,6 +125,16 @@ class Sequence:
         return self._streaming
 
     @property
+    def guarded(self) -> bool:
+        """Whether a fault ends it: from the start to the end of the motion."""
+        return self.running and not self.moved
+
+    @property
+    def moving(self) -> bool:
+        """Whether the last command moves."""
+        return self._last is not None and self._last.moving
+
+    @property
     def moved(self) -> bool:
         """Whether the motion is over and waits for its result."""
         return self.running and self._index == len(self._parts)

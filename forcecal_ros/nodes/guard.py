@@ -1,6 +1,6 @@
 """Whoever may end a motion besides the plan: sensors, robot, clocks, other nodes, a person."""
 
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from forcecal_ros.motion.monitor import Monitor
 from forcecal_ros.nodes.backends import Backend
@@ -66,7 +66,7 @@ class Guard:
         Whether that clock also drives the motion.
     """
 
-    def __init__(self, sensors: Watched, backend: Backend, motion: Pausable, clock: Clock,
+    def __init__(self, sensors: Watched, backend: Backend[Any], motion: Pausable, clock: Clock,
                  simulated: bool) -> None:
         self._sensors, self._backend, self._motion = sensors, backend, motion
         self._clock, self._simulated = clock, simulated

@@ -111,7 +111,8 @@ PARAMETERS = (
           'is late; 0: not looked at, for clocks that are not in step', 's', 0.0, 10.0),
     _live('watch.clock_timeout', WATCH.clock_timeout, 'With use_sim_time, a clock that stands '
           'for longer stops', 's', 0.02, 60.0),
-    Parameter('motion.frame', 'base', 'frame_id of commands: the robot base link'),
+    Parameter('motion.frame', '', 'frame_id of commands: the robot base link; empty: that of '
+              'current_pose, from which it may not differ'),
     Parameter('motion.deadman_timeout', 0.0, 'Silence of the topic deadman that stops a motion; '
               '0: no dead-man switch', 's', 0.0, 10.0),
     Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool; '

@@ -5,6 +5,7 @@ from math import nan
 from forcecal_ros.calibration.file import dump
 from forcecal_ros.calibration.model import Calibration
 from geometry_msgs.msg import InertiaStamped
+from rclpy.time import Time
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
 
@@ -24,9 +25,10 @@ def gain_message(calibration: Calibration) -> Float64MultiArray:
     return message
 
 
-def inertia_message(calibration: Calibration) -> InertiaStamped:
+def inertia_message(calibration: Calibration, stamp: Time) -> InertiaStamped:
     """Return mass, centre of mass and inertia about it; NaN where it was not identified."""
     message = InertiaStamped()
+    message.header.stamp = stamp.to_msg()
     message.header.frame_id = calibration.sensor_frame
     inertia = message.inertia
     inertia.m = float(calibration.mass)

@@ -1,19 +1,19 @@
-"""What the sequencer hears: every sample goes to its watch, and into the recording of a run."""
+"""What a node that moves a robot hears: every sample goes to its watch, and to whoever records."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import partial
 from struct import error as StructError
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
-from forcecal_ros.calibration.sensor_matrix import corrected, SixAxis
+from forcecal_ros.geometry import matrix_from_quaternion
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import Monitor, WatchSettings
-from forcecal_ros.nodes.collector import Collector
+from forcecal_ros.motion.profiles import Pose
 from forcecal_ros.nodes.deadman import Deadman
 from forcecal_ros.nodes.inbox import Inbox
-from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Sample, stamp_of
-from geometry_msgs.msg import AccelStamped, PoseStamped, Vector3Stamped, WrenchStamped
-from rclpy.node import Node
-from sensor_msgs.msg import Imu, JointState
+from forcecal_ros.nodes.wire import frame_of, Sample, stamp_of
+from geometry_msgs.msg import AccelStamped, Vector3Stamped
+from sensor_msgs.msg import Imu
 
 ACCELEROMETERS: dict[str, tuple[str, Any, str]] = {
     'raw': ('accelerometer/raw', Vector3Stamped, 'V'),
@@ -22,67 +22,46 @@ ACCELEROMETERS: dict[str, tuple[str, Any, str]] = {
 }
 """Topic, type and unit of each source of acceleration."""
 
+Record: TypeAlias = Callable[[str, int, tuple[float, ...]], None]
+"""Takes channel, stamp [ns] and values of every sample and command."""
 
-def _wrench_reader(six_axis: SixAxis | None) -> Callable[[bytes], Sample]:
-    read = Reader(WrenchStamped)
-    if six_axis is None:
-        return read
 
-    def read_raw(raw: bytes) -> Sample:
-        stamp_ns, (fx, fy, fz, nx, ny, nz) = read(raw)
-        return Sample(stamp_ns, corrected((fx, fy, fz, nx, ny, nz), six_axis))
+class Input(NamedTuple):
+    """One topic that is heard; ``watched``: its silence and its readings may end a motion."""
 
-    return read_raw
+    channel: str
+    topic: str
+    message_type: Any
+    read: Callable[[bytes], Sample | None]
+    watched: bool = True
 
 
 class Sensors:
     """
-    The sequencer's sensors.
-
-    Parameters
-    ----------
-    node : Node
-        With the sequencer's parameters.
-    inbox : Inbox
-    watch, limits : WatchSettings, Limits
-    recording : callable
-        Says whether samples are to be kept.
-    six_axis : SixAxis or None
-        Turns the raw channels of the wrench topic into a wrench.
+    The topics that a motion depends on.
 
     Attributes
     ----------
     monitor : Monitor
-    collector : Collector
     deadman : Deadman
     """
 
-    def __init__(self, node: Node, inbox: Inbox, watch: WatchSettings, limits: Limits,
-                 recording: Callable[[], bool], six_axis: SixAxis | None) -> None:
-        self._inbox = inbox
-        self._recording = recording
-        self._heard: dict[str, bytes] = {}
-        source = node.get_parameter('accelerometer.source').value
-        topics = {'wrench': 'wrench', 'pose': 'current_pose'}
-        if source in ACCELEROMETERS:
-            topics['accelerometer'] = ACCELEROMETERS[source][0]
-        self.collector = Collector(ACCELEROMETERS.get(source, ACCELEROMETERS['raw'])[2],
-                                   node.get_parameter('wrench.sign').value)
-        self.monitor = Monitor(watch, limits, topics)
-        self._hear('wrench', 'wrench', WrenchStamped, _wrench_reader(six_axis),
-                   self.monitor.wrench)
-        self._hear('pose', 'current_pose', PoseStamped, Reader(PoseStamped), self.monitor.pose)
-        if source in ACCELEROMETERS:
-            topic, kind, _ = ACCELEROMETERS[source]
-            self._hear('accelerometer', topic, kind, Reader(kind), self._on_accelerometer)
-        self._hear('optidrive', 'optidrive', JointState,
-                   JointReader(node.get_parameter('optidrive.joint').value), None)
-        self.deadman = Deadman(inbox, node.get_parameter('motion.deadman_timeout').value)
+    def __init__(self, inbox: Inbox, inputs: Iterable[Input], deadman: Deadman,
+                 watch: WatchSettings, limits: Limits, record: Record | None = None) -> None:
+        inputs = tuple(inputs)
+        self.deadman = deadman
+        self.monitor = Monitor(watch, limits,
+                               {one.channel: one.topic for one in inputs if one.watched})
+        self._record = record
+        self._raw: dict[str, bytes] = {}
+        for one in inputs:
+            inbox.subscribe(one.message_type, one.topic, self._taker(one))
 
-    def _hear(self, channel: str, topic: str, message_type: Any, read: Any, watch: Any) -> None:
-        add, recording, heard = self.collector.add, self._recording, self._heard
+    def _taker(self, one: Input) -> Callable[[bytes], None]:
+        channel, read, record, newest = one.channel, one.read, self._record, self._raw
+        watch = self._watch_of(channel) if one.watched else None
 
-        def on_sample(raw: bytes) -> None:
+        def take(raw: bytes) -> None:
             try:
                 sample = read(raw)
             except StructError:
@@ -90,29 +69,40 @@ class Sensors:
             if sample is None:
                 return
             stamp_ns, values = sample
-            heard[channel] = raw
+            newest[channel] = raw
             if watch is not None:
                 watch(stamp_ns * 1e-9, values)
-            if recording():
-                add(channel, stamp_ns, values)
+            if record is not None:
+                record(channel, stamp_ns, values)
 
-        self._inbox.subscribe(message_type, topic, on_sample)
+        return take
 
-    def _on_accelerometer(self, stamp: float, values: tuple[float, ...]) -> None:
-        self.monitor.other('accelerometer', stamp, values)
+    def _watch_of(self, channel: str) -> Callable[[float, tuple[float, ...]], None]:
+        monitor = self.monitor
+        return {'wrench': monitor.wrench, 'pose': monitor.pose}.get(
+            channel, partial(monitor.other, channel))
 
-    def begin_recording(self) -> None:
-        """Forget what was recorded; the frames of the newest messages count."""
-        self.collector.clear()
-        for channel, raw in self._heard.items():
-            self.collector.frames[channel] = frame_of(raw)
+    def commanded(self, stamp_ns: int, pose: tuple[float, ...]) -> None:
+        """Note a command, x y z [m] qx qy qz qw, which the measured poses have to follow."""
+        self.monitor.command(stamp_ns * 1e-9, pose)
+        if self._record is not None:
+            self._record('target', stamp_ns, pose)
+
+    def newest(self, channel: str) -> tuple[float, ...]:
+        """Return the newest values of a channel; zero of one that there is not."""
+        found = self.monitor.channels.get(channel)
+        return found.values if found is not None else (0.0,)
+
+    def where(self) -> Pose:
+        """Return where the robot stands, from the newest poses at rest."""
+        return Pose(self.monitor.mean('pose'), matrix_from_quaternion(self.newest('pose')[3:]))
 
     @property
     def pose_stamp_ns(self) -> int:
         """Header stamp of the newest pose."""
-        return stamp_of(self._heard['pose'])
+        return stamp_of(self._raw['pose'])
 
     @property
-    def pose(self) -> tuple[float, ...]:
-        """The newest pose, x y z [m] qx qy qz qw."""
-        return self.monitor.channels['pose'].values
+    def frames(self) -> dict[str, str]:
+        """The frame_id of each channel's newest message."""
+        return {channel: frame_of(raw) for channel, raw in self._raw.items()}

@@ -129,7 +129,8 @@ PARAMETERS = (
     Parameter('motion.backend', 'target_frame', 'Topic and type that commands go out as',
               choices=('target_frame', 'joint_trajectory', 'delta_twist_cmds')),
     Parameter('motion.rate', 250.0, 'Commands a second', 'Hz', 100.0, 250.0),
-    Parameter('motion.frame', 'base', 'frame_id of commands: the robot base link'),
+    Parameter('motion.frame', '', 'frame_id of commands: the robot base link; empty: that of '
+              'current_pose, from which it may not differ'),
     Parameter('motion.deadman_timeout', 0.0, 'Silence of the topic deadman that stops a motion; '
               '0: no dead-man switch', 's', 0.0, 10.0),
     Parameter('motion.twist_gain', 5.0, 'delta_twist_cmds: velocity for each metre (radian) '

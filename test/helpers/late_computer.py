@@ -86,7 +86,7 @@ def waits(rng: np.random.Generator, load: int) -> np.ndarray:
     Measured for a process of 250 Hz beside one and two busy ones a core: it waits some four
     times a second for each of them, 12 ms on average.
     """
-    return stretches(rng, 4.0 * load, lambda n: rng.exponential(0.012, n).clip(max=0.2))
+    return stretches(rng, 4.0 * load, lambda n: np.minimum(rng.exponential(0.012, n), 0.2))
 
 
 def stretches(rng, rate, lengths) -> np.ndarray:

@@ -184,7 +184,7 @@ class Robot:
     TOPICS = {'wrench': WrenchStamped, 'accelerometer/raw': Vector3Stamped,
               'current_pose': PoseStamped}
 
-    def __init__(self, live, commands=True, now=None):
+    def __init__(self, live, commands=True, now=None, frame='base'):
         self.live = live
         self.now = now or (lambda: live.node.get_clock().now().nanoseconds)
         self.commands = []
@@ -198,7 +198,7 @@ class Robot:
                      *quaternion_from_matrix(home.R_base_sensor).tolist())
         self.publishers = {topic: live.node.create_publisher(kind, topic, OUTPUT)
                            for topic, kind in self.TOPICS.items()}
-        self.writers = {topic: Writer(kind, 'base') for topic, kind in self.TOPICS.items()}
+        self.writers = {topic: Writer(kind, frame) for topic, kind in self.TOPICS.items()}
         if commands:
             live.hear(PoseStamped, 'target_frame', self._on_command)
         live.node.create_timer(0.004, self._tick)

@@ -162,6 +162,15 @@ def test_an_abort_in_free_space_stops_gently_on_its_way():
     assert way == pytest.approx(0.5 * velocity * BOUNDS.stop_duration, rel=0.05)
 
 
+def test_a_robot_that_stands_already_is_not_set_in_motion_by_the_stop():
+    bench = Bench()
+    bench.drive(0.4)
+    last = bench.drive(2 * PERIOD)[-1]
+    assert bench.session.moving
+    bench.session.abort('the stream stalled', at_once=True)
+    np.testing.assert_allclose(bench.drive(1.0), last, atol=1e-12)
+
+
 def test_commands_are_held_to_speed_and_acceleration():
     jump = Program((Stage('free', 0.05, 0.012), Stage('free', 0.05, 1.0)))
     bench = Bench(jump, bounds=Bounds(deviation=1.0))

@@ -10,6 +10,7 @@ from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
 from live import Live, ON_RIG_TIME, RIG_TIME
 import numpy as np
 import pytest
+from rclpy.time import Time
 from std_msgs.msg import Float64MultiArray, String
 
 LIMITS = Limits()
@@ -100,6 +101,7 @@ def check_latched(live):
     assert inertias[0].inertia.m == pytest.approx(13.0, rel=3e-4)
     assert inertias[0].inertia.com.z == pytest.approx(0.14, abs=1e-4)
     assert inertias[0].header.frame_id == 'ft_sensor'
+    assert Time.from_msg(inertias[0].header.stamp).nanoseconds > live.entered['measure']
 
 
 def check_contact(live, ears):

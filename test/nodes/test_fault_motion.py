@@ -17,7 +17,7 @@ def bench(ros_domain_of_module):
     ('pose wrong', 'contact', 'current_pose: '),
     ('robot runaway', 'approach', 'current_pose: '),
     (ABORT, 'step', 'asked to by sequencer/abort'),
-    ('SIGTERM to sequencer', 'approach', 'the sequencer was told to go'),
+    ('SIGTERM to sequencer', 'approach', 'the sequencer node was told to go'),
     ('SIGKILL to sim', 'move', '/clock has stopped'),
     ('clock back', 'approach', 'clock'),
 ])

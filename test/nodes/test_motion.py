@@ -261,6 +261,30 @@ def test_a_dead_man_switch_let_go_ends_the_motion(ros_domain):
         assert live.end('sequencer', signal.SIGTERM) == 0
 
 
+def test_commands_in_another_frame_than_the_poses_are_refused_before_the_first(ros_domain):
+    with Live() as live:
+        robot = Robot(live, frame='base_link')
+        start(live, motion__frame='base')
+        live.until(lambda: "current_pose is in 'base_link', commands would go out in 'base'"
+                   in live.call('sequencer/start').message, 'refusal')
+        live.spin(0.3)
+        assert not robot.commands and set(live.phases) <= {'idle'}
+
+
+def test_commands_are_in_the_frame_of_the_poses(ros_domain):
+    with Live() as live:
+        robot = Robot(live, frame='base_link')
+        frames = []
+        live.node.create_subscription(
+            PoseStamped, 'target_frame', lambda message: frames.append(message.header.frame_id),
+            OUTPUT)
+        start(live)
+        until_moving(live, robot)
+        live.call('sequencer/abort')
+        assert_came_to_rest(live, robot)
+        assert set(frames) == {'base_link'}
+
+
 def test_a_sequencer_that_is_told_to_go_stops_the_robot_first(ros_domain):
     with Live() as live:
         robot = Robot(live)
@@ -269,4 +293,4 @@ def test_a_sequencer_that_is_told_to_go_stops_the_robot_first(ros_domain):
         asked = now(live)
         assert live.end('sequencer', signal.SIGINT) == 0
         assert_came_to_rest(live, robot, asked)
-        assert live.reasons == ['the sequencer was told to go']
+        assert live.reasons == ['the sequencer node was told to go']

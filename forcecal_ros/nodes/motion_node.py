@@ -1,0 +1,286 @@
+"""What every node that moves a robot does alike: listens, starts when asked to, streams, stops."""
+
+from abc import abstractmethod
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from time import sleep
+from typing import Any, Generic, TypeVar
+
+from diagnostic_msgs.msg import DiagnosticArray
+from forcecal_ros.errors import DataError, MotionError
+from forcecal_ros.motion.sequence import Command
+from forcecal_ros.motion.stream import phased, StreamClock
+from forcecal_ros.nodes.backends import Backend
+from forcecal_ros.nodes.guard import Fault, Guard
+from forcecal_ros.nodes.inbox import Inbox
+from forcecal_ros.nodes.motion_source import MotionSettings, MotionSource
+from forcecal_ros.nodes.parameters import declare, Parameter
+from forcecal_ros.nodes.reporting import diagnostic_array
+from forcecal_ros.nodes.runtime import OUTPUT, SECOND, STEADY
+from forcecal_ros.nodes.sensors import Sensors
+from forcecal_ros.nodes.services import answering
+import numpy as np
+from rclpy.node import Node
+from rclpy.time import Time
+from std_srvs.srv import Trigger
+
+CLOCK_LOOK = 0.02
+"""A /clock that drives the motion is looked at that often [s]."""
+
+REMEMBERED = 15_000
+"""Command periods that the jitter in /diagnostics is told of: a minute at 250 Hz."""
+
+
+SettingsT = TypeVar('SettingsT', bound=MotionSettings)
+
+
+class MotionNode(Node, Generic[SettingsT]):
+    """
+    A node that moves a robot: one motion at a time, begun by its service ``start`` only.
+
+    Parameters
+    ----------
+    role : str
+        Name of the node, and of its topics and services.
+    table : sequence of Parameter
+    settings_of : callable
+        Makes settings of the parameters' values by name; raises a ConfigError where they
+        contradict each other.
+    """
+
+    def __init__(self, role: str, table: Sequence[Parameter],
+                 settings_of: Callable[[Mapping[str, Any]], SettingsT]) -> None:
+        super().__init__(role)
+        self._role, self._table, self._settings_of = role, table, settings_of
+        declare(self, table, lambda changes: settings_of({**self._values(), **changes}))
+        self._settings = settings_of(self._values())
+        self._simulated = self.get_parameter('use_sim_time').value
+        self._inbox = Inbox(self)
+        self._stream: StreamClock | None = None
+        self._said = ''
+        self._sent = 0
+        self._periods: deque[int] = deque(maxlen=REMEMBERED)
+
+    def _values(self) -> dict[str, Any]:
+        return {row.name: self.get_parameter(row.name).value for row in self._table}
+
+    def _serve(self, source: MotionSource, sensors: Sensors, backend: Backend[Any],
+               period_ns: int) -> None:
+        """Begin to listen and to answer; nothing moves before a start."""
+        self._source, self._sensors, self._backend = source, sensors, backend
+        self._period_ns = period_ns
+        self._guard = Guard(sensors, backend, source, self.get_clock(), self._simulated)
+        self._phase_out = self.create_publisher(DiagnosticArray, f'{self._role}/phase', OUTPUT)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', OUTPUT)
+        self.create_service(Trigger, f'{self._role}/start', answering(self._start, self._refused))
+        self.create_service(Trigger, f'{self._role}/abort', self._on_abort)
+        clock = None if self._simulated else STEADY
+        self._timer = self.create_timer(period_ns / SECOND, self._tick, clock=clock)
+        self.create_timer(CLOCK_LOOK, self._watch_clock, clock=STEADY)
+        self.create_timer(1.0, self._report, clock=STEADY)
+        self._say()
+        self.get_logger().info(f'ready: {self._role}/start begins')
+
+    def destroy_node(self) -> None:
+        """Free what the node holds."""
+        self._inbox.close()
+        super().destroy_node()  # type: ignore[no-untyped-call]
+
+    # What each node adds --------------------------------------------------------------------
+
+    @abstractmethod
+    def _begin(self) -> str:
+        """Plan and check a motion, and start the source; return what the start answers."""
+
+    @abstractmethod
+    def _command(self) -> Command | None:
+        """Advance the source by one period."""
+
+    @abstractmethod
+    def _details(self) -> dict[str, object]:
+        """Return what each phase message says besides the phase."""
+
+    def _new_settings(self) -> SettingsT:
+        """Return the settings of a start; raises where they cannot be run with."""
+        return self._settings_of(self._values())
+
+    def _busy(self) -> bool:
+        """Whether something other than the motion itself forbids the next start."""
+        return False
+
+    def _after(self) -> None:
+        """Do what is left to do when the commands have ended; called each period."""
+
+    def _entered(self, stamp_ns: int) -> None:
+        """Take note of a phase that begins with the command of that stamp."""
+
+    def _figures(self) -> dict[str, object]:
+        """Return what /diagnostics says besides the stream's own figures."""
+        return {}
+
+    def _headline(self) -> str:
+        """Return what makes a new phase message necessary when it changes."""
+        return self._source.status.phase
+
+    # The stream -----------------------------------------------------------------------------
+
+    def _now(self) -> int:
+        """Time on the clock that drives the motion [ns]."""
+        clock = self.get_clock() if self._simulated else STEADY
+        return int(clock.now().nanoseconds)
+
+    def _tick(self) -> None:
+        self._inbox.drain()
+        steady = STEADY.now().nanoseconds
+        self._sensors.monitor.tick(steady * 1e-9)
+        self._guard.listen(steady)
+        self._after()
+        if not self._source.streaming or self._stream is None:
+            return
+        if self._source.guarded:
+            self._check(steady)
+        slipped = self._stream.slipped_ns
+        due = self._stream.due(self._now())
+        if self._stream.slipped_ns != slipped:
+            self._source.restart()
+        for _ in range(due):
+            if not self._step(self._stream):
+                break
+
+    def _check(self, steady: int) -> None:
+        pauses = self._guard.pauses
+        fault = self._guard.check(steady, self._source.moving)
+        if fault is None and (
+                astray := self._backend.astray(self._settings.limits.tracking_angle)):
+            fault = Fault(astray)
+        if fault is not None:
+            self._abort(fault)
+        elif self._guard.pauses > pauses:
+            self.get_logger().warning(f'standing: {self._guard.doubt}')
+
+    def _step(self, stream: StreamClock) -> bool:
+        """Send the next command; say whether there was one."""
+        stamp = stream.next_stamp()
+        command = self._command()
+        if command is None:
+            return False
+        self._announce(stamp)
+        self._backend.send(stamp, command)
+        steady = STEADY.now().nanoseconds
+        if self._sent:
+            self._periods.append(steady - self._sent)
+        self._sent = steady
+        return True
+
+    def _watch_clock(self) -> None:
+        """Abort where the ROS clock that drives the motion has stopped or jumped."""
+        if not (self._simulated and self._source.streaming) or self._stream is None:
+            return
+        fault = self._guard.clock_fault(STEADY.now().nanoseconds)
+        if fault is not None and self._abort(fault):
+            while self._step(self._stream):
+                pass
+
+    # Start and abort ------------------------------------------------------------------------
+
+    def _refused(self, why: str) -> None:
+        self.get_logger().warning(f'not started: {why}', throttle_duration_sec=1.0)
+
+    def _start(self) -> str:
+        if self._source.running or self._source.streaming or self._busy():
+            raise MotionError(f'a motion is under way already ({self._headline()}); abort it '
+                              'first')
+        self._settings = settings = self._new_settings()
+        monitor = self._sensors.monitor
+        monitor.settings, monitor.limits = settings.watch, settings.limits
+        self._inbox.drain()
+        steady, ros = STEADY.now().nanoseconds, self.get_clock().now().nanoseconds
+        if self._simulated and ros == 0:
+            raise DataError('/clock: nothing received, and use_sim_time is set; start what '
+                            'publishes it')
+        monitor.tick(steady * 1e-9)
+        monitor.begin(ros * 1e-9)
+        if others := self._guard.others(steady):
+            raise MotionError(others)
+        self._backend.prepare(self._period_ns)
+        answer = self._begin()
+        self._begin_stream()
+        if self._backend.caveat:
+            self.get_logger().warning(self._backend.caveat)
+            return f'{answer}; {self._backend.caveat}'
+        return answer
+
+    def _begin_stream(self) -> None:
+        """Begin the stream in the phase of the measured poses, and the timer with it."""
+        ros = self.get_clock().now().nanoseconds
+        stamp = phased(ros, self._sensors.pose_stamp_ns, self._period_ns)
+        if not self._simulated:
+            sleep((stamp - ros) / SECOND)
+            self._timer.reset()
+        steady = STEADY.now().nanoseconds
+        self._guard.begin(steady)
+        self._stream = StreamClock(self._period_ns, stamp if self._simulated else steady, stamp)
+        self._sent = 0
+        self._periods.clear()
+        self._announce(stamp)
+
+    def _on_abort(self, request: Trigger.Request, response: Trigger.Response
+                  ) -> Trigger.Response:
+        response.success = self._abort(Fault(f'asked to by {self._role}/abort'))
+        response.message = 'stopping' if response.success else 'nothing is under way'
+        return response
+
+    def _abort(self, fault: Fault) -> bool:
+        aborted = self._source.abort(fault.reason, at_once=fault.at_once)
+        if aborted:
+            self._announce(self.get_clock().now().nanoseconds)
+        return aborted
+
+    def stop(self) -> None:
+        """Begin to come to rest, before the node goes."""
+        self._abort(Fault(f'the {self._role} node was told to go'))
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the command stream has ended."""
+        return not self._source.streaming
+
+    # What is said ---------------------------------------------------------------------------
+
+    def _announce(self, stamp_ns: int) -> None:
+        """Say a change of phase, stamped with the command it begins with."""
+        if self._headline() == self._said:
+            return
+        self._entered(stamp_ns)
+        self._say(stamp_ns)
+        status = self._source.status
+        if status.phase == 'aborted':
+            self.get_logger().error(f'aborted: {status.reason}')
+
+    def _say(self, stamp_ns: int | None = None) -> None:
+        self._said, status = self._headline(), self._source.status
+        stamp = None if stamp_ns is None else Time(nanoseconds=stamp_ns)
+        self._phase_out.publish(diagnostic_array(
+            self, 'phase', 'error' if status.phase == 'aborted' else 'ok', status.phase,
+            {'reason': status.reason, **self._details()}, stamp))
+
+    def _report(self) -> None:
+        self._say()
+        status, channels = self._source.status, self._sensors.monitor.channels.values()
+        silent = [channel.topic for channel in channels if not channel.values]
+        level = 'error' if status.phase == 'aborted' else 'warn' if silent else 'ok'
+        message = f'{status.phase}: {status.reason}' if status.reason else status.phase
+        if silent and not status.reason:
+            message += f'; nothing received on {", ".join(silent)}'
+        values: dict[str, object] = {
+            channel.topic: 'heard' if channel.values else 'nothing received'
+            for channel in channels}
+        values |= self._figures()
+        if self._periods:
+            median, late = np.percentile(self._periods, (50.0, 99.0)) * 1e-6
+            values['period, median [ms]'] = float(median)
+            values['period, 99th percentile [ms]'] = float(late)
+        if self._stream is not None:
+            values['stream put off by [s]'] = self._stream.slipped_ns / SECOND
+            values['pauses'] = self._guard.pauses
+        self._diagnostics.publish(diagnostic_array(self, '', level, message, values))
