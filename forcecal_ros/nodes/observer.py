@@ -10,6 +10,7 @@ from forcecal_ros.calibration.file import DAY, load, parse, refuse_old
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import ConfigError, DataError, ForcecalError
 from forcecal_ros.nodes.inbox import Inbox
+from forcecal_ros.nodes.managed import ManagedNode
 from forcecal_ros.nodes.observer_settings import accelerometer_for, PARAMETERS, settings_of
 from forcecal_ros.nodes.observer_verdict import Heard, verdict
 from forcecal_ros.nodes.parameters import declare
@@ -20,7 +21,7 @@ from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Writer
 from forcecal_ros.observe import ContactSample, design, noise_levels, Settings
 from forcecal_ros.observe.live import LiveObserver, Samples, Values
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -36,7 +37,7 @@ class Source(NamedTuple):
     name: str
 
 
-class Observer(LifecycleNode):
+class Observer(ManagedNode):
     """Publishes the contact wrench of every wrench it hears, as soon as it has a calibration."""
 
     def __init__(self) -> None:
@@ -135,10 +136,10 @@ class Observer(LifecycleNode):
         publishers = [publisher for _, publisher in getattr(self, '_extra', ())]
         if hasattr(self, '_out'):
             publishers.append(self._out)
+            del self._out
         for publisher in publishers:
             self.destroy_lifecycle_publisher(publisher)
         self._inputs, self._extra, self._accelerometer = [], [], None
-        del self._out
         self._source = None
         self._chain.let_go()
         self._origin = None

@@ -150,7 +150,7 @@ def _even(t: Array, number: NDArray[np.intp], width: int) -> Array:
         return t
     slope, start = np.polyfit(number - number[0], t, 1)
     line = start + slope * (number - number[0])
-    return line + uniform_filter1d(t - line, min(width, len(t)), mode='reflect')
+    return np.asarray(line + uniform_filter1d(t - line, min(width, len(t)), mode='reflect'))
 
 
 def roughness(t: Array, values: Array) -> float:
