@@ -5,7 +5,8 @@ from typing import Any
 
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array
-from forcecal_ros.nodes.parameters import guard, Parameter
+from forcecal_ros.nodes.parameters import guard
+from forcecal_ros.schema import Parameter
 from forcecal_ros.simulators.rig.faults import (
     CLOCK_FAULTS,
     CLOCK_JUMP,

@@ -9,8 +9,8 @@ from forcecal_ros.impedance.session import Bounds
 from forcecal_ros.impedance.settings import DesignSettings, Wanted
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import WatchSettings
-from forcecal_ros.nodes.parameters import Parameter
 from forcecal_ros.nodes.runtime import EXECUTOR
+from forcecal_ros.schema import Parameter
 
 _BOUNDS, _LIMITS, _TASK, _WANTED = Bounds(), Limits(), Task(), Wanted()
 _DESIGN = DesignSettings()

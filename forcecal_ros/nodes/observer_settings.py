@@ -6,10 +6,10 @@ from typing import Any
 
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import ConfigError
-from forcecal_ros.nodes.parameters import Parameter
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.observe.settings import FILTERS, MODES, OFFSETS, Settings
+from forcecal_ros.schema import Parameter
 
 _DEFAULT = Settings()
 

@@ -1,10 +1,10 @@
 """Parameters as a table: name, default, what it means, unit, range; checked when they are set."""
 
 from collections.abc import Callable, Iterable
-from math import isfinite
-from typing import Any, NamedTuple
+from typing import Any
 
 from forcecal_ros.errors import ConfigError, ForcecalError
+from forcecal_ros.schema import Parameter
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
@@ -17,35 +17,6 @@ from rclpy.parameter import Parameter as RosParameter
 
 ALWAYS = 1e9
 """Upper end of ranges that have none."""
-
-
-class Parameter(NamedTuple):
-    """
-    One row of a node's table of parameters.
-
-    Attributes
-    ----------
-    name : str
-    default : bool, int, float, str or list of them
-        Its type is the parameter's.
-    description : str
-    unit : str
-    low, high : float or None
-        Range of a number; None: unbounded.
-    choices : tuple of str
-        All words allowed; empty: any.
-    live : bool
-        Whether it may be set while the node runs.
-    """
-
-    name: str
-    default: Any
-    description: str
-    unit: str = ''
-    low: float | None = None
-    high: float | None = None
-    choices: tuple[str, ...] = ()
-    live: bool = False
 
 
 def declare(node: Node, table: Iterable[Parameter],
@@ -108,10 +79,7 @@ def guard(node: Node, check: Callable[[dict[str, Any]], object]) -> None:
 
 
 def _descriptor(row: Parameter) -> ParameterDescriptor:
-    text = f'{row.description} [{row.unit}]' if row.unit else row.description
-    if row.choices:
-        text += f' ({" | ".join(row.choices)})'
-    descriptor = ParameterDescriptor(description=text, read_only=not row.live)
+    descriptor = ParameterDescriptor(description=row.text, read_only=not row.live)
     bounded = row.low is not None or row.high is not None
     low = row.low if row.low is not None else -ALWAYS
     high = row.high if row.high is not None else ALWAYS
@@ -124,11 +92,8 @@ def _descriptor(row: Parameter) -> ParameterDescriptor:
 
 
 def _check(row: Parameter, value: Any) -> None:
-    if row.choices and value not in row.choices:
-        raise ConfigError(f'parameter {row.name} is {value!r}, expected one of '
-                          f'{", ".join(row.choices)}')
-    if isinstance(value, float) and not isfinite(value):
-        raise ConfigError(f'parameter {row.name} is {value}, expected a finite number')
+    if row.choices or isinstance(value, float):
+        row.row.take(type(row.default), value, f'parameter {row.name}')
 
 
 def _explain(node: Node, row: Parameter, error: Exception) -> str:

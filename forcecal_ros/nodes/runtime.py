@@ -9,7 +9,7 @@ from types import FrameType
 from typing import Protocol, runtime_checkable
 
 from forcecal_ros.errors import ConfigError, ForcecalError
-from forcecal_ros.nodes.parameters import Parameter
+from forcecal_ros.schema import Parameter
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidNodeNameException, InvalidTopicNameException

@@ -16,16 +16,17 @@ from forcecal_ros.motion.poses import (
     anchor,
     flatten_poses,
     nominal_poses,
+    POSE_LENGTH,
     read_poses,
     step_goal,
 )
 from forcecal_ros.motion.profiles import Pace, Pose
 from forcecal_ros.motion.programs import SEQUENCES
 from forcecal_ros.motion.sequence import StreamSettings
-from forcecal_ros.nodes.parameters import Parameter
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.safe_yaml import LARGEST, load_yaml
+from forcecal_ros.schema import Parameter
 import numpy as np
 
 LATENCY = 0.05
@@ -47,7 +48,7 @@ PARAMETERS = (
           'made in the first'),
     _live('poses.values', flatten_poses(nominal_poses()),
           'x y z [m] qx qy qz qw of each pose of ft_sensor in base, one after the other; a '
-          'position of .nan keeps the robot where it stands'),
+          'position of .nan keeps the robot where it stands')._replace(per_line=POSE_LENGTH),
     _live('poses.file', '', 'YAML file with a list of {name, position, orientation} that takes '
           'the place of poses.names and poses.values; empty: none'),
     _live('timing.measure', _TIMING.measure, 'Measuring in each pose', 's', 0.2, 60.0),

@@ -11,10 +11,11 @@ from forcecal_ros.geometry import matrix_from_quaternion, quaternion_of
 from forcecal_ros.nodes.faults import Faults
 from forcecal_ros.nodes.faults import PARAMETERS as FAULT_PARAMETERS
 from forcecal_ros.nodes.inbox import Inbox
-from forcecal_ros.nodes.parameters import declare, Parameter
+from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.runtime import EXECUTOR, OUTPUT, run, STEADY
 from forcecal_ros.nodes.wire import frame_of, JointWriter, Reader, Writer
+from forcecal_ros.schema import Parameter
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.schedule import CommandSchedule
 from forcecal_ros.simulators.rig.simulator import Samples, Simulator, waits_for_compiler, warm_up

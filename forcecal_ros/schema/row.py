@@ -147,8 +147,8 @@ class Row:
     def range(self) -> str:
         """Say between what the numbers lie; empty where nothing bounds them."""
         if isfinite(self.low) and isfinite(self.high):
-            return f'from {self.low:g} to {self.high:g}'
-        return ' and '.join(f'{word} {bound:g}' for word, bound in (
+            return f'from {_shortly(self.low)} to {_shortly(self.high)}'
+        return ' and '.join(f'{word} {_shortly(bound)}' for word, bound in (
             ('at least', self.low), ('above', self.above), ('at most', self.high),
             ('below', self.below)) if isfinite(bound))
 
@@ -237,6 +237,11 @@ def _fits(shape: tuple[int, ...], wanted: Shape | None) -> bool:
         return len(shape) <= 2
     return len(shape) == len(wanted) and all(
         n == want if want is not None else n > 0 for n, want in zip(shape, wanted))
+
+
+def _shortly(bound: float) -> str:
+    short = f'{bound:g}'
+    return short if float(short) == bound else repr(bound)
 
 
 def _is_number(value: Any) -> bool:

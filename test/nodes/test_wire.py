@@ -1,7 +1,5 @@
-"""Fast reading and writing of messages, and parameter files, against ROS's own."""
+"""Fast reading and writing of messages against ROS's own."""
 
-from importlib import import_module
-from pathlib import Path
 
 from forcecal_ros.nodes.wire import DOUBLES, frame_of, JointReader, JointWriter, Reader, Writer
 from geometry_msgs.msg import AccelStamped
@@ -10,7 +8,6 @@ from hypothesis import strategies as st
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Imu, JointState
-import yaml
 
 STAMP = 1_700_000_000_123_456_789
 TYPES = pytest.mark.parametrize('kind', list(DOUBLES), ids=lambda kind: kind.__name__)
@@ -85,30 +82,3 @@ def test_a_joint_written_is_what_ros_reads():
     assert not message.velocity and not message.effort
     assert message.header.frame_id == 'ft_sensor'
     assert JointReader('optidrive')(raw) == (STAMP, (0.025,))
-
-
-@pytest.mark.parametrize('node, table', [
-    ('sequencer', 'sequencer_settings'), ('observer', 'observer_settings'), ('sim', 'sim'),
-    ('impedance', 'impedance_settings')])
-def test_the_parameter_file_holds_every_parameter_at_its_default(node, table):
-    rows = import_module(f'forcecal_ros.nodes.{table}').PARAMETERS
-    path = Path(__file__).parents[2] / 'config' / f'{node}.yaml'
-    flat = {}
-
-    def flatten(group, prefix=''):
-        for name, value in group.items():
-            if isinstance(value, dict):
-                flatten(value, f'{prefix}{name}.')
-            else:
-                flat[prefix + name] = value
-
-    flatten(yaml.safe_load(path.read_text())[f'/**/{node}']['ros__parameters'])
-    assert set(flat) == {row.name for row in rows}
-    for row in rows:
-        value = flat[row.name]
-        expected = row.default
-        assert type(value) is type(expected), row.name
-        if isinstance(expected, list) and isinstance(expected[0], float):
-            assert value == pytest.approx(expected, abs=1e-11), row.name
-        else:
-            assert value == expected, row.name

@@ -1,0 +1,44 @@
+"""The files of ``config/`` that follow from rows: ``python -m forcecal_ros.nodes.config``."""
+
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+
+from forcecal_ros.nodes import gap, impedance_settings, observer_settings, sequencer_settings, sim
+from forcecal_ros.schema import Parameter, parameter_file
+from forcecal_ros.simulators.rig.file import rewritten
+
+TABLES: Mapping[str, tuple[tuple[Parameter, ...], str]] = {
+    'gap': (gap.PARAMETERS, 'Parameters of the gap node, at their defaults.'),
+    'impedance': (impedance_settings.PARAMETERS,
+                  'Parameters of the impedance node, at their defaults.'),
+    'observer': (observer_settings.PARAMETERS, 'Parameters of the observer, at their defaults.'),
+    'sequencer': (sequencer_settings.PARAMETERS,
+                  'Parameters of the sequencer, at their defaults: those of the nominal rig. '
+                  'Before the first start on a robot of your own set limits.*, poses.* and '
+                  'wrench.sign.'),
+    'sim': (sim.PARAMETERS, "Parameters of the simulated rig's node, at their defaults; the rig "
+                            'itself is in rig.yaml.'),
+}
+"""Every node's parameters, and what their file says first."""
+
+RIGS = ('rig.yaml', 'rigid_tool.yaml')
+
+
+def config_files(folder: Path) -> dict[str, str]:
+    """Return the texts by name; the numbers of a rig are those of its file in ``folder``."""
+    return {**{f'{node}.yaml': parameter_file(node, table, heading)
+               for node, (table, heading) in TABLES.items()},
+            **{name: rewritten(folder / name) for name in RIGS}}
+
+
+def main() -> int:
+    """Write them where this package has its configuration."""
+    folder = Path(str(files('forcecal_ros') / 'config')).resolve()
+    for name, text in config_files(folder).items():
+        (folder / name).write_text(text)
+    return 0
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,102 @@
+"""Parameters of nodes as a table, and the parameter file that is made of it."""
+
+from collections.abc import Iterable, Iterator
+from math import inf
+from textwrap import wrap
+from typing import Any, NamedTuple
+
+from forcecal_ros.schema.plain import yaml_value
+from forcecal_ros.schema.row import Row
+
+_WIDTH = 99
+_DIGITS = 12
+"""After the point, in files: what is beyond is rounding of a quaternion."""
+
+_FLOATS = 'ROS takes a number for a float only when it is written with a point.'
+
+
+class Parameter(NamedTuple):
+    """
+    One row of a node's table of parameters.
+
+    Attributes
+    ----------
+    name : str
+    default : bool, int, float, str or list of them
+        Its type is the parameter's.
+    description : str
+    unit : str
+    low, high : float or None
+        Range of a number; None: unbounded.
+    choices : tuple of str
+        All words allowed; empty: any.
+    live : bool
+        Whether it may be set while the node runs.
+    per_line : int
+        Numbers in a line of the file; 0: all of them.
+    """
+
+    name: str
+    default: Any
+    description: str
+    unit: str = ''
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+    live: bool = False
+    per_line: int = 0
+
+    @property
+    def text(self) -> str:
+        """What it means, with its unit and its words."""
+        text = f'{self.description} [{self.unit}]' if self.unit else self.description
+        words = ' | '.join(word or "''" for word in self.choices)
+        return f'{text} ({words})' if words else text
+
+    @property
+    def row(self) -> Row:
+        """Its row: unit, range and words."""
+        return Row(self.description, self.unit, -inf if self.low is None else self.low,
+                   inf if self.high is None else self.high, words=self.choices)
+
+
+def parameter_file(node: str, table: Iterable[Parameter], heading: str) -> str:
+    """
+    Return the text of a node's parameter file, every parameter at its default with its meaning.
+
+    ``heading`` is its first comment. Names without a dot come first, then the groups.
+    """
+    groups: dict[str, list[tuple[str, Parameter]]] = {'': []}
+    for parameter in table:
+        group, dot, name = parameter.name.partition('.')
+        groups.setdefault(group if dot else '', []).append((name or group, parameter))
+    lines = [*_comment(heading, ''), *_comment(_FLOATS, ''), f'/**/{node}:', '  ros__parameters:']
+    for group, rows in groups.items():
+        lines += [f'    {group}:'] if group else []
+        for name, parameter in rows:
+            lines += _lines(name, parameter, '      ' if group else '    ')
+    return '\n'.join(lines) + '\n'
+
+
+def _lines(name: str, parameter: Parameter, indent: str) -> Iterator[str]:
+    range_ = parameter.row.range()
+    yield from _comment(parameter.text + (f' ({range_})' if range_ else ''), indent)
+    value = _rounded(parameter.default)
+    if not parameter.per_line:
+        yield f'{indent}{name}: {yaml_value(value)}'
+        return
+    yield f'{indent}{name}: ['
+    for start in range(0, len(value), parameter.per_line):
+        row = yaml_value(value[start:start + parameter.per_line])[1:-1]
+        yield f'{indent}  {row}{"," if start + parameter.per_line < len(value) else "]"}'
+
+
+def _comment(text: str, indent: str) -> list[str]:
+    return wrap(text, _WIDTH, initial_indent=f'{indent}# ', subsequent_indent=f'{indent}# ',
+                break_long_words=False, break_on_hyphens=False)
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_rounded(one) for one in value]
+    return round(value, _DIGITS) + 0.0 if isinstance(value, float) else value
