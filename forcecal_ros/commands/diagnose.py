@@ -66,7 +66,7 @@ def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any) -> Answ
 
     say_if_compiling(waits_for_compiler(), 'the simulator')
     rig = load_rig(args.rig)
-    outcome = diagnose(recording, heldout, rig, args.accelerometer)
+    outcome = _with_model(args, diagnose(recording, heldout, rig, args.accelerometer))
     answered = outcome.diagnosis.verdict != 'invalid_data'
     document = to_document(outcome.diagnosis, {c.name: c.unit for c in CHANNELS},
                            'rig_patched.yaml' if answered else None)
@@ -92,15 +92,26 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any) -> Answer
     rig = load_rig(args.rig)
     known = (known_from_calibration(calibration) if calibration
              else known_from_rig(rig, args.accelerometer))
-    outcome = diagnose_motion(recording, heldout, known)
+    outcome = _with_model(args, diagnose_motion(recording, heldout, known))
     files = {}
     if outcome.arms:
         files['report.html'] = render(view_of_motion(outcome, advice(outcome.diagnosis, rig)))
         if calibration:
-            files['calibration_patched.yaml'] = dump(patched(calibration, outcome.values))
+            files['calibration_patched.yaml'] = dump(patched(calibration, outcome))
     document = to_document(
         outcome, 'calibration_patched.yaml' if calibration and outcome.arms else None)
     return _written(args, recording, outcome.diagnosis, document, files)
+
+
+def _with_model(args: argparse.Namespace, outcome: Any) -> Any:
+    """Say in the notes what was compared with where nobody chose it."""
+    from dataclasses import replace
+
+    if args.rig or args.calibration:
+        return outcome
+    return replace(outcome, diagnosis=replace(outcome.diagnosis, notes=(
+        "compared with this package's simulated rig (rig.yaml), as no --rig and no --calibration "
+        'was given', *outcome.diagnosis.notes)))
 
 
 def _written(args: argparse.Namespace, recording: Any, diagnosis: Any,

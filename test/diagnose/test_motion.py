@@ -67,13 +67,27 @@ def test_the_gap_of_a_real_arm_shrinks_on_every_axis_held_out(found):
 def test_the_patched_calibration_leaves_what_was_claimed(kuka, found):
     recording = read_recording(kuka / 'baseline')
     patched = load(kuka / 'out' / 'calibration_patched.yaml')
-    known = replace(known_from_calibration(patched), dynamic=True)
-    again = diagnose_motion(recording, None, known).diagnosis.gap
+    known = known_from_calibration(patched)
+    again = diagnose_motion(recording, None, known).diagnosis
+    # what was found is not found again
+    assert not {e.name for e in again.effects} & {e['name'] for e in found['effects']}
     for axis in 'xyz':
         claimed = found['gap']['per_channel'][f'force.{axis}']
-        left = again.channels[f'force.{axis}'][0]
+        left = again.gap.channels[f'force.{axis}'][0]
         assert left / claimed['recalibrated_rms'] == pytest.approx(
             claimed['explained_rms'] / claimed['recalibrated_rms'], abs=0.05)
+
+
+def test_the_patched_calibration_knows_the_delay_as_well_as_it_was_found(kuka, found, capsys):
+    delay = load(kuka / 'out' / 'calibration_patched.yaml').accelerometer.delay
+    one, = (e for e in found['effects'] if e['name'] == 'accel_delay')
+    assert float(delay) == pytest.approx(one['parameters']['delay']['value'], abs=1e-9)
+    assert delay.std == pytest.approx(one['parameters']['delay']['std'], rel=0.01)
+    assert 1e-6 < delay.std < 1e-3
+    capsys.readouterr()
+    assert main(['estimate', str(kuka / 'baseline'), '--calibration',
+                 str(kuka / 'out' / 'calibration_patched.yaml'), '-o', str(kuka / 'contact')]) == 0
+    assert 'does not know the delay' not in capsys.readouterr().err
 
 
 @pytest.fixture(scope='module')

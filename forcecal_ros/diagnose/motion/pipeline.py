@@ -1,6 +1,6 @@
 """From a recording without commands to a diagnosis."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 
@@ -47,12 +47,16 @@ class MotionOutcome:
     full : Gap or None
         At all frequencies up to 125 Hz.
     arms : Arms or None
+    delay_std : float or None
+        Standard error of the delay between the sensors [s]; None where neither a delay nor an
+        inertial force was found, which tells it.
     """
 
     diagnosis: Diagnosis
     values: dict[str, float] = field(default_factory=dict)
     full: Gap | None = None
     arms: Arms | None = None
+    delay_std: float | None = None
 
 
 def diagnose_motion(recording: Recording, heldout: Recording | None, known: Known
@@ -196,7 +200,19 @@ def _conclude(state: Fitting, recalibrated: dict[str, float], notes: list[str]
     candidates.sort(key=lambda pair: -pair[1])
     diagnosis = Diagnosis(word, sentence, tuple(effects), tuple(candidates), found, measured,
                           tuple(invisible), tuple(notes), {'ratio': ratio})
-    return MotionOutcome(diagnosis, dict(state.values), full, arms)
+    return MotionOutcome(diagnosis, dict(state.values), full, arms, _delay_std(state))
+
+
+def _delay_std(state: Fitting) -> float | None:
+    """Return the standard error of the accelerometer's delay behind the wrench [s]."""
+    tells = {'accel_delay', 'wrench_delay', 'inertial_force'} & set(state.accepted)
+    if not tells or not state.terms_in(['accel_delay']):
+        return None
+    effects = list(dict.fromkeys([*state.accepted, 'accel_delay']))
+    _, found = state.refine(effects, state.values, steps=1)
+    signs = {'accel_delay': 1.0, 'wrench_delay': -1.0}
+    row = np.array([signs.get(t.name, 0.0) * t.unit_size for t in state.free(effects)])
+    return float(np.sqrt(row @ found.covariance @ row))
 
 
 def _parameters(state: Fitting, name: str) -> dict[str, Parameter]:
@@ -240,21 +256,13 @@ def _not_excited(state: Fitting) -> list[str]:
     return [name for name, value in energy.items() if value < VISIBLE]
 
 
-def patched(calibration: Calibration, values: Mapping[str, float]) -> Calibration:
+def patched(calibration: Calibration, outcome: MotionOutcome) -> Calibration:
     """
-    Give a calibration what was found: biases, mass, centre of mass, delay, inertial force.
+    Give a calibration what was found: biases, mass, centre of mass, delay.
 
-    Parameters
-    ----------
-    calibration : Calibration
-    values : mapping of str to float
-        Departures by term.
-
-    Returns
-    -------
-    Calibration
+    A delay with its standard error is also what says that the tool was seen in motion.
     """
-    c, a = calibration, calibration.accelerometer
+    c, a, values = calibration, calibration.accelerometer, outcome.values
 
     def of(name: str, axes: Sequence[str]) -> Array:
         return np.array([values.get(f'{name}.{axis}', 0.0) for axis in axes])
@@ -265,7 +273,8 @@ def patched(calibration: Calibration, values: Mapping[str, float]) -> Calibratio
     if a is not None:
         delay = float(a.delay) + values.get('accel_delay', 0.0) - values.get('wrench_delay', 0.0)
         offset = a.offset.value + a.matrix @ of('accel', 'xyz')
-        a = replace(a, delay=Estimate(delay, a.delay.std, 's'),
+        std = a.delay.std if outcome.delay_std is None else outcome.delay_std
+        a = replace(a, delay=Estimate(delay, std, 's'),
                     offset=Estimate(offset, a.offset.std, a.offset.unit))
     return replace(
         c, mass=Estimate(mass, c.mass.std, 'kg'), com=Estimate(com, c.com.std, 'm'),
