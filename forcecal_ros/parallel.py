@@ -11,6 +11,7 @@ from traceback import extract_tb
 from typing import Generic, TypeVar
 
 from forcecal_ros.errors import ConfigError, ForcecalError
+from forcecal_ros.extras import installing
 
 T = TypeVar('T')
 R = TypeVar('R')
@@ -20,6 +21,9 @@ CONNECT = 10.0
 
 DEATHS = 2
 """Workers that an item may kill, alone on the machine, before it is given up."""
+
+UNORDERED = [1, 4]
+"""The first joblib that hands out results as they come."""
 
 _TURN = Lock()
 
@@ -110,15 +114,21 @@ def attempt(work: Callable[[T], R], index: int, item: T) -> Outcome[R]:
 
 
 def _missing(option: str, error: ImportError) -> ConfigError:
-    return ConfigError(f"{option} wants {error.name}; pip install 'forcecal_ros[scale]'")
+    module = str(error.name).partition('.')[0]
+    return ConfigError(f'{option} wants the Python package {module}; install it by '
+                       f'{installing("scale", module)}')
 
 
 def _on_cores(work: Callable[[T], R], items: Sequence[T], jobs: int) -> Iterator[Outcome[R]]:
     """Work in processes; after a death, what may have caused it is done alone."""
     try:
+        from joblib import __version__
         from joblib.externals.loky.process_executor import TerminatedWorkerError
     except ImportError as error:
         raise _missing('--jobs', error) from error
+    if [int(number) for number in __version__.split('.')[:2]] < UNORDERED:
+        raise ConfigError(f'--jobs wants joblib {".".join(map(str, UNORDERED))}, this is '
+                          f'{__version__}; install it by {installing("scale", "joblib")}')
     left = list(range(len(items)))
     suspects: list[int] = []
     deaths = 0

@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.errors import DataError, MotionError
 from forcecal_ros.nodes.processes import Processes
 from forcecal_ros.nodes.recorder import Recorder
-from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, TURN
+from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, starting, TURN
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters
 import rclpy
@@ -239,7 +239,8 @@ def own_domain() -> Iterator[dict[str, str]]:
     environment = {'ROS_DOMAIN_ID': domain, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     before = {name: os.environ.get(name) for name in environment}
     os.environ.update(environment)
-    rclpy.init()
+    with starting('forcecal'):
+        rclpy.init()
     try:
         yield environment
     finally:

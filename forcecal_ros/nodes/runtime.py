@@ -1,6 +1,7 @@
 """What every node's main does alike: start, spin, stop on a signal, say what went wrong."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 import gc
 import os
 import signal
@@ -9,6 +10,7 @@ from types import FrameType
 from typing import Protocol, runtime_checkable
 
 from forcecal_ros.errors import ConfigError, ForcecalError
+from forcecal_ros.nodes.log_folder import choose_log_folder
 from forcecal_ros.schema import Parameter
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -119,7 +121,9 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
         return 2
     interrupt = Interrupt()
     try:
-        node = _made(make_node, arguments)
+        with starting(name):
+            rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+            node = make_node()
         interrupt.running = True
         try:
             _spin(node, interrupt)
@@ -144,10 +148,19 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
     return 0
 
 
-def _made(make_node: Callable[[], Node], arguments: list[str]) -> Node:
+@contextmanager
+def starting(name: str) -> Iterator[None]:
+    """
+    Start ROS 2 with a folder for its logs.
+
+    Raises
+    ------
+    ConfigError
+        It refuses.
+    """
+    choose_log_folder(name)
     try:
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-        return make_node()
+        yield
     except RCLError as error:
         why = f'ROS 2 refuses to start: {error}'
         if os.environ.get('ROS_SECURITY_ENABLE') == 'true':

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from forcecal_ros.nodes.runtime import Interrupt
+from forcecal_ros.nodes.runtime import Interrupt, starting
 import rclpy
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
@@ -47,8 +47,9 @@ def session(name: str) -> Iterator[Session]:
     """
     interrupt = Interrupt()
     try:
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        node = rclpy.create_node(name)
+        with starting('forcecal'):
+            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+            node = rclpy.create_node(name)
         executor = EventsExecutor()
         executor.add_node(node)
         interrupt.running = True

@@ -31,7 +31,7 @@ SWING = Swing(place=(0.012, 0.004, 0.006), turn=0.2)
 def cluster(tmp_path_factory):
     """Start a scheduler and two worker processes of one thread each; return the address."""
     folder = tmp_path_factory.mktemp('dask')
-    environment = {**os.environ, 'PYTHONPATH': str(Path(scale_work.__file__).parent),
+    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path),
                    # how long the scheduler looks for what a dead worker had done
                    'DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT': '2s'}
     said = folder / 'scheduler'
