@@ -68,6 +68,7 @@ def tasks_of(folder: Path, count: int, out: str) -> list[argparse.Namespace]:
 
 
 def seconds(folder: Path, count: int, out: str, **where: object) -> float:
+    (folder / out).mkdir(exist_ok=True)
     start = time.perf_counter()
     for outcome in each(answer, tasks_of(folder, count, out), **where):
         assert not outcome.error, outcome.error

@@ -1,17 +1,18 @@
-"""Files that are either the old one or the new one, whole: nothing is ever half written."""
+"""Files that are either the old one or the new one, whole: nothing is ever half written.
+
+A link is written through: what it leads to is replaced, and the link stays.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 import ctypes
-import errno
 import os
 from pathlib import Path
 import shutil
+import sys
 import tempfile
 
-from forcecal_ros.errors import ConfigError
-
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+from forcecal_ros.places import blamed, descriptor_of, follow, refuse_folder
 
 _HERE, _EXCHANGE = -100, 2
 """AT_FDCWD and RENAME_EXCHANGE of Linux."""
@@ -30,45 +31,16 @@ def _sync_directory(path: Path) -> None:
         os.close(descriptor)
 
 
-def refuse_share_directory(path: Path) -> None:
+def write_text(path: Path | str, text: str) -> None:
+    """Replace a text file atomically and durably; see :func:`write_bytes`."""
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: Path | str, data: bytes) -> None:
     """
-    Refuse a place inside an installed package's share directory.
+    Replace a file atomically and durably, or write to a pipe or character device.
 
-    Raises
-    ------
-    ConfigError
-        ``path`` lies below ``share/forcecal_ros``.
-    """
-    parts = path.absolute().parts
-    if any(pair == ('share', 'forcecal_ros') for pair in zip(parts, parts[1:])):
-        raise ConfigError(
-            f'{path}: a package share directory is replaced at the next install; '
-            'choose a folder of your own')
-
-
-def write_text(path: Path | str, text: str, *, backup: bool = True) -> None:
-    """
-    Replace a text file atomically and durably.
-
-    Parameters
-    ----------
-    path : Path or str
-        Its folder is made where it is missing.
-    text : str
-    backup : bool
-        Keep what was there before as ``path~``.
-
-    Raises
-    ------
-    ConfigError
-        The place is a package's share directory, or cannot be written to.
-    """
-    write_bytes(path, text.encode(), backup=backup)
-
-
-def write_bytes(path: Path | str, data: bytes, *, backup: bool = True) -> None:
-    """
-    Replace a file atomically and durably; see :func:`write_text`.
+    What a file held before is kept as ``path~``, beside the file where ``path`` is a link to it.
 
     Raises
     ------
@@ -76,35 +48,45 @@ def write_bytes(path: Path | str, data: bytes, *, backup: bool = True) -> None:
         The place is a package's share directory, or cannot be written to.
     """
     path = Path(path)
-    refuse_share_directory(path)
-    with _blamed(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(
-                dir=path.parent, prefix=f'.{path.name}.', delete=False) as file:
-            temporary = Path(file.name)
+    with blamed(path):
+        number = descriptor_of(path)
+        if number is not None:
+            sys.stdout.flush()
+            _write_all(number, data)
+            return
+        place = follow(path)
+        if place.stream:
+            stream = os.open(path, os.O_WRONLY | os.O_NOCTTY)
             try:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-                if backup and path.exists():
-                    _keep(path)
-                temporary.chmod(0o644)
-                temporary.replace(path)
-            except BaseException:
-                temporary.unlink(missing_ok=True)
-                raise
-        _sync_directory(path.parent)
+                _write_all(stream, data)
+            finally:
+                os.close(stream)
+        else:
+            _replace(place.path, data)
 
 
-@contextmanager
-def _blamed(path: Path) -> Iterator[None]:
-    """Say in one line what could not be written, and why."""
-    try:
-        yield
-    except OSError as error:
-        remedy = ('free some space' if error.errno in _FULL
-                  else 'choose a folder that exists and belongs to you')
-        raise ConfigError(f'{path}: cannot be written ({error.strerror}); {remedy}') from error
+def _write_all(descriptor: int, data: bytes) -> None:
+    view = memoryview(data)
+    while view:
+        view = view[os.write(descriptor, view):]
+
+
+def _replace(path: Path, data: bytes) -> None:
+    with tempfile.NamedTemporaryFile(
+            dir=path.parent, prefix=f'.{path.name}.', delete=False) as file:
+        temporary = Path(file.name)
+        try:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+            if path.exists():
+                _keep(path)
+            temporary.chmod(0o644)
+            temporary.replace(path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+    _sync_directory(path.parent)
 
 
 def _keep(path: Path) -> None:
@@ -120,6 +102,33 @@ def _keep(path: Path) -> None:
         kept.replace(backup_of(path))
     finally:
         shutil.rmtree(holder, ignore_errors=True)
+
+
+def make_folder(path: Path | str) -> None:
+    """
+    Make sure that there is a folder, in one that exists.
+
+    Raises
+    ------
+    ConfigError
+        It cannot be made.
+    """
+    path = Path(path)
+    with blamed(path):
+        path.mkdir(exist_ok=True)
+
+
+def set_aside(path: Path) -> None:
+    """
+    Rename a file to what its backup is called.
+
+    Raises
+    ------
+    ConfigError
+        It cannot be renamed.
+    """
+    with blamed(path):
+        path.replace(backup_of(path))
 
 
 def backup_of(path: Path) -> Path:
@@ -145,21 +154,21 @@ def new_directory(path: Path | str) -> Iterator[Path]:
         The place is a package's share directory, or cannot be written to.
     """
     path = Path(path)
-    refuse_share_directory(path)
-    with _blamed(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        holder = Path(tempfile.mkdtemp(dir=path.parent, prefix=f'.{path.name}.'))
+    refuse_folder(path, replaced=True)
+    with blamed(path):
+        target = follow(path, folder=True).path
+        holder = Path(tempfile.mkdtemp(dir=target.parent, prefix=f'.{target.name}.'))
     try:
-        scratch = holder / path.name
+        scratch = holder / target.name
         yield scratch
-        with _blamed(path):
+        with blamed(path):
             for file in (*scratch.rglob('*'), scratch):
                 if file.is_file():
                     _sync_file(file)
                 else:
                     _sync_directory(file)
-            _take_place(scratch, path)
-            _sync_directory(path.parent)
+            _take_place(scratch, target)
+            _sync_directory(target.parent)
     finally:
         shutil.rmtree(holder, ignore_errors=True)
 
@@ -169,17 +178,39 @@ def _take_place(scratch: Path, path: Path) -> None:
     if not os.path.lexists(path):
         scratch.rename(path)
         return
+    names = _names(scratch)
     exchanged = _exchange(scratch, path)
-    kept = backup_of(path)
-    if kept.is_dir() and not kept.is_symlink():
-        shutil.rmtree(kept)
-    else:
-        kept.unlink(missing_ok=True)
+    kept = _make_room(backup_of(path), names)
     if exchanged:
         scratch.rename(kept)
     else:
         path.rename(kept)
         scratch.rename(path)
+
+
+def _make_room(kept: Path, names: set[Path]) -> Path:
+    """
+    Free the name of a backup; one with other files than the results has is no run's to delete.
+
+    Returns
+    -------
+    Path
+        ``kept``, or the first of ``kept2``, ``kept3``, ... that is free or may be deleted.
+    """
+    number, place = 1, kept
+    while os.path.lexists(place):
+        if place.is_symlink() or not place.is_dir():
+            place.unlink()
+        elif _names(place) <= names:
+            shutil.rmtree(place)
+        else:
+            number += 1
+            place = kept.with_name(f'{kept.name}{number}')
+    return place
+
+
+def _names(folder: Path) -> set[Path]:
+    return {file.relative_to(folder) for file in folder.rglob('*')}
 
 
 def _exchange(one: Path, other: Path) -> bool:

@@ -1,13 +1,16 @@
 """``forcecal``: arguments in, result printed. All errors a user can mend become one line here."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 import os
 import sys
+from typing import Any, NoReturn
 
 from forcecal_ros import __version__
-from forcecal_ros.errors import ForcecalError
+from forcecal_ros.commands.common import or_nearest
+from forcecal_ros.commands.outputs import check_outputs
+from forcecal_ros.errors import ForcecalError, UsageError
 
 COMMANDS = {
     'demo': 'demo',
@@ -37,7 +40,34 @@ example:
 """
 
 
-def build_parser(command: str | None = None) -> argparse.ArgumentParser:
+class Parser(argparse.ArgumentParser):
+    """
+    Says in one line what is wrong.
+
+    Attributes
+    ----------
+    options : list of str
+        All that begin with two dashes.
+    commands : mapping of str to Parser
+        Those of the commands.
+    """
+
+    def __init__(self, **settings: Any) -> None:
+        self.options: list[str] = []
+        self.commands: Mapping[str, Parser] = {}
+        super().__init__(**settings)
+
+    def add_argument(self, *names: Any, **settings: Any) -> argparse.Action:
+        """Add an argument, and remember how it is called."""
+        self.options += [name for name in names if name.startswith('--')]
+        return super().add_argument(*names, **settings)
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong and end with status 2."""
+        self.exit(2, f'{self.prog}: {message}; {self.prog} --help tells more\n')
+
+
+def build_parser(command: str | None = None) -> Parser:
     """
     Return the parser of the command line, every command with its own help.
 
@@ -45,12 +75,8 @@ def build_parser(command: str | None = None) -> argparse.ArgumentParser:
     ----------
     command : str, optional
         The only one that will be needed: the others, and what they import, are not loaded.
-
-    Returns
-    -------
-    argparse.ArgumentParser
     """
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='forcecal', epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter,
         description='Calibrate wrist force/torque sensors, estimate contact forces, and find '
                     'out why simulation and robot disagree.')
@@ -58,7 +84,25 @@ def build_parser(command: str | None = None) -> argparse.ArgumentParser:
     subparsers = parser.add_subparsers(metavar='COMMAND', required=True)
     for module in [COMMANDS[command]] if command in COMMANDS else COMMANDS.values():
         import_module(f'forcecal_ros.commands.{module}').add_parser(subparsers)
+    parser.commands = subparsers.choices
     return parser
+
+
+def parsed(arguments: Sequence[str]) -> argparse.Namespace:
+    """Parse the command line; wrong usage exits with 2, and says the nearest command or option."""
+    first = arguments[0] if arguments else ''
+    parser = build_parser(first)
+    if not arguments:
+        parser.print_help(sys.stderr)
+        parser.exit(2)
+    if not first.startswith('-') and first not in COMMANDS:
+        parser.error(f'{first} is no command{or_nearest(first, COMMANDS)}')
+    args, left = parser.parse_known_args(arguments)
+    if left:
+        command = parser.commands.get(first, parser)
+        word = next((one for one in left if one.startswith('-')), left[0]).partition('=')[0]
+        command.error(f'{word} is no argument here{or_nearest(word, command.options)}')
+    return args
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -73,14 +117,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 done, 1 the data cannot answer, 130 interrupted; wrong usage exits with 2.
+        0 done, 1 the data cannot answer, 2 wrong usage, 130 interrupted.
     """
     # small matrices are slower on several threads, and round in another order on other machines
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-    arguments = list(sys.argv[1:] if arguments is None else arguments)
-    args = build_parser(arguments[0] if arguments else None).parse_args(arguments)
+    args = parsed(sys.argv[1:] if arguments is None else arguments)
     try:
+        check_outputs(args)
         return int(args.run(args))
+    except UsageError as error:
+        return _complain(str(error), 2)
     except ForcecalError as error:
         return _complain(str(error))
     except BrokenPipeError:
@@ -94,9 +140,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
 
 
-def _complain(message: str) -> int:
+def _complain(message: str, status: int = 1) -> int:
     print(f'forcecal: {" ".join(message.split())}', file=sys.stderr)
-    return 1
+    return status
 
 
 if __name__ == '__main__':

@@ -17,6 +17,10 @@ class ConfigError(ForcecalError):
     """A configuration value, file or argument is missing, malformed or contradictory."""
 
 
+class UsageError(ConfigError):
+    """The arguments of a command cannot be right, whatever the data: exit status 2."""
+
+
 class UnobservableError(ForcecalError):
     """The data or the sensors at hand do not determine a quantity that was asked for."""
 

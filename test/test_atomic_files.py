@@ -111,13 +111,18 @@ def test_what_was_there_before_is_kept_as_a_backup(tmp_path):
     assert float(load(path).mass) == 14.0 and float(load(backup_of(path)).mass) == 13.0
 
 
-def test_a_link_is_replaced_and_not_followed(tmp_path):
-    other = tmp_path / 'precious'
-    other.write_text('as it was')
-    (tmp_path / 'c.yaml').symlink_to(other)
-    write_text(tmp_path / 'c.yaml', 'new')
-    assert other.read_text() == 'as it was'
-    assert (tmp_path / 'c.yaml').read_text() == 'new'
+def test_a_backup_that_holds_more_than_a_result_is_never_deleted(tmp_path):
+    path = tmp_path / 'bag'
+    path.mkdir()
+    (path / 'precious').write_text('data')
+    for letter in 'abcd':
+        with new_directory(path) as folder:
+            folder.mkdir()
+            (folder / 'result').write_text(letter)
+    assert (tmp_path / 'bag~' / 'precious').read_text() == 'data'
+    assert {name: (tmp_path / name / 'result').read_text() for name in ('bag', 'bag~2')} == {
+        'bag': 'd', 'bag~2': 'c'}
+    assert len(os.listdir(tmp_path)) == 3
 
 
 @given(st.integers(0, 10**6), st.sampled_from('0123456789-.e'))

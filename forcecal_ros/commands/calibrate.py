@@ -8,7 +8,8 @@ from typing import Any, TYPE_CHECKING
 from forcecal_ros.commands.common import new_parser, topic_names
 from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
-from forcecal_ros.geometry import STANDARD_GRAVITY
+from forcecal_ros.commands.numbers import gravity, positive, real
+from forcecal_ros.commands.outputs import add_output, FILE
 
 if TYPE_CHECKING:
     from forcecal_ros.calibration.model import Calibration
@@ -24,15 +25,15 @@ def add_parser(subparsers: Any) -> None:
                 '  forcecal calibrate ft_calib_data.yaml   # a file of force_torque_tools or '
                 'ft_tools')
     add_bags(parser)
-    parser.add_argument('--gravity', metavar='M/S^2', type=float, default=STANDARD_GRAVITY,
-                        help='magnitude of gravity where the robot stands')
+    parser.add_argument('--gravity', metavar='M/S^2', type=gravity,
+                        help='magnitude of gravity where the robot stands (default: 9.80665)')
     parser.add_argument('--coupling', choices=('dc', 'ac'), default='dc',
                         help='of the accelerometer; ac: it lets gravity decay (high-pass)')
-    parser.add_argument('--cutoff', metavar='HZ', type=float,
+    parser.add_argument('--cutoff', metavar='HZ', type=positive,
                         help='corner of an ac accelerometer (default: estimated)')
-    parser.add_argument('--accelerometer-position', metavar=('X', 'Y', 'Z'), nargs=3, type=float,
+    parser.add_argument('--accelerometer-position', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
                         help='where it sits in ft_sensor [m] (default: estimated)')
-    parser.add_argument('--theta', metavar='RAD', type=float, default=0.0,
+    parser.add_argument('--theta', metavar='RAD', type=real, default=0.0,
                         help="the paper's angle of the two poses about z")
     parser.add_argument('--free-motion', metavar='BAG2',
                         help='recording without contact that tells the delay between the sensors, '
@@ -44,18 +45,18 @@ def add_parser(subparsers: Any) -> None:
                         help='which observer the calibration asks for')
     parser.add_argument('--design', choices=('kalman', 'poles'), default='kalman',
                         help="how the paper's gain is found: Riccati equation or pole placement")
-    parser.add_argument('-o', '--output', metavar='FILE', default='calibration.yaml',
-                        help='calibration to write; one that is there is kept as FILE~; of '
-                             'several BAGs, a folder for them')
-    parser.add_argument('--report', metavar='FILE',
-                        help='write an HTML report as well; of several BAGs, a folder for them')
-    parser.set_defaults(run=run)
+    add_output(parser, '-o', '--output', kind=FILE, suffix='.yaml', metavar='FILE',
+               default='calibration.yaml',
+               help='calibration to write, - for standard output; one that is there is kept as '
+                    'FILE~; of several BAGs, a folder for them')
+    add_output(parser, '--report', kind=FILE, suffix='.html', metavar='FILE',
+               help='write an HTML report as well; of several BAGs, a folder for them')
+    parser.set_defaults(run=run, inputs=('bag', 'free_motion', 'matrix'))
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    return run_each(args, answer, {'output': '.yaml', 'report': '.html'},
-                    ['free_motion', 'matrix'])
+    return run_each(args, answer)
 
 
 def answer(args: argparse.Namespace) -> Answer:
@@ -109,13 +110,15 @@ def _written(calibration: 'Calibration', args: argparse.Namespace, notes: tuple[
 
 def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration':
     """Identify as the arguments say."""
+    from forcecal_ros.geometry import STANDARD_GRAVITY
     from forcecal_ros.identify.pipeline import identify
     from forcecal_ros.identify.settings import Settings
     from forcecal_ros.observe.gains import with_kalman_gains
 
     position = args.accelerometer_position
     calibration = identify(recording, Settings(
-        gravity=args.gravity, theta=args.theta, coupling=args.coupling, cutoff=args.cutoff,
+        gravity=args.gravity or STANDARD_GRAVITY, theta=args.theta, coupling=args.coupling,
+        cutoff=args.cutoff,
         accelerometer_position=tuple(position) if position else None,
         wrench_sign=args.wrench_sign, observer_mode=args.observer, observer_design=args.design,
         source={'recording': args.bag,

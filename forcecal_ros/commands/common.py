@@ -1,12 +1,15 @@
 """Arguments and output that several commands share."""
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 import json
+from pathlib import Path
 import sys
 from typing import Any
 
-from forcecal_ros.errors import ConfigError
+CLOSE = 0.75
+"""Share of letters that a wrong word has in common with what may have been meant."""
 
 
 class Formatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescriptionHelpFormatter):
@@ -55,7 +58,7 @@ def add_bag(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
 def add_topics(parser: argparse.ArgumentParser) -> None:
     """Add ``--topic role=name``."""
     parser.add_argument(
-        '--topic', metavar='ROLE=NAME', action='append', default=[],
+        '--topic', metavar='ROLE=NAME', action='append', default=[], type=_role_and_name,
         help='name of a topic by its role, e.g. wrench=/ft/data; may be repeated')
 
 
@@ -64,27 +67,58 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
 
 
-def topic_names(args: argparse.Namespace) -> dict[str, str]:
-    """
-    Return what ``--topic`` said, role to name.
+def _role_and_name(text: str) -> tuple[str, str]:
+    from forcecal_ros.recording.topics import ROLES
 
-    Raises
-    ------
-    ConfigError
-        An entry is not of the form ROLE=NAME.
-    """
-    names: dict[str, str] = {}
-    for entry in args.topic:
-        role, equals, name = entry.partition('=')
-        if not (role and equals and name):
-            raise ConfigError(f'--topic {entry}: expected ROLE=NAME, e.g. wrench=/ft/data')
-        names[role] = name
-    return names
+    role, _, name = text.partition('=')
+    if not (role and name):
+        raise argparse.ArgumentTypeError(f'{text} is not ROLE=NAME, as wrench=/ft/data')
+    if role not in ROLES:
+        raise argparse.ArgumentTypeError(
+            f'{role} is no role{or_nearest(role, ROLES)}; roles are {", ".join(ROLES)}')
+    return role, name
+
+
+def or_nearest(word: str, names: Collection[str]) -> str:
+    """Return what to say after a word that is no name: the name that may have been meant."""
+    from difflib import get_close_matches
+
+    near = [name for name in names if name.startswith(word)] or get_close_matches(
+        word, list(names), 1, CLOSE)
+    return f' (did you mean {near[0]}?)' if near else ''
+
+
+def topic_names(args: argparse.Namespace) -> dict[str, str]:
+    """Return what ``--topic`` said, role to name."""
+    return dict(args.topic)
 
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Print one JSON document, without NaN or infinity."""
     print(json.dumps(document, indent=2, allow_nan=False))
+
+
+@contextmanager
+def needs_ros() -> Iterator[None]:
+    """
+    Import what only works where ROS 2 is.
+
+    Raises
+    ------
+    ConfigError
+        It is not there; with the command that brings it.
+    """
+    from forcecal_ros.errors import ConfigError
+    from forcecal_ros.extras import installing
+
+    try:
+        yield
+    except ImportError as error:
+        if (error.name or '').startswith('forcecal_ros'):
+            raise
+        setup = Path('/opt/ros/jazzy/setup.bash')
+        remedy = f'source {setup}' if setup.exists() else installing('ros')
+        raise ConfigError(f'ROS 2 is not there ({error}); {remedy}') from error
 
 
 def say(text: str) -> None:

@@ -7,12 +7,15 @@ from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands.common import (
     add_json,
+    needs_ros,
     new_parser,
     print_json,
     say,
     say_if_compiling,
     warn,
 )
+from forcecal_ros.commands.numbers import whole
+from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
 
 if TYPE_CHECKING:
     from forcecal_ros.calibration.model import Calibration
@@ -27,19 +30,22 @@ def add_parser(subparsers: Any) -> None:
         example='forcecal demo --accelerometer acc2 --out my_demo')
     parser.add_argument('--accelerometer', choices=('acc1', 'acc2'), default='acc1',
                         help='acc1: DC response, acc2: AC-coupled')
-    parser.add_argument('--out', metavar='DIR', default='forcecal_demo',
-                        help='folder for calibration.yaml, the recording and report.html')
-    parser.add_argument('--seed', type=int, default=1, help='of the sensor noise')
+    add_output(parser, '-o', '--output', '--out', kind=RESULTS, metavar='DIR',
+               default='forcecal_demo',
+               help='folder for calibration.yaml, the recording and report.html; what is there of '
+                    'them is kept as NAME~')
+    parser.add_argument('--seed', type=whole, default=1, help='of the sensor noise')
     add_json(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    from forcecal_ros.atomic_files import write_text
+    with needs_ros():
+        from forcecal_ros.nodes.demo import run_demo
+    from forcecal_ros.atomic_files import make_folder
     from forcecal_ros.calibration.document import to_document
-    from forcecal_ros.calibration.file import parse, save
-    from forcecal_ros.nodes.demo import run_demo
+    from forcecal_ros.calibration.file import dump, parse
     from forcecal_ros.observe import batch, replay
     from forcecal_ros.recording.bags import read_recording
     from forcecal_ros.recording.streams import Stream
@@ -49,9 +55,10 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.simulators.rig.file import load_rig
     from forcecal_ros.simulators.rig.truth import true_calibration
 
-    out = Path(args.out)
+    out = Path(args.output)
     say_if_compiling(simulator.waits_for_compiler() or batch.waits_for_compiler(),
                      'simulator and observer')
+    make_folder(out)
     result = run_demo(args.accelerometer, out, args.seed, _Progress())
     calibration = parse(result.calibration, 'sequencer/calibration')
     truth = true_calibration(load_rig(), args.accelerometer)
@@ -59,8 +66,8 @@ def run(args: argparse.Namespace) -> int:
     published = read_contact(out / 'bag', recording.start_ns)
     replayed = replay(recording, calibration)
     again = Stream(replayed.t, replayed.contact, calibration.sensor_frame)
-    save(calibration, out / 'calibration.yaml')
-    write_text(out / 'report.html', render(recording, calibration, again, truth))
+    write_results(out, {'calibration.yaml': dump(calibration),
+                        'report.html': render(recording, calibration, again, truth)})
     step = step_figures(recording, calibration, again)
     touch = contact_figures(recording, published)
     if args.json:

@@ -6,6 +6,10 @@ from typing import Any
 from forcecal_ros.commands.common import new_parser, say_if_compiling, topic_names
 from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
+from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
+
+FILES = ('diagnosis.json', 'report.html', 'rig_patched.yaml', 'calibration_patched.yaml')
+"""All that a diagnosis may write."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -28,16 +32,16 @@ def add_parser(subparsers: Any) -> None:
                              'numbers of the rig)')
     parser.add_argument('--accelerometer', choices=('acc1', 'acc2'),
                         help='which one is mounted (default: recognised by its volts)')
-    parser.add_argument('-o', '--output', metavar='DIR', required=True,
-                        help='folder for diagnosis.json, rig_patched.yaml (or '
-                             'calibration_patched.yaml) and report.html; of several BAGs, a '
-                             'folder of such folders')
-    parser.set_defaults(run=run)
+    add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
+               help='folder for diagnosis.json, report.html and rig_patched.yaml (or '
+                    'calibration_patched.yaml); results that are there are kept as NAME~; of '
+                    'several BAGs, a folder of such folders')
+    parser.set_defaults(run=run, inputs=('bag', 'heldout', 'rig', 'calibration'))
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    return run_each(args, answer, {'output': ''}, ['heldout', 'rig', 'calibration'])
+    return run_each(args, answer)
 
 
 def answer(args: argparse.Namespace) -> Answer:
@@ -60,7 +64,7 @@ def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any) -> Answ
     from forcecal_ros.diagnose.pipeline import diagnose
     from forcecal_ros.diagnose.result import to_document
     from forcecal_ros.report.diagnosis import render
-    from forcecal_ros.report.diagnosis_view import view_of
+    from forcecal_ros.report.diagnosis_view import view_of, view_without_signals
     from forcecal_ros.simulators.rig.file import dump_rig, load_rig
     from forcecal_ros.simulators.rig.simulator import waits_for_compiler
 
@@ -70,10 +74,11 @@ def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any) -> Answ
     answered = outcome.diagnosis.verdict != 'invalid_data'
     document = to_document(outcome.diagnosis, {c.name: c.unit for c in CHANNELS},
                            'rig_patched.yaml' if answered else None)
-    files = {}
+    view = (view_of(outcome, advice(outcome.diagnosis, rig)) if answered
+            else view_without_signals(outcome.diagnosis))
+    files = {'report.html': render(view)}
     if answered:
-        view = view_of(outcome, advice(outcome.diagnosis, rig))
-        files = {'rig_patched.yaml': dump_rig(outcome.rig), 'report.html': render(view)}
+        files['rig_patched.yaml'] = dump_rig(outcome.rig)
     return _written(args, recording, outcome.diagnosis, document, files)
 
 
@@ -85,7 +90,7 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any) -> Answer
     from forcecal_ros.diagnose.motion.known import known_from_calibration, known_from_rig
     from forcecal_ros.diagnose.motion.pipeline import diagnose_motion, patched
     from forcecal_ros.report.diagnosis import render
-    from forcecal_ros.report.diagnosis_view import view_of_motion
+    from forcecal_ros.report.diagnosis_view import view_of_motion, view_without_signals
     from forcecal_ros.simulators.rig.file import load_rig
 
     calibration = load(args.calibration) if args.calibration else None
@@ -93,11 +98,11 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any) -> Answer
     known = (known_from_calibration(calibration) if calibration
              else known_from_rig(rig, args.accelerometer))
     outcome = _with_model(args, diagnose_motion(recording, heldout, known))
-    files = {}
-    if outcome.arms:
-        files['report.html'] = render(view_of_motion(outcome, advice(outcome.diagnosis, rig)))
-        if calibration:
-            files['calibration_patched.yaml'] = dump(patched(calibration, outcome))
+    view = (view_of_motion(outcome, advice(outcome.diagnosis, rig)) if outcome.arms
+            else view_without_signals(outcome.diagnosis))
+    files = {'report.html': render(view)}
+    if calibration and outcome.arms:
+        files['calibration_patched.yaml'] = dump(patched(calibration, outcome))
     document = to_document(
         outcome, 'calibration_patched.yaml' if calibration and outcome.arms else None)
     return _written(args, recording, outcome.diagnosis, document, files)
@@ -117,14 +122,10 @@ def _with_model(args: argparse.Namespace, outcome: Any) -> Any:
 def _written(args: argparse.Namespace, recording: Any, diagnosis: Any,
              document: dict[str, Any], files: dict[str, str]) -> Answer:
     import json
-    from pathlib import Path
 
-    from forcecal_ros.atomic_files import write_text
-
-    folder = Path(args.output)
-    files = {'diagnosis.json': json.dumps(document, indent=2, allow_nan=False) + '\n', **files}
-    for name, text in files.items():
-        write_text(folder / name, text)
+    folder = args.output
+    write_results(folder, {
+        'diagnosis.json': json.dumps(document, indent=2, allow_nan=False) + '\n', **files}, FILES)
     verdict = f'{diagnosis.verdict}: {diagnosis.reason}'
     return Answer(document, f'{verdict}\nwritten to {folder}', verdict,
                   (*recording.notes, *diagnosis.notes),

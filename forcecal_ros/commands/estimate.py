@@ -6,6 +6,8 @@ from typing import Any
 from forcecal_ros.commands.common import new_parser, say_if_compiling, topic_names
 from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
+from forcecal_ros.commands.numbers import positive
+from forcecal_ros.commands.outputs import add_output, RECORDING
 
 FILTERS = ('kalman', 'newton', 'ukf', 'ekf', 'static')
 
@@ -21,21 +23,21 @@ def add_parser(subparsers: Any) -> None:
                         help='written by forcecal calibrate, demo or the sequencer')
     parser.add_argument('--filter', '--mode', choices=FILTERS,
                         help='last stage of the observer (default: as the calibration says)')
-    parser.add_argument('--bandwidth', metavar='HZ', type=float,
+    parser.add_argument('--bandwidth', metavar='HZ', type=positive,
                         help='of the contact wrench with filter kalman (default: from the noise)')
     parser.add_argument('--inertial-wrench', action='store_true',
                         help='write what weight and motion of the tool put on the sensor as well')
     parser.add_argument('--innovation', action='store_true',
                         help='write what the filter did not expect as well')
-    parser.add_argument('-o', '--output', metavar='OUT_BAG', required=True,
-                        help='recording to write; one that is there is kept as OUT_BAG~; of '
-                             'several BAGs, a folder for them')
-    parser.set_defaults(run=run)
+    add_output(parser, '-o', '--output', kind=RECORDING, metavar='OUT_BAG', required=True,
+               help='recording to write; one that is there is kept as OUT_BAG~; of several BAGs, '
+                    'a folder for them')
+    parser.set_defaults(run=run, inputs=('bag', 'calibration'))
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    return run_each(args, answer, {'output': ''}, ['calibration'])
+    return run_each(args, answer)
 
 
 def answer(args: argparse.Namespace) -> Answer:

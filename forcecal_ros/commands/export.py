@@ -4,6 +4,8 @@ import argparse
 from typing import Any
 
 from forcecal_ros.commands.common import new_parser, say
+from forcecal_ros.commands.numbers import real
+from forcecal_ros.commands.outputs import add_output, FILE, stdout_is_taken
 
 FLANGE = ('X', 'Y', 'Z', 'QX', 'QY', 'QZ', 'QW')
 
@@ -24,10 +26,10 @@ def add_parser(subparsers: Any) -> None:
                         help='node that takes the parameters (default: the usual name)')
     parser.add_argument('--base-frame', metavar='FRAME', default='base_link',
                         help='frame whose z points up')
-    parser.add_argument('--sensor-in-flange', metavar=FLANGE, nargs=7, type=float,
+    parser.add_argument('--sensor-in-flange', metavar=FLANGE, nargs=7, type=real,
                         help='ur: pose of the sensor in the flange (default: they are one) [m]')
-    parser.add_argument('-o', '--output', metavar='FILE',
-                        help='file to write (default: print); one that is there is kept as FILE~')
+    add_output(parser, '-o', '--output', kind=FILE, metavar='FILE',
+               help='file to write (default: print); one that is there is kept as FILE~')
     parser.set_defaults(run=run)
 
 
@@ -41,13 +43,14 @@ def run(args: argparse.Namespace) -> int:
     import numpy as np
 
     place = np.array(args.sensor_in_flange or (0, 0, 0, 0, 0, 0, 1))
-    if not np.isfinite(place).all() or not place[3:].any():
+    if not place[3:].any():
         raise ConfigError('--sensor-in-flange: expected x y z [m] and a quaternion qx qy qz qw')
     text = export(load(args.calibration), args.consumer, Place(
         args.node or '', args.base_frame, matrix_from_quaternion(place[3:]), place[:3]))
     if args.output:
         write_text(args.output, text)
-        say(f'written to {args.output}')
+        if not stdout_is_taken(args):
+            say(f'written to {args.output}')
     else:
         print(text, end='')
     return 0

@@ -8,7 +8,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from forcecal_ros.commands.common import add_bag, add_json, print_json, say, warn
-from forcecal_ros.errors import ConfigError, DataError
+from forcecal_ros.commands.numbers import at_least_one
+from forcecal_ros.commands.outputs import of_many, recordings, stdout_is_taken
+from forcecal_ros.errors import DataError, UsageError
+from forcecal_ros.places import blamed
 
 
 class Answer(NamedTuple):
@@ -40,7 +43,7 @@ def add_bags(parser: argparse.ArgumentParser) -> None:
     """Add the recordings, what :func:`add_bag` adds, ``--jobs``, ``--dask`` and ``--json``."""
     parser.fromfile_prefix_chars = '@'
     add_bag(parser, several=True)
-    parser.add_argument('--jobs', metavar='N', type=int, default=1,
+    parser.add_argument('--jobs', metavar='N', type=at_least_one, default=1,
                         help='how many recordings are worked on at once')
     parser.add_argument('--dask', metavar='ADDRESS', default='',
                         help='scheduler of a Dask cluster to work there, as tcp://host:8786; its '
@@ -48,8 +51,7 @@ def add_bags(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def run(args: argparse.Namespace, answer: Callable[[argparse.Namespace], Answer],
-        outputs: Mapping[str, str], inputs: Sequence[str] = ()) -> int:
+def run(args: argparse.Namespace, answer: Callable[[argparse.Namespace], Answer]) -> int:
     """
     Answer for every recording and print each answer as soon as it is there.
 
@@ -63,48 +65,47 @@ def run(args: argparse.Namespace, answer: Callable[[argparse.Namespace], Answer]
         Of a parser with :func:`add_bags` and ``--output``.
     answer : callable
         Of a module of this package; takes the same arguments with one ``bag``.
-    outputs : mapping of str to str
-        Arguments that say where to write, and what is added to a recording's name there.
-    inputs : sequence of str
-        Arguments that may name files to read.
 
     Returns
     -------
     int
         Exit status: 1 where any recording has no answer.
     """
-    bags = [bag for bag in args.bag if bag and not bag.startswith('#')]
+    bags = recordings(args)
     if not bags:
-        raise ConfigError('no recording is named; give BAG or @FILE with one a line')
-    many = len(bags) > 1 or args.output.endswith('/')
-    tasks = _tasks(args, bags, outputs, inputs) if many else [_with(args, bag=bags[0])]
+        raise UsageError('no recording is named; give BAG or @FILE with one a line')
+    many = of_many(args)
+    tasks = _tasks(args, bags) if many else [_with(args, bag=bags[0])]
     if many or args.dask:
         return _show_each(tasks, answer, args, many)
-    return _show(answer(tasks[0]), args.json)
+    return _show(answer(tasks[0]), args)
 
 
 def _with(args: argparse.Namespace, **changes: Any) -> argparse.Namespace:
     return argparse.Namespace(**{**vars(args), **changes})
 
 
-def _tasks(args: argparse.Namespace, bags: Sequence[str], outputs: Mapping[str, str],
-           inputs: Sequence[str]) -> list[argparse.Namespace]:
+def _tasks(args: argparse.Namespace, bags: Sequence[str]) -> list[argparse.Namespace]:
     """Return the arguments for each recording alone, which any working directory will do for."""
     paths = [Path(bag).absolute() for bag in bags]
     common = Path(os.path.commonpath([path.parent for path in paths]))
-    shared = {name: str(Path(value).absolute()) for name in inputs
-              if (value := getattr(args, name)) and Path(value).exists()}
+    shared = {name: str(Path(value).absolute()) for name in args.inputs
+              if name != 'bag' and (value := getattr(args, name)) and Path(value).exists()}
     tasks, owner = [], dict[Path, Path]()
     for path in paths:
         inside = path.relative_to(common)
         name = inside.with_suffix('') if path.suffix in ('.mcap', '.db3') else inside
         if name in owner:
-            raise ConfigError(f'{owner[name]} and {path} would both be written to {name}; '
+            raise UsageError(f'{owner[name]} and {path} would both be written to {name}; '
                               'give each its own command')
         owner[name] = path
-        written = {key: str(Path(value).absolute() / f'{name}{suffix}')
-                   for key, suffix in outputs.items() if (value := getattr(args, key))}
+        written = {one.name: str(Path(value).absolute() / f'{name}{one.suffix}')
+                   for one in args.outputs if (value := getattr(args, one.name))}
         tasks.append(_with(args, bag=str(path), **shared, **written))
+    for place in (Path(place) for task in tasks for one in args.outputs
+                  if (place := getattr(task, one.name))):
+        with blamed(place):
+            place.parent.mkdir(parents=True, exist_ok=True)
     return tasks
 
 
@@ -121,7 +122,7 @@ def _show_each(tasks: Sequence[argparse.Namespace],
             if not many and outcome.error:
                 raise DataError(outcome.error)
             if not many and outcome.value is not None:
-                return _show(outcome.value, args.json)
+                return _show(outcome.value, args)
             answered += _show_one_of_many(
                 tasks[outcome.index].bag, outcome.value, outcome.error, args.json)
             bar.update()
@@ -130,13 +131,14 @@ def _show_each(tasks: Sequence[argparse.Namespace],
     return 0 if answered == len(tasks) else 1
 
 
-def _show(answer: Answer, as_json: bool) -> int:
-    if as_json:
+def _show(answer: Answer, args: argparse.Namespace) -> int:
+    if args.json:
         print_json(answer.document)
     else:
         for note in answer.notes:
             warn(note)
-        say(answer.text)
+        if not stdout_is_taken(args):
+            say(answer.text)
     if answer.status:
         warn(answer.headline)
     return answer.status

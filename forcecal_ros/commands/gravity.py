@@ -12,6 +12,8 @@ from forcecal_ros.commands.common import (
     topic_names,
     warn,
 )
+from forcecal_ros.commands.numbers import not_negative, positive
+from forcecal_ros.commands.outputs import add_output, RECORDING
 
 if TYPE_CHECKING:
     from forcecal_ros.calibration.model import Calibration
@@ -40,20 +42,20 @@ def add_parser(subparsers: Any) -> None:
                         help='wrench, or wrench and biases')
     parser.add_argument('--covariances', choices=('measured', 'paper'), default='measured',
                         help="Q, R and P0 from the calibration's noise, or as the paper prints")
-    parser.add_argument('--rise-time', metavar='S', type=float,
+    parser.add_argument('--rise-time', metavar='S', type=positive,
                         help='10-90 %% rise of a contact force (default: 0.012)')
-    parser.add_argument('--contact-floor', metavar=('N', 'NM'), nargs=2, type=float,
+    parser.add_argument('--contact-floor', metavar=('N', 'NM'), nargs=2, type=not_negative,
                         help='vibration and model errors that are no contact '
                         '(default: 0.03 0.003)')
-    parser.add_argument('--bias-prior', metavar=('N', 'NM'), nargs=2, type=float,
+    parser.add_argument('--bias-prior', metavar=('N', 'NM'), nargs=2, type=not_negative,
                         help='how far the biases may have moved since the calibration '
                         '(default: 0 0)')
-    parser.add_argument('--payload', metavar='KG', type=float, default=0.0,
+    parser.add_argument('--payload', metavar='KG', type=not_negative, default=0.0,
                         help='how much may have been taken up since the calibration (imu only)')
-    parser.add_argument('-o', '--output', metavar='OUT_BAG', required=True,
-                        help='recording to write; one that is there is kept as OUT_BAG~')
+    add_output(parser, '-o', '--output', kind=RECORDING, metavar='OUT_BAG', required=True,
+               help='recording to write; one that is there is kept as OUT_BAG~')
     add_json(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, inputs=('bag', 'calibration'))
 
 
 def run(args: argparse.Namespace) -> int:

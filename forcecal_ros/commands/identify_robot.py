@@ -6,6 +6,7 @@ from typing import Any, TYPE_CHECKING
 from forcecal_ros.commands.common import new_parser, topic_names
 from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
+from forcecal_ros.commands.outputs import add_output, FILE
 
 if TYPE_CHECKING:
     from forcecal_ros.impedance.plant.fit import PlantFit
@@ -19,15 +20,16 @@ def add_parser(subparsers: Any) -> None:
                 'impedance control',
         example='forcecal identify-robot shaken_bag -o plant.yaml')
     add_bags(parser)
-    parser.add_argument('-o', '--output', metavar='FILE', default='plant.yaml',
-                        help='models to write; a file that is there is kept as FILE~; of several '
-                             'BAGs, a folder for them')
-    parser.set_defaults(run=run)
+    add_output(parser, '-o', '--output', kind=FILE, suffix='.yaml', metavar='FILE',
+               default='plant.yaml',
+               help='models to write, - for standard output; a file that is there is kept as '
+                    'FILE~; of several BAGs, a folder for them')
+    parser.set_defaults(run=run, inputs=('bag',))
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    return run_each(args, answer, {'output': '.yaml'})
+    return run_each(args, answer)
 
 
 def answer(args: argparse.Namespace) -> Answer:

@@ -2,16 +2,20 @@
 
 import argparse
 from math import isfinite
-from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands.common import add_json, new_parser, print_json, say, say_if_compiling
+from forcecal_ros.commands.numbers import positive, whole
+from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
 
 if TYPE_CHECKING:
     from forcecal_ros.reproduce.experiment import Experiment
 
 RUNS = 7
 """Steps of work for each accelerometer: calibration, five feedbacks, the oscillation."""
+
+FILES = ('report.html', 'figure_[5-8]_acc[12].png')
+"""All that the experiment may write."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -20,31 +24,31 @@ def add_parser(subparsers: Any) -> None:
         subparsers, 'impedance',
         summary='simulate the contact experiment: compares four ways of feeding force back',
         example='forcecal impedance -o contact_experiment')
-    parser.add_argument('-o', '--output', metavar='DIR', required=True,
-                        help='folder for report.html and the pictures')
+    add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
+               help='folder for report.html and the pictures; results that are there are kept as '
+                    'NAME~')
     parser.add_argument('--accelerometer', choices=('acc1', 'acc2'),
                         help='only this one (default: both, one after the other)')
     parser.add_argument('--rig', metavar='RIG.yaml', help='rig file (default: the nominal rig)')
     parser.add_argument('--plant', metavar='PLANT.yaml',
                         help='models that forcecal identify-robot wrote (default: those of the '
                              'nominal rig)')
-    parser.add_argument('--mass', type=float, default=13.0, metavar='KG',
+    parser.add_argument('--mass', type=positive, default=13.0, metavar='KG',
                         help='the tool shall give way to a force as this mass')
-    parser.add_argument('--damping', type=float, default=250.0, metavar='NS/M',
+    parser.add_argument('--damping', type=positive, default=250.0, metavar='NS/M',
                         help='with this damper')
-    parser.add_argument('--stiffness', type=float, default=1000.0, metavar='N/M',
+    parser.add_argument('--stiffness', type=positive, default=1000.0, metavar='N/M',
                         help='and this spring to its reference')
-    parser.add_argument('--latency', type=int, default=0, metavar='PERIODS',
+    parser.add_argument('--latency', type=whole, default=0, metavar='PERIODS',
                         help="that a command takes beyond the robot's own delay; designed for, "
                              'and simulated')
-    parser.add_argument('--seed', type=int, default=0, help='of the sensor noise')
+    parser.add_argument('--seed', type=whole, default=0, help='of the sensor noise')
     add_json(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    from forcecal_ros.atomic_files import write_bytes, write_text
     from forcecal_ros.impedance.design import design
     from forcecal_ros.impedance.plant.file import load_plant
     from forcecal_ros.impedance.settings import DesignSettings, Wanted
@@ -65,17 +69,15 @@ def run(args: argparse.Namespace) -> int:
 
         experiment = conduct(load_rig(args.rig), names, designed.law, seed=args.seed,
                              latency=args.latency, tell=tell)
-    out = Path(args.output)
     images = pictures(experiment)
-    for name, image in images.items():
-        write_bytes(out / name, image)
     origin = f'simulated rig{f" {args.rig}" if args.rig else ""}, noise seed {args.seed}'
-    write_text(out / 'report.html', render(experiment, images, origin))
+    write_results(args.output, {
+        **images, 'report.html': render(experiment, images, origin)}, FILES)
     if args.json:
         print_json(document(experiment))
         return 0
     say(text(experiment))
-    say(f'written to {out}: report.html, {", ".join(images)}')
+    say(f'written to {args.output}: report.html, {", ".join(images)}')
     return 0
 
 

@@ -4,6 +4,7 @@ import argparse
 from typing import Any
 
 from forcecal_ros.commands.common import new_parser, say
+from forcecal_ros.commands.outputs import add_output, RECORDING
 
 
 def add_parser(subparsers: Any) -> None:
@@ -16,11 +17,11 @@ def add_parser(subparsers: Any) -> None:
                         help='which columns are which signals, in which units and frames')
     parser.add_argument('--tables', metavar='DIR',
                         help='where the tables are (default: beside SPEC.yaml)')
-    parser.add_argument('-o', '--output', metavar='BAG', required=True,
-                        help='recording to write; one that is there is kept as BAG~')
+    add_output(parser, '-o', '--output', kind=RECORDING, metavar='BAG', required=True,
+               help='recording to write; one that is there is kept as BAG~')
     parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap',
                         help='how the recording is stored')
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, inputs=('specification', 'tables'))
 
 
 def run(args: argparse.Namespace) -> int:

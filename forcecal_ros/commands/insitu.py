@@ -4,9 +4,11 @@ import argparse
 from collections.abc import Iterator
 import os
 from pathlib import Path
+import re
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands.common import add_json, new_parser, print_json, say, warn
+from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
 
 if TYPE_CHECKING:
     from forcecal_ros.insitu.prepare import Chunk, Source
@@ -24,8 +26,9 @@ def add_parser(subparsers: Any) -> None:
         example='forcecal insitu leg.yaml -o leg_calibration')
     parser.add_argument('specification', metavar='SPEC.yaml',
                         help='data sets, sensors and accelerometer; see config/examples')
-    parser.add_argument('-o', '--output', metavar='DIR', required=True,
-                        help='folder for insitu.json, calibration.yaml, pictures and report.html')
+    add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
+               help='folder for insitu.json, calibration.yaml, pictures and report.html; results '
+                    'that are there are kept as NAME~')
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -37,8 +40,7 @@ def run(args: argparse.Namespace) -> int:
     from dataclasses import replace
     import json
 
-    from forcecal_ros.atomic_files import write_bytes, write_text
-    from forcecal_ros.calibration.file import save
+    from forcecal_ros.calibration.file import dump
     from forcecal_ros.insitu import calibrate, DataSet, load_spec, to_calibration, to_document
     from forcecal_ros.report.insitu import pictures, render, text
 
@@ -52,16 +54,18 @@ def run(args: argparse.Namespace) -> int:
             sensor.manufacturer_matrix))
     folder = Path(args.output)
     document = to_document(tuple(results))
-    write_text(folder / 'insitu.json', json.dumps(document, indent=2, allow_nan=False))
     drawn = {result.name: pictures(result) for result in results}
-    for name, files in drawn.items():
-        for title, png in files.items():
-            write_bytes(folder / f'{name}_{title}.png', png)
-    write_text(folder / 'report.html', render(tuple(results), drawn, str(spec.path)))
+    files: dict[str, str | bytes] = {
+        'insitu.json': json.dumps(document, indent=2, allow_nan=False),
+        'report.html': render(tuple(results), drawn, str(spec.path)),
+        **{f'{name}_{title}.png': png for name, images in drawn.items()
+           for title, png in images.items()}}
     for (name, sensor), result in zip(spec.sensors.items(), results):
         if result.matrix is not None:
-            place = folder if len(results) == 1 else folder / name
-            save(to_calibration(result, sensor.frame, str(spec.path)), place / 'calibration.yaml')
+            place = '' if len(results) == 1 else f'{name}/'
+            files[f'{place}calibration.yaml'] = dump(
+                to_calibration(result, sensor.frame, str(spec.path)))
+    write_results(folder, files, earlier(folder))
     if args.json:
         print_json(document)
         return 0
@@ -72,6 +76,19 @@ def run(args: argparse.Namespace) -> int:
     say(f'{folder}: report.html, insitu.json'
         + (', calibration.yaml' if spec.options.matrix else ''))
     return 0
+
+
+def earlier(folder: Path) -> list[str]:
+    """Return what the run before, whose sensors its insitu.json names, may have written."""
+    import json
+
+    try:
+        named = json.loads((folder / 'insitu.json').read_bytes())['sensors']
+        sensors = [name for name in named if re.fullmatch(r'[\w-]+', name)]
+    except (OSError, ValueError, KeyError, TypeError):
+        sensors = []
+    return ['calibration.yaml', *(f'{sensor}{rest}' for sensor in sensors for rest in (
+        '_forces.png', '_subspace.png', '_singular_values.png', '/calibration.yaml'))]
 
 
 def _source(spec: 'Spec', name: str, path: Path) -> 'Source':

@@ -10,6 +10,7 @@ from forcecal_ros.commands.common import (
     say,
     say_if_compiling,
 )
+from forcecal_ros.commands.outputs import add_output, FILE, stdout_is_taken
 
 
 def add_parser(subparsers: Any) -> None:
@@ -25,8 +26,8 @@ def add_parser(subparsers: Any) -> None:
                              'package (default: rig.yaml)')
     parser.add_argument('--contact', action='store_true',
                         help="touch the rig's wall as well; its effects show in no other way")
-    parser.add_argument('-o', '--output', metavar='PLAN.yaml',
-                        help='parameters for the sequencer to write')
+    add_output(parser, '-o', '--output', kind=FILE, metavar='PLAN.yaml',
+               help='parameters for the sequencer to write, - for standard output')
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -45,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
         write_text(args.output, to_parameters(planned))
     if args.json:
         print_json(to_document(planned))
-    else:
+    elif not stdout_is_taken(args):
         say(as_text(planned.excitation))
         seconds = planned.target.t[-1] - planned.target.t[0]
         say(f'the sequence takes about {seconds:.0f} s')

@@ -3,7 +3,9 @@
 import argparse
 from typing import Any
 
-from forcecal_ros.commands.common import add_json, new_parser, print_json, say, warn
+from forcecal_ros.commands.common import add_json, needs_ros, new_parser, print_json, say, warn
+from forcecal_ros.commands.numbers import positive
+from forcecal_ros.commands.outputs import add_output, RECORDING
 
 LOOK = 0.2
 """How often new topics are looked for [s]."""
@@ -18,11 +20,11 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('topics', metavar='TOPIC', nargs='*',
                         help="recorded besides this package's own, which are taken in any "
                              'namespace')
-    parser.add_argument('-o', '--output', metavar='BAG', required=True,
-                        help='recording to write; one that is there is kept as BAG~')
+    add_output(parser, '-o', '--output', kind=RECORDING, metavar='BAG', required=True,
+               help='recording to write; one that is there is kept as BAG~')
     parser.add_argument('--all', action='store_true', help='record every topic there is')
     parser.add_argument('--only', action='store_true', help='record the named topics alone')
-    parser.add_argument('--duration', metavar='S', type=float, help='end after so long')
+    parser.add_argument('--duration', metavar='S', type=positive, help='end after so long')
     parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap',
                         help='how the recording is stored')
     parser.add_argument('--no-compression', action='store_true',
@@ -35,9 +37,10 @@ def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     import time
 
+    with needs_ros():
+        from forcecal_ros.nodes.recording import of_this_package, StreamRecorder
+        from forcecal_ros.nodes.session import session
     from forcecal_ros.errors import DataError
-    from forcecal_ros.nodes.recording import of_this_package, StreamRecorder
-    from forcecal_ros.nodes.session import session
     from forcecal_ros.recording.bags import BagWriter
     from tqdm import tqdm
 

@@ -1,7 +1,6 @@
 """``forcecal simulate``: recorded commands through the simulated rig."""
 
 import argparse
-from dataclasses import replace
 from typing import Any
 
 from forcecal_ros.commands.common import (
@@ -13,6 +12,8 @@ from forcecal_ros.commands.common import (
     say_if_compiling,
     topic_names,
 )
+from forcecal_ros.commands.numbers import whole
+from forcecal_ros.commands.outputs import add_output, RECORDING
 
 
 def add_parser(subparsers: Any) -> None:
@@ -28,17 +29,19 @@ def add_parser(subparsers: Any) -> None:
                              'package (default: rig.yaml)')
     parser.add_argument('--accelerometer', choices=('acc1', 'acc2'),
                         help='which one is mounted (default: as the rig says)')
-    parser.add_argument('--seed', type=int, default=0, help='of the sensor noise')
+    parser.add_argument('--seed', type=whole, default=0, help='of the sensor noise')
     parser.add_argument('--noise-free', action='store_true', help='leave the sensor noise out')
-    parser.add_argument('-o', '--output', metavar='OUT_BAG', required=True,
-                        help='recording to write; one that is there is kept as OUT_BAG~')
+    add_output(parser, '-o', '--output', kind=RECORDING, metavar='OUT_BAG', required=True,
+               help='recording to write; one that is there is kept as OUT_BAG~')
     add_topics(parser)
     add_json(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, inputs=('commands', 'rig'))
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
+    from dataclasses import replace
+
     from forcecal_ros.recording.bags import read_recording, require, write_recording
     from forcecal_ros.simulators.rig.file import load_rig
     from forcecal_ros.simulators.rig.offline import simulate

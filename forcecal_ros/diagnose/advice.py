@@ -1,6 +1,6 @@
 """What to record next: the motion that tells two effects apart, or shows what none has shown."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from forcecal_ros.diagnose.planning import poses_of, SETTLE
 from forcecal_ros.diagnose.result import Diagnosis
@@ -20,8 +20,11 @@ import numpy as np
 
 STREAMS = ('wrench', 'accelerometer', 'optidrive')
 
+OPTIONS = {'contact': ' --contact'}
+"""Of forcecal plan, for phases that it leaves out otherwise."""
 
-def advice(diagnosis: Diagnosis, rig: Rig) -> tuple[str, ...]:
+
+def advice(diagnosis: Diagnosis, rig: Rig) -> str:
     """
     Say what to record next.
 
@@ -33,35 +36,46 @@ def advice(diagnosis: Diagnosis, rig: Rig) -> tuple[str, ...]:
 
     Returns
     -------
-    tuple of str
-        One sentence each.
+    str
+        One sentence with one phase of the planned sequence; empty where nothing is missing.
     """
-    return (*_to_tell_apart(diagnosis, rig), *_to_show(diagnosis.not_excited))
+    return _to_tell_apart(diagnosis, rig) or _to_show(diagnosis.not_excited)
 
 
-def _to_show(names: Sequence[str]) -> Iterator[str]:
-    by_phases: dict[tuple[str, ...], list[str]] = {}
+def _to_show(names: Sequence[str]) -> str:
+    shown: dict[str, list[str]] = {}
     for name in names:
-        if name in EFFECTS:
-            by_phases.setdefault(EFFECTS[name].excited_by, []).append(name)
-    for phases, group in by_phases.items():
-        yield f'To see {", ".join(group)}: record {" or ".join(phases)}.'
+        for phase in EFFECTS[name].excited_by if name in EFFECTS else ():
+            shown.setdefault(phase, []).append(name)
+    if not shown:
+        return ''
+    phase = max(shown, key=lambda one: len(shown[one]))
+    return (f'{_recorded(phase)}: it shows {_listed(shown[phase])}, which this recording cannot '
+            'show.')
 
 
-def _to_tell_apart(diagnosis: Diagnosis, rig: Rig) -> Iterator[str]:
-    if diagnosis.verdict != 'ambiguous':
-        return
+def _to_tell_apart(diagnosis: Diagnosis, rig: Rig) -> str:
     named = [e.name for e in diagnosis.effects if e.name in EFFECTS]
-    rivals = [n for n, _ in diagnosis.candidates if n in EFFECTS and n not in named]
-    for one in named[:1]:
-        for other in rivals[:2]:
-            try:
-                ranked = separating(rig, one, other)
-            except ForcecalError:
-                continue
-            words = ', then '.join(f'{name} ({energy:.2g})' for name, energy in ranked[:3])
-            yield (f'To tell {one} from {other}: {words}; in brackets the energy over the noise '
-                   'by which they would differ at typical sizes.')
+    others = [n for n, _ in diagnosis.candidates if n in EFFECTS and n not in named]
+    if diagnosis.verdict != 'ambiguous' or not named:
+        return ''
+    for other in others:
+        try:
+            phase, energy = separating(rig, named[0], other)[0]
+        except ForcecalError:
+            continue
+        return (f'{_recorded(phase)}: it tells {named[0]} from {other}; at typical sizes they '
+                f'differ there by {energy:.2g} times the energy of the noise.')
+    return ''
+
+
+def _recorded(phase: str) -> str:
+    command = f'forcecal plan{OPTIONS.get(phase, "")} -o plan.yaml'
+    return f'Record phase {phase} of the sequence that {command} writes'
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ' and '.join(', '.join(names).rsplit(', ', 1))
 
 
 def separating(rig: Rig, one: str, other: str) -> list[tuple[str, float]]:

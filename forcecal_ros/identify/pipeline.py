@@ -30,7 +30,7 @@ from forcecal_ros.identify.result import (
 from forcecal_ros.identify.ringing import RingFit
 from forcecal_ros.identify.settings import Settings
 from forcecal_ros.identify.static_accelerometer import identify_static_accelerometer
-from forcecal_ros.identify.static_readings import gravity_spread, Statics
+from forcecal_ros.identify.static_readings import gravity_spread, Statics, TurnedWrench
 from forcecal_ros.identify.statics import read_statics, ring_of, sag_of, with_ring
 from forcecal_ros.identify.tool import identify_tool, ToolFit
 from forcecal_ros.recording.checks.motion import refuse_frozen_pose
@@ -66,6 +66,9 @@ def identify(recording: Recording, settings: Settings = Settings()) -> Calibrati
     try:
         with np.errstate(all='ignore'):
             stages = identify_stages(recording, settings)
+    except TurnedWrench as error:
+        raise DataError(f'{error}; set wrench.sign to {-settings.wrench_sign} '
+                        f'(--wrench-sign {-settings.wrench_sign})') from error
     except ValueError as error:
         if not isinstance(error, np.linalg.LinAlgError) and 'infs or NaNs' not in str(error):
             raise

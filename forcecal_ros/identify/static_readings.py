@@ -117,16 +117,18 @@ def check_poses(gravity: Array, condition: float) -> None:
         f'add a pose tilted about {"xyz"[axis]} of ft_sensor')
 
 
+class TurnedWrench(DataError):
+    """The wrench has the opposite sign: what is measured is the other body's."""
+
+
 def refuse_negative(mass: float) -> None:
     """
     Refuse a mass below zero.
 
     Raises
     ------
-    DataError
-        Names the parameter that turns the wrench round.
+    TurnedWrench
     """
     if mass <= 0:
-        raise DataError(
-            f'the mass comes out as {mass:.4g} kg: this driver reports the wrench of the tool '
-            'on its environment; set wrench.sign to -1 (--wrench-sign -1)')
+        raise TurnedWrench(
+            f'the mass comes out as {mass:.4g} kg: the wrench has the opposite sign')

@@ -22,7 +22,7 @@ def render(view: View) -> str:
         HTML, one file without network; everything is escaped.
     """
     drawn = (('Where', figures.heat_map(view)), ('Signals', figures.overlays(view)),
-             ('Spectra', figures.spectra(view)))
+             ('Spectra', figures.spectra(view))) if len(view.times) else ()
     d = view.diagnosis
     effects = [(e.name, name, f'{p.value:.5g}', f'{p.std:.2g}', '' if p.unit == '1' else p.unit)
                for e in d.effects for name, p in e.parameters.items()]

@@ -24,8 +24,8 @@ class View:
 
     Attributes
     ----------
-    advice : tuple of str
-        What to record next.
+    advice : str
+        What to record next; empty where nothing is missing.
     units : dict of str to str
         Of the channels.
     times : ndarray, shape (n,)
@@ -40,7 +40,7 @@ class View:
     """
 
     diagnosis: Diagnosis
-    advice: tuple[str, ...]
+    advice: str
     units: dict[str, str]
     times: Array
     phases: tuple[Phase, ...]
@@ -61,7 +61,14 @@ class View:
         return listed[:count]
 
 
-def view_of(outcome: Outcome, advice: tuple[str, ...]) -> View:
+def view_without_signals(diagnosis: Diagnosis) -> View:
+    """Show a diagnosis of data that cannot answer: what its verdict says is all there is."""
+    nothing = np.zeros((0, len(CHANNELS)))
+    return View(diagnosis, '', UNITS, np.zeros(0), (), np.zeros(0, np.intp),
+                np.zeros(nothing.shape, np.bool_), nothing, nothing, nothing, nothing, ())
+
+
+def view_of(outcome: Outcome, advice: str) -> View:
     """
     Show a diagnosis by commands.
 
@@ -80,7 +87,7 @@ def view_of(outcome: Outcome, advice: tuple[str, ...]) -> View:
                 _cells(case, present, outcome.recalibrated[-1], outcome.explained[-1]))
 
 
-def view_of_motion(outcome: MotionOutcome, advice: tuple[str, ...]) -> View:
+def view_of_motion(outcome: MotionOutcome, advice: str) -> View:
     """
     Show a diagnosis by measured motion.
 

@@ -6,6 +6,7 @@ import tracemalloc
 
 from forcecal_ros.calibration.file import load
 from forcecal_ros.cli import main
+from forcecal_ros.commands.insitu import earlier
 from forcecal_ros.errors import ConfigError, DataError
 from forcecal_ros.insitu import Chunk, load_spec, Mounting
 from forcecal_ros.insitu.blocks import to_blocks
@@ -137,6 +138,13 @@ def test_several_sensors_share_one_accelerometer(tables):
     assert (np.abs(foot.matrix.value - np.eye(6)) < 4.5 * foot.matrix.std).all()
     assert (np.abs(foot.com.value - (insitu_leg.BODY_COM - FOOT_SHIFT)) < 4 * foot.com.std).all()
     assert (out / 'leg' / 'calibration.yaml').exists()
+    (out / 'elsewhere').mkdir()
+    (out / 'elsewhere' / 'calibration.yaml').write_text("somebody's")
+    assert main(['insitu', str(write_spec(tables, document())), '-o', str(out)]) == 0
+    assert {str(path.relative_to(out)) for path in out.rglob('*.yaml')} == {
+        'calibration.yaml', 'elsewhere/calibration.yaml'}
+    assert {path.name for path in out.glob('foot*~')} == {
+        'foot_forces.png~', 'foot_subspace.png~', 'foot_singular_values.png~'}
 
 
 def test_recordings_give_what_tables_give(tables, done, tmp_path):
@@ -303,3 +311,9 @@ def peak_of(samples):
 def test_memory_does_not_grow_with_the_number_of_samples(monkeypatch):
     monkeypatch.setattr('forcecal_ros.insitu.blocks.MOST_BLOCKS', 1024)
     assert peak_of(1_000_000) < 1.2 * peak_of(250_000)
+
+
+def test_names_of_an_earlier_run_lead_nowhere_else(tmp_path):
+    (tmp_path / 'insitu.json').write_text(json.dumps({'sensors': {'leg': 0, '../x': 0, '*': 0}}))
+    assert not [name for name in earlier(tmp_path) if '..' in name or '*' in name]
+    assert 'leg/calibration.yaml' in earlier(tmp_path)

@@ -276,8 +276,10 @@ def test_two_poses_and_the_motion_give_the_centre_of_mass(recording):
 
 def test_the_wrong_sign_of_the_wrench_is_named(recording):
     wrench = recording.wrench
-    with pytest.raises(DataError, match='wrench.sign'):
-        identify(replace(recording, wrench=Stream(wrench.t, -wrench.values)))
+    for sign in (1, -1):
+        with pytest.raises(DataError, match=f'wrench.sign to {-sign} '):
+            identify(replace(recording, wrench=Stream(wrench.t, -wrench.values)),
+                     Settings(wrench_sign=sign))
 
 
 def test_a_missing_wrench_or_pose_names_the_topic(recording):

@@ -102,7 +102,7 @@ def test_one_direction_does_not_weigh():
 
 def test_a_turned_wrench_is_refused():
     statics = statics_of(THREE)
-    with pytest.raises(DataError, match='wrench.sign'):
+    with pytest.raises(DataError, match='the wrench has the opposite sign'):
         identify_tool(statics._replace(wrench=-statics.wrench))
 
 

@@ -77,6 +77,7 @@ def test_frames_of_a_recording_neither_reach_a_page_as_markup_nor_a_path(tmp_pat
                      for word, start, end in (('measure', 0.0, 0.9), ('move', 0.9, 1.0))),
         start_ns=1_700_000_000_000_000_000)
     inside = tmp_path / 'inside'
+    inside.mkdir()
     write_recording(inside / 'bag', recording)
     page = inside / 'report.html'
     assert main(['calibrate', str(inside / 'bag'), '-o', str(inside / 'c.yaml'),

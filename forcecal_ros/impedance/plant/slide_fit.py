@@ -26,6 +26,9 @@ SPACING = 0.75
 FEWEST = 50
 """Fewest windows that a slide is identified from."""
 
+SURE = 3.0
+"""Standard errors below zero from which a spring or a mass has the opposite sign."""
+
 
 class Signal(NamedTuple):
     """One signal with its stamps: t, values, shape (n,)."""
@@ -83,9 +86,12 @@ def identify_slide(force: Signal, slide: Signal, position: Signal) -> SlideFit:
     mass, mass_std, inertia_error = _two_stage(
         np.column_stack([-acceleration, one]), f, np.column_stack([f, one]))
     if not (spring[:2] > 0.0).all() or not mass[0] > 0.0:
+        turned = spring[0] < -SURE * spring_std[0] or mass[0] < -SURE * mass_std[0]
         raise DataError(f'mass {mass[0]:.3g} kg, stiffness {spring[0]:.3g} N/m and damping '
-                        f'{spring[1]:.3g} N s/m come out; the slide hardly moves, or force and '
-                        'displacement have opposite signs: shake the tool more, or --wrench-sign')
+                        f'{spring[1]:.3g} N s/m come out; ' + (
+                            'force and displacement have opposite signs: give --wrench-sign the '
+                            'other sign' if turned else 'the slide hardly moves: shake the tool '
+                            'more'))
     return SlideFit(
         Slide(Estimate(mass[0], mass_std[0], 'kg'), Estimate(spring[0], spring_std[0], 'N/m'),
               Estimate(spring[1], spring_std[1], 'N s/m')),

@@ -1,0 +1,63 @@
+"""Numbers on the command line: what cannot be right is refused before any work."""
+
+from argparse import ArgumentTypeError
+from collections.abc import Callable
+from math import isfinite
+
+SMALLEST_GRAVITY, LARGEST_GRAVITY = 1.6, 25.0
+"""From the Moon's to Jupiter's [m/s^2]: what lies outside has a sign or another unit."""
+
+LARGEST_SEED = 2 ** 63 - 1
+"""As an integer parameter of a node can hold."""
+
+
+def real(text: str) -> float:
+    """Read a finite number."""
+    return _number(text, 'a number', lambda x: True)
+
+
+def positive(text: str) -> float:
+    """Read a number above 0."""
+    return _number(text, 'a number above 0', lambda x: x > 0)
+
+
+def not_negative(text: str) -> float:
+    """Read a number from 0."""
+    return _number(text, 'a number, 0 or more', lambda x: x >= 0)
+
+
+def gravity(text: str) -> float:
+    """Read the magnitude of gravity [m/s^2]."""
+    return _number(
+        text, f'the magnitude of gravity, {SMALLEST_GRAVITY} to {LARGEST_GRAVITY:g} m/s^2',
+        lambda x: SMALLEST_GRAVITY <= x <= LARGEST_GRAVITY)
+
+
+def whole(text: str) -> int:
+    """Read a whole number from 0, as a seed is."""
+    return _whole(text, 0)
+
+
+def at_least_one(text: str) -> int:
+    """Read a whole number from 1."""
+    return _whole(text, 1)
+
+
+def _whole(text: str, least: int) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        value = least - 1
+    if not least <= value <= LARGEST_SEED:
+        raise ArgumentTypeError(f'{text} is not a whole number, {least} or more')
+    return value
+
+
+def _number(text: str, wanted: str, fits: Callable[[float], bool]) -> float:
+    try:
+        value = float(text)
+    except ValueError as error:
+        raise ArgumentTypeError(f'{text} is not {wanted}') from error
+    if not (isfinite(value) and fits(value)):
+        raise ArgumentTypeError(f'{text} is not {wanted}')
+    return value
