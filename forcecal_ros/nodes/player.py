@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 import time
 
+from forcecal_ros.errors import MotionError
 from forcecal_ros.nodes.recorder import message_class
 from forcecal_ros.nodes.runtime import SECOND
 from forcecal_ros.nodes.session import Session
@@ -41,6 +42,8 @@ class Player:
         Messages published, by topic.
     unknown : set of str
         Types whose package is not installed.
+    unheard : set of Topic
+        Topics that nobody may listen on while they are played.
     """
 
     def __init__(self, session: Session, rate: float, clock_rate: float,
@@ -51,11 +54,23 @@ class Player:
         self._clock = session.node.create_publisher(Clock, '/clock', 10) if clock_rate else None
         self.counts: Counter[str] = Counter()
         self.unknown: set[str] = set()
+        self.unheard: set[Topic] = set()
 
     def offer(self, topics: Iterable[Topic]) -> None:
         """Announce topics, so that whoever wants them finds them before the first message."""
         for topic in topics:
             self._publishers[topic] = self._publisher(topic)
+
+    def listeners(self, topics: Iterable[Topic]) -> dict[str, list[str]]:
+        """Return who hears topics that were offered: names of nodes, by that of the topic."""
+        found = {}
+        for topic in topics:
+            publisher = self._publishers.get(topic)
+            if publisher is not None and publisher.get_subscription_count():
+                found[publisher.topic_name] = sorted({
+                    one.node_name for one in
+                    self._session.node.get_subscriptions_info_by_topic(publisher.topic_name)})
+        return found
 
     def play(self, messages: Iterable[Raw], each: Callable[[float], None]) -> None:
         """
@@ -66,6 +81,11 @@ class Player:
         messages : iterable of Raw
         each : callable
             Told the recorded time since the first message now and then [s].
+
+        Raises
+        ------
+        MotionError
+            Somebody began to listen on a topic that is to stay unheard.
         """
         first = began = next_tick = 0
         for message in messages:
@@ -98,6 +118,9 @@ class Player:
     def _publish(self, message: Raw) -> None:
         publisher = self._publishers.get(message.topic)
         if publisher is not None:
+            if message.topic in self.unheard and publisher.get_subscription_count():
+                raise MotionError(f'somebody has begun to listen on {publisher.topic_name}, a '
+                                  'command topic; no more is published')
             publisher.publish(message.data)
             self.counts[publisher.topic_name] += 1
 

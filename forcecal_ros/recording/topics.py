@@ -1,6 +1,7 @@
 """The topics of this package: role in a recording, usual name, message type."""
 
 from collections.abc import Collection, Mapping
+import re
 from typing import NamedTuple
 
 from forcecal_ros.errors import ConfigError, DataError
@@ -48,12 +49,29 @@ ROLES: Mapping[str, Role] = {
 """Role -> topic, as nodes publish it and recordings hold it."""
 
 
+_COMMANDS = re.compile(
+    r'(^|[/_])(cmds?|commands?|goals?|jog|references?|setpoints?|targets?)([/_]|$)')
+"""Names that drivers and controllers give to what they obey, target_frame among them."""
+
+_OUTPUTS = re.compile(r'(^|/)((observer|sequencer|impedance)/\w+|diagnostics)$')
+
+
 class Topic(NamedTuple):
     """One topic of a recording; ``definition`` is the text of its message type, or empty."""
 
     name: str
     type: str
     definition: str = ''
+
+    @property
+    def is_command(self) -> bool:
+        """Whether a robot may move by it, by its type or else by its name."""
+        return self.type == TRAJECTORY or _COMMANDS.search(self.name.lower()) is not None
+
+    @property
+    def is_output(self) -> bool:
+        """Whether nodes of this package say it, and others, running now, may say it as well."""
+        return _OUTPUTS.search(self.name) is not None
 
 
 def find_topics(
