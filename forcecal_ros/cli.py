@@ -8,27 +8,10 @@ import sys
 from typing import Any, NoReturn
 
 from forcecal_ros import __version__
+from forcecal_ros.commands import COMMANDS
 from forcecal_ros.commands.common import or_nearest
 from forcecal_ros.commands.outputs import check_outputs
 from forcecal_ros.errors import ForcecalError, UsageError
-
-COMMANDS = {
-    'demo': 'demo',
-    'calibrate': 'calibrate',
-    'estimate': 'estimate',
-    'export': 'export',
-    'simulate': 'simulate',
-    'identify-robot': 'identify_robot',
-    'diagnose': 'diagnose',
-    'plan': 'plan',
-    'insitu': 'insitu',
-    'gravity': 'gravity',
-    'impedance': 'impedance',
-    'import': 'import_csv',
-    'record': 'record',
-    'play': 'play',
-}
-"""Word on the command line -> module in ``forcecal_ros.commands``."""
 
 EPILOG = """\
 exit status: 0 done, 1 the data cannot answer (one line on stderr says why), 2 wrong usage
@@ -67,14 +50,15 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f'{self.prog}: {message}; {self.prog} --help tells more\n')
 
 
-def build_parser(command: str | None = None) -> Parser:
+def build_parser(command: str = '') -> Parser:
     """
-    Return the parser of the command line, every command with its own help.
+    Return the parser of the command line.
 
     Parameters
     ----------
-    command : str, optional
-        The only one that will be needed: the others, and what they import, are not loaded.
+    command : str
+        The only one that will be needed; without it the parser lists the commands, and knows
+        none of their arguments.
     """
     parser = Parser(
         prog='forcecal', epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -82,8 +66,12 @@ def build_parser(command: str | None = None) -> Parser:
                     'out why simulation and robot disagree.')
     parser.add_argument('--version', action='version', version=f'forcecal {__version__}')
     subparsers = parser.add_subparsers(metavar='COMMAND', required=True)
-    for module in [COMMANDS[command]] if command in COMMANDS else COMMANDS.values():
-        import_module(f'forcecal_ros.commands.{module}').add_parser(subparsers)
+    if command in COMMANDS:
+        module = import_module(f'forcecal_ros.commands.{COMMANDS[command].module}')
+        module.add_parser(subparsers)
+    else:
+        for name, one in COMMANDS.items():
+            subparsers.add_parser(name, help=one.summary)
     parser.commands = subparsers.choices
     return parser
 

@@ -1,1 +1,44 @@
 """One module a command of ``forcecal``: ``add_parser`` declares it, ``run`` carries it out."""
+
+from typing import NamedTuple
+
+
+class Command(NamedTuple):
+    """The module of a command in this folder, and what the command does, in a line."""
+
+    module: str
+    summary: str
+
+
+COMMANDS = {
+    'demo': Command(
+        'demo', 'calibrate a simulated rig over ROS 2 and estimate a contact, end to end'),
+    'calibrate': Command(
+        'calibrate', 'identify tool, accelerometer and noise from a recording, design the '
+        'observer'),
+    'estimate': Command('estimate', 'run the contact-force observer over a recording'),
+    'export': Command(
+        'export', 'write a calibration in the format of another package, with its keys and '
+        'signs'),
+    'simulate': Command(
+        'simulate', 'simulate the rig under recorded commands and write every sensor topic'),
+    'identify-robot': Command(
+        'identify_robot', 'identify, for impedance control, how the robot follows commands and '
+        'how the tool slides'),
+    'diagnose': Command(
+        'diagnose', 'find where and why simulation and recording differ, and how much of the '
+        'misfit is explained'),
+    'plan': Command(
+        'plan', 'plan a recording that excites every effect the diagnosis knows, and list those '
+        'it would confound'),
+    'insitu': Command('insitu', 'calibrate six-axis sensors in situ with an accelerometer'),
+    'gravity': Command('gravity', 'remove weight, inertia and bias from a recorded wrench'),
+    'impedance': Command(
+        'impedance', 'simulate the contact experiment: compares four ways of feeding force back'),
+    'import': Command('import_csv', 'turn CSV tables into a recording'),
+    'record': Command('record', 'record live topics; Ctrl-C or --duration ends it'),
+    'play': Command(
+        'play', 'replay a recording on live topics, with the recorded time on /clock and without '
+        'commands'),
+}
+"""By the word on the command line."""

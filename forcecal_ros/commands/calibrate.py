@@ -20,7 +20,6 @@ def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'calibrate',
-        summary='identify tool, accelerometer and noise from a recording, design the observer',
         example='forcecal calibrate my_bag --topic wrench=/ft/data -o calibration.yaml\n'
                 '  forcecal calibrate ft_calib_data.yaml   # a file of force_torque_tools or '
                 'ft_tools')
@@ -32,19 +31,20 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--cutoff', metavar='HZ', type=positive,
                         help='corner of an ac accelerometer (default: estimated)')
     parser.add_argument('--accelerometer-position', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
-                        help='where it sits in ft_sensor [m] (default: estimated)')
+                        help='of the accelerometer in ft_sensor [m] (default: estimated)')
     parser.add_argument('--theta', metavar='RAD', type=real, default=0.0,
                         help="the paper's angle of the two poses about z")
     parser.add_argument('--free-motion', metavar='BAG2',
-                        help='recording without contact that tells the delay between the sensors, '
-                             'where BAG holds resting poses only')
+                        help='recording of motion without contact from which the delay between '
+                             'the sensors is estimated, where BAG holds static poses only')
     parser.add_argument('--matrix', metavar='C.yaml',
                         help='calibration.yaml of forcecal insitu whose matrix turns the raw '
                              'channels of the wrench topic into a wrench')
     parser.add_argument('--observer', choices=('kalman', 'newton'), default='kalman',
                         help='which observer the calibration asks for')
     parser.add_argument('--design', choices=('kalman', 'poles'), default='kalman',
-                        help="how the paper's gain is found: Riccati equation or pole placement")
+                        help="how the paper's gain is designed: Riccati equation or pole "
+                             'placement')
     add_output(parser, '-o', '--output', kind=FILE, suffix='.yaml', metavar='FILE',
                default='calibration.yaml',
                help='calibration to write, - for standard output; one that is there is kept as '

@@ -8,6 +8,8 @@ from pathlib import Path
 import sys
 from typing import Any
 
+from forcecal_ros.commands import COMMANDS
+
 CLOSE = 0.75
 """Share of letters that a wrong word has in common with what may have been meant."""
 
@@ -21,20 +23,9 @@ class Formatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescriptionH
         return super()._get_help_string(action)
 
 
-def new_parser(
-        subparsers: Any, name: str, *, summary: str, example: str) -> argparse.ArgumentParser:
-    """
-    Add a command with its one-line summary and an example.
-
-    Parameters
-    ----------
-    subparsers : argparse subparsers action
-    name, summary, example : str
-
-    Returns
-    -------
-    argparse.ArgumentParser
-    """
+def new_parser(subparsers: Any, name: str, *, example: str) -> argparse.ArgumentParser:
+    """Add a command with its summary and an example."""
+    summary = COMMANDS[name].summary
     parser: argparse.ArgumentParser = subparsers.add_parser(
         name, help=summary, description=summary[0].upper() + summary[1:] + '.',
         epilog=f'example:\n  {example}', formatter_class=Formatter)

@@ -26,7 +26,6 @@ def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'demo',
-        summary='calibrate a simulated rig over ROS 2 and estimate a contact, end to end',
         example='forcecal demo --accelerometer acc2 --out my_demo')
     parser.add_argument('--accelerometer', choices=('acc1', 'acc2'), default='acc1',
                         help='acc1: DC response, acc2: AC-coupled')

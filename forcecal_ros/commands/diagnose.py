@@ -16,8 +16,6 @@ def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'diagnose',
-        summary='find where and why simulation and recording differ, and how much of the misfit '
-                'is explained',
         example='forcecal diagnose my_bag --heldout another_bag -o diagnosis')
     add_bags(parser)
     parser.add_argument('--heldout', metavar='BAG',

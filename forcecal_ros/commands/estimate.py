@@ -16,7 +16,6 @@ def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'estimate',
-        summary='run the contact-force observer over a recording',
         example='forcecal estimate my_bag --calibration calibration.yaml -o contact_bag')
     add_bags(parser)
     parser.add_argument('--calibration', metavar='C.yaml', required=True,
@@ -26,9 +25,9 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--bandwidth', metavar='HZ', type=positive,
                         help='of the contact wrench with filter kalman (default: from the noise)')
     parser.add_argument('--inertial-wrench', action='store_true',
-                        help='write what weight and motion of the tool put on the sensor as well')
+                        help="write the wrench of the tool's weight and inertia as well")
     parser.add_argument('--innovation', action='store_true',
-                        help='write what the filter did not expect as well')
+                        help='write the innovation (measured less predicted) as well')
     add_output(parser, '-o', '--output', kind=RECORDING, metavar='OUT_BAG', required=True,
                help='recording to write; one that is there is kept as OUT_BAG~; of several BAGs, '
                     'a folder for them')

@@ -14,7 +14,6 @@ def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'export',
-        summary='write a calibration as another package wants it, with its keys and signs',
         example='forcecal export calibration.yaml --for broadcaster -o broadcaster.yaml')
     parser.add_argument('calibration', metavar='CALIBRATION', help='calibration.yaml')
     parser.add_argument('--for', dest='consumer', required=True, choices=(

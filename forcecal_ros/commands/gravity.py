@@ -1,4 +1,4 @@
-"""``forcecal gravity``: weight, inertia and bias off a recorded wrench, after [Ukf2025]."""
+"""``forcecal gravity``: remove weight, inertia and bias from a wrench, after [Ukf2025]."""
 
 import argparse
 from typing import Any, TYPE_CHECKING
@@ -27,7 +27,6 @@ def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'gravity',
-        summary='take weight, inertia and bias off a recorded wrench',
         example='forcecal gravity my_bag --calibration calibration.yaml -o compensated_bag')
     add_bag(parser)
     parser.add_argument('--calibration', metavar='C.yaml',
@@ -45,13 +44,14 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--rise-time', metavar='S', type=positive,
                         help='10-90 %% rise of a contact force (default: 0.012)')
     parser.add_argument('--contact-floor', metavar=('N', 'NM'), nargs=2, type=not_negative,
-                        help='vibration and model errors that are no contact '
-                        '(default: 0.03 0.003)')
+                        help='residual of vibration and model errors that does not count as '
+                        'contact (default: 0.03 0.003)')
     parser.add_argument('--bias-prior', metavar=('N', 'NM'), nargs=2, type=not_negative,
-                        help='how far the biases may have moved since the calibration '
-                        '(default: 0 0)')
+                        help='standard deviation of what the biases have changed since the '
+                        'calibration (default: 0 0)')
     parser.add_argument('--payload', metavar='KG', type=not_negative, default=0.0,
-                        help='how much may have been taken up since the calibration (imu only)')
+                        help='standard deviation of a payload taken up since the calibration '
+                        '(imu only)')
     add_output(parser, '-o', '--output', kind=RECORDING, metavar='OUT_BAG', required=True,
                help='recording to write; one that is there is kept as OUT_BAG~')
     add_json(parser)

@@ -16,8 +16,6 @@ def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'identify-robot',
-        summary='identify how the robot follows its commands and how the tool slides, for '
-                'impedance control',
         example='forcecal identify-robot shaken_bag -o plant.yaml')
     add_bags(parser)
     add_output(parser, '-o', '--output', kind=FILE, suffix='.yaml', metavar='FILE',

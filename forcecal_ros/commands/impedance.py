@@ -22,7 +22,6 @@ def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'impedance',
-        summary='simulate the contact experiment: compares four ways of feeding force back',
         example='forcecal impedance -o contact_experiment')
     add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
                help='folder for report.html and the pictures; results that are there are kept as '
@@ -34,14 +33,14 @@ def add_parser(subparsers: Any) -> None:
                         help='models that forcecal identify-robot wrote (default: those of the '
                              'nominal rig)')
     parser.add_argument('--mass', type=positive, default=13.0, metavar='KG',
-                        help='the tool shall give way to a force as this mass')
+                        help='mass of the impedance that the tool shall have')
     parser.add_argument('--damping', type=positive, default=250.0, metavar='NS/M',
-                        help='with this damper')
+                        help='damping of that impedance')
     parser.add_argument('--stiffness', type=positive, default=1000.0, metavar='N/M',
-                        help='and this spring to its reference')
+                        help='stiffness of that impedance, to its reference')
     parser.add_argument('--latency', type=whole, default=0, metavar='PERIODS',
-                        help="that a command takes beyond the robot's own delay; designed for, "
-                             'and simulated')
+                        help="delay of a command beyond the robot's own; the law is designed for "
+                             'it, and it is simulated')
     parser.add_argument('--seed', type=whole, default=0, help='of the sensor noise')
     add_json(parser)
     parser.set_defaults(run=run)

@@ -11,7 +11,6 @@ def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'import',
-        summary='turn CSV tables into a recording',
         example='forcecal import my_log.yaml -o my_bag')
     parser.add_argument('specification', metavar='SPEC.yaml',
                         help='which columns are which signals, in which units and frames')

@@ -22,7 +22,6 @@ def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'insitu',
-        summary='calibrate six-axis sensors in situ with an accelerometer',
         example='forcecal insitu leg.yaml -o leg_calibration')
     parser.add_argument('specification', metavar='SPEC.yaml',
                         help='data sets, sensors and accelerometer; see config/examples')

@@ -17,8 +17,6 @@ def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'plan',
-        summary='plan a recording that shows every effect a diagnosis knows, and say what it '
-                'could not tell apart',
         example='forcecal plan --rig rig.yaml -o plan.yaml\n'
                 '  ros2 run forcecal_ros sequencer --ros-args --params-file plan.yaml')
     parser.add_argument('--rig', metavar='RIG.yaml',

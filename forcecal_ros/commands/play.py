@@ -22,16 +22,14 @@ if TYPE_CHECKING:
 ACKNOWLEDGE = 2.0
 """How long the end waits for slow listeners [s]."""
 
-DISCOVERY = 1.0
-"""Listeners of commands are looked for at least so long [s]."""
+DISCOVERY = 3.5
+"""Listeners of commands are looked for so long: DDS takes 3 s at worst to tell of them [s]."""
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'play',
-        summary='publish a recording again, with the recorded time on /clock and without what '
-                'might move a robot',
         example='forcecal play my_bag --rate 0.5')
     parser.add_argument('bag', metavar='BAG', help='rosbag2 folder or file (mcap, sqlite3)')
     parser.add_argument('--rate', metavar='X', type=positive, default=1.0,

@@ -7,15 +7,14 @@ from forcecal_ros.commands.common import add_json, needs_ros, new_parser, print_
 from forcecal_ros.commands.numbers import positive
 from forcecal_ros.commands.outputs import add_output, RECORDING
 
-LOOK = 0.2
-"""How often new topics are looked for [s]."""
+PERIOD = 0.2
+"""Between two searches for new topics [s]."""
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'record',
-        summary='record live topics; Ctrl-C or --duration ends it',
         example='forcecal record -o my_bag --duration 60 /joint_states')
     parser.add_argument('topics', metavar='TOPIC', nargs='*',
                         help="recorded besides this package's own, which are taken in any "
@@ -53,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
         end = time.monotonic() + args.duration if args.duration is not None else None
         while not ros.interrupted and (end is None or time.monotonic() < end):
             recorder.look()
-            ros.spin(LOOK if end is None else max(min(LOOK, end - time.monotonic()), 0.001))
+            ros.spin(PERIOD if end is None else max(min(PERIOD, end - time.monotonic()), 0.001))
             bar.update(recorder.counts.total() - bar.n)
         if not recorder.counts:
             raise DataError('nothing was heard on any topic of interest; name others as TOPIC, '

@@ -1,4 +1,4 @@
-"""``forcecal simulate``: recorded commands through the simulated rig."""
+"""``forcecal simulate``: the rig under recorded commands."""
 
 import argparse
 from typing import Any
@@ -20,7 +20,6 @@ def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'simulate',
-        summary='feed the recorded target_frame to the simulated rig and write every sensor topic',
         example='forcecal simulate --commands my_bag -o simulated_bag')
     parser.add_argument('--commands', metavar='BAG', required=True,
                         help='recording whose target_frame is replayed')

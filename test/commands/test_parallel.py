@@ -2,7 +2,6 @@
 
 import json
 import os
-from pathlib import Path
 import re
 import signal
 import subprocess
@@ -17,7 +16,6 @@ from forcecal_ros.recording.bags import read_recording, write_recording
 import numpy as np
 from observing import calibration, record, Swing
 import pytest
-import scale_work
 from scale_work import always_killed, killed_at_first, meet, square
 
 pytest.importorskip('joblib')

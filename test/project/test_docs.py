@@ -5,7 +5,8 @@ from importlib import import_module
 from pathlib import Path
 import re
 
-from forcecal_ros.cli import build_parser, COMMANDS
+from forcecal_ros.cli import build_parser
+from forcecal_ros.commands import COMMANDS
 from forcecal_ros.effects.library import EFFECTS
 import pytest
 
