@@ -5,7 +5,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.commands.common import new_parser, topic_names
+from forcecal_ros.commands.common import new_parser, read_checked
 from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
 from forcecal_ros.commands.numbers import gravity, positive, real
@@ -68,20 +68,16 @@ def answer(args: argparse.Namespace) -> Answer:
         with_matrix_of,
     )
     from forcecal_ros.identify.delay import estimate_delay, with_delay
-    from forcecal_ros.recording.bags import read_recording, require
 
     if Path(args.bag).suffix in ('.yaml', '.yml'):
         return _written(load(args.bag), args, ())
-    recording = read_recording(
-        args.bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
-    require(recording, ['wrench', 'pose'])
     matrix = load(args.matrix) if args.matrix else None
+    recording = read_checked(args, args.bag, ['wrench', 'pose'], raw_wrench=matrix is not None)
     if matrix:
         recording = recording_corrected(recording, required_six_axis(matrix, args.matrix))
     calibration = calibrated(recording, args)
     if args.free_motion:
-        motion = read_recording(
-            args.free_motion, topics=topic_names(args), wrench_sign=args.wrench_sign)
+        motion = read_checked(args, args.free_motion, raw_wrench=matrix is not None)
         if matrix:
             motion = recording_corrected(motion, required_six_axis(matrix, args.matrix))
         calibration = with_delay(calibration, estimate_delay(motion, calibration))
@@ -100,12 +96,13 @@ def _written(calibration: 'Calibration', args: argparse.Namespace, notes: tuple[
     from forcecal_ros.report.rows import as_text, table
 
     save(calibration, args.output)
+    warnings = calibration.quality.get('warnings', ())
     return Answer(
         to_document(calibration),
         f'{as_text(table(calibration))}\n\nwritten to {args.output}',
         f'mass {float(calibration.mass):.4f} +- {float(calibration.mass.std):.4f} kg, '
         f'written to {args.output}',
-        (*notes, *calibration.quality.get('warnings', ())))
+        (*(note for note in notes if not any(note in warning for warning in warnings)), *warnings))
 
 
 def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration':

@@ -6,12 +6,15 @@ from contextlib import contextmanager
 import json
 from pathlib import Path
 import sys
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands import COMMANDS
 
 CLOSE = 0.75
 """Share of letters that a wrong word has in common with what may have been meant."""
+
+if TYPE_CHECKING:
+    from forcecal_ros.recording.streams import Recording
 
 
 class Formatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescriptionHelpFormatter):
@@ -82,6 +85,35 @@ def or_nearest(word: str, names: Collection[str]) -> str:
 def topic_names(args: argparse.Namespace) -> dict[str, str]:
     """Return what ``--topic`` said, role to name."""
     return dict(args.topic)
+
+
+def read_checked(args: argparse.Namespace, bag: str, wanted: Collection[str] = ('wrench',), *,
+                 raw_wrench: bool = False) -> 'Recording':
+    """
+    Read a recording as the arguments say, and check it.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Of a parser with :func:`add_bag`.
+    bag : str
+    wanted : collection of str
+        Roles that it has to hold.
+    raw_wrench : bool
+        Its wrench holds raw channels, before their matrix.
+
+    Raises
+    ------
+    DataError
+        It cannot be read, or something is wrong with it.
+    """
+    from forcecal_ros.recording.bags import read_recording, require
+    from forcecal_ros.recording.checks.entry import checked
+
+    recording = checked(read_recording(
+        bag, topics=topic_names(args), wrench_sign=args.wrench_sign), raw_wrench).recording
+    require(recording, wanted)
+    return recording
 
 
 def print_json(document: Mapping[str, Any]) -> None:

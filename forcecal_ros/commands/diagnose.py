@@ -50,7 +50,7 @@ def answer(args: argparse.Namespace) -> Answer:
         read_recording(bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
         for bag in (args.bag, args.heldout) if bag is not None)
     heldout = more[0] if more else None
-    if args.calibration or recording.target is None:
+    if args.calibration or not recording.target:
         return _by_motion(args, recording, heldout)
     return _by_commands(args, recording, heldout)
 

@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from forcecal_ros.commands.common import new_parser, say_if_compiling, topic_names
+from forcecal_ros.commands.common import new_parser, read_checked, say_if_compiling
 from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
 from forcecal_ros.commands.numbers import positive
@@ -45,12 +45,10 @@ def answer(args: argparse.Namespace) -> Answer:
     from forcecal_ros.commands import contact
     from forcecal_ros.observe import replay, Settings
     from forcecal_ros.observe.batch import waits_for_compiler
-    from forcecal_ros.recording.bags import read_recording
 
     settings = Settings(filter=args.filter, bandwidth_hz=args.bandwidth)
     calibration = load(args.calibration)
-    recording = read_recording(
-        args.bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
+    recording = read_checked(args, args.bag, raw_wrench=calibration.matrix is not None)
     calibration, about = contact.prepared(calibration, recording, settings)
     say_if_compiling(waits_for_compiler(), 'the observer')
     estimate = replay(recording, calibration, settings)

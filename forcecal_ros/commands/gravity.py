@@ -8,6 +8,7 @@ from forcecal_ros.commands.common import (
     add_json,
     new_parser,
     print_json,
+    read_checked,
     say,
     topic_names,
     warn,
@@ -60,12 +61,12 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
+    from forcecal_ros.calibration.file import load
     from forcecal_ros.commands import contact
-    from forcecal_ros.recording.bags import read_recording
 
     settings = settings_of(args)
-    recording = read_recording(
-        args.bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
+    raw = bool(args.calibration) and load(args.calibration).matrix is not None
+    recording = read_checked(args, args.bag, raw_wrench=raw)
     by_imu = needs_imu(args, recording)
     calibration, source = calibration_for(args, recording)
     calibration, about = contact.prepared(calibration, recording, settings)

@@ -3,7 +3,7 @@
 import argparse
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.commands.common import new_parser, topic_names
+from forcecal_ros.commands.common import new_parser, read_checked
 from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
 from forcecal_ros.commands.outputs import add_output, FILE
@@ -34,11 +34,8 @@ def answer(args: argparse.Namespace) -> Answer:
     """Identify from one recording."""
     from forcecal_ros.impedance.plant.file import save_plant, to_document
     from forcecal_ros.impedance.plant.fit import identify_plant
-    from forcecal_ros.recording.bags import read_recording, require
 
-    recording = read_recording(
-        args.bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
-    require(recording, ['target', 'pose', 'wrench', 'optidrive'])
+    recording = read_checked(args, args.bag, ['target', 'pose', 'wrench', 'optidrive'])
     fit = identify_plant(recording)
     save_plant(fit, args.output)
     return Answer(to_document(fit), f'{as_text(fit)}\n\nwritten to {args.output}',

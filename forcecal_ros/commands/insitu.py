@@ -92,7 +92,7 @@ def earlier(folder: Path) -> list[str]:
 
 def _source(spec: 'Spec', name: str, path: Path) -> 'Source':
     """Return what reads one data set for one sensor: a table, or else a recording."""
-    from forcecal_ros.insitu.streams import join, topics_of
+    from forcecal_ros.insitu.streams import join, readable_pieces, topics_of
     from forcecal_ros.insitu.tables import TableSource
     from forcecal_ros.recording.bags import read_pieces
     from tqdm import tqdm
@@ -103,8 +103,9 @@ def _source(spec: 'Spec', name: str, path: Path) -> 'Source':
     told: list[str] = []
 
     def read() -> Iterator['Chunk']:
+        topics = topics_of(spec, name)
         chunks = table() if table else join(
-            read_pieces(path, topics_of(spec, name)), spec, name)
+            readable_pieces(read_pieces(path, topics), topics), spec, name)
         with tqdm(desc=f'{name}: {path.name}', unit=' samples', leave=False,
                   disable=None) as bar:
             for chunk in chunks:

@@ -42,6 +42,8 @@ def run(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from forcecal_ros.recording.bags import read_recording, require, write_recording
+    from forcecal_ros.recording.checks.entry import checked
+    from forcecal_ros.recording.streams import Recording
     from forcecal_ros.simulators.rig.file import load_rig
     from forcecal_ros.simulators.rig.offline import simulate
     from forcecal_ros.simulators.rig.simulator import waits_for_compiler
@@ -49,6 +51,8 @@ def run(args: argparse.Namespace) -> int:
     rig = load_rig(args.rig)
     commands = read_recording(args.commands, topics=topic_names(args))
     require(commands, ['target'])
+    commands = checked(replace(Recording(), target=commands.target, phases=commands.phases,
+                               start_ns=commands.start_ns)).recording
     assert commands.target is not None
     say_if_compiling(waits_for_compiler(), 'the simulator')
     simulated = simulate(rig, commands.target, accelerometer=args.accelerometer,

@@ -2,11 +2,12 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.diagnose import datachecks, remainder
+from forcecal_ros.diagnose import remainder, spectral_lines
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.hypotheses import VIBRATION
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.remainder import Ceiling, Cell
+from forcecal_ros.diagnose.spectral_lines import Line
 from forcecal_ros.diagnose.verdict import Remains
 from forcecal_ros.geometry import Array
 import numpy as np
@@ -33,7 +34,7 @@ class Left(NamedTuple):
 
     ceiling: Ceiling
     strongest: list[Cell]
-    lines: tuple[datachecks.Line, ...]
+    lines: tuple[Line, ...]
     impulses: Array
     notes: tuple[str, ...]
 
@@ -58,7 +59,7 @@ def look(p: Problem) -> Left:
                 lines, impulses, wanders)
 
 
-def lines_of(p: Problem) -> tuple[datachecks.Line, ...]:
+def lines_of(p: Problem) -> tuple[Line, ...]:
     """
     Find spectral lines at the full rate in what remains.
 
@@ -70,12 +71,12 @@ def lines_of(p: Problem) -> tuple[datachecks.Line, ...]:
     -------
     tuple of Line
     """
-    lines: list[datachecks.Line] = []
+    lines: list[Line] = []
     for case, signals in zip(p.cases, p.base):
         for name in ('wrench', 'accelerometer', 'optidrive'):
             if name in case.measured.streams:
                 rows = case.measured.samples(name, signals)
-                lines += datachecks.lines(rows, getattr(case.recording, name).rate, name)
+                lines += spectral_lines.lines(rows, getattr(case.recording, name).rate, name)
     return tuple(lines)
 
 
@@ -105,13 +106,13 @@ def remains(left: Left) -> Remains:
         (several / remainder.IMPULSES,
          f'{several} impulses in {CHANNELS[int(impulses.argmax())].name}')]
     if line is not None:
-        options.append((line.power / datachecks.LINE,
+        options.append((line.power / spectral_lines.LINE,
                         f'a line at {line.frequency:.2f} Hz in {line.channel}'))
     return Remains(*max(options))
 
 
-def _foreign(lines: tuple[datachecks.Line, ...], p: Problem
-             ) -> tuple[tuple[datachecks.Line, ...], tuple[str, ...]]:
+def _foreign(lines: tuple[Line, ...], p: Problem
+             ) -> tuple[tuple[Line, ...], tuple[str, ...]]:
     """Take off the lines beside that of a vibration that is explained, and note them."""
     if VIBRATION not in p.effects:
         return lines, ()

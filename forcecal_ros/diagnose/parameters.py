@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 
-from forcecal_ros.diagnose import datachecks
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.joint import Accepted
 from forcecal_ros.diagnose.limits import CLIPPING
@@ -12,6 +11,8 @@ from forcecal_ros.diagnose.stamps import Corrected
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import AccelerometerModel
 from forcecal_ros.geometry import Array
+from forcecal_ros.recording.checks import limits
+from forcecal_ros.recording.checks.clipping import clipping, quantisation
 import numpy as np
 
 
@@ -88,7 +89,8 @@ def from_checks(stamps: Sequence[Corrected], noise: Array, model: AccelerometerM
         effects['dropouts'] = _by_stream('dropouts', lost, {})
         notes.append('samples are lost: ' + ', '.join(
             f'{k} {100 * v:.2f} %' for one in stamps for k, v in one.lost.items()))
-    steps = [x for one in stamps for x in datachecks.lattices(one.recording, noise)]
+    own = dict(zip((c.name for c in CHANNELS), noise.tolist()))
+    steps = [x for one in stamps for x in quantisation(one.recording, own)]
     quantised = {}
     for prefix, quantity in zip(('force', 'torque'), EFFECTS['wrench_quantisation'].parameters):
         own_steps = [x.step for x in steps if x.channel.startswith(prefix)]
@@ -97,20 +99,19 @@ def from_checks(stamps: Sequence[Corrected], noise: Array, model: AccelerometerM
     if quantised:
         effects['wrench_quantisation'] = quantised
     notes += [f'{x.channel} comes in steps of {x.step:.4g}' for x in steps]
-    limits = [x for one in stamps
-              for x in datachecks.clipping(one.recording, tuple(steps), noise)]
+    stops = [x for one in stamps for x in clipping(one.recording, tuple(steps), own)]
     for name, quantities in ((n, EFFECTS[n].parameters) for n in CLIPPING):
         by_channel = dict(zip(CLIPPING[name], quantities[-len(CLIPPING[name]):]))
         found = {by_channel[x.channel].name: Parameter(x.limit, 0.0,
                                                        by_channel[x.channel].unit)
-                 for x in limits if x.channel in by_channel}
+                 for x in stops if x.channel in by_channel}
         if name.startswith('accel') and stamps[0].recording.accelerometer_unit == 'V':
             found = _as_force(found, model)
         if found:
             effects[name] = {k: Parameter(abs(p.value), p.std, p.unit) for k, p in found.items()}
-    notes += [f'{x.channel} stops at {x.limit:.4g} ({x.samples} samples)' for x in limits]
+    notes += [str(x) for x in stops if str(x) not in notes]
     notes += [f'stamps of {c.stream} scatter by {1e3 * c.jitter:.2f} ms' for one in stamps
-              for c in one.clocks if c.jitter * c.rate > datachecks.JITTER]
+              for c in one.clocks if c.jitter * c.rate > limits.JITTER]
     # of commands that come unevenly, or of a limit that no sensor has, there is a note, no effect
     possible = {name: _possible(name, found) for name, found in effects.items()}
     return {name: found for name, found in possible.items() if found}, tuple(notes)
@@ -118,8 +119,8 @@ def from_checks(stamps: Sequence[Corrected], noise: Array, model: AccelerometerM
 
 def _possible(effect: str, found: Mapping[str, Parameter]) -> dict[str, Parameter]:
     """Keep what lies within the library's limits."""
-    limits = {q.name: (q.low, q.high) for q in EFFECTS[effect].parameters}
-    return {name: p for name, p in found.items() if limits[name][0] <= p.value <= limits[name][1]}
+    within = {q.name: (q.low, q.high) for q in EFFECTS[effect].parameters}
+    return {name: p for name, p in found.items() if within[name][0] <= p.value <= within[name][1]}
 
 
 def _as_force(found: dict[str, Parameter], model: AccelerometerModel) -> dict[str, Parameter]:

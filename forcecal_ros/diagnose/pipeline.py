@@ -15,13 +15,13 @@ from forcecal_ros.diagnose.measure import (
     unpredictable,
 )
 from forcecal_ros.diagnose.nuisances import apply_all
+from forcecal_ros.diagnose.pairing import check_alike, unseen
 from forcecal_ros.diagnose.parameters import from_checks, parameters_of, seen_in
 from forcecal_ros.diagnose.problem import Problem, problem
 from forcecal_ros.diagnose.remainder import BANDS, Ceiling
 from forcecal_ros.diagnose.residual import Measured
 from forcecal_ros.diagnose.result import Diagnosis, Found, Parameter
 from forcecal_ros.diagnose.selection import select, Selection
-from forcecal_ros.diagnose.soundness import check_alike, unseen
 from forcecal_ros.diagnose.stamps import corrected
 from forcecal_ros.diagnose.verdict import probabilities, verdict
 from forcecal_ros.diagnose.visibility import excitation, not_excited

@@ -3,12 +3,12 @@
 from dataclasses import replace
 from typing import NamedTuple
 
-from forcecal_ros.diagnose import datachecks
-from forcecal_ros.diagnose.soundness import ABSURD, bridged, silences, sound
+from forcecal_ros.diagnose.pairing import bridged, require_overlap
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
+from forcecal_ros.recording.checks.clocks import Clock, clocks, dropouts, skew_between
+from forcecal_ros.recording.checks.entry import checked
 from forcecal_ros.recording.streams import Recording
-import numpy as np
 
 
 class Corrected(NamedTuple):
@@ -31,7 +31,7 @@ class Corrected(NamedTuple):
     """
 
     recording: Recording
-    clocks: tuple[datachecks.Clock, ...]
+    clocks: tuple[Clock, ...]
     skew: dict[str, float]
     lost: dict[str, float]
     notes: tuple[str, ...] = ()
@@ -58,18 +58,19 @@ def corrected(recording: Recording, rig: Rig, shortest: float) -> Corrected:
     DataError
         Commands or sensors are missing, not finite, or do not overlap.
     """
-    _check_commands(recording)
-    found = datachecks.clocks(recording, _rates(rig))
-    values = sound(recording, 'target', shortest)
-    recording = bridged(values.recording)
-    skew = datachecks.skew_between(found)
+    found = clocks(recording, _rates(rig))
+    known, stamped = recording.notes, checked(recording).recording
+    _check_commands(stamped)
+    require_overlap(stamped, 'target', shortest)
+    recording = bridged(stamped)
+    skew = skew_between(found)
     start = float(recording.target.t[0]) if recording.target is not None else 0.0
     changed = {}
     for name, value in skew.items():
         stream = getattr(recording, name)
         changed[name] = replace(stream, t=start + (stream.t - start) / (1.0 + value))
-    return Corrected(replace(recording, **changed), found, skew, datachecks.dropouts(found),
-                     (*values.notes, *silences(values.recording)), recording)
+    return Corrected(replace(recording, **changed), found, skew, dropouts(found),
+                     stamped.notes[len(known):], recording)
 
 
 def _rates(rig: Rig) -> dict[str, float]:
@@ -83,8 +84,6 @@ def _check_commands(recording: Recording) -> None:
     if target is None or not len(target):
         raise DataError('the recording holds no commands (target_frame); record them, the '
                         'simulator replays them')
-    if not (np.abs(target.position) < ABSURD).all() or not np.isfinite(target.R_base_sensor).all():
-        raise DataError('a commanded pose is not finite; record target_frame again')
     if recording.wrench is None and recording.accelerometer is None:
         raise DataError('the recording holds neither wrench nor accelerometer; record at least '
                         'one of them')

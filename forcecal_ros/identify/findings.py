@@ -14,12 +14,12 @@ from typing import NamedTuple
 from forcecal_ros.geometry import Array, rotation_vector
 from forcecal_ros.identify.inertia import inertia_regressor, unexplained_torque
 from forcecal_ros.identify.means import drift
-from forcecal_ros.identify.readings import CHANNELS, clipped
 from forcecal_ros.identify.residuals import largest_deviation, Residuals
 from forcecal_ros.identify.result import Stages
 from forcecal_ros.identify.settings import Settings
+from forcecal_ros.recording.checks.clipping import clipped
 from forcecal_ros.recording.noise.autocovariance import noise_of_windows
-from forcecal_ros.recording.streams import Recording
+from forcecal_ros.recording.streams import CHANNELS, Recording
 import numpy as np
 from scipy.stats import chi2
 
@@ -106,7 +106,7 @@ def poses_disagree(stages: Stages, settings: Settings) -> Iterator[Finding]:
         yield Finding(
             f'the static poses do not fit one tool (chi-square {tool.chi_square:.3g} for '
             f'{tool.degrees} degrees of freedom): pose {i + 1} is off by '
-            f'{tool.residuals[i, j]:+.3g} {"N" if j < 3 else "N m"} in {CHANNELS[j]}; '
+            f'{tool.residuals[i, j]:+.3g} {"N" if j < 3 else "N m"} in {CHANNELS["wrench"][j]}; '
             'look for a cable that pulls, contact, a loose mount, or a pose measured '
             'before it was still. The standard errors are widened by it', ALL)
 
@@ -256,15 +256,16 @@ def pose_astray(recording: Recording, stages: Stages) -> Iterator[Finding]:
 def clips_or_drifts(stages: Stages, settings: Settings) -> Iterator[Finding]:
     """Look for readings that drift at rest or stay at an extreme."""
     recording = stages.recording
-    for name, stream, channels, suspect in (
-            ('wrench', recording.wrench, CHANNELS, ALL),
-            ('accelerometer', recording.accelerometer, ('x', 'y', 'z'), ACCELEROMETER)):
+    stops = clipped(recording)
+    for name, stream, suspect in (('wrench', recording.wrench, ALL),
+                                  ('accelerometer', recording.accelerometer, ACCELEROMETER)):
         if stream is None:
             continue
-        found = clipped(stream, channels)
+        channels = CHANNELS[name]
+        found = [str(x) for x in stops if x.channel in channels]
         if found:
-            yield Finding(f'{name} may be clipped: {", ".join(found)}; raise its range or lower '
-                          'the load', suspect)
+            yield Finding(f'{", ".join(found)}; raise the range of the {name} or lower the load',
+                          suspect)
         if name == 'accelerometer' and settings.coupling == 'ac':
             continue
         sigmas, pose, channel = drift(stream, [(p.start, p.end) for p in stages.poses])
@@ -272,5 +273,5 @@ def clips_or_drifts(stages: Stages, settings: Settings) -> Iterator[Finding]:
             look = ('an AC-coupled accelerometer (accelerometer.coupling: ac)'
                     if name == 'accelerometer' else 'ringing that had not settled, or warming up')
             yield Finding(
-                f'{name} {channels[channel]} drifts by {sigmas:.0f} standard errors while the '
+                f'{channels[channel]} drifts by {sigmas:.0f} standard errors while the '
                 f'robot stands in pose {pose + 1}; look for {look}', suspect)

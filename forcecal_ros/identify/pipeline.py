@@ -18,7 +18,7 @@ from forcecal_ros.identify.moving_tool import identify_moving_tool
 from forcecal_ros.identify.pose_delay import pose_delay
 from forcecal_ros.identify.poses import static_poses, StaticPose
 from forcecal_ros.identify.quality import quality_of
-from forcecal_ros.identify.readings import clean, refuse_stuck, require_wrench
+from forcecal_ros.identify.readings import require_wrench
 from forcecal_ros.identify.result import (
     accelerometer_of,
     inertia_of,
@@ -33,7 +33,7 @@ from forcecal_ros.identify.static_accelerometer import identify_static_accelerom
 from forcecal_ros.identify.static_readings import gravity_spread, Statics, TurnedWrench
 from forcecal_ros.identify.statics import read_statics, ring_of, sag_of, with_ring
 from forcecal_ros.identify.tool import identify_tool, ToolFit
-from forcecal_ros.recording.checks.motion import refuse_frozen_pose
+from forcecal_ros.recording.checks.entry import checked
 from forcecal_ros.recording.kinematics import AngularMotion
 from forcecal_ros.recording.stamps import with_even_stamps
 from forcecal_ros.recording.streams import Recording
@@ -118,12 +118,10 @@ def identify_stages(recording: Recording, settings: Settings) -> Stages:
     DataError, UnobservableError
         As :func:`identify`.
     """
-    recording, removed = clean(recording)
+    recording, removed = checked(recording)
     recording = _evened(recording)
-    wrench = require_wrench(recording)
+    require_wrench(recording)
     poses = static_poses(recording)
-    refuse_stuck(wrench, recording.accelerometer, poses, recording.optidrive)
-    refuse_frozen_pose(recording)
     gridded = grid_recording(recording, poses, settings)
     statics = read_statics(recording, poses, settings, gridded)
     if gridded is None:

@@ -8,7 +8,11 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.prepare import Prepared
 from forcecal_ros.jit import compiled
+from forcecal_ros.recording.checks import limits
+from forcecal_ros.recording.checks.clipping import Extreme
+from forcecal_ros.recording.checks.repeats import refuse_stuck
 from forcecal_ros.recording.noise.white import difference_gain
+from forcecal_ros.recording.streams import Stream
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +24,10 @@ GAP = 5.0
 TINY = 1e-200
 FLOOR = 1e-4
 """No channel is taken to be less noisy than this share of its span over the recording."""
+IN_STEPS = 0.05
+"""A channel comes in steps if that share of its samples repeats the one before."""
+BEFORE = 4096
+"""So many samples before a piece tell what its channels do when they do not stick."""
 
 Mask = NDArray[np.bool_]
 Values = NDArray[Any]
@@ -106,30 +114,31 @@ class _Tally(NamedTuple):
     high: Values
     at_low: Values
     at_high: Values
+    low_again: Values
+    high_again: Values
     still: Values
 
 
-def to_blocks(pieces: Iterable[Prepared]) -> Blocks:
+def to_blocks(pieces: Iterable[Prepared], window: tuple[float, float] | None = None) -> Blocks:
     """
     Reduce a recording to blocks in one pass and constant memory.
 
     Parameters
     ----------
     pieces : iterable of Prepared
-
-    Returns
-    -------
-    Blocks
+    window : (float, float) or None
+        In which no channel may stick [s]; None: anywhere.
 
     Raises
     ------
     DataError
-        There are fewer samples than a block has.
+        There are fewer samples than a block has, or a channel sticks.
     """
     tallies: list[_Tally] = []
     correlation: Array = np.zeros(())
     loudness: Array | None = None
     held: Prepared | None = None
+    before: Prepared | None = None
     samples, period = 0, float('nan')
     for piece in pieces:
         held = piece if held is None else Prepared(
@@ -141,8 +150,12 @@ def to_blocks(pieces: Iterable[Prepared]) -> Blocks:
             samples = max(1, round(BLOCK / period))
         whole = len(held.t) // samples
         if whole:
-            tally, differences = _tally(held.take(slice(whole * samples)), samples)
+            piece = held.take(slice(whole * samples))
+            tally, differences = _tally(piece, samples)
             tallies.append(tally)
+            if (tally.low == tally.high).any():
+                _refuse_stuck(before, piece, window)
+            before = piece.take(slice(-BEFORE, None))
             if loudness is None:
                 loudness = np.maximum(np.median(tally.differences.astype(float), axis=0), TINY)
             correlation = correlation + _correlation(differences, tally.differences, loudness)
@@ -156,6 +169,17 @@ def to_blocks(pieces: Iterable[Prepared]) -> Blocks:
     return _finish(_join(tallies), samples, period, correlation)
 
 
+def _refuse_stuck(before: Prepared | None, piece: Prepared, window: tuple[float, float] | None
+                  ) -> None:
+    """Look closer where a channel repeats itself for a whole block."""
+    t, raw = piece.t, piece.raw
+    if before is not None:
+        t, raw = np.concatenate([before.t, t]), np.concatenate([before.raw, raw])
+    used = Stream(t, raw) if window is None else Stream(t, raw).between(*window)
+    if len(used) > 1:
+        refuse_stuck(used, 'the sensor', [f'channel {k + 1}' for k in range(raw.shape[1])])
+
+
 def _tally(piece: Prepared, samples: int) -> tuple[_Tally, Array]:
     """Return the tally of some blocks, and their third differences."""
     t = piece.t.reshape(-1, samples)
@@ -167,7 +191,7 @@ def _tally(piece: Prepared, samples: int) -> tuple[_Tally, Array]:
         t[:, 0], t[:, -1], np.diff(t, axis=1).max(axis=1, initial=0.0),
         np.zeros((blocks, m + n)), np.zeros(blocks), np.zeros((blocks, n + 3), np.float32),
         np.empty((blocks, n)), np.empty((blocks, n)),
-        *(np.zeros((blocks, n), np.int32) for _ in range(3)))
+        *(np.zeros((blocks, n), np.int32) for _ in range(5)))
     _look(raw, regressors, rough, *tally[3:])
     return tally, rough
 
@@ -175,7 +199,7 @@ def _tally(piece: Prepared, samples: int) -> tuple[_Tally, Array]:
 @compiled
 def _look(raw: Array, regressors: Array, rough: Array, sums: Array, square: Array,
           differences: Array, low: Array, high: Array, at_low: Array, at_high: Array,
-          still: Array) -> None:
+          low_again: Array, high_again: Array, still: Array) -> None:
     """Look at every sample of some blocks; fill what is given, see :class:`_Tally`."""
     blocks, samples, n = raw.shape
     m = regressors.shape[2]
@@ -191,10 +215,16 @@ def _look(raw: Array, regressors: Array, rough: Array, sums: Array, square: Arra
                 x = raw[b, i, k]
                 sums[b, m + k] += x
                 low[b, k], high[b, k] = min(low[b, k], x), max(high[b, k], x)
-                still[b, k] += i > 0 and x == raw[b, i - 1, k]
+            before = np.nan
             for i in range(samples):
-                at_low[b, k] += raw[b, i, k] == low[b, k]
-                at_high[b, k] += raw[b, i, k] == high[b, k]
+                x = raw[b, i, k]
+                again = x == before
+                still[b, k] += again
+                at_low[b, k] += x == low[b, k]
+                at_high[b, k] += x == high[b, k]
+                low_again[b, k] += again and x == low[b, k]
+                high_again[b, k] += again and x == high[b, k]
+                before = x
         for k in range(n + 3):
             signal = raw[b, :, k] if k < n else regressors[b, :, k - n]
             power = 0.0
@@ -221,11 +251,13 @@ def _merge(tally: _Tally) -> _Tally:
     a, b = (_Tally(*(array[i:len(tally.start) // 2 * 2:2] for array in tally)) for i in (0, 1))
     step = np.maximum(np.maximum(a.step, b.step), b.start - a.end)
     low, high = np.minimum(a.low, b.low), np.maximum(a.high, b.high)
+    a_low, b_low, a_high, b_high = a.low == low, b.low == low, a.high == high, b.high == high
     return _Tally(
         a.start, b.end, step, a.sums + b.sums, a.square + b.square,
         a.differences + b.differences, low, high,
-        a.at_low * (a.low == low) + b.at_low * (b.low == low),
-        a.at_high * (a.high == high) + b.at_high * (b.high == high), a.still + b.still)
+        a.at_low * a_low + b.at_low * b_low, a.at_high * a_high + b.at_high * b_high,
+        a.low_again * a_low + b.low_again * b_low, a.high_again * a_high + b.high_again * b_high,
+        a.still + b.still)
 
 
 def _finish(tally: _Tally, samples: int, period: float, correlation: Array) -> Blocks:
@@ -255,16 +287,18 @@ def _noise(tally: _Tally, samples: int, n: int, correlation: Array) -> tuple[Arr
 
 def _clipped(tally: _Tally, samples: int) -> Mask:
     """
-    Find channels that sit at their extreme while elsewhere they are noisy.
+    Find where channels stop at a limit.
 
-    A channel is clipped where its samples at the recording's extreme stand still, five in a block
-    at least, although its neighbours differ in most blocks.
+    One whose neighbouring samples are alike in most blocks repeats its extreme as any other value.
     """
-    lively = np.median(tally.still, axis=0) < 0.5 * (samples - 1)
+    alike = np.median(tally.still, axis=0) / (samples - 1)
+    least = np.where(alike > IN_STEPS, limits.CLIPPED_IN_STEPS, limits.CLIPPED)
     clipped = np.zeros(tally.low.shape, dtype=bool)
-    for extreme, count, end in ((tally.low, tally.at_low, tally.low.min(axis=0)),
-                                (tally.high, tally.at_high, tally.high.max(axis=0))):
+    for extreme, count, again, end in (
+            (tally.low, tally.at_low, tally.low_again, tally.low.min(axis=0)),
+            (tally.high, tally.at_high, tally.high_again, tally.high.max(axis=0))):
         at_end = extreme == end
-        stuck = at_end & (count >= 5) & (tally.still >= 4)
-        clipped |= at_end & stuck.any(axis=0) & lively
+        often, repeated = (np.where(at_end, x, 0).sum(axis=0) for x in (count, again))
+        stops = [Extreme(int(n), int(m)).is_limit(k) for n, m, k in zip(often, repeated, least)]
+        clipped |= at_end & np.array(stops) & (alike < 0.5)
     return clipped

@@ -14,6 +14,7 @@ from forcecal_ros.insitu.moments import accumulate, Moments
 from forcecal_ros.insitu.prepare import Mounting, prepare, Source
 from forcecal_ros.insitu.screen import given_window, screen, Screening, whole
 from forcecal_ros.insitu.smoothing import PAPER_ORDER, PAPER_WINDOW, window_samples
+from forcecal_ros.recording.checks.repeats import REMEDY
 import numpy as np
 
 
@@ -126,7 +127,8 @@ def reduce(data_sets: Sequence[DataSet], mounting: Mounting, options: Options
     screened = []
     for data_set in data_sets:
         with _named(data_set):
-            blocks = to_blocks(prepare(data_set.source(), mounting, options.moving))
+            blocks = to_blocks(prepare(data_set.source(), mounting, options.moving),
+                               data_set.window)
             _require_signal(blocks)
             if options.accelerometer_noise is not None:
                 known = options.accelerometer_noise ** 2 * np.eye(3)
@@ -173,11 +175,14 @@ def without_hysteresis(reduced: Sequence[Reduced], lags: Sequence[Array]) -> lis
 
 
 def _require_signal(blocks: Blocks) -> None:
-    """Refuse channels that stand still all the time."""
+    """Refuse channels that stand still all the time, and an accelerometer that does."""
+    if not np.ptp(blocks.regressors[:, :3], axis=0).any():
+        raise DataError(f'accelerometer: the values never change; {REMEDY}')
     still = np.flatnonzero(np.ptp(blocks.raw, axis=0) == 0)
     if len(still):
-        raise DataError(f'channel {", ".join(str(k + 1) for k in still)} never changes; is it '
-                        'connected, and the right column?')
+        named = '; '.join(f'channel {k + 1} stands at {blocks.raw[0, k]:.6g} throughout'
+                          for k in still)
+        raise DataError(f'{named} (the right columns?); {REMEDY}')
 
 
 def _screen(blocks: Blocks, data_set: DataSet, options: Options) -> Screening:

@@ -6,6 +6,9 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.prepare import Chunk
 from forcecal_ros.insitu.spec import Spec
+from forcecal_ros.recording.checks import limits
+from forcecal_ros.recording.checks.clocks import refuse_apart
+from forcecal_ros.recording.checks.values import Unreadable
 import numpy as np
 
 
@@ -28,6 +31,30 @@ def topics_of(spec: Spec, sensor: str) -> dict[str, Sequence[str]]:
                             f'{name}')
         wanted[channels.topic] = (*wanted.get(channels.topic, ()), *channels.fields)
     return wanted
+
+
+def readable_pieces(pieces: Iterable[tuple[str, Array, Array]],
+                    topics: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Array, Array]]:
+    """
+    Leave out samples that are no readings.
+
+    Raises
+    ------
+    DataError
+        After the last piece: too many were left out, or the clocks of topics are apart.
+    """
+    counted = {topic: Unreadable(topic, fields, limits.ABSURD_RAW)
+               for topic, fields in topics.items()}
+    spans: dict[str, tuple[float, float]] = {}
+    for topic, t, values in pieces:
+        good = counted[topic].add(t, values)
+        if good.any():
+            yield topic, t[good], values[good]
+            begin, _ = spans.get(topic, (float(t[0]), 0.0))
+            spans[topic] = begin, float(t[-1])
+    for one in counted.values():
+        one.note()
+    refuse_apart(spans)
 
 
 def join(pieces: Iterable[tuple[str, Array, Array]], spec: Spec, sensor: str

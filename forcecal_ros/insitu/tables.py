@@ -9,6 +9,8 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.prepare import Chunk
 from forcecal_ros.insitu.spec import Column, DEFAULT_RATE, Spec
+from forcecal_ros.recording.checks import limits
+from forcecal_ros.recording.checks.values import Unreadable
 import numpy as np
 
 ROWS = 50_000
@@ -47,6 +49,8 @@ class TableSource:
     def __call__(self) -> Iterator[Chunk]:
         """Yield the table's rows in SI units, clean."""
         ends = np.cumsum([len(part) for part in self._parts])[:-1]
+        names = [f'column {name}' for part in self._parts[1:] for name in part]
+        unreadable = Unreadable(self._path.name, names, limits.ABSURD_RAW)
         accelerometer, gyro = self._spec.accelerometer.scale, self._spec.gyro
         self.left_out, row, last = 0, 0, -np.inf
         for rows in self._rows([column for part in self._parts for column in part]):
@@ -56,7 +60,7 @@ class TableSource:
             else:
                 stamps = (row + np.arange(len(rows))) / (self._spec.rate or DEFAULT_RATE)
             row += len(rows)
-            good = np.isfinite(rows @ np.ones(rows.shape[1]))
+            good = unreadable.add(stamps, rows[:, len(self._parts[0]):]) & np.isfinite(stamps)
             if not (good.all() and stamps[0] > last and (np.diff(stamps) > 0).all()):
                 before = np.maximum.accumulate(np.concatenate(
                     [[last], np.where(good, stamps, -np.inf)]))[:-1]
@@ -66,6 +70,7 @@ class TableSource:
             if len(stamps):
                 last = stamps[-1]
                 yield Chunk(stamps, raw, f * accelerometer, turn * gyro.scale if gyro else None)
+        unreadable.note()
 
     def _rows(self, columns: Sequence[Column]) -> Iterator[Array]:
         if self._path.suffix == '.npy':

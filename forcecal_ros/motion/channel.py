@@ -6,19 +6,11 @@ from math import asin, inf, sqrt
 from typing import TypeAlias
 
 from forcecal_ros.geometry import Array
+from forcecal_ros.recording.checks import limits
 import numpy as np
 
 Timed: TypeAlias = tuple[float, tuple[float, ...]]
 """A time [s] and values of it."""
-
-SURELY_FROZEN = 5.0
-"""Readings at rest that repeat for so many times as long as they use to are frozen."""
-
-EXCEPTIONS = 2
-"""So many of the longest repetitions before a start are no habit: a sensor that had frozen."""
-
-ENOUGH = 20
-"""Fewer changes than that show no habit."""
 
 KEPT = 2.0
 """Samples are kept for that long to judge stillness [s]."""
@@ -68,8 +60,9 @@ class Channel:
             if values != before:
                 changes.append(stamp)
         same = sorted(end - begin for begin, end in zip(changes, changes[1:]))
-        if len(same) >= ENOUGH:
-            self.rest_timeout = max(shortest, SURELY_FROZEN * same[-1 - EXCEPTIONS])
+        if len(same) >= limits.HABIT_CHANGES:
+            usual = same[-1 - limits.HABIT_EXCEPTIONS]
+            self.rest_timeout = max(shortest, limits.SURELY_FROZEN * usual)
 
     @property
     def span(self) -> float:

@@ -13,6 +13,7 @@ from forcecal_ros.errors import DataError, MotionError
 from forcecal_ros.geometry import Array
 from forcecal_ros.motion.channel import angle_between, carried, Channel, distance_between, rates
 from forcecal_ros.motion.limits import Limits
+from forcecal_ros.recording.checks.limits import ABSURD, VISIBLE_TRAVEL, VISIBLE_TURN
 import numpy as np
 
 LONGEST_TICK = 0.01
@@ -32,14 +33,6 @@ WORKSPACE_SLACK = 0.002
 
 UNIT_NORM = 1e-2
 """Most that the squared norm of a measured quaternion departs from 1."""
-
-VISIBLE_TRAVEL, VISIBLE_TURN = 1e-3, 5e-3
-"""
-Readings that repeat count as frozen only once the commands have moved that far [m], [rad].
-
-A pose published with four digits changes every 0.1 mm, and at the default pace the commands are
-1 mm ahead of a robot that lags by 50 ms: what lags more shows as an error of tracking.
-"""
 
 ARRIVED = 0.9
 """A robot that has done less than this part of the commanded motion is still on its way."""
@@ -157,7 +150,10 @@ class Monitor:
 
     def other(self, name: str, stamp: float, values: tuple[float, ...]) -> None:
         """Take a sample of any other channel."""
-        self._take(name, stamp, values).keep()
+        channel = self._take(name, stamp, values)
+        if not max(map(abs, values), default=0.0) < ABSURD:
+            self._blame(f'{channel.topic}: a reading is beyond {ABSURD:g}')
+        channel.keep()
 
     def _take(self, name: str, stamp: float, values: tuple[float, ...]) -> Channel:
         channel = self.channels[name]

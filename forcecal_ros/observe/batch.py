@@ -27,7 +27,8 @@ from forcecal_ros.observe.sample import (
 )
 from forcecal_ros.observe.specific_force import next_sample, NOTHING_BEFORE
 from forcecal_ros.observe.tracking import ZERO
-from forcecal_ros.observe.unload import ABSURD, Tool, unload, Unloaded
+from forcecal_ros.observe.unload import Tool, unload, Unloaded
+from forcecal_ros.recording.checks.limits import ABSURD
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 import numpy as np
 from numpy.typing import NDArray

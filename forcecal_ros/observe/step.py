@@ -45,7 +45,8 @@ from forcecal_ros.observe.motion import Motion, take_pose
 from forcecal_ros.observe.sample import ContactSample, Wrench
 from forcecal_ros.observe.specific_force import next_sample, NOTHING_BEFORE
 from forcecal_ros.observe.tracking import Quaternion, Vector
-from forcecal_ros.observe.unload import ABSURD, Tool, unload
+from forcecal_ros.observe.unload import Tool, unload
+from forcecal_ros.recording.checks.limits import ABSURD
 
 CLOCK_JUMP = 1.0
 """Stamps that go back by more than this, twice, are a new clock; one is a bad stamp. Longer than

@@ -11,9 +11,7 @@ from forcecal_ros.observe.motion import carried, gravity_in_sensor, Motion, NO_R
 from forcecal_ros.observe.sample import NO_WRENCH, Wrench
 from forcecal_ros.observe.status import saturated
 from forcecal_ros.observe.tracking import turned, Vector, ZERO
-
-ABSURD = 1e9
-"""Readings beyond this, in any unit, are no readings; neither is NaN."""
+from forcecal_ros.recording.checks.limits import ABSURD
 
 _ABSURD_SQUARED = ABSURD * ABSURD
 

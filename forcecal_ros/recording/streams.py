@@ -22,6 +22,18 @@ FREE = ('move', 'settle', 'step', 'sweep', 'reverse')
 STILL = ('measure',)
 """Phases in which nothing touches the tool while the robot stands."""
 
+_POSE = (*(f'pose.{axis}' for axis in 'xyz'), *9 * ('pose.orientation',))
+
+CHANNELS = {
+    'wrench': (*(f'force.{axis}' for axis in 'xyz'), *(f'torque.{axis}' for axis in 'xyz')),
+    'accelerometer': tuple(f'accel.{axis}' for axis in 'xyz'),
+    'optidrive': ('optidrive',),
+    'angular_velocity': tuple(f'angular_velocity.{axis}' for axis in 'xyz'),
+    'pose': _POSE,
+    'target': tuple(name.replace('pose', 'target') for name in _POSE),
+}
+"""Names of each stream's columns, of a pose's position and rotation matrix."""
+
 
 def _frozen(values: object) -> Array:
     """Return the values so that nobody can change them: a copy, unless that is so already."""

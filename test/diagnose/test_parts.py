@@ -1,7 +1,6 @@
 """Parts of the diagnosis by themselves: limits, noise, bounds, intervals, odds, stamps."""
 
-from forcecal_ros.diagnose import datachecks, remainder
-from forcecal_ros.diagnose.datachecks import clocks, skew_between
+from forcecal_ros.diagnose import remainder
 from forcecal_ros.diagnose.evidence import fit, Gram, Prior, Score
 from forcecal_ros.diagnose.gap import Errors
 from forcecal_ros.diagnose.left import _foreign
@@ -9,9 +8,12 @@ from forcecal_ros.diagnose.limits import _best_limit
 from forcecal_ros.diagnose.nuisances import nuisances, spreads
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.ranking import weights
+from forcecal_ros.diagnose.spectral_lines import Line
 from forcecal_ros.diagnose.trial import Trial
 from forcecal_ros.diagnose.verdict import probabilities, Remains, verdict
-from forcecal_ros.recording.streams import Recording, Stream
+from forcecal_ros.recording.checks.clipping import clipping, quantisation
+from forcecal_ros.recording.checks.clocks import clocks, skew_between
+from forcecal_ros.recording.streams import CHANNELS, Recording, Stream
 from forcecal_ros.simulators.rig.file import load_rig
 import numpy as np
 import pytest
@@ -130,8 +132,8 @@ def test_no_step_makes_a_mass_or_a_spring_negative():
 
 
 def test_a_line_beside_that_of_an_explained_vibration_is_its_own():
-    beside = datachecks.Line('force.x', 64.31, 1.0, 5000.0)
-    other = datachecks.Line('force.y', 50.0, 1.0, 60.0)
+    beside = Line('force.x', 64.31, 1.0, 5000.0)
+    other = Line('force.y', 50.0, 1.0, 60.0)
     p = Problem(load_rig(None), (), effects={'spindle_vibration': {'frequency': 64.01}})
     lines, notes = _foreign((beside, other), p)
     assert lines == (other,) and 'wanders about 64.01 Hz' in notes[0]
@@ -146,6 +148,6 @@ def test_the_last_of_a_few_rough_steps_is_not_the_end_of_a_range(step, ends):
     force += 0.2 * np.random.default_rng(5).standard_normal(force.shape)
     force[:, 0] = np.clip(step * np.round(force[:, 0] / step), -100.0, 100.0)
     recording = Recording(wrench=Stream(t, force, 'ft_sensor'))
-    noise = np.full(16, 0.2)
-    found = datachecks.clipping(recording, datachecks.lattices(recording, noise), noise)
+    noise = dict.fromkeys(CHANNELS['wrench'], 0.2)
+    found = clipping(recording, quantisation(recording, noise), noise)
     assert [round(abs(x.limit)) for x in found] == [100] * ends

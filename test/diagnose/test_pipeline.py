@@ -2,13 +2,15 @@
 
 from dataclasses import replace
 
-from forcecal_ros.diagnose import datachecks
+from forcecal_ros.diagnose import spectral_lines
 from forcecal_ros.diagnose.evidence import fit, Gram, Prior
 from forcecal_ros.diagnose.parameters import from_checks
 from forcecal_ros.diagnose.pipeline import diagnose
 from forcecal_ros.diagnose.stamps import Corrected
 from forcecal_ros.recording.bags import read_recording
-from forcecal_ros.recording.streams import Recording, Stream
+from forcecal_ros.recording.checks.clipping import quantisation
+from forcecal_ros.recording.checks.clocks import clocks, dropouts, skew_between
+from forcecal_ros.recording.streams import CHANNELS, Recording, Stream
 from forcecal_ros.simulators.rig.file import load_rig
 import numpy as np
 import pytest
@@ -27,10 +29,10 @@ def test_skew_and_lost_samples_are_read_off_the_stamps():
     t = 1e-3 * np.arange(20_000)
     kept = rng.random(len(t)) > 0.02
     wrench = Stream(t[kept] * (1.0 + 2e-4), rng.standard_normal((kept.sum(), 6)))
-    found = datachecks.clocks(Recording(wrench=wrench))
-    assert datachecks.skew_between(found)['wrench'] == pytest.approx(2e-4, rel=1e-3)
+    found = clocks(Recording(wrench=wrench))
+    assert skew_between(found)['wrench'] == pytest.approx(2e-4, rel=1e-3)
     lost = 5.0 * np.sqrt(0.02 * 0.98 / len(t))
-    assert datachecks.dropouts(found)['wrench'] == pytest.approx(0.02, abs=lost)
+    assert dropouts(found)['wrench'] == pytest.approx(0.02, abs=lost)
 
 
 def test_commands_that_come_unevenly_are_a_note_and_no_effect():
@@ -43,17 +45,17 @@ def test_a_lattice_of_values_gives_its_step_and_noise_gives_none():
     values = np.random.default_rng(2).standard_normal((5000, 6))
     coarse = Recording(wrench=Stream(np.arange(5000.0), 0.5 * np.round(values / 0.5)))
     fine = Recording(wrench=Stream(np.arange(5000.0), values))
-    noise = np.full(16, 1.0)
-    assert {x.step for x in datachecks.lattices(coarse, noise)} == {0.5}
-    assert not datachecks.lattices(fine, noise)
+    noise = dict.fromkeys(CHANNELS['wrench'], 1.0)
+    assert {x.step for x in quantisation(coarse, noise)} == {0.5}
+    assert not quantisation(fine, noise)
 
 
 def test_a_line_in_white_noise_is_found_at_its_frequency():
     t = 1e-3 * np.arange(20_000)
     rows = np.random.default_rng(3).standard_normal((len(t), 6))
-    assert not datachecks.lines(rows, 1000.0, 'wrench')
+    assert not spectral_lines.lines(rows, 1000.0, 'wrench')
     rows[:, 2] += 0.3 * np.sin(2.0 * np.pi * 63.7 * t)
-    line, = datachecks.lines(rows, 1000.0, 'wrench')
+    line, = spectral_lines.lines(rows, 1000.0, 'wrench')
     assert (line.channel, line.frequency) == ('force.z', pytest.approx(63.7, abs=0.05))
 
 

@@ -18,7 +18,7 @@ from forcecal_ros.observe.design import design
 from forcecal_ros.observe.playback import answers, run
 from forcecal_ros.observe.riccati import stationary_filter
 from forcecal_ros.observe.status import BAD_WRENCH, INVALID, NO_GRAVITY
-from forcecal_ros.observe.unload import ABSURD
+from forcecal_ros.recording.checks.limits import ABSURD
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import numpy as np

@@ -1,5 +1,6 @@
 """Recordings come back as they were written, whoever wrote them and however they are stored."""
 
+from dataclasses import replace
 from typing import Any
 
 from bag_samples import (
@@ -24,6 +25,7 @@ from forcecal_ros.recording.bags import (
     write_signals,
 )
 from forcecal_ros.recording.bags.signals import messages_of
+from forcecal_ros.recording.checks.entry import checked
 from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
 import numpy as np
 import pytest
@@ -197,17 +199,31 @@ def test_zero_stamps_fall_back_to_the_time_of_recording(tmp_path):
     assert any('/wrench: header stamps are zero' in note for note in recording.notes)
 
 
-def test_nan_and_infinite_rows_are_left_out_and_counted(tmp_path):
+def test_nan_and_infinite_rows_are_kept_for_the_checks(tmp_path):
     messages = wrenches(START_NS + 10**6 * np.arange(20))
     messages[3][2].wrench.force.x = float('nan')
     messages[7][2].wrench.torque.z = float('inf')
     write_messages(tmp_path / 'bag', messages)
     recording = read_recording(tmp_path / 'bag')
-    assert len(recording.wrench) == 18
-    assert any(note.startswith('/wrench: 2 messages with NaN') for note in recording.notes)
+    assert len(recording.wrench) == 20
+    assert not np.isfinite(recording.wrench.values).all(axis=1)[[3, 7]].any()
+    usable, removed = checked(recording)
+    assert len(usable.wrench) == 18 and removed == {'wrench': 2}
+    assert any(note.startswith('wrench: 2 samples are not finite') for note in usable.notes)
 
 
-def test_orientations_that_are_no_rotations_are_left_out(tmp_path):
+def test_a_topic_without_a_message_is_an_empty_stream(tmp_path):
+    recording = small_recording()
+    silent = {name: getattr(recording, name).between(0.0, 0.0) for name in ('wrench', 'pose')}
+    write_recording(tmp_path / 'bag', replace(recording, **silent))
+    read = read_recording(tmp_path / 'bag')
+    assert read.wrench.values.shape == (0, 6) and read.pose.position.shape == (0, 3)
+    assert len(read.target) == len(recording.target)
+    with pytest.raises(DataError, match='no messages of wrench'):
+        require(read, ['wrench'])
+
+
+def test_orientations_that_are_no_rotations_are_kept_as_nan_for_the_checks(tmp_path):
     types = STORE.types
     pose: Any = types['geometry_msgs/msg/Pose'](
         types['geometry_msgs/msg/Point'](0.0, 0.0, 0.0),
@@ -219,8 +235,8 @@ def test_orientations_that_are_no_rotations_are_left_out(tmp_path):
         ('/current_pose', START_NS + i, stamped(header(START_NS + i), one))
         for i, one in enumerate([pose, unset, pose])])
     recording = read_recording(tmp_path / 'bag')
-    assert len(recording.pose) == 2
-    assert any(note.startswith('/current_pose: 1 message') for note in recording.notes)
+    assert np.isnan(recording.pose.R_base_sensor).any(axis=(1, 2)).tolist() == [False, True, False]
+    assert len(checked(recording).recording.pose) == 2
 
 
 def test_several_frames_are_read_and_named(tmp_path):

@@ -12,12 +12,13 @@ from forcecal_ros.diagnose.motion.case import held_apart, MotionCase, SHORTEST
 from forcecal_ros.diagnose.motion.fitting import Fitting, RIVAL, ROUNDS, SCAN, Trial, USUAL
 from forcecal_ros.diagnose.motion.known import Known
 from forcecal_ros.diagnose.motion.model import DELAYS, terms_of, WRENCH_AXES
+from forcecal_ros.diagnose.pairing import check_alike, require_overlap
 from forcecal_ros.diagnose.result import Diagnosis, Found, Parameter
-from forcecal_ros.diagnose.soundness import check_alike, silences, sound
 from forcecal_ros.diagnose.verdict import UNKNOWN
 from forcecal_ros.diagnose.where import places
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
+from forcecal_ros.recording.checks.entry import checked
 from forcecal_ros.recording.noise.autoregression import fit_autoregression
 from forcecal_ros.recording.streams import Recording
 import numpy as np
@@ -80,8 +81,10 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, known: Know
     try:
         given = [r for r in (recording, heldout) if r is not None]
         check_alike(given)
-        checked = [sound(r, 'pose', SHORTEST) for r in given]
-        cases = [MotionCase(s.recording, known) for s in checked]
+        usable = [checked(r).recording for r in given]
+        for one in usable:
+            require_overlap(one, 'pose', SHORTEST)
+        cases = [MotionCase(one, known) for one in usable]
         if heldout is not None:
             cases = list(held_apart(*cases))
         if not all(c.present[c.groups == 1].any() for c in cases):
@@ -95,7 +98,7 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, known: Know
     state.settle()
     recalibrated = state.values
     _select(state)
-    notes = [n for s in checked for n in (*s.notes, *silences(s.recording))]
+    notes = [n for one, r in zip(usable, given) for n in one.notes[len(r.notes):]]
     return _conclude(state, recalibrated, notes)
 
 

@@ -43,7 +43,7 @@ from forcecal_ros.observe.status import (
     NO_GYRO,
     RESTARTED,
 )
-from forcecal_ros.observe.unload import ABSURD
+from forcecal_ros.recording.checks.limits import ABSURD
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -28,7 +28,8 @@ def read_pieces(path: Path | str, topics: Mapping[str, Sequence[str]]) -> Iterat
     """
     Read fields of some topics in the order of recording.
 
-    Stamps increase within a topic, across its pieces too; what does not is left out.
+    Stamps increase within a topic, across its pieces too; what does not is left out. Numbers are
+    as they came, NaN and infinite ones included.
 
     Parameters
     ----------
@@ -56,7 +57,7 @@ def read_pieces(path: Path | str, topics: Mapping[str, Sequence[str]]) -> Iterat
 
         def flush(topic: Topic) -> Iterator[Piece]:
             nonlocal start_ns
-            series = collectors[topic].series(bag.notes)
+            series = collectors[topic].series(bag.notes, unreadable=True)
             waiting[topic] = 0
             if series is None:
                 return

@@ -8,8 +8,8 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.bags.batch import Batch, Integers, Notes
 from forcecal_ros.recording.bags.cdr import CdrError, Decoder, Group
-from forcecal_ros.recording.bags.clock import increasing
 from forcecal_ros.recording.bags.storage import Bag
+from forcecal_ros.recording.checks.order import increasing
 from forcecal_ros.recording.topics import POSE, Topic
 import numpy as np
 from numpy.typing import NDArray
@@ -111,8 +111,17 @@ class Collector:
         self._width = values.shape[1]
         return values
 
-    def series(self, notes: Notes) -> Series | None:
-        """Return what was taken in, by increasing stamp, and say what was not; then forget it."""
+    def series(self, notes: Notes, *, unreadable: bool = False) -> Series | None:
+        """
+        Return what was taken in, by increasing stamp, and say what was not; then forget it.
+
+        Parameters
+        ----------
+        notes : Notes
+        unreadable : bool
+            Keep messages with NaN and infinite numbers, for checks to count; what is no rotation
+            is NaN then.
+        """
         name = self._topic.name
         if self._decoder.undecodable:
             notes.add(f'{name}: {self._decoder.undecodable} messages made no sense as '
@@ -127,10 +136,11 @@ class Collector:
             others = ', '.join(sorted(set(self._frames) - {frame})[:4])
             notes.add(f'{name}: frame_id is {frame!r} in {count} messages, but {others!r} in '
                       f'{self._frames.total() - count}')
-        whole = self._without_broken(notes)
+        whole = self._without_broken(notes, unreadable)
         return self._in_order(*whole, frame, notes) if len(whole[0]) else None
 
-    def _without_broken(self, notes: Notes) -> tuple[Integers, Integers, NDArray[Any]]:
+    def _without_broken(self, notes: Notes, unreadable: bool
+                        ) -> tuple[Integers, Integers, NDArray[Any]]:
         """Return stamps, times of recording and values of the messages that can be used."""
         stamps, log, values = self._stamps.take(), self._log.take(), self._values.take()
         broken = stamps == 0
@@ -139,8 +149,11 @@ class Collector:
                       'used')
             stamps, broken = log, np.zeros(len(stamps), bool)
         if self._topic.type == POSE:
-            broken |= _unusable_poses(values)
-        elif not self._text:
+            astray = _unusable_poses(values)
+            if unreadable and astray.any():
+                values = np.where(astray[:, np.newaxis], np.nan, values)
+            broken |= astray & (not unreadable)
+        elif not (self._text or unreadable):
             broken |= ~np.isfinite(values).all(axis=1)
         if broken.any():
             notes.add(f'{self._topic.name}: {int(broken.sum())} messages with NaN, infinite or no '

@@ -5,13 +5,14 @@ from itertools import groupby, pairwise
 from pathlib import Path
 
 from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import matrix_from_quaternion
+from forcecal_ros.geometry import Array, matrix_from_quaternion
 from forcecal_ros.recording.bags.batch import Notes
 from forcecal_ros.recording.bags.collect import Collector, frozen, Series
 from forcecal_ros.recording.bags.fields import FIELDS
 from forcecal_ros.recording.bags.storage import Bag
 from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
 from forcecal_ros.recording.topics import find_topics, IMU, ROLES, Topic, VECTOR3
+import numpy as np
 
 _STREAMS = ('wrench', 'accelerometer', 'imu', 'accel', 'pose', 'target', 'optidrive',
             'contact_truth')
@@ -25,8 +26,9 @@ def read_recording(
     Read a rosbag2 recording: a folder or one file, SQLite or MCAP, compressed or not.
 
     Times are header stamps (times of recording where those are zero), increasing; messages
-    with NaN or infinite numbers, repeated or jumping stamps are left out and counted in
-    ``notes``. What is not recorded is None.
+    with repeated or jumping stamps are left out and counted in ``notes``. Numbers are as they
+    came, NaN and infinite ones included: :mod:`forcecal_ros.recording.checks` judges them. What is
+    not recorded is None, a topic without a message is an empty stream.
 
     Parameters
     ----------
@@ -81,18 +83,24 @@ def _read_series(bag: Bag, found: Mapping[str, Topic]) -> dict[Topic, Series]:
         else Collector(bag, topic, FIELDS[topic.type]) for role, topic in found.items()}
     for batch in bag.batches(set(collectors)):
         collectors[batch.topic].add(batch)
-    series = {topic: one for topic, collector in collectors.items()
-              if (one := collector.series(bag.notes)) is not None}
+    series = {topic: collector.series(bag.notes, unreadable=True) or _nothing(topic)
+              for topic, collector in collectors.items()}
     return _of_one_clock(series, bag.notes)
+
+
+def _nothing(topic: Topic) -> Series:
+    """Return what a topic without messages holds."""
+    return Series(np.empty(0, np.int64), np.empty((0, len(FIELDS.get(topic.type, ('text',))))), '')
 
 
 def _of_one_clock(series: dict[Topic, Series], notes: Notes) -> dict[Topic, Series]:
     """Leave out topics stamped by another clock than most messages."""
-    if not series:
-        return series
-    longest = max(series.values(), key=lambda one: len(one.stamp_ns)).stamp_ns
+    longest = max((one.stamp_ns for one in series.values()), key=len, default=np.empty(0))
     kept = {}
     for topic, one in series.items():
+        if not len(one.stamp_ns):
+            kept[topic] = one
+            continue
         apart = max(one.stamp_ns[0] - longest[-1], longest[0] - one.stamp_ns[-1]) / 1e9
         if apart < _DAY:
             kept[topic] = one
@@ -104,13 +112,14 @@ def _of_one_clock(series: dict[Topic, Series], notes: Notes) -> dict[Topic, Seri
 
 def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Series],
                wrench_sign: int) -> Recording:
-    if not series:
+    heard = [one.stamp_ns for one in series.values() if len(one.stamp_ns)]
+    if not heard:
         raise DataError(
             f'{bag.path}: nothing to read; it holds '
             f'{", ".join(sorted(topic.name for topic in bag.topics)) or "no topics"}; name the '
             'topics with --topic role=NAME' + ''.join(f'; {note}' for note in bag.notes))
-    start_ns = int(min(one.stamp_ns[0] for one in series.values()))
-    end = float(max(one.stamp_ns[-1] for one in series.values()) - start_ns) / 1e9
+    start_ns = int(min(stamps[0] for stamps in heard))
+    end = float(max(stamps[-1] for stamps in heard) - start_ns) / 1e9
 
     def stream(role: str, columns: slice = slice(None), scale: int = 1) -> Stream | None:
         one = series.get(found[role]) if role in found else None
@@ -126,7 +135,7 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
         if one is None:
             return None
         return PoseStream(one.seconds(start_ns), one.values[:, :3],
-                          frozen(matrix_from_quaternion(one.values[:, 3:])), one.frame)
+                          frozen(_rotations(one.values[:, 3:])), one.frame)
 
     in_volts = 'accelerometer' not in found or found['accelerometer'].type == VECTOR3
     return Recording(
@@ -139,6 +148,15 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
         start_ns=start_ns, source=str(bag.path), notes=tuple(bag.notes))
 
 
+
+def _rotations(quaternions: Array) -> Array:
+    """Return the rotation matrices of xyzw quaternions, NaN where there are none."""
+    known = np.isfinite(quaternions).all(axis=1)
+    if known.all():
+        return matrix_from_quaternion(quaternions)
+    R = np.full((len(quaternions), 3, 3), np.nan)
+    R[known] = matrix_from_quaternion(quaternions[known])
+    return R
 
 
 def _phases(series: Series | None, start_ns: int, end: float) -> tuple[Phase, ...]:

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, rotation_vector
+from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.streams import (
     FREE,
     phase_spans,
@@ -19,54 +20,6 @@ from forcecal_ros.recording.streams import (
 )
 import numpy as np
 from numpy.typing import NDArray
-
-FROZEN = 0.3
-"""A pose that repeats itself for less is a slow driver, not a frozen one [s]."""
-
-LATE = 0.5
-"""A robot that stands may follow a command so much later: planning, a busy computer [s]."""
-
-LATE_AT_END = 1.0
-"""The same at the end of a recording, where no sample shows whether it followed [s]."""
-
-MOVED = 0.002
-"""So far a tool has moved for certain [m]; reported poses resolve a tenth of that or better."""
-
-TURNED = 0.01
-"""So far a tool has turned for certain [rad]."""
-
-JUMPED = 2.0
-"""A pose that had been frozen goes on at so many times the speed that follows."""
-
-RINGING = 1.0
-"""After the robot has stopped its tool may shake the other sensors for so long [s]."""
-
-LOOK = 0.25
-"""The other sensors are averaged over so long, which evens out ringing and noise [s]."""
-
-CERTAIN = 20.0
-"""A change of a mean by so many standard errors is neither noise nor what is left of ringing."""
-
-LARGE = 0.25
-"""A change by this share of all that a sensor does in the recording is a motion, not drift."""
-
-TILTED = 0.05
-"""A change by this share of an accelerometer's reading is a motion, not drift: 3 deg of tilt."""
-
-SPEED, TURN_RATE = 0.005, 0.01
-"""Faster than that a robot is on its way, not settling [m/s], [rad/s]."""
-
-SLICE = 0.1
-"""Speeds are differences of means over so long, which evens out a pose's noise [s]."""
-
-SETTLING = 0.5
-"""Left out after a motion that reaches into a phase at rest, for the tool to ring down [s]."""
-
-BEFORE = 0.2
-"""A motion that ends so shortly before a phase at rest still rings in it [s]."""
-
-SHORTEST_REST = 0.3
-"""So much of a phase at rest is kept [s]; what rings in it shows as drift within the pose."""
 
 
 def refuse_frozen_pose(recording: Recording) -> None:
@@ -90,10 +43,30 @@ def refuse_frozen_pose(recording: Recording) -> None:
         goes_on = last + 1 < len(pose)
         if goes_on and not _jumps(pose, last):
             continue
-        if what := _what_moves(recording, start, end - (LATE if goes_on else LATE_AT_END)):
+        late = limits.LATE if goes_on else limits.LATE_AT_END
+        if what := _what_moves(recording, start, end - late):
             raise DataError(f'current_pose repeats itself to the last bit from {start:.2f} s '
                             f'to {end:.2f} s of {recording.source or "the recording"}, while '
                             f'{what}; look at its driver')
+
+
+def refuse_silent_pose(recording: Recording) -> None:
+    """
+    Refuse a pose that falls silent for good while the robot moves on.
+
+    Raises
+    ------
+    DataError
+        Says when, and what moved.
+    """
+    pose, others = recording.pose, (recording.wrench, recording.accelerometer)
+    if pose is None or not len(pose):
+        return
+    start = float(pose.t[-1])
+    end = max((float(stream.t[-1]) for stream in others if stream is not None), default=start)
+    if what := _what_moves(recording, start, end - limits.LATE_AT_END):
+        raise DataError(f'current_pose says nothing from {start:.2f} s on of '
+                        f'{recording.source or "the recording"}, while {what}; look at its driver')
 
 
 def _repetitions(pose: PoseStream) -> Iterator[tuple[int, int]]:
@@ -101,7 +74,7 @@ def _repetitions(pose: PoseStream) -> Iterator[tuple[int, int]]:
     rows = np.hstack([pose.R_base_sensor.reshape(len(pose), 9), np.nan_to_num(pose.position)])
     changes = np.flatnonzero((np.diff(rows, axis=0) != 0).any(axis=1))
     firsts, lasts = np.append(0, changes + 1), np.append(changes, len(pose) - 1)
-    long = pose.t[lasts] - pose.t[firsts] >= FROZEN
+    long = pose.t[lasts] - pose.t[firsts] >= limits.FROZEN
     yield from zip(firsts[long].tolist(), lasts[long].tolist())
 
 
@@ -110,7 +83,7 @@ def _jumps(pose: PoseStream, last: int) -> bool:
     there, next_one = _way(pose, last, last + 1), _way(pose, last + 1, last + 2)
     t = np.append(pose.t, pose.t[-1] + pose.t[last + 1] - pose.t[last])
     speed, following = there / (t[last + 1] - t[last]), next_one / (t[last + 2] - t[last + 1])
-    return there > 1.0 and speed > JUMPED * following
+    return there > 1.0 and speed > limits.JUMPED * following
 
 
 def _way(pose: PoseStream, i: int, j: int) -> float:
@@ -124,7 +97,7 @@ def _ways(pose: PoseStream) -> Array:
     """Ways from the first sample, in what has moved for certain."""
     turned = np.linalg.norm(rotation_vector(pose.R_base_sensor[0].T @ pose.R_base_sensor), axis=1)
     moved = np.linalg.norm(np.nan_to_num(pose.position - pose.position[0]), axis=1)
-    return np.asarray(np.maximum(turned / TURNED, moved / MOVED))
+    return np.asarray(np.maximum(turned / limits.TURNED, moved / limits.MOVED))
 
 
 def _what_moves(recording: Recording, start: float, end: float) -> str:
@@ -134,7 +107,7 @@ def _what_moves(recording: Recording, start: float, end: float) -> str:
         held = max(0, int(np.searchsorted(target.t, start, side='right')) - 1)
         sent = target.between(float(target.t[held]), end)
         return 'the commands move' if len(sent) > 1 and _ways(sent).max() > 1.0 else ''
-    start += RINGING
+    start += limits.RINGING
     for name in ('angular_velocity', 'accelerometer', 'wrench'):
         stream: Stream | None = getattr(recording, name)
         if stream is not None and _changes(stream, name, recording, start, end):
@@ -151,22 +124,26 @@ def _changes(stream: Stream, name: str, recording: Recording, start: float, end:
     spans = [(-np.inf, np.inf)] if name != 'wrench' else phase_spans(
         recording.phases, (*FREE, *STILL))
     means, errors = _means(stream, float(stream.t[0]), float(stream.t[-1]))
-    usual = np.ptp(means, axis=0) if len(means) else np.zeros(stream.values.shape[1])
+    if not len(means):
+        return False
+    usual = np.ptp(means, axis=0)
     if name == 'accelerometer':
-        usual = np.maximum(usual, TILTED / LARGE * np.linalg.norm(means.mean(axis=0)))
+        tilted = limits.TILTED / limits.LARGE * np.linalg.norm(means.mean(axis=0))
+        usual = np.maximum(usual, tilted)
     for begin, stop in spans:
         means, errors = _means(stream, max(start, begin), min(end, stop))
         if len(means) > 1:
             change = np.ptp(means, axis=0)
-            if ((change > CERTAIN * np.median(errors, axis=0)) & (change > LARGE * usual)).any():
+            certain = change > limits.CERTAIN * np.median(errors, axis=0)
+            if (certain & (change > limits.LARGE * usual)).any():
                 return True
     return False
 
 
 def _means(stream: Stream, start: float, end: float) -> tuple[Array, Array]:
     """Means over equal stretches, with their standard errors were the noise white."""
-    count = max(0, int((end - start) / LOOK))
-    edges = np.searchsorted(stream.t, start + LOOK * np.arange(count + 1))
+    count = max(0, int((end - start) / limits.LOOK))
+    edges = np.searchsorted(stream.t, start + limits.LOOK * np.arange(count + 1))
     parts = [stream.values[i:j] for i, j in zip(edges, edges[1:]) if j - i > 3]
     if not parts:
         none = np.empty((0, stream.values.shape[1]))
@@ -190,10 +167,10 @@ def rest_within(pose: PoseStream, start: float, end: float) -> tuple[float, floa
         Start and end [s] of the longest rest; those given where the pose does not move, and where
         it moves nearly all along, which is for the fit to judge.
     """
-    origin = start - BEFORE
+    origin = start - limits.BEFORE
     cut = pose.between(origin, end)
-    slices = int((end - origin) / SLICE)
-    edges = np.searchsorted(cut.t, origin + SLICE * np.arange(slices + 1))
+    slices = int((end - origin) / limits.SLICE)
+    edges = np.searchsorted(cut.t, origin + limits.SLICE * np.arange(slices + 1))
     if slices < 4 or np.diff(edges).min() < 3:
         return start, end
     moving = _moving(cut, edges)
@@ -202,20 +179,20 @@ def rest_within(pose: PoseStream, start: float, end: float) -> tuple[float, floa
         return start, end
     begins, ends = borders[::2], borders[1::2]
     i = int(np.argmax(ends - begins))
-    stop = end if ends[i] == len(moving) else float(origin + SLICE * ends[i])
-    stopped = float(origin + SLICE * (begins[i] + 1)) if begins[i] else -np.inf
-    if stop - max(start, stopped) < SHORTEST_REST:
+    stop = end if ends[i] == len(moving) else float(origin + limits.SLICE * ends[i])
+    stopped = float(origin + limits.SLICE * (begins[i] + 1)) if begins[i] else -np.inf
+    if stop - max(start, stopped) < limits.SHORTEST_REST:
         return start, end
-    return max(start, min(stopped + SETTLING, stop - SHORTEST_REST)), stop
+    return max(start, min(stopped + limits.SETTLING, stop - limits.SHORTEST_REST)), stop
 
 
 def _moving(cut: PoseStream, edges: NDArray[np.intp]) -> NDArray[np.bool_]:
     """Say of each pair of neighbouring slices whether the pose moves from one to the next."""
     turned = rotation_vector(cut.R_base_sensor[len(cut) // 2].T @ cut.R_base_sensor)
-    rows = np.hstack([turned / TURN_RATE, np.nan_to_num(cut.position) / SPEED])
+    rows = np.hstack([turned / limits.TURN_RATE, np.nan_to_num(cut.position) / limits.SPEED])
     steps = np.diff(rows, axis=0)
     noise = 1.48 / np.sqrt(2.0) * np.median(np.abs(steps - np.median(steps, axis=0)), axis=0)
     means = np.array([rows[i:j].mean(axis=0) for i, j in zip(edges, edges[1:])])
     doubt = 5.0 * noise * np.sqrt(2.0 / np.diff(edges).min())
     way = np.maximum(np.abs(np.diff(means, axis=0)) - doubt, 0.0)
-    return np.asarray(np.linalg.norm(way, axis=1) > SLICE)
+    return np.asarray(np.linalg.norm(way, axis=1) > limits.SLICE)

@@ -3,15 +3,17 @@
 from dataclasses import replace
 import warnings
 
-from forcecal_ros.diagnose import datachecks
 from forcecal_ros.diagnose.motion.known import known_from_rig
 from forcecal_ros.diagnose.motion.pipeline import diagnose_motion
+from forcecal_ros.diagnose.pairing import bridged, unseen
 from forcecal_ros.diagnose.parameters import from_checks
 from forcecal_ros.diagnose.pipeline import diagnose
-from forcecal_ros.diagnose.soundness import bridged, silences, sound, unseen
 from forcecal_ros.diagnose.stamps import Corrected
 from forcecal_ros.geometry import rotation_about
 from forcecal_ros.recording.bags import read_recording
+from forcecal_ros.recording.checks.clocks import clocks, dropouts, skew_between
+from forcecal_ros.recording.checks.entry import checked
+from forcecal_ros.recording.checks.pauses import silences
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.simulators.rig.file import load_rig
 import numpy as np
@@ -69,10 +71,10 @@ def test_clocks_hours_apart_are_invalid_and_the_stream_and_a_remedy_are_named(re
         assert name in reason and '+10000.0 s' in reason and 'PTP' in reason
 
 
-def test_commands_on_another_clock_are_told_by_every_sensor(recording):
+def test_commands_on_another_clock_are_told(recording):
     reason = diagnose(shifted(recording, 'target', -1e4), None, load_rig()).diagnosis.reason
-    assert 'target_frame' in reason
-    assert all(name in reason for name in ('wrench +', 'current_pose', 'optidrive +'))
+    assert reason.startswith('stamps begin too far from those of wrench: '
+                             'target (target_frame) -10000.0 s; set the clocks')
 
 
 @pytest.mark.parametrize('value', [1e30, np.nan, np.inf])
@@ -87,29 +89,29 @@ def test_a_few_nonsense_values_are_left_out_and_told(recording):
     slide = recording.optidrive.values.copy()
     slide[50:60] = 1e30
     slide[60] = np.nan
-    checked = sound(with_values(recording, 'optidrive', slide), 'target', 5.0)
-    assert len(checked.recording.optidrive) == len(slide) - 11
-    assert checked.notes == ('optidrive: 11 samples are not finite or beyond 1e+06 and left out',)
+    kept, removed = checked(with_values(recording, 'optidrive', slide))
+    assert len(kept.optidrive) == len(slide) - 11 and removed == {'optidrive': 11}
+    assert kept.notes == ('optidrive: 11 samples are not finite or beyond 1e+06 and left out',)
 
 
 def test_a_dead_wrench_is_invalid(recording):
     dead = np.tile(recording.wrench.values[0], (len(recording.wrench), 1))
     for reason in both(with_values(recording, 'wrench', dead)):
-        assert reason == ('wrench: the values never change; check the driver and record again')
+        assert reason.startswith('wrench: the values never change; check')
 
 
 def test_a_wrench_that_freezes_while_the_robot_turns_is_invalid(recording):
     values = recording.wrench.values.copy()
     values[6000:] = values[6000]
     for reason in both(with_values(recording, 'wrench', values)):
-        assert 'stand still from 6.0 s to 10.0 s' in reason
+        assert 'wrench: every channel repeats itself from 6.00 s to 10.00 s' in reason
 
 
-def test_a_dead_channel_is_told(recording):
+def test_a_dead_channel_is_invalid(recording):
     values = recording.wrench.values.copy()
     values[:, 2] = 7.0
-    notes = sound(with_values(recording, 'wrench', values), 'target', 5.0).notes
-    assert notes == ('force.z: the value never changes',)
+    for reason in both(with_values(recording, 'wrench', values)):
+        assert reason.startswith('force.z stands at 7 throughout; check')
 
 
 def test_what_was_not_recorded_is_said_and_nothing_at_all_is_invalid(recording):
@@ -127,22 +129,22 @@ def test_a_second_recording_without_the_wrench_is_refused(recording):
 
 def test_a_pause_is_no_lost_samples_and_lost_samples_are_no_pause(recording):
     paused = replace(recording, **{n: cut(getattr(recording, n), 4.0, 6.0) for n in STREAMS})
-    found = datachecks.clocks(paused)
-    assert not datachecks.dropouts(found) and not datachecks.skew_between(found)
+    found = clocks(paused)
+    assert not dropouts(found) and not skew_between(found)
     assert silences(paused) == ('all streams: nothing was recorded for 2.0 s from 4.0 s on',)
     own = silences(replace(recording, wrench=paused.wrench))
     assert own == ('wrench: nothing was recorded for 2.0 s from 4.0 s on',)
     kept = np.random.default_rng(1).random(len(paused.wrench)) > 0.02
     lossy = replace(paused, wrench=replace(
         paused.wrench, t=paused.wrench.t[kept], values=paused.wrench.values[kept]))
-    lost = datachecks.dropouts(datachecks.clocks(lossy))
+    lost = dropouts(clocks(lossy))
     assert lost == {'wrench': pytest.approx(0.02, abs=5.0 * np.sqrt(0.02 / len(kept)))}
 
 
 def test_a_clock_is_judged_by_its_slope_although_it_starts_anew_after_a_pause(recording):
     t = recording.wrench.t
     t = np.where(t < 5.0, t, t + 2.0004) * (1.0 + 1e-4)
-    clock, = datachecks.clocks(Recording(wrench=replace(recording.wrench, t=t)))
+    clock, = clocks(Recording(wrench=replace(recording.wrench, t=t)))
     assert clock.skew == pytest.approx(1e-4, rel=1e-3) and clock.lost == 0.0
 
 

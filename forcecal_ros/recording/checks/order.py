@@ -3,10 +3,13 @@
 from bisect import bisect_left
 from typing import NamedTuple
 
-from forcecal_ros.recording.bags.batch import Integers
+from forcecal_ros.recording.checks import limits
 import numpy as np
+from numpy.typing import NDArray
 
-_JITTER = 10**9
+Integers = NDArray[np.int64]
+
+_BACK = round(limits.BACK * 1e9)
 _DAY = 86400 * 10**9
 
 
@@ -44,7 +47,7 @@ def increasing(stamps: Integers) -> Order:
     """
     if not len(stamps) or (np.diff(stamps) > 0).all() and stamps[-1] - stamps[0] < _DAY:
         return Order(np.arange(len(stamps)), 0, 0)
-    cuts = np.flatnonzero(np.abs(np.diff(stamps.astype(float))) > _JITTER) + 1
+    cuts = np.flatnonzero(np.abs(np.diff(stamps.astype(float))) > _BACK) + 1
     bounds = np.concatenate([[0], cuts, [len(stamps)]])
     kept = np.zeros(len(stamps), bool)
     for stretch in _largest_chain(

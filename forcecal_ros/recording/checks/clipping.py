@@ -1,0 +1,129 @@
+"""Channels whose values stop at a limit, or come in steps."""
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+from forcecal_ros.geometry import Array
+from forcecal_ros.recording.checks import limits
+from forcecal_ros.recording.noise.white import difference_gain
+from forcecal_ros.recording.streams import CHANNELS, Recording, Stream
+import numpy as np
+
+
+class Steps(NamedTuple):
+    """Values of one channel that are multiples of a step."""
+
+    channel: str
+    step: float
+
+
+class Clipping(NamedTuple):
+    """Values of one channel that stop at a limit: how many, and when the first of them."""
+
+    channel: str
+    limit: float
+    samples: int
+    start: float = 0.0
+
+    def __str__(self) -> str:
+        return (f'{self.channel} stops at {self.limit:.4g} ({self.samples} samples, the first '
+                f'at {self.start:.2f} s)')
+
+
+class Extreme(NamedTuple):
+    """How often a channel reaches its extreme, and how often twice in a row."""
+
+    samples: int
+    repeated: int
+
+    def is_limit(self, least: int = limits.CLIPPED) -> bool:
+        """Whether it stops there: that often, and half of the time in a row."""
+        return self.samples >= least and self.repeated >= 0.5 * self.samples
+
+
+def noise_of(recording: Recording) -> dict[str, float]:
+    """Return the RMS of each channel's noise, of neighbouring samples: white to motion."""
+    found = {}
+    for name, _, values in _columns(recording):
+        rough = np.abs(np.diff(values, n=3))
+        scale = 0.6745 * np.sqrt(difference_gain(3))
+        found[name] = float(np.median(rough) / scale) if len(rough) else 0.0
+    return found
+
+
+def quantisation(recording: Recording, noise: Mapping[str, float]) -> tuple[Steps, ...]:
+    """
+    Find channels whose values are multiples of a step that matters.
+
+    Parameters
+    ----------
+    noise : mapping of str to float
+        RMS of one sample of each channel.
+    """
+    found = []
+    for name, _, values in _columns(recording):
+        step = _step(values)
+        if step > limits.STEPS * noise[name] and np.ptp(values) > 2.0 * step:
+            found.append(Steps(name, step))
+    return tuple(found)
+
+
+def _step(values: Array) -> float:
+    different = np.unique(values)
+    if len(different) > 0.5 * len(values) or len(different) < 3:
+        return 0.0
+    gaps = np.diff(different)
+    gaps = gaps[gaps > 1e-9 * np.abs(different).max()]
+    step = float(np.percentile(gaps, 10))
+    if step <= 0.0:
+        return 0.0
+    turns = (different - different[0]) / step
+    step *= float(turns[-1] / np.rint(turns[-1])) if turns[-1] > 0.5 else 1.0
+    off = (different - different[0]) / step
+    return step if np.sqrt(np.mean((off - np.rint(off)) ** 2)) < 0.1 else 0.0
+
+
+def clipping(recording: Recording, steps: tuple[Steps, ...], noise: Mapping[str, float]
+             ) -> tuple[Clipping, ...]:
+    """
+    Find channels that stop at a limit.
+
+    Parameters
+    ----------
+    steps : tuple of Steps
+        Channels that come in steps repeat values of themselves; rough ones say nothing.
+    noise : mapping of str to float
+        RMS of one sample of each channel.
+    """
+    coarse, found = {s.channel: s.step for s in steps}, []
+    for name, t, values in _columns(recording):
+        if coarse.get(name, 0.0) > limits.ROUGH * noise[name] or not np.ptp(values) > 0.0:
+            continue
+        least = limits.CLIPPED_IN_STEPS if name in coarse else limits.CLIPPED
+        for extreme in (values.max(), values.min()):
+            at = values == extreme
+            if Extreme(int(at.sum()), int(np.sum(at[1:] & at[:-1]))).is_limit(least):
+                found.append(Clipping(name, float(extreme), int(at.sum()),
+                                      float(t[np.argmax(at)])))
+    return tuple(found)
+
+
+def clipped(recording: Recording) -> tuple[Clipping, ...]:
+    """
+    Find channels that stop at a limit, by the noise that they show themselves.
+
+    One that mostly repeats itself, without noise or in coarse steps, rests at its extreme.
+    """
+    noise = noise_of(recording)
+    found = clipping(recording, quantisation(recording, noise), noise)
+    return tuple(one for one in found
+                 if noise[one.channel] > limits.ROUNDING * abs(one.limit))
+
+
+def _columns(recording: Recording) -> Iterator[tuple[str, Array, Array]]:
+    """Name, stamps and values of each channel of a sensor."""
+    for name in ('wrench', 'accelerometer', 'optidrive'):
+        stream: Stream | None = getattr(recording, name)
+        if stream is not None and len(stream):
+            for channel, values in zip(CHANNELS[name], stream.values.T):
+                yield channel, stream.t, values

@@ -1,0 +1,146 @@
+"""What the stamps of each stream say of its clock: rate, lost samples, jitter; clocks apart."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array
+from forcecal_ros.recording.checks import limits
+from forcecal_ros.recording.streams import Recording
+from forcecal_ros.recording.topics import ROLES
+import numpy as np
+from numpy.typing import NDArray
+
+STREAMS = ('wrench', 'accelerometer', 'optidrive', 'pose', 'target')
+
+
+class Clock(NamedTuple):
+    """
+    What the stamps of one stream say.
+
+    Attributes
+    ----------
+    stream : str
+    rate : float
+        [Hz] that the stream should have: the one known, else the nearest whole number.
+    skew : float
+        Relative excess of the stamped period.
+    lost : float
+        Fraction of samples missing.
+    jitter : float
+        RMS about a straight line [s].
+    std : float
+        Of the skew.
+    """
+
+    stream: str
+    rate: float
+    skew: float
+    lost: float
+    jitter: float
+    std: float
+
+
+def clocks(recording: Recording, rates: Mapping[str, float] = MappingProxyType({})
+           ) -> tuple[Clock, ...]:
+    """
+    Judge the stamps of every stream.
+
+    Parameters
+    ----------
+    rates : mapping of str to float
+        Of each stream, where they are known [Hz].
+    """
+    found = []
+    for name in STREAMS:
+        stream = getattr(recording, name)
+        if stream is not None and len(stream) > 100:
+            found.append(_clock(name, np.asarray(stream.t), rates.get(name)))
+    return tuple(found)
+
+
+def _clock(name: str, t: Array, nominal: float | None) -> Clock:
+    steps = np.diff(t)
+    period = float(np.median(steps))
+    index = np.concatenate([[0.0], np.cumsum(np.maximum(1.0, np.rint(steps / period)))])
+    # after a pause the samples may be on another line of the same slope
+    part = np.concatenate([[0], np.cumsum(steps > max(limits.PAUSE, 2.0 * period))])
+    slope, offset = _line(index, t, part)
+    index = np.rint((t - offset) / slope)
+    slope, offset = _line(index, t, part)
+    rate = max(1.0, round(1.0 / slope))
+    if nominal and abs(nominal * slope - 1.0) < limits.FARTHEST:
+        rate = nominal
+    missing = float(np.sum((np.diff(index) - 1.0)[np.diff(part) == 0]))
+    scatter = float(np.std(t - offset - slope * index))
+    std = scatter * rate / float(np.std(index) * np.sqrt(len(index)))
+    return Clock(name, rate, float(slope * rate - 1.0),
+                 float(max(0.0, missing / (missing + len(t)))), scatter, std)
+
+
+def _line(x: Array, y: Array, part: NDArray[np.intp]) -> tuple[float, Array]:
+    """Fit lines of one slope; return it, and the offset of every sample's part."""
+    count = np.bincount(part)
+    x0, y0 = (np.bincount(part, v) / count for v in (x, y))
+    dx = x - x0[part]
+    slope = float(dx @ (y - y0[part]) / (dx @ dx))
+    return slope, np.asarray((y0 - slope * x0)[part])
+
+
+def skew_between(found: tuple[Clock, ...]) -> dict[str, float]:
+    """Return the skew of each sensor's clock against that of the commands, where it counts."""
+    reference = next((c.skew for c in found if c.stream == 'target'), 0.0)
+    return {c.stream: c.skew - reference for c in found
+            if c.stream != 'target' and abs(c.skew - reference) < limits.FARTHEST
+            and abs(c.skew - reference) > limits.SKEW + 5.0 * c.std
+            and c.jitter * c.rate < limits.JITTER}
+
+
+def dropouts(found: tuple[Clock, ...]) -> dict[str, float]:
+    """Return the fraction of lost samples of each sensor, where it counts."""
+    return {c.stream: c.lost for c in found if c.lost > limits.LOST}
+
+
+def refuse_clocks_apart(recording: Recording) -> None:
+    """
+    Refuse streams that do not overlap with the others because their clocks differ.
+
+    Raises
+    ------
+    DataError
+        Names the streams that most others do not overlap with, and how far off they begin.
+    """
+    refuse_apart({_called(name): (float(stream.t[0]), float(stream.t[-1]))
+                  for name in (*STREAMS, 'angular_velocity')
+                  if (stream := getattr(recording, name)) is not None and len(stream)})
+
+
+def refuse_apart(spans: Mapping[str, tuple[float, float]]) -> None:
+    """
+    Refuse streams, each by its first and last stamp [s], as :func:`refuse_clocks_apart`.
+
+    Raises
+    ------
+    DataError
+        Names them.
+    """
+    meets = {name: {other for other in spans if _gap(spans[name], spans[other]) < limits.APART}
+             for name in spans}
+    most = max(spans, key=lambda name: len(meets[name]), default='')
+    apart = [name for name in spans if name not in meets[most]]
+    if apart:
+        listed = ', '.join(f'{name} {spans[name][0] - spans[most][0]:+.1f} s' for name in apart)
+        raise DataError(f'stamps begin too far from those of {most}: {listed}; set the clocks of '
+                        'all computers by one (PTP or chrony), or stamp on one computer, and '
+                        'record again')
+
+
+def _gap(one: tuple[float, float], other: tuple[float, float]) -> float:
+    """Time between the end of one span and the beginning of the other [s]; below 0: overlap."""
+    return max(one[0] - other[1], other[0] - one[1])
+
+
+def _called(name: str) -> str:
+    topic = ROLES[name].topic if name in ROLES else name
+    return name if topic == name else f'{name} ({topic})'

@@ -1,0 +1,116 @@
+"""Every check of a recording, in order, once, where it enters."""
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.recording.checks import limits
+from forcecal_ros.recording.checks.clipping import clipped
+from forcecal_ros.recording.checks.clocks import refuse_clocks_apart
+from forcecal_ros.recording.checks.motion import refuse_frozen_pose, refuse_silent_pose
+from forcecal_ros.recording.checks.pauses import silences
+from forcecal_ros.recording.checks.repeats import refuse_dead, refuse_stuck
+from forcecal_ros.recording.checks.values import Mask, readable
+from forcecal_ros.recording.streams import CHANNELS, PoseStream, Recording, Stream
+import numpy as np
+
+SENSORS = ('wrench', 'accelerometer', 'optidrive', 'angular_velocity')
+"""Streams whose values are a sensor's."""
+
+OPTIONAL = ('optidrive', 'angular_velocity')
+"""Signals that messages and simulators hold as zeros where nothing measures them."""
+
+
+class Checked(NamedTuple):
+    """
+    A recording that can be used.
+
+    Attributes
+    ----------
+    recording : Recording
+        Without what is no reading; its notes say what that was.
+    removed : dict of str to int
+        How many samples each stream lost.
+    """
+
+    recording: Recording
+    removed: dict[str, int]
+
+
+def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
+    """
+    Check everything that a recording holds, whatever will be made of it.
+
+    Parameters
+    ----------
+    raw_wrench : bool
+        Its wrench holds raw channels, before their matrix.
+
+    Raises
+    ------
+    DataError
+        A stream is empty, spoilt, dead or stuck, or clocks are apart; one sentence says which
+        channel, when, and what to do.
+    """
+    if recording.wrench is not None and not len(recording.wrench):
+        raise DataError('wrench: no message was recorded; look at its topic and its driver, and '
+                        'record again')
+    recording, removed = _readable(_without_absent(recording), raw_wrench)
+    refuse_clocks_apart(recording)
+    for name in SENSORS:
+        stream = getattr(recording, name)
+        if stream is not None:
+            refuse_dead(stream, name, CHANNELS[name])
+            refuse_stuck(stream, name, CHANNELS[name], recording.pose or recording.target)
+    refuse_frozen_pose(recording)
+    refuse_silent_pose(recording)
+    notes = (*silences(recording), *(str(one) for one in clipped(recording)))
+    fresh = [note for note in notes if note not in recording.notes]
+    return Checked(replace(recording, notes=(*recording.notes, *fresh)), removed)
+
+
+def _readable(recording: Recording, raw_wrench: bool) -> tuple[Recording, dict[str, int]]:
+    """Leave out samples that are no readings."""
+    changed: dict[str, Any] = {}
+    removed, notes = {}, []
+    for name in (*SENSORS, 'pose', 'target'):
+        stream = getattr(recording, name)
+        if stream is None:
+            continue
+        limit = limits.ABSURD_RAW if raw_wrench and name == 'wrench' else limits.ABSURD
+        good, note = readable(stream, name, CHANNELS[name], limit)
+        if note:
+            changed[name], removed[name] = _chosen(stream, good), int((~good).sum())
+            notes.append(note)
+    if changed:
+        recording = replace(recording, **changed, notes=(*recording.notes, *notes))
+    return recording, removed
+
+
+def _without_absent(recording: Recording) -> Recording:
+    """Take streams for not measured that are empty, or hold what messages hold then."""
+    found = {name: why for name in (*SENSORS, 'pose', 'target') if (why := _absence(
+        name, getattr(recording, name)))}
+    absent: dict[str, Any] = dict.fromkeys(found)
+    notes = [f'{name}: {why}; taken as not measured' for name, why in found.items()]
+    return replace(recording, **absent, notes=(*recording.notes, *notes)) if found else recording
+
+
+def _absence(name: str, stream: Stream | PoseStream | None) -> str:
+    """Say why a stream is none; empty: it is one, or never was."""
+    if stream is None or name == 'wrench':
+        return ''
+    if not len(stream):
+        return 'no message'
+    if name not in OPTIONAL or not isinstance(stream, Stream):
+        return ''
+    if name == 'angular_velocity' and np.isnan(stream.values).all():
+        return 'no number throughout'
+    return '' if stream.values.any() else 'zero throughout'
+
+
+def _chosen(stream: Stream | PoseStream, kept: Mask) -> Stream | PoseStream:
+    if isinstance(stream, PoseStream):
+        return replace(stream, t=stream.t[kept], position=stream.position[kept],
+                       R_base_sensor=stream.R_base_sensor[kept])
+    return replace(stream, t=stream.t[kept], values=stream.values[kept])

@@ -1,0 +1,156 @@
+"""What a recording may have, in numbers: every limit of the checks, and why it is set so."""
+
+# Values ------------------------------------------------------------------------------------------
+
+ABSURD = 1e6
+"""A reading beyond this is none, in N, N m, V, m/s^2 or m: no wrist sensor reads a meganewton."""
+
+ABSURD_RAW = 2.0**32
+"""The same of a raw channel before its matrix: counts of a converter have 32 bits at most."""
+
+SPOILT = 0.01
+"""From this share of samples on that are no readings a stream is not to be trusted: a wrench of
+1 kHz misses ten a second then, which no driver does that works."""
+
+FEW = 5
+"""So many may be missing of any stream: of 24 static poses one would be 4 %."""
+
+# Values that repeat ------------------------------------------------------------------------------
+
+DEAD = 100
+"""So many samples of one value are no chance; sets of static poses have fewer."""
+
+STUCK, STUCK_SAMPLES = 0.5, 50
+"""A channel that repeats itself for less [s] or for fewer samples may be at its limit, or held by
+its driver. Noise of one resolution repeats itself so often once in 10^20 times."""
+
+HABIT = 20.0
+"""Stuck is what repeats itself for so many times as long as what it does in 95 % of the rest."""
+
+ABRUPT = 0.2
+"""Changes just before a channel sticks, over the usual ones: noise goes on until it sticks, while
+the signal of a simulator without noise comes to rest by ever smaller ones."""
+
+COARSE = 0.1
+"""Resolution over the usual change from which a channel may stand still at rest, because it does
+not resolve its own noise (a third of it, in noise that motion has made ten times as strong)."""
+
+ALIKE = 0.5
+"""Such a channel is stuck where the others of its sensor change by this share of what they
+usually do: then it is not rest that keeps it."""
+
+FELT = 0.1
+"""A robot that turns by so much turns gravity by 6 deg: no force sensor and no accelerometer
+says the same before and after [rad]."""
+
+# Values at a limit, values in steps --------------------------------------------------------------
+
+CLIPPED = 5
+"""Samples at the very same extreme value, half of them in a row, that count as clipping: of noise
+that has no limit the extreme is reached once."""
+
+ROUNDING = 1e-9
+"""Noise below this share of a channel's value is rounding: simulated without noise, it rests at
+its extreme."""
+
+CLIPPED_IN_STEPS = 40
+"""The same of a channel that comes in steps, which repeats its extreme now and then by chance."""
+
+STEPS = 0.17
+"""Step of values, in RMS of the noise, from which it matters: its rounding is 5 % of the noise."""
+
+ROUGH = 2.0
+"""Step, in RMS of the noise, from which the extreme is repeated like any other value."""
+
+# Stamps ------------------------------------------------------------------------------------------
+
+BACK = 1.0
+"""Stamps that go back by more, twice, are a new clock; by less, messages out of order [s]."""
+
+APART = 1.0
+"""Streams that are so far apart do not overlap because their clocks differ [s]."""
+
+PAUSE = 0.5
+"""Silence for so long is no lost samples, but a pause [s]."""
+
+PAUSE_PERIODS = 5.0
+"""A slow stream, or one sample a pose, pauses only where it is silent for so many periods."""
+
+PAUSES_TOLD = 5
+"""More pauses of one stream than that are told in one sentence."""
+
+SKEW = 1e-5
+"""Relative difference of two clocks that is no rounding."""
+
+FARTHEST = 0.02
+"""Relative difference of two clocks beyond which the rate is another one."""
+
+LOST = 5e-4
+"""Fraction of missing samples that counts as dropouts."""
+
+JITTER = 0.15
+"""Scatter of the stamps about their line, in periods, that counts."""
+
+# Poses that repeat, motion -----------------------------------------------------------------------
+
+FROZEN = 0.3
+"""A pose that repeats itself for less is a slow driver, not a frozen one [s]."""
+
+LATE = 0.5
+"""A robot that stands may follow a command so much later: planning, a busy computer [s]."""
+
+LATE_AT_END = 1.0
+"""The same at the end of a recording, where no sample shows whether it followed [s]."""
+
+MOVED, TURNED = 0.002, 0.01
+"""So far a tool has moved for certain [m], [rad]: reported poses resolve a tenth or better."""
+
+JUMPED = 2.0
+"""A pose that had been frozen goes on at so many times the speed that follows."""
+
+RINGING = 1.0
+"""After the robot has stopped its tool may shake the other sensors for so long [s]."""
+
+LOOK = 0.25
+"""Other sensors that tell of motion are averaged over so long, against ringing and noise [s]."""
+
+CERTAIN = 20.0
+"""A change of a mean by so many standard errors is neither noise nor what is left of ringing."""
+
+LARGE = 0.25
+"""A change by this share of all that a sensor does in the recording is a motion, not drift."""
+
+TILTED = 0.05
+"""A change by this share of an accelerometer's reading is a motion, not drift: 3 deg of tilt."""
+
+SPEED, TURN_RATE = 0.005, 0.01
+"""Faster than that a robot is on its way, not settling [m/s], [rad/s]."""
+
+SLICE = 0.1
+"""Speeds are differences of means over so long, which evens out a pose's noise [s]."""
+
+BEFORE = 0.2
+"""A motion that ends so shortly before a phase at rest still rings in it [s]."""
+
+SETTLING = 0.5
+"""Left out after a motion that reaches into a phase at rest, for the tool to ring down [s]."""
+
+SHORTEST_REST = 0.3
+"""So much of a phase at rest is kept [s]; what rings in it shows as drift within the pose."""
+
+# Live, sample by sample --------------------------------------------------------------------------
+
+VISIBLE_TRAVEL, VISIBLE_TURN = 1e-3, 5e-3
+"""Readings that repeat count as frozen only once the commands have moved that far [m], [rad]. A
+pose published with four digits changes every 0.1 mm, and at the default pace the commands are
+1 mm ahead of a robot that lags by 50 ms: what lags more shows as an error of tracking."""
+
+SURELY_FROZEN = 5.0
+"""Readings at rest that repeat for so many times as long as they use to are frozen: live, a false
+alarm ends a motion, a miss is found in the recording."""
+
+HABIT_EXCEPTIONS = 2
+"""So many of the longest repetitions before a start are no habit: a sensor that had frozen."""
+
+HABIT_CHANGES = 20
+"""Fewer changes than that show no habit."""

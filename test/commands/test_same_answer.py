@@ -1,0 +1,232 @@
+"""The same damaged recording gets the same answer from every command that reads it."""
+
+from dataclasses import replace
+import re
+
+from bag_samples import START_NS
+from calibration_runs import run
+from forcecal_ros.cli import main
+from forcecal_ros.motion.plan import Timing
+from forcecal_ros.recording.bags import write_recording, write_signals
+from forcecal_ros.recording.streams import Stream
+from insitu_leg import Leg, PROTOCOL, record
+import numpy as np
+import pytest
+import yaml
+
+
+@pytest.fixture(scope='module')
+def recording():
+    return run(seed=3, timing=Timing(measure=0.4, ring=0.3), settle=0.8)
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory, recording):
+    folder = tmp_path_factory.mktemp('same')
+    write_recording(folder / 'sound', recording)
+    assert main(['calibrate', str(folder / 'sound'), '-o', str(folder / 'c.yaml')]) == 0
+    return folder
+
+
+def with_values(recording, name, change):
+    stream = getattr(recording, name)
+    return replace(recording, **{name: replace(stream, values=change(
+        stream.t, np.array(stream.values)))})
+
+
+def nonsense(value):
+    def change(t, values):
+        values[(t > 4.0) & (t < 6.0), 4] = value
+        return values
+    return change
+
+
+def stuck(channel, start, end=np.inf):
+    def change(t, values):
+        inside = (t >= start) & (t < end)
+        values[inside, channel] = values[np.argmax(inside), channel]
+        return values
+    return change
+
+
+def clipped(t, values):
+    values[:, 2] = np.minimum(values[:, 2], np.quantile(values[:, 2], 0.8))
+    return values
+
+
+def frozen_pose(recording):
+    pose = recording.pose
+    source = np.minimum(np.arange(len(pose)), np.searchsorted(pose.t, 6.0))
+    return replace(recording, pose=replace(
+        pose, position=pose.position[source], R_base_sensor=pose.R_base_sensor[source]))
+
+
+def later(recording, name, way):
+    stream = getattr(recording, name)
+    return replace(recording, **{name: replace(stream, t=stream.t + way)})
+
+
+NONSENSE = (r'wrench: 1\d\.\d % of the samples are not finite or beyond 1e\+06 '
+            r'\(torque\.y from 4\.00 s on\)')
+
+REFUSED = {
+    'readings of 1e7': (lambda r: with_values(r, 'wrench', nonsense(1e7)), NONSENSE),
+    'a channel that is no number': (
+        lambda r: with_values(r, 'wrench', nonsense(np.nan)), NONSENSE),
+    'an accelerometer that is no number': (
+        lambda r: with_values(r, 'accelerometer', lambda t, v: np.full_like(v, np.nan)),
+        r'accelerometer: 100\.0 % of the samples are not finite'),
+    'one channel stuck from 45 % on': (
+        lambda r: with_values(r, 'wrench', stuck(3, 0.45 * r.wrench.t[-1])),
+        r'torque\.x repeats \S+ from 5\.\d\d s to 1\d\.\d\d s while other channels change'),
+    'one channel stuck for a second': (
+        lambda r: with_values(r, 'accelerometer', stuck(1, 5.0, 6.0)),
+        r'accel\.y repeats \S+ from 5\.00 s to 6\.00 s while other channels change'),
+    'a dead accelerometer': (
+        lambda r: with_values(r, 'accelerometer', lambda t, v: np.ones_like(v)),
+        r'accelerometer: the values never change'),
+    'a dead channel': (
+        lambda r: with_values(r, 'wrench', stuck(0, 0.0)), r'force\.x stands at \S+ throughout'),
+    'a wrench that sticks': (
+        lambda r: with_values(r, 'wrench', stuck(slice(None), 7.0)),
+        r'wrench: every channel repeats itself from 7\.00 s to 1\d\.\d\d s'),
+    'a pose that freezes while commands move': (
+        frozen_pose, r'current_pose repeats itself to the last bit from 6\.00 s to 1\d\.\d\d s of '
+        r'\S+, while the commands move'),
+    'a pose that falls silent while commands move': (
+        lambda r: replace(r, pose=r.pose.between(0.0, 6.0)),
+        r'current_pose says nothing from 6\.00 s on of \S+, while the commands move'),
+    'an empty wrench': (lambda r: replace(r, wrench=r.wrench.between(0.0, 0.0)),
+                        'wrench: no message was recorded'),
+    'clocks apart': (
+        lambda r: later(r, 'wrench', 1e4),
+        r'stamps begin too far from those of accelerometer .*: wrench \+10000\.0 s'),
+    'commands of another clock': (
+        lambda r: later(r, 'target', -1e4),
+        r'stamps begin too far from those of wrench: target \(target_frame\) -10000\.0 s'),
+}
+"""What is done to a recording, and what every command says of it."""
+
+ACCEPTED = {
+    'sound': (lambda r: r, None),
+    'a channel that is clipped': (
+        lambda r: with_values(r, 'wrench', clipped),
+        r'force\.z stops at \S+ \(\d+ samples, the first at \d+\.\d\d s\)'),
+    'single readings of 1e7': (
+        lambda r: with_values(r, 'wrench', lambda t, v: np.where(
+            (np.arange(len(t)) % 999 == 5)[:, np.newaxis], 1e7, v)),
+        r'wrench: 1\d samples are not finite or beyond 1e\+06 and left out'),
+    'an accelerometer that pauses': (
+        lambda r: replace(r, accelerometer=Stream(*(
+            x[(r.accelerometer.t < 1.0) | (r.accelerometer.t > 1.7)]
+            for x in (r.accelerometer.t, r.accelerometer.values)))),
+        r'accelerometer: nothing was recorded for 0\.7 s from 1\.0 s on'),
+    'an optidrive without a message': (
+        lambda r: replace(r, optidrive=r.optidrive.between(0.0, 0.0)),
+        'optidrive: no message; taken as not measured'),
+}
+"""The same with what every command notes, and goes on."""
+
+
+def commands(folder, bag):
+    known = ['--calibration', folder / 'c.yaml']
+    return {
+        'calibrate': ['calibrate', bag, '-o', folder / 'out.yaml'],
+        'estimate': ['estimate', bag, *known, '-o', folder / 'estimated'],
+        'gravity': ['gravity', bag, *known, '--filter', 'static', '-o', folder / 'compensated'],
+        'diagnose': ['diagnose', bag, '-o', folder / 'diagnosis'],
+        'by motion': ['diagnose', bag, *known, '-o', folder / 'by_motion']}
+
+
+def said_by(capsys, arguments):
+    """Run one command; return its status, and everything it said."""
+    status = main([str(argument) for argument in arguments])
+    out, err = capsys.readouterr()
+    return status, out + err
+
+
+@pytest.mark.parametrize('damage', REFUSED)
+def test_every_command_refuses_with_the_same_sentence(capsys, folder, recording, damage):
+    change, sentence = REFUSED[damage]
+    bag = folder / 'damaged'
+    write_recording(bag, change(recording))
+    reasons = set()
+    for name, arguments in commands(folder, bag).items():
+        status, said = said_by(capsys, arguments)
+        assert status == 1, (name, said)
+        line = next(line for line in said.splitlines() if 'note:' not in line)
+        reasons.add(line.partition('forcecal: ')[2] or line.partition('invalid_data: ')[2])
+    assert len(reasons) == 1, reasons
+    assert re.match(sentence, reasons.pop())
+
+
+@pytest.mark.parametrize('change_of', ACCEPTED)
+def test_every_command_goes_on_and_notes_the_same(capsys, folder, recording, change_of):
+    change, sentence = ACCEPTED[change_of]
+    bag = folder / 'odd'
+    write_recording(bag, change(recording))
+    noted = set()
+    for name, arguments in commands(folder, bag).items():
+        status, said = said_by(capsys, arguments)
+        assert status == 0, (name, said)
+        if sentence:
+            found = re.search(sentence, said)
+            assert found, (name, said)
+            noted.add(found.group())
+    assert len(noted) == bool(sentence)
+
+
+LEG = {
+    'a channel stuck from 45 % on': (
+        lambda log: replace(log, raw=stuck(2, 27.0)(log.t, np.array(log.raw))),
+        r'channel 3 repeats \S+ from 27\.00 s to \d\d\.\d\d s while other channels change'),
+    'a dead channel': (lambda log: replace(log, raw=stuck(2, 0.0)(log.t, np.array(log.raw))),
+                       r'channel 3 stands at \S+ throughout'),
+    'a channel that is no number': (
+        lambda log: replace(log, raw=nonsense(np.nan)(log.t, np.array(log.raw))),
+        r'\S+: \d\.\d % of the samples are not finite or beyond 4\.29497e\+09 \(\S+ from 4\.0'),
+    'readings of 1e10': (
+        lambda log: replace(log, raw=nonsense(1e10)(log.t, np.array(log.raw))),
+        r'\S+: \d\.\d % of the samples are not finite or beyond 4\.29497e\+09 \(\S+ from 4\.0'),
+    'a dead accelerometer': (lambda log: replace(log, accel=np.ones_like(log.accel)),
+                             'accelerometer: the values never change'),
+}
+
+
+@pytest.mark.parametrize('kind', ['csv', 'mcap'])
+@pytest.mark.parametrize('damage', LEG)
+def test_in_situ_calibration_refuses_by_the_same_checks(capsys, tmp_path, kind, damage):
+    change, sentence = LEG[damage]
+    log = change(record(PROTOCOL[0], Leg(duration=60.0), 1))
+    write_leg(tmp_path, log, kind)
+    status, said = said_by(capsys, ['insitu', tmp_path / 'leg.yaml', '-o', tmp_path / 'out'])
+    assert status == 1
+    assert re.search(f'forcecal: leg: {sentence}', said), said
+
+
+def test_in_situ_calibration_refuses_clocks_apart(capsys, tmp_path):
+    log = record(PROTOCOL[0], Leg(duration=60.0), 1)
+    write_leg(tmp_path, log, 'mcap', apart=1e4)
+    status, said = said_by(capsys, ['insitu', tmp_path / 'leg.yaml', '-o', tmp_path / 'out'])
+    assert status == 1
+    assert 'stamps begin too far from those of wrench: imu/data_raw +10000.0 s' in said
+
+
+def write_leg(folder, log, kind, apart=0.0):
+    """Write a leg's log as a table or a recording, and who reads it."""
+    six: dict[str, object] = {'topic': 'wrench'}
+    felt: dict[str, object] = {'topic': 'imu/data_raw'}
+    if kind == 'csv':
+        names = ['t', *'abcdef', 'ax', 'ay', 'az']
+        np.savetxt(folder / 'leg.csv', np.column_stack([log.t, log.raw, log.accel]),
+                   delimiter=',', header=','.join(names), comments='', fmt='%.9g')
+        six, felt = {'columns': [*'abcdef']}, {'columns': ['ax', 'ay', 'az']}
+    else:
+        write_signals(folder / 'leg', {
+            'wrench': Stream(log.t, log.raw, 'leg'),
+            'imu': Stream(log.t + apart, np.hstack([log.accel, log.gyro]), 'imu')}, START_NS)
+    file = 'leg.csv' if kind == 'csv' else 'leg'
+    time = {'time': {'column': 't', 'unit': 's'}} if kind == 'csv' else {}
+    (folder / 'leg.yaml').write_text(yaml.safe_dump({
+        'format': 'forcecal-insitu/1', 'estimate': 'offset', 'accelerometer': felt,
+        'sensors': {'leg': {**six, 'unit': 'counts'}}, 'data_sets': [{'file': file}], **time}))
