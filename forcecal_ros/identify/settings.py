@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Annotated
 
-from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import STANDARD_GRAVITY
-import numpy as np
+from forcecal_ros.schema import Row, Section, Vector3
 
 COUPLINGS = ('dc', 'ac')
 COMPLIANCES = ('auto', 'yes', 'no')
@@ -56,73 +56,35 @@ class Thresholds:
 
 
 @dataclass(frozen=True)
-class Settings:
-    """
-    Choices of the identification.
+class Settings(Section, name=''):
+    """Choices of the identification."""
 
-    Attributes
-    ----------
-    gravity : float
-        Magnitude at the robot [m/s^2]; it points along -z of base.
-    theta : float
-        The paper's angle in Eq. 9 and 12 [rad]. Only the plain Eq. 16 uses it.
-    coupling : str
-        Of the accelerometer: ``dc``, or ``ac`` for one with a first-order high-pass.
-    cutoff : float or None
-        Corner of that high-pass where it is known [Hz]; None: estimated.
-    accelerometer_position : tuple of 3 float or None
-        Where it sits in ft_sensor at zero displacement, where known [m]; None: estimated.
-    tool_compliance : str
-        Whether the tool slides along x of ft_sensor: ``yes``, ``no``, or ``auto``, which looks
-        for an Optidrive that moves or for ringing after the step.
-    wrench_sign : int
-        What the readings were multiplied by when they were read; written into the calibration.
-    largest_delay : float
-        Delays between sensors are looked for up to this [s].
-    block : float
-        Readings are averaged over blocks of this length [s]: well below the tool's period,
-        well above the sensors'. Longer where a sensor is too slow for it.
-    observer_mode : str
-        ``kalman`` or ``newton``: who publishes the contact wrench.
-    observer_design : str
-        Of the paper's gain: ``kalman`` (Eq. 18, 19) or ``poles``.
-    observer_poles : tuple of 2 float
-        Of the observer's error where ``poles`` places them [1/s], negative.
-    thresholds : Thresholds
-    source : mapping
-        Copied into the calibration's ``source``.
-    """
-
-    gravity: float = STANDARD_GRAVITY
-    theta: float = 0.0
-    coupling: str = 'dc'
-    cutoff: float | None = None
-    accelerometer_position: tuple[float, float, float] | None = None
-    tool_compliance: str = 'auto'
-    wrench_sign: int = 1
-    largest_delay: float = 0.02
-    block: float = 0.02
-    observer_mode: str = 'kalman'
-    observer_design: str = 'kalman'
-    observer_poles: tuple[float, float] = (-30.0, -40.0)
+    gravity: Annotated[float, Row(
+        'Magnitude at the robot; it points along -z of base', 'm/s^2', above=0.0)
+        ] = STANDARD_GRAVITY
+    theta: Annotated[float, Row(
+        "The paper's angle in Eq. 9 and 12; only the plain Eq. 16 uses it", 'rad')] = 0.0
+    coupling: Annotated[str, Row(
+        'Of the accelerometer; ac: with a first-order high-pass', words=COUPLINGS)] = 'dc'
+    cutoff: Annotated[float | None, Row(
+        'Corner of that high-pass where it is known; None: estimated', 'Hz', above=0.0)] = None
+    accelerometer_position: Annotated[Vector3 | None, Row(
+        'In ft_sensor at zero displacement, where known; None: estimated', 'm')] = None
+    tool_compliance: Annotated[str, Row(
+        'Whether the tool slides along x of ft_sensor; auto looks for an Optidrive that moves or '
+        'for ringing after the step', words=COMPLIANCES)] = 'auto'
+    wrench_sign: Annotated[int, Row(
+        'What the readings were multiplied by when they were read', words=(1, -1))] = 1
+    largest_delay: Annotated[float, Row(
+        'Delays between sensors are looked for up to this', 's', above=0.0)] = 0.02
+    block: Annotated[float, Row(
+        "Readings are averaged over blocks of this length: well below the tool's period, well "
+        "above the sensors'; longer where a sensor is too slow for it", 's', above=0.0)] = 0.02
+    observer_mode: Annotated[str, Row('Who publishes the contact wrench', words=MODES)] = 'kalman'
+    observer_design: Annotated[str, Row(
+        "Of the paper's gain: kalman is Eq. 18, 19", words=DESIGNS)] = 'kalman'
+    observer_poles: Annotated[tuple[float, float], Row(
+        "Of the observer's error where poles places them", '1/s', below=0.0)] = (-30.0, -40.0)
     thresholds: Thresholds = Thresholds()
-    source: Mapping[str, object] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        for name, words in (('coupling', COUPLINGS), ('tool_compliance', COMPLIANCES),
-                            ('observer_mode', MODES), ('observer_design', DESIGNS)):
-            if getattr(self, name) not in words:
-                raise ConfigError(f'{name} is {getattr(self, name)!r}; '
-                                  f'it wants one of {", ".join(words)}')
-        for name in ('gravity', 'cutoff', 'block', 'largest_delay'):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise ConfigError(f'{name} is {value!r}; it wants a positive number')
-        if self.wrench_sign not in (1, -1):
-            raise ConfigError(f'wrench_sign is {self.wrench_sign!r}; it wants 1 or -1')
-        if len(self.observer_poles) != 2 or not max(self.observer_poles) < 0:
-            raise ConfigError(f'observer_poles are {self.observer_poles}; '
-                              'they want two negative numbers [1/s]')
-        position = self.accelerometer_position
-        if position is not None and (len(position) != 3 or not np.isfinite(position).all()):
-            raise ConfigError(f'accelerometer_position is {position}; it wants x, y, z [m]')
+    source: Annotated[Mapping[str, object], Row("Copied into the calibration's source")
+                      ] = field(default_factory=dict)

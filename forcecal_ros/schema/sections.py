@@ -53,7 +53,7 @@ class Column(NamedTuple):
             if not isinstance(value, Mapping):
                 raise Mismatch(where, value, 'a group of keys')
             inner = get_args(kind)[1]
-            return value if inner is Any else {
+            return value if inner in (Any, object) else {
                 name(key): row.take(inner, one, path(where, name(key)))
                 for key, one in value.items()}
         return row.take(kind, value, where)
@@ -98,11 +98,11 @@ def _columns(kind: Any) -> tuple[Column, ...]:
 
 
 def _is_section(kind: Any) -> bool:
-    return dataclasses.is_dataclass(kind)
+    return dataclasses.is_dataclass(kind) or hasattr(kind, '_fields')
 
 
 def _defaults(kind: Any) -> Iterable[tuple[str, Any]]:
-    if not _is_section(kind):
+    if not dataclasses.is_dataclass(kind):
         return [(name, kind._field_defaults.get(name, _ABSENT)) for name in kind._fields]
     return [(f.name, f.default if f.default_factory is _ABSENT else f.default_factory())
             for f in dataclasses.fields(kind) if f.init]

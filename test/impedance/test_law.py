@@ -242,5 +242,5 @@ def test_simulated_rig_presses_on_its_wall_as_the_wanted_spring_does():
 
 
 def test_slide_of_a_rigid_tool_is_refused():
-    with pytest.raises(ConfigError, match='stiffness'):
-        Slide(exact(13.0), exact(inf), exact(130.0))
+    with pytest.raises(ConfigError, match='slide.stiffness.value is inf, expected a finite'):
+        Slide(exact(13.0, 'kg'), exact(inf, 'N/m'), exact(130.0, 'N s/m'))

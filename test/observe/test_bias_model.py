@@ -140,5 +140,5 @@ def test_settings_that_make_no_sense_are_refused(wrong):
 
 
 def test_an_unknown_filter_is_refused():
-    with pytest.raises(ConfigError, match='filter .pf. is none of kalman, newton, ukf'):
+    with pytest.raises(ConfigError, match=r"filter is 'pf', expected one of kalman, newton, ukf"):
         Settings('pf')

@@ -177,7 +177,7 @@ def test_an_accelerometer_that_cannot_be_inverted_is_refused():
     {'filter': 'luenberger'}, {'offset': 'maybe'}, {'bandwidth_hz': 0.0}, {'skew': -1.0},
     {'contact_walk': np.inf}, {'wrench_limit': (1.0, 2.0)}])
 def test_settings_out_of_range_are_refused(wrong):
-    with pytest.raises(ConfigError):
+    with pytest.raises(ConfigError, match=f'observer.{next(iter(wrong))} is .*, expected'):
         Settings(**wrong)
 
 
