@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.motion.profiles import quintic
+from forcecal_ros.schema import Row
 import numpy as np
 
 FREE = ('free', 'retract')
@@ -98,41 +99,25 @@ class Program:
 
 @dataclass(frozen=True)
 class Task:
-    """
-    The three phases of [Gamez2005] V in numbers.
+    """The three phases of [Gamez2005] V in numbers."""
 
-    Attributes
-    ----------
-    swing, swing_duration : float
-        Each free move, back and forth, and how long it takes [m], [s].
-    swings : int
-        How often it goes back and forth.
-    clearance : float
-        From the start to the wall [m].
-    depth : float
-        How far behind the wall the reference goes, which is what presses [m].
-    approach : float
-        Duration of the way there, and of the way back [s].
-    sweep : float
-        In contact the reference moves between ``depth`` plus and minus that [m].
-    hold : float
-        Duration of each of the three holds in contact, moves not counted [s].
-    rest : float
-        Before, after and between the free moves [s].
-    settle : float
-        After the way back, for the tool to arrive [s].
-    """
-
-    swing: float = 0.035
-    swing_duration: float = 0.3
-    swings: int = 2
-    clearance: float = 0.08
-    depth: float = 0.02
-    approach: float = 1.4
-    sweep: float = 0.005
-    hold: float = 1.0
-    rest: float = 0.25
-    settle: float = 0.75
+    swing: Annotated[float, Row(
+        'Way of each free move, back and forth, away from the wall', 'm', 0.0, 0.5)] = 0.035
+    swing_duration: Annotated[float, Row('Duration of each of them', 's', 0.05, 10.0)] = 0.3
+    swings: Annotated[int, Row('How often back and forth', low=0, high=1000)] = 2
+    clearance: Annotated[float, Row(
+        'From where the tool stands at start to the wall, along x of ft_sensor', 'm', 0.0, 1.0)
+        ] = 0.08
+    depth: Annotated[float, Row(
+        'How far behind the wall the reference goes, which presses', 'm', 0.0, 0.2)] = 0.02
+    approach: Annotated[float, Row(
+        'Duration of the way there, and of the way back', 's', 0.1, 60.0)] = 1.4
+    sweep: Annotated[float, Row(
+        'In contact the reference moves by that much to and fro', 'm', 0.0, 0.1)] = 0.005
+    hold: Annotated[float, Row('Each of the three holds in contact', 's', 0.1, 600.0)] = 1.0
+    rest: Annotated[float, Row('Between the moves in free space', 's', 0.01, 60.0)] = 0.25
+    settle: Annotated[float, Row(
+        'After the way back, for the tool to arrive', 's', 0.01, 60.0)] = 0.75
 
     def program(self, cycles: int = 1) -> Program:
         """

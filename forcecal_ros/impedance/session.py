@@ -1,13 +1,14 @@
 """A contact task from start to done or aborted: the law within its limits, and the way out."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from forcecal_ros.errors import ConfigError, MotionError
 from forcecal_ros.impedance.law import Measurement
 from forcecal_ros.impedance.program import Program, Reference
 from forcecal_ros.impedance.regulator import Controller
 from forcecal_ros.impedance.withdraw import LineMotion, to_rest, Withdrawal
+from forcecal_ros.schema import Row
 
 WITHDRAWING = 0.25
 """Duration of the slow withdrawal after a stop, while the tool still presses [s]."""
@@ -18,44 +19,33 @@ COMPRESSED = 5e-4
 
 @dataclass(frozen=True)
 class Bounds:
-    """
-    Limits of the command of S, and forces that end the task.
+    """Limits of the command of S, and forces that end the task."""
 
-    Attributes
-    ----------
-    speed, acceleration : float
-        The law's command is held to these [m/s], [m/s^2].
-    deviation : float
-        Command from the reference, beyond which the loop counts as unstable [m].
-    force : float
-        Contact force along x that ends the task wherever it occurs [N].
-    free_force : float
-        The same where no wall is expected [N].
-    margin : float
-        Distance before the wall from which contact is expected [m].
-    touch : float
-        Contact force above which the tool touches [N].
-    stop_duration : float
-        From a stop's first command to rest [s].
-    retract : float
-        How far a stop at the wall takes the tool back, within its duration [m].
-    withdraw : float
-        How far a slow withdrawal then takes it, where it still presses [m].
-    closing : float
-        How long the stream of commands goes on at rest before it ends [s].
-    """
-
-    speed: float = 0.25
-    acceleration: float = 8.0
-    deviation: float = 0.06
-    force: float = 100.0
-    free_force: float = 10.0
-    margin: float = 0.01
-    touch: float = 1.0
-    stop_duration: float = 0.062
-    retract: float = 0.005
-    withdraw: float = 0.015
-    closing: float = 0.1
+    speed: Annotated[float, Row(
+        'Commands are held to it; a measured speed above it times limits.overspeed stops',
+        'm/s', 0.001, 2.0)] = 0.25
+    acceleration: Annotated[float, Row(
+        'Commands are held to it likewise', 'm/s^2', 0.01, 50.0)] = 8.0
+    deviation: Annotated[float, Row(
+        'Command from the reference, beyond which the loop counts as unstable', 'm', 0.001, 1.0)
+        ] = 0.06
+    force: Annotated[float, Row(
+        'Contact force that stops, wherever it occurs', 'N', 0.5, 1e5)] = 100.0
+    free_force: Annotated[float, Row(
+        'Contact force that stops where no wall is expected', 'N', 0.5, 1e5)] = 10.0
+    margin: Annotated[float, Row(
+        'So much before task.clearance the wall is expected already', 'm', 0.0005, 1.0)] = 0.01
+    touch: Annotated[float, Row(
+        'Contact force above which the tool touches', 'N', 0.05, 1000.0)] = 1.0
+    stop_duration: Annotated[float, Row(
+        'From the first command of a stop to rest', 's', 0.01, 0.5)] = 0.062
+    retract: Annotated[float, Row(
+        'How far a stop at the wall takes the tool back within that time', 'm', 0.0005, 0.1)
+        ] = 0.005
+    withdraw: Annotated[float, Row(
+        'How far it goes on from there, slowly, where it still presses', 'm', 0.0005, 0.5)] = 0.015
+    closing: Annotated[float, Row(
+        'How long the stream of commands goes on at rest before it ends', 's')] = 0.1
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:

@@ -1,59 +1,62 @@
 """What neither a plan nor a measured motion may exceed, and the plan's part of checking it."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from forcecal_ros.errors import ConfigError, MotionError
 from forcecal_ros.geometry import Array
 from forcecal_ros.motion.joints import JointMove
 from forcecal_ros.motion.profiles import Move, peak_rates, PEAK_STOP, PEAK_STOP_JERK
+from forcecal_ros.schema import Row
 import numpy as np
 
 
 @dataclass(frozen=True)
 class Limits:
-    """
-    What neither a plan nor a measured motion may exceed; the names are the parameters' keys.
+    """What neither a plan nor a measured motion may exceed; the names are the parameters' keys."""
 
-    Attributes
-    ----------
-    speed, acceleration, jerk : float
-        Of the origin of ft_sensor [m/s], [m/s^2], [m/s^3].
-    angular_speed, angular_acceleration, angular_jerk : float
-        [rad/s], [rad/s^2], [rad/s^3]
-    joint_speed, joint_acceleration, joint_jerk : float
-        Of each joint, where joints are commanded [rad/s], [rad/s^2], [rad/s^3].
-    workspace_min, workspace_max : ndarray, shape (3,)
-        Box in base that the origin of ft_sensor and the tool's tip stay in [m].
-    tip : ndarray, shape (3,)
-        The tool's foremost point in ft_sensor [m].
-    force, torque : float
-        Norms of the wrench as it is read, weight and bias included [N], [N m].
-    tracking_error, tracking_angle : float
-        Measured against commanded pose [m], [rad].
-    overspeed : float
-        What is measured may exceed speeds, acceleration and jerk by this factor.
-    stop_duration : float
-        From a stop's first command to rest [s].
-    """
-
-    speed: float = 0.25
-    acceleration: float = 8.0
-    jerk: float = 1500.0
-    angular_speed: float = 1.5
-    angular_acceleration: float = 60.0
-    angular_jerk: float = 6000.0
-    joint_speed: float = 1.5
-    joint_acceleration: float = 60.0
-    joint_jerk: float = 6000.0
-    workspace_min: Array = (0.6, -0.4, 0.6)  # type: ignore[assignment]
-    workspace_max: Array = (1.25, 0.4, 1.4)  # type: ignore[assignment]
-    tip: Array = (0.2, 0.0, 0.1)  # type: ignore[assignment]
-    force: float = 250.0
-    torque: float = 60.0
-    tracking_error: float = 0.02
-    tracking_angle: float = 0.2
-    overspeed: float = 1.5
-    stop_duration: float = 0.045
+    speed: Annotated[float, Row(
+        'No plan is faster; a measured speed above it times limits.overspeed stops',
+        'm/s', 0.001, 2.0)] = 0.25
+    acceleration: Annotated[float, Row(
+        'No plan accelerates more, stops included', 'm/s^2', 0.01, 50.0)] = 8.0
+    jerk: Annotated[float, Row(
+        'No plan jerks more, stops included', 'm/s^3', 1.0, 1e5)] = 1500.0
+    angular_speed: Annotated[float, Row('No plan turns faster', 'rad/s', 0.01, 5.0)] = 1.5
+    angular_acceleration: Annotated[float, Row(
+        'No plan accelerates its turning more, stops included', 'rad/s^2', 0.1, 300.0)] = 60.0
+    angular_jerk: Annotated[float, Row(
+        'No plan jerks its turning more, stops included', 'rad/s^3', 1.0, 1e6)] = 6000.0
+    joint_speed: Annotated[float, Row(
+        'Of each joint, where joints are commanded', 'rad/s', 0.01, 10.0)] = 1.5
+    joint_acceleration: Annotated[float, Row(
+        'Of each joint likewise', 'rad/s^2', 0.1, 300.0)] = 60.0
+    joint_jerk: Annotated[float, Row('Of each joint likewise', 'rad/s^3', 1.0, 1e6)] = 6000.0
+    workspace_min: Annotated[Array, Row(
+        'Lower corner, in base, of the box that ft_sensor and the tip stay in; planned and '
+        'measured, with joint_trajectory measured only', 'm', shape=(3,))
+        ] = (0.6, -0.4, 0.6)  # type: ignore[assignment]
+    workspace_max: Annotated[Array, Row(
+        'Upper corner of that box', 'm', shape=(3,))
+        ] = (1.25, 0.4, 1.4)  # type: ignore[assignment]
+    tip: Annotated[Array, Row(
+        "The tool's foremost point in ft_sensor", 'm', shape=(3,))
+        ] = (0.2, 0.0, 0.1)  # type: ignore[assignment]
+    force: Annotated[float, Row(
+        'Norm of the force as read, weight included: not started, or stopped, above it',
+        'N', 1.0, 1e5)] = 250.0
+    torque: Annotated[float, Row(
+        'Norm of the torque as read likewise', 'N m', 0.1, 1e4)] = 60.0
+    tracking_error: Annotated[float, Row(
+        'Measured against commanded position', 'm', 0.0005, 1.0)] = 0.02
+    tracking_angle: Annotated[float, Row(
+        'Measured against commanded orientation; with joint_trajectory, joint by joint',
+        'rad', 0.005, 3.0)] = 0.2
+    overspeed: Annotated[float, Row(
+        'Measured speeds, accelerations and jerks may exceed the limits by this factor',
+        low=1.0, high=10.0)] = 1.5
+    stop_duration: Annotated[float, Row(
+        'From the first command of a stop to rest', 's', 0.01, 0.5)] = 0.045
 
     def __post_init__(self) -> None:
         for name in ('workspace_min', 'workspace_max', 'tip'):

@@ -7,13 +7,14 @@ sample is and how long a window lasts.
 from collections import deque
 from dataclasses import dataclass
 from math import inf, isfinite, sqrt
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from forcecal_ros.errors import DataError, MotionError
 from forcecal_ros.geometry import Array
 from forcecal_ros.motion.channel import angle_between, carried, Channel, distance_between, rates
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.recording.checks.limits import ABSURD, VISIBLE_TRAVEL, VISIBLE_TURN
+from forcecal_ros.schema import Row
 import numpy as np
 
 LONGEST_TICK = 0.01
@@ -56,41 +57,38 @@ class WatchSettings:
     """
     When a sensor counts as lost, late, frozen or still; the names are the parameters' keys.
 
-    Attributes
-    ----------
-    pause_timeout : float
-        Silence of a sensor that brings the motion to rest until it is back [s].
-    most_pauses : int
-        So many times a sensor may fall silent or late in one sequence; 0: as often as it likes.
-    lost_timeout : float
-        A sensor that stays silent or late for that long ends the sequence [s].
-    frozen_timeout : float
-        Readings that repeat to the last bit for that long while moving [s]; 0: not looked at. At
-        rest, and at the start, only those of sensors that are not as quiet by habit, see
-        :meth:`Channel.learn`.
-    max_age : float
-        Age of the newest header stamp above which it is late [s]; 0: not looked at.
-    clock_timeout : float
-        A simulated clock that stands for longer ends the sequence [s].
-    window : float
-        Stillness is judged over that long [s].
-    factor : float
-        Standard deviations may exceed those at the start by this factor.
-    force_floor, torque_floor, position_floor : float
-        Standard deviations below which nothing moves, whatever the noise [N], [N m], [m].
+    Frozen readings count at rest, and at the start, only for sensors that are not as quiet by
+    habit, see :meth:`Channel.learn`.
     """
 
-    pause_timeout: float = 0.04
-    most_pauses: int = 20
-    lost_timeout: float = 1.0
-    frozen_timeout: float = 0.035
-    max_age: float = 0.25
-    clock_timeout: float = 0.1
-    window: float = 0.25
-    factor: float = 1.25
-    force_floor: float = 0.02
-    torque_floor: float = 0.002
-    position_floor: float = 5e-6
+    pause_timeout: Annotated[float, Row(
+        'Silence of a sensor that brings the motion to rest until it is back', 's', 0.01, 10.0)
+        ] = 0.04
+    most_pauses: Annotated[int, Row(
+        'So many times a sensor may fall silent or late in one sequence; 0: as often as it '
+        'likes', low=0, high=1_000_000)] = 20
+    lost_timeout: Annotated[float, Row(
+        'A sensor that stays silent or late for that long ends the sequence', 's', 0.05, 60.0)
+        ] = 1.0
+    frozen_timeout: Annotated[float, Row(
+        'Readings that repeat to the last bit for that long in motion stop it; 0: not looked '
+        'at', 's', 0.0, 10.0)] = 0.035
+    max_age: Annotated[float, Row(
+        'Age of its newest header stamp above which a sensor is late; 0: not looked at, for '
+        'clocks that are not in step', 's', 0.0, 10.0)] = 0.25
+    clock_timeout: Annotated[float, Row(
+        'With use_sim_time, a clock that stands for longer ends the sequence', 's', 0.02, 60.0)
+        ] = 0.1
+    window: Annotated[float, Row(
+        'The tool is still when the readings of such a window are as quiet as before the '
+        'start', 's', 0.05, 5.0)] = 0.25
+    factor: Annotated[float, Row(
+        'Standard deviations may exceed those before the start by this factor',
+        low=1.0, high=100.0)] = 1.25
+    force_floor: Annotated[float, Row(
+        'Standard deviation that counts as still anyway', 'N', 0.0, 100.0)] = 0.02
+    torque_floor: Annotated[float, Row('The same of torques', 'N m', 0.0, 10.0)] = 0.002
+    position_floor: Annotated[float, Row('The same of positions', 'm', 0.0, 0.1)] = 5e-6
 
 
 class Monitor:

@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from forcecal_ros.errors import MotionError
 from forcecal_ros.geometry import Array, STANDARD_GRAVITY
 from forcecal_ros.motion.joints import JointMove, shortest_joint_duration
 from forcecal_ros.motion.limits import check_joint_move, check_move, check_workspace, Limits
 from forcecal_ros.motion.profiles import Move, Pace, Pose, shortest_duration
+from forcecal_ros.schema import Row
 import numpy as np
 
 Goal = Pose | Array
@@ -52,35 +53,19 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True)
 class Timing:
-    """
-    How long the parts of a sequence take, and how far they go.
+    """How long the parts of a sequence take, and how far they go."""
 
-    Attributes
-    ----------
-    measure : float
-        In each pose [s].
-    step_distance : float
-        Along x of ft_sensor [m].
-    step_duration : float
-        Of the step's quintic [s].
-    ring : float
-        Held after each step for the tool to ring [s].
-    contact_distance : float
-        How far the tool is brought forward along x of ft_sensor to touch something [m].
-    approach, contact : float
-        Duration of the way there (and back), and of the hold at its end [s].
-    contacts : int
-        How often a diagnosis touches it.
-    """
-
-    measure: float = 1.0
-    step_distance: float = 0.01
-    step_duration: float = 0.1
-    ring: float = 0.7
-    contact_distance: float = 0.086
-    approach: float = 3.0
-    contact: float = 2.0
-    contacts: int = 0
+    measure: Annotated[float, Row('Measuring in each pose', 's', 0.2, 60.0)] = 1.0
+    step_distance: Annotated[float, Row('Step along x of ft_sensor', 'm', -0.05, 0.05)] = 0.01
+    step_duration: Annotated[float, Row('Duration of the step', 's', 0.05, 2.0)] = 0.1
+    ring: Annotated[float, Row('Hold after each step, for the tool to ring', 's', 0.2, 10.0)] = 0.7
+    contact_distance: Annotated[float, Row(
+        'contact: way forward along x of ft_sensor, to something that it touches', 'm', -0.5, 0.5)
+        ] = 0.086
+    approach: Annotated[float, Row(
+        'contact: duration of that way, and of the way back', 's', 0.5, 60.0)] = 3.0
+    contact: Annotated[float, Row('contact: hold at its end', 's', 0.1, 600.0)] = 2.0
+    contacts: Annotated[int, Row('diagnose: how often it touches; 0: never', low=0, high=10)] = 0
 
 
 def calibration_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing

@@ -7,10 +7,11 @@ commanded on the way to rest lies on the path that was checked.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from forcecal_ros.errors import MotionError
 from forcecal_ros.geometry import Array, rotation_from_vector, rotation_vector
+from forcecal_ros.schema import Row
 import numpy as np
 
 PEAK_SPEED = 15 / 8
@@ -222,10 +223,11 @@ def twist_towards(setpoint: Setpoint, measured: Pose, gain: float) -> tuple[Arra
 class Pace(NamedTuple):
     """Peaks a planned move makes use of, below the limits: SI units as in :class:`Limits`."""
 
-    speed: float = 0.2
-    acceleration: float = 2.0
-    angular_speed: float = 1.45
-    angular_acceleration: float = 8.0
+    speed: Annotated[float, Row('Peak speed of moves between poses', 'm/s', 0.001, 2.0)] = 0.2
+    acceleration: Annotated[float, Row('Peak acceleration of those', 'm/s^2', 0.01, 20.0)] = 2.0
+    angular_speed: Annotated[float, Row('Peak angular speed of those', 'rad/s', 0.01, 5.0)] = 1.45
+    angular_acceleration: Annotated[float, Row(
+        'Peak angular acceleration of those', 'rad/s^2', 0.1, 100.0)] = 8.0
 
 
 def shortest_duration(start: Pose, goal: Pose, pace: Pace) -> float:

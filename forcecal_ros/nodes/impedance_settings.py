@@ -1,7 +1,6 @@
 """The impedance node's parameters: the table, and what its values mean to the numerics."""
 
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import Any, NamedTuple
 
 from forcecal_ros.impedance.program import Task
@@ -10,14 +9,24 @@ from forcecal_ros.impedance.settings import DesignSettings, Wanted
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import WatchSettings
 from forcecal_ros.nodes.runtime import EXECUTOR
-from forcecal_ros.schema import Parameter
+from forcecal_ros.schema import Parameter, parameters_of, section_of
 
-_BOUNDS, _LIMITS, _TASK, _WANTED = Bounds(), Limits(), Task(), Wanted()
+_LIMITS, _WANTED = Limits(), Wanted()
 _DESIGN = DesignSettings()
 
 WATCH = WatchSettings(pause_timeout=0.025, lost_timeout=0.029, frozen_timeout=0.03, max_age=0.03,
                       most_pauses=0)
 """Silence is at rest within 0.1 s: found, and stopped in the time of ``limits.stop_duration``."""
+
+
+_OTHERWISE = {
+    'jerk': 'A measured jerk above it times limits.overspeed stops',
+    'workspace_min': 'Lower corner, in base, of the box that ft_sensor and the tip stay in',
+    'torque': 'Norm of the contact torque that stops',
+    'tracking_angle': 'Measured against commanded orientation',
+    'overspeed': 'Measured speed, acceleration and jerk may exceed the limits by this factor',
+}
+"""What some of the limits mean here, where nothing is planned before the start."""
 
 
 def _live(name: str, default: Any, description: str, unit: str = '', low: float | None = None,
@@ -30,23 +39,7 @@ PARAMETERS = (
     EXECUTOR,
     _live('task.cycles', 1, 'How often free movement, contact and way back follow one another',
           '', 1, 100_000),
-    _live('task.swing', _TASK.swing, 'Way of each free move, back and forth, away from the wall',
-          'm', 0.0, 0.5),
-    _live('task.swing_duration', _TASK.swing_duration, 'Duration of each of them', 's',
-          0.05, 10.0),
-    _live('task.swings', _TASK.swings, 'How often back and forth', '', 0, 1000),
-    _live('task.clearance', _TASK.clearance, 'From where the tool stands at start to the wall, '
-          'along x of ft_sensor', 'm', 0.0, 1.0),
-    _live('task.depth', _TASK.depth, 'How far behind the wall the reference goes, which presses',
-          'm', 0.0, 0.2),
-    _live('task.approach', _TASK.approach, 'Duration of the way there, and of the way back', 's',
-          0.1, 60.0),
-    _live('task.sweep', _TASK.sweep, 'In contact the reference moves by that much to and fro',
-          'm', 0.0, 0.1),
-    _live('task.hold', _TASK.hold, 'Each of the three holds in contact', 's', 0.1, 600.0),
-    _live('task.rest', _TASK.rest, 'Between the moves in free space', 's', 0.01, 60.0),
-    _live('task.settle', _TASK.settle, 'After the way back, for the tool to arrive', 's',
-          0.01, 60.0),
+    *parameters_of('task', Task()),
     _live('impedance.mass', _WANTED.mass, 'The tool shall give way to a force as this mass',
           'kg', 0.1, 1e4),
     _live('impedance.damping', _WANTED.damping, 'with this damper', 'N s/m', 0.1, 1e6),
@@ -67,40 +60,11 @@ PARAMETERS = (
     _live('design.force_gain', 0.0, 'c of the control law in the place of the one that makes '
           'the steady state right; 0: that one', 'm/N', -1.0, 1.0),
     _live('design.position_gain', 0.0, 'l_r likewise', '', -1e3, 1e3),
-    _live('limits.speed', _BOUNDS.speed, 'Commands are held to it; a measured speed above it '
-          'times limits.overspeed stops', 'm/s', 0.001, 2.0),
-    _live('limits.acceleration', _BOUNDS.acceleration, 'Commands are held to it likewise',
-          'm/s^2', 0.01, 50.0),
-    _live('limits.jerk', _LIMITS.jerk, 'A measured jerk above it times limits.overspeed stops',
-          'm/s^3', 1.0, 1e5),
-    _live('limits.workspace_min', _LIMITS.workspace_min.tolist(), 'Lower corner, in base, of the '
-          'box that ft_sensor and the tip stay in', 'm'),
-    _live('limits.workspace_max', _LIMITS.workspace_max.tolist(), 'Upper corner of that box', 'm'),
-    _live('limits.tip', _LIMITS.tip.tolist(), "The tool's foremost point in ft_sensor", 'm'),
-    _live('limits.force', _BOUNDS.force, 'Contact force that stops, wherever it occurs', 'N',
-          0.5, 1e5),
-    _live('limits.free_force', _BOUNDS.free_force, 'Contact force that stops where no wall is '
-          'expected', 'N', 0.5, 1e5),
-    _live('limits.margin', _BOUNDS.margin, 'So much before task.clearance the wall is expected '
-          'already', 'm', 0.0005, 1.0),
-    _live('limits.torque', _LIMITS.torque, 'Norm of the contact torque that stops', 'N m',
-          0.1, 1e4),
-    _live('limits.deviation', _BOUNDS.deviation, 'Command from the reference, beyond which the '
-          'loop counts as unstable', 'm', 0.001, 1.0),
-    _live('limits.tracking_error', _LIMITS.tracking_error, 'Measured against commanded position',
-          'm', 0.0005, 1.0),
-    _live('limits.tracking_angle', _LIMITS.tracking_angle,
-          'Measured against commanded orientation', 'rad', 0.005, 3.0),
-    _live('limits.overspeed', _LIMITS.overspeed, 'Measured speed, acceleration and jerk may '
-          'exceed the limits by this factor', '', 1.0, 10.0),
-    _live('limits.stop_duration', _BOUNDS.stop_duration, 'From the first command of a stop to '
-          'rest', 's', 0.01, 0.5),
-    _live('limits.retract', _BOUNDS.retract, 'How far a stop at the wall takes the tool back '
-          'within that time', 'm', 0.0005, 0.1),
-    _live('limits.withdraw', _BOUNDS.withdraw, 'How far it goes on from there, slowly, where it '
-          'still presses', 'm', 0.0005, 0.5),
-    _live('limits.touch', _BOUNDS.touch, 'Contact force above which the tool touches', 'N',
-          0.05, 1e3),
+    *parameters_of('limits', Bounds(), 'speed', 'acceleration', 'force', 'free_force', 'margin',
+                   'deviation', 'stop_duration', 'retract', 'withdraw', 'touch'),
+    *parameters_of('limits', _LIMITS, 'workspace_max', 'tip', 'tracking_error'),
+    *(row._replace(description=_OTHERWISE[row.name.partition('.')[2]])
+      for row in parameters_of('limits', _LIMITS, *_OTHERWISE)),
     _live('watch.pause_timeout', WATCH.pause_timeout, 'Silence of the observer, the pose or the '
           'displacement that makes the reference stand', 's', 0.008, 10.0),
     _live('watch.lost_timeout', WATCH.lost_timeout, 'Silence or lateness for that long stops',
@@ -150,14 +114,10 @@ def settings_of(value: Mapping[str, Any]) -> Settings:
     ConfigError
         Values contradict each other.
     """
-    def group(kind: type, prefix: str) -> dict[str, Any]:
-        return {field.name: value[f'{prefix}.{field.name}'] for field in fields(kind)
-                if f'{prefix}.{field.name}' in value}
-
-    return Settings(Task(**group(Task, 'task')), value['task.cycles'],
-                    Bounds(**group(Bounds, 'limits')), Limits(**group(Limits, 'limits')),
-                    WatchSettings(**group(WatchSettings, 'watch')),
-                    Wanted(**group(Wanted, 'impedance')), _design(value))
+    return Settings(section_of(Task, value, 'task'), value['task.cycles'],
+                    section_of(Bounds, value, 'limits'), section_of(Limits, value, 'limits'),
+                    section_of(WatchSettings, value, 'watch'),
+                    section_of(Wanted, value, 'impedance'), _design(value))
 
 
 def _design(value: Mapping[str, Any]) -> DesignSettings:

@@ -1,7 +1,7 @@
 """The sequencer's parameters: the table, and what its values mean to the numerics."""
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,13 +26,13 @@ from forcecal_ros.motion.sequence import StreamSettings
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.safe_yaml import LARGEST, load_yaml
-from forcecal_ros.schema import Parameter
+from forcecal_ros.schema import Parameter, parameters_of, section_of
 import numpy as np
 
 LATENCY = 0.05
 """Readings may be that old when they arrive; settling waits so much longer [s]."""
 
-_LIMITS, _PACE, _TIMING, _WATCH = Limits(), Pace(), Timing(), WatchSettings()
+_WATCH = WatchSettings()
 
 
 def _live(name: str, default: Any, description: str, unit: str = '', low: float | None = None,
@@ -51,80 +51,13 @@ PARAMETERS = (
           'position of .nan keeps the robot where it stands')._replace(per_line=POSE_LENGTH),
     _live('poses.file', '', 'YAML file with a list of {name, position, orientation} that takes '
           'the place of poses.names and poses.values; empty: none'),
-    _live('timing.measure', _TIMING.measure, 'Measuring in each pose', 's', 0.2, 60.0),
-    _live('timing.step_distance', _TIMING.step_distance, 'Step along x of ft_sensor', 'm',
-          -0.05, 0.05),
-    _live('timing.step_duration', _TIMING.step_duration, 'Duration of the step', 's', 0.05, 2.0),
-    _live('timing.ring', _TIMING.ring, 'Hold after each step, for the tool to ring', 's',
-          0.2, 10.0),
-    _live('timing.contact_distance', _TIMING.contact_distance, 'contact: way forward along x of '
-          'ft_sensor, to something that it touches', 'm', -0.5, 0.5),
-    _live('timing.approach', _TIMING.approach, 'contact: duration of that way, and of the way '
-          'back', 's', 0.5, 60.0),
-    _live('timing.contact', _TIMING.contact, 'contact: hold at its end', 's', 0.1, 600.0),
-    _live('timing.contacts', _TIMING.contacts, 'diagnose: how often it touches; 0: never',
-          low=0, high=10),
-    _live('pace.speed', _PACE.speed, 'Peak speed of moves between poses', 'm/s', 0.001, 2.0),
-    _live('pace.acceleration', _PACE.acceleration, 'Peak acceleration of those', 'm/s^2',
-          0.01, 20.0),
-    _live('pace.angular_speed', _PACE.angular_speed, 'Peak angular speed of those', 'rad/s',
-          0.01, 5.0),
-    _live('pace.angular_acceleration', _PACE.angular_acceleration,
-          'Peak angular acceleration of those', 'rad/s^2', 0.1, 100.0),
-    _live('limits.speed', _LIMITS.speed, 'No plan is faster; a measured speed above it times '
-          'limits.overspeed stops', 'm/s', 0.001, 2.0),
-    _live('limits.acceleration', _LIMITS.acceleration, 'No plan accelerates more, stops '
-          'included', 'm/s^2', 0.01, 50.0),
-    _live('limits.jerk', _LIMITS.jerk, 'No plan jerks more, stops included', 'm/s^3', 1.0, 1e5),
-    _live('limits.angular_speed', _LIMITS.angular_speed, 'No plan turns faster', 'rad/s',
-          0.01, 5.0),
-    _live('limits.angular_acceleration', _LIMITS.angular_acceleration,
-          'No plan accelerates its turning more, stops included', 'rad/s^2', 0.1, 300.0),
-    _live('limits.angular_jerk', _LIMITS.angular_jerk, 'No plan jerks its turning more, stops '
-          'included', 'rad/s^3', 1.0, 1e6),
-    _live('limits.joint_speed', _LIMITS.joint_speed, 'Of each joint, where joints are commanded',
-          'rad/s', 0.01, 10.0),
-    _live('limits.joint_acceleration', _LIMITS.joint_acceleration, 'Of each joint likewise',
-          'rad/s^2', 0.1, 300.0),
-    _live('limits.joint_jerk', _LIMITS.joint_jerk, 'Of each joint likewise', 'rad/s^3', 1.0, 1e6),
-    _live('limits.workspace_min', _LIMITS.workspace_min.tolist(), 'Lower corner, in base, of the '
-          'box that ft_sensor and the tip stay in; planned and measured, with joint_trajectory '
-          'measured only', 'm'),
-    _live('limits.workspace_max', _LIMITS.workspace_max.tolist(), 'Upper corner of that box', 'm'),
-    _live('limits.tip', _LIMITS.tip.tolist(), "The tool's foremost point in ft_sensor", 'm'),
-    _live('limits.force', _LIMITS.force, 'Norm of the force as read, weight included: not '
-          'started, or stopped, above it', 'N', 1.0, 1e5),
-    _live('limits.torque', _LIMITS.torque, 'Norm of the torque as read likewise', 'N m',
-          0.1, 1e4),
-    _live('limits.tracking_error', _LIMITS.tracking_error, 'Measured against commanded position',
-          'm', 0.0005, 1.0),
-    _live('limits.tracking_angle', _LIMITS.tracking_angle,
-          'Measured against commanded orientation; with joint_trajectory, joint by joint', 'rad',
-          0.005, 3.0),
-    _live('limits.overspeed', _LIMITS.overspeed, 'Measured speeds, accelerations and jerks may '
-          'exceed the limits by this factor', '', 1.0, 10.0),
-    _live('limits.stop_duration', _LIMITS.stop_duration, 'From the first command of a stop to '
-          'rest', 's', 0.01, 0.5),
-    _live('watch.pause_timeout', _WATCH.pause_timeout, 'Silence of a sensor that brings the '
-          'motion to rest until it is back', 's', 0.01, 10.0),
-    _live('watch.most_pauses', _WATCH.most_pauses, 'So many times a sensor may fall silent or '
-          'late in one sequence; 0: as often as it likes', '', 0, 1_000_000),
-    _live('watch.lost_timeout', _WATCH.lost_timeout, 'A sensor that stays silent or late for '
-          'that long ends the sequence', 's', 0.05, 60.0),
-    _live('watch.frozen_timeout', _WATCH.frozen_timeout, 'Readings that repeat to the last bit '
-          'for that long in motion stop it; 0: not looked at', 's', 0.0, 10.0),
-    _live('watch.max_age', _WATCH.max_age, 'Age of its newest header stamp above which a sensor '
-          'is late; 0: not looked at, for clocks that are not in step', 's', 0.0, 10.0),
-    _live('watch.clock_timeout', _WATCH.clock_timeout, 'With use_sim_time, a clock that stands '
-          'for longer ends the sequence', 's', 0.02, 60.0),
-    _live('settle.window', _WATCH.window, 'The tool is still when the readings of such a window '
-          'are as quiet as before the start', 's', 0.05, 5.0),
-    _live('settle.factor', _WATCH.factor, 'Standard deviations may exceed those before the start '
-          'by this factor', '', 1.0, 100.0),
-    _live('settle.force_floor', _WATCH.force_floor, 'Standard deviation that counts as still '
-          'anyway', 'N', 0.0, 100.0),
-    _live('settle.torque_floor', _WATCH.torque_floor, 'The same of torques', 'N m', 0.0, 10.0),
-    _live('settle.position_floor', _WATCH.position_floor, 'The same of positions', 'm', 0.0, 0.1),
+    *parameters_of('timing', Timing()),
+    *parameters_of('pace', Pace()),
+    *parameters_of('limits', Limits()),
+    *parameters_of('watch', _WATCH, 'pause_timeout', 'most_pauses', 'lost_timeout',
+                   'frozen_timeout', 'max_age', 'clock_timeout'),
+    *parameters_of('settle', _WATCH, 'window', 'factor', 'force_floor', 'torque_floor',
+                   'position_floor'),
     _live('settle.timeout', StreamSettings().settle_timeout, 'The sequence is aborted where the '
           'tool is not still by then', 's', 0.5, 120.0),
     Parameter('motion.backend', 'target_frame', 'Topic and type that commands go out as',
@@ -207,26 +140,18 @@ def settings_of(value: Mapping[str, Any]) -> Settings:
     ConfigError
         Values contradict each other, or a poses file cannot be read.
     """
-    limits = Limits(**_group(Limits, value, 'limits'))
-    watch = WatchSettings(
-        **{name: value[f'watch.{name}'] for name in
-           ('pause_timeout', 'most_pauses', 'lost_timeout', 'frozen_timeout', 'max_age',
-            'clock_timeout')},
-        **{name: value[f'settle.{name}'] for name in
-           ('window', 'factor', 'force_floor', 'torque_floor', 'position_floor')})
+    limits = section_of(Limits, value, 'limits')
+    watch = replace(section_of(WatchSettings, value, 'watch'), **{
+        name: value[f'settle.{name}'] for name in (
+            'window', 'factor', 'force_floor', 'torque_floor', 'position_floor')})
     stream = StreamSettings(
         rate=value['motion.rate'], stop_duration=limits.stop_duration,
         settle_minimum=watch.window + LATENCY, settle_timeout=value['settle.timeout'])
     poses = _poses(value)
     joints, away = _joint_vectors(list(poses), value)
     return Settings(
-        value['sequence'], poses, joints, away, Timing(**_group(Timing, value, 'timing')),
-        Pace(**{name: value[f'pace.{name}'] for name in Pace._fields}), limits, watch, stream,
-        _identification(value))
-
-
-def _group(kind: type, value: Mapping[str, Any], prefix: str) -> dict[str, Any]:
-    return {field.name: value[f'{prefix}.{field.name}'] for field in fields(kind)}
+        value['sequence'], poses, joints, away, section_of(Timing, value, 'timing'),
+        section_of(Pace, value, 'pace'), limits, watch, stream, _identification(value))
 
 
 def _identification(value: Mapping[str, Any]) -> IdentificationSettings:

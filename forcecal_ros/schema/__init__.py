@@ -15,7 +15,12 @@ what is shortest here.
 """
 
 from forcecal_ros.schema.file import load
-from forcecal_ros.schema.parameter import Parameter, parameter_file
+from forcecal_ros.schema.parameter import (
+    Parameter,
+    parameter_file,
+    parameters_of,
+    section_of,
+)
 from forcecal_ros.schema.plain import plain, yaml_value
 from forcecal_ros.schema.row import (
     Matrix3,
@@ -31,5 +36,5 @@ from forcecal_ros.schema.row import (
 from forcecal_ros.schema.sections import columns, instead, path, read, Section, UNKNOWN
 
 __all__ = ['columns', 'instead', 'load', 'Matrix3', 'Mismatch', 'Parameter', 'parameter_file',
-           'path', 'plain', 'read', 'Row', 'Section', 'Shape', 'shown', 'TEXT', 'UNKNOWN',
-           'Vector3', 'Vector4', 'Vector6', 'yaml_value']
+           'parameters_of', 'path', 'plain', 'read', 'Row', 'Section', 'section_of', 'Shape',
+           'shown', 'TEXT', 'UNKNOWN', 'Vector3', 'Vector4', 'Vector6', 'yaml_value']

@@ -1,12 +1,16 @@
 """Parameters of nodes as a table, and the parameter file that is made of it."""
 
-from collections.abc import Iterable, Iterator
-from math import inf
+from collections.abc import Iterable, Iterator, Mapping
+from math import inf, isfinite
 from textwrap import wrap
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from forcecal_ros.schema.plain import yaml_value
 from forcecal_ros.schema.row import Row
+from forcecal_ros.schema.sections import columns
+import numpy as np
+
+T = TypeVar('T')
 
 _WIDTH = 99
 _DIGITS = 12
@@ -58,6 +62,34 @@ class Parameter(NamedTuple):
         """Its row: unit, range and words."""
         return Row(self.description, self.unit, -inf if self.low is None else self.low,
                    inf if self.high is None else self.high, words=self.choices)
+
+
+def parameters_of(prefix: str, section: Any, *names: str, live: bool = True
+                  ) -> tuple[Parameter, ...]:
+    """
+    Return the rows of a section, or some of them, as parameters below a prefix.
+
+    The defaults are the section's own values; ``live`` is that of all of them.
+    """
+    return tuple(
+        Parameter(f'{prefix}.{column.name}', _plain(getattr(section, column.name)),
+                  column.row.meaning, column.row.unit, _end(column.row.low),
+                  _end(column.row.high), column.row.words, live)
+        for column in columns(type(section)) if not names or column.name in names)
+
+
+def section_of(kind: type[T], value: Mapping[str, Any], prefix: str) -> T:
+    """Make a section of the parameters below a prefix, by name; others keep their default."""
+    keys = {column.name: f'{prefix}.{column.name}' for column in columns(kind)}
+    return kind(**{name: value[key] for name, key in keys.items() if key in value})
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def _end(bound: float) -> float | None:
+    return bound if isfinite(bound) else None
 
 
 def parameter_file(node: str, table: Iterable[Parameter], heading: str) -> str:

@@ -5,7 +5,16 @@ import math
 from typing import Annotated
 
 from forcecal_ros.errors import ConfigError
-from forcecal_ros.schema import Mismatch, plain, read, Row, Section
+from forcecal_ros.schema import (
+    Mismatch,
+    Parameter,
+    parameters_of,
+    plain,
+    read,
+    Row,
+    Section,
+    section_of,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
@@ -153,6 +162,25 @@ def test_keys_that_are_not_known_pass_where_allowed_unless_they_look_like_a_miss
 def test_a_section_checks_itself_whenever_it_is_made():
     with pytest.raises(ConfigError, match=r'^tool.mass is -1.0, expected a number above 0 \[kg\]'):
         Tool(-1.0, (0.0, 0.0, 0.0))
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How fast."""
+
+    speed: Annotated[float, Row('Peak speed', 'm/s', 0.1, 2.0)] = 0.5
+    turns: Annotated[int, Row('How often')] = 3
+
+
+def test_the_rows_of_a_section_are_parameters_and_make_it_again():
+    rows = parameters_of('pace', Pace(speed=1.5))
+    assert rows == (Parameter('pace.speed', 1.5, 'Peak speed', 'm/s', 0.1, 2.0, live=True),
+                    Parameter('pace.turns', 3, 'How often', live=True))
+    assert parameters_of('pace', Pace(), 'turns', live=False) == (
+        Parameter('pace.turns', 3, 'How often'),)
+    value = {row.name: row.default for row in rows} | {'limits.speed': 9.0}
+    assert section_of(Pace, value, 'pace') == Pace(1.5, 3)
+    assert section_of(Pace, {'pace.turns': 7}, 'pace') == Pace(turns=7)
 
 
 @given(ANYTHING)
