@@ -7,6 +7,7 @@ can be written to, all else is refused.
 from collections.abc import Iterator
 from contextlib import contextmanager
 import errno
+from itertools import pairwise
 import os
 from pathlib import Path
 import stat
@@ -70,7 +71,7 @@ def follow(path: Path, *, folder: bool = False) -> Place:
 
 def _refuse_share_directory(path: Path) -> None:
     parts = path.absolute().parts
-    if any(pair == ('share', 'forcecal_ros') for pair in zip(parts, parts[1:])):
+    if any(pair == ('share', 'forcecal_ros') for pair in pairwise(parts)):
         raise ConfigError(
             f'{path}: a package share directory is replaced at the next install; '
             'choose a folder of your own')

@@ -113,8 +113,8 @@ def _with_model(args: argparse.Namespace, outcome: Any) -> Any:
     if args.rig or args.calibration:
         return outcome
     return replace(outcome, diagnosis=replace(outcome.diagnosis, notes=(
-        "compared with this package's simulated rig (rig.yaml), as no --rig and no --calibration "
-        'was given', *outcome.diagnosis.notes)))
+        ("compared with this package's simulated rig (rig.yaml), as no --rig and no --calibration "
+         'was given'), *outcome.diagnosis.notes)))
 
 
 def _written(args: argparse.Namespace, recording: Any, diagnosis: Any,

@@ -57,8 +57,8 @@ def as_text(fit: 'PlantFit') -> str:
     lines += [f'{name:18} {unit:8} {value:12.6g} {"" if std is None else f"{std:10.2g}"}'.rstrip()
               for name, unit, value, std in rows]
     orders = ', '.join(f'{one.order}: {1e6 * one.error:.2f}' for one in found.orders)
-    lines += ['', f'held-out fit {100.0 * found.fit:.3f} %; held-out error by order [um]: '
-                  f'{orders}']
+    lines += ['', (f'held-out fit {100.0 * found.fit:.3f} %; held-out error by order [um]: '
+                   f'{orders}')]
     lines += [f'pole {_number(pair.pole)} and zero {_number(pair.zero)} nearly cancel: together '
               f'at most {100.0 * pair.effect:.2g} % of the response' for pair in found.pairs]
     return '\n'.join(lines)

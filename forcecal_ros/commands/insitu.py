@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.report.insitu import pictures, render, text
 
     spec = load_spec(args.specification)
-    results: list['SensorResult'] = []
+    results: list[SensorResult] = []
     for name, sensor in spec.sensors.items():
         data_sets = [DataSet(d.name, _source(spec, name, Path(d.file)), d.load(name, sensor),
                              d.train, d.window) for d in spec.data_sets]

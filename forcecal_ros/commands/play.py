@@ -105,13 +105,14 @@ def chosen(topics: Iterable['Topic'], args: argparse.Namespace
            ) -> tuple[list['Topic'], list['Topic']]:
     """Return the topics of a recording to publish, and those that would have to be asked for."""
     only = {f'/{name.lstrip("/")}' for name in args.only}
-    published: list['Topic'] = []
-    left_out: list['Topic'] = []
+    published: list[Topic] = []
+    left_out: list[Topic] = []
     for topic in topics:
-        if only and topic.name not in only or not only and topic.name == '/clock' and args.clock:
+        if (only and topic.name not in only) or (
+                not only and topic.name == '/clock' and args.clock):
             continue
-        asked = args.with_commands or not topic.is_command and (
-            args.with_outputs or bool(only) or not topic.is_output)
+        asked = args.with_commands or (not topic.is_command and (
+            args.with_outputs or bool(only) or not topic.is_output))
         (published if asked else left_out).append(topic)
     return published, left_out
 

@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
           BagWriter(args.output, args.storage, not args.no_compression) as writer,
           tqdm(unit=' messages', disable=None, leave=False) as bar):
         recorder = StreamRecorder(ros.node, writer, lambda name, msgtype: (
-            args.all or name in names or not args.only and of_this_package(name, msgtype)))
+            args.all or name in names or (not args.only and of_this_package(name, msgtype))))
         end = time.monotonic() + args.duration if args.duration is not None else None
         while not ros.interrupted and (end is None or time.monotonic() < end):
             recorder.look()

@@ -101,8 +101,8 @@ def remains(left: Left) -> Remains:
         (float(z[c]) / remainder.PREDICTABLE,
          f'{CHANNELS[c].name}, predictable from the motion ({z[c]:.1f} sigma)'),
         (cell.z / remainder.STRONG,
-         f'{CHANNELS[cell.channel].name} in {cell.phase}, {cell.band[0]:g} to '
-         f'{cell.band[1]:g} Hz ({cell.z:.1f} sigma)'),
+         (f'{CHANNELS[cell.channel].name} in {cell.phase}, {cell.band[0]:g} to '
+          f'{cell.band[1]:g} Hz ({cell.z:.1f} sigma)')),
         (several / remainder.IMPULSES,
          f'{several} impulses in {CHANNELS[int(impulses.argmax())].name}')]
     if line is not None:

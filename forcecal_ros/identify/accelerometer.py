@@ -105,8 +105,9 @@ def identify_accelerometer(
         matrix = theta[3:12].reshape(3, 3)
         weight = model.weights(matrix, noise.covariance)
         theta, derivative = solve_score(
-            lambda p: model.score(p, tool.vector, weight),
-            lambda p: model.slope(p, tool.vector, weight), theta)
+            # called before weight changes
+            lambda p: model.score(p, tool.vector, weight),  # noqa: B023
+            lambda p: model.slope(p, tool.vector, weight), theta)  # noqa: B023
         noise = _noise_at_standstill(model, model.residuals(theta, tool.vector))
     return _result(model, theta, derivative, weight, noise)
 

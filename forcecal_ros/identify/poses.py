@@ -127,7 +127,7 @@ def _standing(pose: PoseStream) -> list[tuple[float, float]]:
     """Stretches without motion, the first second of each left to the tool's ringing."""
     if len(pose) < 3:
         return []
-    step = max(1, int(round(0.1 / np.median(np.diff(pose.t)))))
+    step = max(1, round(float(0.1 / np.median(np.diff(pose.t)))))
     t = pose.t[::step]
     R = pose.R_base_sensor[::step]
     turn = np.linalg.norm(rotation_vector(np.swapaxes(R[:-1], 1, 2) @ R[1:]), axis=1)

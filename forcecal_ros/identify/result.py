@@ -175,7 +175,7 @@ def observer_of(noise: Noise, mass: float, settings: Settings) -> ObserverGain:
         spread = np.concatenate([[noise.Q.std[1, 1]], noise.R.std[upper]])
         K = gain(p).reshape(2, 3)
         sensitivity = jacobian(gain, p, 0.01 * spread)
-        std = np.sqrt((sensitivity**2 @ spread**2)).reshape(2, 3)
+        std = np.sqrt(sensitivity**2 @ spread**2).reshape(2, 3)
     return ObserverGain(
         K=Estimate(K, std, '1'), A=Estimate(model.A, 0.0, '1'), C=Estimate(model.C, 0.0, '1'),
         dt=1 / noise.wrench_rate, mode=settings.observer_mode)

@@ -135,7 +135,7 @@ def _stands(begin: float, end: float, pose: PoseStream | None, target: PoseStrea
     cut = stream.between(begin - 0.1, end)
     if len(cut) < 10:
         return []
-    step = max(1, int(round(0.02 / np.median(np.diff(cut.t)))))
+    step = max(1, round(float(0.02 / np.median(np.diff(cut.t)))))
     place = uniform_filter1d(cut.position, step, axis=0, mode='nearest')
     moving = (np.linalg.norm(place[step:] - place[:-step], axis=1) > _STILL).astype(int)
     edges = np.diff(np.concatenate([[1], moving, [1]]))

@@ -1,7 +1,7 @@
 """One topic's samples as they arrive, kept for as long as stillness is judged over."""
 
 from collections import deque
-from itertools import islice
+from itertools import islice, pairwise
 from math import asin, inf, sqrt
 from typing import TypeAlias
 
@@ -59,7 +59,7 @@ class Channel:
         for (_, before), (stamp, values) in zip(self.recent, islice(self.recent, 1, None)):
             if values != before:
                 changes.append(stamp)
-        same = sorted(end - begin for begin, end in zip(changes, changes[1:]))
+        same = sorted(end - begin for begin, end in pairwise(changes))
         if len(same) >= limits.HABIT_CHANGES:
             usual = same[-1 - limits.HABIT_EXCEPTIONS]
             self.rest_timeout = max(shortest, limits.SURELY_FROZEN * usual)
@@ -107,7 +107,7 @@ def carried(point: Array, pose: tuple[float, ...]) -> tuple[float, float, float]
 def rates(samples: list[Timed]) -> list[Timed]:
     """Return how fast values change from each sample to the next, with the times in between."""
     return [((t1 + t0) / 2, tuple((x1 - x0) / (t1 - t0) for x1, x0 in zip(v1, v0)))
-            for (t1, v1), (t0, v0) in zip(samples, samples[1:])]
+            for (t1, v1), (t0, v0) in pairwise(samples)]
 
 
 def distance_between(a: tuple[float, ...], b: tuple[float, ...]) -> float:

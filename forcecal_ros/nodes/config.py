@@ -14,11 +14,11 @@ TABLES: Mapping[str, tuple[tuple[Parameter, ...], str]] = {
                   'Parameters of the impedance node, at their defaults.'),
     'observer': (observer_settings.PARAMETERS, 'Parameters of the observer, at their defaults.'),
     'sequencer': (sequencer_settings.PARAMETERS,
-                  'Parameters of the sequencer, at their defaults: those of the nominal rig. '
-                  'Before the first start on a robot of your own set limits.*, poses.* and '
-                  'wrench.sign.'),
-    'sim': (sim.PARAMETERS, "Parameters of the simulated rig's node, at their defaults; the rig "
-                            'itself is in rig.yaml.'),
+                  ('Parameters of the sequencer, at their defaults: those of the nominal rig. '
+                   'Before the first start on a robot of your own set limits.*, poses.* and '
+                   'wrench.sign.')),
+    'sim': (sim.PARAMETERS, ("Parameters of the simulated rig's node, at their defaults; the rig "
+                             'itself is in rig.yaml.')),
 }
 """Every node's parameters, and what their file says first."""
 

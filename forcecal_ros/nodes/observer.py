@@ -92,9 +92,9 @@ class Observer(ManagedNode):
         self._out = self.create_lifecycle_publisher(
             WrenchStamped, 'observer/contact_wrench', OUTPUT)
         self._extra = []
-        for name in EXTRA:
+        for name, field in EXTRA.items():
             if self._value(f'publish.{name}'):
-                self._extra.append((EXTRA[name], self.create_lifecycle_publisher(
+                self._extra.append((field, self.create_lifecycle_publisher(
                     WrenchStamped, f'observer/{name}', OUTPUT)))
         self._inputs = [
             self._subscribe('wrench', WrenchStamped, self._chain.on_wrench),

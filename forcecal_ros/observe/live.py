@@ -82,11 +82,11 @@ class LiveObserver:
         if self._negative:
             a, b, c, d, e, f = values
             values = (-a, -b, -c, -d, -e, -f)
-        return self._answer(on_wrench(self._state, t, values, self.model))  # type: ignore
+        return self._answer(on_wrench(self._state, t, values, self.model))  # type: ignore[arg-type]
 
     def on_accelerometer(self, t: float, values: Values) -> Samples:
         """Take in an acceleration."""
-        return self._answer(on_accelerometer(self._state, t, values, self.model))  # type: ignore
+        return self._answer(on_accelerometer(self._state, t, values, self.model))  # type: ignore[arg-type]
 
     def on_displacement(self, t: float, values: Values) -> Samples:
         """Take in a displacement."""

@@ -195,7 +195,7 @@ class Row:
         within = (array >= self.low) & (array <= self.high) & (
             (array > self.above) | (self.above == -inf)) & ((array < self.below)
                                                              | (self.below == inf))
-        if not (within | np.isnan(array)).all() or _holds(kind) is int and (array % 1).any():
+        if not (within | np.isnan(array)).all() or (_holds(kind) is int and (array % 1).any()):
             raise self.wrong(kind, value, where)
         if get_origin(kind) is tuple or kind in (int, float):
             return _converted(_holds(kind), value)

@@ -195,8 +195,8 @@ def _value(row: Column, document: Mapping[Any, Any], where: str, extra: bool) ->
         if not isinstance(value, Mapping):
             raise Mismatch(path(where, '.'.join(groups[:i + 1])), value, 'a group of keys')
     value = value.get(last, _ABSENT)
-    nothing = value is None or row.optional and value == UNKNOWN
-    if value is _ABSENT or nothing and row.default is not _ABSENT:
+    nothing = value is None or (row.optional and value == UNKNOWN)
+    if value is _ABSENT or (nothing and row.default is not _ABSENT):
         return row.default
     return None if nothing and row.optional else row.take(value, path(where, row.key), extra)
 

@@ -141,8 +141,8 @@ def test_files_as_their_owners_write_them_are_read(tmp_path):
     'gripper_mass: 0.7\nbias: [1, 2]\ngripper_com_pose: [0, 0, 0, 0, 0, 0]\n',
     'gripper_mass: 0.7\n', 'gripper_mass: heavy\n',
     'gripper_mass: -1\nbias: [1, 2, 3, 4, 5, 6]\ngripper_com_pose: [0, 0, 0, 0, 0, 0]\n',
-    'mass: 0.7\nsensor_frame_to_com: [0, 0, .nan]\nforce_offset: [0, 0, 0]\n'
-    'torque_offset: [0, 0, 0]\n'])
+    ('mass: 0.7\nsensor_frame_to_com: [0, 0, .nan]\nforce_offset: [0, 0, 0]\n'
+     'torque_offset: [0, 0, 0]\n')])
 def test_a_damaged_file_is_refused_with_its_key(tmp_path, text):
     path = tmp_path / 'c.yaml'
     path.write_text(text)

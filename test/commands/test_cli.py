@@ -176,8 +176,8 @@ def test_what_cannot_be_answered_is_one_line_and_status_1(capsys, sample, tmp_pa
     (('identify_robot',), '(did you mean identify-robot?)'),
     (('calibrate',), 'forcecal calibrate: the following arguments are required: BAG'),
     (('estimate', 'bag'), 'required: --calibration, -o'),
-    (('calibrate', 'bag', '--gravty', '9.8'), '--gravty is no argument here (did you mean '
-     '--gravity?); forcecal calibrate --help'),
+    (('calibrate', 'bag', '--gravty', '9.8'), ('--gravty is no argument here (did you mean '
+                                               '--gravity?); forcecal calibrate --help')),
     (('gravity', 'bag', '-o', 'x', '--rise_time=0.1'), '(did you mean --rise-time?)'),
     (('play', 'bag', 'another'), 'another is no argument here;'),
     (('calibrate', 'bag', '--topic', 'wrnch=/wrench'), 'wrnch is no role (did you mean wrench?)'),
@@ -201,14 +201,14 @@ def test_no_command_at_all_shows_the_help_as_wrong_usage(capsys):
 def test_help_shows_an_example(capsys, command):
     status, out, _ = run(capsys, command, '--help')
     assert status == 0 and f'example:\n  forcecal {command}' in out
-    for example in re.findall(r'^  forcecal (.*)$', out.partition('example:')[2], re.M):
+    for example in re.findall(r'^  forcecal (.*)$', out.partition('example:')[2], re.MULTILINE):
         build_parser(command).parse_args(shlex.split(example, comments=True))
 
 
 def test_a_command_loads_neither_ros_nor_a_compiler_before_it_needs_them():
     loaded = subprocess.run(
-        [sys.executable, '-c', 'import sys; from forcecal_ros.cli import build_parser\n'
-         'build_parser("calibrate"); print(*sys.modules)'],
+        [sys.executable, '-c', ('import sys; from forcecal_ros.cli import build_parser\n'
+                                'build_parser("calibrate"); print(*sys.modules)')],
         capture_output=True, text=True, check=True)
     assert not {'numba', 'rclpy', 'control', 'matplotlib'} & set(loaded.stdout.split())
 

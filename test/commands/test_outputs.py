@@ -112,9 +112,9 @@ def test_a_single_file_goes_to_standard_output_alone(capfd, bag, tmp_path, monke
 
 
 def test_a_reader_that_goes_early_is_no_error_of_the_file(bag):
-    done = subprocess.run(
+    done = subprocess.run(  # noqa: S602 - a pipe, between names of this test's own
         f'{sys.executable} -m forcecal_ros.cli calibrate {bag} -o - | true', shell=True,
-        capture_output=True, text=True)
+        capture_output=True, text=True, check=False)
     assert 'Traceback' not in done.stderr and 'cannot be written' not in done.stderr
 
 

@@ -91,8 +91,9 @@ REFUSED = {
         lambda r: with_values(r, 'wrench', stuck(slice(None), 7.0)),
         r'wrench: every channel repeats itself from 7\.00 s to 1\d\.\d\d s'),
     'a pose that freezes while commands move': (
-        frozen_pose, r'current_pose repeats itself to the last bit from 6\.00 s to 1\d\.\d\d s of '
-        r'\S+, while the commands move'),
+        frozen_pose,
+        (r'current_pose repeats itself to the last bit from 6\.00 s to 1\d\.\d\d s of '
+         r'\S+, while the commands move')),
     'a pose that falls silent while commands move': (
         lambda r: replace(r, pose=r.pose.between(0.0, 6.0)),
         r'current_pose says nothing from 6\.00 s on of \S+, while the commands move'),

@@ -106,6 +106,6 @@ def test_what_no_effect_explains_is_unknown_and_stays_out_of_the_rig(sample):
     assert not found.rig.effects
     gap = found.diagnosis.gap
     assert gap.closed == 0.0
-    nominal, recalibrated, explained = gap.channels['force.y'][:3]
+    _, recalibrated, explained = gap.channels['force.y'][:3]
     assert explained == recalibrated
     assert abs(explained - np.std(cogging)) < 0.2 * np.std(cogging)

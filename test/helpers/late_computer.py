@@ -174,7 +174,7 @@ class Wire:
         return arrived
 
 
-def run(seed: int, conditions: Conditions | None = None, accelerometer: str = 'acc1') -> Outcome:
+def run(seed: int, conditions: Conditions | None = None, accelerometer: str = 'acc1') -> Outcome:  # noqa: C901 - one run, step by step
     """Calibrate the nominal rig with what is late drawn from a seed."""
     rng = np.random.default_rng(seed)
     conditions = conditions or drawn(rng)
@@ -231,9 +231,9 @@ def run(seed: int, conditions: Conditions | None = None, accelerometer: str = 'a
             announce(stamp)
         if not sequence.streaming:
             break
-        if sequence.running and not sequence.moved:
-            if fault := guard.check(now[0], command is not None and command.moving):
-                sequence.abort(fault.reason, at_once=fault.at_once)
+        if sequence.running and not sequence.moved and (
+                fault := guard.check(now[0], command is not None and command.moving)):
+            sequence.abort(fault.reason, at_once=fault.at_once)
         slipped = stream.slipped_ns
         due = stream.due(now[0])
         if stream.slipped_ns != slipped:

@@ -78,7 +78,7 @@ class Live:
         arguments = [part for key, value in parameters.items()
                      for part in ('-p', f'{key.replace("__", ".")}:={value}')]
         arguments += [part for rule in remap for part in ('-r', rule)]
-        self.output[name] = tempfile.TemporaryFile()
+        self.output[name] = tempfile.TemporaryFile()  # noqa: SIM115 - outlives this call
         self.processes[name] = subprocess.Popen(
             [sys.executable, '-m', f'forcecal_ros.nodes.{module}', '--ros-args', *arguments],
             stdin=subprocess.DEVNULL, stdout=self.output[name], stderr=subprocess.STDOUT,

@@ -1,6 +1,7 @@
 """forcecal play in a robot's domain: no motion, no second voice, unless asked for."""
 
 from collections import Counter
+from contextlib import suppress
 import os
 import pty
 import subprocess
@@ -124,7 +125,7 @@ def test_commands_end_when_somebody_begins_to_listen(ros_domain, bag):
         process = robot.play(bag, '--with-commands', '--rate', '0.1',
                              until=lambda: robot.heard['/wrench'] > 10)
         robot.listen('/target_frame')
-        out, err = process.communicate(timeout=30)
+        _, err = process.communicate(timeout=30)
         robot.spin(0.3)
         assert process.returncode == 1 and 'somebody has begun to listen' in err
         assert robot.heard['/wrench'] < SAMPLES and robot.heard['/target_frame'] <= 1
@@ -138,10 +139,8 @@ def test_on_a_terminal_the_question_is_asked(ros_domain, bag, reply, heard):
 
     def asked():
         nonlocal said
-        try:
+        with suppress(OSError):
             said += os.read(ours, 4096)
-        except OSError:
-            pass
         return b'[y/N]' in said
 
     with Robot(ALL) as robot:

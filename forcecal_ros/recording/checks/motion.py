@@ -6,6 +6,7 @@ robot that does something else.
 """
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, rotation_vector
@@ -144,7 +145,7 @@ def _means(stream: Stream, start: float, end: float) -> tuple[Array, Array]:
     """Means over equal stretches, with their standard errors were the noise white."""
     count = max(0, int((end - start) / limits.LOOK))
     edges = np.searchsorted(stream.t, start + limits.LOOK * np.arange(count + 1))
-    parts = [stream.values[i:j] for i, j in zip(edges, edges[1:]) if j - i > 3]
+    parts = [stream.values[i:j] for i, j in pairwise(edges) if j - i > 3]
     if not parts:
         none = np.empty((0, stream.values.shape[1]))
         return none, none
@@ -192,7 +193,7 @@ def _moving(cut: PoseStream, edges: NDArray[np.intp]) -> NDArray[np.bool_]:
     rows = np.hstack([turned / limits.TURN_RATE, np.nan_to_num(cut.position) / limits.SPEED])
     steps = np.diff(rows, axis=0)
     noise = 1.48 / np.sqrt(2.0) * np.median(np.abs(steps - np.median(steps, axis=0)), axis=0)
-    means = np.array([rows[i:j].mean(axis=0) for i, j in zip(edges, edges[1:])])
+    means = np.array([rows[i:j].mean(axis=0) for i, j in pairwise(edges)])
     doubt = 5.0 * noise * np.sqrt(2.0 / np.diff(edges).min())
     way = np.maximum(np.abs(np.diff(means, axis=0)) - doubt, 0.0)
     return np.asarray(np.linalg.norm(way, axis=1) > limits.SLICE)

@@ -26,8 +26,8 @@ def silences(recording: Recording) -> tuple[str, ...]:
 def _told(who: str, gaps: list[Gap]) -> list[str]:
     if len(gaps) > limits.PAUSES_TOLD:
         longest = max(gaps, key=lambda gap: gap[1] - gap[0])
-        return [f'{who}: {len(gaps)} pauses in which nothing was recorded, the longest of '
-                f'{longest[1] - longest[0]:.1f} s from {longest[0]:.1f} s on']
+        return [(f'{who}: {len(gaps)} pauses in which nothing was recorded, the longest of '
+                 f'{longest[1] - longest[0]:.1f} s from {longest[0]:.1f} s on')]
     return [f'{who}: nothing was recorded for {end - start:.1f} s from {start:.1f} s on'
             for start, end in gaps]
 

@@ -35,7 +35,7 @@ class Unreadable:
     def add(self, t: Array, values: Array) -> Mask:
         """Count the samples of a piece; return which are readings."""
         self.total += len(values)
-        if not len(values) or -self._limit < values.min() and values.max() < self._limit:
+        if not len(values) or (-self._limit < values.min() and values.max() < self._limit):
             return np.ones(len(values), dtype=bool)
         good = np.abs(values) < self._limit
         whole: Mask = good.all(axis=1)

@@ -47,8 +47,8 @@ class _Columns(Row):
         for key, right, wanted in (
                 ('columns', len(entry.columns) == self.width, f'a list of {self.width} columns'),
                 ('unit', entry.unit in units, f'a unit of {self.quantity}: {", ".join(units)}'),
-                ('signs', not entry.signs or len(entry.signs) == self.width
-                 and set(entry.signs) <= {1, -1}, f'{self.width} times 1 or -1')):
+                ('signs', not entry.signs or (len(entry.signs) == self.width
+                 and set(entry.signs) <= {1, -1}), f'{self.width} times 1 or -1')):
             if not right:
                 raise Mismatch(where if plain else path(where, key), getattr(entry, key), wanted)
         return Part(entry.columns, tuple(units[entry.unit] * sign for sign in
