@@ -103,9 +103,11 @@ def _source(spec: 'Spec', name: str, path: Path) -> 'Source':
     told: list[str] = []
 
     def read() -> Iterator['Chunk']:
-        topics = topics_of(spec, name)
-        chunks = table() if table else join(
-            readable_pieces(read_pieces(path, topics), topics), spec, name)
+        if table:
+            chunks = table()
+        else:
+            topics = topics_of(spec, name)
+            chunks = join(readable_pieces(read_pieces(path, topics), topics), spec, name)
         with tqdm(desc=f'{name}: {path.name}', unit=' samples', leave=False,
                   disable=None) as bar:
             for chunk in chunks:
