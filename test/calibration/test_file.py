@@ -23,7 +23,7 @@ def assert_same(a, b):
 
 
 def test_what_was_saved_is_what_is_loaded(tmp_path):
-    path = tmp_path / 'folder' / 'calibration.yaml'
+    path = tmp_path / 'calibration.yaml'
     calibration_file.save(whole_calibration(), path)
     assert_same(calibration_file.load(path), whole_calibration())
 

@@ -154,6 +154,6 @@ def test_a_list_of_recordings_leaves_out_what_cannot_be_read_and_says_so(
 def test_two_recordings_of_one_name_never_overwrite_each_other(capsys, fleet, tmp_path):
     bag = next((fleet / 'one').glob('*.mcap'))
     assert main(['estimate', str(bag), str(bag.with_suffix('.db3')), '--calibration',
-                 str(fleet / 'calibration.yaml'), '-o', str(tmp_path / 'out')]) == 1
+                 str(fleet / 'calibration.yaml'), '-o', str(tmp_path / 'out')]) == 2
     assert 'would both be written to' in capsys.readouterr().err
     assert not (tmp_path / 'out').exists()
