@@ -103,8 +103,8 @@ REFUSED = {
         lambda r: later(r, 'wrench', 1e4),
         r'stamps begin too far from those of accelerometer .*: wrench \+10000\.0 s'),
     'commands of another clock': (
-        lambda r: later(r, 'target', -1e4),
-        r'stamps begin too far from those of wrench: target \(target_frame\) -10000\.0 s'),
+        lambda r: later(r, 'target', 1e4),
+        r'stamps begin too far from those of wrench: target \(target_frame\) \+10000\.0 s'),
 }
 """What is done to a recording, and what every command says of it."""
 
