@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 import json
+from typing import Any
 
 from forcecal_ros.calibration.file import save
 from forcecal_ros.cli import main
@@ -48,7 +49,7 @@ def statuses(bag):
         wanted = [one for one in reader.connections if one.topic == '/observer/status']
         out = []
         for connection, _, raw in reader.messages(wanted):
-            message = reader.deserialize(raw, connection.msgtype)
+            message: Any = reader.deserialize(raw, connection.msgtype)
             (one,) = message.status
             stamp = message.header.stamp
             out.append((stamp.sec + 1e-9 * stamp.nanosec, one.level, one.values[0].value,
