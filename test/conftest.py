@@ -40,7 +40,8 @@ def _is_live(item) -> bool:
 def pytest_collection_modifyitems(items):
     """Keep what runs nodes to one worker of several, where it has the DDS traffic to itself."""
     for item in items:
-        item.add_marker(pytest.mark.xdist_group('live' if _is_live(item) else str(item.path)))
+        file = item.path.relative_to(ROOT / 'test').with_suffix('')
+        item.add_marker(pytest.mark.xdist_group('live' if _is_live(item) else str(file)))
     items.sort(key=_is_live, reverse=True)
 
 

@@ -18,7 +18,7 @@ from forcecal_ros.identify.moving_tool import identify_moving_tool
 from forcecal_ros.identify.pose_delay import pose_delay
 from forcecal_ros.identify.poses import static_poses, StaticPose
 from forcecal_ros.identify.quality import quality_of
-from forcecal_ros.identify.readings import require_wrench
+from forcecal_ros.identify.readings import refuse_poses_at_a_limit, require_wrench
 from forcecal_ros.identify.result import (
     accelerometer_of,
     inertia_of,
@@ -122,6 +122,7 @@ def identify_stages(recording: Recording, settings: Settings) -> Stages:
     recording = _evened(recording)
     require_wrench(recording)
     poses = static_poses(recording)
+    refuse_poses_at_a_limit(recording, poses)
     gridded = grid_recording(recording, poses, settings)
     statics = read_statics(recording, poses, settings, gridded)
     if gridded is None:

@@ -26,6 +26,10 @@ SHORTEST_LOOK = 0.02
 STALL = 0.5
 """A motion whose commands ceased for longer is not resumed [s]."""
 
+AT_ONCE, READINGS = 0.001, 5
+"""Clocks are read anew where that took longer [s], so many times: a busy machine takes the
+processor away for 0.15 s now and then, which would look like a clock that jumps."""
+
 FOREIGN = 0.5
 """Commands of someone else that are more recent than this forbid a start [s]."""
 
@@ -62,46 +66,63 @@ class Guard:
     motion : Pausable
     clock : Clock
         Of the header stamps.
+    steady : Clock
+        Only goes forward.
     simulated : bool
-        Whether that clock also drives the motion.
+        Whether the clock of the stamps also drives the motion.
     """
 
     def __init__(self, sensors: Watched, backend: Backend[Any], motion: Pausable, clock: Clock,
-                 simulated: bool) -> None:
+                 steady: Clock, simulated: bool) -> None:
         self._sensors, self._backend, self._motion = sensors, backend, motion
-        self._clock, self._simulated = clock, simulated
+        self._clock, self._steady, self._simulated = clock, steady, simulated
         self._foreign, self._foreign_heard = 0, -SECOND
         self.pauses = 0
         self.doubt = ''
 
-    def begin(self, steady: int) -> None:
-        """Begin with a motion; ``steady`` on the steady clock [ns]."""
-        now = self._clock.now().nanoseconds
+    def begin(self) -> None:
+        """Begin with a motion."""
+        steady, now = self._readings()
         self._started = self._ticked = steady
         self._offset = now - steady
         self._seen, self._advanced, self._rate = now, steady, UNKNOWN
         self._doubtful_since: int | None = None
         self.pauses, self.doubt = 0, ''
 
-    def others(self, steady: int) -> str:
+    def _readings(self) -> tuple[int, int]:
+        """Read both clocks at one instant, as far as the processor is not taken away [ns]."""
+        pairs = []
+        while len(pairs) < READINGS:
+            before = self._steady.now().nanoseconds
+            now = self._clock.now().nanoseconds
+            within = self._steady.now().nanoseconds - before
+            pairs.append((within, before + within // 2, now))
+            if within < AT_ONCE * SECOND:
+                break
+        _, steady, now = min(pairs)
+        return steady, now
+
+    def others(self) -> str:
         """Return what forbids a start: another node that commands, or no dead-man switch."""
-        self.listen(steady)
+        self.listen()
+        steady = self._steady.now().nanoseconds
         if steady - self._foreign_heard < FOREIGN * SECOND:
             return f'{self._backend.topic}: another node commands the robot; stop it'
         return self._sensors.deadman.fault(steady)
 
-    def listen(self, steady: int) -> None:
+    def listen(self) -> None:
         """Note commands that were not one's own."""
         if self._backend.foreign != self._foreign:
-            self._foreign, self._foreign_heard = self._backend.foreign, steady
+            self._foreign = self._backend.foreign
+            self._foreign_heard = self._steady.now().nanoseconds
 
-    def check(self, steady: int, moving: bool) -> Fault | None:
+    def check(self, moving: bool) -> Fault | None:
         """Return why to abort now; stands while a sensor is silent or late."""
+        steady, now = self._readings()
         silent, self._ticked = (steady - self._ticked) / SECOND, steady
         if moving and silent > STALL and not self._simulated:
             return Fault(f'the command stream stalled for {silent:.2f} s; the machine is '
                          'overloaded', at_once=True)
-        now = self._clock.now().nanoseconds
         drift = (now - steady - self._offset) / SECOND
         if not self._simulated and abs(drift) > CLOCK_JUMP:
             return Fault(f'the system clock jumped by {drift:.2f} s')
@@ -128,9 +149,9 @@ class Guard:
         lost = monitor.settings.lost_timeout - monitor.settings.pause_timeout
         return self.doubt if steady - self._doubtful_since > lost * SECOND else ''
 
-    def clock_fault(self, steady: int) -> Fault | None:
+    def clock_fault(self) -> Fault | None:
         """Return why to abort where the clock that drives the motion stands or jumps."""
-        now = self._clock.now().nanoseconds
+        steady, now = self._readings()
         if now != self._seen:
             step, elapsed = (now - self._seen) / SECOND, (steady - self._advanced) / SECOND
             self._seen, self._advanced = now, steady

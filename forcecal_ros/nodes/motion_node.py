@@ -70,7 +70,7 @@ class MotionNode(Node, Generic[SettingsT]):
         """Begin to listen and to answer; nothing moves before a start."""
         self._source, self._sensors, self._backend = source, sensors, backend
         self._period_ns = period_ns
-        self._guard = Guard(sensors, backend, source, self.get_clock(), self._simulated)
+        self._guard = Guard(sensors, backend, source, self.get_clock(), STEADY, self._simulated)
         self._phase_out = self.create_publisher(DiagnosticArray, f'{self._role}/phase', OUTPUT)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', OUTPUT)
         self.create_service(Trigger, f'{self._role}/start', answering(self._start, self._refused))
@@ -134,12 +134,12 @@ class MotionNode(Node, Generic[SettingsT]):
         self._inbox.drain()
         steady = STEADY.now().nanoseconds
         self._sensors.monitor.tick(steady * 1e-9)
-        self._guard.listen(steady)
+        self._guard.listen()
         self._after()
         if not self._source.streaming or self._stream is None:
             return
         if self._source.guarded:
-            self._check(steady)
+            self._check()
         slipped = self._stream.slipped_ns
         due = self._stream.due(self._now())
         if self._stream.slipped_ns != slipped:
@@ -148,9 +148,9 @@ class MotionNode(Node, Generic[SettingsT]):
             if not self._step(self._stream):
                 break
 
-    def _check(self, steady: int) -> None:
+    def _check(self) -> None:
         pauses = self._guard.pauses
-        fault = self._guard.check(steady, self._source.moving)
+        fault = self._guard.check(self._source.moving)
         if fault is None and (
                 astray := self._backend.astray(self._settings.limits.tracking_angle)):
             fault = Fault(astray)
@@ -177,7 +177,7 @@ class MotionNode(Node, Generic[SettingsT]):
         """Abort where the ROS clock that drives the motion has stopped or jumped."""
         if not (self._simulated and self._source.streaming) or self._stream is None:
             return
-        fault = self._guard.clock_fault(STEADY.now().nanoseconds)
+        fault = self._guard.clock_fault()
         if fault is not None and self._abort(fault):
             while self._step(self._stream):
                 pass
@@ -201,7 +201,7 @@ class MotionNode(Node, Generic[SettingsT]):
                             'publishes it')
         monitor.tick(steady * 1e-9)
         monitor.begin(ros * 1e-9)
-        if others := self._guard.others(steady):
+        if others := self._guard.others():
             raise MotionError(others)
         self._backend.prepare(self._period_ns)
         answer = self._begin()
@@ -219,7 +219,7 @@ class MotionNode(Node, Generic[SettingsT]):
             sleep((stamp - ros) / SECOND)
             self._timer.reset()
         steady = STEADY.now().nanoseconds
-        self._guard.begin(steady)
+        self._guard.begin()
         self._stream = StreamClock(self._period_ns, stamp if self._simulated else steady, stamp)
         self._sent = 0
         self._periods.clear()

@@ -186,10 +186,11 @@ def run(seed: int, conditions: Conditions | None = None, accelerometer: str = 'a
     monitor = Monitor(settings.watch, settings.limits, {
         'wrench': 'wrench', 'pose': 'current_pose', 'accelerometer': 'accelerometer/raw'})
     collector, sequence = Collector('V', 1), Sequence(settings.stream)
+    clock = SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=now[0]))
     guard = Guard(
         SimpleNamespace(monitor=monitor, deadman=SimpleNamespace(fault=lambda steady: '')),
         SimpleNamespace(topic='target_frame', foreign=0), sequence,
-        SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=now[0])), False)
+        clock, clock, False)
     stream, command, stillness, looked, phase = None, None, None, 0, ''
     waiting, inbox = waits(rng, conditions.load), []
     hear = {'wrench': monitor.wrench, 'pose': monitor.pose,
@@ -225,14 +226,14 @@ def run(seed: int, conditions: Conditions | None = None, accelerometer: str = 'a
             check_wrench(parts, monitor.mean('wrench'), settings.limits)
             collector.clear()
             sequence.start(parts, start, 'identification')
-            guard.begin(now[0])
+            guard.begin()
             stamp = phased(now[0], round(monitor.channels['pose'].stamp * SECOND), TICK)
             stream = StreamClock(TICK, now[0], stamp)
             announce(stamp)
         if not sequence.streaming:
             break
         if sequence.running and not sequence.moved and (
-                fault := guard.check(now[0], command is not None and command.moving)):
+                fault := guard.check(command is not None and command.moving)):
             sequence.abort(fault.reason, at_once=fault.at_once)
         slipped = stream.slipped_ns
         due = stream.due(now[0])

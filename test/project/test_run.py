@@ -123,4 +123,4 @@ def test_wrong_use_tells_the_right_one(newcomer):
 def test_several_workers_know_which_tests_stay_together(request):
     if not hasattr(request.config, 'workerinput'):
         pytest.skip('only where the tests run on several workers')
-    assert request.node.nodeid.endswith('@test_run')
+    assert request.node.nodeid.endswith('@project/test_run')

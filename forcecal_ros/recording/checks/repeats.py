@@ -151,12 +151,18 @@ def _noise_ends(hold: Hold, channel: int, steps: Array, outside: NDArray[np.bool
 
 
 def _at_limit(hold: Hold, stream: Stream, channel: int) -> bool:
-    """Say whether a channel reaches the extreme that it repeats at other times too."""
+    """
+    Say whether a channel reaches the end of its range and comes back.
+
+    What sticks holds any of its readings: of noise, the extreme of the recording hardly ever.
+    One that stays until the end has to have repeated that extreme before.
+    """
     values = stream.values[:, channel]
     value = values[hold.first]
     if values.min() < value < values.max():
         return False
-    return bool((values == value).sum() - (hold.last - hold.first + 1) >= limits.CLIPPED)
+    elsewhere = (values == value).sum() - (hold.last - hold.first + 1)
+    return bool(hold.last + 1 < len(values) or elsewhere >= limits.CLIPPED)
 
 
 def _coarse(steps: Array) -> bool:
