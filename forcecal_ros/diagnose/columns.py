@@ -139,8 +139,3 @@ def combined(columns: Sequence[Column], x: Array, n: int) -> Array:
             for c, rows in one.items():
                 out[:, c] += value * rows
     return out
-
-
-def stream_of(channel: int) -> str:
-    """Name the stream of a channel."""
-    return next(name for name, part in COLUMNS.items() if part.start <= channel < part.stop)

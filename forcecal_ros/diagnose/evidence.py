@@ -135,22 +135,6 @@ def _solve(factor: Array, right: Array) -> Array:
     return np.asarray(np.linalg.solve(factor.T, np.linalg.solve(factor, right)))
 
 
-def predictive(train: Gram, held: Gram, prior: Prior) -> float:
-    """
-    Log-likelihood of held-out data given the training data, parameters marginalised.
-
-    Parameters
-    ----------
-    train, held : Gram
-    prior : Prior
-
-    Returns
-    -------
-    float
-    """
-    return fit(train + held, prior).log_evidence - fit(train, prior).log_evidence
-
-
 class Score(NamedTuple):
     """
     What held-out data say of a difference between two predictions.

@@ -3,7 +3,6 @@
 from itertools import product
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.columns import Column
 from forcecal_ros.diagnose.limits import CLIPPING, limit_starts
 from forcecal_ros.diagnose.problem import Problem
@@ -195,8 +194,3 @@ def fewer(effect: Effect, atom: Atom, part: NDArray[np.intp]) -> Atom:
 
 def _transposed(columns: list[list[Column]]) -> tuple[list[Column], ...]:
     return tuple(list(one) for one in zip(*columns))
-
-
-def channels_of(columns: list[Column]) -> set[str]:
-    """Name the channels in which something happens."""
-    return {CHANNELS[c].name for column in columns for c in column}

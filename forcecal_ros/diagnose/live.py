@@ -32,6 +32,9 @@ ALARM = 10.0
 SMALL = 0.25
 """Excess in noise RMS, of blocks or means, that is let pass."""
 
+EVERY = 1.0
+"""Between two judgements of a recording, as between two of the node [s]."""
+
 LASTING = 2
 """Judgements in a row that it takes."""
 
@@ -302,7 +305,7 @@ class LiveGap:
         return found
 
 
-def offline(rig: Rig, recording: Recording, every: float = 1.0) -> list[Judgement]:
+def offline(rig: Rig, recording: Recording) -> list[Judgement]:
     """
     Judge a whole recording as if it came in live.
 
@@ -311,8 +314,6 @@ def offline(rig: Rig, recording: Recording, every: float = 1.0) -> list[Judgemen
     rig : Rig
     recording : Recording
         With commands, from rest on.
-    every : float
-        Between two judgements [s].
 
     Returns
     -------
@@ -321,5 +322,5 @@ def offline(rig: Rig, recording: Recording, every: float = 1.0) -> list[Judgemen
     assert recording.target is not None and recording.wrench is not None
     names = [n for n in COLUMNS if getattr(recording, n) is not None]
     live, origin = LiveGap(rig, names), float(recording.target.t[0])
-    ends = np.arange(origin + every, float(recording.wrench.t[-1]), every)
+    ends = np.arange(origin + EVERY, float(recording.wrench.t[-1]), EVERY)
     return [live.judge(recording, origin, float(end)) for end in ends]

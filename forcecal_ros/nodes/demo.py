@@ -7,12 +7,13 @@ import os
 from pathlib import Path
 import random
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.errors import DataError, MotionError
 from forcecal_ros.nodes.processes import Processes
 from forcecal_ros.nodes.recorder import Recorder
-from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, starting, TURN
+from forcecal_ros.nodes.runtime import Interrupt, LATCHED, OUTPUT, starting, TURN
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters
 import rclpy
@@ -20,6 +21,7 @@ from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.time import Time
 from std_msgs.msg import String
@@ -124,8 +126,7 @@ class Conductor(Node):
                 raise DataError(f'{what} did not happen within {timeout:.0f} s')
             self._executor.spin_until_future_complete(Future(), timeout_sec=TURN)
 
-    def call(self, client: rclpy.client.Client, request: object,
-             each: Callable[[], None]) -> object:
+    def call(self, client: Any, request: object, each: Callable[[], None]) -> Any:
         """Call a service and wait for its answer."""
         self.wait(client.service_is_ready, START_TIMEOUT, f'service {client.srv_name}', each)
         future = client.call_async(request)
@@ -239,12 +240,14 @@ def own_domain() -> Iterator[dict[str, str]]:
     environment = {'ROS_DOMAIN_ID': domain, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     before = {name: os.environ.get(name) for name in environment}
     os.environ.update(environment)
-    with starting('forcecal'):
-        rclpy.init()
+    interrupt = Interrupt()  # rclpy's own handler would leave the other nodes running
     try:
+        with starting('forcecal'):
+            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         yield environment
     finally:
         rclpy.try_shutdown()
+        interrupt.restore()
         for name, value in before.items():
             if value is None:
                 os.environ.pop(name, None)

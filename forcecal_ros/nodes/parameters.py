@@ -41,7 +41,7 @@ def declare(node: Node, table: Iterable[Parameter],
         try:
             node.declare_parameter(row.name, row.default, _descriptor(row))
         except ParameterException as error:
-            raise ConfigError(_explain(node, row, error)) from error
+            raise ConfigError(_explain(row, _given(node, row))) from error
         _check(row, node.get_parameter(row.name).value)
 
     def on_set(changes: list[RosParameter]) -> SetParametersResult:
@@ -96,10 +96,15 @@ def _check(row: Parameter, value: Any) -> None:
         row.row.take(type(row.default), value, f'parameter {row.name}')
 
 
-def _explain(node: Node, row: Parameter, error: Exception) -> str:
-    # rclpy shows overrides of declared parameters only, and this one could not be declared
-    override = node._parameter_overrides.get(row.name)  # noqa: SLF001
-    given = f'{override.value!r}' if override is not None else 'unusable'
+def _given(node: Node, row: Parameter) -> object:
+    """Return a value that could not be declared, of whatever type it is."""
+    anything = ParameterDescriptor(dynamic_typing=True)
+    value = node.declare_parameter(row.name, row.default, anything).value
+    node.undeclare_parameter(row.name)
+    return value
+
+
+def _explain(row: Parameter, given: object) -> str:
     kind = type(row.default).__name__
     hint = ''
     if isinstance(row.default, float):
@@ -109,4 +114,4 @@ def _explain(node: Node, row: Parameter, error: Exception) -> str:
             hint += f' to {row.high:g}' if row.high is not None else ''
     elif isinstance(row.default, list):
         kind = f'list of {type(row.default[0]).__name__}'
-    return f'parameter {row.name} is {given}, expected a {kind}{hint}'
+    return f'parameter {row.name} is {given!r}, expected a {kind}{hint}'

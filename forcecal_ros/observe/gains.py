@@ -23,7 +23,7 @@ def kalman_gains(model: Model, dt: float) -> dict[str, Estimate]:
     }
 
 
-def with_kalman_gains(calibration: Calibration, settings: Settings = Settings()) -> Calibration:
+def with_kalman_gains(calibration: Calibration) -> Calibration:
     """
     Return the calibration with the gains of filter ``kalman`` written into it.
 
@@ -33,5 +33,5 @@ def with_kalman_gains(calibration: Calibration, settings: Settings = Settings())
     observer = calibration.observer
     if observer is None:
         return calibration
-    gains = kalman_gains(design(calibration, settings), observer.dt)
+    gains = kalman_gains(design(calibration, Settings()), observer.dt)
     return replace(calibration, observer=replace(observer, kalman=gains))

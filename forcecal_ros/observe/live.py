@@ -136,7 +136,7 @@ class LiveObserver:
             The window is too short, the robot moves, or something touches the tool.
         """
         newest = self._recent[-1].t if self._recent else 0.0
-        refuse_motion([pose for t, pose in self._poses if newest - self.window <= t], 'tare')
+        refuse_motion([pose for t, pose in self._poses if newest - self.window <= t])
         result = tare(tuple(self._recent), model, levels, self.window)
         self.model = with_bias(model, result.bias)
         self._state = without_learned_bias(self._state)

@@ -15,16 +15,14 @@ ANGLE = 1e-3
 rig's poses [rad]."""
 
 
-def refuse_motion(poses: Sequence[tuple[float, ...]], what: str) -> None:
+def refuse_motion(poses: Sequence[tuple[float, ...]]) -> None:
     """
-    Refuse what wants a robot at rest.
+    Refuse to tare a robot that is not at rest.
 
     Parameters
     ----------
     poses : sequence of tuple of 7 float
         Of the window: x y z [m] qx qy qz qw; NaN positions are not looked at.
-    what
-        To be refused, for the message.
 
     Raises
     ------
@@ -38,5 +36,5 @@ def refuse_motion(poses: Sequence[tuple[float, ...]], what: str) -> None:
     R = matrix_from_quaternion(table[:, 3:])
     angle = float(np.linalg.norm(rotation_vector(R[0].T @ R), axis=1).max())
     if distance > DISTANCE or angle > ANGLE:
-        raise DataError(f'{what} refused, the robot moves: {distance * 1e3:.2f} mm, '
+        raise DataError(f'tare refused, the robot moves: {distance * 1e3:.2f} mm, '
                         f'{angle * 1e3:.2f} mrad within the window; stop the robot')

@@ -16,6 +16,10 @@ import numpy as np
 
 CHANNELS = ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z')
 
+NOISE_FACTOR = 3.0
+"""Motion or contact is what exceeds the noise at rest so many times: noise levels drift by a
+factor of two on their own."""
+
 
 @dataclass(frozen=True)
 class Tare:
@@ -38,7 +42,7 @@ class Tare:
 
 
 def tare(samples: Sequence[ContactSample], model: Model, levels: NoiseLevels,
-         seconds: float = 0.5, noise_factor: float = 3.0) -> Tare:
+         seconds: float = 0.5) -> Tare:
     """
     Find the bias that makes the contact wrench of a window zero.
 
@@ -55,9 +59,6 @@ def tare(samples: Sequence[ContactSample], model: Model, levels: NoiseLevels,
         Noise at rest.
     seconds : float
         Shortest window that is accepted [s].
-    noise_factor : float
-        How many times the noise at rest counts as motion or contact; noise levels drift by a
-        factor of two on their own.
 
     Raises
     ------
@@ -74,7 +75,7 @@ def tare(samples: Sequence[ContactSample], model: Model, levels: NoiseLevels,
     measured = np.array([s.measured for s in samples])
     inertial = np.array([s.inertial for s in samples])
     rate = (len(samples) - 1) / span
-    allowed = noise_factor * _noise_at_rest(model, levels, rate)
+    allowed = NOISE_FACTOR * _noise_at_rest(model, levels, rate)
     _refuse(inertial, allowed, 'the tool moves', 'stop the robot')
     _refuse(measured, allowed, 'the tool moves or touches something',
             'stop the robot and clear the tool')

@@ -124,4 +124,4 @@ def check_contact(live, ears):
     error = ears.error(contact, contact + 0.4e9)
     assert len(error) > 300
     assert np.abs(error[:, 0].mean()) < 0.25
-    assert live.call('observer/tare').success
+    live.until(lambda: live.call('observer/tare').success, 'a robot that has come to rest')

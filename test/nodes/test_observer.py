@@ -233,10 +233,10 @@ def test_without_calibration_or_wrench_the_diagnostics_say_so(ros_domain):
 
 def test_slow_motion_and_slow_turning_are_motion():
     q = (1.0, 0.0, 0.0, 0.0)
-    refuse_motion([(1.0, 0.0, 1.0, *q), (1.0001, 0.0, 1.0, *q)], 'tare')
-    refuse_motion([(np.nan, np.nan, np.nan, *q)] * 3, 'tare')
+    refuse_motion([(1.0, 0.0, 1.0, *q), (1.0001, 0.0, 1.0, *q)])
+    refuse_motion([(np.nan, np.nan, np.nan, *q)] * 3)
     with pytest.raises(DataError, match='tare refused, the robot moves: 1.00 mm'):
-        refuse_motion([(1.0, 0.0, 1.0, *q), (1.001, 0.0, 1.0, *q)], 'tare')
+        refuse_motion([(1.0, 0.0, 1.0, *q), (1.001, 0.0, 1.0, *q)])
     turned = (*np.cos([0.001]), 0.0, 0.0, *np.sin([0.001]))
     with pytest.raises(DataError, match='2.00 mrad'):
-        refuse_motion([(1.0, 0.0, 1.0, *q), (1.0, 0.0, 1.0, *turned)], 'tare')
+        refuse_motion([(1.0, 0.0, 1.0, *q), (1.0, 0.0, 1.0, *turned)])

@@ -37,16 +37,16 @@ def model(calibration):
 
 
 def test_two_free_random_walks_have_rank_6_of_12(model):
-    assert observability_rank(model, 0.001, contact=True) == 6
+    assert observability_rank(model, contact=True) == 6
 
 
 def test_a_wrench_that_returns_to_zero_can_be_told_from_its_bias(model):
-    assert observability_rank(model, 0.001, contact=False) == 12
+    assert observability_rank(model, contact=False) == 12
 
 
 def test_six_states_are_always_observable(calibration):
     six = learning(calibration, states=6)
-    assert observability_rank(six, 0.001, contact=True) == 6
+    assert observability_rank(six, contact=True) == 6
 
 
 def test_at_rest_the_weight_is_on_the_wire_as_rig_and_drivers_have_it(calibration):

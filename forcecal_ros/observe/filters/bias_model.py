@@ -139,14 +139,14 @@ def measurement(model: BiasModel) -> Function:
     return _SUM if model.augmented else linear(np.eye(6), model.bias)
 
 
-def observability_rank(model: BiasModel, dt: float, contact: bool) -> int:
+def observability_rank(model: BiasModel, contact: bool) -> int:
     """
-    Count the states that readings a period ``dt`` [s] apart determine.
+    Count the states that readings a millisecond apart determine.
 
     12 of 12 where F relaxes, 6 where both wander.
     """
     n = model.settings.states
-    A = transition(model, dt, contact)[0].jacobian(np.zeros(n))
+    A = transition(model, 1e-3, contact)[0].jacobian(np.zeros(n))
     H = measurement(model).jacobian(np.zeros(n))
     rows = [H]
     for _ in range(n - 1):

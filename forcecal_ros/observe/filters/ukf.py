@@ -71,12 +71,11 @@ def expect(belief: Gaussian, measurement: Function, R: Array,
     return Expected(mean, cov + R, cross)
 
 
-def update(belief: Gaussian, reading: Array, measurement: Function, R: Array,
-           scaling: Scaling = PAPER_SCALING) -> Gaussian:
+def update(belief: Gaussian, reading: Array, measurement: Function, R: Array) -> Gaussian:
     """
     Take in a reading (k,) whose noise has the covariance ``R`` (k, k).
 
     On a linear measurement the outcome is the Kalman filter's, to rounding: there is nothing an
     unscented transform could add.
     """
-    return condition(belief, expect(belief, measurement, R, scaling), reading)
+    return condition(belief, expect(belief, measurement, R), reading)
