@@ -2,6 +2,7 @@
 
     python benchmark/false_refusals.py              # 300 recordings offline, some 20 minutes
     python benchmark/false_refusals.py --live 40    # and so many demos beside four busy processes
+    python benchmark/false_refusals.py --runs 0 --live 40 --at-once 4 --load 0   # or each other
 
 Offline the sequencer's state machine and watch run against the simulated rig on one seeded clock
 (test/helpers/late_computer.py): commands come up to 0.5 s late, stamps jitter by up to 3 ms, one
@@ -13,10 +14,11 @@ of its standard errors, or where it says what was made so: a sensor that pauses.
 
 from argparse import ArgumentParser
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 import os
 from pathlib import Path
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -101,25 +103,34 @@ def offline(runs, jobs):
     return len(refused)
 
 
-def live(runs, load):
+def demo(seed, domain, folder):
+    """Run one demo; returns its status and, where it did not end well, its last line."""
+    done = subprocess.run(
+        [sys.executable, '-m', 'forcecal_ros.cli', 'demo', '--out', f'{folder}/{seed}',
+         '--seed', str(seed)],
+        cwd=ROOT, env=os.environ | {'ROS_DOMAIN_ID': str(domain)}, capture_output=True,
+        text=True, check=False)
+    last = (done.stderr or done.stdout).strip().splitlines()[-1:]
+    shutil.rmtree(f'{folder}/{seed}', ignore_errors=True)
+    return done.returncode, last[0] if done.returncode and last else ''
+
+
+def live(runs, load, at_once):
     """Run so many demos beside busy processes; returns how many did not end well."""
     busy = [subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(load)]
     failed = 0
     try:
-        with tempfile.TemporaryDirectory() as folder:
-            for i in range(runs):
-                done = subprocess.run(
-                    [sys.executable, '-m', 'forcecal_ros.cli', 'demo', '--out',
-                     f'{folder}/{i}', '--seed', str(i)], cwd=ROOT, capture_output=True, text=True,
-                    check=False)
-                failed += done.returncode != 0
-                last = (done.stderr or done.stdout).strip().splitlines()[-1:]
-                print(f'demo {i}: status {done.returncode}'
-                      + (f': {last[0]}' if done.returncode and last else ''), flush=True)
+        with (tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(at_once) as pool):
+            ended = pool.map(lambda i: demo(i, 1 + i % 100, folder), range(runs))
+            for i, (status, last) in enumerate(ended):
+                failed += status != 0
+                average = os.getloadavg()[0]
+                print(f'demo {i}: status {status}, load {average:.1f} {last}', flush=True)
     finally:
         for process in busy:
             process.kill()
-    print(f'{runs} demos beside {load} busy processes: {failed} refused or aborted')
+    print(f'{runs} demos, {at_once} at once, beside {load} busy processes: '
+          f'{failed} refused or aborted')
     return failed
 
 
@@ -129,10 +140,11 @@ def main():
     parser.add_argument('--runs', type=int, default=300, help='recordings offline (300)')
     parser.add_argument('--live', type=int, default=0, help='demos over DDS (0)')
     parser.add_argument('--load', type=int, default=4, help='busy processes beside those (4)')
+    parser.add_argument('--at-once', type=int, default=1, help='demos beside each other (1)')
     parser.add_argument('--jobs', type=int, default=2, help='processes offline (2)')
     args = parser.parse_args()
     refused = offline(args.runs, args.jobs) if args.runs else 0
-    aborted = live(args.live, args.load) if args.live else 0
+    aborted = live(args.live, args.load, args.at_once) if args.live else 0
     return int(refused > 1 or aborted > 0)
 
 

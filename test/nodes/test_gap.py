@@ -13,6 +13,10 @@ ENOUGH = 14
 """Judgements that show that nothing is raised: the robot has turned and stepped by then."""
 
 
+ATTEMPTS = 3
+"""A loaded machine may let commands come late to the robot, which the node rightly raises."""
+
+
 @pytest.mark.parametrize('effects, stage', [
     ({}, ''),
     ({'wrench_delay': {'delay': 0.006}}, 'wrench_sensor'),
@@ -20,6 +24,19 @@ ENOUGH = 14
 def test_the_first_stage_that_leaves_the_noise_is_raised(ros_domain, tmp_path, effects, stage):
     path = tmp_path / 'rig.yaml'
     path.write_text(dump_rig(with_effects(load_rig(), effects)))
+    for _ in range(ATTEMPTS):
+        values, status, late = judged(path)
+        if not late:
+            break
+    else:
+        pytest.skip(f'commands came late to the robot {ATTEMPTS} times, a gap of its own')
+    assert values['first stage'] == stage, status.message
+    assert status.level == (DiagnosticStatus.ERROR if stage else DiagnosticStatus.OK)
+    assert len([name for name in values if name.endswith('[noise RMS]')]) == 16
+
+
+def judged(path):
+    """Return what the node says of a rig that is calibrated, and how many commands came late."""
     with Live() as live:
         live.start('sim', rig=path, seed=1, latency=0.1, **RIG_TIME)
         live.start('gap', use_sim_time=True)
@@ -28,19 +45,16 @@ def test_the_first_stage_that_leaves_the_noise_is_raised(ros_domain, tmp_path, e
         live.until(lambda: live.call('sequencer/start').success, 'it starts')
         said = []
 
-        def judged():
+        def found():
             status = live.diagnostics['gap']
             values = {pair.key: pair.value for pair in status.values}
             if 'stage' in values and (not said or said[-1][1] is not status):
                 said.append((values, status))
             return values.get('first stage') or len(said) > ENOUGH
 
-        live.until(judged, 'a judgement', timeout=300.0)
-        late = {p.key: p.value for p in live.diagnostics['sim'].values}['commands late']
-        if late != '0':
-            pytest.skip(f'{late} commands came late to the robot, which is a gap of its own')
-        values, status = said[-1]
-        assert values['first stage'] == stage, status.message
-        assert status.level == (DiagnosticStatus.ERROR if stage else DiagnosticStatus.OK)
-        assert len([name for name in values if name.endswith('[noise RMS]')]) == 16
+        live.until(found, 'a judgement', timeout=300.0)
+        counted = live.diagnostics['sim']
+        live.until(lambda: live.diagnostics['sim'] is not counted, 'the count of late commands')
+        late = {pair.key: pair.value for pair in live.diagnostics['sim'].values}['commands late']
         assert live.end('gap') == 0
+        return *said[-1], int(late)
