@@ -35,13 +35,6 @@ MOTION = ('inertia', 'accelerometer', 'tool')
 ALL = (*STANDSTILL, *MOTION)
 """All keys that a finding can call into question."""
 
-TORQUE, VOLTS, RINGING = 4.6, 5.2, 5.2
-"""
-Departures by fewer standard errors are chance.
-
-In 80 healthy runs the largest were 4.8, 5.0 and 4.6; one in a hundred passes one of them.
-"""
-
 _DRIFT = 6.0
 """Drifts within a static pose of fewer standard errors are taken for chance."""
 
@@ -128,8 +121,20 @@ def torque_residuals(stages: Stages) -> Residuals | None:
     noise = noise_of_windows([values[grid.still == i] for i in range(grid.still.max() + 1)])
     moment = 0.0 if stages.inertia is None else np.linalg.norm(
         inertia_regressor(np.zeros((3, 3)), np.eye(3)) @ stages.inertia.elements, axis=1).max()
-    sigma = np.hypot(np.sqrt(np.diag(noise.covariance)), moment * gridded.alpha_error[:, None])
-    return Residuals(grid.starts + grid.length / 2, values, sigma, noise.inflation, use)
+    sigma = np.broadcast_to(np.sqrt(np.diag(noise.covariance)), values.shape)
+    off = np.hypot(moment * gridded.alpha_error[:, None],
+                   _torque_error(gridded.wrench, slide, theta, tool.covariance))
+    return Residuals(grid.starts + grid.length / 2, values, sigma, noise.inflation, use, off)
+
+
+def _torque_error(wrench: Array, slide: Array, theta: Array, covariance: Array) -> Array:
+    """Return the standard error (n, 3) of what a tool explains of the torque [N m]."""
+    size = np.sqrt(np.diag(covariance))
+    columns = [unexplained_torque(wrench, slide, theta + step)
+               - unexplained_torque(wrench, slide, theta) for step in np.diag(size)]
+    scaled = covariance / np.outer(np.maximum(size, 1e-300), np.maximum(size, 1e-300))
+    variance = np.einsum('ink,jnk,ij->nk', columns, columns, scaled)
+    return np.sqrt(np.maximum(variance, 0.0))
 
 
 def torque_departs(stages: Stages, settings: Settings) -> Iterator[Finding]:
@@ -145,7 +150,7 @@ def torque_departs(stages: Stages, settings: Settings) -> Iterator[Finding]:
                                  ('in motion', turns, ALL if by_motion else MOTION),
                                  ('on the whole', np.ones_like(turns), ALL)):
         found = largest_deviation(residuals._replace(use=residuals.use & part))
-        if not found.sigmas > TORQUE or abs(found.size) <= small or (
+        if found.is_chance or abs(found.size) <= small or (
                 said and where == 'on the whole'):
             continue
         said = True
@@ -182,8 +187,9 @@ def accelerometer_departs(stages: Stages, settings: Settings) -> Iterator[Findin
         return
     lever = np.linalg.norm(np.nan_to_num(fit.position))
     off = np.abs(fit.matrix).max(axis=1) * lever * stages.motion.gridded.alpha_error[:, None]
-    found = largest_deviation(fit.residuals._replace(sigma=np.hypot(fit.residuals.sigma, off)))
-    if found.sigmas > VOLTS and abs(found.size) > _small_volts(fit.matrix, settings):
+    found = largest_deviation(fit.residuals._replace(
+        model_error=np.broadcast_to(off, fit.residuals.values.shape)))
+    if not found.is_chance and abs(found.size) > _small_volts(fit.matrix, settings):
         grid = stages.motion.gridded.grid
         yield Finding(
             f'accelerometer {"xyz"[found.channel]} is off by {found.size:+.2g} '
@@ -216,7 +222,7 @@ def ringing_departs(stages: Stages) -> Iterator[Finding]:
     if stages.ring is None:
         return
     found = largest_deviation(stages.ring.residuals)
-    if found.sigmas > RINGING:
+    if not found.is_chance:
         yield Finding(
             f'the tool does not ring like a spring and a damper ({found.sigmas:.0f} standard '
             'errors); look for friction, a stop, contact, or a robot that still moves', ('tool',))

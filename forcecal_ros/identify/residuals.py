@@ -5,6 +5,14 @@ from typing import NamedTuple
 from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t as student_t
+
+CHANCE = 1e-3
+"""A sound recording is doubted by one look at its residuals so rarely: of 300 recordings with
+four such looks each, one."""
+
+_DEGREES = 100
+"""Noise is known from some hundred values, so that large deviations are commoner than Gauss's."""
 
 _STRETCHES = (1, 5, 25, 125, 400)
 """Lengths of the stretches whose means are tested, in values: one to 8 s of 20 ms blocks."""
@@ -29,6 +37,9 @@ class Residuals(NamedTuple):
         Variance of the mean of n values, times n, over that of one.
     use : ndarray of bool, shape (n,)
         Which of them count.
+    model_error : ndarray, shape (n, k)
+        How far each may be off by an error that its neighbours share, as stamps do that are off:
+        it does not average out. Unit of the signal; None: by none.
     """
 
     times: Array
@@ -36,6 +47,7 @@ class Residuals(NamedTuple):
     sigma: Array
     inflation: Array
     use: NDArray[np.bool_]
+    model_error: Array | None = None
 
 
 class Deviation(NamedTuple):
@@ -50,12 +62,20 @@ class Deviation(NamedTuple):
         Its mean [unit of the signal].
     time : float
         Its middle [s].
+    tests : int
+        How many stretches of how many channels were looked at.
     """
 
     sigmas: float
     size: float
     channel: int
     time: float
+    tests: int = 1
+
+    @property
+    def is_chance(self) -> bool:
+        """Whether noise alone deviates that far somewhere."""
+        return self.sigmas < float(student_t.isf(CHANCE / (2 * self.tests), _DEGREES))
 
 
 def largest_deviation(residuals: Residuals) -> Deviation:
@@ -67,10 +87,12 @@ def largest_deviation(residuals: Residuals) -> Deviation:
     Deviation
         Of 0 standard errors where nothing counts.
     """
-    found = Deviation(0.0, 0.0, 0, 0.0)
+    found, tests = Deviation(0.0, 0.0, 0, 0.0), 0
     use = residuals.use & np.isfinite(residuals.values).all(axis=1)
     z = np.where(use[:, None], residuals.values / residuals.sigma, 0.0)
-    sums = np.concatenate([np.zeros((1, z.shape[1])), np.cumsum(z, axis=0)])
+    sums = _running(z)
+    shared = _running(np.zeros_like(z) if residuals.model_error is None else np.where(
+        use[:, None], residuals.model_error / residuals.sigma, 0.0))
     counts = np.concatenate([[0], np.cumsum(use)])
     for length in _STRETCHES:
         if length > len(z):
@@ -79,8 +101,10 @@ def largest_deviation(residuals: Residuals) -> Deviation:
         whole = n >= _WHOLE * length
         if not whole.any():
             continue
+        tests += int(whole.sum()) * z.shape[1]
+        off = (shared[length:] - shared[:-length])[whole]
         sigmas = np.abs(sums[length:] - sums[:-length])[whole] / np.sqrt(
-            n[whole, None] * residuals.inflation)
+            n[whole, None] * residuals.inflation + off**2)
         i, channel = (int(j) for j in np.unravel_index(np.argmax(sigmas), sigmas.shape))
         if sigmas[i, channel] > found.sigmas:
             first = int(np.flatnonzero(whole)[i])
@@ -88,4 +112,8 @@ def largest_deviation(residuals: Residuals) -> Deviation:
             size = residuals.values[stretch, channel][use[stretch]].mean()
             found = Deviation(float(sigmas[i, channel]), float(size), channel,
                               float(residuals.times[stretch].mean()))
-    return found
+    return found._replace(tests=max(tests, 1))
+
+
+def _running(values: Array) -> Array:
+    return np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
