@@ -54,6 +54,11 @@ _TURNS_SLOWLY = 0.01
 """Angular speed below which inertia does not show [rad/s]."""
 
 
+_RESOLVED = 5
+"""Blocks that a derivative of the pose reaches over: where commands were held back for a moment
+the turning is abrupter than it can show, within fewer."""
+
+
 class Finding(NamedTuple):
     """
     One sentence, and the keys of the estimates that it calls into question.
@@ -146,10 +151,11 @@ def torque_departs(stages: Stages, settings: Settings) -> Iterator[Finding]:
     by_motion = stages.tool.condition > settings.thresholds.condition
     small = _SMALL * stages.tool.mass * settings.gravity * np.linalg.norm(stages.tool.com)
     said = False
-    for where, part, suspect in (('at rest', ~turns, ALL),
-                                 ('in motion', turns, ALL if by_motion else MOTION),
-                                 ('on the whole', np.ones_like(turns), ALL)):
-        found = largest_deviation(residuals._replace(use=residuals.use & part))
+    for where, part, shortest, suspect in (
+            ('at rest', ~turns, 1, ALL),
+            ('in motion', turns, _RESOLVED, ALL if by_motion else MOTION),
+            ('on the whole', np.ones_like(turns), _RESOLVED, ALL)):
+        found = largest_deviation(residuals._replace(use=residuals.use & part), shortest)
         if found.is_chance or abs(found.size) <= small or (
                 said and where == 'on the whole'):
             continue

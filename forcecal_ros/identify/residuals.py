@@ -78,9 +78,14 @@ class Deviation(NamedTuple):
         return self.sigmas < float(student_t.isf(CHANCE / (2 * self.tests), _DEGREES))
 
 
-def largest_deviation(residuals: Residuals) -> Deviation:
+def largest_deviation(residuals: Residuals, shortest: int = 1) -> Deviation:
     """
     Find the stretch whose mean deviates most from zero in standard errors, of any length.
+
+    Parameters
+    ----------
+    shortest : int
+        Stretches of fewer values say nothing.
 
     Returns
     -------
@@ -95,8 +100,8 @@ def largest_deviation(residuals: Residuals) -> Deviation:
         use[:, None], residuals.model_error / residuals.sigma, 0.0))
     counts = np.concatenate([[0], np.cumsum(use)])
     for length in _STRETCHES:
-        if length > len(z):
-            break
+        if not shortest <= length <= len(z):
+            continue
         n = counts[length:] - counts[:-length]
         whole = n >= _WHOLE * length
         if not whole.any():

@@ -91,7 +91,7 @@ class Guard:
 
     def _readings(self) -> tuple[int, int]:
         """Read both clocks at one instant, as far as the processor is not taken away [ns]."""
-        pairs = []
+        pairs: list[tuple[int, int, int]] = []
         while len(pairs) < READINGS:
             before = self._steady.now().nanoseconds
             now = self._clock.now().nanoseconds

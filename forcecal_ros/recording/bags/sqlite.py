@@ -32,7 +32,8 @@ class SqliteFile:
             self._database = self._open()
             self.topics = self._read_topics()
         except sqlite3.DatabaseError as error:
-            raise DataError(f'{path}: not a readable SQLite recording ({error}); try '
+            why = ' '.join(str(error).split())
+            raise DataError(f'{path}: not a readable SQLite recording ({why}); try '
                             f'`sqlite3 {path.name} .recover`') from error
 
     def _open(self) -> sqlite3.Connection:
