@@ -1,4 +1,4 @@
-"""The gap between robot and simulator, live: excess of every channel, and where it began."""
+"""The gap between robot and simulator, live: excess of every channel, and the first stage."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,15 +34,15 @@ PARAMETERS = (
     Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool'),
     Parameter('wrench.sign', 1, '-1 for a driver that reports the wrench of the tool on its '
               'environment', low=-1, high=1),
-    Parameter('delay', 0.3, 'Samples may be that late', 's', low=0.05, high=5.0),
+    Parameter('delay', 0.3, 'Greatest delay with which samples arrive', 's', low=0.05, high=5.0),
 )
 
 KEPT = 2 * SECOND
-"""Samples older than that are forgotten once judged [ns]."""
+"""Samples are kept for that long before a first command, and after their comparison [ns]."""
 
 
 class Gap(Node):
-    """Follows the robot from its first command on."""
+    """Compares the robot with the simulated rig, from its first command on."""
 
     def __init__(self) -> None:
         super().__init__('gap')
