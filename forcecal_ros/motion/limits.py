@@ -16,7 +16,7 @@ class Limits:
     """Limits of planned and of measured motion; the names are the parameters' keys."""
 
     speed: Annotated[float, Row(
-        'Largest speed of a plan; a measured speed above it times limits.overspeed stops',
+        'Largest speed of a plan; a measured one above it times limits.overspeed stops',
         'm/s', 0.001, 2.0)] = 0.25
     acceleration: Annotated[float, Row(
         'Largest acceleration of a plan, stops included', 'm/s^2', 0.01, 50.0)] = 8.0
@@ -57,10 +57,10 @@ class Limits:
         'joint_trajectory, that of each joint',
         'rad', 0.005, 3.0)] = 0.2
     overspeed: Annotated[float, Row(
-        'Measured speeds, accelerations and jerks may exceed the limits by this factor',
+        'Factor by which measured speeds, accelerations and jerks may exceed the limits',
         low=1.0, high=10.0)] = 1.5
     stop_duration: Annotated[float, Row(
-        'From the first command of a stop to rest', 's', 0.01, 0.5)] = 0.045
+        'Duration from the first command of a stop to rest', 's', 0.01, 0.5)] = 0.045
 
     def __post_init__(self) -> None:
         for name in ('workspace_min', 'workspace_max', 'tip'):

@@ -20,12 +20,12 @@ WATCH = WatchSettings(pause_timeout=0.025, lost_timeout=0.029, frozen_timeout=0.
 62 ms of ``limits.stop_duration``."""
 
 _DESCRIPTIONS = {
-    'jerk': 'A measured jerk above it times limits.overspeed stops',
+    'jerk': 'Largest jerk; a measured one above it times limits.overspeed stops',
     'workspace_min': 'Lower corner, in base, of the box that ft_sensor and the tip stay in',
     'torque': 'Norm of the contact torque above which the motion stops',
     'tracking_angle': 'Angle between measured and commanded orientation above which the motion '
                       'stops',
-    'overspeed': 'Measured speed, acceleration and jerk may exceed the limits by this factor',
+    'overspeed': 'Factor by which measured speed, acceleration and jerk may exceed the limits',
 }
 """Of limits that mean something else here, where nothing is planned before the start."""
 
@@ -38,7 +38,7 @@ def _live(name: str, default: Any, description: str, unit: str = '', low: float 
 
 PARAMETERS = (
     EXECUTOR,
-    _live('task.cycles', 1, 'How often free movement, contact and way back follow one another',
+    _live('task.cycles', 1, 'Number of cycles of free motion, contact and move back',
           '', 1, 100_000),
     *parameters_of('task', Task()),
     _live('impedance.mass', _WANTED.mass, 'Mass of the wanted impedance, about the reference',
