@@ -6,7 +6,7 @@ from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.calibration.sensor_matrix import with_matrix_of
 from forcecal_ros.errors import ForcecalError
 from forcecal_ros.identify.pipeline import identify
-from forcecal_ros.identify.settings import Settings as IdentificationSettings
+from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.nodes.collector import Collector
 from forcecal_ros.observe.gains import with_kalman_gains
 

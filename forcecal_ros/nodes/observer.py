@@ -18,7 +18,7 @@ from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, STEADY
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Writer
-from forcecal_ros.observe import ContactSample, design, noise_levels, Settings
+from forcecal_ros.observe import ContactSample, design, noise_levels, ObserverSettings
 from forcecal_ros.observe.live import LiveObserver, Samples, Values
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -177,7 +177,7 @@ class Observer(ManagedNode):
         self.get_logger().info(f'calibration taken from {source.name}: mass '
                                f'{float(calibration.mass):.4f} kg')
 
-    def _settings(self, changes: dict[str, Any] | None = None) -> Settings:
+    def _settings(self, changes: dict[str, Any] | None = None) -> ObserverSettings:
         return settings_of({row.name: self._value(row.name) for row in PARAMETERS}
                            | (changes or {}))
 

@@ -8,10 +8,10 @@ from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
-from forcecal_ros.observe.settings import FILTERS, MODES, OFFSETS, Settings
+from forcecal_ros.observe.settings import FILTERS, MODES, ObserverSettings, OFFSETS
 from forcecal_ros.schema import Parameter
 
-_DEFAULT = Settings()
+_DEFAULT = ObserverSettings()
 
 
 def _live(name: str, default: Any, description: str, unit: str = '', low: float | None = None,
@@ -71,7 +71,7 @@ PARAMETERS = (
 )
 
 
-def settings_of(value: Mapping[str, Any]) -> Settings:
+def settings_of(value: Mapping[str, Any]) -> ObserverSettings:
     """
     Make settings of the values of all ``PARAMETERS``, by name.
 
@@ -82,7 +82,7 @@ def settings_of(value: Mapping[str, Any]) -> Settings:
     """
     force, torque = value['limits.force'], value['limits.torque']
     name = value['gravity.filter']
-    return Settings(
+    return ObserverSettings(
         filter=value['observer.mode'] or None if name == 'none' else name,
         bandwidth_hz=value['observer.bandwidth'] or None,
         contact_walk=value['observer.contact_walk'], offset=value['observer.offset'],

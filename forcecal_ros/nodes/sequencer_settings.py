@@ -7,8 +7,13 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array, STANDARD_GRAVITY
-from forcecal_ros.identify.settings import COMPLIANCES, COUPLINGS, DESIGNS, MODES
-from forcecal_ros.identify.settings import Settings as IdentificationSettings
+from forcecal_ros.identify.settings import (
+    COMPLIANCES,
+    COUPLINGS,
+    DESIGNS,
+    IdentificationSettings,
+    MODES,
+)
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import WatchSettings
 from forcecal_ros.motion.plan import Goal, Timing
