@@ -5,7 +5,7 @@ from dataclasses import replace
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.observe import design, ObserverSettings, replay, Status
 from forcecal_ros.observe.align import SILENT
-from forcecal_ros.observe.motion import Motion
+from forcecal_ros.observe.motion import MotionEstimate
 from forcecal_ros.observe.playback import run
 from forcecal_ros.observe.tracking import Rotation
 from forcecal_ros.observe.unload import Tool, unload
@@ -26,7 +26,8 @@ def model():
 
 def unloaded(model, rotation, t):
     wire = tuple(np.add(model.bias, [1.0, 2.0, 6.0, 0.1, 0.2, 0.0]))
-    return unload(Tool(), Motion(rotation=rotation), t, wire, SILENT, float('nan'), model)[1]
+    motion = MotionEstimate(rotation=rotation)
+    return unload(Tool(), motion, t, wire, SILENT, float('nan'), model)[1]
 
 
 def test_the_weight_is_that_of_the_pose_carried_to_the_wrench(model):
