@@ -28,16 +28,16 @@ class Processes:
     def __init__(self, environment: Mapping[str, str]) -> None:
         self._environment = {**os.environ, **environment}
         self._running: dict[str, subprocess.Popen[bytes]] = {}
-        self._said: dict[str, IO[bytes]] = {}
+        self._outputs: dict[str, IO[bytes]] = {}
 
     def start(self, node: str, parameters: Mapping[str, object]) -> None:
         """Start one node with its parameters."""
         arguments = [part for name, value in parameters.items()
                      for part in ('-p', f'{name}:={_text(value)}')]
-        self._said[node] = tempfile.TemporaryFile()  # noqa: SIM115 - outlives this call
+        self._outputs[node] = tempfile.TemporaryFile()  # noqa: SIM115 - outlives this call
         self._running[node] = subprocess.Popen(
             [sys.executable, '-m', f'forcecal_ros.nodes.{node}', '--ros-args', *arguments],
-            stdin=subprocess.DEVNULL, stdout=self._said[node], stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL, stdout=self._outputs[node], stderr=subprocess.STDOUT,
             env=self._environment, start_new_session=True)
 
     def check(self) -> None:
@@ -55,8 +55,8 @@ class Processes:
                                 f'{self._last_line(node)}')
 
     def _last_line(self, node: str) -> str:
-        self._said[node].seek(0)
-        lines = self._said[node].read().decode(errors='replace').strip().splitlines()
+        self._outputs[node].seek(0)
+        lines = self._outputs[node].read().decode(errors='replace').strip().splitlines()
         return lines[-1] if lines else 'it said nothing'
 
     def __enter__(self) -> 'Processes':
@@ -73,8 +73,8 @@ class Processes:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-        for said in self._said.values():
-            said.close()
+        for output in self._outputs.values():
+            output.close()
 
 
 def _text(value: object) -> str:
