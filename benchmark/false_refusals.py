@@ -29,7 +29,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / 'test' / 'helpers')]
 
 from forcecal_ros.errors import ForcecalError
 from forcecal_ros.identify.pipeline import identify
-from forcecal_ros.identify.settings import Settings
+from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.truth import true_calibration
 from late_computer import run
@@ -45,7 +45,7 @@ def judge(seed):
     outcome = run(seed, accelerometer=accelerometer)
     if outcome.aborted:
         return outcome.conditions, f'aborted: {outcome.aborted}', [], {}
-    settings = Settings(coupling='ac' if accelerometer == 'acc2' else 'dc')
+    settings = IdentificationSettings(coupling='ac' if accelerometer == 'acc2' else 'dc')
     try:
         found = identify(outcome.recording, settings)
     except ForcecalError as error:

@@ -27,7 +27,7 @@ from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array, rotation_from_vector
 from forcecal_ros.identify.pipeline import identify
-from forcecal_ros.identify.settings import Settings
+from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.recording.streams import Recording, Stream
 from forcecal_ros.report.rows import table
 from forcecal_ros.simulators.rig.file import load_rig
@@ -96,7 +96,7 @@ def one_run(seed: int) -> tuple[Calibration, Truth]:
         'accelerometer.position': rig.accelerometer.position,
         'accelerometer.cutoff': model.highpass,
         'tool.stiffness': rig.optidrive.stiffness, 'tool.damping': rig.optidrive.damping}
-    return (identify(recording, Settings(coupling=coupling)),
+    return (identify(recording, IdentificationSettings(coupling=coupling)),
             {key: np.asarray(value, dtype=float) for key, value in truth.items()})
 
 

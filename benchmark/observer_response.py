@@ -12,7 +12,7 @@ from pathlib import Path
 import sys
 
 from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.observe import design, replay, Settings
+from forcecal_ros.observe import design, ObserverSettings, replay
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.simulator import Simulator
@@ -72,7 +72,7 @@ def response() -> None:
 def noise() -> None:
     recording = record(20.0, seed=4)
     for mode in ('kalman', 'newton'):
-        estimate = replay(recording, calibration(), Settings(mode))
+        estimate = replay(recording, calibration(), ObserverSettings(mode))
         f, p = welch(estimate.contact[:, :3], 1000.0, nperseg=2048, axis=0)
         _, q = welch(estimate.measured[:, :3], 1000.0, nperseg=2048, axis=0)
         band = (f >= 50) & (f <= 200)

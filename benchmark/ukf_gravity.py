@@ -17,7 +17,7 @@ import timeit
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
 
-from forcecal_ros.observe import design, FilterSettings, Imu, replay, Settings
+from forcecal_ros.observe import design, FilterSettings, Imu, ObserverSettings, replay
 from forcecal_ros.observe.filters import ekf, ukf
 from forcecal_ros.observe.filters.bias_filter import begin, learn
 from forcecal_ros.observe.filters.gaussian import Gaussian, linear, predict
@@ -36,18 +36,18 @@ from scipy.stats import chi2
 FIRST = 2000
 """Seed of the first unseen motion; the filters were set up on others."""
 
-SIX = Settings('ukf', learning=FilterSettings(states=6))
-PAPER = Settings('ukf', learning=FilterSettings(covariances='paper'))
+SIX = ObserverSettings('ukf', learning=FilterSettings(states=6))
+PAPER = ObserverSettings('ukf', learning=FilterSettings(covariances='paper'))
 
 WAYS = {
-    'kalman': lambda r, c: replay(r, c, Settings('kalman')),
-    'ukf': lambda r, c: replay(r, c, Settings('ukf')),
-    'ekf': lambda r, c: replay(r, c, Settings('ekf')),
+    'kalman': lambda r, c: replay(r, c, ObserverSettings('kalman')),
+    'ukf': lambda r, c: replay(r, c, ObserverSettings('ukf')),
+    'ekf': lambda r, c: replay(r, c, ObserverSettings('ekf')),
     'ukf, 6 states': lambda r, c: replay(r, c, SIX),
     'ukf, Q R P0 of the paper': lambda r, c: replay(r, c, PAPER),
-    'static': lambda r, c: replay(r, c, Settings('static')),
-    'ukf without pose': lambda r, c: replay(r, c, Settings('ukf'), Imu()),
-    'ekf without pose': lambda r, c: replay(r, c, Settings('ekf'), Imu()),
+    'static': lambda r, c: replay(r, c, ObserverSettings('static')),
+    'ukf without pose': lambda r, c: replay(r, c, ObserverSettings('ukf'), Imu()),
+    'ekf without pose': lambda r, c: replay(r, c, ObserverSettings('ekf'), Imu()),
 }
 
 
@@ -105,7 +105,7 @@ def reading(t, measured):
 def papers_noise():
     """Largest error in 20 s, the first 0.1 s left out, where the paper's R is the true noise."""
     calibration, _ = arm.calibrate(np.random.default_rng(1))
-    model = design(calibration, Settings('ukf', learning=FilterSettings(
+    model = design(calibration, ObserverSettings('ukf', learning=FilterSettings(
         covariances='paper', states=6))).bias_filter
     rng = np.random.default_rng(3)
     std, belief, worst = np.sqrt(model.covariances.R.diagonal()), begin(model), np.zeros(6)
@@ -127,7 +127,7 @@ def unknown(tilt_std, payload_std, bias_std, runs=12, seconds=3.0):
     out = {}
     for name in ('ukf', 'ekf'):
         model = pose_free_model(
-            calibration, Settings(name, learning=FilterSettings(
+            calibration, ObserverSettings(name, learning=FilterSettings(
                 bias_prior=(bias_std, 0.1 * bias_std))),
             Imu(tilt_std=max(tilt_std, 0.1), payload_std=payload_std))
         angles, masses = [], []
@@ -178,7 +178,7 @@ def speed():
     out = {'ours_us': _best(ours, 200),
            'ours_from_exact': float(np.abs(ours().mean - exact.mean).max())}
     calibration, _ = arm.calibrate(np.random.default_rng(1), seconds=0.2)
-    model = design(calibration, Settings('ukf')).bias_filter
+    model = design(calibration, ObserverSettings('ukf')).bias_filter
     one = reading(1e-3, y - load)
     state = begin(model)._replace(t=0.0)
     out['whole_step_us'] = _best(lambda: learn(state, one, model), 100)

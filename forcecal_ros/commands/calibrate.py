@@ -109,11 +109,11 @@ def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration
     """Identify as the arguments say."""
     from forcecal_ros.geometry import STANDARD_GRAVITY
     from forcecal_ros.identify.pipeline import identify
-    from forcecal_ros.identify.settings import Settings
+    from forcecal_ros.identify.settings import IdentificationSettings
     from forcecal_ros.observe.gains import with_kalman_gains
 
     position = args.accelerometer_position
-    calibration = identify(recording, Settings(
+    calibration = identify(recording, IdentificationSettings(
         gravity=args.gravity or STANDARD_GRAVITY, theta=args.theta, coupling=args.coupling,
         cutoff=args.cutoff,
         accelerometer_position=tuple(position) if position else None,

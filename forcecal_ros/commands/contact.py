@@ -6,7 +6,7 @@ from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
     from forcecal_ros.calibration.model import Calibration
-    from forcecal_ros.observe import ContactEstimate, Settings
+    from forcecal_ros.observe import ContactEstimate, ObserverSettings
     from forcecal_ros.recording.streams import Recording
 
 DELAY_STD = 5e-4
@@ -17,7 +17,7 @@ LEVELS = ('ok', 'warn', 'error')
 """As diagnostic_msgs/DiagnosticStatus counts them."""
 
 
-def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'Settings'
+def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'ObserverSettings'
              ) -> tuple['Calibration', tuple[str, ...]]:
     """
     Find in the recording what the calibration does not know: noise and delay.

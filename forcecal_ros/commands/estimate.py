@@ -43,10 +43,10 @@ def answer(args: argparse.Namespace) -> Answer:
     """Estimate over one recording."""
     from forcecal_ros.calibration.file import load
     from forcecal_ros.commands import contact
-    from forcecal_ros.observe import replay, Settings
+    from forcecal_ros.observe import ObserverSettings, replay
     from forcecal_ros.observe.batch import waits_for_compiler
 
-    settings = Settings(filter=args.filter, bandwidth_hz=args.bandwidth)
+    settings = ObserverSettings(filter=args.filter, bandwidth_hz=args.bandwidth)
     calibration = load(args.calibration)
     recording = read_checked(args, args.bag, raw_wrench=calibration.matrix is not None)
     calibration, about = contact.prepared(calibration, recording, settings)

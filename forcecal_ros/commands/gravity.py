@@ -18,7 +18,7 @@ from forcecal_ros.commands.outputs import add_output, RECORDING
 
 if TYPE_CHECKING:
     from forcecal_ros.calibration.model import Calibration
-    from forcecal_ros.observe import ContactEstimate, Settings
+    from forcecal_ros.observe import ContactEstimate, ObserverSettings
     from forcecal_ros.recording.streams import Recording
 
 FILTERS = ('ukf', 'ekf', 'static', 'kalman', 'newton')
@@ -84,16 +84,16 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def settings_of(args: argparse.Namespace) -> 'Settings':
+def settings_of(args: argparse.Namespace) -> 'ObserverSettings':
     """Return the settings that the arguments say."""
-    from forcecal_ros.observe import Settings
+    from forcecal_ros.observe import ObserverSettings
     from forcecal_ros.observe.settings import FilterSettings
 
     given: dict[str, Any] = {name: value for name, value in (
         ('rise_time', args.rise_time),
         ('contact_floor', args.contact_floor and tuple(args.contact_floor)),
         ('bias_prior', args.bias_prior and tuple(args.bias_prior))) if value is not None}
-    return Settings(filter=args.filter, learning=FilterSettings(
+    return ObserverSettings(filter=args.filter, learning=FilterSettings(
         states=args.states, covariances=args.covariances, **given))
 
 
@@ -137,7 +137,7 @@ def calibration_for(args: argparse.Namespace,
     from forcecal_ros.calibration.file import load, parse
     from forcecal_ros.errors import DataError, UnobservableError
     from forcecal_ros.identify.pipeline import identify
-    from forcecal_ros.identify.settings import Settings
+    from forcecal_ros.identify.settings import IdentificationSettings
     from forcecal_ros.recording.bags import read_calibrations
 
     if args.calibration:
@@ -146,14 +146,14 @@ def calibration_for(args: argparse.Namespace,
     if recorded:
         return parse(recorded[-1], f'{args.bag}: sequencer/calibration'), 'in the recording'
     try:
-        return (identify(recording, Settings(wrench_sign=args.wrench_sign)),
+        return (identify(recording, IdentificationSettings(wrench_sign=args.wrench_sign)),
                 'identified from the recording')
     except (DataError, UnobservableError) as error:
         raise type(error)(f'no --calibration is given, and {args.bag} identifies none: {error}'
                           ) from error
 
 
-def estimated(recording: 'Recording', calibration: 'Calibration', settings: 'Settings',
+def estimated(recording: 'Recording', calibration: 'Calibration', settings: 'ObserverSettings',
               payload_std: float | None) -> 'ContactEstimate':
     """Run the chain, by the IMU where ``payload_std`` [kg] is given."""
     from forcecal_ros.observe import Imu, replay

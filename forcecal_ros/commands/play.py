@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     with needs_ros():
         from forcecal_ros.nodes.player import Player
-        from forcecal_ros.nodes.session import session
+        from forcecal_ros.nodes.temporary_node import temporary_node
     from itertools import chain, dropwhile
     import time
 
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
                         + (f' besides {_named(left_out)}' if left_out else ''))
     begin = first.log_ns + int(args.start * 1e9)
     commands = [topic for topic in named if topic.is_command]
-    with session('play') as ros:
+    with temporary_node('play') as ros:
         player = Player(ros, args.rate, args.clock, lambda name: f'{prefix}{name}')
         player.offer(named)
         time.sleep(max(args.delay, DISCOVERY) if commands else args.delay)

@@ -37,14 +37,14 @@ def run(args: argparse.Namespace) -> int:
     import time
 
     with needs_ros():
-        from forcecal_ros.nodes.recording import of_this_package, StreamRecorder
-        from forcecal_ros.nodes.session import session
+        from forcecal_ros.nodes.stream_recorder import of_this_package, StreamRecorder
+        from forcecal_ros.nodes.temporary_node import temporary_node
     from forcecal_ros.errors import DataError
     from forcecal_ros.recording.bags import BagWriter
     from tqdm import tqdm
 
     names = {f'/{name.lstrip("/")}' for name in args.topics}
-    with (session('record') as ros,
+    with (temporary_node('record') as ros,
           BagWriter(args.output, args.storage, not args.no_compression) as writer,
           tqdm(unit=' messages', disable=None, leave=False) as bar):
         recorder = StreamRecorder(ros.node, writer, lambda name, msgtype: (

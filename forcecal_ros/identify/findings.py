@@ -16,7 +16,7 @@ from forcecal_ros.identify.inertia import inertia_regressor, unexplained_torque
 from forcecal_ros.identify.means import drift
 from forcecal_ros.identify.residuals import largest_deviation, Residuals
 from forcecal_ros.identify.result import Stages
-from forcecal_ros.identify.settings import Settings
+from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.recording.checks.clipping import clipped
 from forcecal_ros.recording.noise.autocovariance import noise_of_windows
 from forcecal_ros.recording.streams import CHANNELS, Recording
@@ -78,7 +78,7 @@ class Finding(NamedTuple):
         return f'{self.text}; suspect: {", ".join(self.suspect)}' if self.suspect else self.text
 
 
-def findings(stages: Stages, settings: Settings) -> Iterator[Finding]:
+def findings(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
     """Make every check of this module."""
     yield from poses_disagree(stages, settings)
     yield from torque_departs(stages, settings)
@@ -91,7 +91,7 @@ def findings(stages: Stages, settings: Settings) -> Iterator[Finding]:
     yield from clips_or_drifts(stages, settings)
 
 
-def poses_disagree(stages: Stages, settings: Settings) -> Iterator[Finding]:
+def poses_disagree(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
     """Compare the static poses' readings with one rigid tool."""
     tool, statics = stages.tool, stages.statics
     if not tool.probability < settings.thresholds.probability or statics.covariance is None:
@@ -142,7 +142,7 @@ def _torque_error(wrench: Array, slide: Array, theta: Array, covariance: Array) 
     return np.sqrt(np.maximum(variance, 0.0))
 
 
-def torque_departs(stages: Stages, settings: Settings) -> Iterator[Finding]:
+def torque_departs(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
     """Look for torques in motion and at rest that one tool does not explain."""
     residuals = torque_residuals(stages)
     if residuals is None or stages.motion is None:
@@ -167,7 +167,7 @@ def torque_departs(stages: Stages, settings: Settings) -> Iterator[Finding]:
             'belong to that instant', suspect)
 
 
-def accelerometer_disagrees(stages: Stages, settings: Settings) -> Iterator[Finding]:
+def accelerometer_disagrees(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
     """Compare the accelerometer with gravity in the static poses."""
     fit = stages.accelerometer
     if fit is None or not np.isfinite(fit.chi_square):
@@ -182,11 +182,11 @@ def accelerometer_disagrees(stages: Stages, settings: Settings) -> Iterator[Find
             'or for the wrong accelerometer.coupling', ACCELEROMETER)
 
 
-def _small_volts(matrix: Array, settings: Settings) -> float:
+def _small_volts(matrix: Array, settings: IdentificationSettings) -> float:
     return float(_SMALL * settings.gravity * np.abs(np.linalg.det(matrix))**(1 / 3))
 
 
-def accelerometer_departs(stages: Stages, settings: Settings) -> Iterator[Finding]:
+def accelerometer_departs(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
     """Look for readings of the accelerometer that the force does not explain."""
     fit = stages.accelerometer
     if fit is None or fit.residuals is None or stages.motion is None:
@@ -204,7 +204,7 @@ def accelerometer_departs(stages: Stages, settings: Settings) -> Iterator[Findin
             'saturated sensor, or the wrong accelerometer.coupling', MOTION)
 
 
-def gaps_behind_highpass(stages: Stages, settings: Settings) -> Iterator[Finding]:
+def gaps_behind_highpass(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
     """Look for pauses that a high-pass, which remembers all that was, does not see through."""
     if settings.coupling != 'ac' or stages.accelerometer is None or stages.motion is None:
         return
@@ -234,7 +234,7 @@ def ringing_departs(stages: Stages) -> Iterator[Finding]:
             'errors); look for friction, a stop, contact, or a robot that still moves', ('tool',))
 
 
-def delays_too_long(stages: Stages, settings: Settings) -> Iterator[Finding]:
+def delays_too_long(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
     """Look for delays beyond what is plausible."""
     limit = settings.largest_delay
     ring, fit = stages.ring, stages.accelerometer
@@ -265,7 +265,7 @@ def pose_astray(recording: Recording, stages: Stages) -> Iterator[Finding]:
             'same frame', ALL)
 
 
-def clips_or_drifts(stages: Stages, settings: Settings) -> Iterator[Finding]:
+def clips_or_drifts(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
     """Look for readings that drift at rest or stay at an extreme."""
     recording = stages.recording
     stops = clipped(recording)

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.poses import StaticPose
-from forcecal_ros.identify.settings import Settings
+from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.recording.kinematics import (
     ABRUPT,
     acceleration_error,
@@ -53,7 +53,7 @@ class ToolMotion(NamedTuple):
     angular: AngularMotion
 
 
-def grid_recording(recording: Recording, poses: list[StaticPose], settings: Settings
+def grid_recording(recording: Recording, poses: list[StaticPose], settings: IdentificationSettings
                    ) -> GriddedRecording | None:
     """Average a recording over blocks; None where its poses are too short to show any noise."""
     wrench, pose = recording.wrench, recording.pose

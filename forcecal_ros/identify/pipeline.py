@@ -28,7 +28,7 @@ from forcecal_ros.identify.result import (
     tool_of,
 )
 from forcecal_ros.identify.ringing import RingFit
-from forcecal_ros.identify.settings import Settings
+from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.identify.static_accelerometer import identify_static_accelerometer
 from forcecal_ros.identify.static_readings import gravity_spread, Statics, TurnedWrench
 from forcecal_ros.identify.statics import read_statics, ring_of, sag_of, with_ring
@@ -41,7 +41,8 @@ from forcecal_ros.recording.time_grid import Averager
 import numpy as np
 
 
-def identify(recording: Recording, settings: Settings = Settings()) -> Calibration:
+def identify(recording: Recording, settings: IdentificationSettings = IdentificationSettings()
+             ) -> Calibration:
     """
     Identify tool, sensors and observer gain from one recording.
 
@@ -101,7 +102,8 @@ def _recorded(recording: Recording) -> dict[str, str]:
     return {'recorded': start.isoformat()}
 
 
-def _observer(stages: Stages, noise: Noise | None, settings: Settings) -> ObserverGain | None:
+def _observer(stages: Stages, noise: Noise | None, settings: IdentificationSettings
+              ) -> ObserverGain | None:
     """Design the paper's gain; None where nothing was measured that it could be made of."""
     try:
         return observer_of(noise, stages.tool.mass, settings) if noise else None
@@ -109,7 +111,7 @@ def _observer(stages: Stages, noise: Noise | None, settings: Settings) -> Observ
         return None
 
 
-def identify_stages(recording: Recording, settings: Settings) -> Stages:
+def identify_stages(recording: Recording, settings: IdentificationSettings) -> Stages:
     """
     Run every stage; :func:`identify` makes the calibration of them.
 
@@ -156,7 +158,7 @@ def _evened(recording: Recording) -> Recording:
 
 
 def _single_samples(recording: Recording, removed: dict[str, int], poses: list[StaticPose],
-                    statics: Statics, settings: Settings) -> Stages:
+                    statics: Statics, settings: IdentificationSettings) -> Stages:
     """Identify from poses that are single samples: noise from residuals, nothing from motion."""
     condition = settings.thresholds.condition
     tool, accelerometer = identify_tool(statics, condition), None
@@ -169,7 +171,7 @@ def _single_samples(recording: Recording, removed: dict[str, int], poses: list[S
 
 
 def _tool(gridded: GriddedRecording, statics: Statics, weight: Weight, slide: Array,
-          settings: Settings
+          settings: IdentificationSettings
           ) -> tuple[ToolFit, InertiaFit | None, tuple[float, float] | None]:
     """Tool and inertia; the centre of mass by the motion where the poses do not tell it."""
     grid, condition = gridded.grid, settings.thresholds.condition
@@ -210,7 +212,8 @@ def _slide(recording: Recording, gridded: GriddedRecording, weight: Weight,
 
 
 def _accelerometer(recording: Recording, gridded: GriddedRecording, tool: ToolFit,
-                   turn: AngularMotion, settings: Settings) -> AccelerometerFit | None:
+                   turn: AngularMotion, settings: IdentificationSettings
+                   ) -> AccelerometerFit | None:
     stream, grid = recording.accelerometer, gridded.grid
     if stream is None or len(stream) < 20:
         return None

@@ -23,7 +23,7 @@ from forcecal_ros.identify.inertia import ELEMENTS
 from forcecal_ros.identify.paper import Alignment, Plain, plain_procedure
 from forcecal_ros.identify.poses import orientation_h, orientation_v
 from forcecal_ros.identify.result import Stages
-from forcecal_ros.identify.settings import Settings
+from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.recording.streams import phase_spans
 import numpy as np
 
@@ -31,7 +31,8 @@ _PEAK = 10.0
 """Acceleration at which Eq. 26 and 27 are evaluated [m/s^2]."""
 
 
-def quality_of(stages: Stages, calibration: Calibration, settings: Settings) -> dict[str, Any]:
+def quality_of(stages: Stages, calibration: Calibration, settings: IdentificationSettings
+               ) -> dict[str, Any]:
     """
     Judge a calibration.
 
@@ -82,7 +83,7 @@ def _axis_of_x(calibration: Calibration) -> int:
     return int(np.argmax(np.abs(calibration.accelerometer.map.value[:, 0])))
 
 
-def _plain(stages: Stages, calibration: Calibration, settings: Settings) -> Plain:
+def _plain(stages: Stages, calibration: Calibration, settings: IdentificationSettings) -> Plain:
     alignment = None
     accelerometer, fit = calibration.accelerometer, stages.accelerometer
     if accelerometer is not None and fit is not None:
@@ -97,7 +98,7 @@ def _plain(stages: Stages, calibration: Calibration, settings: Settings) -> Plai
                            steps[0] if steps else None, alignment)
 
 
-def _weak(c: Calibration, settings: Settings) -> Iterator[str]:
+def _weak(c: Calibration, settings: IdentificationSettings) -> Iterator[str]:
     """Estimates whose standard error passes its threshold."""
     limit = settings.thresholds
     add = 'measure longer, or in more poses'
@@ -131,7 +132,8 @@ def _relative(estimate: Any) -> float:
     return float((estimate.std / np.abs(estimate.value)).max())
 
 
-def _disagreement(plain: Plain, c: Calibration, settings: Settings) -> Iterator[Finding]:
+def _disagreement(plain: Plain, c: Calibration, settings: IdentificationSettings
+                  ) -> Iterator[Finding]:
     """Compare the paper's estimates with the joint ones."""
     limit = settings.thresholds.agreement
     off = plain.mass_theta / float(c.mass) - 1
@@ -176,7 +178,7 @@ def _notes(stages: Stages, c: Calibration, plain: Plain) -> Iterator[str]:
         yield 'tool stiffness and damping not identified: nothing rang after a step'
 
 
-def _errors(stages: Stages, c: Calibration, settings: Settings, plain: Plain
+def _errors(stages: Stages, c: Calibration, settings: IdentificationSettings, plain: Plain
             ) -> dict[str, float]:
     """
     Errors of the plain procedure by [Gamez2005] Eq. 23 and 24, and of the result by Eq. 26, 27.

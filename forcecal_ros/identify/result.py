@@ -25,7 +25,7 @@ from forcecal_ros.identify.inertia import InertiaFit
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.identify.ringing import RingFit
 from forcecal_ros.identify.sag import Sag
-from forcecal_ros.identify.settings import Settings
+from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.identify.static_readings import Statics
 from forcecal_ros.identify.tool import ToolFit
 from forcecal_ros.recording.streams import Recording, Stream
@@ -75,7 +75,7 @@ def tool_of(stages: Stages) -> Tool | None:
     return Tool(Estimate(ring.stiffness, k_std, 'N/m'), Estimate(ring.damping, d_std, 'N s/m'))
 
 
-def inertia_of(stages: Stages, settings: Settings) -> Estimate | None:
+def inertia_of(stages: Stages, settings: IdentificationSettings) -> Estimate | None:
     """Inertia where every element of it is known well enough, else None."""
     fit = stages.inertia
     if fit is None:
@@ -86,7 +86,7 @@ def inertia_of(stages: Stages, settings: Settings) -> Estimate | None:
     return Estimate(fit.matrix, fit.std, 'kg m^2')
 
 
-def accelerometer_of(stages: Stages, settings: Settings) -> Accelerometer | None:
+def accelerometer_of(stages: Stages, settings: IdentificationSettings) -> Accelerometer | None:
     """Accelerometer as the calibration has it."""
     fit = stages.accelerometer
     if fit is None:
@@ -148,7 +148,7 @@ def noise_of(stages: Stages, coupling: str) -> Noise | None:
         wrench.rate, specific.rate)
 
 
-def observer_of(noise: Noise, mass: float, settings: Settings) -> ObserverGain:
+def observer_of(noise: Noise, mass: float, settings: IdentificationSettings) -> ObserverGain:
     """
     Design the paper's gain with k23 = 1, steps 10 and 11.
 

@@ -56,7 +56,7 @@ class Thresholds:
 
 
 @dataclass(frozen=True)
-class Settings(Section, name=''):
+class IdentificationSettings(Section, name=''):
     """Choices of the identification."""
 
     gravity: Annotated[float, Row(

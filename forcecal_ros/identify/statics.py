@@ -6,7 +6,7 @@ from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.identify.readings import require_wrench
 from forcecal_ros.identify.ringing import RingFit, rings, stiffness_and_damping
 from forcecal_ros.identify.sag import Sag, stiffness_from_sag
-from forcecal_ros.identify.settings import Settings
+from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.identify.static_readings import Statics
 from forcecal_ros.recording.noise.autocovariance import noise_of_windows
 from forcecal_ros.recording.streams import phase_spans, Recording
@@ -14,7 +14,7 @@ from forcecal_ros.recording.time_grid import Averager
 import numpy as np
 
 
-def read_statics(recording: Recording, poses: list[StaticPose], settings: Settings,
+def read_statics(recording: Recording, poses: list[StaticPose], settings: IdentificationSettings,
                  gridded: GriddedRecording | None) -> Statics:
     """
     Take the means of the static poses, [Gamez2005] Eq. 11 and Eq. 14 in all six axes.
@@ -75,7 +75,8 @@ def slides(statics: Statics) -> bool:
     return statics.slide is not None and bool(statics.slide.any())
 
 
-def with_ring(statics: Statics, mass: float, ring: RingFit | None, settings: Settings) -> Statics:
+def with_ring(statics: Statics, mass: float, ring: RingFit | None,
+              settings: IdentificationSettings) -> Statics:
     """
     Say by the ringing how far the tool slides where no Optidrive does.
 

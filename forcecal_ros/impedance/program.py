@@ -102,22 +102,25 @@ class Task:
     """The three phases of [Gamez2005] V in numbers."""
 
     swing: Annotated[float, Row(
-        'Way of each free move, back and forth, away from the wall', 'm', 0.0, 0.5)] = 0.035
-    swing_duration: Annotated[float, Row('Duration of each of them', 's', 0.05, 10.0)] = 0.3
-    swings: Annotated[int, Row('How often back and forth', low=0, high=1000)] = 2
+        'Distance of each free move, out and back, away from the wall', 'm', 0.0, 0.5)] = 0.035
+    swing_duration: Annotated[float, Row('Duration of each of these', 's', 0.05, 10.0)] = 0.3
+    swings: Annotated[int, Row('Number of free moves out and back', low=0, high=1000)] = 2
     clearance: Annotated[float, Row(
-        'From where the tool stands at start to the wall, along x of ft_sensor', 'm', 0.0, 1.0)
+        'Distance of the wall from the tool at the start, along x of ft_sensor', 'm', 0.0, 1.0)
         ] = 0.08
     depth: Annotated[float, Row(
-        'How far behind the wall the reference goes, which presses', 'm', 0.0, 0.2)] = 0.02
+        'Distance by which the reference goes behind the wall, which presses',
+        'm', 0.0, 0.2)] = 0.02
     approach: Annotated[float, Row(
-        'Duration of the way there, and of the way back', 's', 0.1, 60.0)] = 1.4
+        'Duration of the move to the wall, and of the one back', 's', 0.1, 60.0)] = 1.4
     sweep: Annotated[float, Row(
-        'In contact the reference moves by that much to and fro', 'm', 0.0, 0.1)] = 0.005
-    hold: Annotated[float, Row('Each of the three holds in contact', 's', 0.1, 600.0)] = 1.0
-    rest: Annotated[float, Row('Between the moves in free space', 's', 0.01, 60.0)] = 0.25
+        'Distance by which the reference moves out and back in contact', 'm', 0.0, 0.1)] = 0.005
+    hold: Annotated[float, Row(
+        'Duration of each of the three holds in contact', 's', 0.1, 600.0)] = 1.0
+    rest: Annotated[float, Row('Duration of the holds between free moves', 's', 0.01, 60.0)] = 0.25
     settle: Annotated[float, Row(
-        'After the way back, for the tool to arrive', 's', 0.01, 60.0)] = 0.75
+        'Duration of the hold after the move back, for the tool to arrive',
+        's', 0.01, 60.0)] = 0.75
 
     def program(self, cycles: int = 1) -> Program:
         """
@@ -126,7 +129,7 @@ class Task:
         Parameters
         ----------
         cycles : int
-            How often free movement, contact and way back follow one another.
+            Number of cycles of free motion, contact and move back.
         """
         free = [Stage('free', 0.0, self.rest)]
         for _ in range(self.swings):

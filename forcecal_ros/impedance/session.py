@@ -22,30 +22,33 @@ class Bounds:
     """Limits of the command of S, and forces that end the task."""
 
     speed: Annotated[float, Row(
-        'Commands are held to it; a measured speed above it times limits.overspeed stops',
+        'Largest speed of the commands; a measured one above it times limits.overspeed stops',
         'm/s', 0.001, 2.0)] = 0.25
     acceleration: Annotated[float, Row(
-        'Commands are held to it likewise', 'm/s^2', 0.01, 50.0)] = 8.0
+        'Largest acceleration of the commands', 'm/s^2', 0.01, 50.0)] = 8.0
     deviation: Annotated[float, Row(
-        'Command from the reference, beyond which the loop counts as unstable', 'm', 0.001, 1.0)
-        ] = 0.06
+        'Distance of the command from the reference above which the loop counts as unstable',
+        'm', 0.001, 1.0)] = 0.06
     force: Annotated[float, Row(
-        'Contact force that stops, wherever it occurs', 'N', 0.5, 1e5)] = 100.0
+        'Contact force above which the motion stops, wherever it occurs', 'N', 0.5, 1e5)] = 100.0
     free_force: Annotated[float, Row(
-        'Contact force that stops where no wall is expected', 'N', 0.5, 1e5)] = 10.0
+        'Contact force above which the motion stops where no wall is expected',
+        'N', 0.5, 1e5)] = 10.0
     margin: Annotated[float, Row(
-        'So much before task.clearance the wall is expected already', 'm', 0.0005, 1.0)] = 0.01
+        'Distance before task.clearance from which on the wall is expected',
+        'm', 0.0005, 1.0)] = 0.01
     touch: Annotated[float, Row(
         'Contact force above which the tool touches', 'N', 0.05, 1000.0)] = 1.0
     stop_duration: Annotated[float, Row(
-        'From the first command of a stop to rest', 's', 0.01, 0.5)] = 0.062
+        'Duration from the first command of a stop to rest', 's', 0.01, 0.5)] = 0.062
     retract: Annotated[float, Row(
-        'How far a stop at the wall takes the tool back within that time', 'm', 0.0005, 0.1)
-        ] = 0.005
+        'Distance by which a stop at the wall takes the tool back within that time',
+        'm', 0.0005, 0.1)] = 0.005
     withdraw: Annotated[float, Row(
-        'How far it goes on from there, slowly, where it still presses', 'm', 0.0005, 0.5)] = 0.015
+        'Distance by which it goes on from there, slowly, where the tool still presses',
+        'm', 0.0005, 0.5)] = 0.015
     closing: Annotated[float, Row(
-        'How long the stream of commands goes on at rest before it ends', 's')] = 0.1
+        'Duration of the commands at rest that end the stream', 's')] = 0.1
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
@@ -53,7 +56,7 @@ class Bounds:
                 raise ConfigError(f'{name} is {getattr(self, name)}; it wants a positive number')
 
 
-class Status(NamedTuple):
+class TaskStatus(NamedTuple):
     """
     How far a task got.
 
@@ -93,7 +96,7 @@ class Session:
         self._paused = False
         self._closing = 0
         self._streaming = False
-        self.status = Status()
+        self.status = TaskStatus()
 
     @property
     def running(self) -> bool:
@@ -139,7 +142,7 @@ class Session:
         self._motion, self._stop, self._time = LineMotion(0.0), None, 0.0
         self._closing, self._streaming, self._paused = 0, True, False
         self._touched, self._withdrawn, self._force = False, False, 0.0
-        self.status = Status(program.at(0.0).phase)
+        self.status = TaskStatus(program.at(0.0).phase)
 
     def abort(self, reason: str, *, at_once: bool = False) -> bool:
         """

@@ -1,1 +1,1 @@
-"""Motion, sequences and contact control: what the robot is told, without knowing how."""
+"""Motion of the robot: plans, profiles, limits, sequences and their monitor, without ROS."""

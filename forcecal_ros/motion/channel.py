@@ -1,4 +1,4 @@
-"""One topic's samples as they arrive, kept for as long as stillness is judged over."""
+"""The samples of one topic as they arrive, over the time in which stillness is judged."""
 
 from collections import deque
 from itertools import islice, pairwise
@@ -10,14 +10,31 @@ from forcecal_ros.recording.checks import limits
 import numpy as np
 
 Timed: TypeAlias = tuple[float, tuple[float, ...]]
-"""A time [s] and values of it."""
+"""A time [s] and the values at that time."""
 
 KEPT = 2.0
-"""Samples are kept for that long to judge stillness [s]."""
+"""Samples are kept for that long [s]: eight windows of stillness at the defaults, of which a start
+needs two to learn the noise."""
 
 
 class Channel:
-    """The last that was heard of one topic."""
+    """
+    The last sample of one topic, and those of the last two seconds.
+
+    Attributes
+    ----------
+    heard, changed : float
+        When a sample arrived last, and when one that differs from the one before, on the
+        caller's clock [s].
+    rest_timeout : float
+        Repeating the same reading for longer is no habit of the robot at rest [s].
+    moving_since : float
+        Since when the commanded motion should show in the readings, on the caller's clock [s].
+    stamp : float
+        Header stamp of the last sample [s].
+    late_since : float
+        Since when the newest stamp has been too old, on the caller's clock [s].
+    """
 
     def __init__(self, topic: str) -> None:
         self.topic = topic
@@ -30,14 +47,14 @@ class Channel:
         self.values: tuple[float, ...] = ()
         self.recent: deque[Timed] = deque()
 
-    def take(self, alive: float, stamp: float, values: tuple[float, ...]) -> None:
-        """Note a sample; ``alive`` is the caller's time of arrival."""
+    def take(self, now: float, stamp: float, values: tuple[float, ...]) -> None:
+        """Take in a sample that arrives at ``now`` of the caller's clock."""
         if values != self.values:
-            self.changed = alive
-        self.heard, self.stamp, self.values = alive, stamp, values
+            self.changed = now
+        self.heard, self.stamp, self.values = now, stamp, values
 
     def keep(self) -> None:
-        """Keep the last sample to judge stillness and habits by."""
+        """Keep the last sample to judge stillness and repeated readings by."""
         recent = self.recent
         recent.append((self.stamp, self.values))
         while recent and not 0.0 <= self.stamp - recent[0][0] <= KEPT:
@@ -45,15 +62,15 @@ class Channel:
 
     def learn(self, shortest: float) -> None:
         """
-        Learn from the samples kept, of a robot at rest, for how long readings use to repeat.
+        Learn from the samples kept, of a robot at rest, for how long readings usually repeat.
 
-        Where they show no habit, the one that an earlier start has shown holds. The longest
+        Where they change too rarely to tell, what an earlier start has learnt holds. The longest
         repetitions are left out, so that a freeze which has healed does not excuse the next.
 
         Parameters
         ----------
         shortest : float
-            Repetitions for that long [s] are never too long.
+            Repetitions for that long are never too long [s].
         """
         changes = [self.recent[0][0]] if self.recent else []
         for (_, before), (stamp, values) in zip(self.recent, islice(self.recent, 1, None)):
@@ -69,7 +86,7 @@ class Channel:
         """How long the samples kept reach back [s]."""
         return self.recent[-1][0] - self.recent[0][0] if self.recent else 0.0
 
-    def every(self, interval: float, count: int) -> list[Timed]:
+    def spaced(self, interval: float, count: int) -> list[Timed]:
         """Return up to ``count`` of the samples kept, newest first, ``interval`` [s] apart."""
         chosen: list[Timed] = []
         for sample in reversed(self.recent):
@@ -95,8 +112,8 @@ def angle_between(a: tuple[float, ...], b: tuple[float, ...]) -> float:
     return 4.0 * asin(min(1.0, sqrt(min(same, opposite)) / 2))
 
 
-def carried(point: Array, pose: tuple[float, ...]) -> tuple[float, float, float]:
-    """Return in base where a pose, x y z [m] qx qy qz qw, carries a point of its frame [m]."""
+def transform_point(point: Array, pose: tuple[float, ...]) -> tuple[float, float, float]:
+    """Transform a point from the frame of a pose, x y z [m] qx qy qz qw, to base [m]."""
     x, y, z, qx, qy, qz, qw = pose
     a, b, c = point.tolist()
     u, v, w = 2 * (qy * c - qz * b), 2 * (qz * a - qx * c), 2 * (qx * b - qy * a)
@@ -105,7 +122,7 @@ def carried(point: Array, pose: tuple[float, ...]) -> tuple[float, float, float]
 
 
 def rates(samples: list[Timed]) -> list[Timed]:
-    """Return how fast values change from each sample to the next, with the times in between."""
+    """Return the difference quotients of consecutive samples, at the times halfway between."""
     return [((t1 + t0) / 2, tuple((x1 - x0) / (t1 - t0) for x1, x0 in zip(v1, v0)))
             for (t1, v1), (t0, v0) in pairwise(samples)]
 

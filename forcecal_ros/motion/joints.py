@@ -1,4 +1,4 @@
-"""Motion of joint vectors, for robots that are told joints: the same quintic and the same stop."""
+"""Motion of joint vectors, for robots that are commanded by joint: the same quintic and stop."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -28,53 +28,41 @@ class JointSetpoint(NamedTuple):
 
 
 def hold_joints(positions: Array) -> JointSetpoint:
-    """Return the setpoint that stays where it is."""
+    """Return the setpoint at rest at some joint positions."""
     return JointSetpoint(positions, np.zeros(len(positions)))
 
 
 @dataclass(frozen=True)
 class JointMove:
-    """
-    From one joint vector to another in a given time.
-
-    Attributes
-    ----------
-    start, goal : ndarray, shape (n,)
-        [rad] or [m]
-    duration : float
-        [s]
-    """
+    """From one joint vector, shape (n,) [rad] or [m], to another in a given time [s]."""
 
     start: Array
     goal: Array
     duration: float
 
     @cached_property
-    def way(self) -> Array:
-        """From start to goal, shape (n,)."""
+    def displacement(self) -> Array:
+        """From start to goal, shape (n,) [rad] or [m]."""
         return self.goal - self.start
 
-    def at(self, t: float, rate: float = 1.0) -> JointSetpoint:
+    def at(self, t: float, time_scale: float = 1.0) -> JointSetpoint:
         """
-        Setpoint at one time.
+        Return the setpoint at one time.
 
         Parameters
         ----------
         t : float
             Since the start [s]; held beyond the ends.
-        rate : float
-            Of the path's time, below 1 while stopping.
-
-        Returns
-        -------
-        JointSetpoint
+        time_scale : float
+            Rate of the path's time, below 1 while stopping.
         """
         s, ds, _ = (float(v) for v in quintic(t / self.duration))
-        return JointSetpoint(self.start + s * self.way, self.way * (ds / self.duration * rate))
+        speed = ds / self.duration * time_scale
+        return JointSetpoint(self.start + s * self.displacement, self.displacement * speed)
 
 
 def shortest_joint_duration(start: Array, goal: Array, pace: Pace) -> float:
     """Return the time of the quintic that keeps to the angular pace on every joint [s]."""
-    way = float(np.abs(goal - start).max())
-    return max(SHORTEST_MOVE, PEAK_SPEED * way / pace.angular_speed,
-               float(np.sqrt(PEAK_ACCELERATION * way / pace.angular_acceleration)))
+    farthest = float(np.abs(goal - start).max())
+    return max(SHORTEST_MOVE, PEAK_SPEED * farthest / pace.angular_speed,
+               float(np.sqrt(PEAK_ACCELERATION * farthest / pace.angular_acceleration)))

@@ -1,4 +1,4 @@
-"""What neither a plan nor a measured motion may exceed, and the plan's part of checking it."""
+"""Limits of planned and measured motion, and the checks of a plan against them."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -13,25 +13,27 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Limits:
-    """What neither a plan nor a measured motion may exceed; the names are the parameters' keys."""
+    """Limits of planned and of measured motion; the names are the parameters' keys."""
 
     speed: Annotated[float, Row(
-        'No plan is faster; a measured speed above it times limits.overspeed stops',
+        'Largest speed of a plan; a measured one above it times limits.overspeed stops',
         'm/s', 0.001, 2.0)] = 0.25
     acceleration: Annotated[float, Row(
-        'No plan accelerates more, stops included', 'm/s^2', 0.01, 50.0)] = 8.0
+        'Largest acceleration of a plan, stops included', 'm/s^2', 0.01, 50.0)] = 8.0
     jerk: Annotated[float, Row(
-        'No plan jerks more, stops included', 'm/s^3', 1.0, 1e5)] = 1500.0
-    angular_speed: Annotated[float, Row('No plan turns faster', 'rad/s', 0.01, 5.0)] = 1.5
+        'Largest jerk of a plan, stops included', 'm/s^3', 1.0, 1e5)] = 1500.0
+    angular_speed: Annotated[float, Row(
+        'Largest angular speed of a plan', 'rad/s', 0.01, 5.0)] = 1.5
     angular_acceleration: Annotated[float, Row(
-        'No plan accelerates its turning more, stops included', 'rad/s^2', 0.1, 300.0)] = 60.0
+        'Largest angular acceleration of a plan, stops included', 'rad/s^2', 0.1, 300.0)] = 60.0
     angular_jerk: Annotated[float, Row(
-        'No plan jerks its turning more, stops included', 'rad/s^3', 1.0, 1e6)] = 6000.0
+        'Largest angular jerk of a plan, stops included', 'rad/s^3', 1.0, 1e6)] = 6000.0
     joint_speed: Annotated[float, Row(
-        'Of each joint, where joints are commanded', 'rad/s', 0.01, 10.0)] = 1.5
+        'Largest speed of each joint, where joints are commanded', 'rad/s', 0.01, 10.0)] = 1.5
     joint_acceleration: Annotated[float, Row(
-        'Of each joint likewise', 'rad/s^2', 0.1, 300.0)] = 60.0
-    joint_jerk: Annotated[float, Row('Of each joint likewise', 'rad/s^3', 1.0, 1e6)] = 6000.0
+        'Largest acceleration of each joint likewise', 'rad/s^2', 0.1, 300.0)] = 60.0
+    joint_jerk: Annotated[float, Row(
+        'Largest jerk of each joint likewise', 'rad/s^3', 1.0, 1e6)] = 6000.0
     workspace_min: Annotated[Array, Row(
         'Lower corner, in base, of the box that ft_sensor and the tip stay in; planned and '
         'measured, with joint_trajectory measured only', 'm', shape=(3,))
@@ -43,20 +45,22 @@ class Limits:
         "The tool's foremost point in ft_sensor", 'm', shape=(3,))
         ] = (0.2, 0.0, 0.1)  # type: ignore[assignment]
     force: Annotated[float, Row(
-        'Norm of the force as read, weight included: not started, or stopped, above it',
+        'Norm of the measured force, weight included, above which no motion starts or goes on',
         'N', 1.0, 1e5)] = 250.0
     torque: Annotated[float, Row(
-        'Norm of the torque as read likewise', 'N m', 0.1, 1e4)] = 60.0
+        'Norm of the measured torque likewise', 'N m', 0.1, 1e4)] = 60.0
     tracking_error: Annotated[float, Row(
-        'Measured against commanded position', 'm', 0.0005, 1.0)] = 0.02
+        'Distance between measured and commanded position above which the motion stops',
+        'm', 0.0005, 1.0)] = 0.02
     tracking_angle: Annotated[float, Row(
-        'Measured against commanded orientation; with joint_trajectory, joint by joint',
+        'Angle between measured and commanded orientation above which the motion stops; with '
+        'joint_trajectory, that of each joint',
         'rad', 0.005, 3.0)] = 0.2
     overspeed: Annotated[float, Row(
-        'Measured speeds, accelerations and jerks may exceed the limits by this factor',
+        'Factor by which measured speeds, accelerations and jerks may exceed the limits',
         low=1.0, high=10.0)] = 1.5
     stop_duration: Annotated[float, Row(
-        'From the first command of a stop to rest', 's', 0.01, 0.5)] = 0.045
+        'Duration from the first command of a stop to rest', 's', 0.01, 0.5)] = 0.045
 
     def __post_init__(self) -> None:
         for name in ('workspace_min', 'workspace_max', 'tip'):
@@ -86,12 +90,10 @@ class Limits:
 
 def check_move(move: Move, limits: Limits, name: str = 'the move') -> None:
     """
-    Refuse a move that would pass a limit, a stop at any instant of it included.
+    Refuse a move that would exceed a limit, a stop at any instant of it included.
 
     Parameters
     ----------
-    move : Move
-    limits : Limits
     name : str
         What to call it in the message.
 
@@ -111,7 +113,7 @@ def check_move(move: Move, limits: Limits, name: str = 'the move') -> None:
             ('angular_jerk', move.angle * peak.jerk, limits.angular_jerk, 'rad/s^3')):
         if not planned <= limit:
             raise MotionError(f'{name} needs {planned:.4g} {unit}, limits.{key} is {limit:g} '
-                              f'{unit}; give it more time or a shorter way')
+                              f'{unit}; give it more time or a shorter distance')
     positions, rotations = move.poses()
     check_workspace(positions, limits, f'{name}: the sensor')
     check_workspace(positions + rotations @ limits.tip, limits, f'{name}: the tip')
@@ -125,7 +127,6 @@ def check_workspace(points: Array, limits: Limits, name: str) -> None:
     ----------
     points : ndarray, shape (n, 3)
         In base [m].
-    limits : Limits
     name : str
         What to call them in the message.
 
@@ -146,12 +147,10 @@ def check_workspace(points: Array, limits: Limits, name: str) -> None:
 
 def check_joint_move(move: JointMove, limits: Limits, name: str) -> None:
     """
-    Refuse a move that would pass a joint's limit, a stop at any instant of it included.
+    Refuse a move that would exceed a joint's limit, a stop at any instant of it included.
 
     Parameters
     ----------
-    move : JointMove
-    limits : Limits
     name : str
         What to call it in the message.
 
@@ -161,14 +160,14 @@ def check_joint_move(move: JointMove, limits: Limits, name: str) -> None:
         With the joint, the number, the limit and its key.
     """
     peak = peak_rates(move.duration, limits.stop_duration)
-    joint = int(np.argmax(np.abs(move.way)))
-    way = float(np.abs(move.way[joint]))
+    joint = int(np.argmax(np.abs(move.displacement)))
+    distance = float(np.abs(move.displacement[joint]))
     for key, planned, limit, unit in (
-            ('joint_speed', way * peak.speed, limits.joint_speed, 'rad/s'),
-            ('joint_acceleration', way * peak.acceleration, limits.joint_acceleration,
+            ('joint_speed', distance * peak.speed, limits.joint_speed, 'rad/s'),
+            ('joint_acceleration', distance * peak.acceleration, limits.joint_acceleration,
              'rad/s^2'),
-            ('joint_jerk', way * peak.jerk, limits.joint_jerk, 'rad/s^3')):
+            ('joint_jerk', distance * peak.jerk, limits.joint_jerk, 'rad/s^3')):
         if not planned <= limit:
             raise MotionError(f'{name} needs {planned:.4g} {unit} of joint {joint + 1}, '
                               f'limits.{key} is {limit:g} {unit}; give it more time or a '
-                              'shorter way')
+                              'shorter distance')

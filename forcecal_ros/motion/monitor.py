@@ -1,7 +1,7 @@
-"""What the sequencer's sensors say while it moves: alive, finite, within limits, still.
+"""Monitoring of the sensors while the robot moves: alive, finite, within limits, still.
 
-Times of arrival are the caller's, on a clock that nobody sets; header stamps only tell how old a
-sample is and how long a window lasts.
+Times of arrival are the caller's, on a steady clock; header stamps only tell how old a sample is
+and how long a window lasts.
 """
 
 from collections import deque
@@ -11,42 +11,54 @@ from typing import Annotated, NamedTuple
 
 from forcecal_ros.errors import DataError, MotionError
 from forcecal_ros.geometry import Array
-from forcecal_ros.motion.channel import angle_between, carried, Channel, distance_between, rates
+from forcecal_ros.motion.channel import (
+    angle_between,
+    Channel,
+    distance_between,
+    rates,
+    transform_point,
+)
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.recording.checks.limits import ABSURD, VISIBLE_TRAVEL, VISIBLE_TURN
 from forcecal_ros.schema import Row
 import numpy as np
 
 LONGEST_TICK = 0.01
-"""A caller that was away for longer does not blame the sensors for it [s]."""
+"""Of the time between two ticks no more than that counts as silence of the sensors: a caller that
+ticks every 4 ms and was away for longer has not listened to them [s]."""
 
 LATE_PATIENCE = 0.02
-"""After a stall of its own the caller needs that long to take what has queued up [s]."""
+"""A sensor is late only where its stamps stay too old for that long: a caller that was late itself
+first works off its queue, in five periods at 250 Hz [s]."""
 
 SPEED_WINDOW = 0.04
-"""Measured speeds are differences over that long [s]."""
+"""Measured speeds are difference quotients over at least that long: ten poses at 250 Hz [s]."""
 
 CHANGE_WINDOW = 0.02
-"""Measured accelerations and jerks are differences of positions that far apart [s]."""
+"""Measured accelerations and jerks are difference quotients of positions that far apart: five
+poses at 250 Hz, whose noise they would amplify otherwise [s]."""
 
 WORKSPACE_SLACK = 0.002
-"""A measured place may be that far outside: a robot at the face overshoots a little [m]."""
+"""A measured position may be that far outside the workspace, to which plans may go: a robot there
+overshoots a little [m]."""
 
 UNIT_NORM = 1e-2
-"""Most that the squared norm of a measured quaternion departs from 1."""
+"""Largest departure of the squared norm of a measured quaternion from 1: rounding and single
+precision stay far below it."""
 
 ARRIVED = 0.9
-"""A robot that has done less than this part of the commanded motion is still on its way."""
+"""A robot that has done this share of the commanded motion has arrived: its gain may be below
+1."""
 
-ASTRAY_AT_REST = 5e-4, 2e-3
-"""As far as that a robot may stand beside its command, however short the motion [m], [rad]."""
+POSITIONING_ERROR = 5e-4, 2e-3
+"""Error with which a robot may reach its command, however short the motion [m], [rad]."""
 
 NAMES = {'wrench': ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z'),
          'pose': ('position.x', 'position.y', 'position.z')}
 
 
 class Stillness(NamedTuple):
-    """Whether the tool is still, and if not, what says so with numbers."""
+    """Whether the tool is still, and if not, which channel moves, with numbers."""
 
     still: bool
     detail: str
@@ -57,59 +69,62 @@ class WatchSettings:
     """
     When a sensor counts as lost, late, frozen or still; the names are the parameters' keys.
 
-    Frozen readings count at rest, and at the start, only for sensors that are not as quiet by
-    habit, see :meth:`Channel.learn`.
+    At rest, and at the start, readings that repeat count only where the sensor does not usually
+    repeat them so long, see :meth:`Channel.learn`.
     """
 
     pause_timeout: Annotated[float, Row(
         'Silence of a sensor that brings the motion to rest until it is back', 's', 0.01, 10.0)
         ] = 0.04
     most_pauses: Annotated[int, Row(
-        'So many times a sensor may fall silent or late in one sequence; 0: as often as it '
-        'likes', low=0, high=1_000_000)] = 20
+        'How often sensors may fall silent or late in one sequence; 0: no limit',
+        low=0, high=1_000_000)] = 20
     lost_timeout: Annotated[float, Row(
         'A sensor that stays silent or late for that long ends the sequence', 's', 0.05, 60.0)
         ] = 1.0
     frozen_timeout: Annotated[float, Row(
-        'Readings that repeat to the last bit for that long in motion stop it; 0: not looked '
-        'at', 's', 0.0, 10.0)] = 0.035
+        'Readings that repeat to the last bit for that long in motion stop it; 0: not checked',
+        's', 0.0, 10.0)] = 0.035
     max_age: Annotated[float, Row(
-        'Age of its newest header stamp above which a sensor is late; 0: not looked at, for '
-        'clocks that are not in step', 's', 0.0, 10.0)] = 0.25
+        'Age of its newest header stamp above which a sensor is late; 0: not checked, for '
+        'clocks that are not synchronised', 's', 0.0, 10.0)] = 0.25
     clock_timeout: Annotated[float, Row(
-        'With use_sim_time, a clock that stands for longer ends the sequence', 's', 0.02, 60.0)
-        ] = 0.1
+        'With use_sim_time, a clock that stands still for longer ends the sequence',
+        's', 0.02, 60.0)] = 0.1
     window: Annotated[float, Row(
-        'The tool is still when the readings of such a window are as quiet as before the '
-        'start', 's', 0.05, 5.0)] = 0.25
+        'Length of the window in which the readings have to be as quiet as before the start for '
+        'the tool to be still', 's', 0.05, 5.0)] = 0.25
     factor: Annotated[float, Row(
-        'Standard deviations may exceed those before the start by this factor',
+        'Factor by which standard deviations may exceed those before the start',
         low=1.0, high=100.0)] = 1.25
     force_floor: Annotated[float, Row(
-        'Standard deviation that counts as still anyway', 'N', 0.0, 100.0)] = 0.02
+        'Standard deviation of forces that counts as still anyway', 'N', 0.0, 100.0)] = 0.02
     torque_floor: Annotated[float, Row('The same of torques', 'N m', 0.0, 10.0)] = 0.002
     position_floor: Annotated[float, Row('The same of positions', 'm', 0.0, 0.1)] = 5e-6
 
 
 class Monitor:
     """
-    Watch over the sensors of one robot.
+    Monitor of the sensors of one robot.
 
     Parameters
     ----------
-    settings : WatchSettings
-    limits : Limits
-    topics : mapping of str to str
+    topics : dict
         Topic by channel: ``wrench``, ``pose`` and any others that have to be alive.
+
+    Attributes
+    ----------
+    fault : str
+        The first fault of a sample since the start, in one line; empty: there was none.
     """
 
     def __init__(self, settings: WatchSettings, limits: Limits, topics: dict[str, str]) -> None:
         self.settings, self.limits = settings, limits
         self.channels = {name: Channel(topic) for name, topic in topics.items()}
         self.fault = ''
-        self._alive = 0.0
+        self._now = 0.0
         self._ticked = -inf
-        self._doubted = False
+        self._was_stale = False
         self._resting: tuple[float, ...] = ()
         self._moved = inf
         self._arrived: tuple[tuple[float, ...], tuple[float, ...]] | None = None
@@ -125,10 +140,10 @@ class Monitor:
         fx, fy, fz, nx, ny, nz = values
         limits = self.limits
         if fx * fx + fy * fy + fz * fz > limits.force * limits.force:
-            self._blame(f'{channel.topic}: force {sqrt(fx * fx + fy * fy + fz * fz):.1f} N '
+            self._fault(f'{channel.topic}: force {sqrt(fx * fx + fy * fy + fz * fz):.1f} N '
                         f'exceeds limits.force {limits.force:g} N')
         if nx * nx + ny * ny + nz * nz > limits.torque * limits.torque:
-            self._blame(f'{channel.topic}: torque {sqrt(nx * nx + ny * ny + nz * nz):.2f} N m '
+            self._fault(f'{channel.topic}: torque {sqrt(nx * nx + ny * ny + nz * nz):.2f} N m '
                         f'exceeds limits.torque {limits.torque:g} N m')
         channel.keep()
 
@@ -137,11 +152,11 @@ class Monitor:
         channel = self._take('pose', stamp, values)
         norm = sum(x * x for x in values[3:])
         if not abs(norm - 1.0) <= UNIT_NORM:
-            self._blame(f'{channel.topic}: a quaternion has norm {sqrt(max(norm, 0.0)):.3g}, '
+            self._fault(f'{channel.topic}: a quaternion has norm {sqrt(max(norm, 0.0)):.3g}, '
                         'not 1')
             return
-        self._check_place(channel, values[:3], 'ft_sensor')
-        self._check_place(channel, carried(self.limits.tip, values), 'the tip')
+        self._check_workspace(channel, values[:3], 'ft_sensor')
+        self._check_workspace(channel, transform_point(self.limits.tip, values), 'the tip')
         channel.keep()
         self._check_speed(channel)
         self._check_changes(channel)
@@ -150,24 +165,25 @@ class Monitor:
         """Take a sample of any other channel."""
         channel = self._take(name, stamp, values)
         if not max(map(abs, values), default=0.0) < ABSURD:
-            self._blame(f'{channel.topic}: a reading is beyond {ABSURD:g}')
+            self._fault(f'{channel.topic}: a reading is beyond {ABSURD:g}')
         channel.keep()
 
     def _take(self, name: str, stamp: float, values: tuple[float, ...]) -> Channel:
         channel = self.channels[name]
         if not isfinite(sum(values)):
-            self._blame(f'{channel.topic}: a reading is not finite')
-        channel.take(self._alive, stamp, values)
+            self._fault(f'{channel.topic}: a reading is not finite')
+        channel.take(self._now, stamp, values)
         return channel
 
-    def _blame(self, fault: str) -> None:
+    def _fault(self, fault: str) -> None:
         self.fault = self.fault or fault
 
-    def _check_place(self, channel: Channel, place: tuple[float, ...], name: str) -> None:
+    def _check_workspace(self, channel: Channel, position: tuple[float, ...], name: str) -> None:
         limits = self.limits
-        for axis, x, low, high in zip('xyz', place, limits.workspace_min, limits.workspace_max):
+        for axis, x, low, high in zip('xyz', position, limits.workspace_min,
+                                      limits.workspace_max):
             if not low - WORKSPACE_SLACK <= x <= high + WORKSPACE_SLACK:
-                self._blame(f'{channel.topic}: {axis} = {x:.4f} m of {name} is outside '
+                self._fault(f'{channel.topic}: {axis} = {x:.4f} m of {name} is outside '
                             f'limits.workspace_min/max {low:g} to {high:g} m')
 
     def _check_speed(self, channel: Channel) -> None:
@@ -181,50 +197,50 @@ class Monitor:
         speed = distance_between(values, before) / span
         turning = angle_between(values[3:], before[3:]) / span
         if speed > limits.overspeed * limits.speed:
-            self._blame(f'{channel.topic}: moves at {speed:.3f} m/s, above limits.overspeed '
+            self._fault(f'{channel.topic}: moves at {speed:.3f} m/s, above limits.overspeed '
                         f'{limits.overspeed:g} times limits.speed {limits.speed:g} m/s')
         if turning > limits.overspeed * limits.angular_speed:
-            self._blame(f'{channel.topic}: turns at {turning:.3f} rad/s, above limits.overspeed '
+            self._fault(f'{channel.topic}: turns at {turning:.3f} rad/s, above limits.overspeed '
                         f'{limits.overspeed:g} times limits.angular_speed '
                         f'{limits.angular_speed:g} rad/s')
 
     def _check_changes(self, channel: Channel) -> None:
-        """Judge acceleration and jerk by differences of the newest positions, a window apart."""
-        apart = channel.every(CHANGE_WINDOW, 4)
-        if len(apart) < 4:
+        """Check acceleration and jerk by difference quotients of the newest positions."""
+        spaced = channel.spaced(CHANGE_WINDOW, 4)
+        if len(spaced) < 4:
             return
         limits = self.limits
-        acceleration = rates(rates([(t, values[:3]) for t, values in apart]))
+        acceleration = rates(rates([(t, values[:3]) for t, values in spaced]))
         for key, rows, limit, unit in (
                 ('acceleration', acceleration, limits.acceleration, 'm/s^2'),
                 ('jerk', rates(acceleration), limits.jerk, 'm/s^3')):
             found = sqrt(sum(x * x for x in rows[0][1]))
             if found > limits.overspeed * limit:
-                self._blame(f'{channel.topic}: {key} of {found:.3g} {unit}, above '
+                self._fault(f'{channel.topic}: {key} of {found:.3g} {unit}, above '
                             f'limits.overspeed {limits.overspeed:g} times limits.{key} '
                             f'{limit:g} {unit}')
 
-    # Verdicts out ---------------------------------------------------------------------------
+    # Faults out ---------------------------------------------------------------------------
 
     def tick(self, now: float) -> None:
-        """Advance the clock that silence is measured on; ``now`` steady [s]."""
-        self._alive += min(max(now - self._ticked, 0.0), LONGEST_TICK)
+        """Advance the clock on which silence is measured to ``now`` of a steady clock [s]."""
+        self._now += min(max(now - self._ticked, 0.0), LONGEST_TICK)
         self._ticked = now
 
     def command(self, stamp: float, pose: tuple[float, ...]) -> None:
-        """Note a command, x y z [m] qx qy qz qw, to compare poses of its time with."""
+        """Note a command, x y z [m] qx qy qz qw, with which poses of its time are compared."""
         self._commands.append((stamp, pose))
         travel = distance_between(pose, self._resting or pose) / VISIBLE_TRAVEL
         turn = angle_between(pose[3:], (self._resting or pose)[3:]) / VISIBLE_TURN
-        self._follow(stamp, pose, max(travel, turn))
+        self._note_command(stamp, pose, max(travel, turn))
 
     def joints(self, stamp: float, positions: tuple[float, ...]) -> None:
-        """Note a command of joints [rad], which poses are not compared with."""
+        """Note a command of joints [rad], with which poses are not compared."""
         turns = (abs(a - b) for a, b in zip(positions, self._resting or positions))
-        self._follow(stamp, positions, max(turns) / VISIBLE_TURN)
+        self._note_command(stamp, positions, max(turns) / VISIBLE_TURN)
 
-    def _follow(self, stamp: float, command: tuple[float, ...], travel: float) -> None:
-        """Note from which stamp on the commanded motion shows in readings, 1 ``travel`` away."""
+    def _note_command(self, stamp: float, command: tuple[float, ...], travel: float) -> None:
+        """Note a command, and its stamp where motion begins to show: from a ``travel`` of 1 on."""
         self._resting = self._resting or command
         self._commanded = command
         if travel >= 1.0:
@@ -232,47 +248,37 @@ class Monitor:
 
     def check(self, moving: bool) -> str:
         """
-        Say what is wrong right now, which only an abort answers.
+        Return the fault that calls for an abort, in one line; empty: there is none.
 
         Parameters
         ----------
         moving : bool
             Whether the commands move.
-
-        Returns
-        -------
-        str
-            One line that names the topic; empty where all is well.
         """
         if not moving:
             self._moved, self._resting = inf, self._commanded
         for channel in self.channels.values():
             moved = moving and channel.stamp >= self._moved
-            channel.moving_since = min(channel.moving_since, self._alive) if moved else inf
-        return self.fault or self._frozen() or self._astray()
+            channel.moving_since = min(channel.moving_since, self._now) if moved else inf
+        return self.fault or self._frozen() or self._tracking_fault()
 
-    def doubt(self, ros_now: float) -> str:
+    def stale(self, ros_now: float) -> str:
         """
-        Say which sensor is silent or late: reason to stand until it is back.
+        Return which sensor is silent or late, a reason to pause, in one line; empty: none is.
 
         Parameters
         ----------
         ros_now : float
             Time on the clock of the header stamps [s].
-
-        Returns
-        -------
-        str
-            One line that names the topic; empty where all is well.
         """
-        patience = 0.0 if self._doubted else LATE_PATIENCE
-        doubt = self._silence(self.settings.pause_timeout) or self._late(ros_now, patience)
-        self._doubted = bool(doubt)
-        return doubt
+        patience = 0.0 if self._was_stale else LATE_PATIENCE
+        stale = self._silent(self.settings.pause_timeout) or self._late(ros_now, patience)
+        self._was_stale = bool(stale)
+        return stale
 
-    def _silence(self, timeout: float) -> str:
+    def _silent(self, timeout: float) -> str:
         for channel in self.channels.values():
-            silent = self._alive - channel.heard
+            silent = self._now - channel.heard
             if silent > timeout:
                 return f'{channel.topic}: silent for {silent:.3f} s'
         return ''
@@ -283,10 +289,10 @@ class Monitor:
             if not 0 < self.settings.max_age < age:
                 channel.late_since = inf
                 continue
-            channel.late_since = min(channel.late_since, self._alive)
-            if self._alive - channel.late_since >= patience:
+            channel.late_since = min(channel.late_since, self._now)
+            if self._now - channel.late_since >= patience:
                 return (f'{channel.topic}: newest stamp is {age:.3f} s old, watch.max_age is '
-                        f'{self.settings.max_age:g} s; are the clocks in step?')
+                        f'{self.settings.max_age:g} s; are the clocks synchronised?')
         return ''
 
     def _frozen(self) -> str:
@@ -305,7 +311,7 @@ class Monitor:
                         f'within {channel.rest_timeout:.3g} s')
         return ''
 
-    def _astray(self) -> str:
+    def _tracking_fault(self) -> str:
         pose, commands = self.channels['pose'], self._commands
         while len(commands) > 1 and commands[1][0] <= pose.stamp:
             commands.popleft()
@@ -314,25 +320,25 @@ class Monitor:
         commanded = commands[0][1]
         limits = self.limits
         off = distance_between(pose.values, commanded)
-        turned = angle_between(pose.values[3:], commanded[3:])
+        angle = angle_between(pose.values[3:], commanded[3:])
         if off > limits.tracking_error:
             return (f'{pose.topic}: {off:.4f} m from the command, limits.tracking_error is '
                     f'{limits.tracking_error:g} m')
-        if turned > limits.tracking_angle:
-            return (f'{pose.topic}: {turned:.3f} rad from the command, limits.tracking_angle is '
+        if angle > limits.tracking_angle:
+            return (f'{pose.topic}: {angle:.3f} rad from the command, limits.tracking_angle is '
                     f'{limits.tracking_angle:g} rad')
         return ''
 
     def begin(self, ros_now: float) -> None:
         """
-        Make ready for a sequence: everything alive, within limits and still; learn the noise.
+        Prepare for a sequence: all sensors alive, within limits and still; learn the noise.
 
         Raises
         ------
         DataError
             A topic is silent, stale, frozen, not finite, or too short for the stillness window.
         MotionError
-            A limit is passed where the robot stands, or it moves.
+            The robot moves.
         """
         for channel in self.channels.values():
             if channel.heard == -inf:
@@ -341,7 +347,7 @@ class Monitor:
         self.fault = ''
         self._commands.clear()
         self._resting, self._commanded, self._moved, self._arrived = (), (), inf, None
-        for fault in (self._silence(self.settings.lost_timeout), self._late(ros_now, 0.0)):
+        for fault in (self._silent(self.settings.lost_timeout), self._late(ros_now, 0.0)):
             if fault:
                 raise DataError(fault)
         for name in NAMES:
@@ -376,9 +382,9 @@ class Monitor:
         return np.repeat([settings.force_floor, settings.torque_floor], 3)
 
     def stillness(self) -> Stillness:
-        """Judge the newest window against the noise at the start, of a robot that has arrived."""
-        if on_its_way := self._on_its_way():
-            return Stillness(False, on_its_way)
+        """Compare the newest window with the noise at the start, once the robot has arrived."""
+        if not_arrived := self._not_arrived():
+            return Stillness(False, not_arrived)
         for name, labels in NAMES.items():
             channel = self.channels[name]
             values = channel.window(self.settings.window, len(labels))
@@ -394,18 +400,18 @@ class Monitor:
             self._arrived = self._commands[-1][1], self.channels['pose'].values
         return Stillness(True, '')
 
-    def _on_its_way(self) -> str:
-        """Say how far the robot is behind a command that it has not reached; empty: it has."""
+    def _not_arrived(self) -> str:
+        """Return how much of a commanded motion the robot has done; empty: it has arrived."""
         if self._arrived is None or not self._commands:
             return ''
         pose, (told, seen), now = self.channels['pose'], self._arrived, self._commands[-1][1]
-        for a, b, place, slack, unit in (
-                (now, told, distance_between(pose.values, seen), ASTRAY_AT_REST[0], 'm'),
-                (now[3:], told[3:], angle_between(pose.values[3:], seen[3:]), ASTRAY_AT_REST[1],
-                 'rad')):
+        for a, b, done, error, unit in (
+                (now, told, distance_between(pose.values, seen), POSITIONING_ERROR[0], 'm'),
+                (now[3:], told[3:], angle_between(pose.values[3:], seen[3:]),
+                 POSITIONING_ERROR[1], 'rad')):
             wanted = distance_between(a, b) if unit == 'm' else angle_between(a, b)
-            if place < ARRIVED * wanted - slack:
-                return (f'{pose.topic}: has done {place:.3g} of the {wanted:.3g} {unit} that it '
+            if done < ARRIVED * wanted - error:
+                return (f'{pose.topic}: has done {done:.3g} of the {wanted:.3g} {unit} that it '
                         'was told to')
         return ''
 

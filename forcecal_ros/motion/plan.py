@@ -1,4 +1,4 @@
-"""Sequences as data: which poses, how long, and the phase word each part is recorded under."""
+"""Plans as data: which poses, how long, and the phase word of each segment."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,18 +18,18 @@ Goal = Pose | Array
 
 class Segment(NamedTuple):
     """
-    One part of a sequence.
+    One move or hold of a plan.
 
     Attributes
     ----------
     phase : str
-        Word it is announced and recorded under.
+        Word under which it is announced and recorded.
     label : str
         What it is for, in words of the user.
     goal : Pose, ndarray or None
-        Go to that pose or joint vector. None: hold.
+        Where the move ends; None: hold.
     duration : float or None
-        Of the move or the hold [s]. None: by the pace, or until the tool is still.
+        Of the move or the hold [s]; None: by the pace, or until the tool is still.
     """
 
     phase: str
@@ -38,8 +38,8 @@ class Segment(NamedTuple):
     duration: float | None = None
 
 
-class Part(NamedTuple):
-    """A segment made ready: a move from where the one before ended, or a hold there."""
+class PlannedSegment(NamedTuple):
+    """A segment with its move from where the one before ended, or its hold there."""
 
     segment: Segment
     move: Move | JointMove | None
@@ -53,37 +53,36 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True)
 class Timing:
-    """How long the parts of a sequence take, and how far they go."""
+    """Durations and distances of a plan; the names are the parameters' keys."""
 
-    measure: Annotated[float, Row('Measuring in each pose', 's', 0.2, 60.0)] = 1.0
-    step_distance: Annotated[float, Row('Step along x of ft_sensor', 'm', -0.05, 0.05)] = 0.01
+    measure: Annotated[float, Row(
+        'Duration of the measurement in each pose', 's', 0.2, 60.0)] = 1.0
+    step_distance: Annotated[float, Row(
+        'Length of the step along x of ft_sensor', 'm', -0.05, 0.05)] = 0.01
     step_duration: Annotated[float, Row('Duration of the step', 's', 0.05, 2.0)] = 0.1
-    ring: Annotated[float, Row('Hold after each step, for the tool to ring', 's', 0.2, 10.0)] = 0.7
+    ring: Annotated[float, Row(
+        'Duration of the hold after each step, in which the tool rings', 's', 0.2, 10.0)] = 0.7
     contact_distance: Annotated[float, Row(
-        'contact: way forward along x of ft_sensor, to something that it touches', 'm', -0.5, 0.5)
-        ] = 0.086
+        'contact: distance along x of ft_sensor to something that the tool touches',
+        'm', -0.5, 0.5)] = 0.086
     approach: Annotated[float, Row(
-        'contact: duration of that way, and of the way back', 's', 0.5, 60.0)] = 3.0
-    contact: Annotated[float, Row('contact: hold at its end', 's', 0.1, 600.0)] = 2.0
-    contacts: Annotated[int, Row('diagnose: how often it touches; 0: never', low=0, high=10)] = 0
+        'contact: duration of that move, and of the one back', 's', 0.5, 60.0)] = 3.0
+    contact: Annotated[float, Row(
+        'contact: duration of the hold at its end', 's', 0.1, 600.0)] = 2.0
+    contacts: Annotated[int, Row('diagnose: number of contacts; 0: none', low=0, high=10)] = 0
 
 
 def calibration_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing
                      ) -> tuple[Segment, ...]:
     """
-    Sequence of the procedure in III-A of [Gamez2005], with as many poses as are listed.
+    Plan the procedure in III-A of [Gamez2005], with as many poses as are listed.
 
     Parameters
     ----------
-    goals : mapping of str to Pose or ndarray
+    goals : mapping
         The first is where the step is made.
     away : Pose or ndarray
         Where the step goes to.
-    timing : Timing
-
-    Returns
-    -------
-    tuple of Segment
     """
     names = list(goals)
     home = goals[names[0]]
@@ -98,18 +97,7 @@ def calibration_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing
 
 
 def step_segments(home: Goal, away: Goal, timing: Timing) -> tuple[Segment, ...]:
-    """
-    Step out and back, with time for the tool to ring after each.
-
-    Parameters
-    ----------
-    home, away : Pose or ndarray
-    timing : Timing
-
-    Returns
-    -------
-    tuple of Segment
-    """
+    """Step out and back, with time for the tool to ring after each."""
     return (Segment('step', 'out', away, timing.step_duration),
             Segment('step', 'ring', duration=timing.ring),
             Segment('step', 'back', home, timing.step_duration),
@@ -122,15 +110,10 @@ def contact_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing) -> tuple
 
     Parameters
     ----------
-    goals : mapping of str to Pose or ndarray
+    goals : mapping
         The first is where it begins and ends.
     away : Pose or ndarray
         As far as it goes, contact or not.
-    timing : Timing
-
-    Returns
-    -------
-    tuple of Segment
     """
     name, home = next(iter(goals.items()))
     return (Segment('move', f'to {name}', home),
@@ -143,31 +126,25 @@ def contact_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing) -> tuple
 
 
 def prepare(plan: Sequence[Segment], start: Goal, pace: Pace, limits: Limits
-            ) -> tuple[Part, ...]:
+            ) -> tuple[PlannedSegment, ...]:
     """
     Chain a plan from where the robot stands, and check all of it before anything moves.
 
     Parameters
     ----------
-    plan : sequence of Segment
     start : Pose or ndarray
         Measured; of the kind of the plan's goals.
     pace : Pace
         For moves without a duration.
-    limits : Limits
-
-    Returns
-    -------
-    tuple of Part
 
     Raises
     ------
     MotionError
-        The start or a move passes a limit; with the number, the limit and its key.
+        The start or a move exceeds a limit; with the number, the limit and its key.
     """
     if isinstance(start, Pose):
         check_workspace(start.position[None], limits, 'the robot stands where the sensor')
-    parts: list[Part] = []
+    planned: list[PlannedSegment] = []
     here = start
     for segment in plan:
         move: Move | JointMove | None = None
@@ -183,23 +160,21 @@ def prepare(plan: Sequence[Segment], start: Goal, pace: Pace, limits: Limits
         elif segment.goal is not None:
             raise MotionError(f'{name} mixes poses and joint vectors; give one kind throughout')
         here = move.goal if move else here
-        parts.append(Part(segment, move, here))
-    return tuple(parts)
+        planned.append(PlannedSegment(segment, move, here))
+    return tuple(planned)
 
 
-def check_wrench(parts: Sequence[Part], wrench: Array, limits: Limits) -> None:
+def check_wrench(plan: Sequence[PlannedSegment], wrench: Array, limits: Limits) -> None:
     """
-    Refuse a plan whose inertial forces would pass the limits on what the sensor reads.
+    Refuse a plan whose inertial forces would exceed the limits of the measured wrench.
 
-    Before a calibration the tool's mass is known by its weight only: what is read at rest,
-    divided by g, stands for it, and the tip for the lever it has.
+    Before a calibration the tool's mass is known by its weight only: the force read at rest,
+    divided by g, stands for it, and the distance of the tip for its lever arm.
 
     Parameters
     ----------
-    parts : sequence of Part
     wrench : ndarray, shape (6,)
         Read at rest [N], [N m].
-    limits : Limits
 
     Raises
     ------
@@ -212,7 +187,7 @@ def check_wrench(parts: Sequence[Part], wrench: Array, limits: Limits) -> None:
         if not value <= limit:
             raise MotionError(f'the sensor reads {value:.4g} {unit} at rest, limits.{key} is '
                               f'{limit:g} {unit}; unload it or raise the limit')
-    for part in parts:
+    for part in plan:
         if not isinstance(part.move, Move):
             continue
         lever = float(np.linalg.norm(limits.tip))
@@ -227,6 +202,6 @@ def check_wrench(parts: Sequence[Part], wrench: Array, limits: Limits) -> None:
                     f'{limit:g} {unit}; give it more time or raise the limit')
 
 
-def expected_duration(parts: Sequence[Part], settle: float) -> float:
+def expected_duration(plan: Sequence[PlannedSegment], settle: float) -> float:
     """Return how long a plan takes if each settling takes ``settle`` [s]."""
-    return sum(settle if part.duration is None else part.duration for part in parts)
+    return sum(settle if part.duration is None else part.duration for part in plan)

@@ -14,65 +14,51 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 POSE_LENGTH = 7
-"""Numbers of a pose in a flat list: x y z [m], qx qy qz qw."""
+"""A pose is so many numbers in a flat list: x y z [m], qx qy qz qw."""
 
 
 def orientation(alpha: float, delta: float, theta: float = 0.0) -> Array:
     """
-    Orientation of ft_sensor in base, [Gamez2005] Eq. 9 and, for alpha = 0, Eq. 12.
+    Return R_base_sensor by [Gamez2005] Eq. 9 and, for alpha = 0, Eq. 12.
 
     Parameters
     ----------
     alpha, delta, theta : float
         About Y, X and Z [rad].
-
-    Returns
-    -------
-    ndarray, shape (3, 3)
-        R_base_sensor.
     """
     return rotation_about('y', alpha) @ rotation_about('x', delta) @ rotation_about('z', theta)
 
 
 def nominal_poses() -> dict[str, Pose]:
     """
-    Poses of the nominal rig: the paper's two and one that spans the third direction of gravity.
+    Return the paper's two poses and one that spans the third direction of gravity.
 
-    The third lies opposite the other two: the way there sweeps gravity about the accelerometer's
-    origin, so that offset and map are told apart (offset to 0.3 mV, against 1.2 mV with a third
-    pose between the two).
-
-    Returns
-    -------
-    dict of str to Pose
-        ``v`` (x horizontal, home), ``h`` (x vertical) and ``tilt``, all at one place.
+    All at one position of the nominal rig: ``v`` (x horizontal, home), ``h`` (x vertical) and
+    ``tilt``. That one lies opposite the other two: it spreads gravity about the accelerometer's
+    origin, so that offset and map are separated (standard error of the offset 0.3 mV, against
+    1.2 mV with a third pose between the two).
     """
-    place = np.array([1.0, 0.0, 1.0])
+    position = np.array([1.0, 0.0, 1.0])
     quarter = np.pi / 2
-    return {'v': Pose(place, orientation(0.0, 2 * quarter)),
-            'h': Pose(place, orientation(quarter, 2 * quarter)),
-            'tilt': Pose(place, orientation(np.radians(-60.0), np.radians(105.0)))}
+    return {'v': Pose(position, orientation(0.0, 2 * quarter)),
+            'h': Pose(position, orientation(quarter, 2 * quarter)),
+            'tilt': Pose(position, orientation(np.radians(-60.0), np.radians(105.0)))}
 
 
 def flatten_poses(poses: Mapping[str, Pose]) -> list[float]:
-    """Return poses as one flat list, ``POSE_LENGTH`` numbers each."""
+    """Return poses as one flat list, x y z qx qy qz qw of each."""
     return [float(x) for pose in poses.values()
             for x in (*pose.position, *quaternion_from_matrix(pose.R_base_sensor))]
 
 
 def read_poses(names: Sequence[str], numbers: ArrayLike) -> dict[str, Pose]:
     """
-    Poses of a flat list, as ROS parameters hold them.
+    Read poses from a flat list, as ROS parameters hold them.
 
     Parameters
     ----------
-    names : sequence of str
     numbers : array_like, shape (7 n,)
         x y z qx qy qz qw of each pose [m]; a position may be NaN, see :func:`anchor`.
-
-    Returns
-    -------
-    dict of str to Pose
 
     Raises
     ------
@@ -93,9 +79,9 @@ def read_poses(names: Sequence[str], numbers: ArrayLike) -> dict[str, Pose]:
     return poses
 
 
-def anchor(poses: Mapping[str, Pose], place: Array) -> dict[str, Pose]:
-    """Return the poses with ``place`` (3,) [m] where they leave a position open (NaN)."""
-    return {name: Pose(np.where(np.isfinite(pose.position), pose.position, place),
+def anchor(poses: Mapping[str, Pose], position: Array) -> dict[str, Pose]:
+    """Return the poses with ``position`` (3,) [m] where their own is NaN."""
+    return {name: Pose(np.where(np.isfinite(pose.position), pose.position, position),
                        pose.R_base_sensor) for name, pose in poses.items()}
 
 

@@ -1,40 +1,33 @@
-"""A plan as the stream of commands that it becomes, without a robot."""
+"""The stream of commands that a plan becomes, without a robot."""
 
 from collections.abc import Sequence
 
 from forcecal_ros.errors import MotionError
-from forcecal_ros.motion.plan import Part
+from forcecal_ros.motion.plan import PlannedSegment
 from forcecal_ros.motion.profiles import Move, Pose
 from forcecal_ros.recording.streams import Phase, PoseStream
 import numpy as np
 
 
-def preview(parts: Sequence[Part], rate: float, settle: float
+def preview(plan: Sequence[PlannedSegment], rate: float, settle: float
             ) -> tuple[PoseStream, tuple[Phase, ...]]:
     """
     Sample a plan as the sequencer would command it.
 
     Parameters
     ----------
-    parts : sequence of Part
-        Of poses.
     rate : float
-        Commands a second [Hz].
+        Commands per second [Hz].
     settle : float
         How long each settling takes [s].
-
-    Returns
-    -------
-    target : PoseStream
-    phases : tuple of Phase
 
     Raises
     ------
     MotionError
-        The plan is one of joints.
+        The plan is one of joint vectors.
     """
     positions, rotations, phases, periods = [], [], [], 0
-    for part in parts:
+    for part in plan:
         if not isinstance(part.goal, Pose):
             raise MotionError('only plans of poses can be previewed; list poses, not joints')
         n = max(1, round((settle if part.duration is None else part.duration) * rate))

@@ -1,8 +1,8 @@
 """Motion from rest to rest: quintic profiles, and the stop that keeps to their path.
 
 Position goes along a straight line, orientation along the geodesic, both with the same
-minimum-jerk fraction s(t). A stop slows the time that the path is followed in, so every pose
-commanded on the way to rest lies on the path that was checked.
+minimum-jerk path parameter s(t). A stop scales the time of the path down to a standstill, so that
+every pose commanded until then lies on the path that was checked.
 """
 
 from dataclasses import dataclass
@@ -24,16 +24,16 @@ PEAK_JERK = 60.0
 """Peak of d3s/dt3 of the quintic, times its duration cubed."""
 
 PEAK_STOP = 1.5
-"""Peak deceleration of a stop, times its duration, of unit speed."""
+"""Peak deceleration of a stop from unit speed, times its duration."""
 
 PEAK_STOP_JERK = 6.0
-"""Peak jerk of a stop, times its duration squared, of unit speed."""
+"""Peak jerk of a stop from unit speed, times its duration squared."""
 
 SHORTEST_MOVE = 0.1
-"""A move lasts at least that long [s]."""
+"""Least duration of a move that is timed by its pace: 25 commands at 250 Hz [s]."""
 
 LARGEST_ROTATION = np.radians(175.0)
-"""Above it noise would choose the way round [rad]."""
+"""Largest rotation of a move: nearer to half a turn noise would choose its direction [rad]."""
 
 
 class Pose(NamedTuple):
@@ -49,7 +49,6 @@ class Setpoint(NamedTuple):
 
     Attributes
     ----------
-    pose : Pose
     velocity : ndarray, shape (3,)
         Of the origin of ft_sensor, in base [m/s].
     angular_velocity : ndarray, shape (3,)
@@ -67,13 +66,13 @@ class Setpoint(NamedTuple):
 
 
 def hold(pose: Pose) -> Setpoint:
-    """Return the setpoint that stays where it is."""
+    """Return the setpoint at rest at a pose."""
     return Setpoint(pose, np.zeros(3), np.zeros(3))
 
 
 def quintic(tau: Array | float) -> tuple[Array, Array, Array]:
     """
-    Minimum-jerk fraction from rest to rest.
+    Return the minimum-jerk path parameter from rest to rest.
 
     Parameters
     ----------
@@ -93,7 +92,7 @@ def quintic(tau: Array | float) -> tuple[Array, Array, Array]:
 
 def stop_time(tau: Array | float) -> tuple[Array, Array, Array]:
     """
-    Path time while a stop is under way: it runs at unit rate before and rests after.
+    Return the time of the path during a stop, before which it runs and after which it stands.
 
     Parameters
     ----------
@@ -103,7 +102,7 @@ def stop_time(tau: Array | float) -> tuple[Array, Array, Array]:
     Returns
     -------
     tuple of ndarray
-        Path time since the stop began, in units of the duration; its first and second derivative.
+        It since the stop began, in units of the duration, and its first two derivatives.
     """
     x = np.clip(np.asarray(tau, dtype=float), 0.0, 1.0)
     return x - x**3 + x**4 / 2, 1 - x**2 * (3 - 2 * x), -6 * x * (1 - x)
@@ -111,22 +110,14 @@ def stop_time(tau: Array | float) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True)
 class Move:
-    """
-    From one pose to another in a given time.
-
-    Attributes
-    ----------
-    start, goal : Pose
-    duration : float
-        [s]
-    """
+    """From one pose to another in a given time [s]."""
 
     start: Pose
     goal: Pose
     duration: float
 
     @cached_property
-    def line(self) -> Array:
+    def displacement(self) -> Array:
         """From start to goal in base, shape (3,) [m]."""
         return self.goal.position - self.start.position
 
@@ -138,20 +129,20 @@ class Move:
         Raises
         ------
         MotionError
-            The rotation is so close to half a turn that noise would choose the way round.
+            The rotation is so close to half a turn that noise would choose its direction.
         """
         turn = rotation_vector(self.start.R_base_sensor.T @ self.goal.R_base_sensor)
         angle = float(np.linalg.norm(turn))
         if angle > LARGEST_ROTATION:
-            raise MotionError(f'a rotation by {np.degrees(angle):.1f} deg has no clear way round '
+            raise MotionError(f'a rotation by {np.degrees(angle):.1f} deg has no clear direction '
                               f'(at most {np.degrees(LARGEST_ROTATION):.0f} deg); put a pose '
                               'between the two')
         return turn
 
     @cached_property
     def distance(self) -> float:
-        """Length of the line [m]."""
-        return float(np.linalg.norm(self.line))
+        """Length of the displacement [m]."""
+        return float(np.linalg.norm(self.displacement))
 
     @cached_property
     def angle(self) -> float:
@@ -159,54 +150,48 @@ class Move:
         return float(np.linalg.norm(self.turn))
 
     def peak_acceleration_at(self, lever: float) -> float:
-        """Most that a point ``lever`` [m] away from ft_sensor's origin accelerates [m/s^2]."""
+        """Return a bound on the acceleration of a point ``lever`` [m] from the origin [m/s^2]."""
         turning = np.hypot(PEAK_ACCELERATION, PEAK_SPEED**2 * self.angle) * self.angle
         return float((self.distance * PEAK_ACCELERATION + lever * turning) / self.duration**2)
 
-    def at(self, t: float, rate: float = 1.0) -> Setpoint:
+    def at(self, t: float, time_scale: float = 1.0) -> Setpoint:
         """
-        Setpoint at one time.
+        Return the setpoint at one time.
 
         Parameters
         ----------
         t : float
             Since the start [s]; held beyond the ends.
-        rate : float
-            Of the path's time, below 1 while stopping.
-
-        Returns
-        -------
-        Setpoint
+        time_scale : float
+            Rate of the path's time, below 1 while stopping.
         """
         s, ds, _ = (float(v) for v in quintic(t / self.duration))
-        speed = ds / self.duration * rate
+        speed = ds / self.duration * time_scale
         start = self.start
         if s == 1.0:
             pose = self.goal
         else:
-            pose = Pose(start.position + s * self.line,
+            pose = Pose(start.position + s * self.displacement,
                         start.R_base_sensor @ rotation_from_vector(s * self.turn))
-        return Setpoint(pose, self.line * speed, start.R_base_sensor @ self.turn * speed)
+        return Setpoint(pose, self.displacement * speed, start.R_base_sensor @ self.turn * speed)
 
     def poses(self, n: int = 101) -> tuple[Array, Array]:
         """Return ``n`` poses along the path, ends included: (n, 3) [m] and (n, 3, 3)."""
         s = np.linspace(0.0, 1.0, n)[:, None]
-        return (self.start.position + s * self.line,
+        return (self.start.position + s * self.displacement,
                 self.start.R_base_sensor @ rotation_from_vector(s * self.turn))
 
 
 def twist_towards(setpoint: Setpoint, measured: Pose, gain: float) -> tuple[Array, Array]:
     """
-    Velocities that follow a setpoint, for robots that are told velocities.
+    Return the twist that follows a setpoint, for robots that are commanded by velocity.
 
-    At rest they are exactly zero: a robot that was told to stand shall not follow noise.
+    At rest it is exactly zero: a robot that was told to stand shall not follow noise.
 
     Parameters
     ----------
-    setpoint : Setpoint
-    measured : Pose
     gain : float
-        Of what is missing of the way [1/s].
+        Of the pose error [1/s].
 
     Returns
     -------
@@ -215,35 +200,23 @@ def twist_towards(setpoint: Setpoint, measured: Pose, gain: float) -> tuple[Arra
     """
     if not setpoint.moving:
         return np.zeros(3), np.zeros(3)
-    missing = rotation_vector(setpoint.pose.R_base_sensor @ measured.R_base_sensor.T)
+    rotation = rotation_vector(setpoint.pose.R_base_sensor @ measured.R_base_sensor.T)
     return (setpoint.velocity + gain * (setpoint.pose.position - measured.position),
-            setpoint.angular_velocity + gain * missing)
+            setpoint.angular_velocity + gain * rotation)
 
 
 class Pace(NamedTuple):
-    """Peaks a planned move makes use of, below the limits: SI units as in :class:`Limits`."""
+    """Peaks that planned moves aim at, below the limits; the names are the parameters' keys."""
 
     speed: Annotated[float, Row('Peak speed of moves between poses', 'm/s', 0.001, 2.0)] = 0.2
-    acceleration: Annotated[float, Row('Peak acceleration of those', 'm/s^2', 0.01, 20.0)] = 2.0
-    angular_speed: Annotated[float, Row('Peak angular speed of those', 'rad/s', 0.01, 5.0)] = 1.45
+    acceleration: Annotated[float, Row('Peak acceleration of these', 'm/s^2', 0.01, 20.0)] = 2.0
+    angular_speed: Annotated[float, Row('Peak angular speed of these', 'rad/s', 0.01, 5.0)] = 1.45
     angular_acceleration: Annotated[float, Row(
-        'Peak angular acceleration of those', 'rad/s^2', 0.1, 100.0)] = 8.0
+        'Peak angular acceleration of these', 'rad/s^2', 0.1, 100.0)] = 8.0
 
 
 def shortest_duration(start: Pose, goal: Pose, pace: Pace) -> float:
-    """
-    Time of the quintic that keeps to the pace.
-
-    Parameters
-    ----------
-    start, goal : Pose
-    pace : Pace
-
-    Returns
-    -------
-    float
-        [s], at least ``SHORTEST_MOVE``.
-    """
+    """Return the time of the quintic that keeps to the pace, at least ``SHORTEST_MOVE`` [s]."""
     move = Move(start, goal, 1.0)
     return max(SHORTEST_MOVE,
                PEAK_SPEED * move.distance / pace.speed,
@@ -253,7 +226,7 @@ def shortest_duration(start: Pose, goal: Pose, pace: Pace) -> float:
 
 
 class PeakRates(NamedTuple):
-    """Peaks of |ds/dt| [1/s], |d2s/dt2| [1/s^2] and |d3s/dt3| [1/s^3] of a quintic's fraction."""
+    """Peaks of |ds/dt| [1/s], |d2s/dt2| [1/s^2] and |d3s/dt3| [1/s^3] of the path parameter."""
 
     speed: float
     acceleration: float
@@ -261,18 +234,7 @@ class PeakRates(NamedTuple):
 
 
 def peak_rates(duration: float, stop_duration: float) -> PeakRates:
-    """
-    Worst rates of a quintic's fraction, a stop at any instant of it included.
-
-    Parameters
-    ----------
-    duration, stop_duration : float
-        [s]
-
-    Returns
-    -------
-    PeakRates
-    """
+    """Return the peak rates of a quintic of some duration [s], with a stop at any instant."""
     begin = np.linspace(0.0, duration, 81)[:, None]
     stopped = np.linspace(0.0, 1.0, 41)
     u, du, ddu = stop_time(stopped)

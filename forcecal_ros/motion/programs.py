@@ -1,4 +1,4 @@
-"""What the sequencer can run, by name."""
+"""The sequences that the sequencer can run, by name."""
 
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
@@ -14,9 +14,9 @@ class Program(NamedTuple):
     Attributes
     ----------
     plan : callable
-        Takes goals, the pose away from the first, timing; returns the segments.
+        Makes the segments of goals, a goal away from the first, and timing.
     distance : callable
-        How far away that is along x of ft_sensor, of the timing [m].
+        How far away that one is along x of ft_sensor, from the timing [m].
     identifies : bool
         Whether a calibration is identified from it.
     """
@@ -31,4 +31,4 @@ SEQUENCES: Mapping[str, Program] = {
     'contact': Program(contact_plan, lambda timing: timing.contact_distance, False),
     'diagnose': Program(diagnosis_plan, lambda timing: timing.contact_distance, False),
 }
-"""What the sequencer can run, by the name its parameter takes."""
+"""Every sequence by its name in the parameter ``sequence``."""

@@ -1,18 +1,18 @@
 """The sequencer's state machine: periods of the command stream in, commands and phase out.
 
-It knows neither clocks nor messages. Whoever owns the stream calls :meth:`Sequence.step` once a
-period and sends what comes back; a call that comes late stretches the motion and never makes the
-robot jump.
+It knows neither clocks nor messages. Whoever owns the stream calls :meth:`MotionSequence.step`
+once a period and sends what comes back; a late call stretches the motion and never makes the robot
+jump.
 """
 
-from collections.abc import Sequence as Parts
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from forcecal_ros.errors import MotionError
 from forcecal_ros.motion.joints import hold_joints, JointSetpoint
 from forcecal_ros.motion.monitor import Stillness
-from forcecal_ros.motion.plan import expected_duration, Goal, Part
+from forcecal_ros.motion.plan import expected_duration, Goal, PlannedSegment
 from forcecal_ros.motion.profiles import hold, Pose, Setpoint, stop_time
 
 Command = Setpoint | JointSetpoint
@@ -26,15 +26,15 @@ class StreamSettings:
     Attributes
     ----------
     rate : float
-        Commands a second [Hz].
+        Commands per second [Hz].
     stop_duration : float
         From a stop's first command to rest [s].
     closing : float
-        A stream ends with commands at rest for that long [s].
+        Duration of the commands at rest that end the stream [s].
     settle_minimum : float
-        Settling takes at least that long [s]: the stillness window and the sensors' latency.
+        Least duration of settling [s]: the stillness window and the sensors' latency.
     settle_timeout : float
-        The sequence is aborted where the tool is not still by then [s].
+        Duration of settling after which the sequence is aborted where the tool is not still [s].
     """
 
     rate: float = 250.0
@@ -44,8 +44,8 @@ class StreamSettings:
     settle_timeout: float = 6.0
 
 
-class Status(NamedTuple):
-    """Where a sequence is: phase word, what for, why it was aborted, how far it got (0 to 1)."""
+class SequenceStatus(NamedTuple):
+    """State of a sequence: phase word, what for, why it was aborted, how far it got (0 to 1)."""
 
     phase: str = 'idle'
     label: str = ''
@@ -53,18 +53,18 @@ class Status(NamedTuple):
     progress: float = 0.0
 
 
-class PathRate(NamedTuple):
+class TimeScale(NamedTuple):
     """
-    How fast the time of the path runs: 1 in motion, 0 at rest, and smoothly in between.
+    Rate of the path's time: 1 in motion, 0 at rest, and a smooth change between them.
 
     Attributes
     ----------
     periods : float
-        From one to the other, in periods of the stream.
+        Duration of a change, in periods of the stream.
     start, target : float
-        Between which it changes.
+        Rates at its begin and end.
     elapsed : int
-        Periods since it began to.
+        Periods since it began.
     """
 
     periods: float
@@ -74,49 +74,43 @@ class PathRate(NamedTuple):
 
     @property
     def value(self) -> float:
-        """The rate."""
+        """The rate now."""
         _, remaining, _ = stop_time(self.elapsed / self.periods)
         return self.target + (self.start - self.target) * float(remaining)
 
-    def towards(self, target: float) -> 'PathRate':
-        """Begin to change to ``target``, unless that is under way."""
+    def towards(self, target: float) -> 'TimeScale':
+        """Begin a change to ``target``, unless that is under way."""
         if target == self.target:
             return self
-        return PathRate(self.periods, self.value, target)
+        return TimeScale(self.periods, self.value, target)
 
-    def stepped(self) -> 'PathRate':
+    def next(self) -> 'TimeScale':
         """Return the rate one period later."""
         return self._replace(elapsed=self.elapsed + 1) if self.start != self.target else self
 
 
-class Sequence:
-    """
-    One robot's sequence, from ``idle`` to ``done`` or ``aborted`` and again.
-
-    Parameters
-    ----------
-    settings : StreamSettings
-    """
+class MotionSequence:
+    """One robot's sequence, from ``idle`` to ``done`` or ``aborted`` and again."""
 
     def __init__(self, settings: StreamSettings) -> None:
         self.settings = settings
         self._period = 1.0 / settings.rate
-        self._parts: tuple[Part, ...] = ()
+        self._plan: tuple[PlannedSegment, ...] = ()
         self._rest: Goal | None = None
         self._last: Command | None = None
         self._index = 0
         self._time = 0.0
-        self._rate = PathRate(settings.stop_duration * settings.rate)
+        self._time_scale = TimeScale(settings.stop_duration * settings.rate)
         self._closing = 0
         self._ending = ''
         self._streaming = False
         self._ended = 0.0
         self._expected = 1.0
-        self.status = Status()
+        self.status = SequenceStatus()
 
     @property
     def running(self) -> bool:
-        """Whether a sequence is under way, its identification included."""
+        """Whether a sequence is under way, the wait for its result included."""
         return self.status.phase not in ('idle', 'done', 'aborted')
 
     @property
@@ -126,7 +120,7 @@ class Sequence:
 
     @property
     def guarded(self) -> bool:
-        """Whether a fault ends it: from the start to the end of the motion."""
+        """Whether a fault aborts it: from the start to the end of the motion."""
         return self.running and not self.moved
 
     @property
@@ -137,24 +131,24 @@ class Sequence:
     @property
     def moved(self) -> bool:
         """Whether the motion is over and waits for its result."""
-        return self.running and self._index == len(self._parts)
+        return self.running and self._index == len(self._plan)
 
     @property
     def settling(self) -> bool:
-        """Whether the tool has to become still before it goes on."""
-        return self.running and not self.moved and self._parts[self._index].duration is None
+        """Whether the tool has to become still before the sequence goes on."""
+        return self.running and not self.moved and self._plan[self._index].duration is None
 
-    def start(self, parts: Parts[Part], start: Goal, ending: str = 'identification') -> None:
+    def start(self, plan: Sequence[PlannedSegment], start: Goal, ending: str = 'identification'
+              ) -> None:
         """
         Begin a plan that :func:`forcecal_ros.motion.plan.prepare` has checked.
 
         Parameters
         ----------
-        parts : sequence of Part
         start : Pose or ndarray
             Where the robot stands: the first command.
         ending : str
-            What for it waits after the motion, until :meth:`finish`.
+            What it waits for after the motion, until :meth:`finish`.
 
         Raises
         ------
@@ -164,24 +158,24 @@ class Sequence:
         if self.running or self._streaming:
             raise MotionError(f'a sequence is under way already ({self.status.phase} '
                               f'{self.status.label}); abort it first')
-        self._parts, self._rest, self._ending = tuple(parts), start, ending
+        self._plan, self._rest, self._ending = tuple(plan), start, ending
         self._streaming, self._closing, self._ended, self._last = True, 0, 0.0, None
         self._period = 1.0 / self.settings.rate
-        self._rate = PathRate(self.settings.stop_duration * self.settings.rate)
-        self._expected = expected_duration(parts, self.settings.settle_minimum)
+        self._time_scale = TimeScale(self.settings.stop_duration * self.settings.rate)
+        self._expected = expected_duration(plan, self.settings.settle_minimum)
         self._enter(0)
 
     def abort(self, reason: str, *, at_once: bool = False) -> bool:
         """
-        Stop: from the next step on the commands come to rest along the path they are on.
+        Stop: from the next step on the commands come to rest along their path.
 
         Parameters
         ----------
         reason : str
             One line for the user.
         at_once : bool
-            Hold the last command instead, for a stream that was silent so long that the robot
-            stands at it.
+            Hold the last command instead, for a stream that was silent for so long that the
+            robot rests there.
 
         Returns
         -------
@@ -190,26 +184,26 @@ class Sequence:
         """
         if not self.running:
             return False
-        self._rate = self._rate.towards(0.0)
+        self._time_scale = self._time_scale.towards(0.0)
         if at_once and self._closing == 0 and self._last is not None:
             self._hold_at(self._last)
         self.status = self.status._replace(phase='aborted', reason=reason)
         return True
 
     def pause(self, paused: bool) -> None:
-        """Come to rest on the path and wait there, or go on; smoothly, within a stop's time."""
+        """Come to rest on the path and wait there, or go on; either takes the time of a stop."""
         if self.running:
-            self._rate = self._rate.towards(0.0 if paused else 1.0)
+            self._time_scale = self._time_scale.towards(0.0 if paused else 1.0)
 
     def restart(self) -> None:
-        """Take up speed from rest, after a silence in which the robot came to stand."""
+        """Start again from rest, after a silence in which the robot came to a stop."""
         if self._streaming and self._closing == 0:
-            self._rate = PathRate(self._rate.periods, 0.0, self._rate.target)
+            self._time_scale = TimeScale(self._time_scale.periods, 0.0, self._time_scale.target)
 
     def finish(self) -> None:
-        """Say that the result of a finished motion is there."""
+        """End the sequence, once the result of the motion is there."""
         if self.moved:
-            self.status = Status('done', progress=1.0)
+            self.status = SequenceStatus('done', progress=1.0)
 
     def step(self, stillness: Stillness | None = None) -> Command | None:
         """
@@ -218,12 +212,12 @@ class Sequence:
         Parameters
         ----------
         stillness : Stillness or None
-            Verdict on the tool, wanted while :attr:`settling`.
+            Of the tool, needed while :attr:`settling`.
 
         Returns
         -------
         Setpoint, JointSetpoint or None
-            What to send; None where the stream is silent.
+            The command to send; None where the stream has ended.
         """
         if not self._streaming:
             return None
@@ -235,11 +229,11 @@ class Sequence:
 
     def _enter(self, index: int) -> None:
         self._index, self._time = index, -self._period
-        if index < len(self._parts):
-            segment = self._parts[index].segment
-            self.status = Status(segment.phase, segment.label, '', self._progress())
+        if index < len(self._plan):
+            segment = self._plan[index].segment
+            self.status = SequenceStatus(segment.phase, segment.label, '', self._progress())
         else:
-            self.status = Status('settle', self._ending, '', 1.0)
+            self.status = SequenceStatus('settle', self._ending, '', 1.0)
             self._begin_closing()
 
     def _progress(self) -> float:
@@ -249,14 +243,14 @@ class Sequence:
         self._closing = max(2, round(self.settings.closing * self.settings.rate))
 
     def _follow(self, stillness: Stillness | None) -> Command:
-        part = self._parts[self._index]
-        before = self._rate.value
-        self._rate = self._rate.stepped()
-        rate = self._rate.value
-        self._time += self._period * (before + rate) / 2
+        part = self._plan[self._index]
+        before = self._time_scale.value
+        self._time_scale = self._time_scale.next()
+        time_scale = self._time_scale.value
+        self._time += self._period * (before + time_scale) / 2
         command = self._holding()
         if part.move is not None and self._time > 0.0:
-            command = part.move.at(self._time, rate)
+            command = part.move.at(self._time, time_scale)
         if self.status.phase == 'aborted':
             if not command.moving:
                 self._hold_at(command)

@@ -1,15 +1,16 @@
-"""When commands are due: on a regular grid, never many at once."""
+"""When commands are due: once a period, and never many at once."""
 
 MOST_AT_ONCE = 3
-"""Commands sent in one go at most: more would be a jump to a robot that takes the newest."""
+"""Commands sent in one go at most, 12 ms of motion at 250 Hz: more would be a jump to a robot that
+takes the newest only."""
 
 
 class StreamClock:
     """
-    The grid of one command stream.
+    The periodic due times of one command stream.
 
-    A caller that comes a little late sends up to ``MOST_AT_ONCE`` commands, so that the motion
-    keeps its time. One that comes later than that finds the robot at rest: the motion is put off.
+    A caller that is a little late sends up to ``MOST_AT_ONCE`` commands, so that the motion keeps
+    its time. One that is later than that finds the robot at rest: the motion is postponed.
 
     Parameters
     ----------
@@ -19,6 +20,11 @@ class StreamClock:
         When the first is due, on the clock that drives the motion [ns].
     stamp_ns : int
         Header stamp of the first, on the clock of the stamps [ns].
+
+    Attributes
+    ----------
+    slipped_ns : int
+        By how much the motion was postponed in all [ns].
     """
 
     def __init__(self, period_ns: int, start_ns: int, stamp_ns: int) -> None:
@@ -42,13 +48,13 @@ class StreamClock:
         return count
 
     def next_stamp(self) -> int:
-        """Return the stamp of the next command, and step on [ns]."""
+        """Return the stamp of the next command, and advance by a period [ns]."""
         stamp = self._stamp_ns
         self._stamp_ns += self.period_ns
         self._due_ns += self.period_ns
         return stamp
 
 
-def phased(now_ns: int, phase_ns: int, period_ns: int) -> int:
+def next_in_phase(now_ns: int, phase_ns: int, period_ns: int) -> int:
     """Return the first instant from ``now_ns`` on that is whole periods from ``phase_ns`` [ns]."""
     return now_ns + (phase_ns - now_ns) % period_ns

@@ -2,5 +2,5 @@
 
 import os
 
-# Small matrices on a loaded machine: a second BLAS thread only takes the CPU from other nodes.
+# The matrices are small: a second BLAS thread would only take the processor from other nodes.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')

@@ -1,4 +1,4 @@
-"""One generator of motion, three ways to tell a robot: the serialisers of the command stream."""
+"""Motion back ends: the command stream as poses, as twists or as joint trajectories."""
 
 from abc import ABC, abstractmethod
 from collections import deque
@@ -21,29 +21,30 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-BEHIND = 50
-"""A robot that is where one of so many newest commands told it to be follows them."""
+RECENT_COMMANDS = 50
+"""Joints follow if they are near any of so many newest commands: a controller may lag by 0.2 s at
+250 Hz."""
 
-REMEMBERED = 128
-"""So many of one's own messages are kept to tell foreign commands from one's own."""
+OWN_MESSAGES = 128
+"""So many messages that were sent are kept to recognise them where they come back: half a second
+at 250 Hz. Others on the topic are those of another node."""
 
-UNSEEN = ('where joint vectors lead is not known beforehand: limits.workspace, speed, force and '
-          'torque are held as measured, not as planned')
+UNCHECKED = ('where joint vectors lead is not known beforehand: limits.workspace, speed, force '
+             'and torque are checked while the robot moves, not in the plan')
 
 CommandT = TypeVar('CommandT', Setpoint, JointSetpoint)
 
 
 class Backend(ABC, Generic[CommandT]):
     """
-    A topic that commands go to, and an ear for others who command there.
+    A topic that commands are sent to, watched for commands of other nodes.
 
     Attributes
     ----------
-    topic : str
     foreign : int
-        Commands heard that were not one's own.
+        Number of commands of other nodes.
     caveat : str
-        What a start says of plans that are checked in part only; empty: they are checked.
+        Warning of a start whose plan is checked in part only; empty: all of it is checked.
     """
 
     caveat = ''
@@ -53,30 +54,30 @@ class Backend(ABC, Generic[CommandT]):
         self.topic = topic
         self.foreign = 0
         self._sensors = sensors
-        self._own: deque[bytes] = deque(maxlen=REMEMBERED)
+        self._own: deque[bytes] = deque(maxlen=OWN_MESSAGES)
         self._publisher = node.create_publisher(message_type, topic, OUTPUT)
         inbox.subscribe(message_type, topic, self._on_command)
 
     def prepare(self, period_ns: int) -> None:
         """
-        Make ready for a motion of one command a period.
+        Prepare for a motion of one command a period.
 
         Raises
         ------
         MotionError
-            Commands would be read in another frame than poses are measured in.
+            The frame of commands is not that of the measured poses.
         """
 
-    def where(self) -> Goal:
-        """Return where the robot stands: the first command."""
-        return self._sensors.where()
+    def measured(self) -> Goal:
+        """Return the measured pose, or joint vector, of the robot at rest: the first command."""
+        return self._sensors.measured_pose()
 
     @abstractmethod
     def send(self, stamp_ns: int, command: CommandT) -> None:
         """Send one command."""
 
-    def astray(self, limit: float) -> str:
-        """Say how far off the robot is by what only this back end hears; empty: within limit."""
+    def tracking_fault(self, limit: float) -> str:
+        """Check a tracking error that only this back end measures; empty: it is within limit."""
         return ''
 
     def _on_command(self, raw: bytes) -> None:
@@ -89,7 +90,7 @@ class Backend(ABC, Generic[CommandT]):
 
 
 class CartesianBackend(Backend[Setpoint]):
-    """Commands of the sensor's pose, in the frame that poses are measured in."""
+    """Commands of the sensor's pose, in the frame of the measured poses."""
 
     def __init__(self, node: Node, inbox: Inbox, sensors: Sensors, topic: str, message_type: Any,
                  frame: str) -> None:
@@ -97,7 +98,7 @@ class CartesianBackend(Backend[Setpoint]):
         self._message_type, self._frame = message_type, frame
 
     def prepare(self, period_ns: int) -> None:
-        """Take the frame of commands: that of the measured poses, where none is asked for."""
+        """Choose the frame of commands: that of the measured poses, unless another is set."""
         measured = self._sensors.frames['pose']
         if not (measured or self._frame):
             raise MotionError('current_pose has no frame_id; set motion.frame to the robot base '
@@ -109,18 +110,18 @@ class CartesianBackend(Backend[Setpoint]):
         self._write = Writer(self._message_type, self._frame or measured)
 
     def send(self, stamp_ns: int, command: Setpoint) -> None:
-        """Send one command, and note it for the watch over the measured poses."""
+        """Send one command, with which the monitor compares the measured poses."""
         pose = pose_numbers(command.pose)
         self._sensors.commanded(stamp_ns, pose)
         self._publish(self._write(stamp_ns, self._numbers(command, pose)))
 
     @abstractmethod
     def _numbers(self, command: Setpoint, pose: tuple[float, ...]) -> tuple[float, ...]:
-        """Return what the message says; ``pose`` is the command's x y z qx qy qz qw."""
+        """Return the numbers of the message; ``pose`` is the command's x y z qx qy qz qw."""
 
 
 class TargetFrame(CartesianBackend):
-    """Poses for cartesian_controllers: PoseStamped in the robot's base, small steps."""
+    """Poses for cartesian_controllers: PoseStamped in the robot's base, in small steps."""
 
     def __init__(self, node: Node, inbox: Inbox, sensors: Sensors, frame: str) -> None:
         super().__init__(node, inbox, sensors, 'target_frame', PoseStamped, frame)
@@ -136,7 +137,7 @@ class TwistCommands(CartesianBackend):
     Parameters
     ----------
     gain : float
-        Velocity for each metre or radian behind the command [1/s].
+        Of the pose error, in the velocity [1/s].
     """
 
     def __init__(self, node: Node, inbox: Inbox, sensors: Sensors, frame: str, gain: float
@@ -155,7 +156,7 @@ class TwistCommands(CartesianBackend):
 class JointTrajectories(Backend[JointSetpoint]):
     """Joint vectors for joint_trajectory_controller: every joint, each message ends at rest."""
 
-    caveat = UNSEEN
+    caveat = UNCHECKED
 
     def __init__(self, node: Node, inbox: Inbox, sensors: Sensors, names: list[str]) -> None:
         if not names or names == ['']:
@@ -164,20 +165,20 @@ class JointTrajectories(Backend[JointSetpoint]):
         self._names = names
         self._period_ns = 0
         self._positions: dict[str, float] = {}
-        self._sent: deque[Array] = deque(maxlen=BEHIND)
+        self._sent: deque[Array] = deque(maxlen=RECENT_COMMANDS)
         node.create_subscription(JointState, 'joint_states', self._on_joints, SENSOR)
 
     def _on_joints(self, message: JointState) -> None:
         self._positions.update(zip(message.name, message.position))
 
-    def where(self) -> Array:
+    def measured(self) -> Array:
         """
-        Return the joints' measured positions, in the order of ``joints.names``.
+        Return the measured joint positions, in the order of ``joints.names``.
 
         Raises
         ------
         DataError
-            A joint was never heard of.
+            No position of some joint was received yet.
         """
         missing = [name for name in self._names if name not in self._positions]
         if missing:
@@ -190,12 +191,12 @@ class JointTrajectories(Backend[JointSetpoint]):
         self._period_ns = period_ns
         self._sent.clear()
 
-    def astray(self, limit: float) -> str:
-        """Compare measured joints with the newest commands; ``limit`` [rad] or [m]."""
+    def tracking_fault(self, limit: float) -> str:
+        """Compare the measured joints with the newest commands; ``limit`` [rad] or [m]."""
         if not self._sent:
             return ''
-        off = np.abs(np.array(self._sent) - self.where())
-        nearest = off[np.argmin(off.max(axis=1))]
+        errors = np.abs(np.array(self._sent) - self.measured())
+        nearest = errors[np.argmin(errors.max(axis=1))]
         joint = int(np.argmax(nearest))
         if nearest[joint] <= limit:
             return ''
@@ -204,10 +205,10 @@ class JointTrajectories(Backend[JointSetpoint]):
 
     def send(self, stamp_ns: int, command: JointSetpoint) -> None:
         """
-        Send where to be one period from now, and where to be at rest one period later.
+        Send the command for one period from now, and a point at rest for one period later.
 
-        The controller stops at the last point by itself should the stream cease. The stamp stays
-        zero, which means now: a controller refuses a trajectory that ended before it arrived.
+        At that point the controller stops by itself should the stream end. The stamp stays zero,
+        which means now: a controller refuses a trajectory that ended before it arrived.
         """
         self._sensors.monitor.joints(stamp_ns * 1e-9, tuple(command.positions.tolist()))
         self._sent.append(command.positions)

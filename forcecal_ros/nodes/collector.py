@@ -1,4 +1,4 @@
-"""Samples as they arrive, and the recording they make."""
+"""Live samples, collected into a recording."""
 
 from typing import TypeAlias
 
@@ -10,19 +10,24 @@ import numpy as np
 CHANNELS = ('wrench', 'accelerometer', 'pose', 'target', 'optidrive')
 
 Sorted: TypeAlias = tuple[Array, Array]
-"""Times since the recording began [s], ascending, and the values (n, columns) of them."""
+"""Times since the recording began [s], ascending, and the values (n, columns) at them."""
 
 
 class Collector:
     """
-    Everything heard since :meth:`clear`.
+    All samples since :meth:`clear`.
 
     Parameters
     ----------
     accelerometer_unit : str
         ``V`` or ``m/s^2``.
     wrench_sign : int
-        -1 where the driver reports tool on environment.
+        -1 where the driver reports the wrench of the tool on its environment.
+
+    Attributes
+    ----------
+    frames : dict
+        frame_id by channel.
     """
 
     def __init__(self, accelerometer_unit: str, wrench_sign: int) -> None:
@@ -38,7 +43,7 @@ class Collector:
         self._phases: list[tuple[str, int]] = []
 
     def add(self, channel: str, stamp_ns: int, values: tuple[float, ...]) -> None:
-        """Take in one sample."""
+        """Add a sample."""
         self._stamps[channel].append(stamp_ns)
         self._values[channel].append(values)
 
@@ -50,22 +55,22 @@ class Collector:
             self._values[name] = [self._values[name][i] for i in kept]
 
     def newest(self, channel: str) -> int:
-        """Return the latest stamp of one channel, 0 where nothing was heard."""
+        """Return the latest stamp of a channel, 0 where it has no sample [ns]."""
         return max(self._stamps[channel], default=0)
 
     def enter(self, phase: str, stamp_ns: int) -> None:
-        """Take in a phase word; one that is said again changes nothing."""
+        """Add a phase; one that is announced again changes nothing."""
         if not self._phases or self._phases[-1][0] != phase:
             self._phases.append((phase, stamp_ns))
 
     def recording(self) -> Recording:
         """
-        Return what was heard, sorted by stamp.
+        Return the samples as a recording, sorted by stamp.
 
         Raises
         ------
         DataError
-            Nothing was heard of the wrench or the pose.
+            There is no sample of the wrench or the pose.
         """
         if not self._stamps['wrench'] or not self._stamps['pose']:
             raise DataError('no wrench or no pose was received; look at the topics')

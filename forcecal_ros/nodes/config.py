@@ -1,4 +1,4 @@
-"""The files of ``config/`` that follow from rows: ``python -m forcecal_ros.nodes.config``."""
+"""The generated files of ``config/``: ``python -m forcecal_ros.nodes.config``."""
 
 from collections.abc import Mapping
 from importlib.resources import files
@@ -20,20 +20,21 @@ TABLES: Mapping[str, tuple[tuple[Parameter, ...], str]] = {
     'sim': (sim.PARAMETERS, ("Parameters of the simulated rig's node, at their defaults; the rig "
                              'itself is in rig.yaml.')),
 }
-"""Every node's parameters, and what their file says first."""
+"""Parameters of every node, and the first comment of their file."""
 
 RIGS = ('rig.yaml', 'rigid_tool.yaml')
+"""Rig files whose comments are generated; their numbers stay."""
 
 
 def config_files(folder: Path) -> dict[str, str]:
-    """Return the texts by name; the numbers of a rig are those of its file in ``folder``."""
+    """Return the generated texts by name; ``folder`` holds the rig files."""
     return {**{f'{node}.yaml': parameter_file(node, table, heading)
                for node, (table, heading) in TABLES.items()},
             **{name: rewritten(folder / name) for name in RIGS}}
 
 
 def main() -> int:
-    """Write them where this package has its configuration."""
+    """Write the files to the folder ``config`` of this package."""
     folder = Path(str(files('forcecal_ros') / 'config')).resolve()
     for name, text in config_files(folder).items():
         (folder / name).write_text(text)

@@ -1,4 +1,4 @@
-"""The dead-man switch: a topic that has to keep speaking."""
+"""The dead-man switch: a topic whose silence stops the motion."""
 
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.runtime import SECOND, STEADY
@@ -7,13 +7,12 @@ from std_msgs.msg import Header
 
 class Deadman:
     """
-    Hears the topic ``deadman``.
+    Monitor of the topic ``deadman``.
 
     Parameters
     ----------
-    inbox : Inbox
     timeout : float
-        Silence that stops a motion [s]; 0: no such switch.
+        Silence that stops a motion [s]; 0: there is no switch.
     """
 
     def __init__(self, inbox: Inbox, timeout: float) -> None:
@@ -26,11 +25,11 @@ class Deadman:
         self._heard = STEADY.now().nanoseconds
 
     def fault(self, steady_ns: int) -> str:
-        """Return what to say where the switch is asked for and silent; else nothing."""
-        quiet = steady_ns - self._heard
-        if not 0 < self._timeout < quiet:
+        """Return why to stop, at a time on the steady clock [ns]; empty: there is no reason."""
+        silent = steady_ns - self._heard
+        if not 0 < self._timeout < silent:
             return ''
         if not self._heard:
             return ('deadman: nothing received; press the switch, or set '
                     'motion.deadman_timeout to 0.0')
-        return f'deadman: silent for {quiet / SECOND:.3f} s'
+        return f'deadman: silent for {silent / SECOND:.3f} s'

@@ -1,4 +1,4 @@
-"""The main job end to end over DDS: simulated rig, sequencer and observer, all of it recorded."""
+"""Calibration end to end over DDS: simulated rig, sequencer and observer, all topics recorded."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.errors import DataError, MotionError
 from forcecal_ros.nodes.processes import Processes
 from forcecal_ros.nodes.recorder import Recorder
-from forcecal_ros.nodes.runtime import Interrupt, LATCHED, OUTPUT, starting, TURN
+from forcecal_ros.nodes.runtime import Interrupt, LATCHED, OUTPUT, SIGNAL_CHECK, starting
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters
 import rclpy
@@ -29,17 +29,20 @@ from std_srvs.srv import Trigger
 
 RECORDED = ('wrench', 'accelerometer', 'optidrive', 'pose', 'target', 'contact_truth',
             'contact_wrench', 'phase', 'calibration', 'observer_gain', 'tool_inertia')
-START_TIMEOUT = 120.0
-"""A first run compiles the simulator before its node answers [s]."""
+"""Roles of the topics that the recording of a demo holds."""
 
-HEARING = 30.0
-"""The sequencer refuses to start until it has heard every sensor for a while [s]."""
+START_TIMEOUT = 120.0
+"""Time in which a node has to answer: a first run compiles the simulator before [s]."""
+
+READY_TIMEOUT = 30.0
+"""Time in which a start has to be accepted: the sequencer first wants samples of every sensor
+[s]."""
 
 COMMAND_WAIT = 0.5
-"""The rig's time stands for so long where a command is missing [s]."""
+"""Time for which the rig waits for a command, so that a busy computer makes none late [s]."""
 
 PATIENCE = 30.0
-"""A rig whose time stands for so long has stopped; on a slow computer it passes slowly [s]."""
+"""Time without progress after which the demo fails: on a slow computer progress is slow [s]."""
 
 FOR_SIMULATION = {
     'use_sim_time': True,
@@ -56,33 +59,34 @@ FOR_SIMULATION = {
     'timing.approach': 1.5,
 }
 """
-Where no robot moves: the tip may go where the wall is, and a busy computer may be late.
+Sequencer parameters of a simulated rig: the tip may reach the wall, and a busy computer be late.
 
-The rig's time passes more slowly there. A robot's own limits are its user's to widen.
+No robot moves there; the limits of a robot are for its user to widen.
 """
 
-Say = Callable[[str, float], None]
+Progress = Callable[[str, float], None]
+"""Told the phase, and the time since the start [s]."""
 
 
 @dataclass(frozen=True)
 class DemoResult:
     """
-    What a demo gave.
+    Result of a demo.
 
     Attributes
     ----------
     calibration : str
         Text of ``calibration.yaml``, as the sequencer published it.
     duration : float
-        From the first command to the gains, in time of the rig [s].
+        From the first command to the gains, in simulated time [s].
     """
 
     calibration: str
     duration: float
 
 
-class Conductor(Node):
-    """Starts the sequences, follows their phases, and records everything."""
+class DemoNode(Node):
+    """Starts the sequences, follows their phases and records the topics."""
 
     def __init__(self) -> None:
         super().__init__('demo')
@@ -115,7 +119,7 @@ class Conductor(Node):
         Raises
         ------
         DataError
-            It did not, and ``progress`` stayed what it was, within ``timeout`` [s].
+            It does not hold ``timeout`` [s] after the last change of ``progress``.
         """
         end, before = time.monotonic() + timeout, progress()
         while not until():
@@ -124,7 +128,7 @@ class Conductor(Node):
                 end, before = time.monotonic() + timeout, now
             if time.monotonic() > end:
                 raise DataError(f'{what} did not happen within {timeout:.0f} s')
-            self._executor.spin_until_future_complete(Future(), timeout_sec=TURN)
+            self._executor.spin_until_future_complete(Future(), timeout_sec=SIGNAL_CHECK)
 
     def call(self, client: Any, request: object, each: Callable[[], None]) -> Any:
         """Call a service and wait for its answer."""
@@ -140,12 +144,12 @@ class Conductor(Node):
         Returns
         -------
         float
-            How long it took, in time of the rig [s].
+            Its duration in simulated time [s].
 
         Raises
         ------
         MotionError
-            It was refused or aborted; with the reason.
+            The sequence was refused or aborted; with the reason.
         """
         request = SetParameters.Request(parameters=[
             ParameterMessage(name='sequence', value=Parameter(
@@ -153,7 +157,7 @@ class Conductor(Node):
         answer = self.call(self._set, request, each).results[0]
         if not answer.successful:
             raise MotionError(f'sequence {name}: {answer.reason}')
-        end = time.monotonic() + HEARING
+        end = time.monotonic() + READY_TIMEOUT
         while not (answer := self.call(self._start, Trigger.Request(), each)).success:
             if time.monotonic() > end:
                 raise MotionError(f'sequence {name}: {answer.message}')
@@ -172,7 +176,7 @@ class Conductor(Node):
         self.destroy_node()
 
 
-def run_demo(accelerometer: str, out: Path, seed: int, progress: Say) -> DemoResult:
+def run_demo(accelerometer: str, out: Path, seed: int, progress: Progress) -> DemoResult:
     """
     Calibrate the simulated rig over DDS, then touch its wall with the observer running.
 
@@ -181,60 +185,54 @@ def run_demo(accelerometer: str, out: Path, seed: int, progress: Say) -> DemoRes
     accelerometer : str
         ``acc1`` or ``acc2``.
     out : Path
-        Folder; the recording goes to its ``bag``.
+        Folder in which the recording is written, as ``bag``.
     seed : int
         Of the sensor noise.
-    progress : callable
-        Told the phase, and the seconds since the start.
-
-    Returns
-    -------
-    DemoResult
 
     Raises
     ------
     ForcecalError
-        A node ended, did not answer, or a sequence was aborted.
+        A node ended or did not answer, or a sequence was aborted.
     """
     coupling = 'ac' if accelerometer == 'acc2' else 'dc'
     with own_domain() as environment, Processes(environment) as nodes:
-        conductor = Conductor()
+        demo = DemoNode()
         began = time.monotonic()
 
         def each() -> None:
             nodes.check()
-            progress(conductor.phase or 'starting', time.monotonic() - began)
+            progress(demo.phase or 'starting', time.monotonic() - began)
 
         try:
             nodes.start('sim', {'accelerometer': accelerometer, 'seed': seed,
                                 'clock.publish': True, 'clock.wait': COMMAND_WAIT})
             nodes.start('observer', {'use_sim_time': True})
             nodes.start('sequencer', {'accelerometer.coupling': coupling, **FOR_SIMULATION})
-            conductor.wait(lambda: conductor.recorder.counts['pose'] > 0, START_TIMEOUT,
+            demo.wait(lambda: demo.recorder.counts['pose'] > 0, START_TIMEOUT,
                            'a first pose of the simulated rig', each)
-            duration = conductor.run_sequence('calibrate', each)
-            conductor.wait(lambda: bool(conductor.calibration), PATIENCE, 'the calibration', each)
-            heard = conductor.recorder.counts['contact_wrench']
-            conductor.wait(lambda: conductor.recorder.counts['contact_wrench'] > heard + 500,
+            duration = demo.run_sequence('calibrate', each)
+            demo.wait(lambda: bool(demo.calibration), PATIENCE, 'the calibration', each)
+            heard = demo.recorder.counts['contact_wrench']
+            demo.wait(lambda: demo.recorder.counts['contact_wrench'] > heard + 500,
                            PATIENCE, 'the observer taking over the calibration', each)
-            conductor.run_sequence('contact', each)
-            conductor.recorder.write(out / 'bag')
-            return DemoResult(conductor.calibration, duration)
+            demo.run_sequence('contact', each)
+            demo.recorder.write(out / 'bag')
+            return DemoResult(demo.calibration, duration)
         finally:
-            conductor.close()
+            demo.close()
 
 
 @contextmanager
 def own_domain() -> Iterator[dict[str, str]]:
     """
-    Join a DDS domain of this machine only, where no real robot listens.
+    Join a DDS domain of this machine only, where no robot listens.
 
-    The user's ROS_DOMAIN_ID is kept where there is one.
+    A ROS_DOMAIN_ID of the user is kept.
 
     Yields
     ------
-    dict of str to str
-        What child processes need in their environment.
+    dict
+        Environment variables for child processes.
     """
     domain = os.environ.get('ROS_DOMAIN_ID') or str(random.randint(1, 101))
     environment = {'ROS_DOMAIN_ID': domain, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}

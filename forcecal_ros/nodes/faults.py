@@ -1,11 +1,11 @@
-"""Faults of the simulated rig as parameters of its node: set while it runs, they act at once."""
+"""Fault injection: parameters of the simulated rig's node that act at once while it runs."""
 
 from collections.abc import Callable
 from typing import Any
 
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array
-from forcecal_ros.nodes.parameters import guard
+from forcecal_ros.nodes.parameters import refuse_changes
 from forcecal_ros.schema import Parameter
 from forcecal_ros.simulators.rig.faults import (
     CLOCK_FAULTS,
@@ -37,20 +37,16 @@ PARAMETERS = (
 
 class Faults:
     """
-    The faults of one simulated rig.
+    The injected faults of one simulated rig.
 
     Parameters
     ----------
     node : Node
-        With the parameters of ``PARAMETERS``, declared.
+        Has declared ``PARAMETERS``.
     seed : int or None
-        Of garbage.
+        Of garbage readings.
     jump : callable or None
-        Lets the published clock jump by nanoseconds; None where no clock is published.
-
-    Attributes
-    ----------
-    clock_stopped : bool
+        Makes the published clock jump [ns]; None where no clock is published.
     """
 
     def __init__(self, node: Node, seed: int | None, jump: Callable[[int], None] | None) -> None:
@@ -58,7 +54,7 @@ class Faults:
         self._robot = RobotFault()
         self._jump = jump
         self._clock = 'none'
-        guard(node, self._check)
+        refuse_changes(node, self._check)
         node.add_post_set_parameters_callback(
             lambda changes: self._set({change.name: change.value for change in changes}))
         start = {row.name: node.get_parameter(row.name).value for row in PARAMETERS}
@@ -89,12 +85,12 @@ class Faults:
 
     @property
     def clock_stopped(self) -> bool:
-        """Whether the published clock stands."""
+        """Whether the published clock stands still."""
         return self._clock == 'stopped'
 
     @property
     def active(self) -> list[str]:
-        """What is faulty, as ``wrench stuck``."""
+        """The faults that are switched on, such as ``wrench stuck``."""
         named = [*((s, f.kind) for s, f in self._sensors.items()), ('robot', self._robot.kind),
                  ('clock', self._clock)]
         return [f'{name} {kind}' for name, kind in named if kind != 'none']
@@ -105,11 +101,11 @@ class Faults:
         return self._robot.kind == 'runaway'
 
     def command(self, position: Array, period: float) -> Array | None:
-        """Return where the robot goes instead of ``position`` (3,) [m]; None: nowhere."""
+        """Return the command after faults of the robot, shape (3,) [m]; None: it is ignored."""
         return self._robot(position, period)
 
-    def said(self, samples: Samples) -> Samples:
-        """Return what the sensors say instead."""
+    def changed(self, samples: Samples) -> Samples:
+        """Return the samples after faults of the sensors."""
         for fault in self._sensors.values():
             samples = fault(samples)
         return samples

@@ -1,4 +1,4 @@
-"""The gap between robot and simulator, live: excess of every channel, and where it began."""
+"""The gap between robot and simulator, live: excess of every channel, and the first stage."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,15 +34,15 @@ PARAMETERS = (
     Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool'),
     Parameter('wrench.sign', 1, '-1 for a driver that reports the wrench of the tool on its '
               'environment', low=-1, high=1),
-    Parameter('delay', 0.3, 'Samples may be that late', 's', low=0.05, high=5.0),
+    Parameter('delay', 0.3, 'Greatest delay with which samples arrive', 's', low=0.05, high=5.0),
 )
 
 KEPT = 2 * SECOND
-"""Samples older than that are forgotten once judged [ns]."""
+"""Samples are kept for that long before a first command, and after their comparison [ns]."""
 
 
 class Gap(Node):
-    """Follows the robot from its first command on."""
+    """Compares the robot with the simulated rig, from its first command on."""
 
     def __init__(self) -> None:
         super().__init__('gap')
@@ -57,14 +57,15 @@ class Gap(Node):
         topic, kind, unit = ACCELEROMETERS.get(source, ACCELEROMETERS['raw'])
         self._collector = Collector(unit, value['wrench.sign'])
         self._inbox = Inbox(self)
-        self._hear('wrench', 'wrench', WrenchStamped, Reader(WrenchStamped))
-        self._hear('pose', 'current_pose', PoseStamped, Reader(PoseStamped))
-        self._hear('target', 'target_frame', PoseStamped, Reader(PoseStamped))
+        self._collect('wrench', 'wrench', WrenchStamped, Reader(WrenchStamped))
+        self._collect('pose', 'current_pose', PoseStamped, Reader(PoseStamped))
+        self._collect('target', 'target_frame', PoseStamped, Reader(PoseStamped))
         if source in ACCELEROMETERS:
-            self._hear('accelerometer', topic, kind, Reader(kind))
+            self._collect('accelerometer', topic, kind, Reader(kind))
         if self._rig.optidrive:
-            self._hear('optidrive', 'optidrive', JointState, JointReader(value['optidrive.joint']))
-        self._begin_anew()
+            self._collect('optidrive', 'optidrive', JointState,
+                          JointReader(value['optidrive.joint']))
+        self._restart()
         self._out = self.create_publisher(DiagnosticArray, '/diagnostics', OUTPUT)
         self.create_service(Trigger, 'gap/reset', self._on_reset)
         self.create_timer(0.02, self._inbox.drain, clock=STEADY)
@@ -75,7 +76,7 @@ class Gap(Node):
         self._inbox.close()
         super().destroy_node()  # type: ignore[no-untyped-call]
 
-    def _hear(self, channel: str, topic: str, kind: Any, read: Any) -> None:
+    def _collect(self, channel: str, topic: str, kind: Any, read: Any) -> None:
         def take(raw: bytes) -> None:
             try:
                 sample = read(raw)
@@ -86,15 +87,15 @@ class Gap(Node):
 
         self._inbox.subscribe(kind, topic, take)
 
-    def _begin_anew(self) -> None:
+    def _restart(self) -> None:
         self._live: LiveGap | None = None
         self._origin = 0
-        self._said = ''
+        self._announced = ''
         self._collector.clear()
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response
                   ) -> Trigger.Response:
-        self._begin_anew()
+        self._restart()
         response.success, response.message = True, 'begins anew with the next command'
         return response
 
@@ -109,9 +110,9 @@ class Gap(Node):
             found = self._judgement(heard)
         except ForcecalError as error:
             self._report('error', str(error), {})
-            self._begin_anew()
+            self._restart()
             return
-        self._say(found)
+        self._publish(found)
 
     def _judgement(self, heard: int) -> Judgement:
         recording = self._collector.recording()
@@ -129,7 +130,7 @@ class Gap(Node):
         self._collector.forget(min(done, heard) - KEPT)
         return found
 
-    def _say(self, found: Judgement) -> None:
+    def _publish(self, found: Judgement) -> None:
         values: dict[str, object] = {
             **{f'{name} [noise RMS]': excess for name, excess in found.excess.items()},
             'stage': found.stage, 'channels': ', '.join(found.channels),
@@ -144,8 +145,8 @@ class Gap(Node):
             self._report('warn', f'{found.first} has left the noise', values)
         else:
             self._report('ok', 'within the noise', values)
-        if found.first != self._said:
-            self._said = found.first
+        if found.first != self._announced:
+            self._announced = found.first
             self.get_logger().warning(f'{found.first} leaves the noise: '
                                       f'{", ".join(found.channels)}')
 

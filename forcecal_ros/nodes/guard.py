@@ -1,4 +1,4 @@
-"""Whoever may end a motion besides the plan: sensors, robot, clocks, other nodes, a person."""
+"""Reasons to end a motion: sensors, robot, clocks, other nodes, the dead-man switch."""
 
 from typing import Any, NamedTuple, Protocol
 
@@ -9,85 +9,94 @@ from forcecal_ros.nodes.runtime import SECOND
 from rclpy.clock import Clock
 
 CLOCK_JUMP = 0.1
-"""The clock of the stamps may depart from the steady one by that much in a sequence [s]."""
+"""Largest change of the clock of the stamps against the steady one in a sequence: the slewing of
+NTP, at most 0.5 ms/s, stays below it for three minutes [s]."""
 
 UNEVEN = 3.0
-"""A /clock may pass so many times as fast as it did."""
+"""A simulated clock that runs by less than this factor faster than before does not jump: a busy
+simulator is slow, and then catches up."""
 
-FORGETTING = 0.98
-"""The fastest that a /clock passed fades by this factor from look to look."""
+RATE_DECAY = 0.98
+"""Factor by which the fastest rate of a simulated clock decays from check to check: by half in 0.7
+s of a check every 20 ms."""
 
-UNKNOWN = 1e3
-"""How fast a /clock may pass before it is known [s a second]."""
+UNKNOWN_RATE = 1e3
+"""Rate that a simulated clock may have until it is known, far above any simulator's [s/s]."""
 
-SHORTEST_LOOK = 0.02
-"""Looks at /clock that follow each other faster do not show how fast it passes [s]."""
+SHORTEST_CHECK = 0.02
+"""Least time over which the rate of a simulated clock is taken: that between two checks [s]."""
 
 STALL = 0.5
-"""A motion whose commands ceased for longer is not resumed [s]."""
+"""A command stream that was interrupted for longer is not resumed: a stop takes a tenth of that,
+so that the robot has come to rest meanwhile [s]."""
 
 AT_ONCE, READINGS = 0.001, 5
-"""Clocks are read anew where that took longer [s], so many times: a busy machine takes the
-processor away for 0.15 s now and then, which would look like a clock that jumps."""
+"""Clocks are read again where a reading took longer [s], so many times at most: a busy machine
+takes the processor away for 0.15 s now and then, which would look like a clock that jumps."""
 
-FOREIGN = 0.5
-"""Commands of someone else that are more recent than this forbid a start [s]."""
+FOREIGN_TIMEOUT = 0.5
+"""A start is refused for that long after a command of another node, which at any usual rate would
+have sent the next one by then [s]."""
 
 
 class Fault(NamedTuple):
-    """Reason to abort; ``at_once`` where the robot stands already."""
+    """Reason to abort; ``at_once``: the robot rests already."""
 
     reason: str
     at_once: bool = False
 
 
-class Watched(Protocol):
-    """What is heard while the robot moves."""
+class Monitored(Protocol):
+    """Monitor and dead-man switch of a moving robot."""
 
     monitor: Monitor
     deadman: Deadman
 
 
 class Pausable(Protocol):
-    """A motion that can stand for a while."""
+    """A motion that can pause."""
 
     def pause(self, paused: bool) -> None:
-        """Stand, or go on."""
+        """Pause, or go on."""
 
 
 class Guard:
     """
-    Watch over one motion after another.
+    Supervision of one motion after another.
 
     Parameters
     ----------
-    sensors : Watched
-    backend : Backend
-    motion : Pausable
     clock : Clock
         Of the header stamps.
     steady : Clock
         Only goes forward.
     simulated : bool
         Whether the clock of the stamps also drives the motion.
+
+    Attributes
+    ----------
+    pauses : int
+        Since the start.
+    stale : str
+        Which sensor is silent or late, so that the motion pauses; empty: none is.
     """
 
-    def __init__(self, sensors: Watched, backend: Backend[Any], motion: Pausable, clock: Clock,
+    def __init__(self, sensors: Monitored, backend: Backend[Any], motion: Pausable, clock: Clock,
                  steady: Clock, simulated: bool) -> None:
         self._sensors, self._backend, self._motion = sensors, backend, motion
         self._clock, self._steady, self._simulated = clock, steady, simulated
         self._foreign, self._foreign_heard = 0, -SECOND
         self.pauses = 0
-        self.doubt = ''
+        self.stale = ''
 
     def begin(self) -> None:
-        """Begin with a motion."""
+        """Begin the supervision of a motion."""
         steady, now = self._readings()
         self._started = self._ticked = steady
         self._offset = now - steady
-        self._seen, self._advanced, self._rate = now, steady, UNKNOWN
-        self._doubtful_since: int | None = None
-        self.pauses, self.doubt = 0, ''
+        self._seen, self._advanced, self._rate = now, steady, UNKNOWN_RATE
+        self._stale_since: int | None = None
+        self.pauses, self.stale = 0, ''
 
     def _readings(self) -> tuple[int, int]:
         """Read both clocks at one instant, as far as the processor is not taken away [ns]."""
@@ -103,21 +112,21 @@ class Guard:
         return steady, now
 
     def others(self) -> str:
-        """Return what forbids a start: another node that commands, or no dead-man switch."""
+        """Return why a start is refused: commands of another node, or no dead-man switch."""
         self.listen()
         steady = self._steady.now().nanoseconds
-        if steady - self._foreign_heard < FOREIGN * SECOND:
+        if steady - self._foreign_heard < FOREIGN_TIMEOUT * SECOND:
             return f'{self._backend.topic}: another node commands the robot; stop it'
         return self._sensors.deadman.fault(steady)
 
     def listen(self) -> None:
-        """Note commands that were not one's own."""
+        """Note the time of the newest command of another node."""
         if self._backend.foreign != self._foreign:
             self._foreign = self._backend.foreign
             self._foreign_heard = self._steady.now().nanoseconds
 
     def check(self, moving: bool) -> Fault | None:
-        """Return why to abort now; stands while a sensor is silent or late."""
+        """Return why to abort now; pauses the motion while a sensor is silent or late."""
         steady, now = self._readings()
         silent, self._ticked = (steady - self._ticked) / SECOND, steady
         if moving and silent > STALL and not self._simulated:
@@ -129,35 +138,35 @@ class Guard:
         reason = self._sensors.monitor.check(moving) or self._sensors.deadman.fault(steady)
         if not reason and self._foreign_heard > self._started:
             reason = f'{self._backend.topic}: another node commands the robot'
-        reason = reason or self._stand_while_in_doubt(steady, now)
+        reason = reason or self._pause_while_stale(steady, now)
         return Fault(reason) if reason else None
 
-    def _stand_while_in_doubt(self, steady: int, now: int) -> str:
-        """Pause while a sensor is silent or late; return why where that lasts for too long."""
+    def _pause_while_stale(self, steady: int, now: int) -> str:
+        """Pause while a sensor is silent or late; return why to abort if that lasts too long."""
         monitor = self._sensors.monitor
-        self.doubt = monitor.doubt(now * 1e-9)
-        self._motion.pause(bool(self.doubt))
-        if not self.doubt:
-            self._doubtful_since = None
+        self.stale = monitor.stale(now * 1e-9)
+        self._motion.pause(bool(self.stale))
+        if not self.stale:
+            self._stale_since = None
             return ''
-        if self._doubtful_since is None:
-            self._doubtful_since = steady
+        if self._stale_since is None:
+            self._stale_since = steady
             self.pauses += 1
             if 0 < monitor.settings.most_pauses < self.pauses:
-                return (f'{self.doubt}, for the {self.pauses}th time; watch.most_pauses is '
+                return (f'{self.stale}, for the {self.pauses}th time; watch.most_pauses is '
                         f'{monitor.settings.most_pauses}')
         lost = monitor.settings.lost_timeout - monitor.settings.pause_timeout
-        return self.doubt if steady - self._doubtful_since > lost * SECOND else ''
+        return self.stale if steady - self._stale_since > lost * SECOND else ''
 
     def clock_fault(self) -> Fault | None:
-        """Return why to abort where the clock that drives the motion stands or jumps."""
+        """Return why to abort where the clock that drives the motion stops or jumps."""
         steady, now = self._readings()
         if now != self._seen:
             step, elapsed = (now - self._seen) / SECOND, (steady - self._advanced) / SECOND
             self._seen, self._advanced = now, steady
             usual = CLOCK_JUMP + UNEVEN * self._rate * elapsed
-            rate = step / max(elapsed, SHORTEST_LOOK)
-            self._rate = max(self._rate * FORGETTING, rate) if self._rate < UNKNOWN else rate
+            rate = step / max(elapsed, SHORTEST_CHECK)
+            self._rate = max(self._rate * RATE_DECAY, rate) if self._rate < UNKNOWN_RATE else rate
             return None if 0 < step < usual else Fault(
                 f'/clock jumped by {step:.3g} s', at_once=True)
         if steady - self._advanced > self._sensors.monitor.settings.clock_timeout * SECOND:

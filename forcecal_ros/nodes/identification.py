@@ -1,4 +1,4 @@
-"""The identification of what a sequence recorded, beside the command stream."""
+"""Identification from the samples of a sequence, beside the command stream."""
 
 from threading import Thread
 
@@ -6,7 +6,7 @@ from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.calibration.sensor_matrix import with_matrix_of
 from forcecal_ros.errors import ForcecalError
 from forcecal_ros.identify.pipeline import identify
-from forcecal_ros.identify.settings import Settings as IdentificationSettings
+from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.nodes.collector import Collector
 from forcecal_ros.observe.gains import with_kalman_gains
 
@@ -18,7 +18,7 @@ class Identification:
     Parameters
     ----------
     matrix : Calibration or None
-        Whose matrix made the wrenches out of raw channels; the results get it, too.
+        Its sensor matrix has made the wrenches of raw channels, and goes into the results.
     """
 
     def __init__(self, matrix: Calibration | None) -> None:
@@ -28,11 +28,11 @@ class Identification:
 
     @property
     def under_way(self) -> bool:
-        """Whether one was begun and its result not taken."""
+        """Whether one has begun and its result was not taken yet."""
         return self._worker is not None
 
     def begin(self, collector: Collector, settings: IdentificationSettings) -> None:
-        """Identify what was collected."""
+        """Begin to identify from the collected samples."""
         self._worker = Thread(target=self._work, args=(collector, settings), name='identify',
                               daemon=True)
         self._worker.start()
@@ -50,7 +50,7 @@ class Identification:
             raise
 
     def take(self) -> Calibration | str | None:
-        """Return the calibration once, or why there is none; None while there is no result."""
+        """Return the calibration, or why there is none, once; None without a new result."""
         if self._worker is None or self._worker.is_alive():
             return None
         self._worker = None

@@ -12,7 +12,7 @@ from forcecal_ros.motion.limits import check_workspace
 from forcecal_ros.motion.profiles import Pose, Setpoint
 from forcecal_ros.nodes.backends import TargetFrame
 from forcecal_ros.nodes.deadman import Deadman
-from forcecal_ros.nodes.impedance_settings import PARAMETERS, Settings, settings_of
+from forcecal_ros.nodes.impedance_settings import ImpedanceSettings, PARAMETERS, settings_of
 from forcecal_ros.nodes.motion_node import MotionNode
 from forcecal_ros.nodes.runtime import run, SECOND
 from forcecal_ros.nodes.sensors import Input, Sensors
@@ -22,7 +22,7 @@ import numpy as np
 from sensor_msgs.msg import JointState
 
 
-class Impedance(MotionNode[Settings]):
+class Impedance(MotionNode[ImpedanceSettings]):
     """Runs one contact task at a time, from start to done or aborted."""
 
     def __init__(self) -> None:
@@ -39,14 +39,14 @@ class Impedance(MotionNode[Settings]):
         inputs = [
             Input('wrench', 'observer/contact_wrench', WrenchStamped, Reader(WrenchStamped)),
             Input('pose', 'current_pose', PoseStamped, Reader(PoseStamped)),
-            # a sensor that sticks shows here alone: what the observer makes of it goes on changing
+            # a sensor that is stuck shows here only: the estimate of the observer goes on changing
             Input('sensor', 'wrench', WrenchStamped, Reader(WrenchStamped))]
         if joint := self.get_parameter('optidrive.joint').value:
             inputs.append(Input('optidrive', 'optidrive', JointState, JointReader(joint)))
         deadman = Deadman(self._inbox, self.get_parameter('motion.deadman_timeout').value)
         return Sensors(self._inbox, inputs, deadman, self._settings.watch, self._settings.limits)
 
-    def _new_settings(self) -> Settings:
+    def _new_settings(self) -> ImpedanceSettings:
         before, settings = self._settings, super()._new_settings()
         if (settings.wanted, settings.design) != (before.wanted, before.design):
             self._law = design(self._plant, settings.wanted, settings.design).law
@@ -54,7 +54,7 @@ class Impedance(MotionNode[Settings]):
 
     def _begin(self) -> str:
         settings = self._settings
-        self._home = self._sensors.where()
+        self._home = self._sensors.measured_pose()
         self._axis: Array = self._home.R_base_sensor[:, 0]
         self._slide = self._sensors.newest('optidrive')[0]
         program = settings.task.program(settings.cycles)
@@ -64,11 +64,11 @@ class Impedance(MotionNode[Settings]):
         return f'contact task started: {program.duration:.1f} s'
 
     def _check_reach(self, reach: tuple[float, float]) -> None:
-        """Refuse a task whose reference takes sensor or tip out of the box."""
+        """Refuse a task whose reference takes sensor or tip out of the workspace."""
         limits, home = self._settings.limits, self._home
-        places = home.position + np.outer(reach, self._axis)
-        check_workspace(places, limits, 'the task: the sensor')
-        # the tool stops at the wall, whatever the reference does behind it
+        positions = home.position + np.outer(reach, self._axis)
+        check_workspace(positions, limits, 'the task: the sensor')
+        # the tool stops at the wall, wherever the reference goes behind it
         at_wall = home.position + np.outer(
             np.minimum(reach, self._settings.task.clearance), self._axis)
         check_workspace(at_wall + home.R_base_sensor @ limits.tip, limits, 'the task: the tip')
@@ -81,8 +81,8 @@ class Impedance(MotionNode[Settings]):
                              self._home.R_base_sensor), np.zeros(3), np.zeros(3))
 
     def _measured(self) -> Measurement:
-        place = np.array(self._sensors.newest('pose')[:3])
-        return Measurement(float((place - self._home.position) @ self._axis),
+        position = np.array(self._sensors.newest('pose')[:3])
+        return Measurement(float((position - self._home.position) @ self._axis),
                            self._sensors.newest('optidrive')[0] - self._slide,
                            self._sensors.newest('wrench')[0])
 

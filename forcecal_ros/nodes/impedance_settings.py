@@ -1,4 +1,4 @@
-"""The impedance node's parameters: the table, and what its values mean to the numerics."""
+"""Parameters of the impedance node, and the settings that follow from their values."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -16,17 +16,18 @@ _DESIGN = DesignSettings()
 
 WATCH = WatchSettings(pause_timeout=0.025, lost_timeout=0.029, frozen_timeout=0.03, max_age=0.03,
                       most_pauses=0)
-"""Silence is at rest within 0.1 s: found, and stopped in the time of ``limits.stop_duration``."""
+"""With these the robot rests within 0.1 s after a topic falls silent: 29 ms until that is found,
+62 ms of ``limits.stop_duration``."""
 
-
-_OTHERWISE = {
-    'jerk': 'A measured jerk above it times limits.overspeed stops',
+_DESCRIPTIONS = {
+    'jerk': 'Largest jerk; a measured one above it times limits.overspeed stops',
     'workspace_min': 'Lower corner, in base, of the box that ft_sensor and the tip stay in',
-    'torque': 'Norm of the contact torque that stops',
-    'tracking_angle': 'Measured against commanded orientation',
-    'overspeed': 'Measured speed, acceleration and jerk may exceed the limits by this factor',
+    'torque': 'Norm of the contact torque above which the motion stops',
+    'tracking_angle': 'Angle between measured and commanded orientation above which the motion '
+                      'stops',
+    'overspeed': 'Factor by which measured speed, acceleration and jerk may exceed the limits',
 }
-"""What some of the limits mean here, where nothing is planned before the start."""
+"""Of limits that mean something else here, where nothing is planned before the start."""
 
 
 def _live(name: str, default: Any, description: str, unit: str = '', low: float | None = None,
@@ -37,13 +38,14 @@ def _live(name: str, default: Any, description: str, unit: str = '', low: float 
 
 PARAMETERS = (
     EXECUTOR,
-    _live('task.cycles', 1, 'How often free movement, contact and way back follow one another',
+    _live('task.cycles', 1, 'Number of cycles of free motion, contact and move back',
           '', 1, 100_000),
     *parameters_of('task', Task()),
-    _live('impedance.mass', _WANTED.mass, 'The tool shall give way to a force as this mass',
+    _live('impedance.mass', _WANTED.mass, 'Mass of the wanted impedance, about the reference',
           'kg', 0.1, 1e4),
-    _live('impedance.damping', _WANTED.damping, 'with this damper', 'N s/m', 0.1, 1e6),
-    _live('impedance.stiffness', _WANTED.stiffness, 'and this spring to the reference', 'N/m',
+    _live('impedance.damping', _WANTED.damping, 'Damping of the wanted impedance', 'N s/m',
+          0.1, 1e6),
+    _live('impedance.stiffness', _WANTED.stiffness, 'Stiffness of the wanted impedance', 'N/m',
           0.1, 1e6),
     Parameter('plant', '', 'File of forcecal identify-robot with the models of robot and tool; '
               'empty: those of the nominal rig'),
@@ -63,18 +65,18 @@ PARAMETERS = (
     *parameters_of('limits', Bounds(), 'speed', 'acceleration', 'force', 'free_force', 'margin',
                    'deviation', 'stop_duration', 'retract', 'withdraw', 'touch'),
     *parameters_of('limits', _LIMITS, 'workspace_max', 'tip', 'tracking_error'),
-    *(row._replace(description=_OTHERWISE[row.name.partition('.')[2]])
-      for row in parameters_of('limits', _LIMITS, *_OTHERWISE)),
+    *(row._replace(description=_DESCRIPTIONS[row.name.partition('.')[2]])
+      for row in parameters_of('limits', _LIMITS, *_DESCRIPTIONS)),
     _live('watch.pause_timeout', WATCH.pause_timeout, 'Silence of the observer, the pose or the '
           'displacement that makes the reference stand', 's', 0.008, 10.0),
     _live('watch.lost_timeout', WATCH.lost_timeout, 'Silence or lateness for that long stops',
           's', 0.01, 60.0),
     _live('watch.frozen_timeout', WATCH.frozen_timeout, 'Readings that repeat to the last bit '
-          'for that long in motion stop; 0: not looked at', 's', 0.0, 10.0),
+          'for that long in motion stop; 0: not checked', 's', 0.0, 10.0),
     _live('watch.max_age', WATCH.max_age, 'Age of its newest header stamp above which a topic '
-          'is late; 0: not looked at, for clocks that are not in step', 's', 0.0, 10.0),
+          'is late; 0: not checked, for clocks that are not synchronised', 's', 0.0, 10.0),
     _live('watch.clock_timeout', WATCH.clock_timeout, 'With use_sim_time, a clock that stands '
-          'for longer stops', 's', 0.02, 60.0),
+          'still for longer stops', 's', 0.02, 60.0),
     Parameter('motion.frame', '', 'frame_id of commands: the robot base link; empty: that of '
               'current_pose, from which it may not differ'),
     Parameter('motion.deadman_timeout', 0.0, 'Silence of the topic deadman that stops a motion; '
@@ -84,8 +86,8 @@ PARAMETERS = (
 )
 
 
-class Settings(NamedTuple):
-    """What one start runs with."""
+class ImpedanceSettings(NamedTuple):
+    """Settings of one contact task."""
 
     task: Task
     cycles: int
@@ -96,28 +98,19 @@ class Settings(NamedTuple):
     design: DesignSettings
 
 
-def settings_of(value: Mapping[str, Any]) -> Settings:
+def settings_of(value: Mapping[str, Any]) -> ImpedanceSettings:
     """
-    Make settings of parameter values.
-
-    Parameters
-    ----------
-    value : mapping
-        Every parameter of ``PARAMETERS`` by name.
-
-    Returns
-    -------
-    Settings
+    Make settings of the values of all ``PARAMETERS``, by name.
 
     Raises
     ------
     ConfigError
         Values contradict each other.
     """
-    return Settings(section_of(Task, value, 'task'), value['task.cycles'],
-                    section_of(Bounds, value, 'limits'), section_of(Limits, value, 'limits'),
-                    section_of(WatchSettings, value, 'watch'),
-                    section_of(Wanted, value, 'impedance'), _design(value))
+    return ImpedanceSettings(
+        section_of(Task, value, 'task'), value['task.cycles'], section_of(Bounds, value, 'limits'),
+        section_of(Limits, value, 'limits'), section_of(WatchSettings, value, 'watch'),
+        section_of(Wanted, value, 'impedance'), _design(value))
 
 
 def _design(value: Mapping[str, Any]) -> DesignSettings:

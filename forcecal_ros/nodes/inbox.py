@@ -1,8 +1,8 @@
-"""Fast topics, taken in one go whenever the node has time for them.
+"""Subscriptions that are polled, so that all messages that have arrived are taken in one go.
 
-An executor wakes up once a message: at 1 kHz and four topics that is most of what a node costs.
-Taking all that has arrived every few milliseconds halves it (3250 messages a second: 9 % of a
-core against 20 %), and a node that was late hears all before it judges.
+An executor wakes up for every message: at 1 kHz and four topics that is most of what a node costs.
+Taking all that has arrived every few milliseconds halves it (3250 messages per second: 9 % of a
+core against 20 %), and a node that was late takes all messages before it decides anything.
 """
 
 from collections.abc import Callable
@@ -15,12 +15,13 @@ from rclpy.subscription import Subscription
 from rclpy.type_support import check_is_valid_msg_type
 
 MOST = 500
-"""Messages of one topic taken in one go at most, so that no flood starves the node."""
+"""Messages of one topic taken in one go at most, 2.5 times the queue of a sensor topic, so that no
+flood starves the node."""
 
 
-class Polled:
+class PolledSubscription:
     """
-    A subscription that no executor knows of: rclpy's own would wake up for every message.
+    A subscription outside any executor, which would wake up for every message.
 
     Attributes
     ----------
@@ -38,7 +39,7 @@ class Polled:
                 node.handle, message_type, topic, SENSOR.get_c_qos_profile())
 
     def drain(self) -> None:
-        """Take what has arrived."""
+        """Take the messages that have arrived."""
         with self._handle:
             for _ in range(MOST):
                 message = self._handle.take_message(self._message_type, True)
@@ -53,11 +54,10 @@ class Polled:
 
 class Inbox:
     """
-    Subscriptions that are looked into by :meth:`drain` instead of by the executor.
+    Subscriptions that :meth:`drain` takes messages from, instead of the executor.
 
     Parameters
     ----------
-    node : Node
     polled : bool
         False: leave the subscriptions to the executor, which wakes up for every message.
     """
@@ -65,32 +65,32 @@ class Inbox:
     def __init__(self, node: Node, polled: bool = True) -> None:
         self._node = node
         self._wanted = polled
-        self._polled: list[Polled] = []
+        self._polled: list[PolledSubscription] = []
 
     def subscribe(self, message_type: Any, topic: str, take: Callable[[bytes], None]
-                  ) -> Subscription | Polled:
-        """Subscribe as to a sensor; ``take`` gets each message as it came over the wire."""
+                  ) -> Subscription | PolledSubscription:
+        """Subscribe with the QoS of a sensor; ``take`` gets the serialised messages."""
         if not self._wanted:
             return self._node.create_subscription(message_type, topic, take, SENSOR, raw=True)
-        polled = Polled(self._node, message_type, topic, take)
+        polled = PolledSubscription(self._node, message_type, topic, take)
         self._polled.append(polled)
         return polled
 
     def drain(self) -> None:
-        """Take all that has arrived, topic by topic in the order they were subscribed."""
+        """Take the messages that have arrived, topic by topic in the order of subscription."""
         for polled in self._polled:
             polled.drain()
 
-    def unsubscribe(self, subscription: Subscription | Polled) -> None:
+    def unsubscribe(self, subscription: Subscription | PolledSubscription) -> None:
         """End one subscription."""
-        if isinstance(subscription, Polled):
+        if isinstance(subscription, PolledSubscription):
             self._polled = [one for one in self._polled if one is not subscription]
             subscription.destroy()
         else:
             self._node.destroy_subscription(subscription)
 
     def close(self) -> None:
-        """End all of them; the node does not know of them."""
+        """End all polled subscriptions, which the node does not know of."""
         for polled in self._polled:
             polled.destroy()
         self._polled = []

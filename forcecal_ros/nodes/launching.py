@@ -1,4 +1,4 @@
-"""What the launch files of this package share: arguments, topics, nodes."""
+"""Arguments, topics and nodes that the launch files of this package share."""
 
 from collections.abc import Sequence
 
@@ -19,7 +19,7 @@ TOPICS = {
     'accel': ('accel', 'AccelStamped, specific force'),
     'optidrive': ('optidrive', 'JointState of a compliant tool'),
 }
-"""Argument of a launch file: the topic a node asks for, and what it carries."""
+"""Launch argument: the name of the topic in the node, and its message."""
 
 
 def common_arguments() -> list[LaunchDescriptionEntity]:
@@ -55,13 +55,9 @@ def node(name: str, *parameters: dict[str, object], only_if: str = '') -> Node:
     name : str
         Of executable, node and parameter file.
     *parameters : dict
-        That win over those of the file.
+        Override those of the file.
     only_if : str
-        Argument that has to be true for the node to run; empty: it always does.
-
-    Returns
-    -------
-    launch_ros.actions.Node
+        Launch argument that has to be true for the node to run; empty: it always does.
     """
     return Node(
         package=PACKAGE, executable=name, namespace=LaunchConfiguration('namespace'),
@@ -75,5 +71,5 @@ def node(name: str, *parameters: dict[str, object], only_if: str = '') -> Node:
 
 def describe(nodes: Sequence[Node], arguments: Sequence[LaunchDescriptionEntity] = ()
              ) -> list[LaunchDescriptionEntity]:
-    """Put own and common arguments, simulated rig and nodes together."""
+    """Combine own and common arguments, the simulated rig and other nodes."""
     return [*arguments, *common_arguments(), node('sim', only_if='sim'), *nodes]

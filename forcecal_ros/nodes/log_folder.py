@@ -1,4 +1,4 @@
-"""Where ROS 2 writes its log files: it does not start where it cannot."""
+"""The folder of ROS 2's log files, without which it does not start."""
 
 import os
 from pathlib import Path
@@ -10,12 +10,12 @@ HOME, VARIABLE = 'ROS_HOME', 'ROS_LOG_DIR'
 
 def choose_log_folder(name: str) -> None:
     """
-    Name another folder to ROS 2 where its usual one cannot be written to, and say so.
+    Set another folder where the usual one cannot be written to, and print a note.
 
     Parameters
     ----------
     name : str
-        Of who says it, before it has a logger.
+        Of the program, for the note.
     """
     usual = Path(os.environ.get(VARIABLE) or Path(os.environ.get(HOME) or '~/.ros') / 'log')
     try:
@@ -23,7 +23,7 @@ def choose_log_folder(name: str) -> None:
         usual.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=usual):
             return
-    except (OSError, RuntimeError):  # the latter where nobody knows the home
+    except (OSError, RuntimeError):  # the latter where the home is unknown
         os.environ[VARIABLE] = tempfile.mkdtemp(prefix='ros_log_')
         print(f'{name}: note: {usual} cannot be written to; logs go to {os.environ[VARIABLE]}',
               file=sys.stderr)

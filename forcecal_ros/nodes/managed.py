@@ -1,4 +1,4 @@
-"""A managed node that answers when it is asked for a transition which its state does not have."""
+"""A lifecycle node that refuses a transition which its state does not have."""
 
 from collections.abc import Callable
 from typing import Any
@@ -9,7 +9,7 @@ from rclpy.lifecycle import LifecycleNode
 
 
 class ManagedNode(LifecycleNode):
-    """A LifecycleNode as rclpy has it, where such a request ends the process with RCLError."""
+    """A LifecycleNode; in rclpy's own, such a request ends the process with RCLError."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name)

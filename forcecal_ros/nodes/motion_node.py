@@ -1,4 +1,4 @@
-"""What every node that moves a robot does alike: listens, starts when asked to, streams, stops."""
+"""The base of all nodes that move a robot: sensors, start, command stream, supervision, stop."""
 
 from abc import abstractmethod
 from collections import deque
@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.errors import DataError, MotionError
 from forcecal_ros.motion.sequence import Command
-from forcecal_ros.motion.stream import phased, StreamClock
+from forcecal_ros.motion.stream import next_in_phase, StreamClock
 from forcecal_ros.nodes.backends import Backend
 from forcecal_ros.nodes.guard import Fault, Guard
 from forcecal_ros.nodes.inbox import Inbox
@@ -25,11 +25,12 @@ from rclpy.node import Node
 from rclpy.time import Time
 from std_srvs.srv import Trigger
 
-CLOCK_LOOK = 0.02
-"""A /clock that drives the motion is looked at that often [s]."""
+CLOCK_CHECK = 0.02
+"""Period of the checks of a simulated clock that drives the motion: a fifth of the default of
+``watch.clock_timeout`` [s]."""
 
-REMEMBERED = 15_000
-"""Command periods that the jitter in /diagnostics is told of: a minute at 250 Hz."""
+JITTER_WINDOW = 15_000
+"""Number of newest command periods whose jitter /diagnostics tells: a minute at 250 Hz."""
 
 
 SettingsT = TypeVar('SettingsT', bound=MotionSettings)
@@ -43,9 +44,8 @@ class MotionNode(Node, Generic[SettingsT]):
     ----------
     role : str
         Name of the node, and of its topics and services.
-    table : sequence of Parameter
     settings_of : callable
-        Makes settings of the parameters' values by name; raises a ConfigError where they
+        Makes settings of the values of all parameters, by name; raises a ConfigError where they
         contradict each other.
     """
 
@@ -58,16 +58,16 @@ class MotionNode(Node, Generic[SettingsT]):
         self._simulated = self.get_parameter('use_sim_time').value
         self._inbox = Inbox(self)
         self._stream: StreamClock | None = None
-        self._said = ''
+        self._announced = ''
         self._sent = 0
-        self._periods: deque[int] = deque(maxlen=REMEMBERED)
+        self._periods: deque[int] = deque(maxlen=JITTER_WINDOW)
 
     def _values(self) -> dict[str, Any]:
         return {row.name: self.get_parameter(row.name).value for row in self._table}
 
     def _serve(self, source: MotionSource, sensors: Sensors, backend: Backend[Any],
                period_ns: int) -> None:
-        """Begin to listen and to answer; nothing moves before a start."""
+        """Create topics, services and timers; nothing moves before a start."""
         self._source, self._sensors, self._backend = source, sensors, backend
         self._period_ns = period_ns
         self._guard = Guard(sensors, backend, source, self.get_clock(), STEADY, self._simulated)
@@ -77,13 +77,13 @@ class MotionNode(Node, Generic[SettingsT]):
         self.create_service(Trigger, f'{self._role}/abort', self._on_abort)
         clock = None if self._simulated else STEADY
         self._timer = self.create_timer(period_ns / SECOND, self._tick, clock=clock)
-        self.create_timer(CLOCK_LOOK, self._watch_clock, clock=STEADY)
+        self.create_timer(CLOCK_CHECK, self._watch_clock, clock=STEADY)
         self.create_timer(1.0, self._report, clock=STEADY)
-        self._say()
+        self._publish_phase()
         self.get_logger().info(f'ready: {self._role}/start begins')
 
     def destroy_node(self) -> None:
-        """Free what the node holds."""
+        """End the subscriptions, then the node."""
         self._inbox.close()
         super().destroy_node()  # type: ignore[no-untyped-call]
 
@@ -91,7 +91,7 @@ class MotionNode(Node, Generic[SettingsT]):
 
     @abstractmethod
     def _begin(self) -> str:
-        """Plan and check a motion, and start the source; return what the start answers."""
+        """Plan and check a motion, and start the source; return the answer of the service."""
 
     @abstractmethod
     def _command(self) -> Command | None:
@@ -99,34 +99,34 @@ class MotionNode(Node, Generic[SettingsT]):
 
     @abstractmethod
     def _details(self) -> dict[str, object]:
-        """Return what each phase message says besides the phase."""
+        """Return the values of a phase message besides phase and reason."""
 
     def _new_settings(self) -> SettingsT:
-        """Return the settings of a start; raises where they cannot be run with."""
+        """Return the settings of a start; raises where they contradict each other."""
         return self._settings_of(self._values())
 
     def _busy(self) -> bool:
-        """Whether something other than the motion itself forbids the next start."""
+        """Whether a start is refused, though the motion is over."""
         return False
 
     def _after(self) -> None:
-        """Do what is left to do when the commands have ended; called each period."""
+        """Finish what follows the motion; called each period."""
 
     def _entered(self, stamp_ns: int) -> None:
-        """Take note of a phase that begins with the command of that stamp."""
+        """Note a phase that begins with the command of that stamp."""
 
     def _figures(self) -> dict[str, object]:
-        """Return what /diagnostics says besides the stream's own figures."""
+        """Return the values of /diagnostics besides those of every such node."""
         return {}
 
     def _headline(self) -> str:
-        """Return what makes a new phase message necessary when it changes."""
+        """Return the text whose changes are announced by a phase message."""
         return self._source.status.phase
 
     # The stream -----------------------------------------------------------------------------
 
     def _now(self) -> int:
-        """Time on the clock that drives the motion [ns]."""
+        """Return the time on the clock that drives the motion [ns]."""
         clock = self.get_clock() if self._simulated else STEADY
         return int(clock.now().nanoseconds)
 
@@ -152,15 +152,15 @@ class MotionNode(Node, Generic[SettingsT]):
         pauses = self._guard.pauses
         fault = self._guard.check(self._source.moving)
         if fault is None and (
-                astray := self._backend.astray(self._settings.limits.tracking_angle)):
-            fault = Fault(astray)
+                off := self._backend.tracking_fault(self._settings.limits.tracking_angle)):
+            fault = Fault(off)
         if fault is not None:
             self._abort(fault)
         elif self._guard.pauses > pauses:
-            self.get_logger().warning(f'standing: {self._guard.doubt}')
+            self.get_logger().warning(f'paused: {self._guard.stale}')
 
     def _step(self, stream: StreamClock) -> bool:
-        """Send the next command; say whether there was one."""
+        """Send the next command; return whether there was one."""
         stamp = stream.next_stamp()
         command = self._command()
         if command is None:
@@ -212,9 +212,9 @@ class MotionNode(Node, Generic[SettingsT]):
         return answer
 
     def _begin_stream(self) -> None:
-        """Begin the stream in the phase of the measured poses, and the timer with it."""
+        """Begin the command stream, and its timer, in phase with the measured poses."""
         ros = self.get_clock().now().nanoseconds
-        stamp = phased(ros, self._sensors.pose_stamp_ns, self._period_ns)
+        stamp = next_in_phase(ros, self._sensors.pose_stamp_ns, self._period_ns)
         if not self._simulated:
             sleep((stamp - ros) / SECOND)
             self._timer.reset()
@@ -238,7 +238,7 @@ class MotionNode(Node, Generic[SettingsT]):
         return aborted
 
     def stop(self) -> None:
-        """Begin to come to rest, before the node goes."""
+        """Begin to come to rest, before the node ends."""
         self._abort(Fault(f'the {self._role} node was told to go'))
 
     @property
@@ -246,27 +246,27 @@ class MotionNode(Node, Generic[SettingsT]):
         """Whether the command stream has ended."""
         return not self._source.streaming
 
-    # What is said ---------------------------------------------------------------------------
+    # Phase and diagnostics ------------------------------------------------------------------
 
     def _announce(self, stamp_ns: int) -> None:
-        """Say a change of phase, stamped with the command it begins with."""
-        if self._headline() == self._said:
+        """Publish a change of phase, with the stamp of the command that it begins with."""
+        if self._headline() == self._announced:
             return
         self._entered(stamp_ns)
-        self._say(stamp_ns)
+        self._publish_phase(stamp_ns)
         status = self._source.status
         if status.phase == 'aborted':
             self.get_logger().error(f'aborted: {status.reason}')
 
-    def _say(self, stamp_ns: int | None = None) -> None:
-        self._said, status = self._headline(), self._source.status
+    def _publish_phase(self, stamp_ns: int | None = None) -> None:
+        self._announced, status = self._headline(), self._source.status
         stamp = None if stamp_ns is None else Time(nanoseconds=stamp_ns)
         self._phase_out.publish(diagnostic_array(
             self, 'phase', 'error' if status.phase == 'aborted' else 'ok', status.phase,
             {'reason': status.reason, **self._details()}, stamp))
 
     def _report(self) -> None:
-        self._say()
+        self._publish_phase()
         status, channels = self._source.status, self._sensors.monitor.channels.values()
         silent = [channel.topic for channel in channels if not channel.values]
         level = 'error' if status.phase == 'aborted' else 'warn' if silent else 'ok'

@@ -1,4 +1,4 @@
-"""What makes the commands of a node that moves a robot, as such a node sees it."""
+"""The interface of what makes the commands of a node that moves a robot."""
 
 from typing import Protocol
 
@@ -7,19 +7,19 @@ from forcecal_ros.motion.monitor import WatchSettings
 
 
 class MotionSettings(Protocol):
-    """What one start runs with; each node adds its own."""
+    """Settings of one motion; each node adds its own."""
 
     @property
     def limits(self) -> Limits:
-        """What is measured may not exceed them."""
+        """Limits of the measured motion."""
 
     @property
     def watch(self) -> WatchSettings:
-        """When a sensor counts as lost."""
+        """When a sensor counts as silent, late or frozen."""
 
 
 class MotionStatus(Protocol):
-    """Where a motion is."""
+    """State of a motion."""
 
     @property
     def phase(self) -> str:
@@ -31,11 +31,11 @@ class MotionStatus(Protocol):
 
 
 class MotionSource(Protocol):
-    """What makes the commands, one a period, from a start to done or aborted."""
+    """Maker of commands, one a period, from a start to done or aborted."""
 
     @property
     def status(self) -> MotionStatus:
-        """Where it is."""
+        """State of the motion."""
 
     @property
     def running(self) -> bool:
@@ -47,17 +47,17 @@ class MotionSource(Protocol):
 
     @property
     def guarded(self) -> bool:
-        """Whether a fault ends it."""
+        """Whether a fault aborts it."""
 
     @property
     def moving(self) -> bool:
         """Whether the last command moves."""
 
     def abort(self, reason: str, *, at_once: bool = False) -> bool:
-        """Begin to come to rest; ``at_once``: the robot stands already. False: nothing to end."""
+        """Begin to come to rest; ``at_once``: the robot rests already. False: nothing moves."""
 
     def pause(self, paused: bool) -> None:
-        """Stand for a while, or go on."""
+        """Pause, or go on."""
 
     def restart(self) -> None:
-        """Take up speed from rest, after a silence in which the robot came to stand."""
+        """Start again from rest, after a silence in which the robot came to a stop."""

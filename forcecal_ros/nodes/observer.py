@@ -11,14 +11,14 @@ from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import ConfigError, DataError, ForcecalError
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.managed import ManagedNode
+from forcecal_ros.nodes.observer_health import health, LastMessage
 from forcecal_ros.nodes.observer_settings import accelerometer_for, PARAMETERS, settings_of
-from forcecal_ros.nodes.observer_verdict import Heard, verdict
 from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, STEADY
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Writer
-from forcecal_ros.observe import ContactSample, design, noise_levels, Settings
+from forcecal_ros.observe import ContactSample, design, noise_levels, ObserverSettings
 from forcecal_ros.observe.live import LiveObserver, Samples, Values
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -26,30 +26,30 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-EXTRA = {'inertial_wrench': 'inertial', 'innovation': 'innovation'}
-"""Topics published when asked for, and which part of a sample they carry."""
+OPTIONAL_OUTPUTS = {'inertial_wrench': 'inertial', 'innovation': 'innovation'}
+"""Topics that a parameter switches on, and the field of a sample that they carry."""
 
 
-class Source(NamedTuple):
-    """One calibration and where it came from."""
+class CalibrationSource(NamedTuple):
+    """A calibration, and the file or topic it was read from."""
 
     calibration: Calibration
     name: str
 
 
 class Observer(ManagedNode):
-    """Publishes the contact wrench of every wrench it hears, as soon as it has a calibration."""
+    """Publishes the contact wrench of every wrench, as soon as it has a calibration."""
 
     def __init__(self) -> None:
         super().__init__('observer')
         declare(self, PARAMETERS, self._check_changes)
         self._chain = LiveObserver(self._value('tare.duration'), self._value('takeover.duration'))
-        self._source: Source | None = None
+        self._source: CalibrationSource | None = None
         self._text = ''
         self._failure = ''
         self._active = False
         self._accelerometer: Any = None
-        self._heard: dict[str, Heard] = {}
+        self._heard: dict[str, LastMessage] = {}
         self._inbox = Inbox(self, polled=self._value('poll_rate') > 0)
         self._origin: int | None = None
         self.add_post_set_parameters_callback(self._on_changed)
@@ -73,7 +73,7 @@ class Observer(ManagedNode):
         self.trigger_activate()
 
     def destroy_node(self) -> None:
-        """Free what the node holds."""
+        """End the subscriptions, then the node."""
         self._inbox.close()
         super().destroy_node()  # type: ignore[no-untyped-call]
 
@@ -91,10 +91,10 @@ class Observer(ManagedNode):
             return TransitionCallbackReturn.FAILURE
         self._out = self.create_lifecycle_publisher(
             WrenchStamped, 'observer/contact_wrench', OUTPUT)
-        self._extra = []
-        for name, field in EXTRA.items():
+        self._optional = []
+        for name, field in OPTIONAL_OUTPUTS.items():
             if self._value(f'publish.{name}'):
-                self._extra.append((field, self.create_lifecycle_publisher(
+                self._optional.append((field, self.create_lifecycle_publisher(
                     WrenchStamped, f'observer/{name}', OUTPUT)))
         self._inputs = [
             self._subscribe('wrench', WrenchStamped, self._chain.on_wrench),
@@ -108,55 +108,55 @@ class Observer(ManagedNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin to estimate."""
+        """Begin to estimate and publish."""
         self._reset()
         self._active = True
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Cease to estimate; the calibration stays."""
+        """Stop estimating; the calibration stays."""
         self._active = False
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of topics and calibration."""
-        self._let_go()
+        """Release topics and calibration."""
+        self._release()
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of everything."""
-        self._let_go()
+        """Release topics and calibration."""
+        self._release()
         return TransitionCallbackReturn.SUCCESS
 
-    def _let_go(self) -> None:
+    def _release(self) -> None:
         self._active = False
         for subscription in (*getattr(self, '_inputs', ()), self._accelerometer):
             if subscription is not None:
                 self._inbox.unsubscribe(subscription)
-        publishers = [publisher for _, publisher in getattr(self, '_extra', ())]
+        publishers = [publisher for _, publisher in getattr(self, '_optional', ())]
         if hasattr(self, '_out'):
             publishers.append(self._out)
             del self._out
         for publisher in publishers:
             self.destroy_lifecycle_publisher(publisher)
-        self._inputs, self._extra, self._accelerometer = [], [], None
+        self._inputs, self._optional, self._accelerometer = [], [], None
         self._source = None
         self._chain.let_go()
         self._origin = None
 
     # Calibration ----------------------------------------------------------------------------
 
-    def _load(self) -> Source:
+    def _load(self) -> CalibrationSource:
         path = Path(self._value('calibration.file')).expanduser()
         calibration = load(path)
         if self._value('calibration.max_age') > 0:
             refuse_old(calibration, self._value('calibration.max_age') * DAY,
                        self.get_clock().now().nanoseconds * 1e-9, str(path))
-        return Source(calibration, str(path))
+        return CalibrationSource(calibration, str(path))
 
-    def _parse(self) -> Source:
+    def _parse(self) -> CalibrationSource:
         name = 'sequencer/calibration'
-        return Source(parse(self._text, name), name)
+        return CalibrationSource(parse(self._text, name), name)
 
     def _on_calibration(self, message: String) -> None:
         self._text = message.data
@@ -165,8 +165,8 @@ class Observer(ManagedNode):
         except ForcecalError as error:
             self.get_logger().error(f'not taken over: {error}')
 
-    def _take_over(self, source: Source) -> None:
-        """Run by another calibration, faded in where one was in use."""
+    def _take_over(self, source: CalibrationSource) -> None:
+        """Use another calibration, faded in where one is in use."""
         calibration = source.calibration
         model = design(calibration, self._settings())
         accelerometer = accelerometer_for(calibration, self._value('accelerometer.source'))
@@ -177,7 +177,7 @@ class Observer(ManagedNode):
         self.get_logger().info(f'calibration taken from {source.name}: mass '
                                f'{float(calibration.mass):.4f} kg')
 
-    def _settings(self, changes: dict[str, Any] | None = None) -> Settings:
+    def _settings(self, changes: dict[str, Any] | None = None) -> ObserverSettings:
         return settings_of({row.name: self._value(row.name) for row in PARAMETERS}
                            | (changes or {}))
 
@@ -209,7 +209,7 @@ class Observer(ManagedNode):
 
     def _subscribe(self, topic: str, message_type: Any, take: Callable[[float, Values], Samples]
                    ) -> Any:
-        """Feed a topic to the chain, and publish what that completes."""
+        """Pass the samples of a topic to the chain, and publish the estimates they complete."""
         if message_type is JointState:
             read: Any = JointReader(self._value('optidrive.joint'))
         else:
@@ -226,7 +226,7 @@ class Observer(ManagedNode):
                 return
             stamp_ns, values = message
             frame = self._heard[topic].frame if topic in self._heard else frame_of(raw)
-            self._heard[topic] = Heard(STEADY.now().nanoseconds, frame)
+            self._heard[topic] = LastMessage(STEADY.now().nanoseconds, frame)
             if self._origin is None:
                 self._origin = stamp_ns
             for sample in take((stamp_ns - self._origin) * 1e-9, values):
@@ -238,7 +238,7 @@ class Observer(ManagedNode):
         assert self._origin is not None
         stamp = self._origin + round(sample.t * 1e9)
         self._out.publish(self._write(stamp, sample.contact))
-        for field, publisher in self._extra:
+        for field, publisher in self._optional:
             publisher.publish(self._write(stamp, getattr(sample, field)))
 
     # Services -------------------------------------------------------------------------------
@@ -273,7 +273,7 @@ class Observer(ManagedNode):
     # Diagnostics ----------------------------------------------------------------------------
 
     def _silent(self) -> list[str]:
-        """Return the topics that were heard once, and not of late."""
+        """Return the topics that have fallen silent."""
         oldest = STEADY.now().nanoseconds - self._value('stale_timeout') * 1e9
         return [topic for topic, heard in self._heard.items() if heard.steady_ns < oldest]
 
@@ -285,12 +285,12 @@ class Observer(ManagedNode):
                                   self._chain.refused):
             values[f'{topic} samples not used'] = refused
         calibrated = self._source.calibration.sensor_frame if self._source else None
-        self._diagnostics.publish(diagnostic_array(self, '', *verdict(
+        self._diagnostics.publish(diagnostic_array(self, '', *health(
             self._active, calibrated, self._heard, self._silent(), status), values))
 
 
 def _service(answer: Callable[[], str]) -> Callable[..., Trigger.Response]:
-    """Turn a function that returns a sentence, or raises, into a Trigger service."""
+    """Make the callback of a Trigger service of a function that returns a sentence, or raises."""
     def on_request(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
             response.message, response.success = answer(), True

@@ -1,4 +1,4 @@
-"""The observer's parameters: the table, and what its values mean to the numerics."""
+"""Parameters of the observer, and the settings that follow from their values."""
 
 from collections.abc import Mapping
 from math import inf
@@ -8,10 +8,10 @@ from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
-from forcecal_ros.observe.settings import FILTERS, MODES, OFFSETS, Settings
+from forcecal_ros.observe.settings import FILTERS, MODES, ObserverSettings, OFFSETS
 from forcecal_ros.schema import Parameter
 
-_DEFAULT = Settings()
+_DEFAULT = ObserverSettings()
 
 
 def _live(name: str, default: Any, description: str, unit: str = '', low: float | None = None,
@@ -33,18 +33,18 @@ PARAMETERS = (
     Parameter('accelerometer.source', 'auto', 'accelerometer/raw (volts), imu/data_raw or accel '
               '(m/s^2); auto: by the unit of the calibration',
               choices=('auto', *ACCELEROMETERS, 'none')),
-    Parameter('poll_rate', 0.0, 'How often the topics are looked into, which halves what the node '
-              'costs and adds half a period to the latency; 0: every message is taken at once',
+    Parameter('poll_rate', 0.0, 'How often the topics are polled, which halves the load of the '
+              'node and adds half a period to the latency; 0: every message is taken at once',
               'Hz', 0.0, 2000.0),
     Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool; '
               'empty: no such sensor'),
-    Parameter('publish.inertial_wrench', False, 'Publish observer/inertial_wrench: what weight '
-              'and motion of the tool put on the sensor'),
+    Parameter('publish.inertial_wrench', False, 'Publish observer/inertial_wrench: the wrench '
+              'of weight and inertia of the tool'),
     Parameter('publish.innovation', False, 'Publish observer/innovation'),
-    _live('observer.mode', '', 'Which observer publishes; empty: as the calibration says',
-          choices=('', *MODES)),
-    _live('observer.bandwidth', 0.0, 'Corner of the contact wrench in mode kalman; 0: by noise '
-          'against response', 'Hz', 0.0, 1000.0),
+    _live('observer.mode', '', 'Observer whose estimate is published; empty: as the calibration '
+          'says', choices=('', *MODES)),
+    _live('observer.bandwidth', 0.0, 'Bandwidth of the contact wrench in mode kalman; 0: balances '
+          'noise and response', 'Hz', 0.0, 1000.0),
     _live('observer.contact_walk', _DEFAULT.contact_walk, 'How fast a contact force is expected '
           'to wander', 'N/sqrt(s)', 1e-3, 1e4),
     _live('observer.offset', _DEFAULT.offset, 'Whether the accelerometer offset is tracked',
@@ -54,35 +54,35 @@ PARAMETERS = (
     _live('observer.pose_timeout', _DEFAULT.pose_timeout, 'Pause after which the pose counts as '
           'missing', 's', 0.005, 10.0),
     _live('observer.skew', _DEFAULT.skew, 'Greatest difference of transport times between topics '
-          'that is waited for', 's', 0.001, 1.0),
-    _live('gravity.filter', 'none', 'Publish what this filter of gravity compensation says '
-          'instead: ukf and ekf estimate the biases along, static filters nothing; none: the '
-          'observer', choices=('none', *(name for name in FILTERS if name not in MODES))),
+          'that the observer waits for', 's', 0.001, 1.0),
+    _live('gravity.filter', 'none', 'Publish the estimate of this filter of gravity compensation '
+          'instead: ukf and ekf estimate the biases too, static filters nothing; none: that of '
+          'the observer', choices=('none', *(name for name in FILTERS if name not in MODES))),
     _live('limits.force', 0.0, 'End of the force sensor range per axis; 0: unknown', 'N',
           0.0, 1e6),
     _live('limits.torque', 0.0, 'End of the torque range per axis; 0: unknown', 'N m', 0.0, 1e5),
     _live('limits.accelerometer', 0.0, 'End of the accelerometer range about zero, in its unit; '
           '0: unknown', '', 0.0, 1e5),
-    _live('tare.duration', 0.5, 'Window at rest that a tare takes', 's', 0.1, 10.0),
-    _live('takeover.duration', 0.5, 'A new calibration or setting is faded in over that long',
+    _live('tare.duration', 0.5, 'Duration at rest over which a tare averages', 's', 0.1, 10.0),
+    _live('takeover.duration', 0.5, 'Duration over which a new calibration or setting is faded in',
           's', 0.01, 10.0),
-    _live('stale_timeout', 0.5, 'Silence of a sensor that /diagnostics calls stale', 's',
+    _live('stale_timeout', 0.5, 'Silence after which /diagnostics calls a sensor stale', 's',
           0.01, 60.0),
 )
 
 
-def settings_of(value: Mapping[str, Any]) -> Settings:
+def settings_of(value: Mapping[str, Any]) -> ObserverSettings:
     """
     Make settings of the values of all ``PARAMETERS``, by name.
 
     Raises
     ------
     ConfigError
-        A value makes no sense.
+        A value is out of range.
     """
     force, torque = value['limits.force'], value['limits.torque']
     name = value['gravity.filter']
-    return Settings(
+    return ObserverSettings(
         filter=value['observer.mode'] or None if name == 'none' else name,
         bandwidth_hz=value['observer.bandwidth'] or None,
         contact_walk=value['observer.contact_walk'], offset=value['observer.offset'],
@@ -94,12 +94,12 @@ def settings_of(value: Mapping[str, Any]) -> Settings:
 
 def accelerometer_for(calibration: Calibration, chosen: str) -> str:
     """
-    Return which of ``ACCELEROMETERS`` fits a calibration, or ``none``.
+    Return which of ``ACCELEROMETERS`` a calibration needs, or ``none``.
 
     Raises
     ------
     ConfigError
-        The one that was chosen sends another unit than the calibration is for.
+        The chosen one has another unit than the calibration is for.
     """
     wanted = calibration.accelerometer
     if wanted is None or chosen == 'none':
@@ -108,6 +108,6 @@ def accelerometer_for(calibration: Calibration, chosen: str) -> str:
         return 'raw' if wanted.unit == 'V' else 'imu'
     if ACCELEROMETERS[chosen][2] != wanted.unit:
         raise ConfigError(
-            f'accelerometer.source {chosen} speaks {ACCELEROMETERS[chosen][2]}, the calibration '
+            f'accelerometer.source {chosen} is in {ACCELEROMETERS[chosen][2]}, the calibration '
             f'is for {wanted.unit}; calibrate with the same sensor')
     return chosen

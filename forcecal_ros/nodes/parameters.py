@@ -1,4 +1,4 @@
-"""Parameters as a table: name, default, what it means, unit, range; checked when they are set."""
+"""Parameters declared from a table, with description, unit and range, and checked when set."""
 
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -15,8 +15,8 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-ALWAYS = 1e9
-"""Upper end of ranges that have none."""
+UNBOUNDED = 1e9
+"""Bound in the descriptor of a range that is open on one side: beyond any value of a parameter."""
 
 
 def declare(node: Node, table: Iterable[Parameter],
@@ -26,15 +26,13 @@ def declare(node: Node, table: Iterable[Parameter],
 
     Parameters
     ----------
-    node : Node
-    table : iterable of Parameter
     check : callable, optional
-        As of :func:`guard`; asked about changes that every row by itself allows.
+        As of :func:`refuse_changes`; called with changes that every row by itself allows.
 
     Raises
     ------
     ConfigError
-        A value given at start is of the wrong type, out of range or none of the choices.
+        A value given at start is of another type, out of range or none of the choices.
     """
     rows = {row.name: row for row in table}
     for row in rows.values():
@@ -54,19 +52,18 @@ def declare(node: Node, table: Iterable[Parameter],
         return SetParametersResult(successful=True)
 
     if check is not None:
-        guard(node, check)
-    node.add_on_set_parameters_callback(on_set)  # rclpy asks the newest first
+        refuse_changes(node, check)
+    node.add_on_set_parameters_callback(on_set)  # rclpy calls the newest first
 
 
-def guard(node: Node, check: Callable[[dict[str, Any]], object]) -> None:
+def refuse_changes(node: Node, check: Callable[[dict[str, Any]], object]) -> None:
     """
-    Refuse changes that a function of all values refuses by a ForcecalError.
+    Refuse changes for which a function raises a ForcecalError.
 
     Parameters
     ----------
-    node : Node
     check : callable
-        Takes values by name as they would be, of the parameters that change.
+        Takes the new values, by name, of the parameters that change.
     """
     def on_set(changes: list[RosParameter]) -> SetParametersResult:
         try:
@@ -81,8 +78,8 @@ def guard(node: Node, check: Callable[[dict[str, Any]], object]) -> None:
 def _descriptor(row: Parameter) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(description=row.text, read_only=not row.live)
     bounded = row.low is not None or row.high is not None
-    low = row.low if row.low is not None else -ALWAYS
-    high = row.high if row.high is not None else ALWAYS
+    low = row.low if row.low is not None else -UNBOUNDED
+    high = row.high if row.high is not None else UNBOUNDED
     if bounded and isinstance(row.default, float):
         descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
     elif bounded and isinstance(row.default, int):
@@ -97,7 +94,7 @@ def _check(row: Parameter, value: Any) -> None:
 
 
 def _given(node: Node, row: Parameter) -> object:
-    """Return a value that could not be declared, of whatever type it is."""
+    """Return the value given at start to a parameter that could not be declared."""
     anything = ParameterDescriptor(dynamic_typing=True)
     value = node.declare_parameter(row.name, row.default, anything).value
     node.undeclare_parameter(row.name)

@@ -1,4 +1,4 @@
-"""A recording published again, with the time it was recorded at on /clock."""
+"""Playback of a recording, with the recorded time on /clock."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -7,7 +7,7 @@ import time
 from forcecal_ros.errors import MotionError
 from forcecal_ros.nodes.recorder import message_class
 from forcecal_ros.nodes.runtime import SECOND
-from forcecal_ros.nodes.session import Session
+from forcecal_ros.nodes.temporary_node import TemporaryNode
 from forcecal_ros.recording.bags import Raw
 from forcecal_ros.recording.topics import ROLES, Topic
 from rclpy.duration import Duration
@@ -17,9 +17,14 @@ from rosgraph_msgs.msg import Clock
 
 LATCHED_NAMES = ('tf_static', 'robot_description',
                  *(role.topic for role in ROLES.values() if role.latched))
+"""Topics that are published with transient-local durability."""
+
 DEPTH = 1000
+"""Queue of a publisher: a second of a topic at 1 kHz."""
+
 SHORTEST_WAIT, LONGEST_WAIT = 0.0005, 0.02
-"""Between two looks at what is due [s]; a signal may have to wait for the longer."""
+"""Bounds of a wait for the next message [s]: half the period of a topic at 1 kHz, and the delay of
+a signal that nobody notices."""
 
 
 class Player:
@@ -28,48 +33,47 @@ class Player:
 
     Parameters
     ----------
-    session : Session
     rate : float
-        Recorded seconds a second.
+        Recorded seconds per second.
     clock_rate : float
-        How often /clock tells the recorded time [Hz]; 0: it does not.
+        Rate of /clock [Hz]; 0: it is not published.
     renamed : callable
-        Name of a recorded topic -> name it is published under.
+        Name of a recorded topic -> name under which it is published.
 
     Attributes
     ----------
     counts : Counter
-        Messages published, by topic.
+        Number of messages published, by topic.
     unknown : set of str
-        Types whose package is not installed.
+        Message types whose package is not installed.
     unheard : set of Topic
-        Topics that nobody may listen on while they are played.
+        Topics that nobody may subscribe to while they are published.
     """
 
-    def __init__(self, session: Session, rate: float, clock_rate: float,
+    def __init__(self, host: TemporaryNode, rate: float, clock_rate: float,
                  renamed: Callable[[str], str]) -> None:
-        self._session, self._rate, self._renamed = session, rate, renamed
+        self._host, self._rate, self._renamed = host, rate, renamed
         self._publishers: dict[Topic, Publisher | None] = {}
         self._tick = SECOND / clock_rate if clock_rate else 0.0
-        self._clock = session.node.create_publisher(Clock, '/clock', 10) if clock_rate else None
+        self._clock = host.node.create_publisher(Clock, '/clock', 10) if clock_rate else None
         self.counts: Counter[str] = Counter()
         self.unknown: set[str] = set()
         self.unheard: set[Topic] = set()
 
     def offer(self, topics: Iterable[Topic]) -> None:
-        """Announce topics, so that whoever wants them finds them before the first message."""
+        """Create publishers, so that subscriptions are matched before the first message."""
         for topic in topics:
             self._publishers[topic] = self._publisher(topic)
 
     def listeners(self, topics: Iterable[Topic]) -> dict[str, list[str]]:
-        """Return who hears topics that were offered: names of nodes, by that of the topic."""
+        """Return the names of the nodes that subscribe to topics, by the name of the topic."""
         found = {}
         for topic in topics:
             publisher = self._publishers.get(topic)
             if publisher is not None and publisher.get_subscription_count():
                 found[publisher.topic_name] = sorted({
                     one.node_name for one in
-                    self._session.node.get_subscriptions_info_by_topic(publisher.topic_name)})
+                    self._host.node.get_subscriptions_info_by_topic(publisher.topic_name)})
         return found
 
     def play(self, messages: Iterable[Raw], each: Callable[[float], None]) -> None:
@@ -78,14 +82,13 @@ class Player:
 
         Parameters
         ----------
-        messages : iterable of Raw
         each : callable
-            Told the recorded time since the first message now and then [s].
+            Told the recorded time since the first message at the rate of /clock [s].
 
         Raises
         ------
         MotionError
-            Somebody began to listen on a topic that is to stay unheard.
+            A node subscribes to a topic of :attr:`unheard`.
         """
         first = began = next_tick = 0
         for message in messages:
@@ -98,15 +101,15 @@ class Player:
                     self._clock.publish(_clock_message(told))
                     next_tick = told + int(self._tick * self._rate)
                     each((told - first) / SECOND)
-                if now >= message.log_ns or self._session.interrupted:
+                if now >= message.log_ns or self._host.interrupted:
                     break
                 self._wait(message.log_ns, next_tick, now)
-            if self._session.interrupted:
+            if self._host.interrupted:
                 return
             self._publish(message)
 
     def finish(self, seconds: float) -> None:
-        """Wait until whoever listens reliably has everything, but not longer [s]."""
+        """Wait until all reliable subscriptions have received everything, at most so long."""
         for publisher in self._publishers.values():
             if publisher is not None:
                 publisher.wait_for_all_acked(Duration(seconds=seconds))
@@ -131,7 +134,7 @@ class Player:
             self.unknown.add(topic.type)
             return None
         latched = topic.name.endswith(tuple(f'/{name}' for name in LATCHED_NAMES))
-        return self._session.node.create_publisher(kind, self._renamed(topic.name), QoSProfile(
+        return self._host.node.create_publisher(kind, self._renamed(topic.name), QoSProfile(
             depth=1 if latched else DEPTH, reliability=ReliabilityPolicy.RELIABLE,
             durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched
                         else DurabilityPolicy.VOLATILE)))

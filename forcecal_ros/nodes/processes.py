@@ -1,4 +1,4 @@
-"""Nodes as processes of their own, started and stopped together."""
+"""Nodes as child processes, started and stopped together."""
 
 from collections.abc import Mapping, Sequence
 import os
@@ -12,51 +12,51 @@ from typing import IO
 from forcecal_ros.errors import DataError
 
 PATIENCE = 5.0
-"""A node that has not gone that long after SIGINT is killed [s]."""
+"""Time from SIGINT to SIGKILL [s], ten times what a node takes to come to rest."""
 
 
 class Processes:
     """
-    Nodes of this package; use it as a context, which ends them all.
+    Nodes of this package; the end of its context ends them all.
 
     Parameters
     ----------
     environment : mapping
-        Added to this process's own.
+        Variables added to those of this process.
     """
 
     def __init__(self, environment: Mapping[str, str]) -> None:
         self._environment = {**os.environ, **environment}
         self._running: dict[str, subprocess.Popen[bytes]] = {}
-        self._said: dict[str, IO[bytes]] = {}
+        self._outputs: dict[str, IO[bytes]] = {}
 
     def start(self, node: str, parameters: Mapping[str, object]) -> None:
         """Start one node with its parameters."""
         arguments = [part for name, value in parameters.items()
                      for part in ('-p', f'{name}:={_text(value)}')]
-        self._said[node] = tempfile.TemporaryFile()  # noqa: SIM115 - outlives this call
+        self._outputs[node] = tempfile.TemporaryFile()  # noqa: SIM115 - outlives this call
         self._running[node] = subprocess.Popen(
             [sys.executable, '-m', f'forcecal_ros.nodes.{node}', '--ros-args', *arguments],
-            stdin=subprocess.DEVNULL, stdout=self._said[node], stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL, stdout=self._outputs[node], stderr=subprocess.STDOUT,
             env=self._environment, start_new_session=True)
 
     def check(self) -> None:
         """
-        Make sure that all are running.
+        Check that all nodes are running.
 
         Raises
         ------
         DataError
-            One has ended; with the last thing it said.
+            One has ended; with the last line of its output.
         """
         for node, process in self._running.items():
             if process.poll() is not None:
                 raise DataError(f'the {node} node ended with status {process.returncode}: '
-                                f'{self._last_words(node)}')
+                                f'{self._last_line(node)}')
 
-    def _last_words(self, node: str) -> str:
-        self._said[node].seek(0)
-        lines = self._said[node].read().decode(errors='replace').strip().splitlines()
+    def _last_line(self, node: str) -> str:
+        self._outputs[node].seek(0)
+        lines = self._outputs[node].read().decode(errors='replace').strip().splitlines()
         return lines[-1] if lines else 'it said nothing'
 
     def __enter__(self) -> 'Processes':
@@ -73,12 +73,12 @@ class Processes:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-        for said in self._said.values():
-            said.close()
+        for output in self._outputs.values():
+            output.close()
 
 
 def _text(value: object) -> str:
-    """Write a value as YAML that ROS takes as the same type."""
+    """Return a value as YAML that ROS reads as the same type."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, Sequence) and not isinstance(value, str):

@@ -1,4 +1,4 @@
-"""Everything said on a set of topics, kept as it came over the wire and written as a recording."""
+"""Messages of a set of topics, kept serialised and written as a recording."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -13,8 +13,9 @@ from forcecal_ros.recording.topics import ROLES
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-HEARD = QoSProfile(depth=2000, history=HistoryPolicy.KEEP_LAST,
-                   reliability=ReliabilityPolicy.RELIABLE)
+RECORDED = QoSProfile(depth=2000, history=HistoryPolicy.KEEP_LAST,
+                      reliability=ReliabilityPolicy.RELIABLE)
+"""QoS of a recorded topic, whose queue holds two seconds at 1 kHz."""
 
 
 def message_class(msgtype: str) -> Any:
@@ -29,15 +30,13 @@ class Recorder:
 
     Parameters
     ----------
-    node : Node
-        Gives the subscriptions and the clock.
     roles : iterable of str
         Of :data:`forcecal_ros.recording.topics.ROLES`.
 
     Attributes
     ----------
     counts : Counter
-        How many messages of each role were heard.
+        Number of messages received, by role.
     """
 
     def __init__(self, node: Node, roles: Iterable[str]) -> None:
@@ -49,7 +48,7 @@ class Recorder:
             topic, types, latched = ROLES[role]
             node.create_subscription(
                 message_class(types[0]), topic, partial(self._keep, role),
-                LATCHED if latched else HEARD, raw=True)
+                LATCHED if latched else RECORDED, raw=True)
 
     def _keep(self, role: str, raw: bytes) -> None:
         self._messages.append((self._clock.now().nanoseconds, role, raw))
@@ -57,12 +56,12 @@ class Recorder:
 
     def write(self, path: Path | str) -> None:
         """
-        Write all that was heard as a recording.
+        Write all messages as a recording.
 
         Raises
         ------
         ConfigError
-            It cannot be written.
+            The recording cannot be written.
         """
         with BagWriter(path) as writer:
             for log_ns, role, raw in self._messages:

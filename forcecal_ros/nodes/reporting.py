@@ -1,4 +1,4 @@
-"""Diagnostics, as every node publishes them."""
+"""Diagnostic messages."""
 
 from collections.abc import Mapping
 
@@ -17,21 +17,14 @@ def diagnostic_array(node: Node, part: str, level: str, message: str,
 
     Parameters
     ----------
-    node : Node
-        Whose name the status bears.
     part : str
-        Of the node; empty for the whole.
+        Of the node, for the name of the status; empty for all of it.
     level : str
         ``ok``, ``warn``, ``error`` or ``stale``.
-    message : str
     values : mapping
-        Shown as text; floats to four digits.
+        Published as text; floats with four significant digits.
     stamp : Time, optional
-        Now where none is given.
-
-    Returns
-    -------
-    DiagnosticArray
+        By default now.
     """
     name = node.get_fully_qualified_name().lstrip('/') + (f': {part}' if part else '')
     status = DiagnosticStatus(

@@ -10,12 +10,12 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
 
 def calibration_message(calibration: Calibration) -> String:
-    """Return the text of ``calibration.yaml``."""
+    """Return the text of ``calibration.yaml`` as a message."""
     return String(data=dump(calibration))
 
 
 def gain_message(calibration: Calibration) -> Float64MultiArray:
-    """Return the paper's K, rows the states x and dx/dt, columns the outputs."""
+    """Return the paper's K: rows are the states x and dx/dt, columns the outputs."""
     assert calibration.observer is not None
     K = calibration.observer.K.value
     message = Float64MultiArray(data=K.ravel().tolist())
@@ -26,7 +26,7 @@ def gain_message(calibration: Calibration) -> Float64MultiArray:
 
 
 def inertia_message(calibration: Calibration, stamp: Time) -> InertiaStamped:
-    """Return mass, centre of mass and inertia about it; NaN where it was not identified."""
+    """Return mass, centre of mass and inertia about it, NaN where that is not identified."""
     message = InertiaStamped()
     message.header.stamp = stamp.to_msg()
     message.header.frame_id = calibration.sensor_frame

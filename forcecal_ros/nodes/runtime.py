@@ -1,4 +1,4 @@
-"""What every node's main does alike: start, spin, stop on a signal, say what went wrong."""
+"""The life of a node: start, spin, stop on a signal, one line for an error."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -24,21 +24,29 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 
-TURN = 0.02
-"""The executor comes back that often to look for signals [s]."""
+SIGNAL_CHECK = 0.02
+"""Period in which a spinning executor returns to check for signals: a delay that nobody notices
+[s]."""
 
 GRACE = 0.5
-"""How long a node may take to come to rest after the first signal [s]."""
+"""Time to come to rest after the first signal: a stop of the longest ``limits.stop_duration``
+[s]."""
 
 OUTPUT = QoSProfile(depth=10, history=HistoryPolicy.KEEP_LAST,
                     reliability=ReliabilityPolicy.RELIABLE)
+"""QoS of commands and results: a reliable publisher serves any subscription."""
+
 SENSOR = QoSProfile(depth=200, history=HistoryPolicy.KEEP_LAST,
                     reliability=ReliabilityPolicy.BEST_EFFORT)
+"""QoS of sensor topics: best effort, which any publisher serves; 0.2 s at 1 kHz."""
+
 LATCHED = QoSProfile(depth=1, history=HistoryPolicy.KEEP_LAST,
                      reliability=ReliabilityPolicy.RELIABLE,
                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""QoS of results, of which late subscriptions get the last one too."""
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+"""The clock of timeouts, which nobody sets."""
 
 RCLError = rclpy_implementation.RCLError
 
@@ -47,31 +55,30 @@ SECOND = 1_000_000_000
 
 EXECUTOR = Parameter(
     'executor', 'events',
-    'Executor: events is two to three times cheaper a message, single is the plain one',
+    'Executor of the node: events takes a half to a third of the time of single per message',
     choices=('events', 'single'))
 
 
 @runtime_checkable
 class Stoppable(Protocol):
-    """A node that wants to come to rest before it goes."""
+    """A node that has to come to rest before it ends."""
 
     def stop(self) -> None:
         """Begin to come to rest."""
 
     @property
     def at_rest(self) -> bool:
-        """Whether it may go."""
+        """Whether the node may end."""
 
 
 class Interrupt:
     """
-    Counts SIGINT and SIGTERM instead of tearing the node's publishers down at once.
+    Counts SIGINT and SIGTERM, whose usual handlers would destroy the node's publishers at once.
 
     Attributes
     ----------
-    count : int
     running : bool
-        False while the node is being made, which the first signal ends there and then.
+        False while the node is being made, which the first signal ends at once.
     """
 
     def __init__(self) -> None:
@@ -80,7 +87,7 @@ class Interrupt:
                         for number in (signal.SIGINT, signal.SIGTERM)}
 
     def restore(self) -> None:
-        """Give the signals back to whom they were."""
+        """Restore the handlers of before."""
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
@@ -100,14 +107,13 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
     ----------
     name : str
         For messages before there is a node.
-    make_node : callable
     arguments : sequence of str, optional
-        Command line; ``sys.argv`` where none is given.
+        Command line, by default ``sys.argv``.
 
     Returns
     -------
     int
-        Exit status: 0 after a signal, 1 after an error the user can mend, 2 for wrong usage.
+        Exit status: 0 after a signal, 1 after an error that the user can mend, 2 for wrong usage.
     """
     arguments = list(sys.argv if arguments is None else arguments)
     try:
@@ -138,7 +144,7 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     except Exception as error:
-        # rclpy's errors about a context that was shut down behind its back share no base class.
+        # rclpy's errors about a context that something else has shut down share no base class.
         if rclpy.ok() or not type(error).__module__.startswith('rclpy'):
             raise
         return 0
@@ -151,12 +157,12 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
 @contextmanager
 def starting(name: str) -> Iterator[None]:
     """
-    Start ROS 2 with a folder for its logs.
+    Start ROS 2 within this context, with a folder for its logs.
 
     Raises
     ------
     ConfigError
-        It refuses.
+        ROS 2 does not start.
     """
     choose_log_folder(name)
     try:
@@ -177,12 +183,12 @@ def _executor(node: Node) -> Executor:
 def _spin(node: Node, interrupt: Interrupt) -> None:
     executor = _executor(node)
     executor.add_node(node)
-    # What lives until the end need not be walked by every collection.
+    # Objects that live until the end need not be searched in every garbage collection.
     gc.collect()
     gc.freeze()
     try:
         while not interrupt.count and rclpy.ok():
-            executor.spin_until_future_complete(Future(), timeout_sec=TURN)
+            executor.spin_until_future_complete(Future(), timeout_sec=SIGNAL_CHECK)
         if rclpy.ok() and isinstance(node, Stoppable):
             _come_to_rest(node, executor, interrupt)
     finally:
@@ -193,4 +199,4 @@ def _come_to_rest(node: Stoppable, executor: Executor, interrupt: Interrupt) -> 
     node.stop()
     end = STEADY.now().nanoseconds + int(GRACE * 1e9)
     while not node.at_rest and interrupt.count < 2 and STEADY.now().nanoseconds < end:
-        executor.spin_until_future_complete(Future(), timeout_sec=TURN)
+        executor.spin_until_future_complete(Future(), timeout_sec=SIGNAL_CHECK)

@@ -1,4 +1,4 @@
-"""What a node that moves a robot hears: every sample goes to its watch, and to whoever records."""
+"""The topics that a motion depends on: every sample goes to the monitor, and to a recording."""
 
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -20,14 +20,14 @@ ACCELEROMETERS: dict[str, tuple[str, Any, str]] = {
     'imu': ('imu/data_raw', Imu, 'm/s^2'),
     'accel': ('accel', AccelStamped, 'm/s^2'),
 }
-"""Topic, type and unit of each source of acceleration."""
+"""Topic, type and unit of each choice of ``accelerometer.source``."""
 
 Record: TypeAlias = Callable[[str, int, tuple[float, ...]], None]
-"""Takes channel, stamp [ns] and values of every sample and command."""
+"""Called with channel, stamp [ns] and values of every sample and command."""
 
 
 class Input(NamedTuple):
-    """One topic that is heard; ``watched``: its silence and its readings may end a motion."""
+    """One topic; ``watched``: its silence and its readings may end a motion."""
 
     channel: str
     topic: str
@@ -37,14 +37,7 @@ class Input(NamedTuple):
 
 
 class Sensors:
-    """
-    The topics that a motion depends on.
-
-    Attributes
-    ----------
-    monitor : Monitor
-    deadman : Deadman
-    """
+    """The topics that a motion depends on, with monitor and dead-man switch."""
 
     def __init__(self, inbox: Inbox, inputs: Iterable[Input], deadman: Deadman,
                  watch: WatchSettings, limits: Limits, record: Record | None = None) -> None:
@@ -83,26 +76,26 @@ class Sensors:
             channel, partial(monitor.other, channel))
 
     def commanded(self, stamp_ns: int, pose: tuple[float, ...]) -> None:
-        """Note a command, x y z [m] qx qy qz qw, which the measured poses have to follow."""
+        """Note a command, x y z [m] qx qy qz qw, with which measured poses are compared."""
         self.monitor.command(stamp_ns * 1e-9, pose)
         if self._record is not None:
             self._record('target', stamp_ns, pose)
 
     def newest(self, channel: str) -> tuple[float, ...]:
-        """Return the newest values of a channel; zero of one that there is not."""
+        """Return the newest values of a channel; zero where there is no such channel."""
         found = self.monitor.channels.get(channel)
         return found.values if found is not None else (0.0,)
 
-    def where(self) -> Pose:
-        """Return where the robot stands, from the newest poses at rest."""
+    def measured_pose(self) -> Pose:
+        """Return the pose of a robot at rest, its position averaged over the newest poses."""
         return Pose(self.monitor.mean('pose'), matrix_from_quaternion(self.newest('pose')[3:]))
 
     @property
     def pose_stamp_ns(self) -> int:
-        """Header stamp of the newest pose."""
+        """Header stamp of the newest pose [ns]."""
         return stamp_of(self._raw['pose'])
 
     @property
     def frames(self) -> dict[str, str]:
-        """The frame_id of each channel's newest message."""
+        """The frame_id of the newest message, by channel."""
         return {channel: frame_of(raw) for channel, raw in self._raw.items()}

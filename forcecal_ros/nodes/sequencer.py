@@ -1,6 +1,6 @@
-"""The calibration sequence as a node: moves the robot, listens, identifies, publishes."""
+"""The sequencer: moves the robot, records its sensors, identifies and publishes a calibration."""
 
-from collections.abc import Sequence as Words
+from collections.abc import Sequence
 from pathlib import Path
 
 from forcecal_ros.calibration.file import load, save
@@ -10,7 +10,7 @@ from forcecal_ros.errors import ConfigError, DataError, ForcecalError
 from forcecal_ros.motion.monitor import Stillness
 from forcecal_ros.motion.plan import check_wrench, prepare
 from forcecal_ros.motion.programs import SEQUENCES
-from forcecal_ros.motion.sequence import Command, Sequence
+from forcecal_ros.motion.sequence import Command, MotionSequence
 from forcecal_ros.nodes.backends import backend_of
 from forcecal_ros.nodes.collector import Collector
 from forcecal_ros.nodes.deadman import Deadman
@@ -20,7 +20,7 @@ from forcecal_ros.nodes.motion_node import MotionNode
 from forcecal_ros.nodes.results import calibration_message, gain_message, inertia_message
 from forcecal_ros.nodes.runtime import LATCHED, run, SECOND
 from forcecal_ros.nodes.sensors import ACCELEROMETERS, Input, Sensors
-from forcecal_ros.nodes.sequencer_settings import PARAMETERS, Settings, settings_of
+from forcecal_ros.nodes.sequencer_settings import PARAMETERS, SequencerSettings, settings_of
 from forcecal_ros.nodes.services import answering
 from forcecal_ros.nodes.wire import JointReader, Reader, Sample
 from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
@@ -28,12 +28,13 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 
-LOOK = 5
-"""Stillness is judged every so many commands."""
+STILLNESS_CHECK = 5
+"""Stillness is checked once in so many commands: every 20 ms at 250 Hz, little against the 0.25 s
+of its window."""
 
 
 class WrenchReader:
-    """Reads wrenches out of the raw channels of a sensor."""
+    """Reads the raw channels of a sensor, and makes wrenches of them by its matrix."""
 
     def __init__(self, matrix: SixAxis) -> None:
         self._read, self._matrix = Reader(WrenchStamped), matrix
@@ -44,14 +45,14 @@ class WrenchReader:
         return Sample(stamp_ns, corrected((fx, fy, fz, nx, ny, nz), self._matrix))
 
 
-class Sequencer(MotionNode[Settings]):
+class Sequencer(MotionNode[SequencerSettings]):
     """Runs one sequence at a time, from start to done or aborted."""
 
     def __init__(self) -> None:
         super().__init__('sequencer', PARAMETERS, settings_of)
-        self._sequence = Sequence(self._settings.stream)
+        self._sequence = MotionSequence(self._settings.stream)
         self._calibration: Calibration | None = None
-        self._looked = 0
+        self._checks = 0
         self._stillness: Stillness | None = None
         sensors = self._listen()
         self._make_outputs()
@@ -91,13 +92,13 @@ class Sequencer(MotionNode[Settings]):
         if self._sequence.streaming:
             self._collector.add(channel, stamp_ns, values)
 
-    # The motion -----------------------------------------------------------------------------
+    # Motion -----------------------------------------------------------------------------
 
     def _busy(self) -> bool:
         return self._identification.under_way
 
     def _begin(self) -> str:
-        settings, start = self._settings, self._backend.where()
+        settings, start = self._settings, self._backend.measured()
         goals, away = settings.goals(start)
         program = SEQUENCES[settings.sequence]
         plan = program.plan(goals, away, settings.timing)
@@ -118,8 +119,8 @@ class Sequencer(MotionNode[Settings]):
         if not self._sequence.settling:
             self._stillness = None
             return None
-        self._looked += 1
-        if self._stillness is None or self._looked % LOOK == 0:
+        self._checks += 1
+        if self._stillness is None or self._checks % STILLNESS_CHECK == 0:
             self._stillness = self._sensors.monitor.stillness()
         return self._stillness
 
@@ -135,7 +136,7 @@ class Sequencer(MotionNode[Settings]):
         return {'for': status.label, 'progress': status.progress,
                 'sequence': self._settings.sequence}
 
-    # Its result -----------------------------------------------------------------------------
+    # Result -----------------------------------------------------------------------------
 
     def _make_outputs(self) -> None:
         self._calibration_out = self.create_publisher(String, 'sequencer/calibration', LATCHED)
@@ -185,7 +186,7 @@ class Sequencer(MotionNode[Settings]):
         return f'written to {path}'
 
 
-def main(arguments: Words[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node; returns the exit status."""
     return run('sequencer', Sequencer, arguments)
 

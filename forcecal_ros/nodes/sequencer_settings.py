@@ -1,4 +1,4 @@
-"""The sequencer's parameters: the table, and what its values mean to the numerics."""
+"""Parameters of the sequencer, and the settings that follow from their values."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -7,8 +7,13 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array, STANDARD_GRAVITY
-from forcecal_ros.identify.settings import COMPLIANCES, COUPLINGS, DESIGNS, MODES
-from forcecal_ros.identify.settings import Settings as IdentificationSettings
+from forcecal_ros.identify.settings import (
+    COMPLIANCES,
+    COUPLINGS,
+    DESIGNS,
+    IdentificationSettings,
+    MODES,
+)
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import WatchSettings
 from forcecal_ros.motion.plan import Goal, Timing
@@ -30,7 +35,8 @@ from forcecal_ros.schema import Parameter, parameters_of, section_of
 import numpy as np
 
 LATENCY = 0.05
-"""Readings may be that old when they arrive; settling waits so much longer [s]."""
+"""Latency that sensors may have: settling lasts that much longer than the window of stillness, so
+that all readings in it were taken at rest [s]."""
 
 _WATCH = WatchSettings()
 
@@ -43,7 +49,7 @@ def _live(name: str, default: Any, description: str, unit: str = '', low: float 
 
 PARAMETERS = (
     EXECUTOR,
-    _live('sequence', 'calibrate', 'What start runs', choices=tuple(SEQUENCES)),
+    _live('sequence', 'calibrate', 'Sequence that a start runs', choices=tuple(SEQUENCES)),
     _live('poses.names', list(nominal_poses()), 'Names of the poses in their order; the step is '
           'made in the first'),
     _live('poses.values', flatten_poses(nominal_poses()),
@@ -58,18 +64,18 @@ PARAMETERS = (
                    'frozen_timeout', 'max_age', 'clock_timeout'),
     *parameters_of('settle', _WATCH, 'window', 'factor', 'force_floor', 'torque_floor',
                    'position_floor'),
-    _live('settle.timeout', StreamSettings().settle_timeout, 'The sequence is aborted where the '
-          'tool is not still by then', 's', 0.5, 120.0),
-    Parameter('motion.backend', 'target_frame', 'Topic and type that commands go out as',
+    _live('settle.timeout', StreamSettings().settle_timeout, 'Time after a move in which the '
+          'tool has to become still, or the sequence is aborted', 's', 0.5, 120.0),
+    Parameter('motion.backend', 'target_frame', 'Topic and type of the commands',
               choices=('target_frame', 'joint_trajectory', 'delta_twist_cmds')),
-    Parameter('motion.rate', 250.0, 'Commands a second', 'Hz', 100.0, 250.0),
+    Parameter('motion.rate', 250.0, 'Rate of the commands', 'Hz', 100.0, 250.0),
     Parameter('motion.frame', '', 'frame_id of commands: the robot base link; empty: that of '
               'current_pose, from which it may not differ'),
     Parameter('motion.deadman_timeout', 0.0, 'Silence of the topic deadman that stops a motion; '
               '0: no dead-man switch', 's', 0.0, 10.0),
-    Parameter('motion.twist_gain', 5.0, 'delta_twist_cmds: velocity for each metre (radian) '
-              'behind', '1/s', 0.0, 50.0),
-    Parameter('joints.names', [''], 'joint_trajectory: every joint of the controller'),
+    Parameter('motion.twist_gain', 5.0, 'delta_twist_cmds: gain from the pose error to the '
+              'velocity', '1/s', 0.0, 50.0),
+    Parameter('joints.names', [''], 'joint_trajectory: names of all joints of the controller'),
     _live('joints.values', [0.0], 'joint_trajectory: joint vectors of the poses, one after the '
           'other', 'rad'),
     _live('joints.away', [0.0], 'joint_trajectory: joint vector at the end of the step', 'rad'),
@@ -80,27 +86,27 @@ PARAMETERS = (
     Parameter('accelerometer.source', 'raw', 'Where the accelerometer comes from: '
               'accelerometer/raw in volts, imu/data_raw or accel in m/s^2',
               choices=(*ACCELEROMETERS, 'none')),
-    _live('accelerometer.coupling', 'dc', 'ac for a sensor that does not hold gravity',
-          choices=COUPLINGS),
-    _live('accelerometer.cutoff', 0.0, 'Corner of an ac sensor where known; 0: estimated', 'Hz',
-          0.0, 10.0),
+    _live('accelerometer.coupling', 'dc', 'ac for a sensor that does not measure a constant '
+          'acceleration', choices=COUPLINGS),
+    _live('accelerometer.cutoff', 0.0, 'Cut-off frequency of an ac sensor where known; 0: '
+          'estimated', 'Hz', 0.0, 10.0),
     Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool'),
-    _live('identify.gravity', STANDARD_GRAVITY, 'Magnitude at the robot; it points along -z of '
+    _live('identify.gravity', STANDARD_GRAVITY, 'Gravity at the robot, which points along -z of '
           'base', 'm/s^2', 9.7, 9.9),
     _live('identify.tool_compliance', 'auto', 'Whether the tool slides along x of ft_sensor',
           choices=COMPLIANCES),
-    _live('observer.mode', 'kalman', 'Who publishes the contact wrench', choices=MODES),
-    _live('observer.design', 'kalman', "Of the paper's gain", choices=DESIGNS),
-    _live('observer.poles', [-30.0, -40.0], "Of the observer's error where poles places them",
+    _live('observer.mode', 'kalman', 'Observer that publishes the contact wrench', choices=MODES),
+    _live('observer.design', 'kalman', "Design of the paper's gain", choices=DESIGNS),
+    _live('observer.poles', [-30.0, -40.0], "Poles of the observer's error with the design poles",
           '1/s'),
-    _live('save.path', 'calibration.yaml', 'File that save_calibration writes; the one before is '
+    _live('save.path', 'calibration.yaml', 'File that save_calibration writes; an existing one is '
           'kept with a ~'),
-    _live('save.automatic', False, 'Write it after every calibration'),
+    _live('save.automatic', False, 'Whether every calibration is written at once'),
 )
 
 
-class Settings(NamedTuple):
-    """What one start runs with."""
+class SequencerSettings(NamedTuple):
+    """Settings of one sequence."""
 
     sequence: str
     poses: dict[str, Pose]
@@ -114,7 +120,7 @@ class Settings(NamedTuple):
     identification: IdentificationSettings
 
     def goals(self, start: Goal) -> tuple[dict[str, Goal], Goal]:
-        """Return where the plan goes, and where its step goes, in the kind that ``start`` is."""
+        """Return goals and the goal of the step, as poses or joint vectors like ``start``."""
         if isinstance(start, Pose):
             poses = anchor(self.poses, start.position)
             home = next(iter(poses.values()))
@@ -122,23 +128,14 @@ class Settings(NamedTuple):
         return dict(self.joints), self.joints_away
 
 
-def settings_of(value: Mapping[str, Any]) -> Settings:
+def settings_of(value: Mapping[str, Any]) -> SequencerSettings:
     """
-    Make settings of parameter values.
-
-    Parameters
-    ----------
-    value : mapping
-        Every parameter of ``PARAMETERS`` by name.
-
-    Returns
-    -------
-    Settings
+    Make settings of the values of all ``PARAMETERS``, by name.
 
     Raises
     ------
     ConfigError
-        Values contradict each other, or a poses file cannot be read.
+        Values contradict each other, or the file of poses cannot be read.
     """
     limits = section_of(Limits, value, 'limits')
     watch = replace(section_of(WatchSettings, value, 'watch'), **{
@@ -149,7 +146,7 @@ def settings_of(value: Mapping[str, Any]) -> Settings:
         settle_minimum=watch.window + LATENCY, settle_timeout=value['settle.timeout'])
     poses = _poses(value)
     joints, away = _joint_vectors(list(poses), value)
-    return Settings(
+    return SequencerSettings(
         value['sequence'], poses, joints, away, section_of(Timing, value, 'timing'),
         section_of(Pace, value, 'pace'), limits, watch, stream, _identification(value))
 

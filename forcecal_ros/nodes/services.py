@@ -1,4 +1,4 @@
-"""Services that act when asked to, and answer with a sentence."""
+"""Trigger services that answer with one sentence."""
 
 from collections.abc import Callable
 
@@ -9,12 +9,12 @@ from std_srvs.srv import Trigger
 def answering(act: Callable[[], str], refused: Callable[[str], None] | None = None
               ) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
     """
-    Turn a function that returns a sentence, or raises, into a Trigger service.
+    Make the callback of a Trigger service of a function that returns a sentence, or raises.
 
     Parameters
     ----------
     refused : callable, optional
-        Told the sentence of a :class:`ForcecalError` as well.
+        Called with the sentence of a :class:`ForcecalError`.
     """
     def on_request(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:

@@ -1,4 +1,4 @@
-"""The simulated rig as a node: takes ``target_frame``, publishes what the rig's sensors say."""
+"""The simulated rig as a node: follows ``target_frame``, publishes the readings of its sensors."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -32,44 +32,45 @@ PARAMETERS = (
     Parameter('rig', '', 'Rig file (YAML); empty: the nominal rig'),
     Parameter('accelerometer', '', 'Which accelerometer is mounted; empty: as the rig file says',
               choices=('', 'acc1', 'acc2')),
-    Parameter('seed', -1, 'Seed of the noise; -1: fresh noise each time', low=-1, high=2**31),
+    Parameter('seed', -1, 'Seed of the noise; -1: another one at each start', low=-1, high=2**31),
     Parameter('noise', True, 'Whether the sensors are noisy'),
-    Parameter('speed', 1.0, 'Simulated seconds a second; other than 1 needs a clock of its own: '
+    Parameter('speed', 1.0, 'Simulated seconds per second; where not 1, /clock is published: '
               'see clock.publish', low=0.1, high=20.0),
     Parameter('clock.publish', False,
-              'Publish /clock for nodes with use_sim_time; always so where speed is not 1. Its '
-              'time passes more slowly where the machine is too slow'),
-    Parameter('clock.wait', 0.0, 'Its time stands for so long where the next command of a stream '
-              "is missing, so that a busy computer makes none late; for commands at the robot's "
-              'rate, 0: it does not',
+              'Publish /clock for nodes with use_sim_time, as always where speed is not 1; on a '
+              'slow machine it runs more slowly'),
+    Parameter('clock.wait', 0.0, 'Greatest time for which that clock waits for the next command '
+              "of a stream at the robot's rate, so that a busy computer makes none late",
               's', 0.0, 10.0),
-    Parameter('latency', 0.004, 'How much later than it could a robot period is simulated, so '
-              'that commands of that instant have arrived; header stamps are those of the instant',
+    Parameter('latency', 0.004, 'Delay after which a robot period is simulated, so that its '
+              'commands have arrived; header stamps do not contain it',
               's', 0.0, 0.1),
     Parameter('imu.publish', False, 'Also publish imu/data_raw, scaled specific force'),
     Parameter('frames.base', 'base', 'frame_id of poses; commands in another frame are ignored'),
     Parameter('frames.sensor', 'ft_sensor', 'frame_id of wrenches'),
     Parameter('frames.accelerometer', 'accelerometer', 'frame_id of the accelerometer'),
-    Parameter('command_timeout', 0.1, 'After so long without a command the stream counts as '
-              'ended: the robot holds where it was told to be', 's', low=0.01, high=10.0),
+    Parameter('command_timeout', 0.1, 'Silence after which a stream of commands counts as ended: '
+              'the robot holds its last command', 's', low=0.01, high=10.0),
     *FAULT_PARAMETERS,
 )
 
 CATCH_UP = 3
-"""Periods simulated in one tick at most; a clock of one's own goes no faster than that."""
+"""Periods simulated in one tick at most, so that a late node catches up at three times the speed;
+its own clock runs no faster than that."""
 
-LOST = 0.5
-"""After a longer stall, or a jump of the clock, time is skipped instead of caught up [s]."""
+LONGEST_BACKLOG = 0.5
+"""Time is skipped instead of caught up after a longer stall or a jump of the clock; to catch up
+with this takes 0.25 s [s]."""
 
 SILENCE = 10**12
-"""Before the first command there was none for that long [ns]."""
+"""Time since the last command before there was one: beyond any timeout [ns]."""
 
 NO_DATA = -1.0
-"""First element of an Imu's covariance where that part is not measured."""
+"""First element of a covariance of Imu, by which its definition marks what is not measured."""
 
 
 class Sim(Node):
-    """The rig of a file, live."""
+    """A simulated rig, live."""
 
     def __init__(self) -> None:
         super().__init__('sim')
@@ -123,13 +124,13 @@ class Sim(Node):
         return self._own_time if self._own_clock else self.get_clock().now().nanoseconds
 
     def _jump(self, by: int) -> None:
-        """Let the published clock jump by ``by`` [ns]; everything simulated goes with it."""
+        """Let the published clock jump by some time [ns], and the simulation with it."""
         self._own_time += by
         if self._schedule is not None:
             self._begin(self._now())
 
     def _begin(self, now: int) -> CommandSchedule:
-        """Let period 0 of the schedule begin at the next whole period of the clock."""
+        """Begin a schedule, with period 0 at the next whole period of the clock."""
         self._start = -(-now // self._period_ns) * self._period_ns
         self._next = 0
         self._schedule = (self._schedule.restarted(self._start) if self._schedule is not None
@@ -138,7 +139,7 @@ class Sim(Node):
         return self._schedule
 
     def _pass(self, elapsed: int, steady: int) -> None:
-        """Let the clock of one's own go on, up to where the next command is needed."""
+        """Advance the own clock, at most to where the next command is needed."""
         now = self._own_time + elapsed
         if self._schedule is not None and steady - self._heard < self._wait_ns:
             self._inbox.drain()
@@ -164,7 +165,7 @@ class Sim(Node):
             message = ClockMessage()
             message.clock = Time(nanoseconds=self._own_time).to_msg()
             self._clock_out.publish(message)
-        if abs(due) * self._period_ns > (LOST + 1) * 1e9 * self._speed:
+        if abs(due) * self._period_ns > (LONGEST_BACKLOG + 1) * 1e9 * self._speed:
             self.get_logger().warning(
                 f'the clock is {due * self._period_ns * 1e-9:.3g} s ahead: time is skipped')
             self._begin(now)
@@ -178,7 +179,7 @@ class Sim(Node):
         self._last_command = command or self._last_command
         if self._last_command is not None and (command or self._faults.runaway):
             self._follow(self._last_command)
-        self._publish(self._faults.said(self._simulator.advance(self._noise)))
+        self._publish(self._faults.changed(self._simulator.advance(self._noise)))
         self._next += 1
 
     def _follow(self, command: Sequence[float]) -> None:
@@ -192,7 +193,7 @@ class Sim(Node):
             self._last_command = None
 
     def destroy_node(self) -> None:
-        """Free what the node holds."""
+        """End the subscriptions, then the node."""
         self._inbox.close()
         super().destroy_node()  # type: ignore[no-untyped-call]
 
@@ -238,7 +239,7 @@ class Sim(Node):
         self._write_optidrive = JointWriter('optidrive')
 
     def _stamps(self, t: np.ndarray) -> list[int]:
-        """Stamps of samples [ns], exact on the grid of microseconds."""
+        """Return the stamps of samples, rounded to microseconds [ns]."""
         first = self._sample0
         return [first + round(x * 1e6) * 1000 for x in t.tolist()]
 
@@ -287,7 +288,8 @@ class Sim(Node):
             message += f'; faults switched on: {", ".join(self._faults.active)}'
         behind = (self._now() - self._start) * 1e-9 - self._next * self._period_ns * 1e-9
         self._diagnostics.publish(diagnostic_array(
-            self, '', 'warn' if behind > LOST or self._faults.active else 'ok', message, {
+            self, '', 'warn' if behind > LONGEST_BACKLOG or self._faults.active else 'ok',
+            message, {
                 'behind [s]': behind, 'commands late': self._schedule.late,
                 'commands ignored': self._ignored, 'simulated [s]': self._simulator.time}))
 

@@ -1,7 +1,7 @@
-"""Serialised messages of the fast topics, read and written without making message objects.
+"""Serialised messages of the fast topics, read and written without message objects.
 
-At 1 kHz and four topics the message objects cost more than everything done with their numbers.
-All types here are a header and then doubles, so only the length of frame_id moves anything.
+At 1 kHz and four topics the message objects cost more than all that is computed from them. Every
+type here is a header and then doubles, so that all offsets follow from the length of frame_id.
 """
 
 from collections.abc import Sequence
@@ -20,15 +20,16 @@ from sensor_msgs.msg import Imu, JointState
 DOUBLES: dict[type, int] = {
     WrenchStamped: 6, PoseStamped: 7, Vector3Stamped: 3, AccelStamped: 6, TwistStamped: 6,
     Imu: 37}
-"""How many doubles follow the header of each type."""
+"""Number of doubles after the header of each type."""
 
 FIRST = {Imu: 25}
-"""Where the numbers of interest begin: the linear acceleration of an IMU."""
+"""Index of the first double to read, where not 0: the linear acceleration of an IMU."""
 
 WANTED = {Imu: 3, AccelStamped: 3}
-"""How many of them are of interest, where not all are."""
+"""Number of doubles to read, where not all."""
 
 _ENCAPSULATION = 4
+"""Bytes before the CDR data, from whose end alignment counts."""
 
 
 class Sample(NamedTuple):
@@ -44,13 +45,7 @@ def _aligned(position: int, size: int) -> int:
 
 
 class Reader:
-    """
-    Reads serialised messages of one type of ``DOUBLES``.
-
-    Parameters
-    ----------
-    message_type : type
-    """
+    """Reads serialised messages of one type of ``DOUBLES``."""
 
     def __init__(self, message_type: Any) -> None:
         first = FIRST.get(message_type, 0)
@@ -68,7 +63,7 @@ class Reader:
         Raises
         ------
         struct.error
-            It is shorter than its type says.
+            The message is shorter than its type.
         """
         little = raw[1] == 1
         sec, nanosec, length = (self._head if little else self._head_big)(raw, 4)
@@ -86,14 +81,7 @@ def frame_of(raw: bytes) -> str:
 
 
 class JointReader:
-    """
-    Reads the position of one joint from serialised JointStates.
-
-    Parameters
-    ----------
-    joint : str
-        Name to look for.
-    """
+    """Reads the position of one joint, by its name, from serialised JointStates."""
 
     message_type = JointState
 
@@ -105,12 +93,12 @@ class JointReader:
 
     def __call__(self, raw: bytes) -> Sample | None:
         """
-        Read one message; None where it does not hold the joint.
+        Read one message; None where it lacks the joint.
 
         Raises
         ------
         struct.error
-            It is shorter than its type says.
+            The message is shorter than its type.
         """
         order = '<' if raw[1] == 1 else '>'
         sec, nanosec, length = unpack_from(order + 'iII', raw, 4)
@@ -141,15 +129,7 @@ class JointReader:
 
 
 class Writer:
-    """
-    Writes serialised messages of one type and frame.
-
-    Parameters
-    ----------
-    message_type : type
-        One of ``DOUBLES``.
-    frame : str
-    """
+    """Writes serialised messages of one type of ``DOUBLES``, in one frame."""
 
     def __init__(self, message_type: Any, frame: str) -> None:
         name = frame.encode() + b'\0'
@@ -158,19 +138,13 @@ class Writer:
         self._pack = Struct(f'<4siI{len(self._frame)}s{DOUBLES[message_type]}d').pack
 
     def __call__(self, stamp_ns: int, values: Sequence[float]) -> bytes:
-        """Write one message: header stamp [ns] and all of its numbers in order."""
+        """Write one message of header stamp [ns] and all doubles in order."""
         return self._pack(b'\0\1\0\0', stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000,
                           self._frame, *values)
 
 
 class JointWriter:
-    """
-    Writes serialised JointStates that hold the position of one joint.
-
-    Parameters
-    ----------
-    joint, frame : str
-    """
+    """Writes serialised JointStates with the position of one joint."""
 
     def __init__(self, joint: str, frame: str = '') -> None:
         text, name = frame.encode() + b'\0', joint.encode() + b'\0'
@@ -182,7 +156,7 @@ class JointWriter:
         self._pack = Struct(f'<4siI{len(head)}sdII').pack
 
     def __call__(self, stamp_ns: int, position: float) -> bytes:
-        """Write one message: header stamp [ns] and position."""
+        """Write one message of header stamp [ns] and position [rad] or [m]."""
         return self._pack(b'\0\1\0\0', stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000,
                           self._head, position, 0, 0)
 

@@ -8,7 +8,7 @@ from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array
 from forcecal_ros.observe.inertial import Load
 from forcecal_ros.observe.riccati import stationary_filter, StationaryFilter
-from forcecal_ros.observe.settings import Settings
+from forcecal_ros.observe.settings import ObserverSettings
 from forcecal_ros.observe.tracking import Poles
 import numpy as np
 
@@ -75,7 +75,7 @@ def noise_levels(noise: Noise | None) -> NoiseLevels:
 
 
 def joint_model(
-        levels: NoiseLevels, mass: float, settings: Settings, dt: float, position: bool,
+        levels: NoiseLevels, mass: float, settings: ObserverSettings, dt: float, position: bool,
 ) -> tuple[Array, Array, Array, Array, Array]:
     """
     Write one axis of the whole problem: place, offset and contact force together.
@@ -102,7 +102,8 @@ def joint_model(
 
 
 def design_joint(
-        levels: NoiseLevels, mass: float, settings: Settings, dt: float, position: bool = True,
+        levels: NoiseLevels, mass: float, settings: ObserverSettings, dt: float,
+        position: bool = True,
 ) -> StationaryFilter:
     """
     Design the unconstrained filter for all four states, the yardstick of the one that runs.
@@ -126,7 +127,7 @@ def _poles(A: Array, gain: Array, dt: float) -> Poles:
     return Poles(float(-real.real), float(mean), float(product - mean * mean))
 
 
-def offset_poles(levels: NoiseLevels, settings: Settings, position_std: float) -> Poles:
+def offset_poles(levels: NoiseLevels, settings: ObserverSettings, position_std: float) -> Poles:
     """Design place, velocity and offset of the accelerometer from the pose (its std in m)."""
     dt = 1 / settings.pose_rate
     A, C, Q, R, _ = joint_model(levels, 1.0, settings, dt, True)
@@ -137,7 +138,7 @@ def offset_poles(levels: NoiseLevels, settings: Settings, position_std: float) -
     return _poles(A, stationary_filter(A, C, Q, R, STATES[:3]).gain, dt)
 
 
-def contact_bandwidth(levels: NoiseLevels, mass: float, settings: Settings) -> float:
+def contact_bandwidth(levels: NoiseLevels, mass: float, settings: ObserverSettings) -> float:
     """
     Choose the bandwidth of the contact wrench by noise against response.
 
@@ -168,7 +169,7 @@ def _quiet_bandwidth(decibels: float) -> float:
 
 def rotation_corner(
         calibration: Calibration, load: Load, levels: NoiseLevels, rate: float,
-        settings: Settings) -> float:
+        settings: ObserverSettings) -> float:
     """
     Find the fastest pose filter whose angular acceleration adds no more noise than the wrench has.
 
@@ -187,7 +188,8 @@ def rotation_corner(
     return float(min(max((3 * alpha / density) ** 0.2, low), high, 0.6 * settings.pose_rate))
 
 
-def motion_corner(levels: NoiseLevels, mass: float, rate: float, settings: Settings) -> float:
+def motion_corner(levels: NoiseLevels, mass: float, rate: float, settings: ObserverSettings
+                  ) -> float:
     """Find the same for the acceleration that stands in where there is no accelerometer."""
     variance = levels.force * rate / 2 / mass ** 2
     density = settings.pose_position_std ** 2 / settings.pose_rate

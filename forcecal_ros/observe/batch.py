@@ -16,7 +16,7 @@ from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.filters.bias_filter import begin, learn
 from forcecal_ros.observe.filters.bias_model import BiasModel
 from forcecal_ros.observe.filters.memory import Memory
-from forcecal_ros.observe.motion import Motion, take_pose
+from forcecal_ros.observe.motion import MotionEstimate, take_pose
 from forcecal_ros.observe.sample import (
     ContactEstimate,
     ContactSample,
@@ -56,7 +56,7 @@ def estimates(recording: Recording, model: Model, progress: Progress = silent) -
     poses, no_pose = _poses(recording.pose, first, model)
     wrenches, status = np.empty((4, len(wrench), 6)), np.empty(len(wrench), np.int64)
     _observe_all(wrench.t, np.ascontiguousarray(wires), force, slide, poses, _plain(model),
-                 Motion(), Tool(), Memory(), wrenches, status)
+                 MotionEstimate(), Tool(), Memory(), wrenches, status)
     learned = None
     if model.bias_filter is not None:
         learned = _learn_all(wrench.t, wrenches, status, model.bias_filter, progress)
@@ -182,7 +182,7 @@ def _write(sample: ContactSample, out: Array) -> None:
 
 @compiled_with_all_it_calls
 def _observe_all(times: Array, wires: Array, force: Array, slide: Array, poses: Array,
-                 model: Model, motion: Motion, tool: Tool, memory: Memory, wrenches: Array,
+                 model: Model, motion: MotionEstimate, tool: Tool, memory: Memory, wrenches: Array,
                  status: NDArray[np.int64]) -> None:
     f = s = p = pose_f = pose_s = 0
     for k in range(len(times)):

@@ -4,14 +4,14 @@ from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.filters.kalman import innovation, kalman_step
 from forcecal_ros.observe.filters.memory import KALMAN, Memory, NEWTON, STOPPED
 from forcecal_ros.observe.filters.newton import along_x
-from forcecal_ros.observe.motion import Motion
+from forcecal_ros.observe.motion import MotionEstimate
 from forcecal_ros.observe.sample import ContactSample, NO_WRENCH
 from forcecal_ros.observe.status import INVALID
 from forcecal_ros.observe.tracking import ZERO
 from forcecal_ros.observe.unload import Unloaded
 
 
-def filtered(memory: Memory, reading: Unloaded, motion: Motion, model: Model
+def filtered(memory: Memory, reading: Unloaded, motion: MotionEstimate, model: Model
              ) -> tuple[Memory, ContactSample]:
     """Answer one wrench by ``kalman``, ``newton`` or no filter at all."""
     t, status, measured, inertial, _ = reading

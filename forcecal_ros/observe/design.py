@@ -17,7 +17,7 @@ from forcecal_ros.observe.bandwidth import (
 from forcecal_ros.observe.filters.bias_model import bias_model, BiasModel
 from forcecal_ros.observe.filters.memory import KALMAN, NEWTON, UNFILTERED
 from forcecal_ros.observe.inertial import Load
-from forcecal_ros.observe.settings import LEARNING, Settings
+from forcecal_ros.observe.settings import LEARNING, ObserverSettings
 from forcecal_ros.observe.tracking import butterworth, Poles
 import numpy as np
 
@@ -148,7 +148,7 @@ def _gain(calibration: Calibration) -> Gain:
     return a, b, c, d, e, f
 
 
-def _filter(calibration: Calibration, settings: Settings) -> str:
+def _filter(calibration: Calibration, settings: ObserverSettings) -> str:
     """Return the name of the filter that runs."""
     observer = calibration.observer
     name = settings.filter or (observer.mode if observer is not None else 'kalman')
@@ -158,8 +158,8 @@ def _filter(calibration: Calibration, settings: Settings) -> str:
     return name
 
 
-def _bias_filter(calibration: Calibration, name: str, rotation_corner: float, settings: Settings
-                 ) -> BiasModel | None:
+def _bias_filter(calibration: Calibration, name: str, rotation_corner: float,
+                 settings: ObserverSettings) -> BiasModel | None:
     if name not in LEARNING:
         return None
     # what white noise leaves in the third state of a Butterworth filter
@@ -168,7 +168,7 @@ def _bias_filter(calibration: Calibration, name: str, rotation_corner: float, se
                       sqrt(density * rotation_corner ** 5 / 3))
 
 
-def design(calibration: Calibration, settings: Settings = Settings()) -> Model:
+def design(calibration: Calibration, settings: ObserverSettings = ObserverSettings()) -> Model:
     """
     Turn a calibration into the model of the running chain.
 

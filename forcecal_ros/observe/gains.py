@@ -5,7 +5,7 @@ from math import exp, tau
 
 from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.observe.design import design, Model
-from forcecal_ros.observe.settings import Settings
+from forcecal_ros.observe.settings import ObserverSettings
 
 
 def kalman_gains(model: Model, dt: float) -> dict[str, Estimate]:
@@ -33,5 +33,5 @@ def with_kalman_gains(calibration: Calibration) -> Calibration:
     observer = calibration.observer
     if observer is None:
         return calibration
-    gains = kalman_gains(design(calibration, Settings()), observer.dt)
+    gains = kalman_gains(design(calibration, ObserverSettings()), observer.dt)
     return replace(calibration, observer=replace(observer, kalman=gains))

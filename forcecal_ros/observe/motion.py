@@ -73,9 +73,9 @@ class Place(NamedTuple):
 NOWHERE = Place(-inf, -inf, NO_RUN, ZERO, ZERO, ZERO, ZERO)
 
 
-class Motion(NamedTuple):
+class MotionEstimate(NamedTuple):
     """
-    What the poses tell.
+    Motion of ft_sensor as estimated from the poses.
 
     Attributes
     ----------
@@ -107,8 +107,8 @@ def carried(v: Vector, omega: Vector, dt: float) -> Vector:
     return (x - dt * (wy * z - wz * y), y - dt * (wz * x - wx * z), z - dt * (wx * y - wy * x))
 
 
-def take_pose(motion: Motion, t: float, position: Vector, q: Quaternion, late: bool,
-              force: Reading, s: float, model: Model) -> Motion:
+def take_pose(motion: MotionEstimate, t: float, position: Vector, q: Quaternion, late: bool,
+              force: Reading, s: float, model: Model) -> MotionEstimate:
     """
     Take in a pose whose turn has come.
 
@@ -136,7 +136,7 @@ def take_pose(motion: Motion, t: float, position: Vector, q: Quaternion, late: b
     else:
         rotation = Rotation(t, q, ZERO, ZERO)
     if late:
-        return Motion(rotation, place, offset, offset_known, motion.position)
+        return MotionEstimate(rotation, place, offset, offset_known, motion.position)
     known = isfinite(position[0] + position[1] + position[2])
     fresh = known == motion.position and 0 < t - place.t <= model.pose_timeout
     anchor = ZERO
@@ -164,7 +164,7 @@ def take_pose(motion: Motion, t: float, position: Vector, q: Quaternion, late: b
                 offset, offset_known = place.o, True
     else:
         place = NOWHERE
-    return Motion(rotation, place, offset, offset_known, known)
+    return MotionEstimate(rotation, place, offset, offset_known, known)
 
 
 def _place_by_pose(place: Place, rotation: Rotation, anchor: Vector, moving: bool, model: Model

@@ -21,7 +21,7 @@ from forcecal_ros.observe.sample import (
     silent,
     stacked,
 )
-from forcecal_ros.observe.settings import Settings
+from forcecal_ros.observe.settings import ObserverSettings
 from forcecal_ros.observe.step import (
     finish,
     on_accelerometer,
@@ -37,8 +37,9 @@ import numpy as np
 Event = tuple[float, str, Any]
 
 
-def replay(recording: Recording, calibration: Calibration, settings: Settings = Settings(),
-           imu: Imu | None = None, progress: Progress = silent) -> ContactEstimate:
+def replay(recording: Recording, calibration: Calibration,
+           settings: ObserverSettings = ObserverSettings(), imu: Imu | None = None,
+           progress: Progress = silent) -> ContactEstimate:
     """
     Estimate the contact wrench over a recording, one row for each of its wrenches.
 
@@ -89,7 +90,7 @@ def replay(recording: Recording, calibration: Calibration, settings: Settings = 
 
 
 def _replay_pose_free(recording: Recording, wrench: Stream, calibration: Calibration,
-                      settings: Settings, imu: Imu, progress: Progress) -> ContactEstimate:
+                      settings: ObserverSettings, imu: Imu, progress: Progress) -> ContactEstimate:
     model = pose_free_model(calibration, settings, imu)
     force, omega = recording.accelerometer, recording.angular_velocity
     accelerometer = calibration.accelerometer

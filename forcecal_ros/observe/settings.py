@@ -63,7 +63,7 @@ class FilterSettings(Section, name='gravity'):
 
 
 @dataclass(frozen=True)
-class Settings(Section, name='observer'):
+class ObserverSettings(Section, name='observer'):
     """
     Choices of the chain.
 

@@ -41,7 +41,7 @@ from forcecal_ros.observe.contact import filtered
 from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.filters.bias_filter import Belief, learn
 from forcecal_ros.observe.filters.memory import Memory
-from forcecal_ros.observe.motion import Motion, take_pose
+from forcecal_ros.observe.motion import MotionEstimate, take_pose
 from forcecal_ros.observe.sample import ContactSample, Wrench
 from forcecal_ros.observe.specific_force import next_sample, NOTHING_BEFORE
 from forcecal_ros.observe.tracking import Quaternion, Vector
@@ -80,7 +80,7 @@ class State(NamedTuple):
         Stamps of the newest and the first wrench [s].
     accelerometer, displacement, poses
         What may still be needed of these streams.
-    motion : Motion
+    motion : MotionEstimate
     tool : Tool
     filter : Memory or Belief
         Of the compiled filters, or of ``ukf`` and ``ekf``.
@@ -93,7 +93,7 @@ class State(NamedTuple):
     accelerometer: Channel = Channel()
     displacement: Channel = Channel()
     poses: PoseQueue = PoseQueue()
-    motion: Motion = Motion()
+    motion: MotionEstimate = MotionEstimate()
     tool: Tool = Tool()
     filter: Memory | Belief = Memory()
     refusals: Refusals = Refusals()
@@ -276,9 +276,9 @@ def _release(state: State, model: Model) -> Result:
                  refusals), tuple(out)
 
 
-def _take_poses(poses: PoseQueue, motion: Motion, t: float, accelerometer: tuple[Entry, ...],
-                displacement: tuple[Entry, ...], s: float, model: Model
-                ) -> tuple[PoseQueue, Motion]:
+def _take_poses(poses: PoseQueue, motion: MotionEstimate, t: float,
+                accelerometer: tuple[Entry, ...], displacement: tuple[Entry, ...], s: float,
+                model: Model) -> tuple[PoseQueue, MotionEstimate]:
     """Take in the poses that count for a wrench at ``t``."""
     pending = pruned(poses.pending, t - model.reach)
     while pending and pending[0][1] <= t:

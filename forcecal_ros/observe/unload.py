@@ -7,7 +7,7 @@ from forcecal_ros.observe import status as st
 from forcecal_ros.observe.align import Reading
 from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.inertial import tool_wrench
-from forcecal_ros.observe.motion import carried, gravity_in_sensor, Motion, NO_RUN
+from forcecal_ros.observe.motion import carried, gravity_in_sensor, MotionEstimate, NO_RUN
 from forcecal_ros.observe.sample import NO_WRENCH, Wrench
 from forcecal_ros.observe.status import saturated
 from forcecal_ros.observe.tracking import turned, Vector, ZERO
@@ -48,7 +48,7 @@ class Unloaded(NamedTuple):
     f: Vector
 
 
-def unload(tool: Tool, motion: Motion, t: float, wire: Wrench, force: Reading, s: float,
+def unload(tool: Tool, motion: MotionEstimate, t: float, wire: Wrench, force: Reading, s: float,
            model: Model) -> tuple[Tool, Unloaded]:
     """
     Take bias, weight and inertia off a wrench as on the wire.
@@ -91,7 +91,7 @@ def unload(tool: Tool, motion: Motion, t: float, wire: Wrench, force: Reading, s
     return Tool(t, s), Unloaded(t, status, (m0, m1, m2, m3, m4, m5), inertial, f)
 
 
-def _kinematics(status: int, motion: Motion, t: float, force: Reading, model: Model
+def _kinematics(status: int, motion: MotionEstimate, t: float, force: Reading, model: Model
                 ) -> tuple[int, Vector, Vector, Vector]:
     """Return status, specific force at the accelerometer, angular velocity and acceleration."""
     rotation, place = motion.rotation, motion.place
@@ -126,7 +126,7 @@ def _kinematics(status: int, motion: Motion, t: float, force: Reading, model: Mo
     return status | st.NO_ACCELEROMETER, (-ox, -oy, -oz), omega, alpha
 
 
-def _kinematics_at_rest(status: int, motion: Motion, t: float, model: Model
+def _kinematics_at_rest(status: int, motion: MotionEstimate, t: float, model: Model
                         ) -> tuple[int, Vector, Vector, Vector]:
     """Return the same as if the tool hung still in its present orientation: weight alone."""
     rotation = motion.rotation

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.geometry import Array
-from forcecal_ros.observe import ContactEstimate, replay, Settings
+from forcecal_ros.observe import ContactEstimate, ObserverSettings, replay
 from forcecal_ros.recording.streams import Stream
 from forcecal_ros.report.figures import axes_grid, ESTIMATED, MEASURED, specific_force, TRUE
 from forcecal_ros.reproduce.closed_loop import ClosedLoopRun
@@ -50,7 +50,7 @@ def seen(run: ClosedLoopRun, calibration: Calibration) -> Seen:
     wrench, acceleration = recording.wrench, specific_force(recording, calibration)
     assert wrench is not None and acceleration is not None
     sensor = float(calibration.wrench_bias.value[0]) - wrench.values[:, :1]
-    kalman, newton = (_finished(replay(recording, calibration, Settings(mode)),
+    kalman, newton = (_finished(replay(recording, calibration, ObserverSettings(mode)),
                                 acceleration.t[-1]) for mode in ('kalman', 'newton'))
     return Seen(Stream(wrench.t, sensor), kalman, newton, acceleration, run)
 

@@ -7,11 +7,11 @@ from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import quaternion_from_matrix
 from forcecal_ros.observe import (
     design,
+    ObserverSettings,
     on_accelerometer,
     on_displacement,
     on_pose,
     on_wrench,
-    Settings,
     State,
 )
 from forcecal_ros.simulators.rig.simulator import Samples
@@ -65,7 +65,7 @@ class Observed:
     """The observer in mode ``newton`` or ``kalman``, by the step that its node runs."""
 
     def __init__(self, calibration: Calibration, mode: str) -> None:
-        self._model = design(calibration, Settings(filter=mode))
+        self._model = design(calibration, ObserverSettings(filter=mode))
         self._state = State()
 
     def update(self, samples: Samples) -> list[tuple[float, float]]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.identify.pipeline import identify
-from forcecal_ros.identify.settings import Settings
+from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
 from forcecal_ros.motion.poses import nominal_poses, step_goal
@@ -51,4 +51,4 @@ def rehearse(rig: Rig, accelerometer: str | None = None, seed: int | None = None
     recording = replace(simulate(rig, target, accelerometer=accelerometer, seed=seed),
                         phases=phases)
     coupling = 'ac' if rig.accelerometer.model(accelerometer).highpass > 0.0 else 'dc'
-    return with_kalman_gains(identify(recording, Settings(coupling=coupling)))
+    return with_kalman_gains(identify(recording, IdentificationSettings(coupling=coupling)))

@@ -5,7 +5,7 @@ import json
 
 from forcecal_ros.calibration.file import parse, save
 from forcecal_ros.cli import main
-from forcecal_ros.observe import replay, Settings
+from forcecal_ros.observe import ObserverSettings, replay
 from forcecal_ros.recording.bags import (
     read_calibrations,
     read_recording,
@@ -41,7 +41,7 @@ def test_the_bag_holds_what_the_replay_gives(capsys, folder, tmp_path):
     assert '1500 wrenches by ukf, gravity from the pose' in out
     written = read_recording(tmp_path / 'out', topics={'wrench': 'observer/contact_wrench'}).wrench
     calibration = parse(read_calibrations(tmp_path / 'out')[0])
-    expected = replay(read_recording(folder / 'bag'), calibration, Settings('ukf'))
+    expected = replay(read_recording(folder / 'bag'), calibration, ObserverSettings('ukf'))
     assert (written.values == expected.contact).all()
     assert written.t == pytest.approx(expected.t)
 

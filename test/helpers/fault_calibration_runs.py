@@ -10,7 +10,7 @@ from forcecal_ros.effects.chosen import chosen_effects
 from forcecal_ros.errors import ForcecalError
 from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.identify.pipeline import identify
-from forcecal_ros.identify.settings import Settings
+from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.recording.streams import Recording
 from forcecal_ros.simulators.rig.faults import in_recording, OFFSETS
 from identification_coverage import draw, errors
@@ -456,7 +456,7 @@ def judged(name, seed):
     recording = fault.make(Scene(rig, accelerometer, rng, seed, truth, after))
     coupling = fault.coupling or ('ac' if accelerometer == 'acc2' else 'dc')
     try:
-        found = identify(recording, Settings(coupling=coupling))
+        found = identify(recording, IdentificationSettings(coupling=coupling))
     except ForcecalError as error:
         return Verdict(name, seed, 'refused', said=(str(error),))
     except Exception as error:  # noqa: BLE001 - a crash is a verdict

@@ -1,7 +1,7 @@
 """The recordings of a real arm (KUKA LBR Med) as the package takes them."""
 
 from forcecal_ros.identify.pipeline import identify
-from forcecal_ros.identify.settings import Settings as IdentifySettings
+from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
@@ -37,7 +37,7 @@ def static_calibration(folder):
         wrench=Stream(t, rows[:, :6]), accelerometer=Stream(t, rows[:, 6:9] * GRAVITY),
         accelerometer_unit='m/s^2', pose=poses(t, rows[:, 12:]),
         phases=tuple(Phase('measure', x - 0.1, x + 0.1) for x in t)),
-        IdentifySettings(gravity=GRAVITY))
+        IdentificationSettings(gravity=GRAVITY))
 
 
 def slow(estimate):

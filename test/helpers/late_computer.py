@@ -14,8 +14,8 @@ from forcecal_ros.motion.monitor import Monitor
 from forcecal_ros.motion.plan import check_wrench, prepare
 from forcecal_ros.motion.profiles import Pose
 from forcecal_ros.motion.programs import SEQUENCES
-from forcecal_ros.motion.sequence import Sequence
-from forcecal_ros.motion.stream import phased, StreamClock
+from forcecal_ros.motion.sequence import MotionSequence
+from forcecal_ros.motion.stream import next_in_phase, StreamClock
 from forcecal_ros.nodes.collector import Collector
 from forcecal_ros.nodes.demo import FOR_SIMULATION
 from forcecal_ros.nodes.guard import Guard
@@ -185,7 +185,7 @@ def run(seed: int, conditions: Conditions | None = None, accelerometer: str = 'a
     now = [0]
     monitor = Monitor(settings.watch, settings.limits, {
         'wrench': 'wrench', 'pose': 'current_pose', 'accelerometer': 'accelerometer/raw'})
-    collector, sequence = Collector('V', 1), Sequence(settings.stream)
+    collector, sequence = Collector('V', 1), MotionSequence(settings.stream)
     clock = SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=now[0]))
     guard = Guard(
         SimpleNamespace(monitor=monitor, deadman=SimpleNamespace(fault=lambda steady: '')),
@@ -227,7 +227,7 @@ def run(seed: int, conditions: Conditions | None = None, accelerometer: str = 'a
             collector.clear()
             sequence.start(parts, start, 'identification')
             guard.begin()
-            stamp = phased(now[0], round(monitor.channels['pose'].stamp * SECOND), TICK)
+            stamp = next_in_phase(now[0], round(monitor.channels['pose'].stamp * SECOND), TICK)
             stream = StreamClock(TICK, now[0], stamp)
             announce(stamp)
         if not sequence.streaming:

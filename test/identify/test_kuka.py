@@ -1,7 +1,7 @@
 """A real arm: 24 static poses of one sample each, results as a plain fit of others gives them."""
 
 from forcecal_ros.identify.pipeline import identify
-from forcecal_ros.identify.settings import Settings
+from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def recording_of(rows):
 
 @pytest.fixture(scope='module')
 def found(rows):
-    return identify(recording_of(rows), Settings(gravity=G))
+    return identify(recording_of(rows), IdentificationSettings(gravity=G))
 
 
 def test_mass_centre_and_biases_are_those_of_the_plain_fit(found):
@@ -42,14 +42,15 @@ def test_mass_centre_and_biases_are_those_of_the_plain_fit(found):
 
 
 def test_with_another_gravity_the_mass_is_another(rows):
-    assert float(identify(recording_of(rows), Settings()).mass) == pytest.approx(0.9337, abs=2e-4)
+    found = identify(recording_of(rows), IdentificationSettings())
+    assert float(found.mass) == pytest.approx(0.9337, abs=2e-4)
 
 
 def test_standard_errors_match_what_leaving_poses_out_does(rows, found):
     values = np.array([
         np.concatenate([[float(c.mass)], c.com.value, c.wrench_bias.value])
-        for c in (identify(recording_of(np.delete(rows, i, axis=0)), Settings(gravity=G))
-                  for i in range(len(rows)))])
+        for c in (identify(recording_of(np.delete(rows, i, axis=0)),
+                           IdentificationSettings(gravity=G)) for i in range(len(rows)))])
     n = len(rows)
     jackknife = np.sqrt((n - 1) / n * ((values - values.mean(axis=0))**2).sum(axis=0))
     std = np.concatenate([[float(found.mass.std)], found.com.std, found.wrench_bias.std])

@@ -1,7 +1,7 @@
 """A sound rig is neither refused nor stopped because the computer is late."""
 
 from forcecal_ros.identify.pipeline import identify
-from forcecal_ros.identify.settings import Settings
+from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.truth import true_calibration
 from late_computer import Conditions, run
@@ -17,7 +17,7 @@ import pytest
 def test_a_sound_rig_is_calibrated_as_well_on_a_computer_that_is_late(conditions):
     outcome = run(7, conditions)
     assert not outcome.aborted
-    found = identify(outcome.recording, Settings())
+    found = identify(outcome.recording, IdentificationSettings())
     truth = true_calibration(load_rig(), 'acc1')
     off = [(found.mass.value - truth['mass']) / found.mass.std,
            *((found.com.value - truth['com']) / found.com.std),

@@ -7,7 +7,7 @@ from forcecal_ros.calibration.file import dump, parse
 from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.identify.pipeline import identify
 from forcecal_ros.identify.poses import orientation_h, orientation_v
-from forcecal_ros.identify.settings import Settings
+from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.motion.plan import Timing
 from forcecal_ros.motion.poses import nominal_poses, orientation
 from forcecal_ros.motion.profiles import Pose
@@ -62,7 +62,7 @@ def coupled():
 @pytest.mark.parametrize('delay', [-0.01, 0.01])
 def test_the_demonstration_run_is_as_accurate_as_promised(accelerometer, coupling, offset, delay):
     found = identify(run(delay=delay, seed=3, accelerometer=accelerometer),
-                     Settings(coupling=coupling))
+                     IdentificationSettings(coupling=coupling))
     model = getattr(RIG.accelerometer, accelerometer)
     assert abs(float(found.mass) / 13 - 1) < 3e-4
     assert np.abs(found.accelerometer.gain.value / model.gain - 1).max() < 1.5e-3
@@ -113,7 +113,7 @@ def test_with_theta_the_plain_mass_is_short_and_the_joint_one_is_not():
     theta = 0.4
     poses = {'v': Pose(PLACE, orientation_v(theta)), 'h': Pose(PLACE, orientation_h(theta)),
              'tilt': nominal_poses()['tilt']}
-    found = identify(run(seed=4, poses=poses), Settings(theta=theta))
+    found = identify(run(seed=4, poses=poses), IdentificationSettings(theta=theta))
     assert found.quality['paper']['mass'] == pytest.approx(13 * np.cos(theta), abs=0.01)
     assert found.quality['paper']['mass_theta'] == pytest.approx(13, abs=0.01)
     assert float(found.mass) == pytest.approx(13, abs=5 * float(found.mass.std))
@@ -124,7 +124,7 @@ def test_the_plain_offset_of_an_ac_sensor_is_wrong_and_the_joint_one_is_not():
     order = {name: poses[name] for name in ('h', 'v', 'tilt')}
     recording = run(seed=5, accelerometer='acc2', poses=order, start=poses['v'],
                     timing=Timing(measure=1.0))
-    found = identify(recording, Settings(coupling='ac'))
+    found = identify(recording, IdentificationSettings(coupling='ac'))
     assert 0.35 < abs(found.quality['paper']['offset'] - 5.9616) < 0.55
     assert abs(found.accelerometer.offset.value[0] - 5.9616) < 0.003
     assert float(found.accelerometer.cutoff) == pytest.approx(
@@ -132,13 +132,13 @@ def test_the_plain_offset_of_an_ac_sensor_is_wrong_and_the_joint_one_is_not():
 
 
 def test_a_known_cutoff_is_taken_as_it_is(coupled):
-    found = identify(coupled, Settings(coupling='ac', cutoff=0.01))
+    found = identify(coupled, IdentificationSettings(coupling='ac', cutoff=0.01))
     assert float(found.accelerometer.cutoff) == 0.01
     assert_within(found, truth_of(RIG, 'acc2', DELAY))
 
 
 def test_an_ac_sensor_taken_for_a_dc_one_is_noticed(coupled):
-    warnings = identify(coupled, Settings(coupling='dc')).quality['warnings']
+    warnings = identify(coupled, IdentificationSettings(coupling='dc')).quality['warnings']
     assert any('accelerometer.coupling: ac' in line for line in warnings)
 
 
@@ -173,7 +173,8 @@ def test_without_optidrive_the_ringing_tells_the_sag(recording):
     assert_within(found, truth)
     assert float(found.tool.stiffness.std) < 0.005 * 5000
     # what leaving the sag out would do
-    rigid = identify(replace(recording, optidrive=None), Settings(tool_compliance='no'))
+    rigid = identify(replace(recording, optidrive=None),
+                     IdentificationSettings(tool_compliance='no'))
     assert rigid.tool is None
     assert np.abs(rigid.com.value - RIG.tool.com).max() > 0.003
     assert any('do not fit one tool' in line and 'widened' in line
@@ -184,7 +185,7 @@ def test_a_sag_that_nothing_shows_is_found_by_the_poses_themselves(recording):
     poses = {**nominal_poses(), 'other': Pose(PLACE, orientation(-0.4, 2.4))}
     quiet = replace(run(seed=7, poses=poses), optidrive=None)
     phases = tuple(replace(p, name='settle') if p.name == 'step' else p for p in quiet.phases)
-    found = identify(replace(quiet, phases=phases), Settings(tool_compliance='yes'))
+    found = identify(replace(quiet, phases=phases), IdentificationSettings(tool_compliance='yes'))
     assert found.tool is None
     assert_within(found, {key: value for key, value in truth_of(RIG).items()
                           if not key.startswith('inertia')})
@@ -198,7 +199,7 @@ def test_a_rigid_tool_is_taken_for_one():
 
 
 def test_a_stated_place_of_the_accelerometer_is_used(recording):
-    found = identify(recording, Settings(accelerometer_position=(0.05, 0.0, 0.18)))
+    found = identify(recording, IdentificationSettings(accelerometer_position=(0.05, 0.0, 0.18)))
     np.testing.assert_array_equal(found.accelerometer.position.value, [0.05, 0.0, 0.18])
     assert_within(found, truth_of(RIG, delay=DELAY))
 
@@ -279,7 +280,7 @@ def test_the_wrong_sign_of_the_wrench_is_named(recording):
     for sign in (1, -1):
         with pytest.raises(DataError, match=f'wrench.sign to {-sign} '):
             identify(replace(recording, wrench=Stream(wrench.t, -wrench.values)),
-                     Settings(wrench_sign=sign))
+                     IdentificationSettings(wrench_sign=sign))
 
 
 def test_a_missing_wrench_or_pose_names_the_topic(recording):
@@ -377,7 +378,7 @@ def test_noise_at_rest_is_what_the_sensors_have(calibration):
 
 
 def test_what_fades_behind_a_high_pass_is_no_noise(coupled):
-    noise = identify(coupled, Settings(coupling='ac', cutoff=0.01)).noise
+    noise = identify(coupled, IdentificationSettings(coupling='ac', cutoff=0.01)).noise
     np.testing.assert_allclose(np.sqrt(np.diag(noise.specific_force.value)), 0.010 / 0.2525,
                                rtol=0.06)
 
@@ -390,7 +391,8 @@ def test_the_observer_gain_is_the_papers_with_k23_of_one(calibration):
 
 
 def test_poles_may_be_placed_instead(recording):
-    found = identify(recording, Settings(observer_design='poles', observer_poles=(-30.0, -40.0)))
+    found = identify(recording, IdentificationSettings(
+        observer_design='poles', observer_poles=(-30.0, -40.0)))
     observer = found.observer
     poles = np.linalg.eigvals(observer.A.value - observer.K.value @ observer.C.value)
     np.testing.assert_allclose(np.sort(poles.real), [-40, -30], rtol=1e-6)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from calibration_runs import run
 from forcecal_ros.identify.pipeline import identify
-from forcecal_ros.identify.settings import Settings
+from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.motion.poses import anchor, nominal_poses
 from forcecal_ros.nodes.sequencer_settings import poses_from_file
 from forcecal_ros.simulators.rig.file import load_rig
@@ -20,7 +20,7 @@ def test_four_poses_within_the_default_limits_halve_the_error_of_the_offset():
     np.testing.assert_allclose(poses['v'].R_base_sensor, home.R_base_sensor, atol=1e-9)
     recordings = {name: run(seed=1, poses=some)
                   for name, some in (('three', None), ('four', poses))}
-    found = {name: identify(one, Settings()) for name, one in recordings.items()}
+    found = {name: identify(one, IdentificationSettings()) for name, one in recordings.items()}
     std = {name: one.accelerometer.offset.std.max() for name, one in found.items()}
     assert std['four'] < 0.6 * std['three'] and std['four'] < 0.5e-3 / 3
     truth = load_rig().accelerometer.acc1.offset

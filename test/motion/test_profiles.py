@@ -111,7 +111,7 @@ def test_first_setpoint_is_the_start_itself_and_at_rest():
 
 def test_half_a_turn_is_refused_because_noise_would_choose_the_way():
     goal = Pose(HOME.position, HOME.R_base_sensor @ rotation_from_vector([0, 0, np.pi]))
-    with pytest.raises(MotionError, match='180.0 deg has no clear way'):
+    with pytest.raises(MotionError, match='180.0 deg has no clear direction'):
         check_move(Move(HOME, goal, 5.0), LIMITS)
 
 

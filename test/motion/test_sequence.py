@@ -9,11 +9,11 @@ from forcecal_ros.motion.channel import angle_between
 from forcecal_ros.motion.joints import JointMove
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import Monitor, Stillness, WatchSettings
-from forcecal_ros.motion.plan import calibration_plan, Part, prepare, Segment, Timing
+from forcecal_ros.motion.plan import calibration_plan, PlannedSegment, prepare, Segment, Timing
 from forcecal_ros.motion.poses import nominal_poses, step_goal
 from forcecal_ros.motion.profiles import Move, Pace, Pose, twist_towards
-from forcecal_ros.motion.sequence import Sequence, StreamSettings
-from forcecal_ros.motion.stream import phased, StreamClock
+from forcecal_ros.motion.sequence import MotionSequence, StreamSettings
+from forcecal_ros.motion.stream import next_in_phase, StreamClock
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -33,7 +33,7 @@ def default_parts(timing=TIMING):
 
 
 def started(timing=TIMING):
-    sequence = Sequence(STREAM)
+    sequence = MotionSequence(STREAM)
     sequence.start(default_parts(timing), HOME)
     return sequence
 
@@ -66,14 +66,14 @@ def changes(words):
 
 
 def test_nothing_is_commanded_before_start():
-    sequence = Sequence(STREAM)
+    sequence = MotionSequence(STREAM)
     assert sequence.step(STILL) is None
     assert sequence.status.phase == 'idle' and not sequence.running
 
 
 def test_first_command_is_the_pose_given_and_at_rest():
     start = Pose(HOME.position + [0.003, 0, 0], HOME.R_base_sensor)
-    sequence = Sequence(STREAM)
+    sequence = MotionSequence(STREAM)
     parts = prepare([Segment('move', 'to v', HOME)], start, Pace(), LIMITS)
     sequence.start(parts, start)
     first = sequence.step(STILL)
@@ -159,7 +159,7 @@ def test_abort_at_any_instant_is_at_rest_within_a_tenth_of_a_second(film, data):
 def test_a_stop_stays_on_the_path_and_never_turns_back(when, duration):
     goal = Pose(HOME.position + [0.02, 0.01, 0.0],
                 HOME.R_base_sensor @ rotation_from_vector([0.1, 0.0, 0.05]))
-    sequence = Sequence(STREAM)
+    sequence = MotionSequence(STREAM)
     sequence.start(prepare([Segment('move', 'there', goal, duration)], HOME, Pace(), LIMITS), HOME)
     before, _ = run(sequence, max(1, int(when * duration / PERIOD)))
     sequence.abort('asked to')
@@ -240,7 +240,7 @@ def test_abort_while_identifying_discards_the_result():
 
 
 def test_abort_says_so_where_nothing_is_under_way():
-    assert not Sequence(STREAM).abort('asked to')
+    assert not MotionSequence(STREAM).abort('asked to')
     sequence = started()
     sequence.abort('first')
     assert not sequence.abort('second')
@@ -270,9 +270,9 @@ def test_progress_grows_from_nought_to_one():
 
 def test_joint_vectors_stream_and_stop_by_the_same_machine():
     start, goal = np.zeros(6), np.array([0.1, -0.5, 0.8, 0, 0, 0.2])
-    sequence = Sequence(STREAM)
+    sequence = MotionSequence(STREAM)
     move = JointMove(start, goal, 2.0)
-    sequence.start([Part(Segment('move', 'there', goal, 2.0), move, goal)], start)
+    sequence.start([PlannedSegment(Segment('move', 'there', goal, 2.0), move, goal)], start)
     before, _ = run(sequence, 250)
     sequence.abort('asked to')
     after, _ = run(sequence, 1000)
@@ -320,8 +320,8 @@ class Bench:
         self.monitor.tick(now)
         return self.monitor.check(moving)
 
-    def doubt(self, lag=0.0):
-        return self.monitor.doubt(self.ms * 1e-3 + lag)
+    def stale(self, lag=0.0):
+        return self.monitor.stale(self.ms * 1e-3 + lag)
 
     def until_fault(self, ticks, moving=True):
         begin = self.ms
@@ -362,9 +362,9 @@ def test_a_lost_sensor_is_named_in_time_to_stop_within_a_tenth_of_a_second(bench
     bench.tick(moving=True)
     bench.silent.add(name)
     begin = bench.ms
-    while not bench.doubt():
+    while not bench.stale():
         assert not bench.tick(moving=True)
-    assert bench.doubt().startswith(TOPICS[name] + ': silent')
+    assert bench.stale().startswith(TOPICS[name] + ': silent')
     assert (bench.ms - begin) * 1e-3 + STREAM.stop_duration <= 0.1
 
 
@@ -426,20 +426,20 @@ def test_a_robot_that_has_not_set_off_is_not_still_yet(bench):
     assert bench.monitor.stillness().still
 
 
-def test_a_sensor_that_is_back_leaves_no_doubt(bench):
+def test_a_sensor_that_is_back_is_not_stale(bench):
     bench.silent.add('wrench')
     for _ in range(20):
         bench.tick()
-    assert bench.doubt()
+    assert bench.stale()
     bench.silent.clear()
     bench.tick()
-    assert not bench.doubt()
+    assert not bench.stale()
 
 
 def test_a_stall_of_ones_own_does_not_blame_the_sensors(bench):
     bench.ms += 400
     bench.monitor.tick(bench.ms * 1e-3)
-    assert not bench.doubt()
+    assert not bench.stale()
 
 
 def test_a_sensor_that_never_repeats_itself_is_found_frozen_at_rest(bench):
@@ -521,9 +521,9 @@ def test_stale_stamps_are_named(bench):
     for lag in (0.1, 0.3):
         for _ in range(20):
             bench.tick()
-            doubt = bench.doubt(lag)
-        assert bool(doubt) == (lag > WATCH.max_age)
-    assert doubt.startswith('wrench: newest stamp is 0.300 s old')
+            found = bench.stale(lag)
+        assert bool(found) == (lag > WATCH.max_age)
+    assert found.startswith('wrench: newest stamp is 0.300 s old')
 
 
 def test_a_collision_is_named_with_force_and_limit(bench):
@@ -652,9 +652,9 @@ def test_a_late_caller_sends_few_at_once_and_stamps_lie_neither_ahead_nor_far_be
 
 
 def test_a_stream_takes_up_the_phase_of_the_measured_poses():
-    assert phased(1000, 3, 4) == 1003
-    assert phased(1003, 3, 4) == 1003
-    assert phased(1001, 999, 4) == 1003
+    assert next_in_phase(1000, 3, 4) == 1003
+    assert next_in_phase(1003, 3, 4) == 1003
+    assert next_in_phase(1001, 999, 4) == 1003
 
 
 def test_after_long_silence_an_abort_holds_the_last_command():

@@ -10,7 +10,7 @@ from forcecal_ros.motion.poses import nominal_poses
 from forcecal_ros.motion.profiles import Move, Pose
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT
 from forcecal_ros.nodes.wire import JointWriter, Writer
-from forcecal_ros.observe import replay, Settings
+from forcecal_ros.observe import ObserverSettings, replay
 from forcecal_ros.observe.playback import events
 from forcecal_ros.observe.rest import refuse_motion
 from forcecal_ros.recording.streams import PoseStream
@@ -118,7 +118,8 @@ def noisy():
 
 def offline(recording, gravity):
     """Replay the recording by the observer, or by a filter of gravity compensation."""
-    return replay(recording, noisy(), Settings(None if gravity == 'none' else gravity)).contact
+    settings = ObserverSettings(None if gravity == 'none' else gravity)
+    return replay(recording, noisy(), settings).contact
 
 
 @pytest.mark.parametrize('gravity', ['none', 'ukf', 'static'])

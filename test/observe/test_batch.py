@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from forcecal_ros.observe import design, Settings
+from forcecal_ros.observe import design, ObserverSettings
 from forcecal_ros.observe.batch import estimates, in_order
 from forcecal_ros.observe.playback import run
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
@@ -76,31 +76,32 @@ def only(*names):
 
 
 CASES = {
-    'plain': (swing(), calibration(), Settings()),
-    'gaps': (with_gaps(), calibration(), Settings()),
-    'gaps, later': (with_gaps(delay=0.0073), calibration(0.0073), Settings()),
-    'gaps, earlier': (with_gaps(delay=-0.0073), calibration(-0.0073), Settings()),
-    'gaps, newton': (with_gaps(), calibration(), Settings('newton')),
-    'much later': (swing(delay=0.2), calibration(0.2), Settings()),
-    'coupled by ac': (swing(wash=0.5), calibration(wash=0.5), Settings()),
-    'newton': (swing(), calibration(), Settings('newton')),
-    'orientation': (orientation_only(swing()), calibration(), Settings()),
+    'plain': (swing(), calibration(), ObserverSettings()),
+    'gaps': (with_gaps(), calibration(), ObserverSettings()),
+    'gaps, later': (with_gaps(delay=0.0073), calibration(0.0073), ObserverSettings()),
+    'gaps, earlier': (with_gaps(delay=-0.0073), calibration(-0.0073), ObserverSettings()),
+    'gaps, newton': (with_gaps(), calibration(), ObserverSettings('newton')),
+    'much later': (swing(delay=0.2), calibration(0.2), ObserverSettings()),
+    'coupled by ac': (swing(wash=0.5), calibration(wash=0.5), ObserverSettings()),
+    'newton': (swing(), calibration(), ObserverSettings('newton')),
+    'orientation': (orientation_only(swing()), calibration(), ObserverSettings()),
     'orientation, coupled by ac': (
-        orientation_only(swing(wash=0.5)), calibration(wash=0.5), Settings()),
-    'offset held': (swing(), calibration(), Settings(offset='off')),
-    'no pose': (only('wrench', 'accelerometer', 'optidrive'), calibration(), Settings()),
-    'no accelerometer': (only('wrench', 'pose', 'optidrive'), calibration(), Settings()),
-    'accelerometer unknown': (swing(), calibration(accelerometer=None), Settings()),
-    'no displacement': (only('wrench', 'accelerometer', 'pose'), calibration(), Settings()),
-    'wrench alone': (only('wrench'), calibration(), Settings()),
-    'gaps, ukf': (with_gaps(), calibration(), Settings('ukf')),
-    'bad samples, ekf': (with_bad_samples(), calibration(), Settings('ekf')),
-    'gaps, static': (with_gaps(), calibration(), Settings('static')),
-    'limits': (swing(), calibration(), Settings(
+        orientation_only(swing(wash=0.5)), calibration(wash=0.5), ObserverSettings()),
+    'offset held': (swing(), calibration(), ObserverSettings(offset='off')),
+    'no pose': (only('wrench', 'accelerometer', 'optidrive'), calibration(), ObserverSettings()),
+    'no accelerometer': (only('wrench', 'pose', 'optidrive'), calibration(), ObserverSettings()),
+    'accelerometer unknown': (swing(), calibration(accelerometer=None), ObserverSettings()),
+    'no displacement': (only('wrench', 'accelerometer', 'pose'), calibration(),
+                        ObserverSettings()),
+    'wrench alone': (only('wrench'), calibration(), ObserverSettings()),
+    'gaps, ukf': (with_gaps(), calibration(), ObserverSettings('ukf')),
+    'bad samples, ekf': (with_bad_samples(), calibration(), ObserverSettings('ekf')),
+    'gaps, static': (with_gaps(), calibration(), ObserverSettings('static')),
+    'limits': (swing(), calibration(), ObserverSettings(
         wrench_limit=(100.0,) * 3 + (3.0,) * 3, accelerometer_limit=6.0)),
-    'pauses': (with_pauses(), calibration(), Settings()),
-    'bad samples': (with_bad_samples(), calibration(), Settings()),
-    'jitter': (with_jitter(), calibration(), Settings()),
+    'pauses': (with_pauses(), calibration(), ObserverSettings()),
+    'bad samples': (with_bad_samples(), calibration(), ObserverSettings()),
+    'jitter': (with_jitter(), calibration(), ObserverSettings()),
 }
 
 

@@ -1,6 +1,6 @@
 """Filters ukf and ekf: bad samples, contact, biases; what the filter claims about itself."""
 
-from forcecal_ros.observe import design, FilterSettings, Settings, Status
+from forcecal_ros.observe import design, FilterSettings, ObserverSettings, Status
 from forcecal_ros.observe.filters.bias_filter import begin, learn
 from forcecal_ros.observe.filters.gaussian import Gaussian
 from forcecal_ros.observe.filters.memory import Memory
@@ -15,8 +15,8 @@ from scipy.stats import chi2
 DT = 0.001
 ZERO = (0.0,) * 3
 LOAD = (1.0, -2.0, 5.0, 0.1, 0.2, 0.0)
-KINDS = {'ukf': Settings('ukf'), 'ekf': Settings('ekf'),
-         'six': Settings('ukf', learning=FilterSettings(states=6))}
+KINDS = {'ukf': ObserverSettings('ukf'), 'ekf': ObserverSettings('ekf'),
+         'six': ObserverSettings('ukf', learning=FilterSettings(states=6))}
 NUMBER = st.floats(-4e8, 4e8)
 
 
@@ -36,7 +36,8 @@ def model(models):
 
 
 def learning(calibration, **choices):
-    return design(calibration, Settings('ukf', learning=FilterSettings(**choices))).bias_filter
+    settings = ObserverSettings('ukf', learning=FilterSettings(**choices))
+    return design(calibration, settings).bias_filter
 
 
 def reading(t, measured, status=0):

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from forcecal_ros.errors import ConfigError, DataError
-from forcecal_ros.observe import design, FilterSettings, Settings
+from forcecal_ros.observe import design, FilterSettings, ObserverSettings
 from forcecal_ros.observe.filters.bias_filter import begin, learn
 from forcecal_ros.observe.filters.bias_model import observability_rank
 from forcecal_ros.observe.filters.covariances import gain_of, load_noise, paper_covariances
@@ -19,7 +19,8 @@ ZERO = (0.0,) * 3
 
 
 def learning(calibration, **choices):
-    return design(calibration, Settings('ukf', learning=FilterSettings(**choices))).bias_filter
+    settings = ObserverSettings('ukf', learning=FilterSettings(**choices))
+    return design(calibration, settings).bias_filter
 
 
 def reading(t, measured):
@@ -128,7 +129,7 @@ def test_missing_noise_is_an_error_that_says_what_to_do(calibration):
 
 
 def test_static_needs_no_noise(calibration):
-    assert design(replace(calibration, noise=None), Settings('static')).weight_only
+    assert design(replace(calibration, noise=None), ObserverSettings('static')).weight_only
 
 
 @pytest.mark.parametrize('wrong', [
@@ -141,4 +142,4 @@ def test_settings_that_make_no_sense_are_refused(wrong):
 
 def test_an_unknown_filter_is_refused():
     with pytest.raises(ConfigError, match=r"filter is 'pf', expected one of kalman, newton, ukf"):
-        Settings('pf')
+        ObserverSettings('pf')

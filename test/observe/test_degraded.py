@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from forcecal_ros.observe import describe, level, replay, Settings, Status
+from forcecal_ros.observe import describe, level, ObserverSettings, replay, Status
 from forcecal_ros.recording.streams import PoseStream, Stream
 import numpy as np
 from observing import calibration, G, MASS, push, record, Swing
@@ -127,5 +127,5 @@ def test_an_accelerometer_that_stops_is_replaced_by_the_pose_and_taken_back():
 
 
 def test_offset_off_leaves_a_dc_accelerometer_alone():
-    estimate = replay(record(1.0), calibration(), Settings(offset='off'))
+    estimate = replay(record(1.0), calibration(), ObserverSettings(offset='off'))
     assert (estimate.status[100:900] == Status.OFFSET_HELD).all()

@@ -8,8 +8,8 @@ from forcecal_ros.observe import (
     design,
     kalman_gains,
     noise_levels,
+    ObserverSettings,
     replay,
-    Settings,
     Status,
     with_kalman_gains,
 )
@@ -26,24 +26,25 @@ MASS, DT = 13.0, 0.001
 
 
 def test_offset_is_undetectable_without_the_position():
-    A, C, *_ = joint_model(LEVELS, MASS, Settings(), DT, position=False)
+    A, C, *_ = joint_model(LEVELS, MASS, ObserverSettings(), DT, position=False)
     assert undetectable_states(A, C, STATES) == STATES
-    A, C, *_ = joint_model(LEVELS, MASS, Settings(), DT, position=True)
+    A, C, *_ = joint_model(LEVELS, MASS, ObserverSettings(), DT, position=True)
     assert undetectable_states(A, C, STATES) == ()
 
 
 def test_design_refuses_an_undetectable_offset_and_auto_leaves_it_out():
     with pytest.raises(UnobservableError, match='accelerometer offset.*pose'):
-        design(calibration(), Settings(offset='on', position=False))
-    assert not design(calibration(), Settings(offset='auto', position=False)).track_offset
-    assert not design(calibration(), Settings(offset='off')).track_offset
-    assert design(calibration(), Settings(offset='on')).track_offset
+        design(calibration(), ObserverSettings(offset='on', position=False))
+    assert not design(calibration(), ObserverSettings(offset='auto', position=False)).track_offset
+    assert not design(calibration(), ObserverSettings(offset='off')).track_offset
+    assert design(calibration(), ObserverSettings(offset='on')).track_offset
 
 
 @pytest.mark.parametrize('walk', [2e-4, 5e-4, 1e-3, 2e-3])
 def test_riccati_solver_answers_an_undetectable_problem_with_newtons_of_no_meaning(walk):
     """Offset and force alone: what it returns is no filter, one error never fades."""
-    A, C, Q, R, _ = joint_model(LEVELS, MASS, Settings(offset_walk=walk), DT, position=False)
+    A, C, Q, R, _ = joint_model(LEVELS, MASS, ObserverSettings(offset_walk=walk), DT,
+                                position=False)
     A, C, Q = A[2:, 2:], C[:, 2:], Q[2:, 2:]
     with pytest.raises(UnobservableError):
         stationary_filter(A, C, Q, R, STATES[2:])
@@ -59,7 +60,7 @@ def test_riccati_solver_answers_an_undetectable_problem_with_newtons_of_no_meani
 
 def force_error(gain):
     """Stationary standard deviation of the force error with any gain of the joint problem."""
-    A, C, Q, R, S = joint_model(LEVELS, MASS, Settings(), DT, position=True)
+    A, C, Q, R, S = joint_model(LEVELS, MASS, ObserverSettings(), DT, position=True)
     keep = np.eye(4) - gain @ C
     # error after update: keep (A e + w) - gain v', w of this instant and v' of the next
     F = keep @ A
@@ -83,7 +84,7 @@ def running_gain():
 
 def test_keeping_the_force_out_of_the_offset_costs_next_to_nothing():
     """The unconstrained joint filter, correlated noise and all, is not better by a thousandth."""
-    joint = design_joint(LEVELS, MASS, Settings(), DT)
+    joint = design_joint(LEVELS, MASS, ObserverSettings(), DT)
     assert force_error(running_gain()) < 1.001 * np.sqrt(joint.updated[3, 3])
     assert running_gain()[2, 1] == 0.0
 
@@ -103,7 +104,7 @@ def test_an_accelerometer_offset_is_found_through_the_pose():
         known.accelerometer, offset=Estimate(
             known.accelerometer.offset.value - 0.1 * 0.2937, 0.0, 'V')))
     recording = record(12.0, seed=2)
-    tracked, held = (replay(recording, wrong, Settings(offset=o)) for o in ('on', 'off'))
+    tracked, held = (replay(recording, wrong, ObserverSettings(offset=o)) for o in ('on', 'off'))
     late = tracked.t > 10.0
     assert np.abs(tracked.contact[late, :3].mean(axis=0)).max() < 0.1
     assert np.abs(held.contact[late, :3].mean(axis=0)) == pytest.approx([1.3] * 3, abs=0.05)
@@ -122,20 +123,20 @@ def test_gains_place_the_poles_whatever_the_period(dt, poles):
 
 
 def test_offset_poles_are_those_of_the_riccati_equation():
-    dt = 1 / Settings().pose_rate
-    poles = offset_poles(LEVELS, Settings(), Settings().pose_position_std)
+    dt = 1 / ObserverSettings().pose_rate
+    poles = offset_poles(LEVELS, ObserverSettings(), ObserverSettings().pose_position_std)
     found = np.array(tracking_gains(dt, poles))
     A = np.array([[1, dt, -dt * dt / 2], [0, 1, -dt], [0, 0, 1]])
     Q = np.zeros((3, 3))
     Q[:2, :2] = LEVELS.specific_force * np.array([[dt ** 3 / 3, dt ** 2 / 2], [dt ** 2 / 2, dt]])
-    Q[2, 2] = Settings().offset_walk ** 2 * dt
-    C, R = np.array([[1.0, 0.0, 0.0]]), np.array([[Settings().pose_position_std ** 2]])
+    Q[2, 2] = ObserverSettings().offset_walk ** 2 * dt
+    C, R = np.array([[1.0, 0.0, 0.0]]), np.array([[ObserverSettings().pose_position_std ** 2]])
     wanted = stationary_filter(A, C, Q, R, STATES[:3]).gain[:, 0]
     assert found * [1, 1, -1] == pytest.approx(wanted, rel=1e-3)
 
 
 def test_stationary_filter_is_the_limit_of_the_recursion():
-    A, C, Q, R, _ = joint_model(LEVELS, MASS, Settings(), 0.004, position=True)
+    A, C, Q, R, _ = joint_model(LEVELS, MASS, ObserverSettings(), 0.004, position=True)
     filter_ = stationary_filter(A, C, Q, R, STATES)
     P = np.diag([1e-6, 1e-4, 1e-2, 10.0])
     for _ in range(20000):
@@ -145,7 +146,7 @@ def test_stationary_filter_is_the_limit_of_the_recursion():
 
 
 def test_gains_for_the_calibration_name_the_bandwidth():
-    gains = kalman_gains(design(calibration(), Settings(bandwidth_hz=20.0)), 0.001)
+    gains = kalman_gains(design(calibration(), ObserverSettings(bandwidth_hz=20.0)), 0.001)
     assert float(gains['bandwidth']) == pytest.approx(20.0)
     assert float(gains['contact']) == pytest.approx(0.1181, abs=1e-4)  # 1 kHz
     assert set(with_kalman_gains(calibration()).observer.kalman) == set(gains)
@@ -178,7 +179,7 @@ def test_an_accelerometer_that_cannot_be_inverted_is_refused():
     {'contact_walk': np.inf}, {'wrench_limit': (1.0, 2.0)}])
 def test_settings_out_of_range_are_refused(wrong):
     with pytest.raises(ConfigError, match=f'observer.{next(iter(wrong))} is .*, expected'):
-        Settings(**wrong)
+        ObserverSettings(**wrong)
 
 
 def test_noise_levels_stand_in_where_none_were_measured():

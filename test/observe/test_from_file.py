@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from forcecal_ros.observe import replay, Settings, Status
+from forcecal_ros.observe import ObserverSettings, replay, Status
 from forcecal_ros.observe.from_file import gap_limit, interpolated, within_gaps
 from forcecal_ros.recording.streams import PoseStream, Stream
 import gravity_arm as arm
@@ -31,7 +31,7 @@ def log(request):
 @pytest.mark.parametrize('name', ['kalman', 'ukf', 'ekf', 'static'])
 def test_every_wrench_of_a_slow_log_has_its_pose(log, calibration, name):
     _, recording = log
-    estimate = replay(recording, calibration, Settings(name))
+    estimate = replay(recording, calibration, ObserverSettings(name))
     assert estimate.t == pytest.approx(recording.wrench.t)
     assert recording.pose.t[0] == recording.wrench.t[0]
     assert not (estimate.status & ~MISSING).any()
@@ -55,7 +55,7 @@ def test_gaps_longer_than_the_stream_itself_explains_stay_gaps(calibration):
     keep = (pose.t < 4.0) | (pose.t > 6.0)
     holed = replace(recording, pose=PoseStream(
         pose.t[keep], pose.position[keep], pose.R_base_sensor[keep]))
-    estimate = replay(holed, calibration, Settings('ukf'))
+    estimate = replay(holed, calibration, ObserverSettings('ukf'))
     assert len(estimate.t) == len(recording.wrench)
     away = (estimate.t > 4.0 + gap_limit(pose, 0.1) + 0.05) & (estimate.t < 6.0)
     assert (estimate.status[away] & Status.NO_POSE).all() and not estimate.valid[away].any()

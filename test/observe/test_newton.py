@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from forcecal_ros.errors import ConfigError
-from forcecal_ros.observe import replay, Settings
+from forcecal_ros.observe import ObserverSettings, replay
 from forcecal_ros.observe.filters.memory import NewtonState
 from forcecal_ros.observe.filters.newton import newton_step
 import numpy as np
@@ -106,7 +106,7 @@ def test_equation_3_as_printed_lacks_the_term_of_k22_which_is_small_with_the_pap
 def test_mode_newton_publishes_newtons_law_on_all_axes():
     swing = Swing(place=(0.012, 0.004, 0.006), slide=0.003)
     recording = record(3.0, swing, push(0, 20.0, 1.0), seed=3)
-    estimate = replay(recording, calibration(K=K1), Settings('newton'))
+    estimate = replay(recording, calibration(K=K1), ObserverSettings('newton'))
     assert estimate.contact[:, 1:] == pytest.approx(estimate.measured[:, 1:])
     late = estimate.t > 2.0
     ratio = estimate.contact[late, 0].std() / estimate.measured[late, 0].std()
@@ -119,7 +119,7 @@ def test_the_calibration_names_the_mode_and_the_settings_override_it():
     named = replace(known, observer=replace(known.observer, mode='newton'))
     recording = record(0.5)
     newton = replay(recording, named)
-    kalman = replay(recording, named, Settings('kalman'))
+    kalman = replay(recording, named, ObserverSettings('kalman'))
     assert newton.contact[-50:, 1].std() > 2 * kalman.contact[-50:, 1].std()
     with pytest.raises(ConfigError, match='observer.K'):
-        replay(recording, replace(known, observer=None), Settings('newton'))
+        replay(recording, replace(known, observer=None), ObserverSettings('newton'))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.errors import ConfigError
-from forcecal_ros.observe import Imu, Settings, Status
+from forcecal_ros.observe import Imu, ObserverSettings, Status
 from forcecal_ros.observe.filters.gaussian import Gaussian
 from forcecal_ros.observe.filters.ukf import transform
 from forcecal_ros.observe.pose_free.model import pose_free_model
@@ -107,7 +107,7 @@ def test_without_pose_the_calibration_needs_an_accelerometer_with_dc(calibration
     with pytest.raises(ConfigError, match='DC-coupled'):
         pose_free_model(replace(calibration, accelerometer=coupled))
     with pytest.raises(ConfigError, match='needs a pose'):
-        pose_free_model(calibration, Settings('static'))
+        pose_free_model(calibration, ObserverSettings('static'))
 
 
 @pytest.mark.parametrize('vector', [(0.0, 0.0, 0.0), (1e-12, 0, 0), (0.3, -0.2, 0.9), (3, 1, 0)])

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from forcecal_ros.observe import noise_levels, replay, Settings
+from forcecal_ros.observe import noise_levels, ObserverSettings, replay
 from forcecal_ros.observe.bandwidth import contact_bandwidth
 from forcecal_ros.recording.bags import read_recording
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
@@ -16,7 +16,7 @@ from scipy.signal import welch
 SWING = Swing(place=(0.012, 0.004, 0.006), turn=0.2, axis=(0.3, 1.0, 0.2), slide=0.003)
 
 
-def step_response(axis, settings=Settings(), swing=SWING):
+def step_response(axis, settings=ObserverSettings(), swing=SWING):
     """
     Return the estimate of a 20 N step at 1 s, without noise and motion.
 
@@ -62,13 +62,13 @@ def test_noise_between_50_and_200_hz_is_10_db_below_that_of_u_minus_m_a():
 
 
 def test_the_bandwidth_is_what_the_user_says():
-    t, y = step_response(0, Settings(bandwidth_hz=10.0))
+    t, y = step_response(0, ObserverSettings(bandwidth_hz=10.0))
     assert rise_time(t, y) == pytest.approx(np.log(9) / (2 * np.pi * 10.0), rel=0.03)
 
 
 def test_noise_chooses_the_bandwidth_between_response_and_quiet():
     quiet, nominal, loud = (
-        contact_bandwidth(noise_levels(calibration(noise=n).noise), 13.0, Settings())
+        contact_bandwidth(noise_levels(calibration(noise=n).noise), 13.0, ObserverSettings())
         for n in (0.1, 1.0, 10.0))
     assert 23.3 < loud < 25.0  # [Hz]: from 10 to 90 % in 15 ms, 0.35 / 0.015 s and little more
     assert loud < nominal < quiet

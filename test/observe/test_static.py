@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 from forcecal_ros.errors import UnobservableError
-from forcecal_ros.observe import design, replay, Settings, Status
+from forcecal_ros.observe import design, ObserverSettings, replay, Status
 from forcecal_ros.observe.align import SILENT
-from forcecal_ros.observe.motion import Motion
+from forcecal_ros.observe.motion import MotionEstimate
 from forcecal_ros.observe.playback import run
 from forcecal_ros.observe.tracking import Rotation
 from forcecal_ros.observe.unload import Tool, unload
@@ -20,12 +20,14 @@ ZERO = (0.0,) * 3
 
 @pytest.fixture(scope='module')
 def model():
-    return design(arm.calibrate(np.random.default_rng(31), seconds=0.2)[0], Settings('static'))
+    calibration = arm.calibrate(np.random.default_rng(31), seconds=0.2)[0]
+    return design(calibration, ObserverSettings('static'))
 
 
 def unloaded(model, rotation, t):
     wire = tuple(np.add(model.bias, [1.0, 2.0, 6.0, 0.1, 0.2, 0.0]))
-    return unload(Tool(), Motion(rotation=rotation), t, wire, SILENT, float('nan'), model)[1]
+    motion = MotionEstimate(rotation=rotation)
+    return unload(Tool(), motion, t, wire, SILENT, float('nan'), model)[1]
 
 
 def test_the_weight_is_that_of_the_pose_carried_to_the_wrench(model):
@@ -48,7 +50,7 @@ def test_without_a_fresh_pose_it_says_so(model, age):
 
 def test_over_a_recording_what_is_left_is_inertia_and_the_weight_follows_the_slide():
     recording = record(2.0, Swing(place=(0.012, 0.0, 0.0), slide=0.01), noise=0.0)
-    estimate = replay(recording, calibration(noise=0.0), Settings('static'))
+    estimate = replay(recording, calibration(noise=0.0), ObserverSettings('static'))
     late = estimate.t > 0.2
     # the hand points down: nothing is left of the weight, with the slide, but m a
     slide = recording.optidrive.values[late, 0]
@@ -63,11 +65,11 @@ def test_over_a_recording_what_is_left_is_inertia_and_the_weight_follows_the_sli
 
 def test_a_recording_without_poses_is_refused_by_name():
     with pytest.raises(UnobservableError, match='no pose, which filter static'):
-        replay(record(0.2, without=('pose',)), calibration(), Settings('static'))
+        replay(record(0.2, without=('pose',)), calibration(), ObserverSettings('static'))
 
 
 def test_neither_accelerometer_nor_position_is_missed():
     recording = record(0.3, without=('accelerometer',))
     known = replace(calibration(), accelerometer=None)
-    _, samples = run(recording, design(known, Settings('static')))
+    _, samples = run(recording, design(known, ObserverSettings('static')))
     assert {sample.status for sample in samples if sample.t > 0.0041} == {0}

@@ -7,8 +7,8 @@ from forcecal_ros.observe import (
     design,
     finish,
     level,
+    ObserverSettings,
     replay,
-    Settings,
     State,
     Status,
 )
@@ -23,7 +23,7 @@ from observing import calibration, push, record, Swing
 import pytest
 
 SWING = Swing(place=(0.012, 0.004, 0.006), turn=0.2, axis=(0.3, 1.0, 0.2), slide=0.003)
-SKEW = Settings().skew
+SKEW = ObserverSettings().skew
 
 
 def run(sequence, model):
@@ -106,8 +106,8 @@ def test_latency_is_the_delay_and_at_most_one_period_of_the_accelerometer(delay)
 
 
 @pytest.mark.parametrize(('stream', 'wait'), [
-    ('accelerometer', Settings().accelerometer_timeout + SKEW),
-    ('optidrive', Settings().accelerometer_timeout + SKEW),
+    ('accelerometer', ObserverSettings().accelerometer_timeout + SKEW),
+    ('optidrive', ObserverSettings().accelerometer_timeout + SKEW),
     ('pose', SKEW)])
 def test_a_stream_that_stops_holds_the_output_back_once(stream, wait):
     r = record(1.5, SWING)
@@ -119,7 +119,7 @@ def test_a_stream_that_stops_holds_the_output_back_once(stream, wait):
     t, late = np.array(late).T
     assert late.max() <= wait + 0.001
     assert late[(t > 0.3) & (t < 0.69)].max() < 1e-9
-    assert late[t > 0.7 + Settings().pose_timeout + 2 * SKEW + 0.01].max() < 1e-9
+    assert late[t > 0.7 + ObserverSettings().pose_timeout + 2 * SKEW + 0.01].max() < 1e-9
 
 
 numbers = st.one_of(
@@ -136,7 +136,7 @@ anything = st.lists(st.tuples(
 @hypothesis_settings(max_examples=25, deadline=None)
 def test_no_sample_makes_the_step_raise_or_its_estimate_infinite(
         sequence, ordered, mode, coupling):
-    model = design(calibration(wash=0.01 if coupling == 'ac' else 0.0), Settings(mode))
+    model = design(calibration(wash=0.01 if coupling == 'ac' else 0.0), ObserverSettings(mode))
     if ordered:
         sequence = sorted(sequence, key=lambda e: (e[0] != e[0], e[0]))
     size = {'wrench': 6, 'accelerometer': 3, 'displacement': 1, 'pose': 7}
@@ -196,11 +196,11 @@ def test_a_pause_of_the_wrench_restarts_the_filter():
 
 def test_readings_at_the_end_of_a_range_are_flagged():
     r = record(0.5)
-    settings = Settings(wrench_limit=(130.0, 130.0, 130.0, 5.0, 5.0, 5.0))
+    settings = ObserverSettings(wrench_limit=(130.0, 130.0, 130.0, 5.0, 5.0, 5.0))
     assert (replay(r, calibration(), settings).status[:400] & Status.SATURATED).all()
-    volts = Settings(accelerometer_limit=7.0)
+    volts = ObserverSettings(accelerometer_limit=7.0)
     assert (replay(r, calibration(), volts).status[:400] & Status.SATURATED).all()
-    wide = Settings(wrench_limit=(400.0,) * 6, accelerometer_limit=10.0)
+    wide = ObserverSettings(wrench_limit=(400.0,) * 6, accelerometer_limit=10.0)
     assert not (replay(r, calibration(), wide).status & Status.SATURATED).any()
 
 
@@ -208,7 +208,7 @@ def test_without_a_wrench_nothing_piles_up():
     model, state = design(calibration()), State()
     for event in events(record(2.0, without=('wrench',))):
         state, _ = on_event(state, event, model)
-    memory = 4 * (Settings().pose_timeout + SKEW)
+    memory = 4 * (ObserverSettings().pose_timeout + SKEW)
     assert len(state.accelerometer.samples) <= 1000 * memory + 2
     assert len(state.poses.pending) <= 250 * memory + 2
 

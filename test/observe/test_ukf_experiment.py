@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.errors import ConfigError, DataError, UnobservableError
-from forcecal_ros.observe import FilterSettings, Imu, replay, Settings
+from forcecal_ros.observe import FilterSettings, Imu, ObserverSettings, replay
 from forcecal_ros.observe.playback import axes_of
 from forcecal_ros.recording.streams import Stream
 import gravity_arm as arm
@@ -26,7 +26,7 @@ class Case:
         return np.abs(replay(self.recording, self.calibration, settings).contact).max(axis=0)
 
 
-def replay_pose_free(recording, calibration, settings=Settings('ukf'), imu=Imu()):
+def replay_pose_free(recording, calibration, settings=ObserverSettings('ukf'), imu=Imu()):
     return replay(recording, calibration, settings, imu)
 
 
@@ -42,7 +42,7 @@ def short():
 
 @pytest.fixture(scope='module')
 def by_ukf(case):
-    return replay(case.recording, case.calibration, Settings('ukf'))
+    return replay(case.recording, case.calibration, ObserverSettings('ukf'))
 
 
 def test_the_simulated_arm_obeys_mechanics():
@@ -74,14 +74,14 @@ def test_the_errors_stay_within_the_paper_s_table(by_ukf):
 
 
 def test_static_compensation_is_about_two_to_five_times_over(case):
-    over = case.worst(Settings('static')) / arm.TABLE
+    over = case.worst(ObserverSettings('static')) / arm.TABLE
     assert (over[:5] > 1.7).all() and (over[:5] < 5.5).all()
     # the table grants 0.039 N m about z, where a hand on the axis gives hardly any torque
     assert over[5] < 1
 
 
 def test_the_extended_filter_is_as_good_as_the_unscented_one(short):
-    errors = [replay(short.recording, short.calibration, Settings(name)).contact
+    errors = [replay(short.recording, short.calibration, ObserverSettings(name)).contact
               for name in ('ukf', 'ekf')]
     assert errors[0] == pytest.approx(errors[1], abs=1e-8)
 
@@ -93,7 +93,7 @@ def test_nis_is_within_its_chi_square_bounds(by_ukf):
 
 
 def test_the_paper_s_covariances_expect_errors_far_larger_than_these(short):
-    settings = Settings('ukf', learning=FilterSettings(covariances='paper'))
+    settings = ObserverSettings('ukf', learning=FilterSettings(covariances='paper'))
     paper = replay(short.recording, short.calibration, settings)
     # 0.0034 N^2 where the paper counts on 0.1
     assert paper.learned.nis.mean() < 0.3
@@ -119,7 +119,8 @@ def test_without_a_pose_an_unknown_payload_and_bias_are_learnt(short, name):
     unsure = replace(c, mass=Estimate(float(c.mass) - 0.1, 0.0, 'kg'),
                      wrench_bias=Estimate(c.wrench_bias.value + moved, 0.0, 'N, N m'))
     result = replay_pose_free(
-        short.recording, unsure, Settings(name, learning=FilterSettings(bias_prior=(0.3, 0.02))),
+        short.recording, unsure,
+        ObserverSettings(name, learning=FilterSettings(bias_prior=(0.3, 0.02))),
         Imu(payload_std=0.1))
     assert abs(result.by_imu.mass[-1] - arm.MASS) < 4 * result.by_imu.mass_std[-1]
     assert result.by_imu.mass_std[-1] < 0.006
@@ -131,7 +132,7 @@ def test_a_wrench_and_its_reaction_to_contact_come_out_whole(short):
     contact[3000:4000] = [4.0, -3.0, 6.0, 0.3, 0.2, -0.1]
     rng = np.random.default_rng(5)
     touched = arm.record(short.motion, rng, contact, accelerometer_bias=short.drift)
-    result = replay(touched, short.calibration, Settings('ukf'))
+    result = replay(touched, short.calibration, ObserverSettings('ukf'))
     assert result.learned.touching[3000:4000].all() and not result.learned.touching[:3000].any()
     mean = (result.contact - contact)[3100:4000].mean(axis=0)
     assert (np.abs(mean) < 0.1 * arm.TABLE).all()
@@ -142,7 +143,7 @@ def test_what_is_missing_is_named(short):
     with pytest.raises(DataError, match='no wrench'):
         replay(replace(recording, wrench=None), calibration)
     with pytest.raises(UnobservableError, match='no pose, which filter static'):
-        replay(replace(recording, pose=None), calibration, Settings('static'))
+        replay(replace(recording, pose=None), calibration, ObserverSettings('static'))
     with pytest.raises(UnobservableError, match='angular velocity'):
         replay_pose_free(replace(recording, angular_velocity=None), calibration)
     with pytest.raises(DataError, match='recorded in V'):

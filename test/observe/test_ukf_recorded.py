@@ -1,13 +1,13 @@
 """Gravity compensation on a real arm in free motion, where the truth is zero."""
 
 from forcecal_ros.identify.delay import estimate_delay, with_delay
-from forcecal_ros.observe import FilterSettings, replay, Settings
+from forcecal_ros.observe import FilterSettings, ObserverSettings, replay
 from forcecal_ros.observe.noise import with_noise
 from kuka import kuka_recording, slow, static_calibration
 import numpy as np
 import pytest
 
-VIBRATION = Settings('ukf', learning=FilterSettings(
+VIBRATION = ObserverSettings('ukf', learning=FilterSettings(
     contact_floor=(1.0, 0.1), bias_prior=(0.3, 0.02)))
 """This arm shakes its sensor by 1 N, and its bias moved since the calibration."""
 
@@ -34,7 +34,7 @@ def slow_std(result):
 
 @pytest.mark.parametrize('name', ['ukf', 'ekf'])
 def test_below_10_hz_little_is_left(recording, calibration, by_observer, name):
-    left = slow_std(replay(recording, calibration, Settings(name)))
+    left = slow_std(replay(recording, calibration, ObserverSettings(name)))
     assert (left < [0.13, 0.045, 0.07]).all()
     # the same load; what differs is how fast the two filters are, which shows a little here
     assert (left < 1.02 * by_observer).all()
@@ -51,5 +51,5 @@ def test_with_its_vibration_stated_the_arm_is_free_and_its_bias_is_found(
 
 
 def test_static_compensation_leaves_what_gravity_alone_leaves(recording, calibration):
-    left = slow_std(replay(recording, calibration, Settings('static')))
+    left = slow_std(replay(recording, calibration, ObserverSettings('static')))
     assert left == pytest.approx([0.36, 0.02, 0.15], abs=0.02)

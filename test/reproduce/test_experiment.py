@@ -7,7 +7,7 @@ from forcecal_ros.impedance.design import design
 from forcecal_ros.impedance.plant.file import load_plant
 from forcecal_ros.impedance.program import Program, Stage, Task
 from forcecal_ros.impedance.regulator import Regulator
-from forcecal_ros.observe import replay, Settings
+from forcecal_ros.observe import ObserverSettings, replay
 from forcecal_ros.reproduce.assess import (
     assess,
     exceptions,
@@ -80,7 +80,7 @@ def test_static_feedback_takes_off_the_weight_where_x_is_not_level(calibration):
 
 def test_observer_in_the_loop_is_the_observer_of_the_replay(calibration, runs):
     kalman = runs['kalman']
-    again = replay(kalman.recording, calibration, Settings('kalman'))
+    again = replay(kalman.recording, calibration, ObserverSettings('kalman'))
     n = len(kalman.feedback)
     assert n > 0.99 * len(again.t)
     assert np.abs(again.contact[:n, 0] - kalman.feedback.values[:, 0]).max() < 1e-9

@@ -15,18 +15,7 @@ FORMAT = 'forcecal-plant/1'
 
 
 def to_document(fit: PlantFit) -> dict[str, Any]:
-    """
-    Turn an identified plant into plain dicts, lists, numbers and words.
-
-    Parameters
-    ----------
-    fit : PlantFit
-
-    Returns
-    -------
-    dict
-        What ``plant.yaml`` holds and ``--json`` prints.
-    """
+    """Return the content of ``plant.yaml``, which ``--json`` prints too."""
     found = fit.robot
     continuous = state_space(fit.plant)
     document: dict[str, Any] = plain({
@@ -52,17 +41,12 @@ def _complex(number: complex) -> list[float]:
 
 def save_plant(fit: PlantFit, path: Path | str) -> None:
     """
-    Write ``plant.yaml``; one that is there is kept as ``plant.yaml~``.
-
-    Parameters
-    ----------
-    fit : PlantFit
-    path : Path or str
+    Write ``plant.yaml``; an existing one is kept as ``plant.yaml~``.
 
     Raises
     ------
     ConfigError
-        The place cannot be written to.
+        The file cannot be written.
     """
     write_text(path, yaml.safe_dump(to_document(fit), sort_keys=False, width=99))
 
@@ -74,11 +58,7 @@ def load_plant(path: Path | str | None = None) -> Plant:
     Parameters
     ----------
     path : Path or str, optional
-        What was identified on the nominal rig where none is given.
-
-    Returns
-    -------
-    Plant
+        By default what was identified on the nominal rig.
 
     Raises
     ------

@@ -4,7 +4,7 @@ from math import inf, isfinite
 
 from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.filters.memory import Memory, NewtonState, STOPPED
-from forcecal_ros.observe.motion import gravity_in_sensor, Motion
+from forcecal_ros.observe.motion import gravity_in_sensor, MotionEstimate
 from forcecal_ros.observe.tracking import rotate, ZERO
 from forcecal_ros.observe.unload import Unloaded
 
@@ -64,7 +64,7 @@ def newton_step(
     return NewtonState(xi_1, xi_2), force
 
 
-def along_x(memory: Memory, reading: Unloaded, motion: Motion, model: Model) -> Memory:
+def along_x(memory: Memory, reading: Unloaded, motion: MotionEstimate, model: Model) -> Memory:
     """
     Run the paper's observer along x; its force comes back in the wire's sign.
 

@@ -8,7 +8,7 @@ from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array, skew
 from forcecal_ros.observe.design import design
 from forcecal_ros.observe.filters.bias_model import BiasModel
-from forcecal_ros.observe.settings import LEARNING, Settings
+from forcecal_ros.observe.settings import LEARNING, ObserverSettings
 import numpy as np
 from scipy.linalg import block_diag
 
@@ -81,7 +81,7 @@ class PoseFreeModel(NamedTuple):
     noise: Array
 
 
-def pose_free_model(calibration: Calibration, settings: Settings = Settings('ukf'),
+def pose_free_model(calibration: Calibration, settings: ObserverSettings = ObserverSettings('ukf'),
                     imu: Imu = Imu()) -> PoseFreeModel:
     """
     Turn a calibration into the pose-free model, for filter ``ukf`` or ``ekf`` of twelve states.

@@ -1,10 +1,10 @@
-"""Topics as they come, written to a recording while they come."""
+"""Topics recorded as they appear, message by message."""
 
 from collections import Counter
 from collections.abc import Callable, Collection
 from functools import partial
 
-from forcecal_ros.nodes.recorder import HEARD, message_class
+from forcecal_ros.nodes.recorder import message_class, RECORDED
 from forcecal_ros.recording.bags import BagWriter
 from forcecal_ros.recording.topics import ROLES
 from rclpy.node import Node
@@ -12,29 +12,28 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 
 def of_this_package(name: str, msgtype: str) -> bool:
-    """Tell whether a topic has the name and type of a role, in any namespace."""
+    """Return whether a topic has the name and type of a role, in any namespace."""
     return any(f'/{name.lstrip("/")}'.endswith(f'/{role.topic}') and msgtype in role.types
                for role in ROLES.values())
 
 
 class StreamRecorder:
     """
-    Subscribes to whatever topic of interest appears, and writes every message at once.
+    Subscribes to every wanted topic that appears, and writes each message at once.
 
     Parameters
     ----------
-    node : Node
     writer : BagWriter
-        Open as long as the recorder is in use.
+        Has to stay open.
     wanted : callable
-        (name, type) -> whether a topic is recorded.
+        Name and type of a topic -> whether it is recorded.
 
     Attributes
     ----------
     counts : Counter
-        Messages by topic.
+        Number of messages, by topic.
     unknown : set of str
-        Types whose package is not installed.
+        Message types whose package is not installed.
     """
 
     def __init__(self, node: Node, writer: BagWriter, wanted: Callable[[str, str], bool]) -> None:
@@ -45,7 +44,7 @@ class StreamRecorder:
         self.unknown: set[str] = set()
 
     def look(self) -> None:
-        """Subscribe to the topics that have come up since."""
+        """Subscribe to the topics that have appeared since."""
         for name, types in self._node.get_topic_names_and_types():
             if name in self._subscribed or not self._wanted(name, types[0]):
                 continue
@@ -53,7 +52,7 @@ class StreamRecorder:
                 self._subscribe(name, types[0], [one.qos_profile for one in publishers])
 
     def missing(self, names: Collection[str]) -> list[str]:
-        """Return which of some topics have not said anything."""
+        """Return the topics without a message."""
         return sorted(name for name in names if not self.counts[f'/{name.lstrip("/")}'])
 
     def _subscribe(self, name: str, msgtype: str, offered: list[QoSProfile]) -> None:
@@ -66,7 +65,7 @@ class StreamRecorder:
         latched = all(one.durability == DurabilityPolicy.TRANSIENT_LOCAL for one in offered)
         reliable = all(one.reliability == ReliabilityPolicy.RELIABLE for one in offered)
         quality = QoSProfile(
-            depth=HEARD.depth,
+            depth=RECORDED.depth,
             reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
             durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched
                         else DurabilityPolicy.VOLATILE))

@@ -1,4 +1,4 @@
-"""A node that lives as long as a command does: made, spun, and ended by a signal."""
+"""A node for the time of a command: made, spun, and ended by a signal."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,14 +12,8 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 
-class Session:
-    """
-    A node and what turns it over.
-
-    Attributes
-    ----------
-    node : Node
-    """
+class TemporaryNode:
+    """A node with its executor."""
 
     def __init__(self, node: Node, executor: Executor, interrupt: Interrupt) -> None:
         self.node = node
@@ -28,23 +22,17 @@ class Session:
 
     @property
     def interrupted(self) -> bool:
-        """Whether a signal asked to end."""
+        """Whether a signal asks to end."""
         return self._interrupt.count > 0 or not rclpy.ok()
 
     def spin(self, seconds: float) -> None:
-        """Answer whatever arrives within some time [s]."""
+        """Handle what arrives within some time [s]."""
         self._executor.spin_until_future_complete(Future(), timeout_sec=seconds)
 
 
 @contextmanager
-def session(name: str) -> Iterator[Session]:
-    """
-    Take part in ROS under a name, in the domain of the environment.
-
-    Yields
-    ------
-    Session
-    """
+def temporary_node(name: str) -> Iterator[TemporaryNode]:
+    """Run a node within this context, in the domain of the environment."""
     interrupt = Interrupt()
     try:
         with starting('forcecal'):
@@ -54,7 +42,7 @@ def session(name: str) -> Iterator[Session]:
         executor.add_node(node)
         interrupt.running = True
         try:
-            yield Session(node, executor, interrupt)
+            yield TemporaryNode(node, executor, interrupt)
         finally:
             executor.shutdown()
             node.destroy_node()

@@ -1,4 +1,4 @@
-"""How the observer is doing, in one level and one sentence."""
+"""The state of the observer as level and message of /diagnostics."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -6,27 +6,26 @@ from typing import NamedTuple
 from forcecal_ros.observe.status import describe, level
 
 
-class Heard(NamedTuple):
-    """When a topic was heard last, and the frame_id of its first message."""
+class LastMessage(NamedTuple):
+    """When a topic was received last [ns], and the frame_id of its first message."""
 
     steady_ns: int
     frame: str
 
 
-def verdict(active: bool, calibrated: str | None, heard: Mapping[str, Heard],
-            silent: Sequence[str], status: int) -> tuple[str, str]:
+def health(active: bool, calibrated: str | None, heard: Mapping[str, LastMessage],
+           silent: Sequence[str], status: int) -> tuple[str, str]:
     """
     Return level and message for /diagnostics.
 
     Parameters
     ----------
-    active
-    calibrated
+    calibrated : str or None
         Sensor frame of the calibration in use; None without one.
-    heard, silent
-        By topic; which of them have been silent of late.
+    heard, silent : dict, sequence of str
+        The last message by topic; the topics that have fallen silent.
     status : int
-        All bits since the last report.
+        All bits of :class:`forcecal_ros.observe.Status` since the last report.
     """
     if not active:
         return 'stale', 'not active'
