@@ -10,10 +10,12 @@ import pytest
 
 
 @pytest.mark.parametrize('conditions', [
-    Conditions(latency=0.5, jitter=3e-3),
-    Conditions(stall=0.5, load=1),
-    Conditions(latency=0.1, pause=0.05, jitter=1e-3, load=2),
-], ids=['late by half a second', 'held back', 'pauses under load'])
+    pytest.param(Conditions(latency=0.5, jitter=3e-3), id='late by half a second',
+                 marks=pytest.mark.long),
+    pytest.param(Conditions(stall=0.5, load=1), id='held back'),
+    pytest.param(Conditions(latency=0.1, pause=0.05, jitter=1e-3, load=2),
+                 id='pauses under load', marks=pytest.mark.long),
+])
 def test_a_sound_rig_is_calibrated_as_well_on_a_computer_that_is_late(conditions):
     outcome = run(7, conditions)
     assert not outcome.aborted

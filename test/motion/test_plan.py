@@ -95,6 +95,7 @@ def diagnosed(motion, effects):
 LATE = (('wrench_delay', {'delay': 0.004}), ('wrench_lowpass', {'time_constant': 0.004}))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name, values', LATE)
 def test_quick_legs_of_the_plan_tell_a_delay_from_a_lowpass(name, values):
     found = diagnosed(chosen(lambda s: 'quickly' in s.label), {name: values})
@@ -102,6 +103,7 @@ def test_quick_legs_of_the_plan_tell_a_delay_from_a_lowpass(name, values):
     assert [e.name for e in found.effects] == [name]
 
 
+@pytest.mark.long
 def test_slow_reversals_alone_leave_both():
     name, values = LATE[0]
     found = diagnosed(chosen(lambda s: s.phase == 'reverse'), {name: values})
