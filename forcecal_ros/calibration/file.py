@@ -15,7 +15,7 @@ import yaml
 DAY = 86_400.0
 """[s]"""
 
-_CHECKSUM = 'checksum: '
+_CHECKSUM, _ALGORITHM = 'checksum: ', 'sha256-'
 
 
 def dump(calibration: Calibration) -> str:
@@ -26,13 +26,14 @@ def dump(calibration: Calibration) -> str:
 
 
 def _digest(text: str) -> str:
-    return f'sha256-{sha256(text.encode()).hexdigest()}'
+    return f'{_ALGORITHM}{sha256(text.encode()).hexdigest()}'
 
 
 def _check_sum(text: str, name: str) -> None:
     """Refuse a text that is not what was written; one without checksum passes."""
-    body, mark, rest = text.rpartition(f'\n{_CHECKSUM}')
-    if mark and rest.strip() != _digest(body + '\n'):
+    head, newline, last = text.rstrip().rpartition('\n')
+    meant = _CHECKSUM in last or _ALGORITHM in last  # one of them may be what is damaged
+    if meant and last != _CHECKSUM + _digest(head + newline):
         raise ConfigError(f'{name}: its checksum does not fit: it is damaged or was edited; take '
                           f'{name}~ or calibrate again, or drop the line `checksum` if you edited '
                           'it on purpose')
