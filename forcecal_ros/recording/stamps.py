@@ -104,7 +104,9 @@ def _with_pauses(t: Array, jitter: Jitter) -> Jitter:
     number = jitter.number.copy()
     while step.max() > least:
         i = int(np.argmax(step))
-        number[i:] += round(step[i] / jitter.period)
+        first = max(1, i - SPAN // 2)
+        longest = first + int(np.argmax(np.diff(t[first - 1:i + SPAN // 2])))
+        number[longest:] += round(step[i] / jitter.period)
         step[max(0, i - SPAN):i + SPAN] = 0.0
     return _around(t, number) if number[-1] != jitter.number[-1] else jitter
 
@@ -139,15 +141,16 @@ def even_instants(t: Array, jitter: Jitter) -> Array:
     late = t - jitter.period * jitter.number
     pauses = np.flatnonzero(np.diff(late) > jitter.period + PAUSE * jitter.std) + 1
     width = max(3, round(WINDOW / jitter.period))
-    even = np.concatenate([_even(part, number, width) for part, number in
+    even = np.concatenate([_even(part, number, width, jitter.period) for part, number in
                            zip(np.split(t, pauses), np.split(jitter.number, pauses))])
     return even if (np.diff(even) > 0).all() else t
 
 
-def _even(t: Array, number: NDArray[np.intp], width: int) -> Array:
+def _even(t: Array, number: NDArray[np.intp], width: int, period: float) -> Array:
     """Even one stretch: a line, and what its samples are off it on average around each."""
     if len(t) < SPAN:
-        return t
+        line = period * (number - number[0])
+        return np.asarray(line + np.mean(t - line))
     slope, start = np.polyfit(number - number[0], t, 1)
     line = start + slope * (number - number[0])
     return np.asarray(line + uniform_filter1d(t - line, min(width, len(t)), mode='reflect'))

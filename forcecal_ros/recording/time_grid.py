@@ -11,10 +11,14 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import FREE, Phase, phase_spans
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, make_interp_spline
 
 _GAP = 2.5
 """Stamps further apart than this many median periods leave the blocks between them empty."""
+
+_TOO_CLOSE = 0.2
+"""Stamps that follow each other by less, in median periods, are joined by straight lines: a cubic
+spline through noise at such instants swings by many times the noise."""
 
 _MIN_SAMPLES = 5
 """Of the slowest sensor in a block: fewer do not average its noise."""
@@ -32,8 +36,10 @@ class Averager:
     """
 
     def __init__(self, t: Array, values: Array) -> None:
-        self._integral = CubicSpline(t, values).antiderivative()
         period = float(np.median(np.diff(t)))
+        smooth = np.diff(t).min() > _TOO_CLOSE * period
+        curve = CubicSpline(t, values) if smooth else make_interp_spline(t, values, k=1)
+        self._integral = curve.antiderivative()
         wide = np.flatnonzero(np.diff(t) > _GAP * period)
         self._gap_start = np.concatenate([t[wide], [t[-1] + period / 2]])
         self._gap_end = np.concatenate([t[wide + 1], [np.inf]])

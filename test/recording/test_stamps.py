@@ -107,3 +107,15 @@ def test_a_pause_that_is_shorter_than_the_jitter_is_found(lost):
     even, _ = evened(arrived(t, 3e-3)[kept])
     off = (even - t[kept])[1000:-1000]
     assert off.std() < 1.5e-4
+
+
+def test_a_short_stretch_between_two_pauses_is_evened_too():
+    t = regular()
+    kept = np.ones(len(t), dtype=bool)
+    kept[7000:7006] = kept[7052:7058] = False
+    for seed in range(5):
+        late = arrived(t, 1e-3, seed)[kept]
+        even, _ = with_even_stamps(Stream(late, swinging(t[kept])))
+        assert np.diff(even.t).min() > 0.9 * PERIOD
+        off = even.t - t[kept]
+        assert np.abs(off - np.median(off))[6900:7100].max() < 1.2 * PERIOD

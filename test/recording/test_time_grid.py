@@ -53,3 +53,13 @@ def test_contact_and_idle_are_neither_still_nor_free():
     assert set(seconds[grid.free]) == {2, 3}
     # one block lies across the border of move and settle: both are free
     assert grid.free.sum() >= 98
+
+
+def test_stamps_that_nearly_coincide_do_not_make_the_mean_swing():
+    rng = np.random.default_rng(0)
+    t = 1e-3 * np.arange(2000)
+    t[501::50] = t[500::50] + 1e-7
+    noisy = np.sin(3 * t)[:, np.newaxis] + 0.01 * rng.standard_normal((2000, 1))
+    starts = np.arange(0.1, 1.8, 0.02)
+    means = Averager(t, noisy).means(starts, 0.02)[:, 0]
+    assert np.abs(means - np.sin(3 * (starts + 0.01))).max() < 0.02
