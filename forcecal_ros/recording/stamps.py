@@ -94,7 +94,13 @@ def jitter_of(t: Array) -> Jitter:
 
 
 def _with_pauses(t: Array, jitter: Jitter) -> Jitter:
-    """Count the samples lost in pauses that are too short to be seen among jittering intervals."""
+    """Count the samples lost in pauses, also where they are hardly longer than the jitter."""
+    period, number = jitter.period, jitter.number.copy()
+    longer = np.diff(t) - period
+    number[1:] += np.cumsum(np.where(longer > 0.5 * period + PAUSE * jitter.std,
+                                     np.rint(longer / period), 0.0).astype(int))
+    if number[-1] != jitter.number[-1]:
+        jitter = _around(t, number)
     late = t - jitter.period * jitter.number
     sums = np.concatenate([[0.0], np.cumsum(late)])
     means = (sums[SPAN:] - sums[:-SPAN]) / SPAN
