@@ -82,6 +82,7 @@ class Finding(NamedTuple):
 
 def findings(stages: Stages, settings: Settings) -> Iterator[Finding]:
     """Make every check of this module."""
+    yield from slightly_turned(stages)
     yield from poses_disagree(stages, settings)
     yield from torque_departs(stages, settings)
     yield from accelerometer_disagrees(stages, settings)
@@ -91,6 +92,12 @@ def findings(stages: Stages, settings: Settings) -> Iterator[Finding]:
     yield from delays_too_long(stages, settings)
     yield from pose_astray(stages.recording, stages)
     yield from clips_or_drifts(stages, settings)
+
+
+def slightly_turned(stages: Stages) -> Iterator[Finding]:
+    """Name a turn of the sensor or a tilt of the base that forces at rest show for certain."""
+    if stages.slight_misfit:
+        yield Finding(stages.slight_misfit, STANDSTILL)
 
 
 def poses_disagree(stages: Stages, settings: Settings) -> Iterator[Finding]:

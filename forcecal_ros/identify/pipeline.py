@@ -10,6 +10,7 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.identify.ac_coupling import lowpassed
 from forcecal_ros.identify.accelerometer import AccelerometerFit, identify_accelerometer
 from forcecal_ros.identify.accelerometer_model import MotionBlocks, ToolPart
+from forcecal_ros.identify.frame import slight_misfit
 from forcecal_ros.identify.gridded import grid_recording, GriddedRecording, ToolMotion
 from forcecal_ros.identify.inertia import identify_inertia, InertiaFit
 from forcecal_ros.identify.mass import weigh, Weight
@@ -35,9 +36,11 @@ from forcecal_ros.identify.statics import read_statics, ring_of, sag_of, with_ri
 from forcecal_ros.identify.tool import identify_tool, ToolFit
 from forcecal_ros.recording.checks.entry import checked
 from forcecal_ros.recording.kinematics import AngularMotion
+from forcecal_ros.recording.level import level_from_base, levelled
 from forcecal_ros.recording.stamps import with_even_stamps
 from forcecal_ros.recording.streams import Recording
 from forcecal_ros.recording.time_grid import Averager
+from forcecal_ros.schema import Vector3
 import numpy as np
 
 
@@ -87,10 +90,19 @@ def identify(recording: Recording, settings: Settings = Settings()) -> Calibrati
         noise=noise,
         observer=_observer(stages, noise, settings),
         gravity=settings.gravity,
+        gravity_direction=_unit(settings.gravity_direction),
         sensor_frame=require_wrench(recording).frame or 'ft_sensor',
         wrench_sign=settings.wrench_sign,
         source={'recording': recording.source, **_recorded(recording), **settings.source})
     return replace(calibration, quality=quality_of(stages, calibration, settings))
+
+
+def _unit(direction: Vector3 | None) -> Vector3 | None:
+    """Return the unit vector of a direction that is not plainly down."""
+    if direction is None or level_from_base(direction) is None:
+        return None
+    x, y, z = np.asarray(direction) / np.linalg.norm(direction)
+    return float(x), float(y), float(z)
 
 
 def _recorded(recording: Recording) -> dict[str, str]:
@@ -119,14 +131,16 @@ def identify_stages(recording: Recording, settings: Settings) -> Stages:
         As :func:`identify`.
     """
     recording, removed = checked(recording)
-    recording = _evened(recording)
+    recording = _evened(levelled(recording, settings.gravity_direction))
     require_wrench(recording)
     poses = static_poses(recording)
     refuse_poses_at_a_limit(recording, poses)
     gridded = grid_recording(recording, poses, settings)
     statics = read_statics(recording, poses, settings, gridded)
+    slight = slight_misfit(poses, statics, settings)
     if gridded is None:
-        return _single_samples(recording, removed, poses, statics, settings)
+        return replace(_single_samples(recording, removed, poses, statics, settings),
+                       slight_misfit=slight)
     weight = weigh(statics, settings.thresholds.condition)
     sag, ring = sag_of(statics, weight.mass), None
     if settings.tool_compliance != 'no':
@@ -137,7 +151,7 @@ def identify_stages(recording: Recording, settings: Settings) -> Stages:
     turn = gridded.kinematics.angular(late[0] if late else 0.0)
     return Stages(recording, removed, poses, statics, tool, sag, ring,
                   _accelerometer(recording, gridded, tool, turn, settings), inertia, late,
-                  ToolMotion(gridded, slide, turn))
+                  ToolMotion(gridded, slide, turn), slight)
 
 
 def _evened(recording: Recording) -> Recording:
