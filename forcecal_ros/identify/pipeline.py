@@ -16,6 +16,7 @@ from forcecal_ros.identify.inertia import identify_inertia, InertiaFit
 from forcecal_ros.identify.mass import weigh, Weight
 from forcecal_ros.identify.means import window_mean
 from forcecal_ros.identify.moving_tool import identify_moving_tool
+from forcecal_ros.identify.nature import refuse_unnatural
 from forcecal_ros.identify.pose_delay import pose_delay
 from forcecal_ros.identify.poses import static_poses, StaticPose
 from forcecal_ros.identify.quality import quality_of
@@ -35,6 +36,7 @@ from forcecal_ros.identify.static_readings import gravity_spread, Statics, Turne
 from forcecal_ros.identify.statics import read_statics, ring_of, sag_of, with_ring
 from forcecal_ros.identify.tool import identify_tool, ToolFit
 from forcecal_ros.recording.checks.entry import checked
+from forcecal_ros.recording.checks.units import refuse_other_unit
 from forcecal_ros.recording.kinematics import AngularMotion
 from forcecal_ros.recording.level import level_from_base, levelled
 from forcecal_ros.recording.stamps import with_even_stamps
@@ -94,6 +96,7 @@ def identify(recording: Recording, settings: Settings = Settings()) -> Calibrati
         sensor_frame=require_wrench(recording).frame or 'ft_sensor',
         wrench_sign=settings.wrench_sign,
         source={'recording': recording.source, **_recorded(recording), **settings.source})
+    refuse_unnatural(calibration)
     return replace(calibration, quality=quality_of(stages, calibration, settings))
 
 
@@ -135,6 +138,7 @@ def identify_stages(recording: Recording, settings: Settings) -> Stages:
     require_wrench(recording)
     poses = static_poses(recording)
     refuse_poses_at_a_limit(recording, poses)
+    _refuse_other_unit(recording, poses, settings)
     gridded = grid_recording(recording, poses, settings)
     statics = read_statics(recording, poses, settings, gridded)
     slight = slight_misfit(poses, statics, settings)
@@ -167,6 +171,17 @@ def _evened(recording: Recording) -> Recording:
             notes.append(f'stamps of {name} jitter by {1e3 * jitter.std:.2g} ms around '
                          f'{1e3 * jitter.period:.3g} ms; evened out')
     return replace(recording, **changes, notes=(*recording.notes, *notes))
+
+
+def _refuse_other_unit(recording: Recording, poses: list[StaticPose], settings: Settings) -> None:
+    """Refuse an accelerometer in m/s^2 that does not show gravity; one in volts may show any."""
+    stream = recording.accelerometer
+    if stream is None or recording.accelerometer_unit == 'V' or settings.coupling == 'ac':
+        return
+    means = [part.mean(axis=0) for pose in poses
+             if len(part := stream.between(pose.start, pose.end).values)]
+    if means:
+        refuse_other_unit(np.array(means), settings.gravity)
 
 
 def _single_samples(recording: Recording, removed: dict[str, int], poses: list[StaticPose],

@@ -165,6 +165,20 @@ to 1. Less takes 0.2 % off the mass, and is named in a note."""
 SURE_WEIGHT = 3.0
 """A mass of fewer standard errors is none."""
 
+OTHER_UNIT = 2.0
+"""An accelerometer that at rest shows gravity wrong by this factor is in another unit: offsets of
+those that are not calibrated are 1 m/s^2, gains 10 % off at most."""
+
+SAME_UNIT = 0.2
+"""It is in a unit that explains the factor to such a share, for those offsets and gains."""
+
+NO_GRAVITY = 0.05
+"""Less than this share of gravity is what an accelerometer without gravity shows of its offset."""
+
+LIGHT = 0.25
+"""A lighter tool is questioned [kg]: the lightest grippers of arms weigh 0.3 with their coupling,
+and what weighs up to 2.4 kg is lighter in kgf, up to 1.1 kg in lbf."""
+
 VERTICAL = 0.1
 """A mean force this close to the vertical of base may be a weight [rad]; a bias points so by
 chance once in four hundred times."""
