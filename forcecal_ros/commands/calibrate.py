@@ -100,16 +100,17 @@ def _written(calibration: 'Calibration', args: argparse.Namespace, notes: tuple[
     """Write a calibration and say what is in it."""
     from forcecal_ros.calibration.document import to_document
     from forcecal_ros.calibration.file import save
-    from forcecal_ros.report.rows import as_text, table
+    from forcecal_ros.report.rows import as_text, residuals, table
 
     save(calibration, args.output)
     warnings = calibration.quality.get('warnings', ())
     return Answer(
         to_document(calibration),
-        f'{as_text(table(calibration))}\n\nwritten to {args.output}',
+        f'{as_text([*table(calibration), *residuals(calibration)])}\n\nwritten to {args.output}',
         f'mass {float(calibration.mass):.4f} +- {float(calibration.mass.std):.4f} kg, '
         f'written to {args.output}',
-        (*(note for note in notes if not any(note in warning for warning in warnings)), *warnings))
+        (*(note for note in notes if not any(note in warning for warning in warnings)), *warnings,
+         *calibration.quality.get('questions', ())))
 
 
 def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration':

@@ -17,6 +17,7 @@ from forcecal_ros.identify.means import drift
 from forcecal_ros.identify.residuals import largest_deviation, Residuals
 from forcecal_ros.identify.result import Stages
 from forcecal_ros.identify.settings import Settings
+from forcecal_ros.identify.single_samples import farthest, scatters
 from forcecal_ros.recording.checks.clipping import clipped
 from forcecal_ros.recording.noise.autocovariance import noise_of_windows
 from forcecal_ros.recording.streams import CHANNELS, Recording
@@ -84,6 +85,7 @@ def findings(stages: Stages, settings: Settings) -> Iterator[Finding]:
     """Make every check of this module."""
     yield from slightly_turned(stages)
     yield from poses_disagree(stages, settings)
+    yield from samples_disagree(stages, settings)
     yield from torque_departs(stages, settings)
     yield from accelerometer_disagrees(stages, settings)
     yield from accelerometer_departs(stages, settings)
@@ -116,6 +118,25 @@ def poses_disagree(stages: Stages, settings: Settings) -> Iterator[Finding]:
             f'{tool.residuals[i, j]:+.3g} {"N" if j < 3 else "N m"} in {CHANNELS["wrench"][j]}; '
             'look for a cable that pulls, contact, a loose mount, or a pose measured '
             'before it was still. The standard errors are widened by it', ALL)
+
+
+def samples_disagree(stages: Stages, settings: Settings) -> Iterator[Finding]:
+    """Judge what poses of one sample each leave over, whose noise nothing else shows."""
+    tool, statics = stages.tool, stages.statics
+    if statics.covariance is not None:
+        return
+    look = 'look for a cable that pulls, contact, a loose mount, or a pose that was still moving'
+    if found := [f'{CHANNELS["wrench"][j]} by {rms:.2g} {"N" if j < 3 else "N m"} RMS, '
+                 f'{share:.0%} of what the weight makes of it'
+                 for j, rms, share in scatters(tool.residuals, statics.wrench, tool.com)]:
+        yield Finding(f'the static poses do not fit one tool: they scatter in {", ".join(found)}; '
+                      f'{look}, and record several samples a pose', ALL)
+    one = farthest(tool.residuals)
+    if one is not None and one.probability < settings.thresholds.probability:
+        yield Finding(f'the static poses do not fit one tool: pose {one.pose + 1} is off by '
+                      f'{one.size:+.3g} {"N" if one.channel < 3 else "N m"} in '
+                      f'{CHANNELS["wrench"][one.channel]}, more than the others allow; {look}',
+                      ALL)
 
 
 def torque_residuals(stages: Stages) -> Residuals | None:

@@ -24,6 +24,7 @@ from forcecal_ros.identify.paper import Alignment, Plain, plain_procedure
 from forcecal_ros.identify.poses import orientation_h, orientation_v
 from forcecal_ros.identify.result import Stages
 from forcecal_ros.identify.settings import Settings
+from forcecal_ros.recording.checks.units import doubt_of_force_unit
 from forcecal_ros.recording.streams import phase_spans
 import numpy as np
 
@@ -49,19 +50,22 @@ def quality_of(stages: Stages, calibration: Calibration, settings: Settings) -> 
     Returns
     -------
     dict
-        ``warnings`` (sentences), ``suspect`` (keys of estimates that they call into question),
-        ``notes``, ``poses``, ``condition``, ``chi_square``, ``paper``
+        ``warnings``, ``questions`` (sentences), ``suspect`` (keys of estimates that warnings call
+        into question), ``notes``, ``poses``, ``condition``, ``chi_square``, ``paper``
         (the plain equations beside the joint estimates), ``errors`` (Eq. 23, 24, 26, 27), ...
     """
     tool = stages.tool
     plain = _plain(stages, calibration, settings)
-    found = [*findings(stages, settings), *_disagreement(plain, stages, calibration, settings)]
+    found = [*findings(stages, settings),
+             *_disagreement(plain, stages, calibration, settings)]
     quality: dict[str, Any] = {
         'warnings': [*_weak(calibration, settings), *(finding.line for finding in found)],
         'suspect': [key for key in ALL if any(key in finding.suspect for finding in found)],
+        'questions': [one for one in (doubt_of_force_unit(tool.mass),) if one],
         'notes': [*stages.recording.notes, *_notes(stages, calibration, plain)],
         'poses': [{'start': round(p.start, 3), 'gravity': g, 'residual': r} for p, g, r in
                   zip(stages.poses, stages.statics.gravity, tool.residuals)],
+        'residual_rms': np.sqrt((tool.residuals**2).mean(axis=0)),
         'condition': tool.condition,
         'gravity_spread': tool.spread,
         'chi_square': {'value': tool.chi_square, 'degrees': tool.degrees,
