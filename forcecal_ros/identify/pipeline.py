@@ -16,7 +16,7 @@ from forcecal_ros.identify.inertia import identify_inertia, InertiaFit
 from forcecal_ros.identify.mass import weigh, Weight
 from forcecal_ros.identify.means import window_mean
 from forcecal_ros.identify.moving_tool import identify_moving_tool
-from forcecal_ros.identify.nature import refuse_unnatural
+from forcecal_ros.identify.nature import refuse_unnatural, unnatural_inertia
 from forcecal_ros.identify.pose_delay import pose_delay
 from forcecal_ros.identify.poses import static_poses, StaticPose
 from forcecal_ros.identify.quality import quality_of
@@ -97,7 +97,12 @@ def identify(recording: Recording, settings: Settings = Settings()) -> Calibrati
         wrench_sign=settings.wrench_sign,
         source={'recording': recording.source, **_recorded(recording), **settings.source})
     refuse_unnatural(calibration)
-    return replace(calibration, quality=quality_of(stages, calibration, settings))
+    if no_body := unnatural_inertia(calibration):
+        calibration = replace(calibration, inertia=None)
+    quality = quality_of(stages, calibration, settings)
+    if no_body:
+        quality['warnings'].append(no_body)
+    return replace(calibration, quality=quality)
 
 
 def _unit(direction: Vector3 | None) -> Vector3 | None:
