@@ -1,6 +1,6 @@
 """How many sound sets of static poses are called into question, or refused.
 
-    python benchmark/static_sets.py                # 60 sets at each rate, some two minutes
+    python benchmark/sound_sets.py                # 60 sets at each rate, some two minutes
 
 Tool, bias, noise, poses and axes of the accelerometer are drawn at random (test/helpers/
 static_sets.py); nothing is wrong with any set, so that every warning and every refusal is false.
