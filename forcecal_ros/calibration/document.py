@@ -40,6 +40,8 @@ def _check(c: Calibration) -> None:
                               'three independent axes of non-zero gain')
         if c.accelerometer.coupling == 'ac' and c.accelerometer.cutoff is None:
             raise Mismatch('accelerometer.cutoff', None, 'the corner [Hz] of an ac sensor')
+    if c.gravity_direction is not None and abs(np.linalg.norm(c.gravity_direction) - 1.0) > 1e-3:
+        raise Mismatch('gravity_direction', list(c.gravity_direction), 'a unit vector')
     if c.matrix is not None:
         channels = c.matrix.value.shape[1]
         if c.matrix_offset is None or len(c.matrix_offset.value) != channels:

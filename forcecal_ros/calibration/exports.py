@@ -92,6 +92,8 @@ def export(calibration: Calibration, consumer: str, place: Place | None = None) 
             f'{consumer} cannot apply the matrix that makes a wrench of the raw channels; give it '
             'observer/contact_wrench instead')
     notes = f'{one.notes}\nCalibrated with gravity {calibration.gravity:.5f} m/s^2.'
+    if calibration.gravity_direction is not None:
+        notes += f'\nIt points along {_plain(calibration.gravity_direction)} of base.'
     head = ''.join(f'# {line}\n' for line in notes.splitlines())
     body = yaml.safe_dump(dict(one.document(calibration, place or Place())), sort_keys=False,
                           width=99, default_flow_style=None)
@@ -126,13 +128,29 @@ def _broadcaster(c: Calibration, place: Place) -> dict[str, Any]:
         'multiplier': _by_axis(np.full(6, float(c.wrench_sign)))})
 
 
+def _upright(c: Calibration, place: Place) -> str:
+    """
+    Return the frame whose z points up.
+
+    Raises
+    ------
+    ConfigError
+        It would be a base that is not level.
+    """
+    if c.gravity_direction is not None and place.base_frame == Place().base_frame:
+        raise ConfigError(
+            f'z of {place.base_frame} does not point up: gravity was calibrated along '
+            f'{_plain(c.gravity_direction)} of base; name a frame that is level with --base-frame')
+    return place.base_frame
+
+
 def _gravity_filter(c: Calibration, place: Place) -> dict[str, Any]:
     return _parameters(place.node or 'force_torque_sensor_broadcaster', {
         'sensor_filter_chain': {'filter1': {
             'name': 'gravity_compensation',
             'type': 'control_filters/GravityCompensationWrench',
             'params': {
-                'world_frame': place.base_frame,
+                'world_frame': _upright(c, place),
                 'sensor_frame': c.sensor_frame,
                 'tool': {'mass': _plain(c.mass.value), 'CoG': _plain(c.com.value),
                          'gravity_field': [0.0, 0.0, _plain(-c.gravity)]}}}}})
@@ -141,7 +159,7 @@ def _gravity_filter(c: Calibration, place: Place) -> dict[str, Any]:
 def _admittance(c: Calibration, place: Place) -> dict[str, Any]:
     return _parameters(place.node or 'admittance_controller', {
         'ft_sensor': {'frame': {'id': c.sensor_frame}},
-        'fixed_world_frame': {'frame': {'id': place.base_frame}},
+        'fixed_world_frame': {'frame': {'id': _upright(c, place)}},
         'gravity_compensation': {
             'frame': {'id': c.sensor_frame},
             'CoG': {'pos': _plain(c.com.value), 'force': _plain(c.mass.value * c.gravity)}}})

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 from forcecal_ros.geometry import Array, STANDARD_GRAVITY
-from forcecal_ros.schema import Mismatch, path, plain, Row
+from forcecal_ros.schema import Mismatch, path, plain, Row, Vector3
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -184,6 +184,9 @@ class Calibration:
         'Reading without any load, wire sign', 'N, N m', shape=(6,))]
     gravity: Annotated[float, Row(
         'Magnitude that the calibration was made with', 'm/s^2')] = STANDARD_GRAVITY
+    gravity_direction: Annotated[Vector3 | None, Row(
+        'Unit vector in base that gravity points along; absent: -z', low=-1.0, high=1.0,
+        omit=True)] = None
     sensor_frame: Annotated[str, Row('frame_id of the wrench', key='sensor.frame')] = 'ft_sensor'
     wrench_sign: Annotated[int, Row(
         '-1 where the driver reports tool on environment; readings were multiplied by it',

@@ -10,6 +10,7 @@ from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
 from forcecal_ros.commands.numbers import gravity, positive, real
 from forcecal_ros.commands.outputs import add_output, FILE
+from forcecal_ros.errors import UsageError
 
 if TYPE_CHECKING:
     from forcecal_ros.calibration.model import Calibration
@@ -26,6 +27,9 @@ def add_parser(subparsers: Any) -> None:
     add_bags(parser)
     parser.add_argument('--gravity', metavar='M/S^2', type=gravity,
                         help='magnitude of gravity where the robot stands (default: 9.80665)')
+    parser.add_argument('--gravity-direction', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
+                        help="direction of gravity in the robot's base, of any length, where base "
+                             'is not level (default: 0 0 -1)')
     parser.add_argument('--coupling', choices=('dc', 'ac'), default='dc',
                         help='of the accelerometer; ac: it lets gravity decay (high-pass)')
     parser.add_argument('--cutoff', metavar='HZ', type=positive,
@@ -56,6 +60,9 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
+    if args.gravity_direction is not None and not any(args.gravity_direction):
+        raise UsageError('--gravity-direction 0 0 0 is no direction; 0 0 -1 is down in a level '
+                         'base')
     return run_each(args, answer)
 
 
@@ -93,16 +100,17 @@ def _written(calibration: 'Calibration', args: argparse.Namespace, notes: tuple[
     """Write a calibration and say what is in it."""
     from forcecal_ros.calibration.document import to_document
     from forcecal_ros.calibration.file import save
-    from forcecal_ros.report.rows import as_text, table
+    from forcecal_ros.report.rows import as_text, residuals, table
 
     save(calibration, args.output)
     warnings = calibration.quality.get('warnings', ())
     return Answer(
         to_document(calibration),
-        f'{as_text(table(calibration))}\n\nwritten to {args.output}',
+        f'{as_text([*table(calibration), *residuals(calibration)])}\n\nwritten to {args.output}',
         f'mass {float(calibration.mass):.4f} +- {float(calibration.mass.std):.4f} kg, '
         f'written to {args.output}',
-        (*(note for note in notes if not any(note in warning for warning in warnings)), *warnings))
+        (*(note for note in notes if not any(note in warning for warning in warnings)), *warnings,
+         *calibration.quality.get('questions', ())))
 
 
 def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration':
@@ -112,10 +120,11 @@ def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration
     from forcecal_ros.identify.settings import IdentificationSettings
     from forcecal_ros.observe.gains import with_kalman_gains
 
-    position = args.accelerometer_position
+    position, direction = args.accelerometer_position, args.gravity_direction
     calibration = identify(recording, IdentificationSettings(
-        gravity=args.gravity or STANDARD_GRAVITY, theta=args.theta, coupling=args.coupling,
-        cutoff=args.cutoff,
+        gravity=args.gravity or STANDARD_GRAVITY,
+        gravity_direction=tuple(direction) if direction else None,
+        theta=args.theta, coupling=args.coupling, cutoff=args.cutoff,
         accelerometer_position=tuple(position) if position else None,
         wrench_sign=args.wrench_sign, observer_mode=args.observer, observer_design=args.design,
         source={'recording': args.bag,

@@ -87,11 +87,15 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any) -> Answer
     from forcecal_ros.diagnose.motion.document import to_document
     from forcecal_ros.diagnose.motion.known import known_from_calibration, known_from_rig
     from forcecal_ros.diagnose.motion.pipeline import diagnose_motion, patched
+    from forcecal_ros.recording.level import levelled
     from forcecal_ros.report.diagnosis import render
     from forcecal_ros.report.diagnosis_view import view_of_motion, view_without_signals
     from forcecal_ros.simulators.rig.file import load_rig
 
     calibration = load(args.calibration) if args.calibration else None
+    if calibration:
+        recording = levelled(recording, calibration.gravity_direction)
+        heldout = heldout and levelled(heldout, calibration.gravity_direction)
     rig = load_rig(args.rig)
     known = (known_from_calibration(calibration) if calibration
              else known_from_rig(rig, args.accelerometer))

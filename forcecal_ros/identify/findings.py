@@ -17,6 +17,7 @@ from forcecal_ros.identify.means import drift
 from forcecal_ros.identify.residuals import largest_deviation, Residuals
 from forcecal_ros.identify.result import Stages
 from forcecal_ros.identify.settings import IdentificationSettings
+from forcecal_ros.identify.single_samples import farthest, scatters
 from forcecal_ros.recording.checks.clipping import clipped
 from forcecal_ros.recording.noise.autocovariance import noise_of_windows
 from forcecal_ros.recording.streams import CHANNELS, Recording
@@ -80,7 +81,9 @@ class Finding(NamedTuple):
 
 def findings(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
     """Make every check of this module."""
+    yield from slightly_turned(stages)
     yield from poses_disagree(stages, settings)
+    yield from samples_disagree(stages, settings)
     yield from torque_departs(stages, settings)
     yield from accelerometer_disagrees(stages, settings)
     yield from accelerometer_departs(stages, settings)
@@ -89,6 +92,12 @@ def findings(stages: Stages, settings: IdentificationSettings) -> Iterator[Findi
     yield from delays_too_long(stages, settings)
     yield from pose_astray(stages.recording, stages)
     yield from clips_or_drifts(stages, settings)
+
+
+def slightly_turned(stages: Stages) -> Iterator[Finding]:
+    """Name a turn of the sensor or a tilt of the base that forces at rest show for certain."""
+    if stages.slight_misfit:
+        yield Finding(stages.slight_misfit, STANDSTILL)
 
 
 def poses_disagree(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
@@ -107,6 +116,25 @@ def poses_disagree(stages: Stages, settings: IdentificationSettings) -> Iterator
             f'{tool.residuals[i, j]:+.3g} {"N" if j < 3 else "N m"} in {CHANNELS["wrench"][j]}; '
             'look for a cable that pulls, contact, a loose mount, or a pose measured '
             'before it was still. The standard errors are widened by it', ALL)
+
+
+def samples_disagree(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
+    """Judge what poses of one sample each leave over, whose noise nothing else shows."""
+    tool, statics = stages.tool, stages.statics
+    if statics.covariance is not None:
+        return
+    look = 'look for a cable that pulls, contact, a loose mount, or a pose that was still moving'
+    if found := [f'{CHANNELS["wrench"][j]} by {rms:.2g} {"N" if j < 3 else "N m"} RMS, '
+                 f'{share:.0%} of what the weight makes of it'
+                 for j, rms, share in scatters(tool.residuals, statics.wrench, tool.com)]:
+        yield Finding(f'the static poses do not fit one tool: they scatter in {", ".join(found)}; '
+                      f'{look}, and record several samples a pose', ALL)
+    one = farthest(tool.residuals)
+    if one is not None and one.probability < settings.thresholds.probability:
+        yield Finding(f'the static poses do not fit one tool: pose {one.pose + 1} is off by '
+                      f'{one.size:+.3g} {"N" if one.channel < 3 else "N m"} in '
+                      f'{CHANNELS["wrench"][one.channel]}, more than the others allow; {look}',
+                      ALL)
 
 
 def torque_residuals(stages: Stages) -> Residuals | None:
@@ -139,7 +167,7 @@ def _torque_error(wrench: Array, slide: Array, theta: Array, covariance: Array) 
                - unexplained_torque(wrench, slide, theta) for step in np.diag(size)]
     scaled = covariance / np.outer(np.maximum(size, 1e-300), np.maximum(size, 1e-300))
     variance = np.einsum('ink,jnk,ij->nk', columns, columns, scaled)
-    return np.sqrt(np.maximum(variance, 0.0))
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def torque_departs(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:

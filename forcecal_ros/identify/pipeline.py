@@ -10,11 +10,13 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.identify.ac_coupling import lowpassed
 from forcecal_ros.identify.accelerometer import AccelerometerFit, identify_accelerometer
 from forcecal_ros.identify.accelerometer_model import MotionBlocks, ToolPart
+from forcecal_ros.identify.frame import slight_misfit
 from forcecal_ros.identify.gridded import grid_recording, GriddedRecording, ToolMotion
 from forcecal_ros.identify.inertia import identify_inertia, InertiaFit
 from forcecal_ros.identify.mass import weigh, Weight
 from forcecal_ros.identify.means import window_mean
 from forcecal_ros.identify.moving_tool import identify_moving_tool
+from forcecal_ros.identify.nature import refuse_unnatural, unnatural_inertia
 from forcecal_ros.identify.pose_delay import pose_delay
 from forcecal_ros.identify.poses import static_poses, StaticPose
 from forcecal_ros.identify.quality import quality_of
@@ -34,10 +36,13 @@ from forcecal_ros.identify.static_readings import gravity_spread, Statics, Turne
 from forcecal_ros.identify.statics import read_statics, ring_of, sag_of, with_ring
 from forcecal_ros.identify.tool import identify_tool, ToolFit
 from forcecal_ros.recording.checks.entry import checked
+from forcecal_ros.recording.checks.units import refuse_other_unit
 from forcecal_ros.recording.kinematics import AngularMotion
+from forcecal_ros.recording.level import level_from_base, levelled
 from forcecal_ros.recording.stamps import with_even_stamps
 from forcecal_ros.recording.streams import Recording
 from forcecal_ros.recording.time_grid import Averager
+from forcecal_ros.schema import Vector3
 import numpy as np
 
 
@@ -88,10 +93,25 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
         noise=noise,
         observer=_observer(stages, noise, settings),
         gravity=settings.gravity,
+        gravity_direction=_unit(settings.gravity_direction),
         sensor_frame=require_wrench(recording).frame or 'ft_sensor',
         wrench_sign=settings.wrench_sign,
         source={'recording': recording.source, **_recorded(recording), **settings.source})
-    return replace(calibration, quality=quality_of(stages, calibration, settings))
+    refuse_unnatural(calibration)
+    if no_body := unnatural_inertia(calibration):
+        calibration = replace(calibration, inertia=None)
+    quality = quality_of(stages, calibration, settings)
+    if no_body:
+        quality['warnings'].append(no_body)
+    return replace(calibration, quality=quality)
+
+
+def _unit(direction: Vector3 | None) -> Vector3 | None:
+    """Return the unit vector of a direction that is not plainly down."""
+    if direction is None or level_from_base(direction) is None:
+        return None
+    x, y, z = np.asarray(direction) / np.linalg.norm(direction)
+    return float(x), float(y), float(z)
 
 
 def _recorded(recording: Recording) -> dict[str, str]:
@@ -121,14 +141,17 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
         As :func:`identify`.
     """
     recording, removed = checked(recording)
-    recording = _evened(recording)
+    recording = _evened(levelled(recording, settings.gravity_direction))
     require_wrench(recording)
     poses = static_poses(recording)
     refuse_poses_at_a_limit(recording, poses)
+    _refuse_other_unit(recording, poses, settings)
     gridded = grid_recording(recording, poses, settings)
     statics = read_statics(recording, poses, settings, gridded)
+    slight = slight_misfit(poses, statics, settings)
     if gridded is None:
-        return _single_samples(recording, removed, poses, statics, settings)
+        return replace(_single_samples(recording, removed, poses, statics, settings),
+                       slight_misfit=slight)
     weight = weigh(statics, settings.thresholds.condition)
     sag, ring = sag_of(statics, weight.mass), None
     if settings.tool_compliance != 'no':
@@ -139,7 +162,7 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     turn = gridded.kinematics.angular(late[0] if late else 0.0)
     return Stages(recording, removed, poses, statics, tool, sag, ring,
                   _accelerometer(recording, gridded, tool, turn, settings), inertia, late,
-                  ToolMotion(gridded, slide, turn))
+                  ToolMotion(gridded, slide, turn), slight)
 
 
 def _evened(recording: Recording) -> Recording:
@@ -155,6 +178,18 @@ def _evened(recording: Recording) -> Recording:
             notes.append(f'stamps of {name} jitter by {1e3 * jitter.std:.2g} ms around '
                          f'{1e3 * jitter.period:.3g} ms; evened out')
     return replace(recording, **changes, notes=(*recording.notes, *notes))
+
+
+def _refuse_other_unit(recording: Recording, poses: list[StaticPose],
+                       settings: IdentificationSettings) -> None:
+    """Refuse an accelerometer in m/s^2 that does not show gravity; one in volts may show any."""
+    stream = recording.accelerometer
+    if stream is None or recording.accelerometer_unit == 'V' or settings.coupling == 'ac':
+        return
+    means = [part.mean(axis=0) for pose in poses
+             if len(part := stream.between(pose.start, pose.end).values)]
+    if means:
+        refuse_other_unit(np.array(means), settings.gravity)
 
 
 def _single_samples(recording: Recording, removed: dict[str, int], poses: list[StaticPose],

@@ -49,6 +49,8 @@ class Stages:
         How much later than the wrench the pose shows the same instant, and its error [s].
     motion : ToolMotion or None
         None where the poses were single samples.
+    slight_misfit : str
+        What the forces at rest say of a small turn of the sensor or tilt of the base.
     """
 
     recording: Recording
@@ -62,6 +64,7 @@ class Stages:
     inertia: InertiaFit | None
     pose_delay: tuple[float, float] | None
     motion: ToolMotion | None
+    slight_misfit: str = ''
 
 
 def tool_of(stages: Stages) -> Tool | None:

@@ -60,8 +60,9 @@ class IdentificationSettings(Section, name=''):
     """Choices of the identification."""
 
     gravity: Annotated[float, Row(
-        'Magnitude at the robot; it points along -z of base', 'm/s^2', above=0.0)
-        ] = STANDARD_GRAVITY
+        'Magnitude at the robot', 'm/s^2', above=0.0)] = STANDARD_GRAVITY
+    gravity_direction: Annotated[Vector3 | None, Row(
+        'In base, of any length; None: along -z')] = None
     theta: Annotated[float, Row(
         "The paper's angle in Eq. 9 and 12; only the plain Eq. 16 uses it", 'rad')] = 0.0
     coupling: Annotated[str, Row(
@@ -88,3 +89,8 @@ class IdentificationSettings(Section, name=''):
     thresholds: Thresholds = Thresholds()
     source: Annotated[Mapping[str, object], Row("Copied into the calibration's source")
                       ] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.gravity_direction is not None and not any(self.gravity_direction):
+            raise self.wrong('gravity_direction', 'a direction, not three zeros')

@@ -91,8 +91,10 @@ PARAMETERS = (
     _live('accelerometer.cutoff', 0.0, 'Cut-off frequency of an ac sensor where known; 0: '
           'estimated', 'Hz', 0.0, 10.0),
     Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool'),
-    _live('identify.gravity', STANDARD_GRAVITY, 'Gravity at the robot, which points along -z of '
-          'base', 'm/s^2', 9.7, 9.9),
+    _live('identify.gravity', STANDARD_GRAVITY, 'Magnitude of gravity at the robot',
+          'm/s^2', 9.7, 9.9),
+    _live('identify.gravity_direction', [0.0, 0.0, -1.0],
+          'Direction of gravity in base, of any length'),
     _live('identify.tool_compliance', 'auto', 'Whether the tool slides along x of ft_sensor',
           choices=COMPLIANCES),
     _live('observer.mode', 'kalman', 'Observer that publishes the contact wrench', choices=MODES),
@@ -156,7 +158,9 @@ def _identification(value: Mapping[str, Any]) -> IdentificationSettings:
     if sign not in (1, -1):
         raise ConfigError(f'wrench.sign is {sign}, expected 1 or -1')
     return IdentificationSettings(
-        gravity=value['identify.gravity'], coupling=value['accelerometer.coupling'],
+        gravity=value['identify.gravity'],
+        gravity_direction=tuple(value['identify.gravity_direction']),
+        coupling=value['accelerometer.coupling'],
         cutoff=value['accelerometer.cutoff'] or None,
         tool_compliance=value['identify.tool_compliance'], wrench_sign=sign,
         observer_mode=value['observer.mode'], observer_design=value['observer.design'],

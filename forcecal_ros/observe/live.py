@@ -3,6 +3,7 @@
 from collections import deque
 from typing import NamedTuple
 
+from forcecal_ros.geometry import quaternion_of
 from forcecal_ros.observe.bandwidth import NoiseLevels
 from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.fade import begin_fade, Fade, faded, rebased
@@ -17,6 +18,8 @@ from forcecal_ros.observe.step import (
     State,
 )
 from forcecal_ros.observe.tare import Tare, tare, with_bias, without_learned_bias
+from forcecal_ros.observe.tracking import product, Quaternion, rotate
+from forcecal_ros.recording.level import level_from_base
 
 Values = tuple[float, ...]
 Samples = tuple[ContactSample, ...]
@@ -47,6 +50,8 @@ class LiveObserver:
         self.model: Model | None = None
         self.window, self.fade_duration = window, fade_duration
         self._negative = False
+        self._direction: Values | None = None
+        self._level: Quaternion | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -65,17 +70,31 @@ class LiveObserver:
         self.model = None
         self.reset()
 
-    def take_over(self, model: Model, wrench_sign: int = 1) -> None:
-        """Run by another model from the next wrench on; ``wrench_sign`` -1: of tool on robot."""
+    def take_over(self, model: Model, wrench_sign: int = 1,
+                  gravity_direction: Values | None = None) -> None:
+        """
+        Run by another model from the next wrench on.
+
+        Parameters
+        ----------
+        model
+        wrench_sign : int
+            -1: the readings are of the tool on its environment.
+        gravity_direction : tuple of 3 float or None
+            In base; None: along -z.
+        """
         self._changed = self.model is not None and self._last is not None
         self.model, self._negative = model, wrench_sign < 0
+        self._direction = gravity_direction
+        R = level_from_base(gravity_direction)
+        self._level = None if R is None else quaternion_of(R)
         self._state = without_learned_bias(self._state)
 
     def take_settings(self, model: Model) -> None:
         """Do the same for a model of the same calibration, whose bias may have been tared."""
         if self.model is not None:
             model = with_bias(model, self.model.bias)
-        self.take_over(model, -1 if self._negative else 1)
+        self.take_over(model, -1 if self._negative else 1, self._direction)
 
     def on_wrench(self, t: float, values: Values) -> Samples:
         """Take in a wrench; ``t`` in seconds since any fixed instant, as for the others."""
@@ -95,6 +114,9 @@ class LiveObserver:
 
     def on_pose(self, t: float, values: Values) -> Samples:
         """Take in a pose: position, quaternion xyzw."""
+        if self._level is not None:
+            x, y, z, a, b, c, d = values
+            values = (*rotate(self._level, (x, y, z)), *product(self._level, (a, b, c, d)))
         self._poses.append((t, values))
         while not t - self._poses[0][0] <= self.window:
             self._poses.popleft()

@@ -31,6 +31,7 @@ from forcecal_ros.observe.step import (
     Result,
     State,
 )
+from forcecal_ros.recording.level import levelled
 from forcecal_ros.recording.streams import Recording, Stream
 import numpy as np
 
@@ -64,6 +65,7 @@ def replay(recording: Recording, calibration: Calibration,
     ConfigError
         The calibration does not hold what the settings need.
     """
+    recording = levelled(recording, calibration.gravity_direction)
     name = recording.source or 'the recording'
     wrench, wanted = recording.wrench, calibration.accelerometer
     if wrench is None or not len(wrench):

@@ -69,6 +69,13 @@ def rotate(q: Quaternion, v: Vector) -> Vector:
             vz + w * tz + x * ty - y * tx)
 
 
+def product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Return the turn b followed by a, both about axes that stay."""
+    (ax, ay, az, aw), (bx, by, bz, bw) = a, b
+    return (aw * bx + bw * ax + ay * bz - az * by, aw * by + bw * ay + az * bx - ax * bz,
+            aw * bz + bw * az + ax * by - ay * bx, aw * bw - ax * bx - ay * by - az * bz)
+
+
 def rotate_back(q: Quaternion, v: Vector) -> Vector:
     """Return ``R^T v``: the coordinates in ft_sensor of a vector given in base."""
     return rotate((-q[0], -q[1], -q[2], q[3]), v)

@@ -89,6 +89,14 @@ def table(calibration: Calibration, truth: Mapping[str, Array] | None = None) ->
     return rows
 
 
+def residuals(calibration: Calibration) -> list[Row]:
+    """Return the RMS of what the static poses leave over, one row a channel; older files none."""
+    rms = calibration.quality.get('residual_rms', ())
+    return [Row(f'residual {label} at rest', f'quality.residual_rms.{label.replace(" ", ".")}',
+                'N' if i < 3 else 'N m', float(f'{value:.3g}'), float('nan'))
+            for i, (label, value) in enumerate(zip(WRENCH_AXES, rms))]
+
+
 def as_text(rows: list[Row]) -> str:
     """
     Return the rows as a table for a terminal.

@@ -160,3 +160,12 @@ def test_who_would_be_misled_is_refused(c, refusing):
                 export(c, consumer)
         else:
             export(c, consumer)
+
+
+@pytest.mark.parametrize('consumer', ['gravity_filter', 'admittance'])
+def test_a_frame_that_is_not_level_is_not_taken_for_upright(consumer):
+    on_wall = replace(CALIBRATION, gravity_direction=(0.0, 1.0, 0.0))
+    with pytest.raises(ConfigError, match='--base-frame'):
+        export(on_wall, consumer)
+    text = export(on_wall, consumer, Place(base_frame='world'))
+    assert 'along [0.0, 1.0, 0.0] of base' in text

@@ -1,5 +1,6 @@
 """The calibration file gives back what was written, and says what is wrong with what was not."""
 
+from dataclasses import replace
 import math
 
 from forcecal_ros.calibration import document as calibration_document
@@ -129,3 +130,13 @@ def test_numbers_survive_to_the_last_digit(bias, mass):
 def test_no_text_makes_the_reader_fail_otherwise_than_by_a_config_error(text):
     with pytest.raises(ConfigError):
         calibration_file.parse(text)
+
+
+def test_the_direction_of_gravity_is_kept_and_absent_where_it_is_down():
+    c = whole_calibration()
+    assert 'gravity_direction' not in yaml.safe_load(calibration_file.dump(c))
+    on_wall = replace(c, gravity_direction=(0.0, 0.6, -0.8))
+    assert_same(calibration_file.parse(calibration_file.dump(on_wall)), on_wall)
+    document = calibration_document.to_document(on_wall) | {'gravity_direction': [0.0, 0.6, -0.7]}
+    with pytest.raises(ConfigError, match='gravity_direction.*unit vector'):
+        calibration_document.from_document(document, 'c.yaml')

@@ -36,6 +36,8 @@ def status_of(arguments):
     ('calibrate', 'no_bag', '--gravity', '9810'),
     ('calibrate', 'no_bag', '--gravity', 'nan'),
     ('calibrate', 'no_bag', '--gravity', '1'),
+    ('calibrate', 'no_bag', '--gravity-direction', '0', '0', '0'),
+    ('calibrate', 'no_bag', '--gravity-direction', '0', '1', 'nan'),
     ('calibrate', 'no_bag', '--cutoff', '0'),
     ('calibrate', 'no_bag', '--theta', 'inf'),
     ('calibrate', 'no_bag', '--topic', 'wrench'),

@@ -29,15 +29,19 @@ def kuka_recording(folder, name):
         accelerometer_unit='m/s^2', pose=poses(t[2], rotation))
 
 
-def static_calibration(folder):
-    """From the 24 static poses, one sample each."""
+def static_recording(folder):
+    """Return the 24 static poses, one sample each."""
     rows = table(folder / '0-calibration_fts-accel.csv')
     t = np.arange(len(rows), dtype=float)
-    return identify(Recording(
+    return Recording(
         wrench=Stream(t, rows[:, :6]), accelerometer=Stream(t, rows[:, 6:9] * GRAVITY),
         accelerometer_unit='m/s^2', pose=poses(t, rows[:, 12:]),
-        phases=tuple(Phase('measure', x - 0.1, x + 0.1) for x in t)),
-        IdentificationSettings(gravity=GRAVITY))
+        phases=tuple(Phase('measure', x - 0.1, x + 0.1) for x in t))
+
+
+def static_calibration(folder):
+    """Calibrate from these."""
+    return identify(static_recording(folder), IdentificationSettings(gravity=GRAVITY))
 
 
 def slow(estimate):

@@ -304,6 +304,7 @@ def test_a_channel_clipped_in_motion_is_reported(recording):
     values[:, 3] = np.minimum(values[:, 3], 10.0)  # 8.8 at rest, 12.9 on the way
     warnings = identify(replace(recording, wrench=Stream(wrench.t, values))).quality['warnings']
     count = (values[:, 3] == 10.0).sum()
+    assert any('which no body of 13 kg has, and it is not taken' in line for line in warnings)
     assert any(f'torque.x stops at 10 ({count} samples' in line and 'raise the range' in line
                for line in warnings)
 

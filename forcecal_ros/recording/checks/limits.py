@@ -138,6 +138,51 @@ SETTLING = 0.5
 SHORTEST_REST = 0.3
 """So much of a phase at rest is kept [s]; what rings in it shows as drift within the pose."""
 
+# Frames, axes and units --------------------------------------------------------------------------
+
+NIL = 1e-300
+"""Keeps a division by a noise or a weight of zero finite."""
+
+TRUE = 1e-4
+"""Share of the span of its forces to which no sensor is true: data sheets say 2e-3 or more."""
+
+SPANNED = 0.1
+"""Second spread of the directions of gravity, gravity taken as 1, from which poses tell a turn:
+three that differ by 15 deg from each other."""
+
+BY_CHANCE = 1e-6
+"""Another frame is believed where chance makes it fit so much better less often than that: six
+hypotheses for each of ten thousand recordings go wrong once in twenty then."""
+
+ODDS = 1000.0
+"""Hypotheses that the data prefer by less are both named."""
+
+TURNED_OFF, TILTED_OFF = 3.0, 3.0
+"""From so much on a sensor is turned, a base tilted, on purpose or by mistake, not by tolerances
+of their mounts, and what is identified is wrong [deg]: flanges are pinned to 0.1 deg, floors level
+to 1. Less takes 0.2 % off the mass, and is named in a note."""
+
+SURE_WEIGHT = 3.0
+"""A mass of fewer standard errors is none."""
+
+OTHER_UNIT = 2.0
+"""An accelerometer that at rest shows gravity wrong by this factor is in another unit: offsets of
+those that are not calibrated are 1 m/s^2, gains 10 % off at most."""
+
+SAME_UNIT = 0.2
+"""It is in a unit that explains the factor to such a share, for those offsets and gains."""
+
+NO_GRAVITY = 0.05
+"""Less than this share of gravity is what an accelerometer without gravity shows of its offset."""
+
+LIGHT = 0.25
+"""A lighter tool is questioned [kg]: the lightest grippers of arms weigh 0.3 with their coupling,
+and what weighs up to 2.4 kg is lighter in kgf, up to 1.1 kg in lbf."""
+
+VERTICAL = 0.1
+"""A mean force this close to the vertical of base may be a weight [rad]; a bias points so by
+chance once in four hundred times."""
+
 # Live, sample by sample --------------------------------------------------------------------------
 
 VISIBLE_TRAVEL, VISIBLE_TURN = 1e-3, 5e-3

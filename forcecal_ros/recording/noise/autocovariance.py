@@ -155,7 +155,8 @@ def noise_of_windows(windows: list[Array]) -> Autocovariance:
         for lag in range(longest + 1)])
     finest = (_FINEST * max(float(np.nanmax(np.abs(w))) for w in windows))**2
     lags[0] += max(finest, 1e-300) * np.eye(lags.shape[1])
-    m = last_correlated_lag(lags, n)
+    # the mean of a window of T blocks takes a T-th of the variance off every lag of white noise
+    m = last_correlated_lag(lags + lags[0] * len(windows) / n, n)
     raw = Autocovariance(lags[:1 + 2 * m], flat_top(m), _LEAST)
     shortfall = raw.long_run / max(n / len(windows) - (1 + 2 * raw.weights.sum()), 1.0)
     return raw._replace(lags=raw.lags + shortfall)

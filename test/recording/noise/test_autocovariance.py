@@ -111,3 +111,10 @@ def test_white_noise_of_many_channels_seldom_seems_correlated(channels):
     assert sum(len(one.weights) > 0 for one in found) <= 12  # 1 % each, binomial 99.9 %: 10
     halved = [np.linalg.eigvalsh(one.long_run).min() < 0.5 for one in found]
     assert sum(halved) <= 12
+
+
+def test_white_noise_of_short_windows_is_seldom_taken_for_correlated():
+    rng = np.random.default_rng(0)
+    taken = sum(len(noise_of_windows(list(rng.standard_normal((12, 19, 6)))).weights) > 0
+                for _ in range(200))
+    assert taken <= 0.05 * 200

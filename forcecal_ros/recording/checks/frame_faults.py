@@ -1,0 +1,177 @@
+"""What is said of a wrench in another frame, and of a base that is not level: cause and remedy."""
+
+from collections.abc import Iterator
+
+from forcecal_ros.errors import DataError, UnobservableError
+from forcecal_ros.geometry import Array, rotation_vector
+from forcecal_ros.recording.checks import limits
+from forcecal_ros.recording.checks.frames import Fit, Judgement
+import numpy as np
+
+_LEVEL = np.array([0.0, 0.0, -1.0])
+
+
+def refuse_other_frame(judgement: Judgement, believed: Array = _LEVEL, wrench_sign: int = 1
+                       ) -> None:
+    """
+    Refuse forces that fit another frame, other axes or another way down.
+
+    Parameters
+    ----------
+    believed : ndarray, shape (3,)
+        Unit vector of gravity in base that the judgement was made with.
+    wrench_sign : int
+        What the readings were multiplied by.
+
+    Raises
+    ------
+    DataError
+        Names the cause, how well it fits, and the remedy; several where poses cannot tell which.
+    """
+    plain, likely = judgement.plain, judgement.likely
+    if likely == (plain,):
+        return
+    told = [one for fit in sorted(likely, key=_oddness) if (one := _gross(fit, believed))]
+    if len(told) == len(likely):
+        causes = ', or '.join(cause for cause, _ in told)
+        remedies = ', or '.join(remedy for _, remedy in told)
+        recorded = f' with a mass of {plain.mass:.4g} kg' if plain.mass < 0.0 else ''
+        raise DataError(
+            f'wrench: {causes}; RMS of the residual forces at rest {likely[0].rms:.2g} N then, '
+            f'{plain.rms:.2g} N{recorded} as recorded; {remedies}'.replace(
+                'SIGN', str(-wrench_sign)))
+
+
+def refuse_weightless(judgement: Judgement) -> None:
+    """
+    Refuse forces that do not turn with the sensor as a weight does.
+
+    Raises
+    ------
+    UnobservableError
+        Says what mass they show.
+    """
+    plain = judgement.plain
+    if judgement.likely == (plain,) and abs(plain.mass) < limits.SURE_WEIGHT * plain.mass_std:
+        raise UnobservableError(
+            'the forces of the static poses show no weight that turns with the sensor (mass '
+            f'{plain.mass:.3g} +- {plain.mass_std:.2g} kg, residual RMS {plain.rms:.2g} N)'
+            f'{_as_in_base(judgement)}; hang the tool on the sensor, add poses, and look '
+            "whether the driver publishes in the sensor's frame")
+
+
+def slightly_off(judgement: Judgement, believed: Array = _LEVEL) -> str:
+    """Name a turn or a tilt too small to be refused; empty: there is none."""
+    fit = judgement.likely[0]
+    if fit is judgement.plain:
+        return ''
+    parts = []
+    if fit.name in ('tilted', 'both'):
+        parts.append(f'gravity is {_deg(_tilt(fit, believed), fit.tilt_std)} off '
+                     f'{_numbers(believed)} of base, as {_option(_down(fit))} would state')
+    if fit.name in ('turned', 'both'):
+        parts.append(f'the sensor is turned by {_turn(fit.Q, fit.turn_std)} against its pose')
+    return f'{" and ".join(parts)}, by the forces at rest'
+
+
+def _oddness(fit: Fit) -> tuple[bool, bool]:
+    """Order of causes that poses cannot tell apart: whole axes first, mirrored ones last."""
+    return not _order(fit.Q), fit.name == 'mirrored'
+
+
+def _gross(fit: Fit, believed: Array) -> tuple[str, str] | None:
+    """Cause and remedy of what no tolerance of a mount explains; None: it may be tolerance."""
+    tilt, mirrored = _tilt(fit, believed), np.linalg.det(fit.Q) < 0.0
+    if fit.name == 'base':
+        return ('it is expressed in base, not in the frame of the sensor',
+                "set the driver to publish in the sensor's frame")
+    Q, flipped = fit.Q, tilt > 180.0 - limits.TILTED_OFF
+    if flipped:
+        Q, tilt, mirrored = -Q, 0.0, not mirrored
+    if mirrored and _angle(-Q) < limits.TURNED_OFF:
+        return ('it has the opposite sign, or the robot hangs upside down',
+                'set wrench.sign to SIGN (--wrench-sign SIGN), or state '
+                + _option(-believed))
+    found = [*_axes(Q, mirrored, fit.turn_std), *(() if flipped else _tilted(fit, tilt))]
+    return (' and '.join(cause for cause, _ in found),
+            ' and '.join(remedy for _, remedy in found)) if found else None
+
+
+def _axes(Q: Array, mirrored: bool, std: float) -> Iterator[tuple[str, str]]:
+    """Cause and remedy of axes that are turned, swapped or mirrored."""
+    order = _order(Q)
+    if mirrored:
+        yield (f'its axes are mirrored (left-handed){order}',
+               'correct the order and the signs of its axes in the driver')
+    elif _angle(Q) > limits.TURNED_OFF:
+        yield (f"its axes are turned by {_turn(Q, std)} against the sensor's pose{order}",
+               'correct the transform from flange to sensor that current_pose is made with')
+
+
+def _tilted(fit: Fit, tilt: float) -> Iterator[tuple[str, str]]:
+    if fit.name in ('tilted', 'both') and tilt > limits.TILTED_OFF:
+        yield (f'base is not level, gravity in it is {_deg(tilt, fit.tilt_std)} off',
+               f'state {_option(_down(fit))}')
+
+
+def _order(Q: Array) -> str:
+    """Say which axes of the sensor the channels show, where they show one each."""
+    nearest = np.where(np.abs(Q) > np.cos(np.radians(limits.TURNED_OFF)), np.sign(Q), 0.0)
+    if np.abs(nearest).sum() != 3.0:
+        return ''
+    names = (f'{"-" * bool(row.sum() < 0.0)}{"xyz"[int(np.argmax(np.abs(row)))]}'
+             for row in nearest)
+    return f': x, y, z show {", ".join(names)}'
+
+
+def _turn(Q: Array, std: float) -> str:
+    """Say how the wire's axes are turned, seen from the frame of the pose."""
+    vector = np.degrees(rotation_vector(Q.T))
+    angle = float(np.linalg.norm(vector))
+    axis = vector / angle
+    i = int(np.argmax(np.abs(axis)))
+    about = f'({_numbers(axis)})'
+    if np.abs(axis[i]) * angle > angle - limits.TURNED_OFF and np.abs(axis[i]) > 0.99:
+        angle, about = angle * float(np.sign(axis[i])), 'xyz'[i]
+    return f'{_deg(angle, std)} about {about}'
+
+
+def _deg(angle: float, std: float) -> str:
+    """Say an angle [deg] with its standard error [rad], to the digits that this warrants."""
+    error = float(np.degrees(std))
+    decimals = int(np.clip(1 - np.floor(np.log10(max(error, limits.NIL))), 0, 3))
+    return f'{angle:.{decimals}f} +- {error:.{decimals}f} deg'
+
+
+def _angle(Q: Array) -> float:
+    """Angle of a rotation [deg]."""
+    return float(np.degrees(np.linalg.norm(rotation_vector(Q))))
+
+
+def _down(fit: Fit) -> Array:
+    return np.asarray(fit.gravity / np.linalg.norm(fit.gravity))
+
+
+def _tilt(fit: Fit, believed: Array) -> float:
+    """Angle between gravity as fitted and as believed [deg]."""
+    cross, along = np.linalg.norm(np.cross(_down(fit), believed)), _down(fit) @ believed
+    return float(np.degrees(np.arctan2(cross, along)))
+
+
+def _option(direction: Array) -> str:
+    return f'--gravity-direction {_numbers(direction)}'
+
+
+def _numbers(vector: Array) -> str:
+    return ' '.join(f'{x + 0.0:.4g}' for x in np.round(vector, 4))
+
+
+def _as_in_base(judgement: Judgement) -> str:
+    """Say where a force that never changes would be a weight, were it expressed in base."""
+    fit, mean = judgement.plain, judgement.mean
+    weight = float(mean @ fit.gravity) / float(fit.gravity @ fit.gravity)
+    if weight <= 0.0 or np.linalg.norm(mean - weight * fit.gravity) > limits.VERTICAL * (
+            np.linalg.norm(mean)):
+        return ''
+    return (f', but a force that stays vertical in base, as of {weight:.3g} kg in a wrench '
+            'expressed in base')

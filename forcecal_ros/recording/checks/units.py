@@ -1,0 +1,54 @@
+"""Units that readings at rest tell, or at least call into question."""
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array, STANDARD_GRAVITY
+from forcecal_ros.recording.checks import limits
+import numpy as np
+
+_POUND_FORCE = 4.4482216152605
+"""[N]"""
+
+_ACCELERATIONS = {'g': 1.0 / STANDARD_GRAVITY, 'thousandths of g': 1e3 / STANDARD_GRAVITY,
+                  'mm/s^2': 1e3}
+"""Units that drivers send instead of m/s^2: how many of them one m/s^2 is."""
+
+
+def refuse_other_unit(at_rest: Array, gravity: float) -> None:
+    """
+    Refuse an accelerometer that says m/s^2 and at rest does not show gravity.
+
+    Parameters
+    ----------
+    at_rest : ndarray, shape (n, 3)
+        Means of static poses, as recorded.
+    gravity : float
+        Magnitude [m/s^2].
+
+    Raises
+    ------
+    DataError
+        Names the unit that the readings are in, and the remedy.
+    """
+    shown = float(np.median(np.linalg.norm(at_rest, axis=1)))
+    share = shown / gravity
+    if 1.0 / limits.OTHER_UNIT < share < limits.OTHER_UNIT:
+        return
+    said = f'accelerometer: |f| at rest is {shown:.3g}, not the {gravity:.3g} m/s^2 of gravity'
+    for unit, scale in _ACCELERATIONS.items():
+        if abs(share / scale - 1.0) < limits.SAME_UNIT:
+            raise DataError(f'{said}: it is in {unit}; multiply by {1.0 / scale:.6g} in the '
+                            'driver or in the import, as sensor_msgs/Imu wants m/s^2')
+    if share < limits.NO_GRAVITY:
+        raise DataError(f'{said}: the driver takes gravity off; publish specific force (REP-145), '
+                        'or state --coupling ac for a sensor that lets it decay')
+    raise DataError(f'{said}: its unit or its gain is another; set it right in the driver')
+
+
+def doubt_of_force_unit(mass: float) -> str:
+    """Question a mass that is light for a tool [kg], as forces in kgf or lbf make it; or empty."""
+    if mass > limits.LIGHT:
+        return ''
+    kgf, lbf = mass * STANDARD_GRAVITY, mass * _POUND_FORCE
+    return (f'a mass of {mass:.3g} kg is little for a wrist to carry: if it weighs {kgf:.3g} kg, '
+            f'the wrench is in kgf, if {lbf:.3g} kg, in lbf; multiply by {STANDARD_GRAVITY:g} or '
+            f'{_POUND_FORCE:.5g} in the driver')

@@ -1,0 +1,52 @@
+"""A base that is not level: poses in a base turned so that gravity points along its -z."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from forcecal_ros.geometry import Array, rotation_about
+from forcecal_ros.recording.streams import PoseStream, Recording
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+DOWN = np.array([0.0, 0.0, -1.0])
+
+
+def level_from_base(direction: Sequence[float] | None) -> Array | None:
+    """
+    Return the least rotation that turns a direction of gravity to -z, shape (3, 3).
+
+    Parameters
+    ----------
+    direction : sequence of 3 float, or None
+        Of gravity in base, of any length; None: along -z.
+
+    Returns
+    -------
+    ndarray or None
+        None where nothing has to be turned.
+    """
+    if direction is None:
+        return None
+    down = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
+    if (down == DOWN).all():
+        return None
+    cross = np.cross(down, DOWN)
+    if np.linalg.norm(cross) < 1e-12:
+        return np.eye(3) if down[2] < 0.0 else rotation_about('x', np.pi)
+    angle = np.arctan2(np.linalg.norm(cross), down @ DOWN)
+    return np.asarray(Rotation.from_rotvec(angle * cross / np.linalg.norm(cross)).as_matrix())
+
+
+def levelled(recording: Recording, direction: Sequence[float] | None) -> Recording:
+    """Return a recording whose poses, measured and commanded, are in a base that is level."""
+    R = level_from_base(direction)
+    if R is None:
+        return recording
+    return replace(recording, pose=_turned(recording.pose, R),
+                   target=_turned(recording.target, R))
+
+
+def _turned(stream: PoseStream | None, R: Array) -> PoseStream | None:
+    if stream is None:
+        return None
+    return replace(stream, position=stream.position @ R.T, R_base_sensor=R @ stream.R_base_sensor)

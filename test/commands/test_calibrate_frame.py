@@ -1,0 +1,55 @@
+"""``forcecal calibrate`` of a wrench in other axes, of an arm on a wall: one line, or right."""
+
+from dataclasses import replace
+import json
+
+from forcecal_ros.calibration.file import load
+from forcecal_ros.cli import main
+from forcecal_ros.geometry import rotation_from_vector
+from forcecal_ros.recording.bags import write_recording
+from forcecal_ros.recording.streams import Stream
+import numpy as np
+import pytest
+from static_sets import static_set
+
+TILT = rotation_from_vector([np.pi / 2, 0.0, 0.0])
+
+
+@pytest.fixture(scope='module')
+def bags(tmp_path_factory):
+    """Return a folder with a sound set, one with wrench.x and .y swapped, one of a wall."""
+    folder = tmp_path_factory.mktemp('frames')
+    sound = replace(static_set(4, rate=100.0)[0], accelerometer=None)
+    wrench, pose = sound.wrench, sound.pose
+    pose = replace(pose, position=np.zeros_like(pose.position))
+    write_recording(folder / 'sound', replace(sound, pose=pose))
+    write_recording(folder / 'swapped', replace(
+        sound, pose=pose, wrench=Stream(wrench.t, wrench.values[:, [1, 0, 2, 4, 3, 5]])))
+    write_recording(folder / 'wall', replace(
+        sound, pose=replace(pose, R_base_sensor=TILT @ pose.R_base_sensor)))
+    return folder
+
+
+def test_the_table_says_what_the_poses_leave_over(bags, tmp_path, capsys):
+    assert main(['calibrate', str(bags / 'sound'), '-o', str(tmp_path / 'c.yaml')]) == 0
+    said = capsys.readouterr().out
+    for label in ('force x', 'force y', 'force z', 'torque x', 'torque y', 'torque z'):
+        assert f'residual {label} at rest' in said
+
+
+@pytest.mark.parametrize('bag, cause', [('swapped', 'x, y, z show y, x, z'),
+                                        ('wall', '--gravity-direction 0 1')])
+def test_a_refusal_is_one_line_and_writes_nothing(bags, tmp_path, capsys, bag, cause):
+    assert main(['calibrate', str(bags / bag), '-o', str(tmp_path / 'c.yaml')]) == 1
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.strip()]
+    assert len(lines) == 1 and cause in lines[0]
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_arm_on_a_wall_is_calibrated_with_the_direction_stated(bags, tmp_path, capsys):
+    path = tmp_path / 'c.yaml'
+    assert main(['calibrate', str(bags / 'wall'), '--gravity-direction', '0', '1', '0', '--json',
+                 '-o', str(path)]) == 0
+    assert json.loads(capsys.readouterr().out)['gravity_direction'] == [0.0, 1.0, 0.0]
+    assert main(['calibrate', str(bags / 'sound'), '-o', str(tmp_path / 'level.yaml')]) == 0
+    assert float(load(path).mass) == pytest.approx(float(load(tmp_path / 'level.yaml').mass))

@@ -1,0 +1,132 @@
+"""Forces at rest tell frame, axes and the way down where the poses do, and nothing else."""
+
+from forcecal_ros.errors import DataError, UnobservableError
+from forcecal_ros.geometry import rotation_from_vector
+from forcecal_ros.recording.checks.frame_faults import (
+    refuse_other_frame,
+    refuse_weightless,
+    slightly_off,
+)
+from forcecal_ros.recording.checks.frames import Forces, judge
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+G = np.array([0.0, 0.0, -9.81])
+NOISE = 0.02
+SWAPPED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+def turn(*degrees):
+    return rotation_from_vector(np.radians(degrees))
+
+
+def forces(seed, n=12, Q=np.eye(3), gravity=G, base=False, known=False, mass=1.2):
+    """Return forces of a tool whose sensor is turned by Q, or that are expressed in base."""
+    rng = np.random.default_rng(seed)
+    R = Rotation.random(n, random_state=rng).as_matrix()
+    wire = mass * gravity @ R @ Q.T + rng.normal(0.0, 8.0, 3)
+    if base:
+        wire = np.einsum('nij,nj->ni', R, wire)
+    return Forces(R, wire + NOISE * rng.standard_normal((n, 3)), G,
+                  np.full(n, NOISE) if known else None)
+
+
+def names(judgement):
+    return [fit.name for fit in judgement.likely]
+
+
+@pytest.mark.parametrize('known', [False, True])
+@pytest.mark.parametrize('n', [3, 4, 6, 12, 24])
+def test_sound_forces_are_taken_as_they_are(n, known):
+    for seed in range(60):
+        judgement = judge(forces(seed, n, known=known))
+        assert names(judgement) == ['plain']
+        refuse_other_frame(judgement)
+        refuse_weightless(judgement)
+        assert not slightly_off(judgement)
+
+
+@pytest.mark.parametrize('known', [False, True])
+@pytest.mark.parametrize('n', [6, 12, 24])
+def test_a_turn_is_found_within_its_standard_error(n, known):
+    angles = []
+    for seed in range(20):
+        fit, = judge(forces(seed, n, Q=turn(0.0, 0.0, -30.0), known=known)).likely
+        assert fit.name == 'turned'
+        angles.append((np.linalg.norm(Rotation.from_matrix(fit.Q).as_rotvec()) - np.radians(30.0))
+                      / fit.turn_std)
+    assert np.sqrt(np.mean(np.square(angles))) == pytest.approx(1.0, abs=0.6)
+
+
+def test_a_turn_is_named_about_the_axis_that_the_sensor_was_turned_about():
+    with pytest.raises(DataError, match=r'turned by 30\.\d+ \+- 0\.\d+ deg about z .* flange'):
+        refuse_other_frame(judge(forces(1, Q=turn(0.0, 0.0, 30.0).T)))
+
+
+def test_a_tilted_base_is_named_with_the_option_that_states_it():
+    with pytest.raises(DataError, match='not level.*--gravity-direction ') as refused:
+        refuse_other_frame(judge(forces(1, gravity=turn(40.0, 0.0, 0.0) @ G)))
+    said = np.array(str(refused.value).rpartition('direction ')[2].split(), dtype=float)
+    np.testing.assert_allclose(said, turn(40.0, 0.0, 0.0) @ [0.0, 0.0, -1.0], atol=0.005)
+
+
+def test_a_turned_sensor_on_a_tilted_base_is_both():
+    with pytest.raises(DataError, match=r'by -45\.0.* about y.*and base is not level.* 89\.9'):
+        refuse_other_frame(judge(forces(
+            1, Q=turn(0.0, 45.0, 0.0), gravity=turn(90.0, 0.0, 0.0) @ G)))
+
+
+@pytest.mark.parametrize('Q, said', [(SWAPPED, 'x, y, z show y, x, z'),
+                                     (np.diag([1.0, 1.0, -1.0]), 'x, y, z show x, y, -z')])
+def test_swapped_and_mirrored_axes_are_named(Q, said):
+    with pytest.raises(DataError, match=f'mirrored .*{said}'):
+        refuse_other_frame(judge(forces(1, Q=Q)))
+
+
+def test_a_wrench_in_base_is_named():
+    for seed in range(20):
+        with pytest.raises(DataError, match='expressed in base, not in the frame of the sensor'):
+            refuse_other_frame(judge(forces(seed, 8, base=True)))
+
+
+@pytest.mark.parametrize('sign', [1, -1])
+def test_the_opposite_sign_is_not_taken_for_a_turn(sign):
+    for seed in range(20):
+        with pytest.raises(DataError, match=f'set wrench.sign to {-sign} .*upside|upside.*'
+                                            f'set wrench.sign to {-sign} '):
+            refuse_other_frame(judge(forces(seed, 6, Q=-np.eye(3))), wrench_sign=sign)
+
+
+def test_a_degree_is_named_and_not_refused():
+    tilted = judge(forces(1, 24, gravity=turn(1.0, 0.0, 0.0) @ G))
+    turned = judge(forces(1, 24, Q=turn(0.0, 0.0, -1.0)))
+    for judgement in (tilted, turned):
+        refuse_other_frame(judgement)
+    assert 'gravity is 1.0' in slightly_off(tilted)
+    assert 'deg about z' in slightly_off(turned)
+
+
+def test_three_poses_that_cannot_tell_a_turn_from_a_mirror_name_both():
+    found = judge(forces(1, 3, Q=SWAPPED, known=True))
+    assert set(names(found)) == {'turned', 'mirrored'}
+    with pytest.raises(DataError, match='mirrored .*, or its axes are turned'):
+        refuse_other_frame(found)
+
+
+def test_two_poses_say_nothing():
+    found = judge(forces(1, 2, Q=turn(0.0, 0.0, 30.0), known=True))
+    assert names(found) == ['plain']
+
+
+def test_a_force_without_weight_is_no_tool():
+    with pytest.raises(UnobservableError, match='show no weight'):
+        refuse_weightless(judge(forces(1, mass=0.0)))
+
+
+def test_a_tared_wrench_in_base_says_so():
+    one = forces(1)
+    still = one._replace(wire=np.tile([0.0, 0.0, -9.81], (12, 1))
+                         + NOISE * np.random.default_rng(2).standard_normal((12, 3)))
+    with pytest.raises(UnobservableError, match=r'of 0\.999 kg in a wrench expressed in base'):
+        refuse_weightless(judge(still))

@@ -1,0 +1,36 @@
+"""An accelerometer at rest tells its unit; a light tool is asked whether its newtons are any."""
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.recording.checks.units import doubt_of_force_unit, refuse_other_unit
+import numpy as np
+import pytest
+
+G = 9.81
+
+
+def at_rest(scale, offset=0.0, gain=1.0, seed=0):
+    directions = np.random.default_rng(seed).standard_normal((6, 3))
+    return scale * (gain * G * directions / np.linalg.norm(directions, axis=1)[:, None] + offset)
+
+
+@pytest.mark.parametrize('offset, gain', [(0.0, 1.0), (0.5, 1.1), (-0.5, 0.9)])
+def test_gravity_in_its_unit_is_left_alone(offset, gain):
+    for seed in range(50):
+        refuse_other_unit(at_rest(1.0, offset, gain, seed), G)
+
+
+@pytest.mark.parametrize('scale, said', [
+    (1 / 9.80665, 'it is in g; multiply by 9.80665 '),
+    (1e3 / 9.80665, 'it is in thousandths of g; multiply by 0.00980665 '),
+    (1e3, r'it is in mm/s\^2; multiply by 0.001 '), (0.01, 'the driver takes gravity off'),
+    (3.0, 'its unit or its gain is another')])
+@pytest.mark.parametrize('offset, gain', [(0.0, 1.0), (0.3, 1.05)])
+def test_another_unit_is_named_with_what_to_multiply_by(scale, said, offset, gain):
+    with pytest.raises(DataError, match=rf'\|f\| at rest is .*{said}'):
+        refuse_other_unit(at_rest(scale, offset, gain), G)
+
+
+def test_a_tool_of_a_kilogram_in_kgf_is_questioned():
+    assert 'if it weighs 0.932 kg, the wrench is in kgf' in doubt_of_force_unit(0.932 / 9.80665)
+    assert 'if 0.932 kg, in lbf' in doubt_of_force_unit(0.932 / 4.4482)
+    assert not doubt_of_force_unit(0.932)
