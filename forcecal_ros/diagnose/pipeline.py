@@ -6,7 +6,14 @@ from forcecal_ros.diagnose.case import Case, prepare, SHORTEST, split
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.gap import Gap
 from forcecal_ros.diagnose.hypotheses import hypotheses, Hypothesis
-from forcecal_ros.diagnose.left import Left, lines_of, look, predictable, remains
+from forcecal_ros.diagnose.left import (
+    fitted_to_all,
+    Left,
+    lines_of,
+    look,
+    predictable,
+    remains,
+)
 from forcecal_ros.diagnose.limits import CLIPPING
 from forcecal_ros.diagnose.measure import (
     measured_gap,
@@ -128,7 +135,7 @@ def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Che
               observed: list[Measured]) -> Outcome:
     selection = select(p, found, first)
     final = selection.problem
-    left = look(final)
+    left = look(fitted_to_all(final, selection.tangents))
     rest = remains(left)
     measured, noise = _measured(first, selection, left, observed)
     named = [a.name for a in selection.accepted]

@@ -14,6 +14,7 @@ from forcecal_ros.recording.streams import CHANNELS, Recording, Stream
 from forcecal_ros.simulators.rig.file import load_rig
 import numpy as np
 import pytest
+from rig_recordings import own_recording
 
 
 def test_a_nuisance_takes_up_three_spreads_and_no_more():
@@ -109,3 +110,9 @@ def test_what_no_effect_explains_is_unknown_and_stays_out_of_the_rig(sample):
     _, recalibrated, explained = gap.channels['force.y'][:3]
     assert explained == recalibrated
     assert abs(explained - np.std(cogging)) < 0.2 * np.std(cogging)
+
+
+def test_what_only_held_out_blocks_show_is_no_gap():
+    # the turns about x are held out: an inertia of 0.3 spreads, from noise, was left there
+    diagnosis = diagnose(own_recording(29), None, load_rig()).diagnosis
+    assert (diagnosis.verdict, diagnosis.effects) == ('no_gap', ())
