@@ -150,14 +150,31 @@ def ceiling(problem: Problem, signals: list[Signals], blocks: list[Array]) -> Ce
         energy = float(theta @ held[1:, 1:] @ theta)
         if energy > 1e-9:
             z[c] = float(theta @ held[1:, 0]) / np.sqrt(energy)
-        for one, i, noise, case in zip(predictions, inputs, problem.noise, problem.cases):
-            one[:, c] = theta @ i
+        predicted = [theta @ i for i in inputs]
+        if not _within(predicted, [b[:, c] for b in blocks], problem.cases):
+            z[c] = 0.0
+            continue
+        for one, rows_of, noise, case in zip(predictions, predicted, problem.noise,
+                                             problem.cases):
+            one[:, c] = rows_of
             for g in range(3):
                 rows = case.held & (case.groups == g)
                 if rows.sum() >= 50 and noise.sigma[g, c] > 0.0:
                     ratio = np.sqrt(np.mean(one[rows, c] ** 2)) / noise.rms(g)[c]
                     size[c] = max(size[c], float(ratio))
     return Ceiling(z, size, predictions)
+
+
+def _within(predicted: list[Array], blocks: list[Array], cases: tuple[Case, ...]) -> bool:
+    """
+    Say whether a prediction is no larger than what it predicts, on held-out blocks.
+
+    Noise with a root near 1 leaves the level of a prediction open: inputs that hardly vary then
+    make a constant of any size.
+    """
+    size, rest = (np.sqrt(sum(float(np.sum(x[c.held] ** 2)) for x, c in zip(rows, cases)))
+                  for rows in (predicted, blocks))
+    return bool(size <= rest)
 
 
 def _products(white: Array, rows: NDArray[np.bool_]) -> Array:

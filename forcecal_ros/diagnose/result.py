@@ -20,11 +20,27 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Found:
-    """An effect that the verdict names."""
+    """
+    An effect that the verdict names.
+
+    Attributes
+    ----------
+    name : str
+    parameters : dict of str to Parameter
+    probability : float
+    begin : float, optional
+        When it began [s]; it was there from the start where none is given.
+    begin_ci95 : tuple of float, optional
+    recording : int
+        0, or 1 where it began in the second one.
+    """
 
     name: str
     parameters: dict[str, Parameter]
     probability: float
+    begin: float | None = None
+    begin_ci95: tuple[float, float] | None = None
+    recording: int = 0
 
 
 @dataclass(frozen=True)
@@ -83,7 +99,7 @@ def to_document(diagnosis: Diagnosis, units: dict[str, str], rig: str | None) ->
         'effects': [{
             'name': e.name, 'probability': round(e.probability, 4),
             'parameters': {k: {'value': p.value, 'std': p.std, 'unit': p.unit}
-                           for k, p in e.parameters.items()}} for e in d.effects],
+                           for k, p in e.parameters.items()}, **_when(e)} for e in d.effects],
         'candidates': [{'name': n, 'probability': round(p, 4)} for n, p in d.candidates],
         'where': [{'stage': w.stage, 'channel': w.channel, 'phase': w.phase,
                    'band_hz': list(w.band_hz), 'excess': w.excess, 'p': w.p}
@@ -103,3 +119,11 @@ def to_document(diagnosis: Diagnosis, units: dict[str, str], rig: str | None) ->
     if rig:
         document['rig'] = rig
     return document
+
+
+def _when(effect: Found) -> dict[str, Any]:
+    """Say from when on an effect that began during a recording was there."""
+    if effect.begin is None or effect.begin_ci95 is None:
+        return {}
+    return {'from': effect.begin, 'from_ci95': list(effect.begin_ci95),
+            'recording': effect.recording}

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.jit import compiled
+from forcecal_ros.recording.noise.steps import without_steps
 import numpy as np
 from numpy.typing import NDArray
 
@@ -93,8 +94,8 @@ def fit_autoregression(residual: Array, present: BoolArray, groups: IntArray) ->
     """
     Fit the noise of one recording, each channel's mean in each kind of motion taken out.
 
-    To a residual that is mostly a constant, an autoregression finds a root near 1, and whitens
-    the constant away; hence the mean.
+    To a residual that is mostly a constant, or steps from one to another, an autoregression finds
+    a root near 1, and whitens the constant away; hence neither mean nor steps.
 
     Parameters
     ----------
@@ -104,6 +105,7 @@ def fit_autoregression(residual: Array, present: BoolArray, groups: IntArray) ->
         Kind of motion of each sample, index into GROUPS.
     """
     n, channels = residual.shape
+    residual = without_steps(residual, present)
     rows = np.zeros((n, channels), dtype=bool)
     coefficients = np.zeros((len(GROUPS), channels, ORDER))
     sigma = np.zeros((len(GROUPS), channels))
@@ -136,6 +138,7 @@ def at_standstill(residual: Array, noise: Autoregression) -> Autoregression:
     noise : Autoregression
         Fitted to all of it; taken where the standstill is too short.
     """
+    residual = without_steps(residual, noise.rows)
     edges = np.flatnonzero(np.diff(noise.groups)) + 1
     flat = np.concatenate([part - part.mean(axis=0) for part in np.split(residual, edges)])
     coefficients, sigma = noise.coefficients.copy(), noise.sigma.copy()
