@@ -11,6 +11,7 @@ from forcecal_ros.diagnose.nuisances import apply_all, LIMIT, Nuisance, nuisance
 from forcecal_ros.diagnose.replay import Signals
 from forcecal_ros.effects import with_effects
 from forcecal_ros.effects.rig import Rig
+from forcecal_ros.errors import ForcecalError
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.autoregression import Autoregression, fit_autoregression
 import numpy as np
@@ -24,11 +25,18 @@ RELEASED = 1.0 / 15.0 ** 2
 MOST_ROUNDS = 4
 """Of recalibration."""
 
+ENDLESS = 1e9
+"""Residual in any unit from which a simulation has diverged; no sensor reads that much."""
+
 CONVERGED = 0.05
 """Step of the nuisances, in spreads, that ends it."""
 
 Values = Mapping[str, Mapping[str, float]]
 """Effect -> parameter -> value."""
+
+
+class Diverged(ForcecalError):
+    """A simulation that is not finite: no rig behaves like that."""
 
 
 @dataclass
@@ -98,6 +106,8 @@ class Problem:
     def _left(self, case: int, signals: Signals) -> Array:
         """Return measured less simulated of one recording, its steps taken off, (n, 16)."""
         out = self.cases[case].measured.blocks(signals)
+        if not np.isfinite(out).all() or np.abs(out).max(initial=0.0) > ENDLESS:
+            raise Diverged('a simulation is not finite')
         for i, n in enumerate(self.nuisances):
             if n.where == 'step' and n.recording == case:
                 for c, rows in self.columns[case][i].items():
