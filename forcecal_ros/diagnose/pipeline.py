@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from forcecal_ros.diagnose import steps
-from forcecal_ros.diagnose.case import Case, prepare, SHORTEST, split
+from forcecal_ros.diagnose.case import Case, conversion, prepare, SHORTEST, split
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.gap import Gap
 from forcecal_ros.diagnose.hypotheses import hypotheses, Hypothesis
@@ -129,9 +129,8 @@ def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
 
 def _observed(case: Case, recording: Recording, rig: Rig) -> Measured:
     """Take a recording by the stamps that it came with."""
-    model = rig.accelerometer.model(case.replay.accelerometer)
     return Measured(recording, case.measured.start, case.measured.n_blocks,
-                    np.array(model.gain), np.array(model.offset))
+                    *conversion(recording, rig, case.replay.accelerometer))
 
 
 def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Checks',
