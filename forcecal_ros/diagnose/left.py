@@ -22,6 +22,10 @@ WANDERING = 0.03
 """Of a vibration's frequency, within which its speed may wander."""
 
 
+NOWHERE = Cell(0, 'no phase', remainder.BANDS[0], 0.0, 0.0)
+"""Stands for the cells of recordings whose phases are too short for any."""
+
+
 class Left(NamedTuple):
     """
     What a problem leaves.
@@ -61,8 +65,8 @@ def look(p: Problem) -> Left:
              for c in remainder.cells(case, n, b)]
     lines, wanders = _foreign(lines_of(p), p)
     impulses = np.asarray(sum(remainder.impulses(n, b) for n, b in zip(p.noise, p.blocks)))
-    return Left(remainder.ceiling(p, p.base, p.blocks), sorted(cells, key=lambda c: -c.z),
-                lines, impulses, wanders)
+    strongest = sorted(cells, key=lambda c: -c.z) or [NOWHERE]
+    return Left(remainder.ceiling(p, p.base, p.blocks), strongest, lines, impulses, wanders)
 
 
 def fitted_to_all(p: Problem, tangents: Sequence[Tangent] = ()) -> Problem:

@@ -32,6 +32,7 @@ from forcecal_ros.diagnose.result import Diagnosis, Found, Parameter
 from forcecal_ros.diagnose.selection import select, Selection
 from forcecal_ros.diagnose.stamps import corrected
 from forcecal_ros.diagnose.steps import Event, with_steps
+from forcecal_ros.diagnose.usage import refuse_unjudged, shares, unjudged
 from forcecal_ros.diagnose.verdict import probabilities, verdict
 from forcecal_ros.diagnose.visibility import excitation, not_excited
 from forcecal_ros.diagnose.where import Place, places, stage_of
@@ -112,6 +113,10 @@ def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
     observed = [_observed(c, s.stamped, rig) if s.skew else c.measured
                 for c, s in zip(cases, stamps)]
     p = problem(rig, tuple(cases))
+    try:
+        refuse_unjudged(p)
+    except DataError as error:
+        return Outcome(Diagnosis('invalid_data', str(error)), rig)
     checks = _Checks(*from_checks(stamps, sample_noise(p, np.zeros(len(CHANNELS))),
                                   rig.accelerometer.model(cases[0].replay.accelerometer)))
     known = {name: {k: v.value for k, v in found.items()}
@@ -124,7 +129,8 @@ def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
     p, events = with_steps(p)
     strongest = max(lines_of(p), key=lambda line: line.power, default=None)
     found = hypotheses(p, strongest.frequency if strongest else None)
-    return _conclude(first, p, found, checks, observed, events)
+    outcome = _conclude(first, p, found, checks, observed, events)
+    return replace(outcome, diagnosis=replace(outcome.diagnosis, used=shares(p, given)))
 
 
 def _observed(case: Case, recording: Recording, rig: Rig) -> Measured:
@@ -149,8 +155,9 @@ def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Che
                         key=lambda pair: -pair[1])
     excited = excitation(p) > ENOUGH or bool(checks.effects) or bool(stepped)
     word, sentence = verdict([*named, *sudden, *checks.effects], candidates, rest,
-                             measured.closed if named or p.fixed or sudden else None, excited)
-    sentence += steps.in_words(stepped) + unseen(final.cases[0].recording)
+                             measured.closed if named or p.fixed or sudden else None, excited,
+                             whole=not unjudged(p))
+    sentence += steps.in_words(stepped) + unseen(final.cases[0].recording) + unjudged(p)
     effects = [Found(a.name, parameters_of(final, a), shares[a.name])
                for a in selection.accepted]
     effects += [*stepped, *(Found(n, v, CHECKED) for n, v in checks.effects.items())]

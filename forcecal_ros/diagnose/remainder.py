@@ -43,6 +43,9 @@ BANDS = ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 16.0), (16.0, 32.
 
 RATE = 250.0
 
+SHORTEST, FEWEST = 50.0, 8
+"""Stretch whose spectrum is taken, in blocks: 0.2 s tell octaves from 5 Hz on; its samples."""
+
 
 class Ceiling(NamedTuple):
     """
@@ -232,7 +235,8 @@ def cells(case: Blocked, noise: Autoregression, blocks: Array) -> list[Cell]:
         if not noise.sigma[:, c].any():
             continue
         white = rest.whiten(blocks[:, c][np.newaxis], c)[0]
-        octaves = {word: _octaves(white, rows & noise.rows[:, c])
+        there, spacing = noise.present[:, c], noise.spacing(c)
+        octaves = {word: _octaves(white[there], (rows & noise.rows[:, c])[there], spacing)
                    for word, rows in phases.items()}
         expected = _colour(list(octaves.values()))
         for word, (energy, dof) in octaves.items():
@@ -270,17 +274,17 @@ def _cube_root(ratio: float, dof: float) -> float:
     return float((np.cbrt(ratio) - (1.0 - q)) / np.sqrt(q))
 
 
-def _octaves(white: Array, rows: NDArray[np.bool_]) -> tuple[Array, Array]:
+def _octaves(white: Array, rows: NDArray[np.bool_], spacing: float) -> tuple[Array, Array]:
     energy, dof = np.zeros(len(BANDS)), np.zeros(len(BANDS))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], rows.astype(int), [0]])))
     for i, j in zip(edges[::2], edges[1::2]):
         n = j - i
-        if n < 50:
+        if n < max(FEWEST, SHORTEST / spacing):
             continue
         power = np.abs(np.fft.rfft(white[i:j])) ** 2 / n
         weight = np.full(len(power), 2.0)
         weight[0] = 1.0
-        frequency = np.arange(len(power)) * RATE / n
+        frequency = np.arange(len(power)) * RATE / spacing / n
         for b, (low, high) in enumerate(BANDS):
             chosen = (frequency >= low) & (frequency < high)
             energy[b] += float(np.sum((power * weight)[chosen]))

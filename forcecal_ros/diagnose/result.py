@@ -64,6 +64,8 @@ class Diagnosis:
     notes : tuple of str
     remainder : dict of str to float
         Statistics of what is left.
+    used : dict of str to float
+        Part of each stream's samples that counts.
     """
 
     verdict: str
@@ -75,6 +77,7 @@ class Diagnosis:
     not_excited: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     remainder: dict[str, float] | None = None
+    used: dict[str, float] | None = None
 
 
 def to_document(diagnosis: Diagnosis, units: dict[str, str], rig: str | None) -> dict[str, Any]:
@@ -105,7 +108,7 @@ def to_document(diagnosis: Diagnosis, units: dict[str, str], rig: str | None) ->
                    'band_hz': list(w.band_hz), 'excess': w.excess, 'p': w.p}
                   for w in d.where],
         'not_excited': list(d.not_excited), 'notes': list(d.notes),
-        'remainder': d.remainder or {}}
+        'remainder': d.remainder or {}, 'used': d.used or {}}
     if d.gap is not None:
         g = d.gap
         document['gap'] = {
