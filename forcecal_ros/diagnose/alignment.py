@@ -18,8 +18,9 @@ def start_of(recording: Recording, rig: Rig, accelerometer: str) -> float:
     """
     Find when the robot's period 0 began.
 
-    Stamps of the measured pose lie on the grid of the robot's periods. Commands on the same grid
-    hold from their stamp on; others from one of the grid's next points, chosen by the pose.
+    Stamps of the measured pose lie on the grid of the robot's periods, or on a finer one where
+    there are several in each. Commands on the same grid hold from their stamp on; others from one
+    of the grid's next points, chosen by the pose.
 
     Parameters
     ----------
@@ -45,10 +46,11 @@ def start_of(recording: Recording, rig: Rig, accelerometer: str) -> float:
     first = float(target.t[0])
     if pose is None or len(pose) < 50 or not pose.has_position:
         return first
-    shift = (_phase(pose.t, period) - _phase(target.t, period)) % period
-    if min(shift, period - shift) < ON_GRID:
+    grid = min(period, float(np.median(np.diff(pose.t))))
+    shift = (_phase(pose.t, grid) - _phase(target.t, grid)) % grid
+    if min(shift, grid - shift) < ON_GRID:
         return first
-    starts = [first + shift + k * period for k in (-1, 0, 1)]
+    starts = [first + shift + k * grid for k in range(-1, 1 + round(period / grid))]
     return min(starts, key=lambda start: _pose_error(rig, target, pose, start, accelerometer))
 
 

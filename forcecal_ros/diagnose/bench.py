@@ -12,7 +12,7 @@ from forcecal_ros.diagnose.hypotheses import (
     nominal_of,
     values_of,
 )
-from forcecal_ros.diagnose.problem import EFFECT, Problem
+from forcecal_ros.diagnose.problem import Diverged, EFFECT, Problem
 from forcecal_ros.diagnose.tangent import FAR, Tangent, tangent
 from forcecal_ros.diagnose.trial import Trial
 from forcecal_ros.effects import Effect
@@ -182,25 +182,36 @@ class Bench:
         theta, free = trial.theta.copy(), trial.free
         best, step = (-np.inf, theta), np.zeros(len(free))
         for _ in range(ROUNDS):
-            values = {**problem.effects, h.name: values_of(effect, theta)}
-            blocks = [problem.simulate(values, i) for i in fitted]
-            t = tangent(problem, h.name, theta, free, blocks, fitted)
-            full = [blocks[fitted.index(i)] if i in fitted else b
-                    for i, b in enumerate(problem.blocks)]
-            columns = [[*self.extra[i], *t.columns[i]] for i in range(len(problem.cases))]
-            train, _ = problem.grams(columns, full)
-            found = fit(train, self._prior(frozenset(), t.away))
-            at_zero = self._at(train)
-            if at_zero > best[0]:
-                best, step = (at_zero, theta), found.x[self.base:] * t.units
+            try:
+                evidence, onward, units = self._stepped(h, theta, free, fitted)
+            except Diverged:
+                if not np.isfinite(best[0]):
+                    raise
+                evidence = -np.inf
+            if evidence > best[0]:
+                best, step = (evidence, theta), onward
             else:
                 step = 0.3 * step
             moved = best[1].copy()
             moved[free] = np.clip(moved[free] + step, low[free], high[free])
-            if np.abs((moved - theta)[free] / t.units).max() < 1e-3:
+            if np.abs((moved - theta)[free] / units).max() < 1e-3:
                 break
             theta = moved
         return self._final(h, best[1], free)
+
+    def _stepped(self, h: Hypothesis, theta: Array, free: NDArray[np.intp], fitted: list[int]
+                 ) -> tuple[float, Array, Array]:
+        """Return the evidence at an effect's parameters, the step from there, and its units."""
+        problem = self.problem
+        values = {**problem.effects, h.name: values_of(h.effect, theta)}
+        blocks = [problem.simulate(values, i) for i in fitted]
+        t = tangent(problem, h.name, theta, free, blocks, fitted)
+        full = [blocks[fitted.index(i)] if i in fitted else b
+                for i, b in enumerate(problem.blocks)]
+        columns = [[*self.extra[i], *t.columns[i]] for i in range(len(problem.cases))]
+        train, _ = problem.grams(columns, full)
+        found = fit(train, self._prior(frozenset(), t.away))
+        return self._at(train), found.x[self.base:] * t.units, t.units
 
     def _at(self, train: Gram) -> float:
         """Evidence with the effect's parameters as they are."""

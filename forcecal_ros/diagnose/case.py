@@ -87,6 +87,25 @@ def mounted(recording: Recording, rig: Rig) -> str:
     return best if miss(best) < 0.5 * miss(name) else name
 
 
+def conversion(recording: Recording, rig: Rig, name: str) -> tuple[Array, Array]:
+    """
+    Return gain and offset that bring an accelerometer's m/s^2 to volts.
+
+    A driver that converts volts takes the rig's offset off; a sensor that speaks m/s^2 by itself
+    does not know of it, and its readings hold it. What it says at the start tells which it is.
+    """
+    model, stream = rig.accelerometer.model(name), recording.accelerometer
+    gain, offset = np.array(model.gain), np.array(model.offset)
+    pose = recording.pose or recording.target
+    if stream is None or recording.accelerometer_unit == 'V' or not len(stream) \
+            or pose is None or not len(pose) or model.highpass:
+        return gain, offset
+    first = stream.values[:max(1, int(0.3 * stream.rate))].mean(axis=0)
+    rest = (first + pose.R_base_sensor[0].T @ np.array(rig.gravity)) * gain
+    held = np.linalg.norm(rest - offset) < 0.5 * np.linalg.norm(rest)
+    return gain, np.zeros(3) if held else offset
+
+
 def prepare(recording: Recording, rig: Rig, accelerometer: str | None = None) -> Case:
     """
     Make one recording ready; all of its blocks are for training.
@@ -121,9 +140,8 @@ def prepare(recording: Recording, rig: Rig, accelerometer: str | None = None) ->
                         f'least {SHORTEST:g} s are needed: record a longer sequence')
     replay = Replay(rig, recording.target, start, end, name)
     nominal = replay.signals(rig)
-    model = rig.accelerometer.model(name)
-    n = replay.n_periods
-    measured = Measured(recording, start, n, np.array(model.gain), np.array(model.offset))
+    n = replay.n_blocks
+    measured = Measured(recording, start, n, *conversion(recording, rig, name))
     groups = _kinds(nominal, n)
     phases = recording.phases or _made_up(groups, start)
     return Case(recording, replay, measured, nominal, groups, phases,

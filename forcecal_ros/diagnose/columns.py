@@ -77,6 +77,9 @@ def nuisance_column(case: Case, nuisance: Nuisance, size: float, rig: Rig, refer
     -------
     Column
     """
+    if nuisance.where == 'step':
+        since = case.measured.since(CHANNELS[nuisance.axis].stream, nuisance.instant)
+        return {nuisance.axis: (size * since).astype(np.float32)}
     if nuisance.where == 'rig':
         changed = case.replay.signals(nuisance.apply(rig, size))
         return column(blocks - case.measured.blocks(changed), level)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from forcecal_ros.diagnose.columns import Column
 from forcecal_ros.diagnose.limits import CLIPPING, limit_starts
-from forcecal_ros.diagnose.problem import Problem
+from forcecal_ros.diagnose.problem import Diverged, Problem
 from forcecal_ros.diagnose.replay import UNSEEN
 from forcecal_ros.effects import applicable, Effect, EFFECTS
 from forcecal_ros.geometry import Array
@@ -147,7 +147,7 @@ def _atoms(problem: Problem, name: str, effect: Effect, line: float | None) -> l
             theta = np.array(start, dtype=float)
             others = [j for j in sized if j != i]
             theta[others] = nominal[others]
-            columns = problem.difference({**problem.effects, name: values_of(effect, theta)})
+            columns = _difference(problem, name, effect, theta)
             if any(columns):
                 several.append(columns)
                 moving.append(i)
@@ -159,13 +159,21 @@ def _atoms(problem: Problem, name: str, effect: Effect, line: float | None) -> l
     return atoms
 
 
+def _difference(problem: Problem, name: str, effect: Effect, theta: Array) -> list[Column]:
+    """Return what an effect does to each recording; nothing where its simulation diverges."""
+    try:
+        return problem.difference({**problem.effects, name: values_of(effect, theta)})
+    except Diverged:
+        return [{} for _ in problem.cases]
+
+
 def _limits(problem: Problem, name: str, effect: Effect) -> list[Atom]:
     """Try each axis by itself, at the limit that its samples suggest."""
     atoms, names = [], [q.name for q in effect.parameters]
     for parameter, limit in limit_starts(problem, name).items():
         theta, i = nominal_of(effect), names.index(parameter)
         theta[i] = limit
-        columns = problem.difference({**problem.effects, name: values_of(effect, theta)})
+        columns = _difference(problem, name, effect, theta)
         if any(columns):
             atoms.append(Atom(theta, np.array([i]), _transposed([columns])))
     return atoms

@@ -8,7 +8,7 @@ from forcecal_ros.diagnose.bench import Bench
 from forcecal_ros.diagnose.columns import gram
 from forcecal_ros.diagnose.hypotheses import bounds_of, values_of
 from forcecal_ros.diagnose.nuisances import LIMIT
-from forcecal_ros.diagnose.problem import Problem
+from forcecal_ros.diagnose.problem import Diverged, Problem
 from forcecal_ros.diagnose.tangent import Tangent, tangent
 from forcecal_ros.diagnose.trial import Trial
 from forcecal_ros.effects import EFFECTS
@@ -95,8 +95,7 @@ def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = N
             moved = _moved(now, tangents, bench, fraction)
             tried = replace(out, centre=out.moved(fraction * bench.null.x[:m]),
                             effects=_effects(moved))
-            tried.settle()
-            if tried.standing() > before - 0.1:
+            if _settles(tried) and tried.standing() > before - 0.1:
                 out, now = tried, moved
                 break
             fraction *= 0.3
@@ -108,6 +107,25 @@ def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = N
             out.linearise()
     out.refit_noise(np.zeros(m))
     return out, now, tangents
+
+
+def _settles(problem: Problem) -> bool:
+    """Simulate at the centre; say whether that is finite."""
+    try:
+        problem.settle()
+    except Diverged:
+        return False
+    return True
+
+
+def joint_if_finite(problem: Problem, accepted: Sequence[Accepted], step: Array | None = None,
+                    noise_known: bool = False
+                    ) -> tuple[Problem, list[Accepted], list[Tangent]] | None:
+    """Refit as :func:`joint` does; give nothing where a simulation diverges."""
+    try:
+        return joint(problem, accepted, step, noise_known)
+    except Diverged:
+        return None
 
 
 def without(start: Problem, problem: Problem, accepted: Sequence[Accepted], name: str

@@ -1,19 +1,29 @@
 """What a rig as explained so far leaves of the recordings, and whether that is more than noise."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.diagnose import remainder, spectral_lines
+from forcecal_ros.diagnose.bench import Bench
 from forcecal_ros.diagnose.channels import CHANNELS
+from forcecal_ros.diagnose.columns import combined
+from forcecal_ros.diagnose.evidence import fit
 from forcecal_ros.diagnose.hypotheses import VIBRATION
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.remainder import Ceiling, Cell
 from forcecal_ros.diagnose.spectral_lines import Line
+from forcecal_ros.diagnose.tangent import Tangent
 from forcecal_ros.diagnose.verdict import Remains
 from forcecal_ros.geometry import Array
 import numpy as np
 
 WANDERING = 0.03
 """Of a vibration's frequency, within which its speed may wander."""
+
+
+NOWHERE = Cell(0, 'no phase', remainder.BANDS[0], 0.0, 0.0)
+"""Stands for the cells of recordings whose phases are too short for any."""
 
 
 class Left(NamedTuple):
@@ -55,8 +65,36 @@ def look(p: Problem) -> Left:
              for c in remainder.cells(case, n, b)]
     lines, wanders = _foreign(lines_of(p), p)
     impulses = np.asarray(sum(remainder.impulses(n, b) for n, b in zip(p.noise, p.blocks)))
-    return Left(remainder.ceiling(p, p.base, p.blocks), sorted(cells, key=lambda c: -c.z),
-                lines, impulses, wanders)
+    strongest = sorted(cells, key=lambda c: -c.z) or [NOWHERE]
+    return Left(remainder.ceiling(p, p.base, p.blocks), strongest, lines, impulses, wanders)
+
+
+def fitted_to_all(p: Problem, tangents: Sequence[Tangent] = ()) -> Problem:
+    """
+    Take off what nuisances and effects explain when they are fitted to all blocks.
+
+    What training blocks hardly show (an inertia, where they hold no turn about its axis) is known
+    poorly from them, and shows on the others: that is no gap, but an error of the fit.
+
+    Parameters
+    ----------
+    p : Problem
+        At a fit to its training blocks.
+    tangents : sequence of Tangent
+        Of its effects.
+
+    Returns
+    -------
+    Problem
+        With the residuals, and their noise, of the fit to all; all else as it was.
+    """
+    bench = Bench(p, tangents)
+    x = fit(bench.train + bench.held, bench.null_prior).x
+    blocks = [b - combined([*columns, *extra], x, len(b)) * c.measured.present
+              for b, columns, extra, c in zip(p.blocks, p.columns, bench.extra, p.cases)]
+    out = replace(p, blocks=blocks)
+    out.refit_noise(np.zeros(len(p.nuisances)))
+    return out
 
 
 def lines_of(p: Problem) -> tuple[Line, ...]:

@@ -28,10 +28,15 @@ class Nuisance(NamedTuple):
     apply : callable
         (rig, physical value) -> rig; relative where the spread is.
     where : str
-        ``wrench`` or ``volts``: known in closed form, channel ``axis``; ``rig``: simulated.
+        ``wrench`` or ``volts``: known in closed form, channel ``axis``; ``rig``: simulated;
+        ``step``: the level of channel ``axis`` of one recording from an instant on.
     axis : int
     least : float
         Lowest physical value.
+    recording : int
+        Which one steps.
+    instant : float
+        When it steps [s].
     """
 
     name: str
@@ -40,6 +45,8 @@ class Nuisance(NamedTuple):
     where: str = 'rig'
     axis: int = 0
     least: float = -np.inf
+    recording: int = 0
+    instant: float = 0.0
 
 
 def _scaled(section: str, name: str) -> Callable[[Rig, float], Rig]:

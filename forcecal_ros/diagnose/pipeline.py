@@ -2,11 +2,19 @@
 
 from dataclasses import dataclass, replace
 
-from forcecal_ros.diagnose.case import Case, prepare, SHORTEST, split
+from forcecal_ros.diagnose import steps
+from forcecal_ros.diagnose.case import Case, conversion, prepare, SHORTEST, split
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.gap import Gap
 from forcecal_ros.diagnose.hypotheses import hypotheses, Hypothesis
-from forcecal_ros.diagnose.left import Left, lines_of, look, predictable, remains
+from forcecal_ros.diagnose.left import (
+    fitted_to_all,
+    Left,
+    lines_of,
+    look,
+    predictable,
+    remains,
+)
 from forcecal_ros.diagnose.limits import CLIPPING
 from forcecal_ros.diagnose.measure import (
     measured_gap,
@@ -23,6 +31,8 @@ from forcecal_ros.diagnose.residual import Measured
 from forcecal_ros.diagnose.result import Diagnosis, Found, Parameter
 from forcecal_ros.diagnose.selection import select, Selection
 from forcecal_ros.diagnose.stamps import corrected
+from forcecal_ros.diagnose.steps import Event, with_steps
+from forcecal_ros.diagnose.usage import refuse_unjudged, shares, unjudged
 from forcecal_ros.diagnose.verdict import probabilities, verdict
 from forcecal_ros.diagnose.visibility import excitation, not_excited
 from forcecal_ros.diagnose.where import Place, places, stage_of
@@ -103,6 +113,10 @@ def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
     observed = [_observed(c, s.stamped, rig) if s.skew else c.measured
                 for c, s in zip(cases, stamps)]
     p = problem(rig, tuple(cases))
+    try:
+        refuse_unjudged(p)
+    except DataError as error:
+        return Outcome(Diagnosis('invalid_data', str(error)), rig)
     checks = _Checks(*from_checks(stamps, sample_noise(p, np.zeros(len(CHANNELS))),
                                   rig.accelerometer.model(cases[0].replay.accelerometer)))
     known = {name: {k: v.value for k, v in found.items()}
@@ -112,38 +126,41 @@ def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
         p = replace(p, fixed=known, centre=p.centre.copy())
         p.settle()
         p.recalibrate()
+    p, events = with_steps(p)
     strongest = max(lines_of(p), key=lambda line: line.power, default=None)
     found = hypotheses(p, strongest.frequency if strongest else None)
-    return _conclude(first, p, found, checks, observed)
+    outcome = _conclude(first, p, found, checks, observed, events)
+    return replace(outcome, diagnosis=replace(outcome.diagnosis, used=shares(p, given)))
 
 
 def _observed(case: Case, recording: Recording, rig: Rig) -> Measured:
     """Take a recording by the stamps that it came with."""
-    model = rig.accelerometer.model(case.replay.accelerometer)
     return Measured(recording, case.measured.start, case.measured.n_blocks,
-                    np.array(model.gain), np.array(model.offset))
+                    *conversion(recording, rig, case.replay.accelerometer))
 
 
 def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Checks',
-              observed: list[Measured]) -> Outcome:
+              observed: list[Measured], events: tuple[Event, ...]) -> Outcome:
     selection = select(p, found, first)
     final = selection.problem
-    left = look(final)
+    left = look(fitted_to_all(final, selection.tangents))
     rest = remains(left)
     measured, noise = _measured(first, selection, left, observed)
     named = [a.name for a in selection.accepted]
     slots = [(a.name, selection.rivals.get(a.name, {})) for a in selection.accepted]
-    shares, candidates = probabilities(slots, rest, measured.closed, len(p.fixed))
-    candidates = sorted([*candidates, *((n, CHECKED) for n in checks.effects)],
+    stepped = steps.found(final, events)
+    sudden = {e.name: e.probability for e in stepped}
+    shares, candidates = probabilities(slots, rest, measured.closed, len(p.fixed) + len(sudden))
+    candidates = sorted([*candidates, *sudden.items(), *((n, CHECKED) for n in checks.effects)],
                         key=lambda pair: -pair[1])
-    excited = excitation(p) > ENOUGH
-    word, sentence = verdict([*named, *checks.effects], candidates, rest,
-                             measured.closed if named or p.fixed else None,
-                             excited or bool(checks.effects))
-    sentence += unseen(final.cases[0].recording)
+    excited = excitation(p) > ENOUGH or bool(checks.effects) or bool(stepped)
+    word, sentence = verdict([*named, *sudden, *checks.effects], candidates, rest,
+                             measured.closed if named or p.fixed or sudden else None, excited,
+                             whole=not unjudged(p))
+    sentence += steps.in_words(stepped) + unseen(final.cases[0].recording) + unjudged(p)
     effects = [Found(a.name, parameters_of(final, a), shares[a.name])
                for a in selection.accepted]
-    effects += [Found(n, v, CHECKED) for n, v in checks.effects.items()]
+    effects += [*stepped, *(Found(n, v, CHECKED) for n, v in checks.effects.items())]
     where = _where(final, selection, left.ceiling, checks)
     if word == 'unknown':
         effects = [Found('unknown', {}, dict(candidates).get('unknown', 0.9))]
@@ -216,11 +233,13 @@ def _where(final: Problem, selection: Selection, ceiling: Ceiling, checks: '_Che
     differences = [b - a + predictable(ceiling, i)
                    for i, (b, a) in enumerate(zip(before, final.blocks))]
     stages = {EFFECTS[n].stage for n in (*(a.name for a in selection.accepted), *checks.effects)}
+    if any(n.where == 'step' for n in final.nuisances):
+        stages.add('wrench_sensor')
 
     def stage(channel: str, phase: str, touched: set[str]) -> str:
         return next(iter(stages)) if len(stages) == 1 else stage_of(channel, phase, touched)
 
-    sensors = [[c for n, c in zip(final.nuisances, columns) if n.where != 'rig']
+    sensors = [[c for n, c in zip(final.nuisances, columns) if n.where in ('wrench', 'volts')]
                for columns in final.columns]
     found = places(final.cases, final.noise, before, differences, stage, sensors)
     phase = max(final.cases[-1].phases, key=lambda one: one.end - one.start).name

@@ -11,6 +11,7 @@ from forcecal_ros.diagnose.nuisances import apply_all, LIMIT, Nuisance, nuisance
 from forcecal_ros.diagnose.replay import Signals
 from forcecal_ros.effects import with_effects
 from forcecal_ros.effects.rig import Rig
+from forcecal_ros.errors import ForcecalError
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.autoregression import Autoregression, fit_autoregression
 import numpy as np
@@ -24,11 +25,18 @@ RELEASED = 1.0 / 15.0 ** 2
 MOST_ROUNDS = 4
 """Of recalibration."""
 
+ENDLESS = 1e9
+"""Residual in any unit from which a simulation has diverged; no sensor reads that much."""
+
 CONVERGED = 0.05
 """Step of the nuisances, in spreads, that ends it."""
 
 Values = Mapping[str, Mapping[str, float]]
 """Effect -> parameter -> value."""
+
+
+class Diverged(ForcecalError):
+    """A simulation that is not finite: no rig behaves like that."""
 
 
 @dataclass
@@ -84,22 +92,38 @@ class Problem:
     def prior(self, released: frozenset[str] = frozenset()) -> Prior:
         """Return the prior of the nuisances, some of them released."""
         free = np.array([n.name in released | self.released for n in self.nuisances], dtype=bool)
-        return Prior(self.centre, np.where(free, RELEASED, 1.0), np.where(free, np.inf, LIMIT))
+        endless = free | np.array([n.where == 'step' for n in self.nuisances], dtype=bool)
+        # training blocks say nothing of a step in a recording that is all held out
+        settled = np.array([n.where == 'step' and not self.cases[n.recording].train.any()
+                            for n in self.nuisances], dtype=bool)
+        return Prior(np.where(settled, 0.0, self.centre), np.where(free, RELEASED, 1.0),
+                     np.where(endless, np.inf, LIMIT))
 
     def simulate(self, effects: Values, case: int) -> Array:
         """Return measured less simulated of one recording with other effects, (n, 16)."""
-        one = self.cases[case]
-        return one.measured.blocks(one.replay.signals(self.current(effects)))
+        return self._left(case, self.cases[case].replay.signals(self.current(effects)))
+
+    def _left(self, case: int, signals: Signals) -> Array:
+        """Return measured less simulated of one recording, its steps taken off, (n, 16)."""
+        out = self.cases[case].measured.blocks(signals)
+        if not np.isfinite(out).all() or np.abs(out).max(initial=0.0) > ENDLESS:
+            raise Diverged('a simulation is not finite')
+        for i, n in enumerate(self.nuisances):
+            if n.where == 'step' and n.recording == case:
+                for c, rows in self.columns[case][i].items():
+                    out[:, c] -= self.centre[i] * rows
+        return out
 
     def settle(self) -> None:
         """Simulate at the centre; columns stay as they are."""
         rig = self.current()
         self.base = [c.replay.signals(rig) for c in self.cases]
-        self.blocks = [c.measured.blocks(s) for c, s in zip(self.cases, self.base)]
+        self.blocks = [self._left(i, s) for i, s in enumerate(self.base)]
 
     def without_effects(self) -> 'Problem':
-        """Take off all effects, released nuisances too; the other nuisances stay."""
-        free = np.array([n.name in self.released for n in self.nuisances], dtype=bool)
+        """Take off all effects, released nuisances and steps too; the other nuisances stay."""
+        free = np.array([n.name in self.released or n.where == 'step' for n in self.nuisances],
+                        dtype=bool)
         out = replace(self, effects={}, released=frozenset(),
                       centre=np.where(free, 0.0, self.centre))
         out.settle()
@@ -107,12 +131,15 @@ class Problem:
 
     def linearise(self) -> None:
         """Simulate at the centre and take the nuisances' columns there."""
-        self.settle()
         rig = self.current()
+        self.base = [c.replay.signals(rig) for c in self.cases]
         self.columns = [
             [nuisance_column(c, n, size, rig, s, b, self.level)
+             if n.where != 'step' or n.recording == i else {}
              for n, size in zip(self.nuisances, self.sizes)]
-            for c, s, b in zip(self.cases, self.base, self.blocks)]
+            for i, (c, s) in enumerate(zip(self.cases, self.base))
+            for b in [c.measured.blocks(s)]]
+        self.settle()
 
     def grams(self, extra: list[list[Column]], blocks: list[Array] | None = None
               ) -> tuple[Gram, Gram]:
@@ -128,6 +155,11 @@ class Problem:
         """Fit the nuisances alone on the training blocks."""
         train, _ = self.grams([[] for _ in self.cases])
         return fit(train, self.prior())
+
+    def fit_nuisances_to_all(self) -> Fit:
+        """Fit the nuisances alone on all blocks."""
+        train, held = self.grams([[] for _ in self.cases])
+        return fit(train + held, self.prior())
 
     def standing(self) -> float:
         """Log-likelihood of the training blocks, and prior, with everything as it is."""

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from forcecal_ros.diagnose.bench import Bench
 from forcecal_ros.diagnose.hypotheses import Hypothesis
+from forcecal_ros.diagnose.problem import Diverged
 from forcecal_ros.diagnose.trial import Trial
 import numpy as np
 
@@ -55,12 +56,21 @@ def ranked(bench: Bench, found: Sequence[Hypothesis], tested: int) -> list[Trial
         promising |= refined < SHORTLIST and trial.evidence > WORTH
         if atom is not None and promising and trial.gain > 1.0 and refined < 2 * SHORTLIST:
             refined += 1
-            better = bench.refine(by_name[trial.name], trial)
-            if better.evidence > trial.evidence or acceptable(better, tested):
+            better = refined_or_rejected(bench, by_name[trial.name], trial)
+            if better.evidence > trial.evidence or acceptable(better, tested) \
+                    or not np.isfinite(better.evidence):
                 trial = better
         out.append(trial)
     weight = weights(out)
     return sorted(out, key=lambda t: -weight[t.name])
+
+
+def refined_or_rejected(bench: Bench, hypothesis: Hypothesis, trial: Trial) -> Trial:
+    """Refine a trial; where its simulation diverges it is impossible."""
+    try:
+        return bench.refine(hypothesis, trial)
+    except Diverged:
+        return trial._replace(gain=-np.inf, evidence=-np.inf)
 
 
 def tempered(trials: Sequence[Trial]) -> float:

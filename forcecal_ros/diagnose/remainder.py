@@ -43,6 +43,9 @@ BANDS = ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 16.0), (16.0, 32.
 
 RATE = 250.0
 
+SHORTEST, FEWEST = 50.0, 8
+"""Stretch whose spectrum is taken, in blocks: 0.2 s tell octaves from 5 Hz on; its samples."""
+
 
 class Ceiling(NamedTuple):
     """
@@ -150,14 +153,31 @@ def ceiling(problem: Problem, signals: list[Signals], blocks: list[Array]) -> Ce
         energy = float(theta @ held[1:, 1:] @ theta)
         if energy > 1e-9:
             z[c] = float(theta @ held[1:, 0]) / np.sqrt(energy)
-        for one, i, noise, case in zip(predictions, inputs, problem.noise, problem.cases):
-            one[:, c] = theta @ i
+        predicted = [theta @ i for i in inputs]
+        if not _within(predicted, [b[:, c] for b in blocks], problem.cases):
+            z[c] = 0.0
+            continue
+        for one, rows_of, noise, case in zip(predictions, predicted, problem.noise,
+                                             problem.cases):
+            one[:, c] = rows_of
             for g in range(3):
                 rows = case.held & (case.groups == g)
                 if rows.sum() >= 50 and noise.sigma[g, c] > 0.0:
                     ratio = np.sqrt(np.mean(one[rows, c] ** 2)) / noise.rms(g)[c]
                     size[c] = max(size[c], float(ratio))
     return Ceiling(z, size, predictions)
+
+
+def _within(predicted: list[Array], blocks: list[Array], cases: tuple[Case, ...]) -> bool:
+    """
+    Say whether a prediction is no larger than what it predicts, on held-out blocks.
+
+    Noise with a root near 1 leaves the level of a prediction open: inputs that hardly vary then
+    make a constant of any size.
+    """
+    size, rest = (np.sqrt(sum(float(np.sum(x[c.held] ** 2)) for x, c in zip(rows, cases)))
+                  for rows in (predicted, blocks))
+    return bool(size <= rest)
 
 
 def _products(white: Array, rows: NDArray[np.bool_]) -> Array:
@@ -215,7 +235,8 @@ def cells(case: Blocked, noise: Autoregression, blocks: Array) -> list[Cell]:
         if not noise.sigma[:, c].any():
             continue
         white = rest.whiten(blocks[:, c][np.newaxis], c)[0]
-        octaves = {word: _octaves(white, rows & noise.rows[:, c])
+        there, spacing = noise.present[:, c], noise.spacing(c)
+        octaves = {word: _octaves(white[there], (rows & noise.rows[:, c])[there], spacing)
                    for word, rows in phases.items()}
         expected = _colour(list(octaves.values()))
         for word, (energy, dof) in octaves.items():
@@ -253,17 +274,17 @@ def _cube_root(ratio: float, dof: float) -> float:
     return float((np.cbrt(ratio) - (1.0 - q)) / np.sqrt(q))
 
 
-def _octaves(white: Array, rows: NDArray[np.bool_]) -> tuple[Array, Array]:
+def _octaves(white: Array, rows: NDArray[np.bool_], spacing: float) -> tuple[Array, Array]:
     energy, dof = np.zeros(len(BANDS)), np.zeros(len(BANDS))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], rows.astype(int), [0]])))
     for i, j in zip(edges[::2], edges[1::2]):
         n = j - i
-        if n < 50:
+        if n < max(FEWEST, SHORTEST / spacing):
             continue
         power = np.abs(np.fft.rfft(white[i:j])) ** 2 / n
         weight = np.full(len(power), 2.0)
         weight[0] = 1.0
-        frequency = np.arange(len(power)) * RATE / n
+        frequency = np.arange(len(power)) * RATE / spacing / n
         for b, (low, high) in enumerate(BANDS):
             chosen = (frequency >= low) & (frequency < high)
             energy[b] += float(np.sum((power * weight)[chosen]))

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import NamedTuple
 
+from forcecal_ros.diagnose.channels import BLOCK
 from forcecal_ros.effects import AccelerometerEffects, EFFECTS, WrenchEffects
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
@@ -90,7 +91,9 @@ class Replay:
                  accelerometer: str) -> None:
         period = rig.robot.period
         self.start, self.accelerometer = start, accelerometer
-        self.n_periods = max(1, int(np.floor((end - start) / period + 1e-6)))
+        self.n_blocks = max(1, int(np.floor((end - start) / BLOCK + 1e-6)))
+        # the last block may end within a period
+        self.n_periods = max(1, int(np.ceil(self.n_blocks * BLOCK / period - 1e-6)))
         starts = np.asarray(start + period * np.arange(self.n_periods), dtype=np.float64)
         held = held_commands(target.t, starts, period / 2.0)
         positions, xyzw = checked_commands(target.position, target.R_base_sensor)
@@ -145,10 +148,11 @@ class Replay:
         slide, response = plant.respond(motion)
         ends = slice(every - 1, None, every)
         specific_force = response.specific_force[ends]
-        return Signals(self.start, response.wrench[ends], specific_force,
-                       slide.slide[every::every], m.position, m.R_base_sensor,
-                       m.velocity, m.acceleration, m.omega, m.alpha,
-                       slide.speed[every::every], response.contact[ends], specific_force)
+        signals = (response.wrench[ends], specific_force, slide.slide[every::every], m.position,
+                   m.R_base_sensor, m.velocity, m.acceleration, m.omega, m.alpha,
+                   slide.speed[every::every], response.contact[ends], specific_force)
+        n = self.n_blocks * round(BLOCK * RATE)
+        return Signals(self.start, *(part[:n] for part in signals))
 
     def _moved(self, plant: Plant, key: object, nodes: int) -> tuple[Motion, Motion]:
         """Move the robot, unless it has moved just so before: at all nodes, and at samples."""

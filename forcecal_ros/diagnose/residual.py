@@ -21,6 +21,7 @@ class _Stream(NamedTuple):
     0 where the blocks differ; ``means``: of the values, block by block.
     """
 
+    t: Array
     values: Array
     first: NDArray[np.intp]
     weights: Array | None
@@ -89,8 +90,8 @@ class Measured:
         counts = np.diff(starts, append=len(block)).astype(float)
         gapless = weights is None and bool((np.diff(first) == 1).all())
         alike = int(counts[0]) if (counts == counts[0]).all() else 0
-        stream = _Stream(values[kept], first, weights, starts, counts, block[starts], gapless,
-                         alike, np.zeros(0))
+        stream = _Stream(t[kept], values[kept], first, weights, starts, counts, block[starts],
+                         gapless, alike, np.zeros(0))
         self._streams[name] = stream._replace(means=_means(stream.values, stream))
 
     @property
@@ -127,6 +128,19 @@ class Measured:
             stream = self._streams['wrench']
             out[stream.blocks] = _means(_at(simulated, stream), stream)
         return out
+
+    def since(self, name: str, instant: float) -> Array:
+        """Share of each block's samples of one stream from an instant on, shape (n_blocks,)."""
+        out = np.zeros(self.n_blocks)
+        if name in self._streams:
+            stream = self._streams[name]
+            later = (stream.t >= instant).astype(float)
+            out[stream.blocks] = _means(later[:, np.newaxis], stream)[:, 0]
+        return out
+
+    def times(self, name: str) -> Array:
+        """Stamps of the measured samples of one stream [s]."""
+        return self._streams[name].t
 
     def scatter(self, signals: Signals) -> Array:
         """Mean square of the samples about their block means, shape (16,)."""

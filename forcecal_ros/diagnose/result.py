@@ -20,11 +20,27 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Found:
-    """An effect that the verdict names."""
+    """
+    An effect that the verdict names.
+
+    Attributes
+    ----------
+    name : str
+    parameters : dict of str to Parameter
+    probability : float
+    begin : float, optional
+        When it began [s]; it was there from the start where none is given.
+    begin_ci95 : tuple of float, optional
+    recording : int
+        0, or 1 where it began in the second one.
+    """
 
     name: str
     parameters: dict[str, Parameter]
     probability: float
+    begin: float | None = None
+    begin_ci95: tuple[float, float] | None = None
+    recording: int = 0
 
 
 @dataclass(frozen=True)
@@ -48,6 +64,8 @@ class Diagnosis:
     notes : tuple of str
     remainder : dict of str to float
         Statistics of what is left.
+    used : dict of str to float
+        Part of each stream's samples that counts.
     """
 
     verdict: str
@@ -59,6 +77,7 @@ class Diagnosis:
     not_excited: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     remainder: dict[str, float] | None = None
+    used: dict[str, float] | None = None
 
 
 def to_document(diagnosis: Diagnosis, units: dict[str, str], rig: str | None) -> dict[str, Any]:
@@ -83,13 +102,13 @@ def to_document(diagnosis: Diagnosis, units: dict[str, str], rig: str | None) ->
         'effects': [{
             'name': e.name, 'probability': round(e.probability, 4),
             'parameters': {k: {'value': p.value, 'std': p.std, 'unit': p.unit}
-                           for k, p in e.parameters.items()}} for e in d.effects],
+                           for k, p in e.parameters.items()}, **_when(e)} for e in d.effects],
         'candidates': [{'name': n, 'probability': round(p, 4)} for n, p in d.candidates],
         'where': [{'stage': w.stage, 'channel': w.channel, 'phase': w.phase,
                    'band_hz': list(w.band_hz), 'excess': w.excess, 'p': w.p}
                   for w in d.where],
         'not_excited': list(d.not_excited), 'notes': list(d.notes),
-        'remainder': d.remainder or {}}
+        'remainder': d.remainder or {}, 'used': d.used or {}}
     if d.gap is not None:
         g = d.gap
         document['gap'] = {
@@ -103,3 +122,11 @@ def to_document(diagnosis: Diagnosis, units: dict[str, str], rig: str | None) ->
     if rig:
         document['rig'] = rig
     return document
+
+
+def _when(effect: Found) -> dict[str, Any]:
+    """Say from when on an effect that began during a recording was there."""
+    if effect.begin is None or effect.begin_ci95 is None:
+        return {}
+    return {'from': effect.begin, 'from_ci95': list(effect.begin_ci95),
+            'recording': effect.recording}

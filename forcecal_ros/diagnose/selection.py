@@ -7,7 +7,7 @@ from typing import NamedTuple
 from forcecal_ros.diagnose.bench import Bench
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.hypotheses import Hypothesis
-from forcecal_ros.diagnose.joint import Accepted, joint, misfit, without
+from forcecal_ros.diagnose.joint import Accepted, joint, joint_if_finite, misfit, without
 from forcecal_ros.diagnose.memory import slow_gain
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.ranking import (
@@ -16,6 +16,7 @@ from forcecal_ros.diagnose.ranking import (
     LEAST_GAIN,
     PARSIMONY,
     ranked,
+    refined_or_rejected,
     SHORTLIST,
     tempered,
     weights,
@@ -114,8 +115,8 @@ def select(problem: Problem, found: Sequence[Hypothesis], bare: Problem) -> Sele
         fitted = None
         while (best := next((t for t in trials if t.name not in out
                              and acceptable(t, tested)), None)) is not None:
-            fitted = joint(problem, [*accepted, Accepted.of(best)], best.nuisances)
-            if slow_gain(problem, fitted[0]) > LEAST_SLOW_GAIN \
+            fitted = joint_if_finite(problem, [*accepted, Accepted.of(best)], best.nuisances)
+            if fitted is not None and slow_gain(problem, fitted[0]) > LEAST_SLOW_GAIN \
                     and (not others or _beyond(bare, problem, fitted[0])):
                 break
             out.add(best.name)
@@ -176,9 +177,9 @@ def _shaped(problem: Problem, accepted: list[Accepted], tangents: list[Tangent]
         if len(last.theta) and q.shapes and i not in last.free:
             theta = last.theta.copy()
             theta[i] = q.starts[-1]
-            other = joint(problem, [*accepted[:-1], last._replace(
+            other = joint_if_finite(problem, [*accepted[:-1], last._replace(
                 theta=theta, free=np.sort(np.append(last.free, i)))])
-            if slow_gain(problem, other[0]) > LEAST_SLOW_GAIN:
+            if other is not None and slow_gain(problem, other[0]) > LEAST_SLOW_GAIN:
                 problem, accepted, tangents = other
                 last = accepted[-1]
     return problem, accepted, tangents
@@ -197,8 +198,8 @@ def _gross(problem: Problem, accepted: Sequence[Accepted], tangents: Sequence[Ta
     quiet = replace(problem, noise=[at_standstill(b, n) for b, n in zip(
         problem.blocks, problem.noise)])
     loud = _loudest(quiet)
-    strongest = max(cells(case, n, b)[0].z for case, n, b in zip(
-        problem.cases, problem.noise, problem.blocks))
+    strongest = max((cell.z for case, n, b in zip(problem.cases, problem.noise, problem.blocks)
+                     for cell in cells(case, n, b)[:1]), default=0.0)
     if loud < DEAFENING and (other or (strongest < STRONG and loud < LOUD)):
         return None
     bench, by_name = Bench(quiet, tangents), {h.name: h for h in left}
@@ -209,9 +210,14 @@ def _gross(problem: Problem, accepted: Sequence[Accepted], tangents: Sequence[Ta
         if not np.isfinite(trial.evidence) or trial.evidence < WORTH:
             continue
         if atom is not None:
-            trial = bench.refine(by_name[trial.name], trial)
-        rough = joint(quiet, [*accepted, Accepted.of(trial)], noise_known=True)
-        fitted = _shaped(*joint(rough[0], rough[1]))
+            trial = refined_or_rejected(bench, by_name[trial.name], trial)
+        if not np.isfinite(trial.evidence):
+            continue
+        rough = joint_if_finite(quiet, [*accepted, Accepted.of(trial)], noise_known=True)
+        final = rough and joint_if_finite(rough[0], rough[1])
+        if not final:
+            continue
+        fitted = _shaped(*final)
         left_over = misfit(fitted[0], quiet.noise)
         if left_over < least and slow_gain(problem, fitted[0]) > LEAST_GROSS_GAIN:
             best, least = fitted, left_over
@@ -257,7 +263,11 @@ def _exchange(start: Problem, problem: Problem, accepted: list[Accepted],
         near = [t for t in trials if t.name != a.name and acceptable(t, len(found))
                 and (weight[t.name] > own - NEAR or t.evidence > ALIKE * mine.evidence)]
         for t in near[:TRIES]:
-            other = _shaped(*joint(less, [*rest, Accepted.of(t)], t.nuisances))
+            refitted = joint_if_finite(less, [*rest, Accepted.of(t)], t.nuisances)
+            if refitted is None:
+                weight[t.name] = -np.inf
+                continue
+            other = _shaped(*refitted)
             lead = 0.5 * (misfit(problem, problem.noise) - misfit(other[0], problem.noise))
             odds = lead / tempered(trials) - PARSIMONY * (t.degrees - mine.degrees)
             weight[t.name] = own + odds

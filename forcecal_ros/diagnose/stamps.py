@@ -1,13 +1,15 @@
 """A recording made right before it is replayed: values, pauses, clocks that run apart."""
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from forcecal_ros.diagnose.pairing import bridged, require_overlap
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.checks.clocks import Clock, clocks, dropouts, skew_between
 from forcecal_ros.recording.checks.entry import checked
+from forcecal_ros.recording.checks.pauses import SENSORS
+from forcecal_ros.recording.stamps import with_even_stamps
 from forcecal_ros.recording.streams import Recording
 
 
@@ -58,8 +60,11 @@ def corrected(recording: Recording, rig: Rig, shortest: float) -> Corrected:
     DataError
         Commands or sensors are missing, not finite, or do not overlap.
     """
-    found = clocks(recording, _rates(rig))
     known, stamped = recording.notes, checked(recording).recording
+    evened, notes = _evened(stamped)
+    stamped = replace(stamped, **evened, notes=(*stamped.notes, *notes))
+    # what is no reading has a stamp all the same: it is not lost
+    found = clocks(replace(recording, **evened), _rates(rig))
     _check_commands(stamped)
     require_overlap(stamped, 'target', shortest)
     recording = bridged(stamped)
@@ -71,6 +76,21 @@ def corrected(recording: Recording, rig: Rig, shortest: float) -> Corrected:
         changed[name] = replace(stream, t=start + (stream.t - start) / (1.0 + value))
     return Corrected(replace(recording, **changed), found, skew, dropouts(found),
                      stamped.notes[len(known):], recording)
+
+
+def _evened(recording: Recording) -> tuple[dict[str, Any], list[str]]:
+    """Even the stamps of sensors that jitter around regular instants; return these, and notes."""
+    changed: dict[str, Any] = {}
+    notes = []
+    for name in SENSORS:
+        stream = getattr(recording, name)
+        if stream is None or len(stream) < 2:
+            continue
+        even, jitter = with_even_stamps(stream)
+        if even is not stream:
+            changed[name] = even
+            notes.append(f'{name}: stamps jittered by {1e3 * jitter.std:.2f} ms and were evened')
+    return changed, notes
 
 
 def _rates(rig: Rig) -> dict[str, float]:

@@ -100,7 +100,7 @@ def _sigmoid(log_odds: float) -> float:
 
 
 def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remains: Remains,
-            closed: float | None, excited: bool) -> tuple[str, str]:
+            closed: float | None, excited: bool, whole: bool = True) -> tuple[str, str]:
     """
     Say it in one word and one sentence.
 
@@ -114,6 +114,8 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remai
         Share of the gap that the effects close; None where they show in stamps and values alone.
     excited : bool
         Whether the recording moves enough to tell effects apart.
+    whole : bool
+        Whether every stream could be looked at.
 
     Returns
     -------
@@ -128,7 +130,8 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remai
         if left:
             return 'unknown', (f'there is a gap that no effect of the library explains: '
                                f'{remains.words}')
-        return 'no_gap', 'the recalibrated rig explains the recording down to its noise'
+        what = 'the recording' if whole else 'what could be looked at'
+        return 'no_gap', f'the recalibrated rig explains {what} down to its noise'
     done = f'explains {100.0 * (closed or 0.0):.0f} % of the misfit'
     if closed is None:
         done, closed = 'shows in stamps and values', 1.0

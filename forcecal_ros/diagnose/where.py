@@ -103,7 +103,9 @@ def places(cases: Sequence[Blocked], noise: list[Autoregression], residual: list
                 now = np.array([w[0] @ w[1], w[1] @ w[1], float(rows.sum()),
                                 beyond[rows] @ beyond[rows]])
                 sums[key] = sums.get(key, np.zeros(4)) + now
-                bands[key] = bands.get(key, np.zeros(len(BANDS))) + _bands(w[1])
+                there = own.present[rows, c]
+                bands[key] = bands.get(key, np.zeros(len(BANDS))) + _bands(
+                    w[1, there], RATE / own.spacing(c))
     tested = sorted(((norm.sf(s[0] / np.sqrt(s[1])), key) for key, s in sums.items()
                      if s[1] > 1e-9), key=lambda one: one[0])
     kept = 0
@@ -131,8 +133,10 @@ def _beyond(white: Array, columns: Array) -> Array:
     return np.asarray(left * np.sqrt(1.0 + float(x @ x) / energy) if energy else left)
 
 
-def _bands(white: Array) -> Array:
+def _bands(white: Array, rate: float) -> Array:
+    if not len(white):
+        return np.zeros(len(BANDS))
     power = np.abs(np.fft.rfft(white)) ** 2
-    frequency = np.arange(len(power)) * RATE / max(1, len(white))
+    frequency = np.arange(len(power)) * rate / len(white)
     return np.array([power[(frequency >= low) & (frequency < high)].sum()
                      for low, high in BANDS])

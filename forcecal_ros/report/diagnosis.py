@@ -26,6 +26,9 @@ def render(view: View) -> str:
     d = view.diagnosis
     effects = [(e.name, name, f'{p.value:.5g}', f'{p.std:.2g}', '' if p.unit == '1' else p.unit)
                for e in d.effects for name, p in e.parameters.items()]
+    effects += [(e.name, 'from', f'{e.begin:.3f}',
+                 f'{e.begin_ci95[0]:.3f} to {e.begin_ci95[1]:.3f}', 's')
+                for e in d.effects if e.begin is not None and e.begin_ci95 is not None]
     return render_page(
         'diagnosis.html.j2', 'Sim-to-real gap', verdict=d.verdict.replace('_', ' '),
         reason=d.reason, notes=d.notes, effects=effects, gap=d.gap, advice=view.advice,

@@ -3,9 +3,11 @@
 from dataclasses import replace
 
 from forcecal_ros.diagnose import spectral_lines
+from forcecal_ros.diagnose.channels import CHANNELS as DIAGNOSED
 from forcecal_ros.diagnose.evidence import fit, Gram, Prior
 from forcecal_ros.diagnose.parameters import from_checks
 from forcecal_ros.diagnose.pipeline import diagnose
+from forcecal_ros.diagnose.result import to_document
 from forcecal_ros.diagnose.stamps import Corrected
 from forcecal_ros.recording.bags import read_recording
 from forcecal_ros.recording.checks.clipping import quantisation
@@ -14,6 +16,7 @@ from forcecal_ros.recording.streams import CHANNELS, Recording, Stream
 from forcecal_ros.simulators.rig.file import load_rig
 import numpy as np
 import pytest
+from rig_recordings import own_recording
 
 
 def test_a_nuisance_takes_up_three_spreads_and_no_more():
@@ -109,3 +112,42 @@ def test_what_no_effect_explains_is_unknown_and_stays_out_of_the_rig(sample):
     _, recalibrated, explained = gap.channels['force.y'][:3]
     assert explained == recalibrated
     assert abs(explained - np.std(cogging)) < 0.2 * np.std(cogging)
+
+
+def test_what_only_held_out_blocks_show_is_no_gap():
+    # the turns about x are held out: an inertia of 0.3 spreads, from noise, was left there
+    diagnosis = diagnose(own_recording(29), None, load_rig()).diagnosis
+    assert (diagnosis.verdict, diagnosis.effects) == ('no_gap', ())
+
+
+def _stepped(recording, channel, height):
+    """Let one channel of the wrench jump half-way; return the recording and when it jumps."""
+    t = recording.wrench.t
+    instant, values = float(t.mean()), recording.wrench.values.copy()
+    values[t >= instant, channel] += height
+    return replace(recording, wrench=replace(recording.wrench, values=values)), instant
+
+
+@pytest.mark.parametrize(('seed', 'channel', 'name', 'height'), [
+    (8, 1, 'fy', 0.5), (9, 0, 'fx', 3.0)])
+def test_a_step_of_bias_is_named_with_its_instant(seed, channel, name, height):
+    recording, instant = _stepped(own_recording(seed), channel, height)
+    diagnosis = diagnose(recording, None, load_rig()).diagnosis
+    assert diagnosis.verdict == 'identified'
+    effect, = to_document(diagnosis, {c.name: c.unit for c in DIAGNOSED}, None)['effects']
+    assert effect['name'] == 'wrench_bias_step'
+    found = effect['parameters'][name]
+    assert found['value'] == pytest.approx(height, abs=4.0 * found['std'])
+    low, high = effect['from_ci95']
+    # twice the interval: it misses one in 20 by a little
+    assert abs(effect['from'] - instant) <= max(2.0 * (high - low), 2e-3)
+    assert high - low < 0.02
+    assert f'at {effect["from"]:.3f} s' in diagnosis.reason
+    # the rig's noise of 0.25 N, to the square root of 2 / 10,000 samples and what is fitted
+    assert diagnosis.gap.channels[CHANNELS['wrench'][channel]][3] == pytest.approx(0.25, rel=0.05)
+
+
+def test_a_step_in_the_second_recording_alone_is_named_as_such():
+    second, _ = _stepped(own_recording(21), 2, 1.0)
+    diagnosis = diagnose(own_recording(20), second, load_rig()).diagnosis
+    assert [(e.name, e.recording) for e in diagnosis.effects] == [('wrench_bias_step', 1)]

@@ -264,7 +264,7 @@ def _noise(case: MotionCase, residual: Array) -> Autoregression:
     sigma = np.array([COLOUR * np.std(r) if len(r) >= FEWEST else 0.0 for r in there])
     groups: NDArray[np.intp] = np.zeros(len(residual), dtype=np.intp)
     return Autoregression(np.zeros((1, len(sigma), ORDER)), sigma[np.newaxis],
-                 case.present_slow & (sigma > 0.0), groups)
+                          case.present_slow & (sigma > 0.0), case.present_slow, groups)
 
 
 def _column(difference: Array) -> Column:

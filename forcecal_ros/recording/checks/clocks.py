@@ -23,7 +23,8 @@ class Clock(NamedTuple):
     ----------
     stream : str
     rate : float
-        [Hz] that the stream should have: the one known, else the nearest whole number.
+        [Hz] that the stream should have: the one known or a whole part of it, else the nearest
+        whole number.
     skew : float
         Relative excess of the stamped period.
     lost : float
@@ -70,8 +71,11 @@ def _clock(name: str, t: Array, nominal: float | None) -> Clock:
     index = np.rint((t - offset) / slope)
     slope, offset = _line(index, t, part)
     rate = max(1.0, round(1.0 / slope))
-    if nominal and abs(nominal * slope - 1.0) < limits.FARTHEST:
-        rate = nominal
+    if nominal:
+        part_of = nominal / max(1, round(nominal * slope))  # every k-th sample, as drivers thin
+        near, whole = abs(part_of * slope - 1.0), abs(rate * slope - 1.0)
+        if near < (limits.FARTHEST if part_of == nominal else whole):
+            rate = part_of
     missing = float(np.sum((np.diff(index) - 1.0)[np.diff(part) == 0]))
     scatter = float(np.std(t - offset - slope * index))
     std = scatter * rate / float(np.std(index) * np.sqrt(len(index)))

@@ -51,3 +51,21 @@ def test_the_rms_of_an_autoregression_is_that_of_its_process():
     noise = fit_autoregression(e[:, None], np.ones((n, 1), dtype=bool), np.zeros(n, dtype=np.intp))
     # variance of AR(1) over that of its innovations; n (1 - rho) / (1 + rho) independent samples
     assert noise.rms()[0] == pytest.approx(1 / np.sqrt(1 - 0.8 ** 2), rel=5 / np.sqrt(2 * n / 9))
+
+
+@pytest.mark.parametrize('spacing', [1.25, 2.5, 12.5])
+def test_samples_that_are_some_blocks_apart_have_noise_too(spacing):
+    rng = np.random.default_rng(6)
+    there = np.unique(np.floor(spacing * np.arange(3000)).astype(int))
+    present = np.zeros((there[-1] + 1, 1), dtype=bool)
+    present[there] = True
+    residual = np.zeros(present.shape)
+    residual[there, 0] = 2.0 * rng.standard_normal(len(there))
+    noise = fit_autoregression(residual, present, np.zeros(len(present), dtype=np.intp))
+    # 3000 samples: 1.3 %
+    assert noise.rms()[0] == pytest.approx(2.0, rel=0.07)
+    assert noise.spacing(0) == pytest.approx(spacing, rel=0.2)
+    white = noise.whiten(residual.T, 0)[0]
+    assert not white[~present[:, 0]].any()
+    assert white[noise.rows[:, 0]].std() == pytest.approx(1.0, rel=0.07)
+    assert noise.rows.sum() > 0.5 * len(there)

@@ -1,0 +1,136 @@
+"""Rates, stamps, units and numbers as real rigs have them: used, or refused in words."""
+
+from dataclasses import replace
+
+from forcecal_ros.diagnose.bench import Bench
+from forcecal_ros.diagnose.case import conversion, prepare, split
+from forcecal_ros.diagnose.hypotheses import Atom, Hypothesis, nominal_of
+from forcecal_ros.diagnose.pipeline import diagnose
+from forcecal_ros.diagnose.problem import Diverged, problem
+from forcecal_ros.diagnose.ranking import refined_or_rejected
+from forcecal_ros.diagnose.replay import Replay
+from forcecal_ros.diagnose.stamps import corrected
+from forcecal_ros.effects import EFFECTS, with_effects
+from forcecal_ros.recording.streams import PoseStream, Stream
+from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rig.offline import simulate
+import numpy as np
+import pytest
+from rig_recordings import motion, own_recording, PERIOD
+
+SENSORS = ('wrench', 'accelerometer', 'optidrive', 'pose')
+
+
+def _slower(recording, rate, names=SENSORS):
+    """Keep every so many samples of some streams."""
+    changed = {}
+    for name in names:
+        s = getattr(recording, name)
+        k = round(1.0 / (rate * float(np.median(np.diff(s.t)))))
+        changed[name] = (replace(s, t=s.t[::k], values=s.values[::k]) if isinstance(s, Stream) else
+                         replace(s, t=s.t[::k], position=s.position[::k],
+                                 R_base_sensor=s.R_base_sensor[::k]))
+    return replace(recording, **changed)
+
+
+def _commanded(every, effects=None):
+    """Return a rig of that period, and what it records of every so manyth command."""
+    nominal = load_rig()
+    rig = replace(nominal, robot=replace(nominal.robot, period=every * PERIOD))
+    positions, rotations, phases = motion()
+    target = PoseStream(PERIOD * np.arange(len(positions))[::every], positions[::every],
+                        rotations[::every])
+    recording = simulate(with_effects(rig, effects) if effects else rig, target, seed=20)
+    return rig, replace(recording, phases=phases)
+
+
+@pytest.mark.parametrize('every', [2, 5])
+def test_all_of_a_recording_counts_whatever_the_period_of_the_commands(every):
+    rig, recording = _commanded(every)
+    diagnosis = diagnose(recording, None, rig).diagnosis
+    assert diagnosis.verdict == 'no_gap', diagnosis.reason
+    # the last period may end within a block
+    assert min(diagnosis.used.values()) > 0.99
+
+
+def test_commands_of_1_ms_make_blocks_of_4_ms():
+    rig = load_rig()
+    rig = replace(rig, robot=replace(rig.robot, period=0.001),
+                  pose_sensor=replace(rig.pose_sensor, rate=1000.0))
+    target = PoseStream(1e-3 * np.arange(1000), np.tile([1.0, 0.0, 1.0], (1000, 1)),
+                        np.tile(np.diag([1.0, -1.0, -1.0]), (1000, 1, 1)))
+    replay = Replay(rig, target, 0.0, 1.0, 'acc1')
+    assert (replay.n_blocks, len(replay.signals(rig).wrench)) == (250, 1000)
+
+
+@pytest.mark.parametrize('rate', [125, 20])
+def test_slow_sensors_are_looked_at(rate):
+    diagnosis = diagnose(_slower(own_recording(20), rate), None, load_rig()).diagnosis
+    assert diagnosis.verdict == 'no_gap', diagnosis.reason
+    assert min(diagnosis.used.values()) > 0.99
+    assert 'not looked at' not in diagnosis.reason
+
+
+def test_a_mass_is_seen_by_a_wrench_at_100_hz():
+    positions, rotations, phases = motion()
+    target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
+    recording = replace(simulate(with_effects(load_rig(), {'tool_mass': {'change': 0.1}}), target,
+                                 seed=21), phases=phases)
+    diagnosis = diagnose(_slower(recording, 100, ('wrench',)), None, load_rig()).diagnosis
+    effect, = diagnosis.effects
+    assert effect.name == 'tool_mass'
+    assert effect.parameters['change'].value == pytest.approx(0.1, abs=0.01)
+
+
+def test_sensors_that_are_too_slow_are_named():
+    slow = diagnose(_slower(own_recording(20), 10), None, load_rig()).diagnosis
+    assert slow.verdict == 'invalid_data'
+    assert 'too few samples' in slow.reason and 'wrench 213' in slow.reason
+    one = diagnose(_slower(own_recording(20), 10, ('wrench',)), None, load_rig()).diagnosis
+    assert 'not looked at: wrench (214 samples' in one.reason
+    assert 'explains the recording down to its noise' not in one.reason
+    assert one.used['wrench'] == 0.0 and one.used['pose'] > 0.99
+    assert 'wrench_gain' in one.not_excited
+
+
+def test_stamps_that_jitter_are_no_lost_samples():
+    recording, rng = own_recording(20), np.random.default_rng(0)
+    wrench = recording.wrench
+    t = np.sort(wrench.t + 2e-3 * rng.standard_normal(len(wrench)))
+    jittering = replace(recording, wrench=replace(wrench, t=t))
+    found = corrected(jittering, load_rig(), 5.0)
+    assert not found.lost and not found.skew
+    # the mean over a second of a jitter of 2 ms: 2 ms / sqrt(1000)
+    assert np.abs(found.recording.wrench.t - wrench.t).max() < 5.0 * 2e-3 / np.sqrt(500.0)
+    assert any('stamps jittered by' in note for note in found.notes)
+
+
+def test_an_offset_that_the_rig_knows_is_no_bias_of_a_sensor_in_m_s2():
+    nominal = load_rig()
+    model = replace(nominal.accelerometer.acc1, offset=(0.3, -0.2, 0.25))
+    rig = replace(nominal, accelerometer=replace(nominal.accelerometer, acc1=model,
+                                                 mounted='acc1'))
+    positions, rotations, phases = motion()
+    target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
+    converted = replace(simulate(rig, target, seed=22, unit='m/s^2'), phases=phases)
+    force = converted.accelerometer
+    shift = np.array(model.offset) / np.array(model.gain)
+    held = replace(converted, accelerometer=replace(force, values=force.values + shift))
+    assert np.allclose(conversion(converted, rig, 'acc1')[1], model.offset)
+    assert np.allclose(conversion(held, rig, 'acc1')[1], 0.0)
+    assert diagnose(held, None, rig).diagnosis.verdict == 'no_gap'
+
+
+def test_a_hypothesis_whose_simulation_diverges_is_rejected():
+    rig = load_rig()
+    p = problem(rig, (split(prepare(own_recording(20), rig)),))
+    p = replace(p, effects={'cable_force': {'x': 50.0, 'stiffness': 100.0}})
+    name = 'tool_stiffening'
+    with pytest.raises(Diverged):
+        p.simulate({**p.effects, name: {'cubic': -7e4}}, 0)
+    effect = EFFECTS[name]
+    columns = ([{0: np.ones(len(p.blocks[0]), dtype=np.float32)}],)
+    hypothesis = Hypothesis(name, effect, (), (Atom(nominal_of(effect), np.array([0]), columns),))
+    bench = Bench(p)
+    trial = bench.screen([hypothesis])[0][0]._replace(theta=np.array([-7e4]))
+    assert refined_or_rejected(bench, hypothesis, trial).evidence == -np.inf
