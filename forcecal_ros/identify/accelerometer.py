@@ -234,7 +234,7 @@ def _static_misfit(model: AccelerometerModel, theta: Array, noise: Autocovarianc
                    ) -> tuple[float, int, float]:
     """Chi-square of the static poses' mean residuals, how many numbers it sums, the largest."""
     residuals, still = model.residuals(theta, model.tool.vector), model.motion.still
-    precision = np.linalg.inv(noise.long_run)
+    precision = np.linalg.inv(noise.at_least_white)
     total, means = 0.0, []
     for i in range(still.max() + 1):
         rows = residuals[model.use & (still == i)]

@@ -57,6 +57,21 @@ class Autocovariance(NamedTuple):
         return self._over_lags(lambda lag: self.lags[lag])
 
     @property
+    def at_least_white(self) -> Array:
+        """
+        Long-run covariance, shape (k, k), in no direction below that of white noise.
+
+        A few hundred values show some direction of six as anticorrelated by chance, whose mean
+        would be known too well.
+        """
+        rounding = max(1e-12 * float(np.trace(self.covariance)), np.finfo(float).tiny)
+        factor = np.linalg.cholesky(self.covariance + rounding * np.eye(len(self.covariance)))
+        inverse = np.linalg.inv(factor)
+        values, vectors = np.linalg.eigh(inverse @ self.long_run @ inverse.T)
+        root = factor @ vectors * np.sqrt(values.clip(min=1.0))
+        return np.asarray(root @ root.T)
+
+    @property
     def inflation(self) -> Array:
         """How many times correlation enlarges the variance of a mean, at least 1, shape (k,)."""
         return np.maximum(1.0, np.diag(self.long_run) / np.diag(self.covariance))

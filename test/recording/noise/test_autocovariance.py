@@ -118,3 +118,27 @@ def test_white_noise_of_short_windows_is_seldom_taken_for_correlated():
     taken = sum(len(noise_of_windows(list(rng.standard_normal((12, 19, 6)))).weights) > 0
                 for _ in range(200))
     assert taken <= 0.05 * 200
+
+
+def test_a_mean_of_white_noise_is_never_known_better_than_white_noise_tells():
+    rng = np.random.default_rng(21)
+    chi_square = []
+    for _ in range(300):
+        windows = [rng.standard_normal((50, 3)) for _ in range(3)]
+        noise = noise_of_windows(windows)
+        least = np.linalg.eigvalsh(noise.at_least_white - noise.covariance).min()
+        assert least > -1e-9
+        precision = np.linalg.inv(noise.at_least_white)
+        chi_square += [50 * w.mean(axis=0) @ precision @ w.mean(axis=0) for w in windows]
+    # three plus what 147 degrees of freedom add, and three standard errors; of 900 the largest
+    assert np.mean(chi_square) < 3.08 + 3 * 0.08 and np.max(chi_square) < 22
+
+
+def test_correlation_that_is_there_counts_whole():
+    noise = noise_of_windows([ar1(np.random.default_rng(5), 0.7, 3000, 2)])
+    np.testing.assert_allclose(noise.at_least_white, noise.long_run, rtol=1e-9, atol=1e-9)
+
+
+def test_a_channel_without_noise_is_no_obstacle():
+    values = np.random.default_rng(6).standard_normal((200, 2)) * [1.0, 0.0]
+    assert np.isfinite(noise_of_windows([values]).at_least_white).all()
