@@ -72,7 +72,6 @@ def test_blocks_as_long_as_the_motion_bias_nothing(monkeypatch):
     assert np.abs(sigmas(result, leg)).max() < 4.0
 
 
-@pytest.mark.long
 def test_hysteresis_that_is_taken_off_leaves_smaller_errors():
     leg = Leg(hysteresis=0.005)
     without, compensated = (
@@ -81,7 +80,6 @@ def test_hysteresis_that_is_taken_off_leaves_smaller_errors():
     assert (compensated < 0.7 * without).all()
 
 
-@pytest.mark.long
 def test_standard_errors_cover_with_the_filter_and_without():
     leg = Leg(duration=30.0)
     for window in (3.01, 0.0):
@@ -92,7 +90,6 @@ def test_standard_errors_cover_with_the_filter_and_without():
         assert (np.abs(z) < 1.96).mean() > 0.91
 
 
-@pytest.mark.long
 def test_standard_errors_cover_when_the_noise_is_correlated_over_seconds(monkeypatch):
     def record(load, leg, seed, plain=insitu_leg.record):
         log = plain(load, leg, seed)

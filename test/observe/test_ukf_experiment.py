@@ -80,7 +80,6 @@ def test_static_compensation_is_about_two_to_five_times_over(case):
     assert over[5] < 1
 
 
-@pytest.mark.long
 def test_the_extended_filter_is_as_good_as_the_unscented_one(short):
     errors = [replay(short.recording, short.calibration, ObserverSettings(name)).contact
               for name in ('ukf', 'ekf')]
@@ -104,7 +103,6 @@ def test_biases_end_up_where_they_are(by_ukf):
     assert (np.abs(by_ukf.learned.bias[-1] - arm.BIAS) < 4 * by_ukf.learned.bias_std[-1]).all()
 
 
-@pytest.mark.long
 def test_without_a_pose_the_errors_stay_within_twice_the_table(short):
     result = replay_pose_free(short.recording, short.calibration)
     assert (np.abs(result.contact).max(axis=0) <= 2 * arm.TABLE).all()
@@ -114,7 +112,6 @@ def test_without_a_pose_the_errors_stay_within_twice_the_table(short):
     assert angle.max() < 2.0
 
 
-@pytest.mark.long
 @pytest.mark.parametrize('name', ['ukf', 'ekf'])
 def test_without_a_pose_an_unknown_payload_and_bias_are_learnt(short, name):
     c = short.calibration
