@@ -18,7 +18,6 @@ from forcecal_ros.identify.residuals import largest_deviation, Residuals
 from forcecal_ros.identify.result import Stages
 from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.identify.single_samples import farthest, scatters
-from forcecal_ros.recording.checks.clipping import clipped
 from forcecal_ros.recording.noise.autocovariance import noise_of_windows
 from forcecal_ros.recording.streams import CHANNELS, Recording
 import numpy as np
@@ -53,7 +52,6 @@ _ASTRAY = 3e-3
 
 _TURNS_SLOWLY = 0.01
 """Angular speed below which inertia does not show [rad/s]."""
-
 
 _RESOLVED = 5
 """Blocks that a derivative of the pose reaches over: where commands were held back for a moment
@@ -296,13 +294,12 @@ def pose_astray(recording: Recording, stages: Stages) -> Iterator[Finding]:
 def clips_or_drifts(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
     """Look for readings that drift at rest or stay at an extreme."""
     recording = stages.recording
-    stops = clipped(recording)
     for name, stream, suspect in (('wrench', recording.wrench, ALL),
                                   ('accelerometer', recording.accelerometer, ACCELEROMETER)):
         if stream is None:
             continue
         channels = CHANNELS[name]
-        found = [str(x) for x in stops if x.channel in channels]
+        found = [str(x) for x in stages.stops if x.channel in channels]
         if found:
             yield Finding(f'{", ".join(found)}; raise the range of the {name} or lower the load',
                           suspect)

@@ -35,6 +35,7 @@ from forcecal_ros.identify.static_accelerometer import identify_static_accelerom
 from forcecal_ros.identify.static_readings import gravity_spread, Statics, TurnedWrench
 from forcecal_ros.identify.statics import read_statics, ring_of, sag_of, with_ring
 from forcecal_ros.identify.tool import identify_tool, ToolFit
+from forcecal_ros.recording.checks.clipping import clipped
 from forcecal_ros.recording.checks.entry import checked
 from forcecal_ros.recording.checks.units import refuse_other_unit
 from forcecal_ros.recording.kinematics import AngularMotion
@@ -144,14 +145,15 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     recording = _evened(levelled(recording, settings.gravity_direction))
     require_wrench(recording)
     poses = static_poses(recording)
-    refuse_poses_at_a_limit(recording, poses)
+    stops = clipped(recording)
+    refuse_poses_at_a_limit(recording, stops, poses)
     _refuse_other_unit(recording, poses, settings)
     gridded = grid_recording(recording, poses, settings)
     statics = read_statics(recording, poses, settings, gridded)
     slight = slight_misfit(poses, statics, settings)
     if gridded is None:
         return replace(_single_samples(recording, removed, poses, statics, settings),
-                       slight_misfit=slight)
+                       slight_misfit=slight, stops=stops)
     weight = weigh(statics, settings.thresholds.condition)
     sag, ring = sag_of(statics, weight.mass), None
     if settings.tool_compliance != 'no':
@@ -162,7 +164,7 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     turn = gridded.kinematics.angular(late[0] if late else 0.0)
     return Stages(recording, removed, poses, statics, tool, sag, ring,
                   _accelerometer(recording, gridded, tool, turn, settings), inertia, late,
-                  ToolMotion(gridded, slide, turn), slight)
+                  ToolMotion(gridded, slide, turn), slight, stops)
 
 
 def _evened(recording: Recording) -> Recording:

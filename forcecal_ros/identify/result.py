@@ -28,6 +28,7 @@ from forcecal_ros.identify.sag import Sag
 from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.identify.static_readings import Statics
 from forcecal_ros.identify.tool import ToolFit
+from forcecal_ros.recording.checks.clipping import Clipping
 from forcecal_ros.recording.streams import Recording, Stream
 import numpy as np
 
@@ -51,6 +52,8 @@ class Stages:
         None where the poses were single samples.
     slight_misfit : str
         What the forces at rest say of a small turn of the sensor or tilt of the base.
+    stops : tuple of Clipping
+        Where channels stop at a limit.
     """
 
     recording: Recording
@@ -65,6 +68,7 @@ class Stages:
     pose_delay: tuple[float, float] | None
     motion: ToolMotion | None
     slight_misfit: str = ''
+    stops: tuple[Clipping, ...] = ()
 
 
 def tool_of(stages: Stages) -> Tool | None:

@@ -3,10 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from forcecal_ros.geometry import Array, rotation_about
+from forcecal_ros.geometry import Array, rotation_about, rotation_from_vector
 from forcecal_ros.recording.streams import PoseStream, Recording
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -34,7 +33,7 @@ def level_from_base(direction: Sequence[float] | None) -> Array | None:
     if np.linalg.norm(cross) < 1e-12:
         return np.eye(3) if down[2] < 0.0 else rotation_about('x', np.pi)
     angle = np.arctan2(np.linalg.norm(cross), down @ DOWN)
-    return np.asarray(Rotation.from_rotvec(angle * cross / np.linalg.norm(cross)).as_matrix())
+    return rotation_from_vector(angle * cross / np.linalg.norm(cross))
 
 
 def levelled(recording: Recording, direction: Sequence[float] | None) -> Recording:

@@ -90,17 +90,19 @@ def jitter_of(t: Array) -> Jitter:
         counted = _around(t, with_lost)
         if counted.std < BY_LOSS * jitter.std:
             return counted
-    return _with_pauses(t, jitter)
+    return _with_short_pauses(t, _with_clear_pauses(t, jitter))
 
 
-def _with_pauses(t: Array, jitter: Jitter) -> Jitter:
-    """Count the samples lost in pauses, also where they are hardly longer than the jitter."""
-    period, number = jitter.period, jitter.number.copy()
-    longer = np.diff(t) - period
-    number[1:] += np.cumsum(np.where(longer > 0.5 * period + PAUSE * jitter.std,
-                                     np.rint(longer / period), 0.0).astype(int))
-    if number[-1] != jitter.number[-1]:
-        jitter = _around(t, number)
+def _with_clear_pauses(t: Array, jitter: Jitter) -> Jitter:
+    """Count the samples lost in pauses that single intervals show."""
+    longer = (np.diff(t) - jitter.period) / jitter.period
+    lost = np.where(longer > 0.5 + PAUSE * jitter.std / jitter.period, np.rint(longer), 0.0)
+    return _around(t, jitter.number + np.append(0, np.cumsum(lost.astype(int)))) \
+        if lost.any() else jitter
+
+
+def _with_short_pauses(t: Array, jitter: Jitter) -> Jitter:
+    """Count the samples lost in pauses that are too short to be seen among jittering intervals."""
     late = t - jitter.period * jitter.number
     sums = np.concatenate([[0.0], np.cumsum(late)])
     means = (sums[SPAN:] - sums[:-SPAN]) / SPAN

@@ -146,14 +146,19 @@ def said_by(capsys, arguments):
     return status, out + err
 
 
+def answers(capsys, folder, recording):
+    """Give a recording to every command; yields its name, its status, and what it said."""
+    bag = folder / 'changed'
+    write_recording(bag, recording)
+    for name, arguments in commands(folder, bag).items():
+        yield name, *said_by(capsys, arguments)
+
+
 @pytest.mark.parametrize('damage', REFUSED)
 def test_every_command_refuses_with_the_same_sentence(capsys, folder, recording, damage):
     change, sentence = REFUSED[damage]
-    bag = folder / 'damaged'
-    write_recording(bag, change(recording))
     reasons = set()
-    for name, arguments in commands(folder, bag).items():
-        status, said = said_by(capsys, arguments)
+    for name, status, said in answers(capsys, folder, change(recording)):
         assert status == 1, (name, said)
         line = next(line for line in said.splitlines() if 'note:' not in line)
         reasons.add(line.partition('forcecal: ')[2] or line.partition('invalid_data: ')[2])
@@ -164,11 +169,8 @@ def test_every_command_refuses_with_the_same_sentence(capsys, folder, recording,
 @pytest.mark.parametrize('change_of', ACCEPTED)
 def test_every_command_goes_on_and_notes_the_same(capsys, folder, recording, change_of):
     change, sentence = ACCEPTED[change_of]
-    bag = folder / 'odd'
-    write_recording(bag, change(recording))
     noted = set()
-    for name, arguments in commands(folder, bag).items():
-        status, said = said_by(capsys, arguments)
+    for name, status, said in answers(capsys, folder, change(recording)):
         assert status == 0, (name, said)
         if sentence:
             found = re.search(sentence, said)

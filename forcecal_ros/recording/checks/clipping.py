@@ -44,7 +44,7 @@ class Extreme(NamedTuple):
 def noise_of(recording: Recording) -> dict[str, float]:
     """Return the RMS of each channel's noise, of neighbouring samples: white to motion."""
     found = {}
-    for name, _, values in _columns(recording):
+    for name, _, values in columns(recording):
         rough = np.abs(np.diff(values, n=3))
         scale = 0.6745 * np.sqrt(difference_gain(3))
         found[name] = float(np.median(rough) / scale) if len(rough) else 0.0
@@ -61,7 +61,7 @@ def quantisation(recording: Recording, noise: Mapping[str, float]) -> tuple[Step
         RMS of one sample of each channel.
     """
     found = []
-    for name, _, values in _columns(recording):
+    for name, _, values in columns(recording):
         step = _step(values)
         if step > limits.STEPS * noise[name] and np.ptp(values) > 2.0 * step:
             found.append(Steps(name, step))
@@ -96,7 +96,7 @@ def clipping(recording: Recording, steps: tuple[Steps, ...], noise: Mapping[str,
         RMS of one sample of each channel.
     """
     coarse, found = {s.channel: s.step for s in steps}, []
-    for name, t, values in _columns(recording):
+    for name, t, values in columns(recording):
         if coarse.get(name, 0.0) > limits.ROUGH * noise[name] or not np.ptp(values) > 0.0:
             continue
         least = limits.CLIPPED_IN_STEPS if name in coarse else limits.CLIPPED
@@ -120,7 +120,7 @@ def clipped(recording: Recording) -> tuple[Clipping, ...]:
                  if noise[one.channel] > limits.ROUNDING * abs(one.limit))
 
 
-def _columns(recording: Recording) -> Iterator[tuple[str, Array, Array]]:
+def columns(recording: Recording) -> Iterator[tuple[str, Array, Array]]:
     """Name, stamps and values of each channel of a sensor."""
     for name in ('wrench', 'accelerometer', 'optidrive'):
         stream: Stream | None = getattr(recording, name)

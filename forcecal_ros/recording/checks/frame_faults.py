@@ -6,12 +6,11 @@ from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import Array, rotation_vector
 from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.frames import Fit, Judgement
+from forcecal_ros.recording.level import DOWN
 import numpy as np
 
-_LEVEL = np.array([0.0, 0.0, -1.0])
 
-
-def refuse_other_frame(judgement: Judgement, believed: Array = _LEVEL, wrench_sign: int = 1
+def refuse_other_frame(judgement: Judgement, believed: Array = DOWN, wrench_sign: int = 1
                        ) -> None:
     """
     Refuse forces that fit another frame, other axes or another way down.
@@ -60,7 +59,7 @@ def refuse_weightless(judgement: Judgement) -> None:
             "whether the driver publishes in the sensor's frame")
 
 
-def slightly_off(judgement: Judgement, believed: Array = _LEVEL) -> str:
+def slightly_off(judgement: Judgement, believed: Array = DOWN) -> str:
     """Name a turn or a tilt too small to be refused; empty: there is none."""
     fit = judgement.likely[0]
     if fit is judgement.plain:

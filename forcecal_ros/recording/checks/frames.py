@@ -15,7 +15,7 @@ and, against the plain one, by an F-test.
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from forcecal_ros.geometry import Array, rotation_from_vector, skew
+from forcecal_ros.geometry import Array, rotation_from_vector, rotation_vector, skew
 from forcecal_ros.recording.checks import limits
 import numpy as np
 from scipy.optimize import least_squares
@@ -271,10 +271,10 @@ def _solved_turn(felt: Array, mass: float, forces: Forces
 
 def _turn_std(Q: Array, covariance: Array) -> float:
     """Return the standard error of a turn's angle, by the covariance of a small turn after it."""
-    axis = Rotation.from_matrix(Q).as_rotvec()
+    axis = rotation_vector(Q)
     if np.linalg.norm(axis) < 3.0 * np.sqrt(np.trace(covariance)):
         return float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
-    axis /= np.linalg.norm(axis)
+    axis = axis / np.linalg.norm(axis)
     return float(np.sqrt(axis @ covariance @ axis))
 
 
