@@ -16,7 +16,7 @@ from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.offline import simulate
 import numpy as np
 import pytest
-from rig_recordings import motion, own_recording, PERIOD
+from rig_recordings import FREE, MOTION, motion, own_recording, PERIOD
 
 SENSORS = ('wrench', 'accelerometer', 'optidrive', 'pose')
 
@@ -37,7 +37,7 @@ def _commanded(every, effects=None):
     """Return a rig of that period, and what it records of every so manyth command."""
     nominal = load_rig()
     rig = replace(nominal, robot=replace(nominal.robot, period=every * PERIOD))
-    positions, rotations, phases = motion()
+    positions, rotations, phases = motion(FREE)
     target = PoseStream(PERIOD * np.arange(len(positions))[::every], positions[::every],
                         rotations[::every])
     recording = simulate(with_effects(rig, effects) if effects else rig, target, seed=20)
@@ -63,16 +63,16 @@ def test_commands_of_1_ms_make_blocks_of_4_ms():
     assert (replay.n_blocks, len(replay.signals(rig).wrench)) == (250, 1000)
 
 
-@pytest.mark.parametrize('rate', [125, 20])
-def test_slow_sensors_are_looked_at(rate):
-    diagnosis = diagnose(_slower(own_recording(20), rate), None, load_rig()).diagnosis
+@pytest.mark.parametrize('rate, parts', [(125, FREE), (20, MOTION)], ids=['125', '20'])
+def test_slow_sensors_are_looked_at(rate, parts):
+    diagnosis = diagnose(_slower(own_recording(20, parts), rate), None, load_rig()).diagnosis
     assert diagnosis.verdict == 'no_gap', diagnosis.reason
     assert min(diagnosis.used.values()) > 0.99
     assert 'not looked at' not in diagnosis.reason
 
 
 def test_a_mass_is_seen_by_a_wrench_at_100_hz():
-    positions, rotations, phases = motion()
+    positions, rotations, phases = motion(FREE)
     target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
     recording = replace(simulate(with_effects(load_rig(), {'tool_mass': {'change': 0.1}}), target,
                                  seed=21), phases=phases)
@@ -83,11 +83,11 @@ def test_a_mass_is_seen_by_a_wrench_at_100_hz():
 
 
 def test_sensors_that_are_too_slow_are_named():
-    slow = diagnose(_slower(own_recording(20), 10), None, load_rig()).diagnosis
+    slow = diagnose(_slower(own_recording(20, FREE), 10), None, load_rig()).diagnosis
     assert slow.verdict == 'invalid_data'
-    assert 'too few samples' in slow.reason and 'wrench 213' in slow.reason
-    one = diagnose(_slower(own_recording(20), 10, ('wrench',)), None, load_rig()).diagnosis
-    assert 'not looked at: wrench (214 samples' in one.reason
+    assert 'too few samples' in slow.reason and 'wrench 93' in slow.reason
+    one = diagnose(_slower(own_recording(20, FREE), 10, ('wrench',)), None, load_rig()).diagnosis
+    assert 'not looked at: wrench (94 samples' in one.reason
     assert 'explains the recording down to its noise' not in one.reason
     assert one.used['wrench'] == 0.0 and one.used['pose'] > 0.99
     assert 'wrench_gain' in one.not_excited
@@ -110,7 +110,7 @@ def test_an_offset_that_the_rig_knows_is_no_bias_of_a_sensor_in_m_s2():
     model = replace(nominal.accelerometer.acc1, offset=(0.3, -0.2, 0.25))
     rig = replace(nominal, accelerometer=replace(nominal.accelerometer, acc1=model,
                                                  mounted='acc1'))
-    positions, rotations, phases = motion()
+    positions, rotations, phases = motion(FREE)
     target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
     converted = replace(simulate(rig, target, seed=22, unit='m/s^2'), phases=phases)
     force = converted.accelerometer
@@ -123,7 +123,7 @@ def test_an_offset_that_the_rig_knows_is_no_bias_of_a_sensor_in_m_s2():
 
 def test_a_hypothesis_whose_simulation_diverges_is_rejected():
     rig = load_rig()
-    p = problem(rig, (split(prepare(own_recording(20), rig)),))
+    p = problem(rig, (split(prepare(own_recording(20, FREE), rig)),))
     p = replace(p, effects={'cable_force': {'x': 50.0, 'stiffness': 100.0}})
     name = 'tool_stiffening'
     with pytest.raises(Diverged):

@@ -16,7 +16,7 @@ from forcecal_ros.recording.streams import CHANNELS, Recording, Stream
 from forcecal_ros.simulators.rig.file import load_rig
 import numpy as np
 import pytest
-from rig_recordings import own_recording
+from rig_recordings import FREE, free_part, own_recording
 
 
 def test_a_nuisance_takes_up_three_spreads_and_no_more():
@@ -82,6 +82,7 @@ def test_a_sound_recording_by_other_code_has_no_gap(other_rig):
 def test_a_turned_accelerometer_is_identified_with_its_angle(sample):
     angle = 0.03
     rig = load_rig()
+    sample = free_part(sample)
     model = rig.accelerometer.acc1
     force = (sample.accelerometer.values - model.offset) / model.gain
     c, s = np.cos(angle), np.sin(angle)
@@ -131,7 +132,7 @@ def _stepped(recording, channel, height):
 @pytest.mark.parametrize(('seed', 'channel', 'name', 'height'), [
     (8, 1, 'fy', 0.5), (9, 0, 'fx', 3.0)])
 def test_a_step_of_bias_is_named_with_its_instant(seed, channel, name, height):
-    recording, instant = _stepped(own_recording(seed), channel, height)
+    recording, instant = _stepped(own_recording(seed, FREE), channel, height)
     diagnosis = diagnose(recording, None, load_rig()).diagnosis
     assert diagnosis.verdict == 'identified'
     effect, = to_document(diagnosis, {c.name: c.unit for c in DIAGNOSED}, None)['effects']
@@ -143,11 +144,11 @@ def test_a_step_of_bias_is_named_with_its_instant(seed, channel, name, height):
     assert abs(effect['from'] - instant) <= max(2.0 * (high - low), 2e-3)
     assert high - low < 0.02
     assert f'at {effect["from"]:.3f} s' in diagnosis.reason
-    # the rig's noise of 0.25 N, to the square root of 2 / 10,000 samples and what is fitted
+    # the rig's noise of 0.25 N, to the square root of 2 / 4,700 samples and what is fitted
     assert diagnosis.gap.channels[CHANNELS['wrench'][channel]][3] == pytest.approx(0.25, rel=0.05)
 
 
 def test_a_step_in_the_second_recording_alone_is_named_as_such():
-    second, _ = _stepped(own_recording(21), 2, 1.0)
-    diagnosis = diagnose(own_recording(20), second, load_rig()).diagnosis
+    second, _ = _stepped(own_recording(21, FREE), 2, 1.0)
+    diagnosis = diagnose(own_recording(20, FREE), second, load_rig()).diagnosis
     assert [(e.name, e.recording) for e in diagnosis.effects] == [('wrench_bias_step', 1)]

@@ -3,26 +3,29 @@
 from dataclasses import replace
 import json
 
+from bag_samples import START_NS
 from forcecal_ros.cli import main
 from forcecal_ros.diagnose.case import prepare, split
 from forcecal_ros.effects import with_effects
 from forcecal_ros.recording.bags import read_recording, write_recording
-from forcecal_ros.recording.streams import Recording
+from forcecal_ros.recording.streams import PoseStream, Recording
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.offline import simulate
 import numpy as np
 import pytest
+from rig_recordings import FREE, motion, PERIOD
 
 EFFECTS = {'wrench_delay': {'delay': 0.006}}
 
 
 @pytest.fixture(scope='module')
-def diagnosed(rig_run, tmp_path_factory):
+def diagnosed(tmp_path_factory):
     folder = tmp_path_factory.mktemp('patched')
-    sample = read_recording(rig_run / 'bag')
-    recording = simulate(with_effects(load_rig(), EFFECTS), sample.target, seed=4)
-    write_recording(folder / 'bag', replace(recording, phases=sample.phases,
-                                            start_ns=sample.start_ns))
+    positions, rotations, phases = motion(FREE)
+    target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
+    recording = simulate(with_effects(load_rig(), EFFECTS), target, seed=4)
+    write_recording(folder / 'bag', replace(recording, phases=phases,
+                                            start_ns=START_NS))
     assert main(['diagnose', str(folder / 'bag'), '-o', str(folder / 'out')]) == 0
     assert main(['simulate', '--rig', str(folder / 'out' / 'rig_patched.yaml'), '--commands',
                  str(folder / 'bag'), '--noise-free', '-o', str(folder / 'again')]) == 0

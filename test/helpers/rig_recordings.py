@@ -42,11 +42,14 @@ MOTION = (
     ('settle', 0.6, (0.0, 0.0, 0.0), (0.35, 0.25, -0.3)))
 """Phase, duration [s], where to: from home in base [m], rotation vector from home [rad]."""
 
+FREE = MOTION[:10]
+"""Of these the two poses and the step, which is less than half, without a wall."""
 
-def motion():
+
+def motion(parts=MOTION):
     """Return positions (n, 3) and rotations (n, 3, 3), one every 4 ms, and the phases."""
     at, positions, turns, phases, begin = np.zeros(6), [], [], [], 0.0
-    for name, seconds, offset, turn in MOTION:
+    for name, seconds, offset, turn in parts:
         n, goal = round(seconds / PERIOD), np.array([*offset, *turn])
         x = np.arange(n)[:, np.newaxis] / n
         way = at + x**3 * (10.0 - 15.0 * x + 6.0 * x**2) * (goal - at)
@@ -61,11 +64,20 @@ def motion():
     return np.concatenate(positions), rotations, tuple(phases)
 
 
-def own_recording(seed: int = 8) -> Recording:
+def own_recording(seed: int = 8, parts=MOTION) -> Recording:
     """Return what this package's simulator makes of the motion, with noise."""
-    positions, rotations, phases = motion()
+    positions, rotations, phases = motion(parts)
     target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
     return replace(simulate(load_rig(), target, seed=seed), phases=phases)
+
+
+def free_part(recording: Recording) -> Recording:
+    """Return a recording of the motion up to the end of its part without a wall."""
+    end = sum(seconds for _, seconds, *_ in FREE)
+    streams = {name: getattr(recording, name).between(0.0, end)
+               for name in ('wrench', 'accelerometer', 'optidrive', 'pose', 'target')}
+    return replace(recording, phases=tuple(p for p in recording.phases if p.start < end - PERIOD),
+                   **streams)
 
 
 def write_own(folder: Path) -> Path:
