@@ -6,7 +6,6 @@ import os
 import pty
 import subprocess
 import sys
-import time
 
 from bag_samples import START_NS
 from forcecal_ros.recording.bags import write_signals
@@ -72,58 +71,58 @@ class Robot(Live):
         self.node.create_subscription(
             self.TYPES[topic], topic, lambda message: self.heard.update([topic]), 1000)
 
-    def play(self, bag, *options, until=lambda: False, **where):
-        """Run forcecal play to its end, or until something is so, and listen meanwhile."""
-        process = subprocess.Popen(
+    def play(self, bag, *options, **where):
+        """Start forcecal play."""
+        return subprocess.Popen(
             [sys.executable, '-m', 'forcecal_ros.cli', 'play', str(bag), '--delay', DISCOVERY,
              *options],
             **{'stdin': subprocess.DEVNULL, 'stdout': subprocess.PIPE,
                'stderr': subprocess.PIPE, **where}, text=True)
-        while process.poll() is None and not until():
-            self.spin(0.05)
-        return process
 
-    def played(self, bag, *options):
-        process = self.play(bag, *options)
-        out, err = process.communicate()
+    def played(self, bag, *each):
+        """Play the bag with several options at a time; return status, stdout, stderr of each."""
+        players = [self.play(bag, *options) for options in each]
+        self.until(lambda: all(player.poll() is not None for player in players), 'the end')
         self.spin(0.3)
-        return process.returncode, out, err
+        said = [player.communicate() for player in players]
+        return [(player.returncode, *both) for player, both in zip(players, said)]
 
 
 def test_a_recording_moves_no_robot_and_speaks_for_no_observer(ros_domain, bag):
     with Robot(ALL) as robot:
-        status, out, err = robot.played(bag)
-        assert status == 0, err
-        assert robot.heard == dict.fromkeys(QUIET, SAMPLES)
-        assert '/target_frame (commands that a robot follows: --with-commands)' in err
-        assert '/observer/contact_wrench (outputs of nodes' in err and '/target_frame' not in out
-        assert robot.played(bag, '--only', '/target_frame')[0] == 1
-        assert robot.played(bag, '--with-outputs', '--only', '/observer/contact_wrench')[0] == 0
-        assert robot.heard == {**dict.fromkeys(QUIET, SAMPLES),
-                               '/observer/contact_wrench': SAMPLES}
+        plain, only_commands, outputs = robot.played(
+            bag, [], ['--only', '/target_frame'],
+            ['--with-outputs', '--only', '/observer/contact_wrench'])
+    status, out, err = plain
+    assert status == 0, err
+    assert '/target_frame (commands that a robot follows: --with-commands)' in err
+    assert '/observer/contact_wrench (outputs of nodes' in err and '/target_frame' not in out
+    assert '/observer/contact_wrench' not in out
+    assert only_commands[0] == 1 and outputs[0] == 0
+    # the outputs once: of the player that was asked for them
+    assert robot.heard == dict.fromkeys({*QUIET, '/observer/contact_wrench'}, SAMPLES)
 
 
 def test_commands_are_refused_while_somebody_listens_and_nothing_else_is_said(ros_domain, bag):
     with Robot(ALL) as robot:
-        for options in (['--delay', '0'], ['--only', 'target_frame']):
-            status, out, err = robot.played(bag, '--with-commands', *options)
-            assert status == 1 and out == '' and not robot.heard
-            assert 'somebody listens on /target_frame (bench)' in err and '--yes' in err
-        assert robot.played(bag, '--with-commands', '--yes')[0] == 0
-        assert robot.heard == dict.fromkeys(ALL, SAMPLES)
-
-
-def test_a_prefix_leads_commands_away_from_a_robot(ros_domain, bag):
-    with Robot(ALL) as robot:
-        status, out, _ = robot.played(bag, '--with-commands', '--prefix', 'recorded')
-        assert status == 0 and f'{SAMPLES} /recorded/target_frame' in out
-        assert not robot.heard
+        *refused, elsewhere, told = robot.played(
+            bag, *(['--with-commands', *options] for options in (
+                ['--delay', '0'], ['--only', 'target_frame'], ['--prefix', 'recorded'],
+                ['--yes'])))
+    for status, out, err in refused:
+        assert status == 1 and out == ''
+        assert 'somebody listens on /target_frame (bench)' in err and '--yes' in err
+    # a prefix leads them away from the robot
+    assert elsewhere[0] == 0 and f'{SAMPLES} /recorded/target_frame' in elsewhere[1]
+    # once: of the player that was told to
+    assert told[0] == 0 and f'{SAMPLES} /target_frame' in told[1]
+    assert robot.heard == dict.fromkeys(ALL, SAMPLES)
 
 
 def test_commands_end_when_somebody_begins_to_listen(ros_domain, bag):
     with Robot(QUIET) as robot:
-        process = robot.play(bag, '--with-commands', '--rate', '0.1',
-                             until=lambda: robot.heard['/wrench'] > 10)
+        process = robot.play(bag, '--with-commands', '--rate', '0.1')
+        robot.until(lambda: robot.heard['/wrench'] > 10, 'the first of it')
         robot.listen('/target_frame')
         _, err = process.communicate(timeout=30)
         robot.spin(0.3)
@@ -131,29 +130,40 @@ def test_commands_end_when_somebody_begins_to_listen(ros_domain, bag):
         assert robot.heard['/wrench'] < SAMPLES and robot.heard['/target_frame'] <= 1
 
 
-@pytest.mark.parametrize('reply, heard', [('n\n', 0), ('\n', 0), ('y\n', SAMPLES)])
-def test_on_a_terminal_the_question_is_asked(ros_domain, bag, reply, heard):
-    ours, theirs = pty.openpty()
-    os.set_blocking(ours, False)
-    said = b''
+class OnTerminal:
+    """Plays commands from a terminal, which may be asked something."""
 
-    def asked():
-        nonlocal said
+    def __init__(self, robot, bag):
+        self.ours, self.theirs = pty.openpty()
+        os.set_blocking(self.ours, False)
+        self.said = b''
+        self.process = robot.play(bag, '--with-commands', stdin=self.theirs, stderr=self.theirs)
+
+    def asked(self):
         with suppress(OSError):
-            said += os.read(ours, 4096)
-        return b'[y/N]' in said
+            self.said += os.read(self.ours, 4096)
+        return b'[y/N]' in self.said
 
+    def ended(self):
+        self.asked()  # a terminal that nobody reads keeps who writes to it
+        return self.process.poll() is not None
+
+    def close(self):
+        self.process.stdout.close()
+        os.close(self.ours)
+        os.close(self.theirs)
+
+
+def test_on_a_terminal_the_question_is_asked(ros_domain, bag):
     with Robot(ALL) as robot:
-        process = robot.play(bag, '--with-commands', until=asked, stdin=theirs, stderr=theirs)
-        assert asked() and not robot.heard
-        os.write(ours, reply.encode())
-        end = time.monotonic() + 20.0
-        while process.poll() is None and time.monotonic() < end:
-            asked()
-            robot.spin(0.05)
+        players = [OnTerminal(robot, bag) for _ in range(3)]
+        robot.until(lambda: all(player.asked() for player in players), 'the questions')
+        assert not robot.heard
+        for player, reply in zip(players, (b'n\n', b'\n', b'y\n')):
+            os.write(player.ours, reply)
+        robot.until(lambda: all(player.ended() for player in players), 'the end', 20.0)
         robot.spin(0.3)
-        assert process.returncode == (0 if heard else 1)
-        assert robot.heard['/target_frame'] == heard
-    process.stdout.close()
-    os.close(ours)
-    os.close(theirs)
+        assert [player.process.returncode for player in players] == [1, 1, 0]
+        assert robot.heard['/target_frame'] == SAMPLES
+    for player in players:
+        player.close()
