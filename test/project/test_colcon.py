@@ -48,8 +48,9 @@ def _start(workspace, name, *arguments):
         text=True)
 
 
-def _wait_for_diagnostics(name, process):
-    """Wait until the node speaks; the simulator is slow to, where numba has nothing cached."""
+@pytest.fixture(scope='module')
+def heard(ros_domain_of_module):
+    """Spin a node that listens to diagnostics; return a function of the names it heard so far."""
     from diagnostic_msgs.msg import DiagnosticArray
     import rclpy
     context = rclpy.Context()
@@ -57,18 +58,29 @@ def _wait_for_diagnostics(name, process):
     node = rclpy.create_node('onlooker', context=context)
     executor = rclpy.executors.SingleThreadedExecutor(context=context)
     executor.add_node(node)
-    heard = []
-    node.create_subscription(DiagnosticArray, 'diagnostics', heard.append, 10)
-    try:
-        end = time.monotonic() + START_SECONDS
-        while not heard:
-            assert process.poll() is None, process.communicate()
-            assert time.monotonic() < end, f'{name} says nothing after {START_SECONDS} s'
-            executor.spin_once(timeout_sec=0.1)
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        rclpy.shutdown(context=context)
+    names = set()
+    node.create_subscription(
+        DiagnosticArray, 'diagnostics',
+        lambda message: names.update(status.name for status in message.status), 10)
+
+    def so_far():
+        executor.spin_once(timeout_sec=0.1)
+        return names
+
+    yield so_far
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+@pytest.fixture(scope='module')
+def running(workspace, heard):
+    """Start all nodes at once; the simulator is slow to, where numba has nothing cached."""
+    processes = {name: _start(workspace, name) for name in NODES}
+    yield processes
+    for process in processes.values():
+        process.kill()
+        process.wait()
 
 
 def test_command_runs_from_the_workspace(workspace):
@@ -87,14 +99,13 @@ def test_workspace_uses_its_own_copy(workspace):
 
 
 @pytest.mark.parametrize('name', NODES)
-def test_node_starts_and_ends_cleanly_when_interrupted(workspace, ros_domain, name):
-    process = _start(workspace, name)
-    try:
-        _wait_for_diagnostics(name, process)
-        process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=START_SECONDS)
-    finally:
-        process.kill()
+def test_node_starts_and_ends_cleanly_when_interrupted(running, heard, name):
+    process, end = running[name], time.monotonic() + START_SECONDS
+    while name not in heard():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < end, f'{name} says nothing after {START_SECONDS} s'
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=START_SECONDS)
     assert process.returncode == 0, err
     assert 'Traceback' not in err
 
