@@ -59,9 +59,11 @@ def heard(ros_domain_of_module):
     executor = rclpy.executors.SingleThreadedExecutor(context=context)
     executor.add_node(node)
     names = set()
-    node.create_subscription(
-        DiagnosticArray, 'diagnostics',
-        lambda message: names.update(status.name for status in message.status), 10)
+
+    def hear(message):
+        names.update(status.name for status in message.status)
+
+    node.create_subscription(DiagnosticArray, 'diagnostics', hear, 10)
 
     def so_far():
         executor.spin_once(timeout_sec=0.1)
