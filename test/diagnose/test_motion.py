@@ -93,10 +93,10 @@ def test_the_patched_calibration_knows_the_delay_as_well_as_it_was_found(kuka, f
 @pytest.fixture(scope='module')
 def commands():
     """Poses of different orientation and some steps, without phases and contact."""
-    rig, t = load_rig(), 0.004 * np.arange(2500)
-    turn = 0.8 * np.sin(0.5 * np.clip(t - 1.0, 0.0, 8.0) * np.pi / 2.0)[:, None] * [0.5, 1, 0.3]
+    rig, t = load_rig(), 0.004 * np.arange(1500)
+    turn = 0.8 * np.sin(np.clip(t - 1.0, 0.0, 4.0) * np.pi / 2.0)[:, None] * [0.5, 1, 0.3]
     rest = np.array(rig.home.R_base_sensor)
-    sway = 0.01 * np.sin(2.0 * np.pi * np.clip(t - 1.0, 0.0, 8.0))[:, None] * [1.0, 0.5, 0.7]
+    sway = 0.01 * np.sin(2.0 * np.pi * np.clip(t - 1.0, 0.0, 4.0))[:, None] * [1.0, 0.5, 0.7]
     return PoseStream(t, np.array(rig.home.position) + sway,
                       rest @ Rotation.from_rotvec(turn).as_matrix())
 
