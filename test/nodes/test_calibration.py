@@ -105,12 +105,13 @@ def check_latched(live):
 
 
 def check_contact(live, ears):
-    assert live.set('sequencer', sequence='contact', timing__contact=0.5)[0].successful
+    assert all(answer.successful for answer in live.set(
+        'sequencer', sequence='contact', timing__contact=0.5, timing__approach=1.5))
     live.phases.clear()
     live.until(lambda: live.call('sequencer/start').success, 'start')
     live.until(lambda: 'measure' in live.phases, 'measuring')
     live.until(lambda: 'approach' in live.phases, 'the approach')
-    moving = live.entered['approach'] + 900_000_000
+    moving = live.entered['approach'] + 500_000_000
     live.until(lambda: max(ears.contact) > moving, 'motion')
     refused = live.call('observer/tare')
     assert not refused.success and 'the robot moves' in refused.message

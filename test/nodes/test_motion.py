@@ -200,6 +200,16 @@ def test_a_setting_that_makes_no_sense_is_refused_with_a_reason(ready, change, r
     assert not answer.successful and reason in answer.reason
 
 
+def test_a_sequencer_that_is_told_to_go_stops_the_robot_first(ready):
+    """The last of those that share a sequencer, which then is gone."""
+    live, robot = ready
+    until_moving(live, robot)
+    asked = now(live)
+    assert live.end('sequencer', signal.SIGINT) == 0
+    assert_came_to_rest(live, robot, asked)
+    assert live.reasons == ['the sequencer node was told to go']
+
+
 class Time:
     """A /clock of the test's own, on a grid of 4 ms, that can stop and jump."""
 
@@ -283,14 +293,3 @@ def test_commands_are_in_the_frame_of_the_poses(ros_domain):
         live.call('sequencer/abort')
         assert_came_to_rest(live, robot)
         assert set(frames) == {'base_link'}
-
-
-def test_a_sequencer_that_is_told_to_go_stops_the_robot_first(ros_domain):
-    with Live() as live:
-        robot = Robot(live)
-        start(live)
-        until_moving(live, robot)
-        asked = now(live)
-        assert live.end('sequencer', signal.SIGINT) == 0
-        assert_came_to_rest(live, robot, asked)
-        assert live.reasons == ['the sequencer node was told to go']
