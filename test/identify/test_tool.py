@@ -1,5 +1,7 @@
 """Tool from static poses, its spring and damper from ringing, its inertia from turning."""
 
+from functools import cache
+
 from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.identify.axes import in_words, split_matrix
@@ -125,11 +127,17 @@ def test_the_static_sag_gives_the_stiffness_whatever_the_optidrives_zero():
     assert sag.stiffness == pytest.approx(K, rel=1e-9) and sag.zero == pytest.approx(0.002)
 
 
+@cache
+def let_go(k, d, n):
+    """Time, displacement and velocity of a tool let go at 5 mm."""
+    t = np.arange(n) * 1e-3
+    return t, solve_ivp(lambda _, y: [y[1], -(k * y[0] + d * y[1]) / MASS], (0, t[-1]),
+                        [0.005, 0.02], t_eval=t, rtol=1e-10, atol=1e-13).y
+
+
 def ringing(k=K, d=D, delay=0.0, noise=1.0, seed=0, n=700, creep=Creep(0.0, 0.0)):
     """Force and late displacement of a tool let go at 5 mm; noise of 0.25 N and 20 um."""
-    t = np.arange(n) * 1e-3
-    end = solve_ivp(lambda _, y: [y[1], -(k * y[0] + d * y[1]) / MASS], (0, t[-1]),
-                    [0.005, 0.02], t_eval=t, rtol=1e-10, atol=1e-13).y
+    t, end = let_go(k, d, n)
     slide, force = follow(creep, t, k, d, MASS)
     rng = np.random.default_rng(seed)
     return Ring(t, 4.0 + k * end[0] + d * end[1] + force + noise * 0.25 * rng.standard_normal(n),
