@@ -23,9 +23,9 @@ def bench(ros_domain_of_module):
         yield live, robot
 
 
-def start(live, **parameters):
-    live.start('sequencer', timing__measure=0.3, timing__ring=0.2, settle__window=0.1,
-               **parameters)
+def start(live, name='sequencer', remap=(), **parameters):
+    live.start('sequencer', name, remap, timing__measure=0.3, timing__ring=0.2,
+               settle__window=0.1, **parameters)
 
 
 @pytest.fixture
@@ -271,17 +271,7 @@ def test_a_dead_man_switch_let_go_ends_the_motion(ros_domain):
         assert live.end('sequencer', signal.SIGTERM) == 0
 
 
-def test_commands_in_another_frame_than_the_poses_are_refused_before_the_first(ros_domain):
-    with Live() as live:
-        robot = Robot(live, frame='base_link')
-        start(live, motion__frame='base')
-        live.until(lambda: "current_pose is in 'base_link', commands would go out in 'base'"
-                   in live.call('sequencer/start').message, 'refusal')
-        live.spin(0.3)
-        assert not robot.commands and set(live.phases) <= {'idle'}
-
-
-def test_commands_are_in_the_frame_of_the_poses(ros_domain):
+def test_commands_are_in_the_frame_of_the_poses_and_refused_in_another(ros_domain):
     with Live() as live:
         robot = Robot(live, frame='base_link')
         frames = []
@@ -289,6 +279,13 @@ def test_commands_are_in_the_frame_of_the_poses(ros_domain):
             PoseStamped, 'target_frame', lambda message: frames.append(message.header.frame_id),
             OUTPUT)
         start(live)
+        start(live, 'other', ['__node:=other', *(
+            f'sequencer/{name}:=other/{name}' for name in ('start', 'abort', 'save_calibration'))],
+            motion__frame='base')
+        live.until(lambda: "current_pose is in 'base_link', commands would go out in 'base'"
+                   in live.call('other/start').message, 'refusal')
+        live.spin(0.3)
+        assert not robot.commands and set(live.phases) <= {'idle'}
         until_moving(live, robot)
         live.call('sequencer/abort')
         assert_came_to_rest(live, robot)
