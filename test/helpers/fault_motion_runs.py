@@ -24,6 +24,11 @@ PERIOD = 0.004
 ONE_SECOND = 250
 """Poses, or commands."""
 
+PROMPT = {'delayed': ('watch__pause_timeout', WatchSettings().pause_timeout),
+          'to sim': ('watch__clock_timeout', 1.0)}
+"""Where patience is not the point: what is late pauses at once, a clock that is gone is not waited
+for."""
+
 TRIES = 10
 LIMITS = Limits(workspace_max=[1.35, 0.4, 1.4])
 
@@ -116,14 +121,16 @@ class Bench:
 
     def run(self, fault, phase):
         """Let one fault happen in one phase, and return what it came to."""
+        prompt = {name: value for end, (name, value) in PROMPT.items()
+                  if self.patient and fault.endswith(end)}
         self._heal(fault)
-        if self.patient and fault.endswith('delayed'):  # what is late is to pause at once
-            self.live.set('sequencer', watch__pause_timeout=WatchSettings().pause_timeout)
+        if prompt:
+            assert all(one.successful for one in self.live.set('sequencer', **prompt))
         self._begin(phase)
         recover, first = self._inject(fault)
         outcome = self._judge(fault, phase, first)
-        if self.patient and fault.endswith('delayed'):
-            self.live.set('sequencer', watch__pause_timeout=ON_RIG_TIME['watch__pause_timeout'])
+        if prompt:
+            self.live.set('sequencer', **{name: ON_RIG_TIME[name] for name in prompt})
         recover()
         return outcome
 
@@ -156,6 +163,8 @@ class Bench:
                 '__node:=second', *(f'sequencer/{name}:=second/{name}' for name in (
                     'start', 'abort', 'save_calibration', 'phase', 'calibration',
                     'observer_gain', 'tool_inertia'))])
+        if fault == SECOND:  # known before the motion begins, which it is to disturb
+            live.client('second/start')
         if fault == FOREIGN and self.other is None:  # known to all before the motion begins
             self.other = live.node.create_publisher(PoseStamped, 'target_frame', OUTPUT)
             live.until(lambda: self.other.get_subscription_count() >= 3, 'discovery')

@@ -120,13 +120,18 @@ class Live:
         self.node.create_subscription(message_type, topic, heard.append, LATCHED)
         return heard
 
-    def call(self, service, service_type=Trigger, request=None):
+    def client(self, service, service_type=Trigger):
+        """Return a client of a service that is there."""
         client = self.clients.get(service)
         if client is None:
             client = self.clients[service] = self.node.create_client(service_type, service)
             self.until(client.service_is_ready, f'service {service}')
             self.spin(0.1)  # an answer is lost where the server has not discovered the client
         self.until(client.service_is_ready, f'service {service}')
+        return client
+
+    def call(self, service, service_type=Trigger, request=None):
+        client = self.client(service, service_type)
         future = client.call_async(request or service_type.Request())
         self.until(future.done, f'answer of {service}')
         return future.result()
