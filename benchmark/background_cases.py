@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import background_kinds
 from background_kinds import KINDS, Motion
+import background_kuka
 from forcecal_ros.effects import (
     applicable,
     apply_signal_effects,
@@ -37,7 +38,10 @@ CERTAIN = 3.5
 """Spreads that an effect of a nuisance's name departs by, to which the sized part is added."""
 
 BACKGROUND = (30.0, 1e6)
-"""Energy of each discrepancy."""
+"""Energy of each discrepancy, the higher one of half a minute of 1 kHz: less for fewer samples."""
+
+SHORTER = 0.15
+"""Samples of the real arm, in those."""
 
 RATIO = (0.3, 100.0)
 """Energy of the effect, in that of all discrepancies together."""
@@ -47,6 +51,9 @@ WITHOUT_ENERGY = ('clock_skew', 'dropouts', 'wrench_quantisation')
 
 LATE = ('wrench_saturation', 'accel_saturation')
 """Effects on readings, noise and background included."""
+
+LOWEST = 1.0
+"""How far a limit falls below the largest value, as a logarithm."""
 
 STEPS = 8
 """Integration steps in 4 ms."""
@@ -118,11 +125,12 @@ class _Path:
         return PoseStream(0.004 * np.arange(len(pose)), pose[:, :3], R), tuple(self._phases)
 
 
-def trajectory(rng: np.random.Generator) -> tuple[PoseStream, tuple[Phase, ...]]:
-    """Draw half a minute of poses, a step, a sweep, slow reversals and two contacts."""
+def trajectory(rng: np.random.Generator, contact: bool = True
+               ) -> tuple[PoseStream, tuple[Phase, ...]]:
+    """Draw half a minute of poses, a step, a sweep, slow reversals and two contacts, or none."""
     path, still = _Path(rng), np.zeros(3)
     path.hold('measure', 1.5)
-    for _ in range(3):
+    for _ in range(3 if contact else 7):
         path.go('move', rng.uniform(-0.06, 0.06, 3), rng.uniform(-0.9, 0.9, 3), 1.2)
         path.hold('settle', 0.4)
         path.hold('measure', 0.7)
@@ -136,7 +144,7 @@ def trajectory(rng: np.random.Generator) -> tuple[PoseStream, tuple[Phase, ...]]
     size = np.array([0.035, 0.02, 0.02, 0.1, 0.1, 0.1]) * rng.uniform(0.7, 1.3, 6)
     path.wave('reverse', size, (0.3, 0.3), 5.0)
     path.hold('settle', 0.4)
-    for depth in rng.uniform(0.0035, 0.008, 2):
+    for depth in rng.uniform(0.0035, 0.008, 2 if contact else 0):
         path.go('approach', [0.076 + depth, 0.0, 0.0], still, 1.0)
         path.go('contact', [0.08 + depth, 0.0, 0.0], still, 0.3)
         path.hold('contact', 0.5)
@@ -426,15 +434,21 @@ def _clipping(name: str, rig: Rig, clean: Recording, rng: np.random.Generator) -
         volts = clean.accelerometer.values[:, axis]
         values, word = (volts - model.offset[axis]) / model.gain[axis], 'xyz'[axis]
     top = float(np.abs(values).max())
-    return lambda scale: {word: top * float(np.exp(-scale))}
+    return lambda scale: {word: top * float(np.exp(-min(scale, LOWEST)))}
 
 
 def _inside(name: str, values: Mapping[str, float]) -> bool:
-    limits = {q.name: q for q in EFFECTS[name].parameters}
-    return all(limits[k].low <= v <= limits[k].high for k, v in values.items())
+    """Say whether no parameter goes further than half-way to its limits."""
+    for q in EFFECTS[name].parameters:
+        value = values.get(q.name, q.nominal)
+        limit = q.high if value > q.nominal else q.low
+        if not q.shapes and name not in LATE and abs(value - q.nominal) > 0.5 * abs(
+                limit - q.nominal):
+            return False
+    return True
 
 
-def sized(name: str, shape: Sizes, ground: Ground, energy: float
+def sized(name: str, shape: Sizes, ground: Any, energy: float
           ) -> tuple[dict[str, float], float]:
     """
     Find the values at which an effect has an energy, or the largest that its limits allow.
@@ -444,7 +458,7 @@ def sized(name: str, shape: Sizes, ground: Ground, energy: float
     name : str
     shape : callable
         Scale -> values.
-    ground : Ground
+    ground : Ground or background_kuka.Arm
     energy : float
 
     Returns
@@ -484,23 +498,48 @@ def sized(name: str, shape: Sizes, ground: Ground, energy: float
 
 # cases
 
-class Base(NamedTuple):
-    """A model to compare with, and how often its streams are sampled."""
+BASES = ('rig', 'rigid', 'kuka')
 
-    rig: Rig
-    rates: Rates
+RIGID_RATES = (500, 200, 125)
+"""Of all streams of a rigid tool [Hz]."""
 
-
-@lru_cache(maxsize=8)
-def base(name: str) -> Base:
-    """Return a base by its name."""
-    return Base(load_rig(), Rates())
+WITH_COMMANDS = 0.6
+"""Share of the rigid cases whose commands are known."""
 
 
-def possible(rig: Rig, base: str) -> tuple[str, ...]:
-    """Return the effects that a base can have."""
+@lru_cache(maxsize=2)
+def rig_of(base: str) -> Rig:
+    """Return the rig of a base: the paper's, or one with a small tool bolted on."""
+    if base != 'rigid':
+        return load_rig()
+    rig = load_rig('rigid_tool.yaml')
+    inertia = ((0.004, 0.0, 0.0), (0.0, 0.005, 0.0), (0.0, 0.0, 0.002))
+    return replace(rig, tool=replace(rig.tool, mass=1.2, com=(0.012, -0.006, 0.07),
+                                     inertia=inertia))
+
+
+def _rates(case: Mapping[str, Any]) -> Rates:
+    return Rates(*[1000 // case['rate']] * 4) if 'rate' in case else Rates()
+
+
+def possible(case: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the effects that a case can have."""
+    if case['base'] == 'kuka':
+        return background_kuka.EFFECTS_ON_IT
+    rig = rig_of(case['base'])
     names = [n for n, e in EFFECTS.items() if applicable(e, rig) and n not in WITHOUT_ENERGY]
+    if not case.get('commands', True):
+        names = [n for n in names if n == 'base_tilt'
+                 or EFFECTS[n].stage not in ('robot', 'environment')]
     return tuple(names)
+
+
+def kinds_for(case: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the kinds of discrepancy of a case's half that its recordings can show."""
+    missing = {'kuka': {'contact', 'position', 'accel'}}.get(
+        case['base'], set() if case.get('commands', True) else {'contact'})
+    return tuple(k for k in background_kinds.half(case['half'])
+                 if not missing & set(KINDS[k].wants))
 
 
 def plan(n: int, name: str, half: str, seed: int) -> list[dict[str, Any]]:
@@ -525,23 +564,27 @@ def plan(n: int, name: str, half: str, seed: int) -> list[dict[str, Any]]:
 
 
 def _drawn_case(number: int, name: str, half: str, seed: int) -> dict[str, Any]:
-    key = [seed, background_kinds.HALVES.index(half), sum(map(ord, name))]
+    key = [seed, background_kinds.HALVES.index(half), BASES.index(name)]
     rng = np.random.default_rng([*key, number])
-    kinds = background_kinds.half(half)
-    chosen = rng.permutation(kinds)[:rng.integers(3, 7)].tolist()
-    low, high = np.log(BACKGROUND)
+    case: dict[str, Any] = {'base': name, 'half': half, 'seed': seed, 'number': number}
+    if name == 'rigid':
+        case |= {'rate': int(rng.choice(RIGID_RATES)),
+                 'commands': bool(rng.random() < WITH_COMMANDS)}
+    chosen = rng.permutation(kinds_for(case))[:rng.integers(3, 7)].tolist()
+    samples = SHORTER if name == 'kuka' else case.get('rate', 1000) / 1000.0
+    low, high = np.log(BACKGROUND) + np.log([1.0, samples])
     energies = [round(float(x), 1) for x in np.exp(rng.uniform(low, high, len(chosen)))]
-    names = possible(base(name).rig, name)
+    names = possible(case)
     turns = np.random.default_rng(key).permutation(names)
     effects = [] if number % 6 == 5 else [str(turns[(number - number // 6) % len(turns)])]
     if number % 8 == 3 and effects:
         effects.append(str(rng.choice([n for n in names if n not in effects])))
     ratio = float(np.exp(rng.uniform(*np.log(RATIO)))) if effects else 0.0
-    return {'base': name, 'half': half, 'seed': seed, 'number': number, 'effects': effects,
-            'kinds': dict(zip(chosen, energies)), 'ratio': round(ratio, 3)}
+    return case | {'effects': effects, 'kinds': dict(zip(chosen, energies)),
+                   'ratio': round(ratio, 3)}
 
 
-def make(case: Mapping[str, Any]) -> tuple[Recording, Recording | None, Rig, Truth]:
+def make(case: Mapping[str, Any]) -> tuple[Recording, Recording | None, Any, Truth]:
     """
     Make the recordings of a case.
 
@@ -553,46 +596,72 @@ def make(case: Mapping[str, Any]) -> tuple[Recording, Recording | None, Rig, Tru
     Returns
     -------
     first, second : Recording
-        To fit on, and to judge on.
-    rig : Rig
-        To compare with.
+        To fit on, and to judge on; of the real arm there is one only.
+    rig : Rig or Calibration
+        To compare with; recordings without commands are compared by their measured motion.
     truth : Truth
     """
-    key = [case['seed'], case['number'], background_kinds.HALVES.index(case['half'])]
-    of_motion, of_rig, of_kinds, of_effects, of_noise = (
-        np.random.default_rng(s) for s in np.random.SeedSequence(key).spawn(5))
-    rig, rates = base(case['base'])
+    key = [case['seed'], case['number'], background_kinds.HALVES.index(case['half']),
+           BASES.index(case['base'])]
+    generators = [np.random.default_rng(s) for s in np.random.SeedSequence(key).spawn(5)]
+    build = _on_the_arm if case['base'] == 'kuka' else _simulated
+    recordings, compared, parts = build(case, *generators)
+    effects, energies, background = parts
+    total = sum(background.values())
+    aliases = frozenset(a for k in background for a in KINDS[k].alias)
+    ratio = min(energies.values()) / total if energies else 0.0
+    return (*recordings, compared, Truth(effects, energies, background, ratio, aliases))
+
+
+Parts = tuple[dict[str, dict[str, float]], dict[str, float], dict[str, float]]
+Built = tuple[tuple[Recording, Recording | None], Any, Parts]
+
+
+def _simulated(case: Mapping[str, Any], of_motion: np.random.Generator,
+               of_rig: np.random.Generator, of_kinds: np.random.Generator,
+               of_effects: np.random.Generator, of_noise: np.random.Generator) -> Built:
+    rig, rates, commands = rig_of(case['base']), _rates(case), case.get('commands', True)
     often = _sampled(rig)
-    motions, cleans, ways = [], [], [trajectory(of_motion) for _ in range(2)]
-    for index, (target, _) in enumerate(ways):
-        cleans.append(_clean(often, target))
-        motions.append(motion_of(often, cleans[-1], index))
+    ways = [trajectory(of_motion, contact=commands) for _ in range(2)]
+    cleans = [_clean(often, target) for target, _ in ways]
+    motions = [motion_of(often, clean, i) for i, clean in enumerate(cleans)]
     ground = Ground(often, ways[1][0], cleans[1], motions[1], rates)
     laws = {k: KINDS[k].draw(of_kinds) for k in case['kinds']}
-    effects, energies, background = _scaled(case, ground, of_effects)
+    parts = _scaled(case, ground, rig, of_effects)
     added = [np.zeros((len(m.t), 16)) for m in motions]
     for kind, law in laws.items():
         both = [additions(often, law, m) for m in motions]
-        size = np.sqrt(background[kind] / ground.net(both[1]))
+        size = np.sqrt(parts[2][kind] / ground.net(both[1]))
         added = [a + size * b for a, b in zip(added, both)]
-    still = frozenset(EFFECTS[name].nuisance or '' for name in effects)
+    still = frozenset(EFFECTS[name].nuisance or '' for name in parts[0])
     real = drawn(often, of_rig, still)
-    pair = [_recorded(real, effects, way, a, rates, of_noise) for way, a in zip(ways, added)]
-    total = sum(background.values())
-    aliases = frozenset(a for k in laws for a in KINDS[k].alias)
-    ratio = min(energies.values()) / total if energies else 0.0
-    return pair[0], pair[1], rig, Truth(effects, energies, background, ratio, aliases)
+    pair = [_recorded(real, parts[0], way, a, rates, of_noise) for way, a in zip(ways, added)]
+    if not commands:
+        pair = [replace(one, target=None) for one in pair]
+    return (pair[0], pair[1]), rig, parts
 
 
-def _scaled(case: Mapping[str, Any], ground: Ground, rng: np.random.Generator
-            ) -> tuple[dict[str, dict[str, float]], dict[str, float], dict[str, float]]:
+def _on_the_arm(case: Mapping[str, Any], _motion: np.random.Generator,
+                _rig: np.random.Generator, of_kinds: np.random.Generator,
+                of_effects: np.random.Generator, _noise: np.random.Generator) -> Built:
+    arm = background_kuka.arm()
+    laws = {k: KINDS[k].draw(of_kinds) for k in case['kinds']}
+    parts = _scaled(case, arm, arm.rig, of_effects)
+    added = np.zeros((len(arm.motion.t), 6))
+    for kind, law in laws.items():
+        one = law(arm.motion)[:, background_kinds.WRENCH]
+        added += np.sqrt(parts[2][kind] / arm.net(one)) * one
+    return (arm.recorded(parts[0], added), None), arm.calibration, parts
+
+
+def _scaled(case: Mapping[str, Any], ground: Any, rig: Rig, rng: np.random.Generator) -> Parts:
     """Size the effects; where one cannot be as large as wanted, all else shrinks with it."""
     background = dict(case['kinds'])
     effects, energies, total = {}, {}, sum(background.values())
     for _ in range(2):
         for name in case['effects']:
             own = np.random.default_rng(rng.integers(2 ** 32))
-            shape = shape_of(name, ground.rig, ground.clean, own)
+            shape = shape_of(name, rig, ground.clean, own)
             effects[name], energies[name] = sized(name, shape, ground, case['ratio'] * total)
         reached = min(energies.values(), default=np.inf) / (case['ratio'] or 1.0)
         if reached > 0.8 * total:
