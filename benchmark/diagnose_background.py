@@ -35,7 +35,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'benchmark')]
 
 from background_cases import BASES, make, plan
-from background_kinds import HALVES
+from background_kinds import HALVES, KINDS
 import background_kuka
 from forcecal_ros.parallel import each
 
@@ -81,7 +81,7 @@ def run(case: dict[str, Any]) -> Result:
         error = f'{type(broken).__name__}: {broken}'
     return case | {
         'truth': truth.effects, 'energies': truth.energies, 'background': truth.background,
-        'reached': truth.ratio, 'aliases': sorted(truth.aliases),
+        'reached': truth.ratio,
         'verdict': d.verdict if d else 'crashed', 'error': error,
         'candidates': list(d.candidates) if d else [], 'reason': d.reason if d else '',
         'named': [(e.name, e.probability) for e in d.effects] if d else [],
@@ -102,7 +102,7 @@ def right_names(result: Result) -> set[str]:
 def neutral_names(result: Result) -> set[str]:
     """Return what is neither right nor false to name."""
     own = set(background_kuka.OWN) if result['base'] == 'kuka' else set()
-    return (own | set(result['aliases'])) - set(result['effects'])
+    return own.union(*(KINDS[k].alias for k in result['background'])) - right_names(result)
 
 
 def stated(result: Result) -> dict[str, float]:

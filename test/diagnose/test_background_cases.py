@@ -1,0 +1,71 @@
+"""Recordings with discrepancies that no library has: what was asked for, and always the same."""
+
+from background_cases import make, plan
+from background_energy import NOISE
+import background_kinds
+from forcecal_ros.effects import EFFECTS
+from forcecal_ros.simulators.rig.file import load_rig
+import numpy as np
+import pytest
+
+CASE = {'base': 'rig', 'half': 'development', 'seed': 3, 'number': 0, 'effects': [],
+        'kinds': {'hum': 5000.0}, 'ratio': 0.0}
+
+
+@pytest.fixture(scope='module')
+def humming():
+    return make(CASE)
+
+
+def test_a_seed_repeats_to_the_bit(humming):
+    for one, again in zip(humming[:2], make(CASE)[:2]):
+        np.testing.assert_array_equal(one.wrench.values, again.wrench.values)
+        np.testing.assert_array_equal(one.accelerometer.values, again.accelerometer.values)
+        np.testing.assert_array_equal(one.pose.R_base_sensor, again.pose.R_base_sensor)
+
+
+def energy(one, other):
+    sensor = load_rig().wrench_sensor
+    noise = NOISE * np.repeat([sensor.force_noise, sensor.torque_noise], 3)
+    return float((((one.wrench.values - other.wrench.values) / noise) ** 2).sum())
+
+
+def test_energies_are_what_was_asked_for(humming):
+    silent, late = (make(CASE | changed) for changed in (
+        {'kinds': {}}, {'effects': ['wrench_delay'], 'ratio': 4.0}))
+    # mains hum is none of what nuisances could take up
+    assert energy(humming[1], silent[1]) == pytest.approx(5000.0, rel=0.02)
+    assert humming[3].background == {'hum': 5000.0}
+    assert late[3].energies['wrench_delay'] == pytest.approx(20000.0, rel=0.04)
+    assert late[3].ratio == pytest.approx(4.0, rel=0.04)
+    # beyond what they could take up, of a rig that differs from the nominal one
+    assert 18000.0 < energy(late[1], humming[1]) < 40000.0
+
+
+def test_halves_are_disjoint_and_each_has_of_every_group():
+    halves = [background_kinds.half(name) for name in background_kinds.HALVES]
+    assert not set(halves[0]) & set(halves[1])
+    assert set(halves[0]) | set(halves[1]) == set(background_kinds.KINDS)
+    for half in halves:
+        assert len(half) >= 12
+        assert len({background_kinds.KINDS[name].group for name in half}) == 3
+
+
+@pytest.mark.parametrize('base', ['rig', 'rigid', 'kuka'])
+def test_planned_cases_differ_and_hold_three_to_six_discrepancies(base):
+    planned = plan(60, base, 'withheld', 1)
+    assert planned == plan(60, base, 'withheld', 1)
+    assert len({str(case['kinds']) for case in planned}) == 60
+    for case in planned:
+        assert 3 <= len(case['kinds']) <= 6
+        assert set(case['kinds']) <= set(background_kinds.half('withheld'))
+        assert all(30.0 <= value <= 1e6 for value in case['kinds'].values())
+        assert set(case['effects']) <= set(EFFECTS)
+        assert 0.3 <= case['ratio'] <= 100.0 if case['effects'] else case['ratio'] == 0.0
+    assert 5 <= sum(not case['effects'] for case in planned) <= 15
+    assert 3 <= sum(len(case['effects']) == 2 for case in planned) <= 12
+
+
+def test_aliases_are_effects():
+    known = {*EFFECTS, 'wrench_bias_step'}
+    assert all(set(kind.alias) <= known for kind in background_kinds.KINDS.values())
