@@ -24,7 +24,7 @@ import background_kinds
 from background_kinds import KINDS
 import background_kuka
 from background_motion import trajectory
-from background_sizes import LATE, shape_of, sized
+from background_sizes import LATE, shape_of, sized, Sizes
 from forcecal_ros.effects import applicable, apply_signal_effects, EFFECTS, with_effects
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array, rotation_from_vector
@@ -40,6 +40,9 @@ SHORTER = 0.15
 
 RATIO = (0.3, 100.0)
 """Energy of the effect, in that of all discrepancies together."""
+
+FORMS = 5
+"""Of an effect that are tried."""
 
 WITHOUT_ENERGY = ('clock_skew', 'dropouts', 'wrench_quantisation')
 """Effects of stamps and values, which no energy of the mean can size."""
@@ -271,13 +274,22 @@ def _on_the_arm(case: Mapping[str, Any], _motion: np.random.Generator,
 
 
 def _scaled(case: Mapping[str, Any], ground: Any, rig: Rig, rng: np.random.Generator) -> Parts:
+    """Size the effects; forms that could not show beside the least background are drawn anew."""
+    for _ in range(FORMS):
+        shapes = {n: shape_of(n, rig, ground.clean, np.random.default_rng(rng.integers(2 ** 32)))
+                  for n in case['effects']}
+        parts = _shrunk(case, ground, shapes)
+        if min(parts[1].values(), default=np.inf) > RATIO[0] * sum(parts[2].values()):
+            break
+    return parts
+
+
+def _shrunk(case: Mapping[str, Any], ground: Any, shapes: Mapping[str, Sizes]) -> Parts:
     """Size the effects; where one cannot be as large as wanted, all else shrinks with it."""
     background = dict(case['kinds'])
     effects, energies, total = {}, {}, sum(background.values())
     for _ in range(2):
-        for name in case['effects']:
-            own = np.random.default_rng(rng.integers(2 ** 32))
-            shape = shape_of(name, rig, ground.clean, own)
+        for name, shape in shapes.items():
             effects[name], energies[name] = sized(name, shape, ground, case['ratio'] * total)
         reached = min(energies.values(), default=np.inf) / (case['ratio'] or 1.0)
         if reached > 0.8 * total:

@@ -45,8 +45,8 @@ def shape_of(name: str, rig: Rig, clean: Recording, rng: np.random.Generator) ->
     least = CERTAIN * getattr(rig.spreads, effect.nuisance) if effect.nuisance else 0.0
 
     def values(scale: float) -> dict[str, float]:
-        return shapes | {q.name: q.nominal + w * scale * (q.typical - q.nominal)
-                         + np.sign(w) * least for q, w in zip(chosen, weights)}
+        return shapes | {q.name: float(q.nominal + w * scale * (q.typical - q.nominal)
+                                       + np.sign(w) * least) for q, w in zip(chosen, weights)}
 
     return values
 

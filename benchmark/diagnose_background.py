@@ -182,15 +182,12 @@ def row(results: Sequence[Result]) -> str:
 def table(results: Sequence[Result]) -> str:
     """Return the results by base and bin."""
     lines = [HEAD, '|---' * 10 + '|']
-    for base in sorted({base_of(r) for r in results}):
+    bases = sorted({base_of(r) for r in results})
+    for base in [*bases, 'all'] if len(bases) > 1 else bases:
         for one in BINS:
-            chosen = [r for r in results if base_of(r) == base and bin_of(r) == one]
+            chosen = [r for r in results if base in (base_of(r), 'all') and bin_of(r) == one]
             if chosen:
                 lines.append(f'| {base} | {one} | {row(chosen)} |')
-    for one in BINS:
-        chosen = [r for r in results if bin_of(r) == one]
-        if chosen:
-            lines.append(f'| all | {one} | {row(chosen)} |')
     return '\n'.join(lines)
 
 
