@@ -1,6 +1,8 @@
 """The recorded commands through the rig, noise-free, kinematics shared between variants."""
 
 from dataclasses import replace
+from fractions import Fraction
+from math import lcm
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.channels import BLOCK
@@ -139,7 +141,9 @@ class Replay:
         return self._cached[key]
 
     def _simulated(self, rig: Rig) -> Signals:
-        common = common_samples(rig)
+        # a whole number of steps between the samples replayed, too
+        replayed = Fraction(RATE * rig.robot.period).limit_denominator(1000).numerator
+        common = lcm(common_samples(rig), replayed)
         steps = common * -(-enough_steps(rig) // (COARSER * common))
         plant = Plant(rig, self.accelerometer, steps)
         plant.rest(self._positions[0], self._xyzw[0])
