@@ -1,9 +1,12 @@
 """Fits hypotheses on training data beside what is explained already; judges on the rest."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
+from forcecal_ros.diagnose.channels import COLUMNS
 from forcecal_ros.diagnose.columns import Column, column, combined
-from forcecal_ros.diagnose.evidence import fit, Gram, Prior, score
+from forcecal_ros.diagnose.discrepancy import ascended, NONE, Products, SIZES, Sizes
+from forcecal_ros.diagnose.evidence import Fit, fit, Gram, Prior, score
 from forcecal_ros.diagnose.hypotheses import (
     Atom,
     bounds_of,
@@ -26,6 +29,9 @@ MANY = 4
 WORTHWHILE = 3.0
 """Evidence that each further one has to bring."""
 
+CHANCE = 4.0
+"""Standard deviations of a sum of squares that noise has by chance."""
+
 ROUNDS = 4
 """Gauss-Newton steps of a refinement."""
 
@@ -39,6 +45,22 @@ def estimated(effect: Effect, atom: Atom) -> NDArray[np.intp]:
     return np.array([i for i, (q, start) in enumerate(zip(effect.parameters, atom.start))
                      if i in atom.free or (q.shapes and not q.low == q.nominal == start)],
                     dtype=np.intp)
+
+
+class _Level(NamedTuple):
+    """What is explained already, with a discrepancy of one size: its fit and its evidence."""
+
+    sizes: Sizes
+    train: Gram
+    held: Gram
+    null: Fit
+    evidence: float
+
+    @property
+    def excess(self) -> float:
+        """Held-out whitened energy above the noise and the discrepancy."""
+        d, held = self.null.x, self.held
+        return float(held.square - 2.0 * held.vector @ d + d @ held.matrix @ d - held.n)
 
 
 class Bench:
@@ -59,15 +81,39 @@ class Bench:
         self.m = len(problem.nuisances)
         self._away = np.concatenate([np.zeros(0), *(t.away for t in tangents)])
         self.base = self.m + len(self.extra[0])
-        self.train, self.held = problem.grams(self.extra)
         self.null_prior = self._prior(frozenset(), np.zeros(0))
-        self.null = fit(self.train, self.null_prior)
-        self.null_evidence = fit(self.train + self.held, self.null_prior).log_evidence
+        self._products = problem.products(self.extra)
+        self.levels = self._usual()
+        best = max(self.levels, key=lambda level: level.evidence)
+        self.sizes, self.train, self.held, self.null, self.null_evidence = best
         self.null_predictive = self.null_evidence - self.null.log_evidence
         self.noise_rms = [np.stack([n.rms(g) for g in range(3)]) for n in problem.noise]
-        d = self.null.x
-        self.excess = float(self.held.square - 2.0 * self.held.vector @ d
-                            + d @ self.held.matrix @ d - self.held.n)
+
+    def _usual(self) -> list['_Level']:
+        """Return levels of one size in all streams, and the likeliest of any."""
+        levels = [self._level((size,) * len(COLUMNS)) for size in SIZES]
+        start = max(levels, key=lambda level: level.evidence).sizes
+        best = ascended(self._products, self._evidence(self.null_prior), start)
+        return levels if best == start else [*levels, self._level(best)]
+
+    def _level(self, sizes: Sizes) -> '_Level':
+        train, held = self._products.at(sizes)
+        null = fit(train, self.null_prior)
+        return _Level(sizes, train, held, null, fit(train + held, self.null_prior).log_evidence)
+
+    @staticmethod
+    def _evidence(prior: Prior) -> Callable[[tuple[Gram, Gram]], float]:
+        return lambda grams: fit(grams[0] + grams[1], prior).log_evidence
+
+    @property
+    def unnamed(self) -> float:
+        """Log-likelihood that is wanting still: of a discrepancy, and what is beyond that."""
+        every = self.train + self.held
+        x = fit(every, self.null_prior).x
+        excess = every.square - 2.0 * every.vector @ x + x @ every.matrix @ x - every.n
+        beyond = 0.5 * float(excess) - CHANCE * float(np.sqrt(0.5 * every.n))
+        none = next(level.evidence for level in self.levels if level.sizes == NONE)
+        return self.null_evidence - none + max(0.0, beyond)
 
     def _prior(self, released: frozenset[str], centre: Array) -> Prior:
         """Return the prior of nuisances, accepted effects, and an effect's parameters."""
@@ -83,7 +129,8 @@ class Bench:
         atoms = [(h, a) for h in hypotheses for a in h.atoms]
         all_columns = [
             [*self.extra[i], *(c for _, a in atoms for c in a.columns[i])] for i in cases]
-        train, held = self.problem.grams(all_columns)
+        products = self.problem.products(all_columns)
+        grams = [products.at(level.sizes) for level in self.levels]
         best: dict[str, tuple[Trial, Atom | None]] = {}
 
         def keep(h: Hypothesis, trial: Trial, atom: Atom | None) -> None:
@@ -93,16 +140,18 @@ class Bench:
         for h in hypotheses:
             for released in h.releases:
                 index = np.arange(self.base)
-                keep(h, self._judge(h, None, released, train.of(index), held.of(index), []), None)
+                keep(h, self._judge(h, None, released, _of(grams, index), []), None)
         position = self.base
         for h, atom in atoms:
             chosen = [np.arange(len(atom.free))]
             if len(atom.free) >= MANY:
+                train, held = next(g for g, level in zip(grams, self.levels)
+                                   if level.sizes == self.sizes)
                 chosen.append(self._grown(position, len(atom.free), train + held))
             for part in chosen:
                 index = np.concatenate([np.arange(self.base), position + part])
                 own = fewer(h.effect, atom, part)
-                keep(h, self._judge(h, own, frozenset(), train.of(index), held.of(index),
+                keep(h, self._judge(h, own, frozenset(), _of(grams, index),
                                     [list(own.columns[i]) for i in cases]), own)
             position += len(atom.free)
         return sorted(best.values(), key=lambda pair: -pair[0].evidence)
@@ -126,15 +175,16 @@ class Bench:
             chosen.append(left[best])
         return np.array(sorted(chosen), dtype=np.intp)
 
-    def _judge(self, h: Hypothesis, atom: Atom | None, released: frozenset[str], train: Gram,
-               held: Gram, columns: list[list[Column]]) -> Trial:
-        k = len(train.vector) - self.base
+    def _judge(self, h: Hypothesis, atom: Atom | None, released: frozenset[str],
+               grams: Sequence[tuple[Gram, Gram]], columns: list[list[Column]]) -> Trial:
+        k = len(grams[0][0].vector) - self.base
         prior = self._prior(released, np.zeros(k))
-        found, joint = fit(train, prior), fit(train + held, prior)
+        level, (_, held), joint = self._likeliest(grams, prior)
+        found = fit(grams[self.levels.index(level)][0], prior)
         evidence = joint.log_evidence - self.null_evidence - np.log(h.ways)
         gain = joint.log_evidence - found.log_evidence - self.null_predictive
-        null = np.concatenate([self.null.x, np.zeros(k)])
-        s = score(held, null, found.x, np.arange(self.base), self.null.covariance)
+        null = np.concatenate([level.null.x, np.zeros(k)])
+        s = score(held, null, found.x, np.arange(self.base), level.null.covariance)
         theta = std = np.zeros(0)
         free = np.zeros(0, dtype=np.intp)
         if atom is not None:
@@ -154,8 +204,24 @@ class Bench:
                 gain = evidence = -np.inf
             theta = np.clip(theta, low, high)
         return Trial(h.name, theta, std, free, found.x[:self.m], released, float(gain),
-                     float(evidence), s, self._size(columns, found.x - null), self.excess,
-                     held.n, atom is None)
+                     float(evidence), s, self._size(columns, found.x - null), level.excess,
+                     held.n, atom is None, level.sizes)
+
+    def _best_sizes(self, products: Products, prior: Prior) -> Sizes:
+        """Return the sizes that make a hypothesis likeliest whose columns end with its effect."""
+        def evidence(grams: tuple[Gram, Gram]) -> float:
+            return fit(_shifted(grams[0] + grams[1]), prior).log_evidence
+
+        start = max((level.sizes for level in self.levels),
+                    key=lambda sizes: evidence(products.at(sizes)))
+        return ascended(products, evidence, start)
+
+    def _likeliest(self, grams: Sequence[tuple[Gram, Gram]], prior: Prior
+                   ) -> tuple['_Level', tuple[Gram, Gram], Fit]:
+        """Return the size of the discrepancy that makes a hypothesis likeliest, and its fit."""
+        fits = [fit(train + held, prior) for train, held in grams]
+        i = max(range(len(fits)), key=lambda j: fits[j].log_evidence)
+        return self.levels[i], grams[i], fits[i]
 
     def _size(self, columns: list[list[Column]], d: Array) -> float:
         """Largest RMS of a difference, held out, in noise RMS of a channel and kind of motion."""
@@ -209,13 +275,14 @@ class Bench:
         full = [blocks[fitted.index(i)] if i in fitted else b
                 for i, b in enumerate(problem.blocks)]
         columns = [[*self.extra[i], *t.columns[i]] for i in range(len(problem.cases))]
-        train, _ = problem.grams(columns, full)
-        found = fit(train, self._prior(frozenset(), t.away))
-        return self._at(train), found.x[self.base:] * t.units, t.units
-
-    def _at(self, train: Gram) -> float:
-        """Evidence with the effect's parameters as they are."""
-        return fit(train.of(np.arange(self.base)), self.null_prior).log_evidence
+        products = problem.products(columns, full)
+        grams = [products.at(level.sizes)[0] for level in self.levels]
+        prior = self._prior(frozenset(), t.away)
+        # an effect that is not there yet in full leaves what looks like a discrepancy
+        found = max((fit(train, prior) for train in grams), key=lambda one: one.log_evidence)
+        own = np.arange(self.base)
+        as_is = max(fit(train.of(own), self.null_prior).log_evidence for train in grams)
+        return as_is, found.x[self.base:] * t.units, t.units
 
     def _final(self, h: Hypothesis, theta: Array, free: NDArray[np.intp]) -> Trial:
         problem, cases = self.problem, range(len(self.problem.cases))
@@ -224,26 +291,33 @@ class Bench:
         t = tangent(problem, h.name, theta, free, blocks, list(cases))
         moved = [column(b - after, problem.level) for b, after in zip(problem.blocks, blocks)]
         own = [[*t.columns[i], moved[i]] for i in cases]
-        grams = problem.grams([[*self.extra[i], *own[i]] for i in cases])
-        train, held = map(_shifted, grams)
+        products = problem.products([[*self.extra[i], *own[i]] for i in cases])
         prior = self._prior(frozenset(), t.away)
-        found, joint = fit(train, prior), fit(train + held, prior)
+        level = self._level(self._best_sizes(products, prior))
+        train, held = products.at(level.sizes)
+        found = fit(_shifted(train), prior)
+        joint = fit(_shifted(train + held), prior)
         gain = joint.log_evidence - found.log_evidence - self.null_predictive
         evidence = joint.log_evidence - self.null_evidence - np.log(h.ways)
-        null = np.concatenate([self.null.x, np.zeros(len(free) + 1)])
+        null = np.concatenate([level.null.x, np.zeros(len(free) + 1)])
         alternative = np.append(found.x, 1.0)
-        s = score(grams[1], null, alternative, np.arange(self.base), self.null.covariance)
+        s = score(held, null, alternative, np.arange(self.base), level.null.covariance)
         low, high = bounds_of(h.effect)
         std, out = np.zeros(len(theta)), theta.copy()
         std[free] = t.units * np.sqrt(np.diag(found.covariance)[self.base:])
         out[free] = np.clip(theta[free] + found.x[self.base:] * t.units, low[free], high[free])
         return Trial(h.name, out, std, free, found.x[:self.m], frozenset(), float(gain),
-                     float(evidence), s, self._size(own, alternative - null), self.excess,
-                     held.n, True)
+                     float(evidence), s, self._size(own, alternative - null), level.excess,
+                     held.n, True, level.sizes)
 
 
 def _shifted(gram: Gram) -> Gram:
     """Take the last column off the residual, with coefficient 1."""
     e = len(gram.vector) - 1
     return Gram(gram.matrix[:e, :e], (gram.vector - gram.matrix[:, e])[:e],
-                float(gram.square - 2.0 * gram.vector[e] + gram.matrix[e, e]), gram.n)
+                float(gram.square - 2.0 * gram.vector[e] + gram.matrix[e, e]), gram.n,
+                gram.log_det)
+
+
+def _of(grams: Sequence[tuple[Gram, Gram]], index: NDArray[np.intp]) -> list[tuple[Gram, Gram]]:
+    return [(train.of(index), held.of(index)) for train, held in grams]

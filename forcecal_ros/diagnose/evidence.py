@@ -20,22 +20,27 @@ class Gram(NamedTuple):
         Of the residual.
     n : int
         Samples that count.
+    log_det : float
+        Of the covariance in that of noise alone, where a discrepancy is integrated out.
     """
 
     matrix: Array
     vector: Array
     square: float
     n: int
+    log_det: float = 0.0
 
     def __add__(self, other: object) -> 'Gram':
         """Join two independent sets of samples."""
         assert isinstance(other, Gram)
         return Gram(self.matrix + other.matrix, self.vector + other.vector,
-                    self.square + other.square, self.n + other.n)
+                    self.square + other.square, self.n + other.n,
+                    self.log_det + other.log_det)
 
     def of(self, index: NDArray[np.intp]) -> 'Gram':
         """Keep some columns only."""
-        return Gram(self.matrix[np.ix_(index, index)], self.vector[index], self.square, self.n)
+        return self._replace(matrix=self.matrix[np.ix_(index, index)],
+                             vector=self.vector[index])
 
 
 class Prior(NamedTuple):
@@ -121,6 +126,7 @@ def fit(gram: Gram, prior: Prior) -> Fit:
     total = prior.centre + x
     value = gram.vector @ x - 0.5 * x @ gram.matrix @ x
     value -= 0.5 * (total * prior.precision) @ total + 0.5 * gram.square
+    value -= 0.5 * gram.log_det
     value -= float(np.log(np.diag(factor)).sum() - 0.5 * np.log(prior.precision[free]).sum())
     return Fit(x, covariance, float(value))
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.bench import Bench
-from forcecal_ros.diagnose.columns import gram
+from forcecal_ros.diagnose.discrepancy import NONE
 from forcecal_ros.diagnose.hypotheses import bounds_of, values_of
 from forcecal_ros.diagnose.nuisances import LIMIT
 from forcecal_ros.diagnose.problem import Diverged, Problem
@@ -50,16 +50,21 @@ class Accepted(NamedTuple):
     released: frozenset[str]
     trial: Trial
 
+    @property
+    def degrees(self) -> int:
+        """Parameters that are estimated, released nuisances among them."""
+        return max(1, len(self.free) + len(self.released))
+
     @classmethod
     def of(cls, trial: Trial) -> 'Accepted':
         """Accept a trial."""
         return cls(trial.name, trial.theta, trial.std, trial.free, trial.released, trial)
 
 
-def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = None,
-          noise_known: bool = False) -> tuple[Problem, list[Accepted], list[Tangent]]:
+def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = None
+          ) -> tuple[Problem, list[Accepted], list[Tangent]]:
     """
-    Refit accepted effects, nuisances and noise together.
+    Refit accepted effects and nuisances together, the discrepancy as large as is likeliest.
 
     Parameters
     ----------
@@ -67,8 +72,6 @@ def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = N
     accepted : sequence of Accepted
     step : ndarray, shape (m,), optional
         Of the nuisances, to begin with.
-    noise_known : bool
-        Whether the noise stays as it is until the end, for more rounds.
 
     Returns
     -------
@@ -85,11 +88,10 @@ def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = N
     else:
         out.settle()
     tangents: list[Tangent] = []
-    for _ in range(3 * ROUNDS if noise_known else ROUNDS):
+    for _ in range(ROUNDS):
         tangents = [_tangent(out, a) for a in now if len(a.theta)]
-        if not noise_known:
-            out.refit_noise(np.zeros(m))
         bench = Bench(out, tangents)
+        out.allowed = bench.sizes
         before, fraction = out.standing(), 1.0
         while fraction > SHORTEST:
             moved = _moved(now, tangents, bench, fraction)
@@ -105,7 +107,6 @@ def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = N
             break
         if released and step[:m].max() > FAR:
             out.linearise()
-    out.refit_noise(np.zeros(m))
     return out, now, tangents
 
 
@@ -118,12 +119,11 @@ def _settles(problem: Problem) -> bool:
     return True
 
 
-def joint_if_finite(problem: Problem, accepted: Sequence[Accepted], step: Array | None = None,
-                    noise_known: bool = False
+def joint_if_finite(problem: Problem, accepted: Sequence[Accepted], step: Array | None = None
                     ) -> tuple[Problem, list[Accepted], list[Tangent]] | None:
     """Refit as :func:`joint` does; give nothing where a simulation diverges."""
     try:
-        return joint(problem, accepted, step, noise_known)
+        return joint(problem, accepted, step)
     except Diverged:
         return None
 
@@ -176,10 +176,10 @@ def misfit(problem: Problem, noise: list[Autoregression]) -> float:
     -------
     float
     """
-    prior = problem.prior()
-    return float((prior.centre * prior.precision) @ prior.centre) + sum(
-        gram(n, [], blocks, [np.ones(len(blocks), dtype=bool)])[0].square
-        for n, blocks in zip(noise, problem.blocks))
+    prior, like = problem.prior(), replace(problem, noise=noise)
+    trained, held = like.beside().products([[] for _ in like.cases], like.blocks,
+                                           problem.allowed == NONE).at(problem.allowed)
+    return float((prior.centre * prior.precision) @ prior.centre + trained.square + held.square)
 
 
 def _moved(accepted: Sequence[Accepted], tangents: Sequence[Tangent], bench: Bench,

@@ -8,6 +8,7 @@ from forcecal_ros.diagnose import remainder, spectral_lines
 from forcecal_ros.diagnose.bench import Bench
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.columns import combined
+from forcecal_ros.diagnose.discrepancy import NONE
 from forcecal_ros.diagnose.evidence import fit
 from forcecal_ros.diagnose.hypotheses import VIBRATION
 from forcecal_ros.diagnose.problem import Problem
@@ -22,6 +23,9 @@ WANDERING = 0.03
 """Of a vibration's frequency, within which its speed may wander."""
 
 
+WITHOUT_NAME = 10.0
+"""Log-evidence of a discrepancy from which something is left: odds of 20,000 to one."""
+
 NOWHERE = Cell(0, 'no phase', remainder.BANDS[0], 0.0, 0.0)
 """Stands for the cells of recordings whose phases are too short for any."""
 
@@ -33,6 +37,7 @@ class Left(NamedTuple):
     Attributes
     ----------
     ceiling : Ceiling
+        Of the discrepancy, where there is one.
     strongest : list of Cell
         The strongest first.
     lines : tuple of Line
@@ -40,6 +45,8 @@ class Left(NamedTuple):
     impulses : ndarray, shape (16,)
         How many innovations of each channel noise does not make.
     notes : tuple of str
+    unnamed : float
+        Log-evidence of the discrepancy.
     """
 
     ceiling: Ceiling
@@ -47,26 +54,67 @@ class Left(NamedTuple):
     lines: tuple[Line, ...]
     impulses: Array
     notes: tuple[str, ...]
+    unnamed: float = 0.0
 
 
-def look(p: Problem) -> Left:
+def look(p: Problem, unnamed: float = 0.0) -> Left:
     """
     Look at what a problem leaves.
 
     Parameters
     ----------
     p : Problem
+    unnamed : float
+        Log-evidence of its discrepancy.
 
     Returns
     -------
     Left
     """
+    found = None
+    if p.allowed != NONE:
+        found = discrepant(p)
+        p = replace(p, blocks=[b - x for b, x in zip(p.blocks, found)])
     cells = [c for case, n, b in zip(p.cases, p.noise, p.blocks)
              for c in remainder.cells(case, n, b)]
     lines, wanders = _foreign(lines_of(p), p)
     impulses = np.asarray(sum(remainder.impulses(n, b) for n, b in zip(p.noise, p.blocks)))
     strongest = sorted(cells, key=lambda c: -c.z) or [NOWHERE]
-    return Left(remainder.ceiling(p, p.base, p.blocks), strongest, lines, impulses, wanders)
+    if found is None:
+        return Left(remainder.ceiling(p, p.base, p.blocks), strongest, lines, impulses, wanders)
+    return Left(_as_ceiling(p, found, unnamed), strongest, lines, impulses, wanders, unnamed)
+
+
+def discrepant(p: Problem) -> list[Array]:
+    """
+    Return the discrepancy that training blocks show.
+
+    Parameters
+    ----------
+    p : Problem
+        At a fit, its discrepancy not 0.
+
+    Returns
+    -------
+    list of ndarray, shape (n, 16)
+        In each recording.
+    """
+    weights = p.beside().products([[] for _ in p.cases], p.blocks).trained(p.allowed)
+    return p.beside().of_weights(weights, [b.shape for b in p.blocks])
+
+
+def _as_ceiling(p: Problem, found: list[Array], unnamed: float) -> Ceiling:
+    """Say of each channel that shows a discrepancy how significant all of it is."""
+    size = np.zeros(len(CHANNELS))
+    for one, noise, case in zip(found, p.noise, p.cases):
+        for g in range(3):
+            rows = case.groups == g
+            if rows.any():
+                rms = noise.rms(g)
+                size = np.maximum(size, np.sqrt(np.mean(one[rows] ** 2, axis=0))
+                                  / np.where(rms > 0.0, rms, np.inf))
+    sigmas = float(np.sqrt(2.0 * max(0.0, unnamed)))
+    return Ceiling(np.where(size > remainder.SMALL, sigmas, 0.0), size, tuple(found))
 
 
 def fitted_to_all(p: Problem, tangents: Sequence[Tangent] = ()) -> Problem:
@@ -136,6 +184,7 @@ def remains(left: Left) -> Remains:
     several = int(impulses.max())
     line = max(left.lines, key=lambda one: one.power, default=None)
     options = [
+        (left.unnamed / WITHOUT_NAME, _discrepancy_in_words(left)) if left.unnamed else
         (float(z[c]) / remainder.PREDICTABLE,
          f'{CHANNELS[c].name}, predictable from the motion ({z[c]:.1f} sigma)'),
         (cell.z / remainder.STRONG,
@@ -147,6 +196,15 @@ def remains(left: Left) -> Remains:
         options.append((line.power / spectral_lines.LINE,
                         f'a line at {line.frequency:.2f} Hz in {line.channel}'))
     return Remains(*max(options))
+
+
+def _discrepancy_in_words(left: Left) -> str:
+    """Say where a discrepancy is strongest beside the noise, and how large it is there."""
+    c = int(left.ceiling.size.argmax())
+    total = np.concatenate([one[:, c] for one in left.ceiling.prediction])
+    rms = float(np.sqrt(np.mean(total ** 2)))
+    return (f'a part that follows the motion and is like none of the library, '
+            f'{rms:.2g} {CHANNELS[c].unit} RMS in {CHANNELS[c].name}')
 
 
 def _foreign(lines: tuple[Line, ...], p: Problem

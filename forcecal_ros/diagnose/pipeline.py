@@ -1,10 +1,12 @@
 """From one recording, or a pair, to a diagnosis."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from forcecal_ros.diagnose import steps
 from forcecal_ros.diagnose.case import Case, conversion, prepare, SHORTEST, split
 from forcecal_ros.diagnose.channels import CHANNELS
+from forcecal_ros.diagnose.discrepancy import NONE
 from forcecal_ros.diagnose.gap import Gap
 from forcecal_ros.diagnose.hypotheses import hypotheses, Hypothesis
 from forcecal_ros.diagnose.left import (
@@ -14,6 +16,7 @@ from forcecal_ros.diagnose.left import (
     look,
     predictable,
     remains,
+    WANDERING,
 )
 from forcecal_ros.diagnose.limits import CLIPPING
 from forcecal_ros.diagnose.measure import (
@@ -30,10 +33,11 @@ from forcecal_ros.diagnose.remainder import BANDS, Ceiling
 from forcecal_ros.diagnose.residual import Measured
 from forcecal_ros.diagnose.result import Diagnosis, Found, Parameter
 from forcecal_ros.diagnose.selection import select, Selection
+from forcecal_ros.diagnose.spectral_lines import Line
 from forcecal_ros.diagnose.stamps import corrected
 from forcecal_ros.diagnose.steps import Event, with_steps
 from forcecal_ros.diagnose.usage import refuse_unjudged, shares, unjudged
-from forcecal_ros.diagnose.verdict import probabilities, verdict
+from forcecal_ros.diagnose.verdict import doubt, probabilities, verdict
 from forcecal_ros.diagnose.visibility import excitation, not_excited
 from forcecal_ros.diagnose.where import Place, places, stage_of
 from forcecal_ros.effects import EFFECTS, with_effects
@@ -49,6 +53,12 @@ WITHOUT_MEAN = ('wrench_quantisation', 'dropouts')
 
 CHECKED = 0.99
 """Probability of an effect of stamps or values: they are found at many sigmas or not at all."""
+
+FAINT = 1e-3
+"""Probability below which an effect that a discrepancy may only look like is not listed."""
+
+LINES = 2
+"""Lines that a discrepancy may have: mains and a motor."""
 
 ENOUGH = 3.0
 """Scatter of a simulated signal, in its noise, from which a recording can answer."""
@@ -127,10 +137,22 @@ def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
         p.settle()
         p.recalibrate()
     p, events = with_steps(p)
-    strongest = max(lines_of(p), key=lambda line: line.power, default=None)
-    found = hypotheses(p, strongest.frequency if strongest else None)
+    frequencies = _strongest(lines_of(p))
+    if frequencies:
+        p.allow_discrepancy(frequencies)
+        p.refit_noise(np.zeros(len(p.nuisances)))
+    found = hypotheses(p, frequencies[0] if frequencies else None)
     outcome = _conclude(first, p, found, checks, observed, events)
     return replace(outcome, diagnosis=replace(outcome.diagnosis, used=shares(p, given)))
+
+
+def _strongest(lines: Sequence[Line]) -> list[float]:
+    """Return the frequencies of the strongest lines, those of one and the same line once."""
+    out: list[float] = []
+    for line in sorted(lines, key=lambda one: -one.power):
+        if all(abs(line.frequency - f) > WANDERING * f for f in out):
+            out.append(line.frequency)
+    return out[:LINES]
 
 
 def _observed(case: Case, recording: Recording, rig: Rig) -> Measured:
@@ -143,20 +165,27 @@ def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Che
               observed: list[Measured], events: tuple[Event, ...]) -> Outcome:
     selection = select(p, found, first)
     final = selection.problem
-    left = look(fitted_to_all(final, selection.tangents))
+    left = look(fitted_to_all(final, selection.tangents), selection.unnamed)
     rest = remains(left)
     measured, noise = _measured(first, selection, left, observed)
     named = [a.name for a in selection.accepted]
     slots = [(a.name, selection.rivals.get(a.name, {})) for a in selection.accepted]
     stepped = steps.found(final, events)
     sudden = {e.name: e.probability for e in stepped}
-    shares, candidates = probabilities(slots, rest, measured.closed, len(p.fixed) + len(sudden))
+    doubts = {n: doubt(lead, selection.unnamed) for n, lead in selection.leads.items()
+              } if final.allowed != NONE else None
+    shares, candidates = probabilities(slots, rest, measured.closed, len(p.fixed) + len(sudden),
+                                       doubts)
     candidates = sorted([*candidates, *sudden.items(), *((n, CHECKED) for n in checks.effects)],
                         key=lambda pair: -pair[1])
     excited = excitation(p) > ENOUGH or bool(checks.effects) or bool(stepped)
     word, sentence = verdict([*named, *sudden, *checks.effects], candidates, rest,
                              measured.closed if named or p.fixed or sudden else None, excited,
-                             whole=not unjudged(p))
+                             whole=not unjudged(p), allowed=final.allowed != NONE)
+    possible = {n: 1.0 - doubt(lead, selection.unnamed)
+                for n, lead in selection.doubtful.items()}
+    candidates = sorted([*candidates, *((n, p) for n, p in possible.items() if p > FAINT)],
+                        key=lambda pair: -pair[1])
     sentence += steps.in_words(stepped) + unseen(final.cases[0].recording) + unjudged(p)
     effects = [Found(a.name, parameters_of(final, a), shares[a.name])
                for a in selection.accepted]
@@ -166,8 +195,8 @@ def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Che
         effects = [Found('unknown', {}, dict(candidates).get('unknown', 0.9))]
         # what is not named is not added to the rig; a gap without a name looks like noise
         final = replace(p, noise=[at_standstill(b, n) for b, n in zip(p.blocks, p.noise)])
-        selection = Selection(final, (), (), {}, selection.screened)
-        measured, noise = _measured(first, selection, look(final), observed)
+        selection = selection._replace(problem=final, accepted=(), tangents=(), rivals={})
+        measured, noise = _measured(first, selection, look(final, selection.unnamed), observed)
     elif word == 'not_excited':
         effects = []
     diagnosis = Diagnosis(

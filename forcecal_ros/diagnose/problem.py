@@ -1,18 +1,20 @@
 """The state of a diagnosis: the rig as explained so far, its residuals, columns and noise."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from forcecal_ros.diagnose.basis import Basis, basis
 from forcecal_ros.diagnose.case import Case
 from forcecal_ros.diagnose.channels import CHANNELS
-from forcecal_ros.diagnose.columns import Column, column, combined, gram, nuisance_column
+from forcecal_ros.diagnose.columns import Column, column, combined, nuisance_column
+from forcecal_ros.diagnose.discrepancy import Beside, Discrepancy, NONE, Products, Sizes
 from forcecal_ros.diagnose.evidence import Fit, fit, Gram, Prior
 from forcecal_ros.diagnose.nuisances import apply_all, LIMIT, Nuisance, nuisances, spreads
 from forcecal_ros.diagnose.replay import Signals
 from forcecal_ros.effects import with_effects
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import ForcecalError
-from forcecal_ros.geometry import Array
+from forcecal_ros.geometry import Array, rotation_vector
 from forcecal_ros.recording.noise.autoregression import Autoregression, fit_autoregression
 import numpy as np
 
@@ -73,6 +75,8 @@ class Problem:
     blocks: list[Array] = field(default_factory=list)
     columns: list[list[Column]] = field(default_factory=list)
     noise: list[Autoregression] = field(default_factory=list)
+    discrepancy: Discrepancy | None = None
+    allowed: Sizes = NONE
     _calibrated: tuple[bytes, Rig] | None = None
 
     def current(self, effects: Values | None = None) -> Rig:
@@ -144,12 +148,27 @@ class Problem:
     def grams(self, extra: list[list[Column]], blocks: list[Array] | None = None
               ) -> tuple[Gram, Gram]:
         """Return the training and the held-out Gram of nuisances' and further columns."""
-        total: list[Gram] = []
-        for i, case in enumerate(self.cases):
-            parts = gram(self.noise[i], [*self.columns[i], *extra[i]],
-                         (blocks or self.blocks)[i], [case.train, case.held])
-            total = [a + b for a, b in zip(total, parts)] if total else parts
-        return total[0], total[1]
+        return self.products(extra, blocks, self.allowed == NONE).at(self.allowed)
+
+    def products(self, extra: list[list[Column]], blocks: list[Array] | None = None,
+                 absent: bool = False) -> Products:
+        """Return inner products of nuisances' and further columns, for any discrepancy."""
+        return self.beside().products(
+            [[*own, *more] for own, more in zip(self.columns, extra)], blocks or self.blocks,
+            absent)
+
+    def beside(self) -> Beside:
+        """Return the discrepancy beside the noise; an empty one where none is set up."""
+        if self.discrepancy is None:
+            rows = tuple(np.zeros((0, len(c.groups)), dtype=np.float32) for c in self.cases)
+            self.discrepancy = Discrepancy(Basis(rows, np.zeros(0)), np.ones(len(CHANNELS)),
+                                           [c.train for c in self.cases])
+        return self.discrepancy.beside(self.noise)
+
+    def allow_discrepancy(self, frequencies: Sequence[float] = ()) -> None:
+        """Set up what no library has: functions of the present motion, and lines [Hz]."""
+        self.discrepancy = Discrepancy(basis(self.base, frequencies), _signal(self),
+                                       [c.train for c in self.cases])
 
     def fit_nuisances(self) -> Fit:
         """Fit the nuisances alone on the training blocks."""
@@ -163,16 +182,18 @@ class Problem:
 
     def standing(self) -> float:
         """Log-likelihood of the training blocks, and prior, with everything as it is."""
-        prior, total = self.prior(), 0.0
-        for noise, case, blocks in zip(self.noise, self.cases, self.blocks):
-            total += gram(noise, [], blocks, [case.train])[0].square
-        return -0.5 * (total + float((prior.centre * prior.precision) @ prior.centre))
+        prior = self.prior()
+        trained = self.beside().products([[] for _ in self.cases], self.blocks,
+                                         self.allowed == NONE).at(self.allowed)[0]
+        return -0.5 * (trained.square + float((prior.centre * prior.precision) @ prior.centre))
 
     def refit_noise(self, x: Array) -> None:
-        """Fit the noise of what a step of the nuisances leaves."""
-        self.noise = [
-            fit_autoregression(b - combined(columns, x, len(b)), c.measured.present, c.groups)
-            for b, columns, c in zip(self.blocks, self.columns, self.cases)]
+        """Fit the noise of what a step of the nuisances, and any discrepancy, leave."""
+        rest = [b - combined(columns, x, len(b)) for b, columns in zip(self.blocks, self.columns)]
+        if self.noise and self.discrepancy is not None:
+            rest = [r - p for r, p in zip(rest, self.beside().predicted(rest))]
+        self.noise = [fit_autoregression(r, c.measured.present, c.groups)
+                      for r, c in zip(rest, self.cases)]
 
     def recalibrate(self) -> None:
         """Move the centre to the best nuisances, noise refitted on the way."""
@@ -220,5 +241,21 @@ def problem(rig: Rig, cases: tuple[Case, ...]) -> Problem:
     out = Problem(rig, cases, found, np.array(spreads(rig, found)),
                   noise_level(rig, streams, name), centre=np.zeros(len(found)))
     out.linearise()
+    out.allow_discrepancy()
     out.recalibrate()
     return out
+
+
+def _signal(p: Problem) -> Array:
+    """Return what each channel shows, the largest of its vector: standard deviation, (16,)."""
+    shown = []
+    for case, s in zip(p.cases, p.base):
+        n = len(case.groups)
+        rotation = rotation_vector(s.R_base_sensor[0].T @ s.R_base_sensor)
+        rows = np.concatenate([s.wrench, s.volts, s.optidrive[:, np.newaxis], s.position,
+                               rotation], axis=1)
+        shown.append(rows.reshape(n, -1, rows.shape[1]).mean(axis=1))
+    std = np.concatenate(shown).std(axis=0)
+    for axes in (slice(0, 3), slice(3, 6), slice(6, 9), slice(10, 13), slice(13, 16)):
+        std[axes] = std[axes].max()
+    return np.asarray(std)

@@ -1,7 +1,8 @@
 """Which effects: added one by one with joint refits, dropped again, exchanged, and weighed."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.bench import Bench
@@ -12,43 +13,30 @@ from forcecal_ros.diagnose.memory import slow_gain
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.ranking import (
     acceptable,
-    LEAST_FRACTION,
     LEAST_GAIN,
     PARSIMONY,
     ranked,
-    refined_or_rejected,
-    SHORTLIST,
+    SHARE,
     tempered,
     weights,
-    WORTH,
 )
-from forcecal_ros.diagnose.remainder import cells, STRONG
 from forcecal_ros.diagnose.tangent import Tangent
 from forcecal_ros.diagnose.trial import Trial
 from forcecal_ros.effects import EFFECTS
-from forcecal_ros.recording.noise.autoregression import at_standstill
 import numpy as np
 
 NEAR = 3.0
 """Log-odds within which a rival is fitted in full."""
 
-ALIKE = 0.97
-"""Part of an effect's evidence from which a rival is, whatever the odds: evidence is linear."""
+ALIKE = 0.8
+"""
+Part of an effect's evidence from which a rival is, whatever the odds.
+
+Evidence is linear in the nuisances; a delay of 6 ms had 0.91 of the low-pass that it was not.
+"""
 
 TRIES = 2
 """Rivals that are, of each effect."""
-
-LOUD = 2.0
-"""Variance of a channel, in that of its rest, from which such an effect is sought."""
-
-DEAFENING = 1000.0
-"""Variance from which one is sought so even where another passes beside the fitted noise."""
-
-MOST_GROSS = 2
-"""Effects from which none is sought that way any more."""
-
-LEAST_GROSS_GAIN = 100.0
-"""Of an effect that the noise model held for noise."""
 
 LEAST_SLOW_GAIN = 8.0
 """Log-likelihood that it has to bring on all data where the noise may have a long memory."""
@@ -77,6 +65,12 @@ class Selection(NamedTuple):
         Log-odds of each hypothesis in the place of an accepted one against that one.
     screened : tuple of Trial
         The first round, best first.
+    leads : dict of str to float
+        Log-evidence of each accepted effect against a discrepancy in its place.
+    unnamed : float
+        Log-likelihood that is wanting still: of a discrepancy and whatever else is left.
+    doubtful : dict of str to float
+        The same as ``leads`` of effects that a discrepancy may only look like.
     """
 
     problem: Problem
@@ -84,6 +78,9 @@ class Selection(NamedTuple):
     tangents: tuple[Tangent, ...]
     rivals: dict[str, dict[str, float]]
     screened: tuple[Trial, ...]
+    leads: Mapping[str, float] = MappingProxyType({})
+    unnamed: float = 0.0
+    doubtful: Mapping[str, float] = MappingProxyType({})
 
 
 def select(problem: Problem, found: Sequence[Hypothesis], bare: Problem) -> Selection:
@@ -110,29 +107,46 @@ def select(problem: Problem, found: Sequence[Hypothesis], bare: Problem) -> Sele
     while len(accepted) < MOST_EFFECTS:
         left = [h for h in found if h.name not in out | {a.name for a in accepted}]
         tested, others = sum(h.ways for h in left), accepted or problem.fixed
-        trials = ranked(Bench(problem, tangents), left, tested)
+        bench = Bench(problem, tangents)
+        trials = ranked(bench, left, tested)
         first = first or tuple(trials)
         fitted = None
         while (best := next((t for t in trials if t.name not in out
                              and acceptable(t, tested)), None)) is not None:
-            fitted = joint_if_finite(problem, [*accepted, Accepted.of(best)], best.nuisances)
+            fitted = joint_if_finite(replace(problem, allowed=best.discrepancy),
+                                     [*accepted, Accepted.of(best)], best.nuisances)
             if fitted is not None and slow_gain(problem, fitted[0]) > LEAST_SLOW_GAIN \
                     and (not others or _beyond(bare, problem, fitted[0])):
                 break
             out.add(best.name)
             fitted = None
-        if len(accepted) < MOST_GROSS:
-            gross = _gross(problem, accepted, tangents, left, fitted[0] if fitted else None)
-            if gross is not None and (not others or _beyond(bare, problem, gross[0])):
-                fitted = gross
         if fitted is None:
             break
-        problem, accepted, tangents = fitted
-        problem, accepted, tangents = _shaped(problem, accepted, tangents)
+        problem, accepted, tangents = _settled(*_shaped(*fitted))
     if len(accepted) > 1:
         problem, accepted, tangents = _drop(start, bare, problem, accepted, tangents)
-    problem, accepted, tangents, rivals = _exchange(start, problem, accepted, tangents, found)
-    return Selection(problem, tuple(accepted), tuple(tangents), rivals, first)
+    problem, accepted, tangents, rivals, leads = _exchange(start, problem, accepted, tangents,
+                                                           found)
+    problem, accepted, tangents, unnamed = _certain(start, problem, accepted, tangents, leads)
+    sure = {a.name: leads[a.name] for a in accepted}
+    doubtful = {name: lead for name, lead in leads.items() if name not in sure}
+    return Selection(problem, tuple(accepted), tuple(tangents), rivals, first, sure, unnamed,
+                     doubtful)
+
+
+def _certain(start: Problem, problem: Problem, accepted: list[Accepted],
+             tangents: list[Tangent], leads: Mapping[str, float]
+             ) -> tuple[Problem, list[Accepted], list[Tangent], float]:
+    """Drop what a discrepancy as large as what is left could do as well; say how large it is."""
+    while True:
+        last = Bench(problem, tangents)
+        problem, unnamed = replace(problem, allowed=last.sizes), last.unnamed
+        doubtful = [a for a in accepted if leads[a.name] < SHARE * unnamed]
+        if not doubtful:
+            return problem, accepted, tangents, unnamed
+        worst = min(doubtful, key=lambda a: leads[a.name])
+        less, rest, few = without(start, problem, accepted, worst.name)
+        problem, accepted, tangents = joint(less, rest) if rest else (less, [], few)
 
 
 def beyond_mismatch(first: Problem, before: Problem, after: Problem) -> float:
@@ -162,11 +176,11 @@ def _beyond(bare: Problem, before: Problem, after: Problem) -> bool:
     return beyond_mismatch(bare, before, after) > LEAST_BEYOND
 
 
-def _loudest(quiet: Problem) -> float:
-    """Largest variance of a channel in that of its rest, slower than a stretch of rest too."""
-    return max((float(np.mean(n.whiten(b[:, c][np.newaxis], c)[0, n.rows[:, c]] ** 2))
-                for n, b in zip(quiet.noise, quiet.blocks)
-                for c in range(len(CHANNELS)) if n.rows[:, c].any()), default=0.0)
+def _settled(problem: Problem, accepted: list[Accepted], tangents: list[Tangent]
+             ) -> tuple[Problem, list[Accepted], list[Tangent]]:
+    """Fit the noise to what is left, and everything beside that noise."""
+    problem.refit_noise(np.zeros(len(problem.nuisances)))
+    return joint_if_finite(problem, accepted) or (problem, accepted, tangents)
 
 
 def _shaped(problem: Problem, accepted: list[Accepted], tangents: list[Tangent]
@@ -185,45 +199,6 @@ def _shaped(problem: Problem, accepted: list[Accepted], tangents: list[Tangent]
     return problem, accepted, tangents
 
 
-def _gross(problem: Problem, accepted: Sequence[Accepted], tangents: Sequence[Tangent],
-           left: Sequence[Hypothesis], other: Problem | None
-           ) -> tuple[Problem, list[Accepted], list[Tangent]] | None:
-    """
-    Find an effect whose gap is so strong that the noise model holds it for noise.
-
-    With the noise of rest in its place the likeliest are fitted all the way and compared; the
-    best has to leave less of the gap, less than what passes beside the fitted noise, too, and to
-    hold beside noise that is fitted to what it leaves.
-    """
-    quiet = replace(problem, noise=[at_standstill(b, n) for b, n in zip(
-        problem.blocks, problem.noise)])
-    loud = _loudest(quiet)
-    strongest = max((cell.z for case, n, b in zip(problem.cases, problem.noise, problem.blocks)
-                     for cell in cells(case, n, b)[:1]), default=0.0)
-    if loud < DEAFENING and (other or (strongest < STRONG and loud < LOUD)):
-        return None
-    bench, by_name = Bench(quiet, tangents), {h.name: h for h in left}
-    best, least = None, (1.0 - LEAST_FRACTION) * misfit(problem, quiet.noise)
-    if other:
-        least = min(least, misfit(other, quiet.noise))
-    for trial, atom in bench.screen(left)[:SHORTLIST]:
-        if not np.isfinite(trial.evidence) or trial.evidence < WORTH:
-            continue
-        if atom is not None:
-            trial = refined_or_rejected(bench, by_name[trial.name], trial)
-        if not np.isfinite(trial.evidence):
-            continue
-        rough = joint_if_finite(quiet, [*accepted, Accepted.of(trial)], noise_known=True)
-        final = rough and joint_if_finite(rough[0], rough[1])
-        if not final:
-            continue
-        fitted = _shaped(*final)
-        left_over = misfit(fitted[0], quiet.noise)
-        if left_over < least and slow_gain(problem, fitted[0]) > LEAST_GROSS_GAIN:
-            best, least = fitted, left_over
-    return best
-
-
 def _drop(start: Problem, bare: Problem, problem: Problem, accepted: list[Accepted],
           tangents: list[Tangent]) -> tuple[Problem, list[Accepted], list[Tangent]]:
     """Take out what the others, fitted anew, explain as well but for a wrong form of theirs."""
@@ -240,41 +215,56 @@ def _drop(start: Problem, bare: Problem, problem: Problem, accepted: list[Accept
     return problem, accepted, tangents
 
 
+def _near(trials: Sequence[Trial], name: str, tested: int) -> list[Trial]:
+    """List what may do as well as an effect, both as screened and refined."""
+    weight, own = weights(trials), next(t for t in trials if t.name == name)
+    return [t for t in trials if t.name != name and acceptable(t, tested)
+            and (weight[t.name] > weight[name] - NEAR or t.evidence > ALIKE * own.evidence)]
+
+
 def _exchange(start: Problem, problem: Problem, accepted: list[Accepted],
               tangents: list[Tangent], found: Sequence[Hypothesis]) -> tuple[
-        Problem, list[Accepted], list[Tangent], dict[str, dict[str, float]]]:
+        Problem, list[Accepted], list[Tangent], dict[str, dict[str, float]], dict[str, float]]:
     """
     Try every other effect in the place of each accepted one; keep what is better.
 
     An effect that brings nothing any more beside noise that is fitted with it is dropped.
     """
     rivals: dict[str, dict[str, float]] = {}
+    leads: dict[str, float] = {}
     for a in list(accepted):
         less, rest, few = without(start, problem, accepted, a.name)
         taken = {b.name for b in rest}
         bench = Bench(less, few)
-        trials = ranked(bench, [h for h in found if h.name not in taken], len(found))
+        # screened anew an effect may lie far from where it was fitted to
+        fitted = Bench(problem, tangents).null_evidence - bench.null_evidence
+        anew = ranked(bench, [h for h in found if h.name not in taken], len(found))
+        near = _near(anew, a.name, len(found))
+        trials = [t._replace(evidence=max(t.evidence, fitted)) if t.name == a.name else t
+                  for t in anew]
         weight = weights(trials)
         if next(t.evidence for t in trials if t.name == a.name) < LEAST_GAIN:
             problem, accepted, tangents = joint(less, rest) if rest else (start, [], [])
             continue
         own = weight[a.name]
-        mine = next(t for t in trials if t.name == a.name)
-        near = [t for t in trials if t.name != a.name and acceptable(t, len(found))
-                and (weight[t.name] > own - NEAR or t.evidence > ALIKE * mine.evidence)]
+        mine, degrees = next(t for t in trials if t.name == a.name), a.degrees
         for t in near[:TRIES]:
             refitted = joint_if_finite(less, [*rest, Accepted.of(t)], t.nuisances)
             if refitted is None:
                 weight[t.name] = -np.inf
                 continue
             other = _shaped(*refitted)
-            lead = 0.5 * (misfit(problem, problem.noise) - misfit(other[0], problem.noise))
-            odds = lead / tempered(trials) - PARSIMONY * (t.degrees - mine.degrees)
+            lead = (Bench(replace(other[0], noise=problem.noise), other[2]).null_evidence
+                    - Bench(problem, tangents).null_evidence)
+            odds = lead / tempered(trials) - PARSIMONY * (t.degrees - degrees)
             weight[t.name] = own + odds
             if odds > 0.0:
                 problem, accepted, tangents = other
-                mine, own = t, weight[t.name]
+                mine = t._replace(evidence=mine.evidence + lead)
+                degrees, own = t.degrees, weight[t.name]
         now = {b.name for b in accepted}
+        possible = {t.name for t in trials if t.evidence > LEAST_GAIN}
+        leads[mine.name] = mine.evidence
         rivals[mine.name] = {name: float(value - own) for name, value in weight.items()
-                             if name not in now and np.isfinite(value)}
-    return problem, accepted, tangents, rivals
+                             if name in possible - now and np.isfinite(value)}
+    return problem, accepted, tangents, rivals, leads

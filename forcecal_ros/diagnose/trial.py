@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from forcecal_ros.diagnose.discrepancy import NONE, Sizes
 from forcecal_ros.diagnose.evidence import Score
 from forcecal_ros.geometry import Array
 import numpy as np
@@ -37,6 +38,8 @@ class Trial(NamedTuple):
         Held-out samples.
     refined : bool
         Whether the parameters were refined on simulations.
+    discrepancy : tuple of float
+        Sizes at which the hypothesis is likeliest.
     """
 
     name: str
@@ -52,6 +55,7 @@ class Trial(NamedTuple):
     excess: float
     n: int
     refined: bool
+    discrepancy: Sizes = NONE
 
     @property
     def p(self) -> float:

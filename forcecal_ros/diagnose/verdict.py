@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 import math
 from typing import NamedTuple
 
+from forcecal_ros.diagnose.ranking import SHARE
+
 CANDIDATES = 0.95
 """Probability that the candidate set covers."""
 
@@ -22,6 +24,12 @@ Log-odds that effects are the cause which close nothing; more for each factor of
 gap shrinks, less for each effect beyond one: a logistic fit to 150 effects that were named in
 opened blind recordings.
 """
+
+HALF = 0.5
+"""Share below which effects that are sure leave more than they explain."""
+
+STEEPNESS = 3.0
+"""Log-odds of an effect against a discrepancy for each factor of ten by which it brings more."""
 
 SURE = 0.9
 """Most of the probability of unknown: some gaps are known effects in forms of their own."""
@@ -45,8 +53,28 @@ class Remains(NamedTuple):
     words: str
 
 
+def doubt(lead: float, unnamed: float) -> float:
+    """
+    Return the probability that a discrepancy only looks like an effect.
+
+    Parameters
+    ----------
+    lead : float
+        Log-evidence of the effect against a discrepancy in its place.
+    unnamed : float
+        Log-likelihood that is wanting still; 0: nothing.
+
+    Returns
+    -------
+    float
+    """
+    if unnamed <= 0.0:
+        return 0.0
+    return _sigmoid(-STEEPNESS * math.log10(max(lead, 1e-9) / (SHARE * unnamed)))
+
+
 def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], remains: Remains,
-                  closed: float, known: int = 0
+                  closed: float, known: int = 0, doubts: Mapping[str, float] | None = None
                   ) -> tuple[dict[str, float], list[tuple[str, float]]]:
     """
     Turn log-odds into probabilities.
@@ -60,6 +88,8 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], remains: Rem
         Share of the gap that is closed.
     known : int
         Effects that close a part of it besides, known before any model.
+    doubts : mapping of str to float, optional
+        Of each accepted effect, where a discrepancy is allowed for: that it is none.
 
     Returns
     -------
@@ -69,14 +99,16 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], remains: Rem
         Most probable first, as many as cover 95 %, those of every accepted effect.
     """
     several = len(slots) + known
-    if several and (remains.ratio < 1.0 or closed >= NAMED):
+    if several and (doubts or remains.ratio < 1.0 or closed >= NAMED):
         rest = math.log10(max(1e-4, 1.0 - closed))
         unknown = _sigmoid(-TRUST + PER_DECADE * rest + PER_FURTHER * (several - 1))
     else:
         unknown = min(SURE, _sigmoid(8.0 * (min(remains.ratio, 3.0) - 1.0)))
     named: dict[str, float] = {}
     chosen: dict[str, float] = {}
+    nameless = unknown
     for name, rivals in slots:
+        unknown = 1.0 - (1.0 - nameless) * (1.0 - (doubts or {}).get(name, 0.0))
         weights = {name: 1.0}
         weights.update({k: math.exp(min(0.0, v)) for k, v in rivals.items()
                         if k != name})
@@ -100,7 +132,8 @@ def _sigmoid(log_odds: float) -> float:
 
 
 def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remains: Remains,
-            closed: float | None, excited: bool, whole: bool = True) -> tuple[str, str]:
+            closed: float | None, excited: bool, whole: bool = True, allowed: bool = False
+            ) -> tuple[str, str]:
     """
     Say it in one word and one sentence.
 
@@ -116,6 +149,8 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remai
         Whether the recording moves enough to tell effects apart.
     whole : bool
         Whether every stream could be looked at.
+    allowed : bool
+        Whether the effects were weighed beside a discrepancy, which then is what is left.
 
     Returns
     -------
@@ -136,6 +171,8 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remai
     if closed is None:
         done, closed = 'shows in stamps and values', 1.0
     doubtful = dict(candidates).get(UNKNOWN, 0.0) > 0.5
+    if allowed and not doubtful:
+        return _beside_discrepancy(named, candidates, remains, closed, done)
     if left and (closed < NAMED or doubtful):
         closest = f'{listed} comes closest and {done}; unexplained: ' if closed > 0.0 else ''
         return 'unknown', (f'no effect of the library explains the gap: {closest}'
@@ -149,4 +186,18 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remai
     if others:
         return 'ambiguous', (f'{listed} {done}, but {" or ".join(others)} explains it '
                              f'about as well{rest}')
+    return 'identified', f'{listed} {done}{rest}'
+
+
+def _beside_discrepancy(named: Sequence[str], candidates: Sequence[tuple[str, float]],
+                        remains: Remains, closed: float, done: str) -> tuple[str, str]:
+    """Say what is sure although something is left that the library does not have."""
+    listed = ' and '.join(named)
+    rest = f'; what remains: {remains.words}' if remains.ratio >= 1.0 else ''
+    others = [n for n, _ in candidates if n not in named and n != UNKNOWN]
+    if closed < HALF:
+        return 'partial', f'{listed} {done}{rest}'
+    if others:
+        return 'ambiguous', (f'{listed} {done}, but {" or ".join(others)} explains it about as '
+                             f'well{rest}')
     return 'identified', f'{listed} {done}{rest}'
