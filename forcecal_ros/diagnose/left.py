@@ -184,7 +184,8 @@ def remains(left: Left) -> Remains:
     several = int(impulses.max())
     line = max(left.lines, key=lambda one: one.power, default=None)
     options = [
-        (left.unnamed / WITHOUT_NAME, _discrepancy_in_words(left)) if left.unnamed else
+        (left.unnamed / WITHOUT_NAME * (z[c] > 0.0), _discrepancy_in_words(left))
+        if left.unnamed else
         (float(z[c]) / remainder.PREDICTABLE,
          f'{CHANNELS[c].name}, predictable from the motion ({z[c]:.1f} sigma)'),
         (cell.z / remainder.STRONG,
