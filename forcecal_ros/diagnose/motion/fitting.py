@@ -212,6 +212,11 @@ class Fitting:
         values, _ = self.refine(wanted, {**self.values, **start}, steps=2)
         return Trial(effects, values, self.terms_in(effects), *self.judged(values))
 
+    def wanting(self) -> float:
+        """Return the log-likelihood that held-out blocks would gain if nothing were left."""
+        return sum(0.5 * gram(n, [], r, [c.held[::EVERY]])[0].square for n, r, c in zip(
+            self.noise, self.residual, self.cases))
+
     def _train_cost(self, values: dict[str, float]) -> float:
         return sum(gram(n, [], r, [c.train[::EVERY]])[0].square for n, r, c in zip(
             self.noise, self.residuals(values), self.cases))

@@ -14,7 +14,7 @@ from forcecal_ros.diagnose.motion.known import Known
 from forcecal_ros.diagnose.motion.model import DELAYS, terms_of, WRENCH_AXES
 from forcecal_ros.diagnose.pairing import check_alike, require_overlap
 from forcecal_ros.diagnose.result import Diagnosis, Found, Parameter
-from forcecal_ros.diagnose.verdict import UNKNOWN
+from forcecal_ros.diagnose.verdict import doubt, UNKNOWN
 from forcecal_ros.diagnose.where import places
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
@@ -180,9 +180,10 @@ def _conclude(state: Fitting, recalibrated: dict[str, float], notes: list[str]
     cases = tuple(state.cases)
     arms = Arms.of(cases, {}, recalibrated, state.values)
     measured, full = arms.gap(slow=True), arms.gap(slow=False)
-    effects = [Found(name, _parameters(state, name), _without(state, parts).probability)
-               for name, parts in _found(state).items()]
     ratio, left = arms.left()
+    wanting = state.wanting() if ratio > SOUND else 0.0
+    effects = [Found(name, _parameters(state, name), _probability(_without(state, parts), wanting))
+               for name, parts in _found(state).items()]
     word, sentence = _verdict(state, measured, ratio, left)
     invisible = _not_excited(state)
     notes = notes + [f'{name}: the offset from what was known is {mean:+.3g} {unit}'
@@ -204,6 +205,11 @@ def _conclude(state: Fitting, recalibrated: dict[str, float], notes: list[str]
     diagnosis = Diagnosis(word, sentence, tuple(effects), tuple(candidates), found, measured,
                           tuple(invisible), tuple(notes), {'ratio': ratio})
     return MotionOutcome(diagnosis, dict(state.values), full, arms, _delay_std(state))
+
+
+def _probability(trial: Trial, wanting: float) -> float:
+    """Of an effect: that it is significant, and no part of what no effect explains."""
+    return trial.probability * (1.0 - doubt(0.5 * trial.score.removed, wanting))
 
 
 def _delay_std(state: Fitting) -> float | None:
