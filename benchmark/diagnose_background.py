@@ -22,14 +22,12 @@ import argparse
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
-import json
 from pathlib import Path
 import sys
 import time
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'benchmark')]
@@ -37,7 +35,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / 'benchmark')]
 from background_cases import BASES, make, plan
 from background_kinds import HALVES, KINDS
 import background_kuka
-from forcecal_ros.parallel import each
+from resumable import resumed
 
 __all__ = ['make', 'plan']
 
@@ -244,17 +242,10 @@ def main() -> None:
         print(f'kuka is left out: {background_kuka.DATA} is not there; set FORCECAL_DATA')
     wanted = [c for b in bases
               for c in plan(arguments.cases, b, arguments.half, arguments.seed)]
-    done = {_identity(r): r for r in map(json.loads, arguments.out.read_text().splitlines())} \
-        if arguments.out.exists() else {}
-    left = [c for c in wanted if _identity(c) not in done]
-    for outcome in tqdm(each(run, left, jobs=arguments.jobs), total=len(left), disable=None):
-        if outcome.value is None:
-            print(left[outcome.index], outcome.error, file=sys.stderr)
-            continue
-        with arguments.out.open('a') as file:
-            file.write(json.dumps(outcome.value) + '\n')
-        done[_identity(outcome.value)] = json.loads(json.dumps(outcome.value))
-    results = [done[_identity(c)] for c in wanted if _identity(c) in done]
+    done = resumed(run, wanted, arguments.out, arguments.jobs,
+                   lambda case, result: _identity(case) == _identity(result))
+    known = {_identity(r): r for r in done}
+    results = [known[_identity(c)] for c in wanted if _identity(c) in known]
     if not results:
         return
     if arguments.list:

@@ -8,20 +8,18 @@ and lost samples: see diagnose_cases.py. Interrupted, it goes on where it stoppe
 """
 
 import argparse
-import json
 from pathlib import Path
 import sys
 import time
 from typing import Any
 
 from forcecal_ros.diagnose.pipeline import diagnose
-from forcecal_ros.parallel import each
 from forcecal_ros.simulators.rig.file import load_rig
-from tqdm import tqdm
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 import diagnose_cases as cases
+from resumable import resumed
 
 PAIRS = (
     ('wrench_crosstalk', 'tool_friction'), ('accel_misalignment', 'tool_backlash'),
@@ -96,17 +94,8 @@ def main() -> None:
     parser.add_argument('--seeds', type=int, default=1, help='of each effect alone')
     parser.add_argument('--none', type=int, default=10, help='recordings without effect')
     arguments = parser.parse_args()
-    done = [json.loads(line) for line in arguments.out.read_text().splitlines()] \
-        if arguments.out.exists() else []
-    wanted = plan(arguments.seeds, arguments.none)
-    left = [c for c in wanted if not any(c.items() <= d.items() for d in done)]
-    for outcome in tqdm(each(run, left, jobs=arguments.jobs), total=len(left), disable=None):
-        if outcome.value is None:
-            print(left[outcome.index], outcome.error, file=sys.stderr)
-            continue
-        with arguments.out.open('a') as file:
-            file.write(json.dumps(outcome.value) + '\n')
-        done.append(outcome.value)
+    done = resumed(run, plan(arguments.seeds, arguments.none), arguments.out, arguments.jobs,
+                   lambda case, result: case.items() <= result.items())
     print('| truth | raw, net energy | verdict | named (candidates) | closed | |\n' + '|---' * 6
           + '|')
     for r in done:

@@ -5,7 +5,7 @@ from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.channels import BLOCK
-from forcecal_ros.diagnose.replay import Signals
+from forcecal_ros.diagnose.replay import block_means, RATE, Signals
 from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
@@ -125,7 +125,7 @@ def _of_motion(s: Signals) -> dict[str, list[Array]]:
 
 def _of_time(s: Signals, frequencies: Sequence[float]) -> tuple[Array, Array]:
     """Return drifts and lines, which begin anew in each recording."""
-    n = len(_means(s.optidrive[:, np.newaxis])[0])
+    n = len(s.optidrive) // round(BLOCK * RATE)
     u = (np.arange(n) + 0.5) / n
     t = s.start + BLOCK * (np.arange(n) + 0.5)
     waves = [wave(2.0 * np.pi * f * t) for f in frequencies for wave in (np.sin, np.cos)]
@@ -135,8 +135,7 @@ def _of_time(s: Signals, frequencies: Sequence[float]) -> tuple[Array, Array]:
 
 def _means(values: Array) -> Array:
     """Return block means, channels first."""
-    per = round(BLOCK * 1000.0)
-    return np.asarray(values.reshape(-1, per, values.shape[1]).mean(axis=1).T)
+    return block_means(values).T
 
 
 def _products(rows: Array) -> list[Array]:

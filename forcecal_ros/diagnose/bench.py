@@ -1,6 +1,6 @@
 """Fits hypotheses on training data beside what is explained already; judges on the rest."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.channels import COLUMNS
@@ -93,17 +93,14 @@ class Bench:
         """Return levels of one size in all streams, and the likeliest of any."""
         levels = [self._level((size,) * len(COLUMNS)) for size in SIZES]
         start = max(levels, key=lambda level: level.evidence).sizes
-        best = ascended(self._products, self._evidence(self.null_prior), start)
+        best = ascended(self._products, lambda grams: fit(
+            grams[0] + grams[1], self.null_prior).log_evidence, start)
         return levels if best == start else [*levels, self._level(best)]
 
     def _level(self, sizes: Sizes) -> '_Level':
         train, held = self._products.at(sizes)
         null = fit(train, self.null_prior)
         return _Level(sizes, train, held, null, fit(train + held, self.null_prior).log_evidence)
-
-    @staticmethod
-    def _evidence(prior: Prior) -> Callable[[tuple[Gram, Gram]], float]:
-        return lambda grams: fit(grams[0] + grams[1], prior).log_evidence
 
     @property
     def unnamed(self) -> float:
@@ -131,6 +128,8 @@ class Bench:
             [*self.extra[i], *(c for _, a in atoms for c in a.columns[i])] for i in cases]
         products = self.problem.products(all_columns)
         grams = [products.at(level.sizes) for level in self.levels]
+        train, held = products.at(self.sizes)
+        both = train + held
         best: dict[str, tuple[Trial, Atom | None]] = {}
 
         def keep(h: Hypothesis, trial: Trial, atom: Atom | None) -> None:
@@ -145,9 +144,7 @@ class Bench:
         for h, atom in atoms:
             chosen = [np.arange(len(atom.free))]
             if len(atom.free) >= MANY:
-                train, held = next(g for g, level in zip(grams, self.levels)
-                                   if level.sizes == self.sizes)
-                chosen.append(self._grown(position, len(atom.free), train + held))
+                chosen.append(self._grown(position, len(atom.free), both))
             for part in chosen:
                 index = np.concatenate([np.arange(self.base), position + part])
                 own = fewer(h.effect, atom, part)
@@ -179,8 +176,8 @@ class Bench:
                grams: Sequence[tuple[Gram, Gram]], columns: list[list[Column]]) -> Trial:
         k = len(grams[0][0].vector) - self.base
         prior = self._prior(released, np.zeros(k))
-        level, (_, held), joint = self._likeliest(grams, prior)
-        found = fit(grams[self.levels.index(level)][0], prior)
+        level, (train, held), joint = self._likeliest(grams, prior)
+        found = fit(train, prior)
         evidence = joint.log_evidence - self.null_evidence - np.log(h.ways)
         gain = joint.log_evidence - found.log_evidence - self.null_predictive
         null = np.concatenate([level.null.x, np.zeros(k)])

@@ -89,17 +89,15 @@ class Discrepancy:
 
     def __init__(self, of: Basis, signal: Array, train: Sequence[BoolArray]) -> None:
         self.basis, self.signal, self.train = of, signal, list(train)
-        self._kept: list[tuple[list[Autoregression], Beside]] = []
+        self._kept: Beside | None = None
 
     def beside(self, noise: Sequence[Autoregression]) -> 'Beside':
         """Return it whitened by a noise; the last one, which takes much memory, is kept."""
-        for known, found in self._kept:
-            if len(known) == len(noise) and all(a is b for a, b in zip(known, noise)):
-                return found
-        self._kept.clear()
-        found = Beside(self.basis, self.signal, self.train, list(noise))
-        self._kept.append((list(noise), found))
-        return found
+        kept = self._kept
+        if kept is None or any(a is not b for a, b in zip(kept.noise, noise, strict=True)):
+            self._kept = None
+            self._kept = kept = Beside(self.basis, self.signal, self.train, list(noise))
+        return kept
 
 
 class Beside:

@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.bench import Bench
-from forcecal_ros.diagnose.discrepancy import NONE
 from forcecal_ros.diagnose.hypotheses import bounds_of, values_of
 from forcecal_ros.diagnose.nuisances import LIMIT
 from forcecal_ros.diagnose.problem import Diverged, Problem
@@ -13,7 +12,6 @@ from forcecal_ros.diagnose.tangent import Tangent, tangent
 from forcecal_ros.diagnose.trial import Trial
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.geometry import Array
-from forcecal_ros.recording.noise.autoregression import Autoregression
 import numpy as np
 from numpy.typing import NDArray
 
@@ -160,26 +158,6 @@ def without(start: Problem, problem: Problem, accepted: Sequence[Accepted], name
     out.centre = out.moved(out.fit_nuisances().x)
     out.settle()
     return out, rest, [_tangent(out, a) for a in rest if len(a.theta)]
-
-
-def misfit(problem: Problem, noise: list[Autoregression]) -> float:
-    """
-    Whitened squares of what a problem leaves, on all blocks, and what its priors cost.
-
-    Parameters
-    ----------
-    problem : Problem
-    noise : list of Autoregression
-        Of each recording, to whiten by.
-
-    Returns
-    -------
-    float
-    """
-    prior, like = problem.prior(), replace(problem, noise=noise)
-    trained, held = like.beside().products([[] for _ in like.cases], like.blocks,
-                                           problem.allowed == NONE).at(problem.allowed)
-    return float((prior.centre * prior.precision) @ prior.centre + trained.square + held.square)
 
 
 def _moved(accepted: Sequence[Accepted], tangents: Sequence[Tangent], bench: Bench,

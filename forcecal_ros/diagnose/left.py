@@ -22,7 +22,6 @@ import numpy as np
 WANDERING = 0.03
 """Of a vibration's frequency, within which its speed may wander."""
 
-
 WITHOUT_NAME = 10.0
 """Log-evidence of a discrepancy from which something is left: odds of 20,000 to one."""
 
@@ -99,7 +98,7 @@ def discrepant(p: Problem) -> list[Array]:
     list of ndarray, shape (n, 16)
         In each recording.
     """
-    weights = p.beside().products([[] for _ in p.cases], p.blocks).trained(p.allowed)
+    weights = p.unexplained().trained(p.allowed)
     return p.beside().of_weights(weights, [b.shape for b in p.blocks])
 
 

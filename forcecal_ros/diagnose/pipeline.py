@@ -195,8 +195,8 @@ def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Che
         effects = [Found('unknown', {}, dict(candidates).get('unknown', 0.9))]
         # what is not named is not added to the rig; a gap without a name looks like noise
         final = replace(p, noise=[at_standstill(b, n) for b, n in zip(p.blocks, p.noise)])
-        selection = selection._replace(problem=final, accepted=(), tangents=(), rivals={})
-        measured, noise = _measured(first, selection, look(final, selection.unnamed), observed)
+        selection = Selection(final, (), (), {}, selection.screened)
+        measured, noise = _measured(first, selection, look(final), observed)
     elif word == 'not_excited':
         effects = []
     diagnosis = Diagnosis(

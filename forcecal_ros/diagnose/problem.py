@@ -10,7 +10,7 @@ from forcecal_ros.diagnose.columns import Column, column, combined, nuisance_col
 from forcecal_ros.diagnose.discrepancy import Beside, Discrepancy, NONE, Products, Sizes
 from forcecal_ros.diagnose.evidence import Fit, fit, Gram, Prior
 from forcecal_ros.diagnose.nuisances import apply_all, LIMIT, Nuisance, nuisances, spreads
-from forcecal_ros.diagnose.replay import Signals
+from forcecal_ros.diagnose.replay import block_means, Signals
 from forcecal_ros.effects import with_effects
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import ForcecalError
@@ -182,10 +182,21 @@ class Problem:
 
     def standing(self) -> float:
         """Log-likelihood of the training blocks, and prior, with everything as it is."""
+        return -0.5 * (self.unexplained().at(self.allowed)[0].square + self._cost())
+
+    def misfit(self) -> float:
+        """Whitened squares that are left on all blocks, and what the priors cost."""
+        trained, held = self.unexplained().at(self.allowed)
+        return trained.square + held.square + self._cost()
+
+    def unexplained(self) -> Products:
+        """Return inner products of the residuals alone."""
+        return self.beside().products([[] for _ in self.cases], self.blocks,
+                                      self.allowed == NONE)
+
+    def _cost(self) -> float:
         prior = self.prior()
-        trained = self.beside().products([[] for _ in self.cases], self.blocks,
-                                         self.allowed == NONE).at(self.allowed)[0]
-        return -0.5 * (trained.square + float((prior.centre * prior.precision) @ prior.centre))
+        return float((prior.centre * prior.precision) @ prior.centre)
 
     def refit_noise(self, x: Array) -> None:
         """Fit the noise of what a step of the nuisances, and any discrepancy, leave."""
@@ -249,13 +260,10 @@ def problem(rig: Rig, cases: tuple[Case, ...]) -> Problem:
 def _signal(p: Problem) -> Array:
     """Return what each channel shows, the largest of its vector: standard deviation, (16,)."""
     shown = []
-    for case, s in zip(p.cases, p.base):
-        n = len(case.groups)
+    for s in p.base:
         rotation = rotation_vector(s.R_base_sensor[0].T @ s.R_base_sensor)
-        rows = np.concatenate([s.wrench, s.volts, s.optidrive[:, np.newaxis], s.position,
-                               rotation], axis=1)
-        shown.append(rows.reshape(n, -1, rows.shape[1]).mean(axis=1))
+        shown.append(block_means(np.concatenate(
+            [s.wrench, s.volts, s.optidrive[:, np.newaxis], s.position, rotation], axis=1)))
     std = np.concatenate(shown).std(axis=0)
-    for axes in (slice(0, 3), slice(3, 6), slice(6, 9), slice(10, 13), slice(13, 16)):
-        std[axes] = std[axes].max()
-    return np.asarray(std)
+    vectors = np.array([c.name[:-1] for c in CHANNELS])
+    return np.array([std[vectors == vector].max() for vector in vectors])

@@ -6,7 +6,7 @@ from forcecal_ros.diagnose.blocked import Blocked
 from forcecal_ros.diagnose.case import Case
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.problem import Problem
-from forcecal_ros.diagnose.replay import Signals
+from forcecal_ros.diagnose.replay import block_means, Signals
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.autoregression import Autoregression
 import numpy as np
@@ -81,20 +81,18 @@ class Cell(NamedTuple):
         return float(norm.sf(self.z))
 
 
-def features(case: Case, s: Signals) -> Array:
+def features(s: Signals) -> Array:
     """
     List the inputs that an unknown effect may depend on, as block means.
 
     Parameters
     ----------
-    case : Case
     s : Signals
 
     Returns
     -------
     ndarray, shape (k, n)
     """
-    n = len(case.groups)
     v_sensor = np.einsum('nij,ni->nj', s.R_base_sensor, s.velocity)
     time = (np.arange(len(s.wrench)) / len(s.wrench))[:, np.newaxis]
     push = s.contact[:, :3]
@@ -111,8 +109,7 @@ def features(case: Case, s: Signals) -> Array:
         np.abs(s.velocity), s.optidrive[:, np.newaxis] ** 3, wrench[:, :3] ** 2,
         wrench[:, :3] ** 3, push ** 2, np.sqrt(np.abs(push)), (np.abs(push) > 0.0),
         s.omega ** 2, s.velocity ** 2], axis=1)
-    base = np.concatenate([main, slow], axis=1).reshape(n, -1, main.shape[1] + slow.shape[1])
-    blocks = base.mean(axis=1).T
+    blocks = block_means(np.concatenate([main, slow], axis=1)).T
     shifted = [np.roll(blocks[:main.shape[1]], lag, axis=1) for lag in LAGS]
     out = np.concatenate([blocks, *shifted])
     scale = np.sqrt(np.mean(out ** 2, axis=1, keepdims=True))
@@ -136,7 +133,7 @@ def ceiling(problem: Problem, signals: list[Signals], blocks: list[Array]) -> Ce
     -------
     Ceiling
     """
-    inputs = [features(c, s) for c, s in zip(problem.cases, signals)]
+    inputs = [features(s) for s in signals]
     k = min(len(i) for i in inputs)
     inputs = [i[:k] for i in inputs] if all(len(i) == k for i in inputs) else \
         [_padded(i, max(map(len, inputs))) for i in inputs]

@@ -72,6 +72,11 @@ class Signals(NamedTuple):
     specific_force: Array
 
 
+def block_means(values: Array) -> Array:
+    """Average replayed signals over blocks, shape (n, k) to (blocks, k)."""
+    return np.asarray(values.reshape(-1, round(BLOCK * RATE), values.shape[1]).mean(axis=1))
+
+
 class Replay:
     """
     One stream of commands, simulated as often as needed.

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from forcecal_ros.diagnose.bench import Bench
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.hypotheses import Hypothesis
-from forcecal_ros.diagnose.joint import Accepted, joint, joint_if_finite, misfit, without
+from forcecal_ros.diagnose.joint import Accepted, joint, joint_if_finite, without
 from forcecal_ros.diagnose.memory import slow_gain
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.ranking import (
@@ -107,8 +107,7 @@ def select(problem: Problem, found: Sequence[Hypothesis], bare: Problem) -> Sele
     while len(accepted) < MOST_EFFECTS:
         left = [h for h in found if h.name not in out | {a.name for a in accepted}]
         tested, others = sum(h.ways for h in left), accepted or problem.fixed
-        bench = Bench(problem, tangents)
-        trials = ranked(bench, left, tested)
+        trials = ranked(Bench(problem, tangents), left, tested)
         first = first or tuple(trials)
         fitted = None
         while (best := next((t for t in trials if t.name not in out
@@ -208,7 +207,7 @@ def _drop(start: Problem, bare: Problem, problem: Problem, accepted: list[Accept
         full = Bench(problem, tangents).null_predictive
         less, rest, few = without(start, problem, accepted, a.name)
         fitted = joint(less, rest)
-        worse = misfit(fitted[0], problem.noise) - misfit(problem, problem.noise)
+        worse = fitted[0].misfit() - problem.misfit()
         if Bench(less, few).null_predictive > full - LEAST_GAIN or worse < 2.0 * LEAST_GAIN \
                 or not _beyond(bare, fitted[0], problem):
             problem, accepted, tangents = fitted
@@ -235,9 +234,9 @@ def _exchange(start: Problem, problem: Problem, accepted: list[Accepted],
     for a in list(accepted):
         less, rest, few = without(start, problem, accepted, a.name)
         taken = {b.name for b in rest}
-        bench = Bench(less, few)
+        bench, standing = Bench(less, few), Bench(problem, tangents).null_evidence
         # screened anew an effect may lie far from where it was fitted to
-        fitted = Bench(problem, tangents).null_evidence - bench.null_evidence
+        fitted = standing - bench.null_evidence
         anew = ranked(bench, [h for h in found if h.name not in taken], len(found))
         near = _near(anew, a.name, len(found))
         trials = [t._replace(evidence=max(t.evidence, fitted)) if t.name == a.name else t
@@ -254,14 +253,14 @@ def _exchange(start: Problem, problem: Problem, accepted: list[Accepted],
                 weight[t.name] = -np.inf
                 continue
             other = _shaped(*refitted)
-            lead = (Bench(replace(other[0], noise=problem.noise), other[2]).null_evidence
-                    - Bench(problem, tangents).null_evidence)
+            evidence = Bench(other[0], other[2]).null_evidence
+            lead = evidence - standing
             odds = lead / tempered(trials) - PARSIMONY * (t.degrees - degrees)
             weight[t.name] = own + odds
             if odds > 0.0:
                 problem, accepted, tangents = other
                 mine = t._replace(evidence=mine.evidence + lead)
-                degrees, own = t.degrees, weight[t.name]
+                degrees, own, standing = t.degrees, weight[t.name], evidence
         now = {b.name for b in accepted}
         possible = {t.name for t in trials if t.evidence > LEAST_GAIN}
         leads[mine.name] = mine.evidence

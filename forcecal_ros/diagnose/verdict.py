@@ -106,15 +106,14 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], remains: Rem
         unknown = min(SURE, _sigmoid(8.0 * (min(remains.ratio, 3.0) - 1.0)))
     named: dict[str, float] = {}
     chosen: dict[str, float] = {}
-    nameless = unknown
     for name, rivals in slots:
-        unknown = 1.0 - (1.0 - nameless) * (1.0 - (doubts or {}).get(name, 0.0))
+        nameless = 1.0 - (1.0 - unknown) * (1.0 - (doubts or {}).get(name, 0.0))
         weights = {name: 1.0}
         weights.update({k: math.exp(min(0.0, v)) for k, v in rivals.items()
                         if k != name})
         total = sum(weights.values())
-        shares = {k: (1.0 - unknown) * w / total for k, w in weights.items()}
-        shares[UNKNOWN] = unknown
+        shares = {k: (1.0 - nameless) * w / total for k, w in weights.items()}
+        shares[UNKNOWN] = nameless
         named[name] = shares[name]
         covered = 0.0
         for k, share in sorted(shares.items(), key=lambda pair: -pair[1]):
@@ -171,33 +170,19 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remai
     if closed is None:
         done, closed = 'shows in stamps and values', 1.0
     doubtful = dict(candidates).get(UNKNOWN, 0.0) > 0.5
-    if allowed and not doubtful:
-        return _beside_discrepancy(named, candidates, remains, closed, done)
-    if left and (closed < NAMED or doubtful):
+    beside = allowed and not doubtful
+    if not beside and left and (closed < NAMED or doubtful):
         closest = f'{listed} comes closest and {done}; unexplained: ' if closed > 0.0 else ''
         return 'unknown', (f'no effect of the library explains the gap: {closest}'
                            f'{remains.words}')
-    rest = f'; unexplained: {remains.words}' if left else ''
+    rest = f'; {"what remains" if beside else "unexplained"}: {remains.words}' if left else ''
     if doubtful:
         rest += '; one effect that is not in the library is likelier than these together'
-    if doubtful or (left and (closed < WHOLE or remains.ratio > GLARING)):
+    partly = doubtful or (left and (closed < WHOLE or remains.ratio > GLARING))
+    if closed < HALF if beside else partly:
         return 'partial', f'{listed} {done}{rest}'
     others = [n for n, _ in candidates if n not in named and n != UNKNOWN]
     if others:
         return 'ambiguous', (f'{listed} {done}, but {" or ".join(others)} explains it '
                              f'about as well{rest}')
-    return 'identified', f'{listed} {done}{rest}'
-
-
-def _beside_discrepancy(named: Sequence[str], candidates: Sequence[tuple[str, float]],
-                        remains: Remains, closed: float, done: str) -> tuple[str, str]:
-    """Say what is sure although something is left that the library does not have."""
-    listed = ' and '.join(named)
-    rest = f'; what remains: {remains.words}' if remains.ratio >= 1.0 else ''
-    others = [n for n, _ in candidates if n not in named and n != UNKNOWN]
-    if closed < HALF:
-        return 'partial', f'{listed} {done}{rest}'
-    if others:
-        return 'ambiguous', (f'{listed} {done}, but {" or ".join(others)} explains it about as '
-                             f'well{rest}')
     return 'identified', f'{listed} {done}{rest}'

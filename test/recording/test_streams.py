@@ -79,11 +79,11 @@ DELAY = 2.0
 """Before the first message is played, for the recorder to find the topics [s]."""
 
 
-SPEEDS = (1.0, 0.5, 0.2)
+SPEEDS = (1.0, 1.0, 0.4, 0.2)
 """Of the rig, try after try: a machine that others keep busy may lose some at full rate."""
 
 
-def record_rig(path, speed, seconds=1.5):
+def record_rig(path, speed, seconds=2.5):
     """Record all that the simulated rig says; returns how many messages of each topic."""
     with Live() as live:
         stamps = []
@@ -140,7 +140,7 @@ def test_the_full_rate_of_the_rig_is_recorded_and_played_without_a_loss(ros_doma
         if not any(gaps(first).values()):
             break
     assert gaps(first) == dict.fromkeys(STREAMS, 0), f'at {speed} of the full rate'
-    assert min(counts.values()) > 500
+    assert min(counts.values()) > 900
     recorded = list(read_messages(first))
     assert len(recorded) == sum(counts.values())
 
