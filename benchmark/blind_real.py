@@ -23,10 +23,11 @@ sys.path.insert(0, str(ROOT))
 
 from forcecal_ros.calibration.file import load
 from forcecal_ros.cli import main as forcecal
-from forcecal_ros.diagnose.motion.known import known_from_calibration
-from forcecal_ros.diagnose.motion.pipeline import diagnose_motion
+from forcecal_ros.diagnose.body import as_specific_force, body_of_calibration
+from forcecal_ros.diagnose.by_motion import diagnose_motion
 from forcecal_ros.recording.bags import read_recording
 from forcecal_ros.recording.streams import Stream
+from forcecal_ros.simulators.rig.file import load_rig
 import numpy as np
 
 DATA = Path(os.environ.get('FORCECAL_DATA', ROOT.parent / 'shared' / 'data')) / 'kuka_lbr_med'
@@ -80,16 +81,18 @@ def prepared(folder):
     return read_recording(folder / 'baseline'), load(folder / 'known.yaml')
 
 
-def named(recording, known):
-    diagnosis = diagnose_motion(recording, None, known).diagnosis
-    return diagnosis, {one.name: {name: p.value for name, p in one.parameters.items()}
-                       for one in diagnosis.effects}
+def named(recording, calibration):
+    """Diagnose; the delay between both sensors, which no calibration from poses knows, along."""
+    body = body_of_calibration(calibration, load_rig('rigid_tool.yaml'))
+    outcome = diagnose_motion(as_specific_force(recording, calibration.accelerometer), None, body)
+    effects = {one.name: {name: p.value for name, p in one.parameters.items()}
+               for one in outcome.diagnosis.effects}
+    return outcome.diagnosis, effects, outcome.recalibrations['accelerometer.delay'][0]
 
 
-def lag(effects):
+def lag(effects, behind):
     """Return how far the wrench lags: both delays are one number, the arm has its own."""
-    return (effects.get('wrench_delay', {}).get('delay', 0.0)
-            - effects.get('accel_delay', {}).get('delay', 0.0))
+    return effects.get('wrench_delay', {}).get('delay', 0.0) - behind
 
 
 def main():
@@ -97,25 +100,25 @@ def main():
         sys.exit(f'blind_real: {DATA} is not there; set FORCECAL_DATA')
     with tempfile.TemporaryDirectory() as folder:
         recording, calibration = prepared(Path(folder))
-    known, bias = known_from_calibration(calibration), calibration.wrench_bias.value
-    diagnosis, untouched = named(recording, known)
+    bias = calibration.wrench_bias.value
+    diagnosis, untouched, behind = named(recording, calibration)
     print('| injected | size | verdict | closed | found | of that effect | wrench behind '
           'accelerometer | besides |')
     print('|---|---|---|---|---|---|---|---|')
     print(f'| nothing | | {diagnosis.verdict} | {100 * diagnosis.gap.closed:.0f} % | | | '
-          f'{1000 * lag(untouched):.1f} ms | '
+          f'{1000 * lag(untouched, behind):.1f} ms | '
           f'{", ".join(untouched)} |', flush=True)
     for name, function, sizes, unit in INJECTED:
         for size in sizes:
             wrench = recording.wrench
             values = function(wrench.t, wrench.values, bias, size)
             changed = replace(recording, wrench=Stream(wrench.t, values, wrench.frame))
-            diagnosis, effects = named(changed, known)
+            diagnosis, effects, behind = named(changed, calibration)
             numbers = ', '.join(f'{key} {value:.3g}' for key, value in
                                 effects.get(name, {}).items() if abs(value) > 1e-9)
             print(f'| {name} | {size} {unit} | {diagnosis.verdict} | '
                   f'{100 * diagnosis.gap.closed:.0f} % | {"yes" if name in effects else "no"} | '
-                  f'{numbers} | {1000 * lag(effects):.1f} ms | '
+                  f'{numbers} | {1000 * lag(effects, behind):.1f} ms | '
                   f'{", ".join(one for one in effects if one != name)} |', flush=True)
 
 

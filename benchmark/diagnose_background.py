@@ -58,14 +58,18 @@ Result = dict[str, Any]
 
 def answer(case: dict[str, Any], first: Any, second: Any, compared: Any) -> Any:
     """Diagnose by commands where they are known, else by the measured motion."""
-    from forcecal_ros.diagnose.motion.known import known_from_calibration, known_from_rig
-    from forcecal_ros.diagnose.motion.pipeline import diagnose_motion
+    from forcecal_ros.diagnose.body import as_specific_force, body_of_calibration, body_of_rig
+    from forcecal_ros.diagnose.by_motion import diagnose_motion
     from forcecal_ros.diagnose.pipeline import diagnose
+    from forcecal_ros.simulators.rig.file import load_rig
 
     if case['base'] == 'kuka':
-        return diagnose_motion(first, second, known_from_calibration(compared)).diagnosis
+        body = body_of_calibration(compared, load_rig('rigid_tool.yaml'))
+        first, second = (r and as_specific_force(r, compared.accelerometer)
+                         for r in (first, second))
+        return diagnose_motion(first, second, body).diagnosis
     if first.target is None:
-        return diagnose_motion(first, second, known_from_rig(compared)).diagnosis
+        return diagnose_motion(first, second, body_of_rig(compared)).diagnosis
     return diagnose(first, second, compared).diagnosis
 
 

@@ -219,7 +219,7 @@ def _energies(name: str, scale: float) -> tuple[float, float]:
     level = NOISE * noise_level(rig, case.measured.streams, 'acc1')
 
     def whitened(values: dict[str, float]) -> Array:
-        signals = case.replay.signals(with_effects(rig, {name: values}))
+        signals = case.simulation.signals(with_effects(rig, {name: values}))
         both = case.measured.blocks(signals) - case.measured.blocks(case.nominal)
         return np.asarray((both / level).ravel())
 

@@ -19,7 +19,8 @@ import time
 
 from forcecal_ros.diagnose import hypotheses
 from forcecal_ros.diagnose.pipeline import diagnose
-from forcecal_ros.diagnose.replay import Replay, Signals
+from forcecal_ros.diagnose.replay import Replay
+from forcecal_ros.diagnose.simulation import Signals
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import rotation_from_vector

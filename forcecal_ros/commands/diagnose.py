@@ -8,6 +8,9 @@ from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
 from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
 
+RIGID = 'rigid_tool.yaml'
+"""Whose tolerances a calibrated tool has where no rig is named."""
+
 FILES = ('diagnosis.json', 'report.html', 'rig_patched.yaml', 'calibration_patched.yaml')
 """All that a diagnosis may write."""
 
@@ -58,7 +61,7 @@ def answer(args: argparse.Namespace) -> Answer:
 def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any) -> Answer:
     """Replay the commands through the rig."""
     from forcecal_ros.diagnose.advice import advice
-    from forcecal_ros.diagnose.channels import CHANNELS
+    from forcecal_ros.diagnose.channels import units
     from forcecal_ros.diagnose.pipeline import diagnose
     from forcecal_ros.diagnose.result import to_document
     from forcecal_ros.report.diagnosis import render
@@ -70,9 +73,9 @@ def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any) -> Answ
     rig = load_rig(args.rig)
     outcome = _with_model(args, diagnose(recording, heldout, rig, args.accelerometer))
     answered = outcome.diagnosis.verdict != 'invalid_data'
-    document = to_document(outcome.diagnosis, {c.name: c.unit for c in CHANNELS},
+    document = to_document(outcome.diagnosis, units(),
                            'rig_patched.yaml' if answered else None)
-    view = (view_of(outcome, advice(outcome.diagnosis, rig)) if answered
+    view = (view_of(outcome, advice(outcome.diagnosis, rig), units()) if answered
             else view_without_signals(outcome.diagnosis))
     files = {'report.html': render(view)}
     if answered:
@@ -84,30 +87,42 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any) -> Answer
     """Compare the wrench with the measured motion."""
     from forcecal_ros.calibration.file import dump, load
     from forcecal_ros.diagnose.advice import advice
-    from forcecal_ros.diagnose.motion.document import to_document
-    from forcecal_ros.diagnose.motion.known import known_from_calibration, known_from_rig
-    from forcecal_ros.diagnose.motion.pipeline import diagnose_motion, patched
-    from forcecal_ros.recording.level import levelled
+    from forcecal_ros.diagnose.body import body_of_calibration, body_of_rig, patched
+    from forcecal_ros.diagnose.by_motion import delay_std, diagnose_motion
+    from forcecal_ros.diagnose.channels import units
+    from forcecal_ros.diagnose.result import to_document
     from forcecal_ros.report.diagnosis import render
-    from forcecal_ros.report.diagnosis_view import view_of_motion, view_without_signals
+    from forcecal_ros.report.diagnosis_view import view_of, view_without_signals
     from forcecal_ros.simulators.rig.file import load_rig
 
     calibration = load(args.calibration) if args.calibration else None
-    if calibration:
-        recording = levelled(recording, calibration.gravity_direction)
-        heldout = heldout and levelled(heldout, calibration.gravity_direction)
-    rig = load_rig(args.rig)
-    known = (known_from_calibration(calibration) if calibration
-             else known_from_rig(rig, args.accelerometer))
-    outcome = _with_model(args, diagnose_motion(recording, heldout, known))
-    view = (view_of_motion(outcome, advice(outcome.diagnosis, rig)) if outcome.arms
+    rig = load_rig(args.rig or (RIGID if calibration else None))
+    body = body_of_calibration(calibration, rig) if calibration else body_of_rig(rig)
+    outcome = _with_model(args, diagnose_motion(
+        _as_calibrated(recording, calibration), _as_calibrated(heldout, calibration), body,
+        args.accelerometer))
+    of_channels = units(body.accelerometer_unit)
+    view = (view_of(outcome, advice(outcome.diagnosis, rig), of_channels) if outcome.cases
             else view_without_signals(outcome.diagnosis))
     files = {'report.html': render(view)}
-    if calibration and outcome.arms:
-        files['calibration_patched.yaml'] = dump(patched(calibration, outcome))
-    document = to_document(
-        outcome, 'calibration_patched.yaml' if calibration and outcome.arms else None)
+    document = to_document(outcome.diagnosis, of_channels, None)
+    document['explained_by'] = 'measured motion'
+    if calibration and outcome.cases:
+        document['calibration'] = 'calibration_patched.yaml'
+        files[document['calibration']] = dump(patched(calibration, outcome.rig,
+                                                      delay_std(outcome)))
     return _written(args, recording, outcome.diagnosis, document, files)
+
+
+def _as_calibrated(recording: Any, calibration: Any) -> Any:
+    """Bring a recording to a level base, and its accelerometer to m/s^2 along ft_sensor."""
+    from forcecal_ros.diagnose.body import as_specific_force
+    from forcecal_ros.recording.level import levelled
+
+    if recording is None or calibration is None:
+        return recording
+    return as_specific_force(levelled(recording, calibration.gravity_direction),
+                             calibration.accelerometer)
 
 
 def _with_model(args: argparse.Namespace, outcome: Any) -> Any:

@@ -5,7 +5,7 @@ from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.channels import BLOCK
-from forcecal_ros.diagnose.replay import block_means, RATE, Signals
+from forcecal_ros.diagnose.simulation import block_means, RATE, Signals
 from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray

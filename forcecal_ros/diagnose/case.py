@@ -1,12 +1,13 @@
-"""One recording made ready: replayed, aligned, in blocks, its motion sorted into kinds."""
+"""One recording made ready: simulated, aligned, in blocks, its motion sorted into kinds."""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from forcecal_ros.diagnose.alignment import start_of
 from forcecal_ros.diagnose.channels import BLOCK
-from forcecal_ros.diagnose.replay import Replay, Signals
+from forcecal_ros.diagnose.replay import Replay
 from forcecal_ros.diagnose.residual import Measured
+from forcecal_ros.diagnose.simulation import Signals, Simulation
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
@@ -32,7 +33,7 @@ class Case:
     Attributes
     ----------
     recording : Recording
-    replay : Replay
+    simulation : Simulation
     measured : Measured
     nominal : Signals
         Of the rig as given.
@@ -45,7 +46,7 @@ class Case:
     """
 
     recording: Recording
-    replay: Replay
+    simulation: Simulation
     measured: Measured
     nominal: Signals
     groups: NDArray[np.intp]
@@ -143,9 +144,14 @@ def prepare(recording: Recording, rig: Rig, accelerometer: str | None = None) ->
     n = replay.n_blocks
     measured = Measured(recording, start, n, *conversion(recording, rig, name))
     groups = _kinds(nominal, n)
-    phases = recording.phases or _made_up(groups, start)
+    phases = recording.phases or made_up(groups, start)
     return Case(recording, replay, measured, nominal, groups, phases,
                 np.ones(n, dtype=bool), np.zeros(n, dtype=bool))
+
+
+def held_apart(train: Case, held: Case) -> tuple[Case, Case]:
+    """Fit on all of one recording, judge on all of another."""
+    return train, replace(held, train=held.held, held=held.train)
 
 
 def split(case: Case) -> Case:
@@ -195,7 +201,8 @@ def _after(flag: NDArray[np.bool_], blocks: int) -> NDArray[np.bool_]:
     return np.asarray(count | before)
 
 
-def _made_up(groups: NDArray[np.intp], start: float) -> tuple[Phase, ...]:
+def made_up(groups: NDArray[np.intp], start: float) -> tuple[Phase, ...]:
+    """Name the phases of a recording that does not say them, by its kinds of motion."""
     words = ('measure', 'move', 'contact')
     edges = [0, *(np.flatnonzero(np.diff(groups)) + 1), len(groups)]
     return tuple(Phase(words[groups[i]], start + BLOCK * i, start + BLOCK * j)

@@ -33,3 +33,8 @@ COLUMNS = {
 
 BLOCK = 0.004
 """Length of the means that are compared [s]."""
+
+
+def units(accelerometer: str = 'V') -> dict[str, str]:
+    """Return every channel's unit, the accelerometer's in what its readings were brought to."""
+    return {c.name: accelerometer if c.stream == 'accelerometer' else c.unit for c in CHANNELS}

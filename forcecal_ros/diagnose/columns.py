@@ -7,7 +7,7 @@ from forcecal_ros.diagnose.case import Case
 from forcecal_ros.diagnose.channels import CHANNELS, COLUMNS
 from forcecal_ros.diagnose.evidence import Gram
 from forcecal_ros.diagnose.nuisances import Nuisance
-from forcecal_ros.diagnose.replay import Signals
+from forcecal_ros.diagnose.simulation import Signals
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.autoregression import Autoregression
@@ -81,14 +81,14 @@ def nuisance_column(case: Case, nuisance: Nuisance, size: float, rig: Rig, refer
         since = case.measured.since(CHANNELS[nuisance.axis].stream, nuisance.instant)
         return {nuisance.axis: (size * since).astype(np.float32)}
     if nuisance.where == 'rig':
-        changed = case.replay.signals(nuisance.apply(rig, size))
+        changed = case.simulation.signals(nuisance.apply(rig, size))
         return column(blocks - case.measured.blocks(changed), level)
     i = nuisance.axis
     if nuisance.where == 'wrench':
         channel, signal, rest = i, reference.wrench[:, i], rig.wrench_sensor.bias[i]
     else:
         channel, signal = COLUMNS['accelerometer'].start + i, reference.volts[:, i]
-        rest = rig.accelerometer.model(case.replay.accelerometer).offset[i]
+        rest = rig.accelerometer.model(case.simulation.accelerometer).offset[i]
     shape = signal - rest if 'gain' in nuisance.name else np.ones(len(signal))
     per_block = case.measured.present[:, channel] * size * shape.reshape(len(blocks), -1).mean(
         axis=1)

@@ -37,7 +37,7 @@ NONE: Sizes = (0.0,) * len(COLUMNS)
 ASCENTS = 2
 """Rounds over the streams in which their sizes are improved one by one."""
 
-FREE = (*SIZES, 0.01, 0.03, 0.1, 0.3)
+FREE = (*SIZES, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Parts that it may have, channel by channel, where it is taken off to estimate the noise."""
 
 LEAST_WEIGHT = 1e-3

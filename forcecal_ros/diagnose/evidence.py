@@ -77,11 +77,14 @@ class Fit(NamedTuple):
         Zero for parameters on their bound.
     log_evidence : float
         Marginal likelihood of the data, less that of pure noise's constant.
+    volume : float
+        Part of it that the parameters' uncertainty costs: it grows with what the data tell.
     """
 
     x: Array
     covariance: Array
     log_evidence: float
+    volume: float
 
 
 def fit(gram: Gram, prior: Prior) -> Fit:
@@ -127,8 +130,8 @@ def fit(gram: Gram, prior: Prior) -> Fit:
     value = gram.vector @ x - 0.5 * x @ gram.matrix @ x
     value -= 0.5 * (total * prior.precision) @ total + 0.5 * gram.square
     value -= 0.5 * gram.log_det
-    value -= float(np.log(np.diag(factor)).sum() - 0.5 * np.log(prior.precision[free]).sum())
-    return Fit(x, covariance, float(value))
+    volume = float(np.log(np.diag(factor)).sum() - 0.5 * np.log(prior.precision[free]).sum())
+    return Fit(x, covariance, float(value) - volume, volume)
 
 
 def _cholesky(matrix: Array) -> Array:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from forcecal_ros.diagnose.case import prepare, split
 from forcecal_ros.diagnose.hypotheses import hypotheses, Hypothesis
 from forcecal_ros.diagnose.problem import Problem, problem
-from forcecal_ros.diagnose.replay import UNSEEN
+from forcecal_ros.diagnose.simulation import UNSEEN
 from forcecal_ros.effects import applicable, EFFECTS
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
@@ -104,7 +104,7 @@ def excitation(rig: Rig, target: PoseStream, phases: tuple[Phase, ...]) -> Excit
     found = hypotheses(p)
     information, parts = _information(p, found)
     shown = [_shown(h, information, parts[h.name]) for h in found]
-    accelerometer = p.cases[0].replay.accelerometer
+    accelerometer = p.cases[0].simulation.accelerometer
     there = {h.name for h in found}
     for name, effect in EFFECTS.items():
         if name not in there and applicable(effect, rig, accelerometer):

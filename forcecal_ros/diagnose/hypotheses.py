@@ -6,8 +6,7 @@ from typing import NamedTuple
 from forcecal_ros.diagnose.columns import Column
 from forcecal_ros.diagnose.limits import CLIPPING, limit_starts
 from forcecal_ros.diagnose.problem import Diverged, Problem
-from forcecal_ros.diagnose.replay import UNSEEN
-from forcecal_ros.effects import applicable, Effect, EFFECTS
+from forcecal_ros.effects import Effect, EFFECTS
 from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
@@ -95,10 +94,9 @@ def hypotheses(problem: Problem, line: float | None = None) -> list[Hypothesis]:
         Without those that move nothing in these recordings.
     """
     found = []
-    accelerometer = problem.cases[0].replay.accelerometer
+    simulation = problem.cases[0].simulation
     for name, effect in EFFECTS.items():
-        if name in UNSEEN or name in problem.fixed \
-                or not applicable(effect, problem.rig, accelerometer):
+        if name in problem.fixed or not simulation.can_show(name, problem.rig):
             continue
         if effect.nuisance:
             own = [n.name for n in problem.nuisances if n.key == effect.nuisance]

@@ -13,6 +13,7 @@ from forcecal_ros.diagnose.evidence import fit
 from forcecal_ros.diagnose.hypotheses import VIBRATION
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.remainder import Ceiling, Cell
+from forcecal_ros.diagnose.simulation import SMALL
 from forcecal_ros.diagnose.spectral_lines import Line
 from forcecal_ros.diagnose.tangent import Tangent
 from forcecal_ros.diagnose.verdict import Remains
@@ -75,7 +76,7 @@ def look(p: Problem, unnamed: float = 0.0) -> Left:
         found = discrepant(p)
         p = replace(p, blocks=[b - x for b, x in zip(p.blocks, found)])
     cells = [c for case, n, b in zip(p.cases, p.noise, p.blocks)
-             for c in remainder.cells(case, n, b)]
+             for c in remainder.cells(case, n, b) if c.band[0] < case.simulation.band]
     lines, wanders = _foreign(lines_of(p), p)
     impulses = np.asarray(sum(remainder.impulses(n, b) for n, b in zip(p.noise, p.blocks)))
     strongest = sorted(cells, key=lambda c: -c.z) or [NOWHERE]
@@ -113,7 +114,8 @@ def _as_ceiling(p: Problem, found: list[Array], unnamed: float) -> Ceiling:
                 size = np.maximum(size, np.sqrt(np.mean(one[rows] ** 2, axis=0))
                                   / np.where(rms > 0.0, rms, np.inf))
     sigmas = float(np.sqrt(2.0 * max(0.0, unnamed)))
-    return Ceiling(np.where(size > remainder.SMALL, sigmas, 0.0), size, tuple(found))
+    seen = size > p.cases[0].simulation.exact
+    return Ceiling(np.where(seen, sigmas, 0.0), size, tuple(found))
 
 
 def fitted_to_all(p: Problem, tangents: Sequence[Tangent] = ()) -> Problem:
@@ -162,7 +164,8 @@ def lines_of(p: Problem) -> tuple[Line, ...]:
             if name in case.measured.streams:
                 rows = case.measured.samples(name, signals)
                 lines += spectral_lines.lines(rows, getattr(case.recording, name).rate, name)
-    return tuple(lines)
+    band = p.cases[0].simulation.band
+    return tuple(line for line in lines if line.frequency < band)
 
 
 def remains(left: Left) -> Remains:
@@ -178,7 +181,7 @@ def remains(left: Left) -> Remains:
     Remains
     """
     ceiling, cell, impulses = left.ceiling, left.strongest[0], left.impulses
-    z = np.where(ceiling.size > remainder.SMALL, ceiling.z, 0.0)
+    z = np.where(ceiling.size > SMALL, ceiling.z, 0.0)
     c = int(z.argmax())
     several = int(impulses.max())
     line = max(left.lines, key=lambda one: one.power, default=None)
@@ -232,5 +235,5 @@ def predictable(ceiling: Ceiling, case: int) -> Array:
     -------
     ndarray, shape (n, 16)
     """
-    real = (ceiling.z > remainder.PREDICTABLE) & (ceiling.size > remainder.SMALL)
+    real = (ceiling.z > remainder.PREDICTABLE) & (ceiling.size > SMALL)
     return np.where(real, ceiling.prediction[case], 0.0)

@@ -53,7 +53,7 @@ def limit_starts(problem: Problem, effect: str) -> dict[str, float]:
 
 def _model_gain(problem: Problem) -> Array:
     case = problem.cases[0]
-    return np.array(problem.rig.accelerometer.model(case.replay.accelerometer).gain)
+    return np.array(problem.rig.accelerometer.model(case.simulation.accelerometer).gain)
 
 
 def _physical(problem: Problem, i: int, stream: str) -> tuple[Array, Array]:
@@ -61,7 +61,7 @@ def _physical(problem: Problem, i: int, stream: str) -> tuple[Array, Array]:
     case, base = problem.cases[i], problem.base[i]
     rest, measured = case.measured.samples(stream, base), case.measured.values(stream)
     if stream == 'accelerometer':
-        model = problem.current().accelerometer.model(case.replay.accelerometer)
+        model = problem.current().accelerometer.model(case.simulation.accelerometer)
         measured, rest = (measured - model.offset) / model.gain, rest / model.gain
     return measured - rest, measured
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 from forcecal_ros.diagnose.channels import BLOCK, CHANNELS, COLUMNS
 from forcecal_ros.diagnose.evidence import fit, Gram, Prior
 from forcecal_ros.diagnose.nuisances import LIMIT, Nuisance, nuisances, spreads
-from forcecal_ros.diagnose.replay import RATE, Signals
 from forcecal_ros.diagnose.residual import Measured
+from forcecal_ros.diagnose.simulation import RATE, Signals
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array

@@ -49,14 +49,16 @@ class Nuisance(NamedTuple):
     instant: float = 0.0
 
 
-def _scaled(section: str, name: str) -> Callable[[Rig, float], Rig]:
+def scaled(section: str, name: str) -> Callable[[Rig, float], Rig]:
+    """Change a number of a section in proportion."""
     def apply(rig: Rig, x: float) -> Rig:
         part = getattr(rig, section)
         return replace(rig, **{section: replace(part, **{name: getattr(part, name) * (1 + x)})})
     return apply
 
 
-def _shifted(section: str, name: str, index: int | None = None) -> Callable[[Rig, float], Rig]:
+def shifted(section: str, name: str, index: int | None = None) -> Callable[[Rig, float], Rig]:
+    """Change a number of a section, or one of a vector, by a difference."""
     def apply(rig: Rig, x: float) -> Rig:
         part = getattr(rig, section)
         value = getattr(part, name)
@@ -71,14 +73,22 @@ def _set(values: Any, index: int, value: float) -> Any:
 
 def _inertia(axis: int) -> Callable[[Rig, float], Rig]:
     def apply(rig: Rig, x: float) -> Rig:
+        return with_inertia(axis)(rig, x * rig.tool.inertia[axis][axis])
+    return apply
+
+
+def with_inertia(axis: int) -> Callable[[Rig, float], Rig]:
+    """Add to the tool's inertia about one axis."""
+    def apply(rig: Rig, x: float) -> Rig:
         matrix = np.array(rig.tool.inertia)
-        matrix[axis, axis] *= 1.0 + x
-        tool: Tool = replace(rig.tool, inertia=_rows(matrix))
+        matrix[axis, axis] += x
+        tool: Tool = replace(rig.tool, inertia=rows_of(matrix))
         return replace(rig, tool=tool)
     return apply
 
 
-def _rows(matrix: Array) -> Any:
+def rows_of(matrix: Array) -> Any:
+    """Return a matrix as a section holds it."""
     return tuple(map(tuple, matrix.tolist()))
 
 
@@ -116,20 +126,26 @@ def nuisances(rig: Rig, accelerometer: str, streams: tuple[str, ...]) -> tuple[N
     """
     found: list[Nuisance] = []
     if 'wrench' in streams:
-        found += [Nuisance('tool.mass', 'mass', _scaled('tool', 'mass'), least=LEAST)]
-        found += [Nuisance(f'tool.com.{a}', 'com', _shifted('tool', 'com', i))
+        found += [Nuisance('tool.mass', 'mass', scaled('tool', 'mass'), least=LEAST)]
+        found += [Nuisance(f'tool.com.{a}', 'com', shifted('tool', 'com', i))
                   for i, a in enumerate('xyz')]
         found += [Nuisance(f'tool.inertia.{a}', 'inertia', _inertia(i), least=LEAST)
                   for i, a in enumerate('xyz')]
     if rig.optidrive is not None:
-        found += [Nuisance(f'optidrive.{n}', n, _scaled('optidrive', n), least=LEAST)
+        found += [Nuisance(f'optidrive.{n}', n, scaled('optidrive', n), least=LEAST)
                   for n in ('stiffness', 'damping')]
-    found += [Nuisance('wall.position', 'wall_position', _shifted('wall', 'position')),
-              *(Nuisance(f'wall.{n}', f'wall_{n}', _scaled('wall', n), least=LEAST)
+    found += [Nuisance('wall.position', 'wall_position', shifted('wall', 'position')),
+              *(Nuisance(f'wall.{n}', f'wall_{n}', scaled('wall', n), least=LEAST)
                 for n in ('stiffness', 'damping'))]
+    return (*found, *of_sensors(accelerometer, streams))
+
+
+def of_sensors(accelerometer: str, streams: tuple[str, ...]) -> list[Nuisance]:
+    """List what the sensors at hand may have of their own: offsets and gains."""
+    found: list[Nuisance] = []
     if 'wrench' in streams:
         keys = ['force_bias'] * 3 + ['torque_bias'] * 3
-        found += [Nuisance(f'wrench.bias.{i}', key, _shifted('wrench_sensor', 'bias', i),
+        found += [Nuisance(f'wrench.bias.{i}', key, shifted('wrench_sensor', 'bias', i),
                            'wrench', i) for i, key in enumerate(keys)]
         found += [Nuisance(f'wrench.gain.{i}', 'wrench_gain', _gain(i), 'wrench', i)
                   for i in range(6)]
@@ -137,7 +153,7 @@ def nuisances(rig: Rig, accelerometer: str, streams: tuple[str, ...]) -> tuple[N
         found += [Nuisance(f'accelerometer.{field}.{i}', f'accelerometer_{field}',
                            _accelerometer(field, i, accelerometer), 'volts', i)
                   for field in ('gain', 'offset') for i in range(3)]
-    return tuple(found)
+    return found
 
 
 def spreads(rig: Rig, of: tuple[Nuisance, ...]) -> tuple[float, ...]:

@@ -1,10 +1,17 @@
 """From one recording, or a pair, to a diagnosis."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from forcecal_ros.diagnose import steps
-from forcecal_ros.diagnose.case import Case, conversion, prepare, SHORTEST, split
+from forcecal_ros.diagnose.case import (
+    Case,
+    conversion,
+    held_apart,
+    prepare,
+    SHORTEST,
+    split,
+)
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.discrepancy import NONE
 from forcecal_ros.diagnose.gap import Gap
@@ -34,7 +41,7 @@ from forcecal_ros.diagnose.residual import Measured
 from forcecal_ros.diagnose.result import Diagnosis, Found, Parameter
 from forcecal_ros.diagnose.selection import select, Selection
 from forcecal_ros.diagnose.spectral_lines import Line
-from forcecal_ros.diagnose.stamps import corrected
+from forcecal_ros.diagnose.stamps import Corrected, corrected
 from forcecal_ros.diagnose.steps import Event, with_steps
 from forcecal_ros.diagnose.usage import refuse_unjudged, shares, unjudged
 from forcecal_ros.diagnose.verdict import doubt, probabilities, verdict
@@ -74,6 +81,8 @@ class Outcome:
     diagnosis : Diagnosis
     rig : Rig
         Recalibrated, with the effects.
+    recalibrations : dict of str to (float, float)
+        Nuisance -> how far it moved, and its standard error; relative where its spread is.
     recalibrated, explained : tuple of ndarray, shape (n, 16)
         Measured less simulated, in block means, of each recording.
     cases : tuple of Case
@@ -83,6 +92,7 @@ class Outcome:
 
     diagnosis: Diagnosis
     rig: Rig
+    recalibrations: dict[str, tuple[float, float]] = field(default_factory=dict)
     recalibrated: tuple[Array, ...] = ()
     explained: tuple[Array, ...] = ()
     cases: tuple[Case, ...] = ()
@@ -116,19 +126,34 @@ def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
         cases = [prepare(s.recording, rig, accelerometer) for s in stamps]
     except DataError as error:
         return Outcome(Diagnosis('invalid_data', str(error)), rig)
-    if heldout is None:
-        cases = [split(cases[0])]
-    else:
-        cases[1] = replace(cases[1], train=cases[1].held, held=cases[1].train)
+    ready = held_apart(*cases) if len(cases) > 1 else (split(cases[0]),)
+    return answered(rig, ready, stamps, given)
+
+
+def answered(rig: Rig, cases: tuple[Case, ...], stamps: Sequence[Corrected],
+             given: Sequence[Recording]) -> Outcome:
+    """
+    Diagnose recordings that are ready.
+
+    Parameters
+    ----------
+    rig : Rig
+    cases : tuple of Case
+        To fit on and to judge on.
+    stamps : sequence of Corrected
+        What their stamps and values show.
+    given : sequence of Recording
+        As recorded.
+    """
     observed = [_observed(c, s.stamped, rig) if s.skew else c.measured
                 for c, s in zip(cases, stamps)]
-    p = problem(rig, tuple(cases))
+    p = problem(rig, cases)
     try:
         refuse_unjudged(p)
     except DataError as error:
         return Outcome(Diagnosis('invalid_data', str(error)), rig)
     checks = _Checks(*from_checks(stamps, sample_noise(p, np.zeros(len(CHANNELS))),
-                                  rig.accelerometer.model(cases[0].replay.accelerometer)))
+                                  rig.accelerometer.model(cases[0].simulation.accelerometer)))
     known = {name: {k: v.value for k, v in found.items()}
              for name, found in checks.effects.items() if name in CLIPPING}
     first = p
@@ -158,7 +183,7 @@ def _strongest(lines: Sequence[Line]) -> list[float]:
 def _observed(case: Case, recording: Recording, rig: Rig) -> Measured:
     """Take a recording by the stamps that it came with."""
     return Measured(recording, case.measured.start, case.measured.n_blocks,
-                    *conversion(recording, rig, case.replay.accelerometer))
+                    *conversion(recording, rig, case.simulation.accelerometer))
 
 
 def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Checks',
@@ -172,7 +197,7 @@ def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Che
     slots = [(a.name, selection.rivals.get(a.name, {})) for a in selection.accepted]
     stepped = steps.found(final, events)
     sudden = {e.name: e.probability for e in stepped}
-    doubts = {n: doubt(lead, selection.unnamed) for n, lead in selection.leads.items()
+    doubts = {n: doubt(lead, selection.wanting) for n, lead in selection.leads.items()
               } if final.allowed != NONE else None
     shares, candidates = probabilities(slots, rest, measured.closed, len(p.fixed) + len(sudden),
                                        doubts)
@@ -182,7 +207,7 @@ def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Che
     word, sentence = verdict([*named, *sudden, *checks.effects], candidates, rest,
                              measured.closed if named or p.fixed or sudden else None, excited,
                              whole=not unjudged(p), allowed=final.allowed != NONE)
-    possible = {n: 1.0 - doubt(lead, selection.unnamed)
+    possible = {n: 1.0 - doubt(lead, selection.wanting)
                 for n, lead in selection.doubtful.items()}
     candidates = sorted([*candidates, *((n, p) for n, p in possible.items() if p > FAINT)],
                         key=lambda pair: -pair[1])
@@ -204,7 +229,8 @@ def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Che
         tuple(not_excited(p, found)), (*checks.notes, *left.notes),
         {'ceiling_sigma': float(left.ceiling.z.max()), 'cell_sigma': left.strongest[0].z,
          'ratio': rest.ratio})
-    return Outcome(diagnosis, patched(final, selection, checks), tuple(first.blocks),
+    return Outcome(diagnosis, patched(final, selection, checks), _moved(final),
+                   tuple(first.blocks),
                    tuple(final.blocks), final.cases, noise)
 
 
@@ -221,6 +247,12 @@ def _measured(first: Problem, selection: Selection, left: Left, observed: list[M
     nominal = [o.blocks(c.nominal) for o, c in zip(observed, first.cases)]
     return measured_gap(first, final, (nominal, before, moved), noise, energy, errors
                         ), noise
+
+
+def _moved(p: Problem) -> dict[str, tuple[float, float]]:
+    std = np.sqrt(np.diag(p.fit_nuisances().covariance))
+    return {n.name: (float(x * size), float(s * size)) for n, x, s, size in zip(
+        p.nuisances, p.centre, std, p.sizes)}
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,17 @@ from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.columns import Column, column, combined, nuisance_column
 from forcecal_ros.diagnose.discrepancy import Beside, Discrepancy, NONE, Products, Sizes
 from forcecal_ros.diagnose.evidence import Fit, fit, Gram, Prior
-from forcecal_ros.diagnose.nuisances import apply_all, LIMIT, Nuisance, nuisances, spreads
-from forcecal_ros.diagnose.replay import block_means, Signals
+from forcecal_ros.diagnose.nuisances import apply_all, LIMIT, Nuisance, spreads
+from forcecal_ros.diagnose.simulation import block_means, Signals
 from forcecal_ros.effects import with_effects
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import ForcecalError
 from forcecal_ros.geometry import Array, rotation_vector
-from forcecal_ros.recording.noise.autoregression import Autoregression, fit_autoregression
+from forcecal_ros.recording.noise.autoregression import (
+    Autoregression,
+    fit_autoregression,
+    white,
+)
 import numpy as np
 
 EFFECT = 1.0 / 3.0 ** 2
@@ -105,7 +109,7 @@ class Problem:
 
     def simulate(self, effects: Values, case: int) -> Array:
         """Return measured less simulated of one recording with other effects, (n, 16)."""
-        return self._left(case, self.cases[case].replay.signals(self.current(effects)))
+        return self._left(case, self.cases[case].simulation.signals(self.current(effects)))
 
     def _left(self, case: int, signals: Signals) -> Array:
         """Return measured less simulated of one recording, its steps taken off, (n, 16)."""
@@ -121,7 +125,7 @@ class Problem:
     def settle(self) -> None:
         """Simulate at the centre; columns stay as they are."""
         rig = self.current()
-        self.base = [c.replay.signals(rig) for c in self.cases]
+        self.base = [c.simulation.signals(rig) for c in self.cases]
         self.blocks = [self._left(i, s) for i, s in enumerate(self.base)]
 
     def without_effects(self) -> 'Problem':
@@ -136,7 +140,7 @@ class Problem:
     def linearise(self) -> None:
         """Simulate at the centre and take the nuisances' columns there."""
         rig = self.current()
-        self.base = [c.replay.signals(rig) for c in self.cases]
+        self.base = [c.simulation.signals(rig) for c in self.cases]
         self.columns = [
             [nuisance_column(c, n, size, rig, s, b, self.level)
              if n.where != 'step' or n.recording == i else {}
@@ -167,7 +171,8 @@ class Problem:
 
     def allow_discrepancy(self, frequencies: Sequence[float] = ()) -> None:
         """Set up what no library has: functions of the present motion, and lines [Hz]."""
-        self.discrepancy = Discrepancy(basis(self.base, frequencies), _signal(self),
+        smooth = [c.simulation.smooth(s) for c, s in zip(self.cases, self.base)]
+        self.discrepancy = Discrepancy(basis(smooth, frequencies), _signal(self),
                                        [c.train for c in self.cases])
 
     def fit_nuisances(self) -> Fit:
@@ -201,7 +206,9 @@ class Problem:
     def refit_noise(self, x: Array) -> None:
         """Fit the noise of what a step of the nuisances, and any discrepancy, leave."""
         rest = [b - combined(columns, x, len(b)) for b, columns in zip(self.blocks, self.columns)]
-        if self.noise and self.discrepancy is not None:
+        if not self.noise:
+            self.noise = [white(r, c.measured.present, c.groups) for r, c in zip(rest, self.cases)]
+        if self.discrepancy is not None:
             rest = [r - p for r, p in zip(rest, self.beside().predicted(rest))]
         self.noise = [fit_autoregression(r, c.measured.present, c.groups)
                       for r, c in zip(rest, self.cases)]
@@ -247,8 +254,8 @@ def problem(rig: Rig, cases: tuple[Case, ...]) -> Problem:
     -------
     Problem
     """
-    name, streams = cases[0].replay.accelerometer, cases[0].measured.streams
-    found = nuisances(rig, name, streams)
+    name, streams = cases[0].simulation.accelerometer, cases[0].measured.streams
+    found = cases[0].simulation.nuisances(rig, streams)
     out = Problem(rig, cases, found, np.array(spreads(rig, found)),
                   noise_level(rig, streams, name), centre=np.zeros(len(found)))
     out.linearise()

@@ -6,7 +6,7 @@ from forcecal_ros.diagnose.blocked import Blocked
 from forcecal_ros.diagnose.case import Case
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.problem import Problem
-from forcecal_ros.diagnose.replay import block_means, Signals
+from forcecal_ros.diagnose.simulation import block_means, Signals
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.autoregression import Autoregression
 import numpy as np
@@ -24,9 +24,6 @@ IMPULSE = 7.0
 
 IMPULSES = 4
 """So many of them count."""
-
-SMALL = 0.05
-"""RMS of what is left, in noise RMS, that is no gap."""
 
 STEEPEST = 2.2
 """By how much coloured noise may grow from one octave to the next lower one."""

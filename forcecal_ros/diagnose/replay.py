@@ -2,13 +2,13 @@
 
 from dataclasses import replace
 from fractions import Fraction
-from math import lcm
-from typing import NamedTuple
+from math import inf, lcm
 
 from forcecal_ros.diagnose.channels import BLOCK
-from forcecal_ros.effects import AccelerometerEffects, EFFECTS, WrenchEffects
+from forcecal_ros.diagnose.nuisances import Nuisance, nuisances
+from forcecal_ros.diagnose.simulation import RATE, Signals, SMALL, UNSEEN
+from forcecal_ros.effects import AccelerometerEffects, applicable, EFFECTS, WrenchEffects
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import PoseStream
 from forcecal_ros.simulators.rig.offline import held_commands
 from forcecal_ros.simulators.rig.plant import common_samples, enough_steps, Plant, same_motion
@@ -16,65 +16,11 @@ from forcecal_ros.simulators.rig.robot import Motion
 from forcecal_ros.simulators.rig.simulator import checked_commands
 import numpy as np
 
-RATE = 1000.0
-"""Of the replayed signals [Hz]."""
-
 KEPT = 2
 """Simulations that are remembered, for effects that only act on their signals."""
 
 COARSER = 2
 """Fewer integration steps than a simulator takes; right to 1e-4 N on the nominal rig."""
-
-UNSEEN = ('wrench_quantisation', 'clock_skew', 'dropouts')
-"""Effects that show in values and stamps, not in the mean of a signal."""
-
-
-class Signals(NamedTuple):
-    """
-    What noise-free sensors would say; sample i is the state at ``start + (i + 1) / RATE``.
-
-    Attributes
-    ----------
-    start : float
-        [s]
-    wrench : ndarray, shape (n, 6)
-        As on the wire [N], [N m].
-    volts : ndarray, shape (n, 3)
-    optidrive : ndarray, shape (n,)
-        [m]
-    position : ndarray, shape (n, 3)
-        Of S in base [m].
-    R_base_sensor : ndarray, shape (n, 3, 3)
-    velocity, acceleration : ndarray, shape (n, 3)
-        Of S in base [m/s], [m/s^2].
-    omega, alpha : ndarray, shape (n, 3)
-        In S [rad/s], [rad/s^2].
-    speed : ndarray, shape (n,)
-        Of the slide [m/s].
-    contact : ndarray, shape (n, 6)
-        Environment on tool, in S [N], [N m].
-    specific_force : ndarray, shape (n, 3)
-        [m/s^2]
-    """
-
-    start: float
-    wrench: Array
-    volts: Array
-    optidrive: Array
-    position: Array
-    R_base_sensor: Array
-    velocity: Array
-    acceleration: Array
-    omega: Array
-    alpha: Array
-    speed: Array
-    contact: Array
-    specific_force: Array
-
-
-def block_means(values: Array) -> Array:
-    """Average replayed signals over blocks, shape (n, k) to (blocks, k)."""
-    return np.asarray(values.reshape(-1, round(BLOCK * RATE), values.shape[1]).mean(axis=1))
 
 
 class Replay:
@@ -94,6 +40,8 @@ class Replay:
         ``acc1`` or ``acc2``.
     """
 
+    band, exact = inf, SMALL
+
     def __init__(self, rig: Rig, target: PoseStream, start: float, end: float,
                  accelerometer: str) -> None:
         period = rig.robot.period
@@ -107,6 +55,18 @@ class Replay:
         self._positions, self._xyzw = positions[held], xyzw[held]
         self._motions: dict[object, tuple[Motion, Motion]] = {}
         self._cached: dict[object, Signals] = {}
+
+    def nuisances(self, rig: Rig, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
+        """List what a sound rig may differ in, as far as the streams at hand can show it."""
+        return nuisances(rig, self.accelerometer, streams)
+
+    def smooth(self, signals: Signals) -> Signals:
+        """Return signals as a discrepancy may follow them: these have no noise."""
+        return signals
+
+    def can_show(self, effect: str, rig: Rig) -> bool:
+        """Say whether an effect could be there and be seen."""
+        return effect not in UNSEEN and applicable(EFFECTS[effect], rig, self.accelerometer)
 
     def signals(self, rig: Rig) -> Signals:
         """

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.channels import BLOCK, CHANNELS, COLUMNS
-from forcecal_ros.diagnose.replay import RATE, Signals
+from forcecal_ros.diagnose.simulation import RATE, Signals
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import Recording
 import numpy as np

@@ -68,7 +68,9 @@ class Selection(NamedTuple):
     leads : dict of str to float
         Log-evidence of each accepted effect against a discrepancy in its place.
     unnamed : float
-        Log-likelihood that is wanting still: of a discrepancy and whatever else is left.
+        Log-likelihood of a discrepancy, and of whatever else is left.
+    wanting : float
+        Log-evidence that a model without any flaw would have more.
     doubtful : dict of str to float
         The same as ``leads`` of effects that a discrepancy may only look like.
     """
@@ -80,6 +82,7 @@ class Selection(NamedTuple):
     screened: tuple[Trial, ...]
     leads: Mapping[str, float] = MappingProxyType({})
     unnamed: float = 0.0
+    wanting: float = 0.0
     doubtful: Mapping[str, float] = MappingProxyType({})
 
 
@@ -126,23 +129,23 @@ def select(problem: Problem, found: Sequence[Hypothesis], bare: Problem) -> Sele
         problem, accepted, tangents = _drop(start, bare, problem, accepted, tangents)
     problem, accepted, tangents, rivals, leads = _exchange(start, problem, accepted, tangents,
                                                            found)
-    problem, accepted, tangents, unnamed = _certain(start, problem, accepted, tangents, leads)
+    problem, accepted, tangents, last = _certain(start, problem, accepted, tangents, leads)
     sure = {a.name: leads[a.name] for a in accepted}
     doubtful = {name: lead for name, lead in leads.items() if name not in sure}
-    return Selection(problem, tuple(accepted), tuple(tangents), rivals, first, sure, unnamed,
-                     doubtful)
+    return Selection(problem, tuple(accepted), tuple(tangents), rivals, first, sure,
+                     last.unnamed, last.wanting, doubtful)
 
 
 def _certain(start: Problem, problem: Problem, accepted: list[Accepted],
              tangents: list[Tangent], leads: Mapping[str, float]
-             ) -> tuple[Problem, list[Accepted], list[Tangent], float]:
-    """Drop what a discrepancy as large as what is left could do as well; say how large it is."""
+             ) -> tuple[Problem, list[Accepted], list[Tangent], Bench]:
+    """Drop what a discrepancy as large as what is left could do as well."""
     while True:
         last = Bench(problem, tangents)
-        problem, unnamed = replace(problem, allowed=last.sizes), last.unnamed
-        doubtful = [a for a in accepted if leads[a.name] < SHARE * unnamed]
+        problem, wanting = replace(problem, allowed=last.sizes), last.wanting
+        doubtful = [a for a in accepted if leads[a.name] < SHARE * wanting]
         if not doubtful:
-            return problem, accepted, tangents, unnamed
+            return problem, accepted, tangents, last
         worst = min(doubtful, key=lambda a: leads[a.name])
         less, rest, few = without(start, problem, accepted, worst.name)
         problem, accepted, tangents = joint(less, rest) if rest else (less, [], few)

@@ -78,6 +78,21 @@ def corrected(recording: Recording, rig: Rig, shortest: float) -> Corrected:
                      stamped.notes[len(known):], recording)
 
 
+def evened(recording: Recording) -> Corrected:
+    """
+    Take all streams to be on one clock already, as where no commands were recorded.
+
+    Raises
+    ------
+    DataError
+        A stream cannot be used.
+    """
+    known, stamped = recording.notes, checked(recording).recording
+    changed, notes = _evened(stamped)
+    stamped = replace(stamped, **changed, notes=(*stamped.notes, *notes))
+    return Corrected(stamped, (), {}, {}, stamped.notes[len(known):], stamped)
+
+
 def _evened(recording: Recording) -> tuple[dict[str, Any], list[str]]:
     """Even the stamps of sensors that jitter around regular instants; return these, and notes."""
     changed: dict[str, Any] = {}

@@ -112,16 +112,21 @@ def found(p: Problem, events: Sequence[Event]) -> list[Found]:
     Returns
     -------
     list of Found
+        Without those that the effects explain which were found since.
     """
     out = []
     for e in events:
         numbers = {}
         for c in e.heights:
             height, std = _height(p, e, c)
+            if abs(height) <= SURE * std:
+                continue
             channel = CHANNELS[c]
             numbers[channel.name.replace('force.', 'f').replace('torque.', 't')] = Parameter(
                 height, std, channel.unit)
-        out.append(Found(NAME, numbers, PROBABILITY, e.instant, (e.low, e.high), e.recording))
+        if numbers:
+            out.append(Found(NAME, numbers, PROBABILITY, e.instant, (e.low, e.high),
+                             e.recording))
     return out
 
 

@@ -53,7 +53,7 @@ class Remains(NamedTuple):
     words: str
 
 
-def doubt(lead: float, unnamed: float) -> float:
+def doubt(lead: float, wanting: float) -> float:
     """
     Return the probability that a discrepancy only looks like an effect.
 
@@ -61,16 +61,16 @@ def doubt(lead: float, unnamed: float) -> float:
     ----------
     lead : float
         Log-evidence of the effect against a discrepancy in its place.
-    unnamed : float
-        Log-likelihood that is wanting still; 0: nothing.
+    wanting : float
+        Log-evidence that a model without any flaw would have more; 0: there is none.
 
     Returns
     -------
     float
     """
-    if unnamed <= 0.0:
+    if wanting <= 0.0:
         return 0.0
-    return _sigmoid(-STEEPNESS * math.log10(max(lead, 1e-9) / (SHARE * unnamed)))
+    return _sigmoid(-STEEPNESS * math.log10(max(lead, 1e-9) / (SHARE * wanting)))
 
 
 def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], remains: Remains,

@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 
 from forcecal_ros.diagnose.blocked import Blocked
-from forcecal_ros.diagnose.channels import CHANNELS
-from forcecal_ros.diagnose.motion.document import UNITS
-from forcecal_ros.diagnose.motion.pipeline import MotionOutcome
+from forcecal_ros.diagnose.channels import CHANNELS, units
 from forcecal_ros.diagnose.pipeline import Outcome
 from forcecal_ros.diagnose.remainder import Cell, cells
-from forcecal_ros.diagnose.replay import Signals
 from forcecal_ros.diagnose.result import Diagnosis
+from forcecal_ros.diagnose.simulation import Signals
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.autoregression import fit_autoregression
 from forcecal_ros.recording.streams import Phase
@@ -64,46 +62,30 @@ class View:
 def view_without_signals(diagnosis: Diagnosis) -> View:
     """Show a diagnosis of data that cannot answer: what its verdict says is all there is."""
     nothing = np.zeros((0, len(CHANNELS)))
-    return View(diagnosis, '', UNITS, np.zeros(0), (), np.zeros(0, np.intp),
+    return View(diagnosis, '', units(), np.zeros(0), (), np.zeros(0, np.intp),
                 np.zeros(nothing.shape, np.bool_), nothing, nothing, nothing, nothing, ())
 
 
-def view_of(outcome: Outcome, advice: str) -> View:
+def view_of(outcome: Outcome, advice: str, of_channels: dict[str, str]) -> View:
     """
-    Show a diagnosis by commands.
+    Show a diagnosis.
 
     Parameters
     ----------
     outcome : Outcome
         With cases.
+    advice : str
+    of_channels : dict of str to str
+        Their units.
     """
     case = outcome.cases[-1]
     present = case.measured.present
     nominal = case.measured.blocks(case.nominal)
     measured = np.where(present, _means(case.nominal, len(case.groups)) + nominal, np.nan)
-    return View(outcome.diagnosis, advice, {c.name: c.unit for c in CHANNELS}, case.times,
+    return View(outcome.diagnosis, advice, of_channels, case.times,
                 case.phases, case.groups, present, measured, nominal, outcome.recalibrated[-1],
                 outcome.explained[-1],
                 _cells(case, present, outcome.recalibrated[-1], outcome.explained[-1]))
-
-
-def view_of_motion(outcome: MotionOutcome, advice: str) -> View:
-    """
-    Show a diagnosis by measured motion.
-
-    Parameters
-    ----------
-    outcome : MotionOutcome
-        With arms.
-    """
-    assert outcome.arms is not None
-    arms = outcome.arms
-    case = arms.cases[-1]
-    measured = np.where(case.present, case.measured, np.nan)
-    return View(outcome.diagnosis, advice, UNITS, case.times, case.phases, case.groups,
-                case.present, measured, arms.nominal[-1], arms.recalibrated[-1],
-                arms.explained[-1],
-                _cells(case, case.present, arms.recalibrated[-1], arms.explained[-1]))
 
 
 def _cells(case: Blocked, present: NDArray[np.bool_], before: Array, after: Array

@@ -4,7 +4,7 @@ from forcecal_ros.diagnose.basis import Basis, basis
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.discrepancy import Discrepancy, SIZES
 from forcecal_ros.diagnose.evidence import fit, Prior
-from forcecal_ros.diagnose.replay import Signals
+from forcecal_ros.diagnose.simulation import Signals
 from forcecal_ros.diagnose.verdict import doubt
 from forcecal_ros.recording.noise.autoregression import Autoregression, ORDER
 import numpy as np

@@ -3,8 +3,8 @@
 from dataclasses import replace
 import warnings
 
-from forcecal_ros.diagnose.motion.known import known_from_rig
-from forcecal_ros.diagnose.motion.pipeline import diagnose_motion
+from forcecal_ros.diagnose.body import body_of_rig
+from forcecal_ros.diagnose.by_motion import diagnose_motion
 from forcecal_ros.diagnose.pairing import bridged, unseen
 from forcecal_ros.diagnose.parameters import from_checks
 from forcecal_ros.diagnose.pipeline import diagnose
@@ -59,7 +59,7 @@ def both(recording):
         rig = load_rig()
         found = [diagnose(recording, None, rig).diagnosis,
                  diagnose_motion(replace(recording, target=None), None,
-                                 known_from_rig(rig)).diagnosis]
+                                 body_of_rig(rig)).diagnosis]
     assert [d.verdict for d in found] == 2 * ['invalid_data']
     assert not any('\n' in d.reason for d in found)
     return [d.reason for d in found]

@@ -152,6 +152,22 @@ def fit_autoregression(residual: Array, present: BoolArray, groups: IntArray) ->
     return Autoregression(coefficients, sigma, rows, np.asarray(present), groups)
 
 
+def white(residual: Array, present: BoolArray, groups: IntArray) -> Autoregression:
+    """
+    Take noise for white, and as strong as neighbouring samples differ by.
+
+    Whatever else a residual holds changes slowly: a noise that was fitted to it would whiten a
+    drift away. Parameters and return as of :func:`fit_autoregression`.
+    """
+    fitted = fit_autoregression(residual, present, groups)
+    sigma = np.zeros_like(fitted.sigma)
+    for c in np.flatnonzero(fitted.sigma.any(axis=0)):
+        step = np.diff(residual[present[:, c], c])
+        sigma[:, c] = 1.4826 * np.median(np.abs(step)) / np.sqrt(2.0)
+    return fitted._replace(coefficients=np.zeros_like(fitted.coefficients),
+                           sigma=np.where(sigma > 0.0, sigma, fitted.sigma))
+
+
 def _without_gap(there: IntArray) -> BoolArray:
     """Say which samples follow ORDER others without a gap, from the first that may."""
     if len(there) <= ORDER:

@@ -1,0 +1,100 @@
+"""From a recording without commands to a diagnosis: the wrench against the measured motion."""
+
+from dataclasses import replace
+
+from forcecal_ros.diagnose.body import Body
+from forcecal_ros.diagnose.case import held_apart
+from forcecal_ros.diagnose.motion_case import by_seconds, prepare_motion, SHORTEST
+from forcecal_ros.diagnose.pairing import check_alike, require_overlap
+from forcecal_ros.diagnose.pipeline import answered, Outcome
+from forcecal_ros.diagnose.result import Diagnosis, Found
+from forcecal_ros.diagnose.stamps import evened
+from forcecal_ros.errors import DataError
+from forcecal_ros.recording.streams import Recording
+
+DELAY = 'accelerometer.delay'
+"""The nuisance that says how far the accelerometer is behind the wrench."""
+
+TOLD = 0.5
+"""Part of its prior's that a delay's standard error is at most where the motion tells it."""
+
+MOVED = 3.0
+"""Standard errors of a recalibration from which it is told; one in four hundred is by chance."""
+
+UNITS = {DELAY: ' s', 'tool.com': ' m', 'tool.inertia': ' kg m^2'}
+"""Of what is told as recalibrated, by its name without axis; what is not here is relative."""
+
+
+def diagnose_motion(recording: Recording, heldout: Recording | None, body: Body,
+                    accelerometer: str | None = None) -> Outcome:
+    """
+    Find out why a wrench is not what the measured motion says.
+
+    Parameters
+    ----------
+    recording : Recording
+        To fit on; of a calibrated tool its accelerometer speaks m/s^2 along ft_sensor.
+    heldout : Recording or None
+        To judge on; every other second of ``recording`` where none is given.
+    body : Body
+    accelerometer : str, optional
+        ``acc1`` or ``acc2``; the mounted one where none is given.
+
+    Returns
+    -------
+    Outcome
+        Data that cannot answer come out as such, with the reason.
+    """
+    given = [r for r in (recording, heldout) if r is not None]
+    try:
+        check_alike(given)
+        stamps = [evened(r) for r in given]
+        for one in stamps:
+            require_overlap(one.recording, 'pose', SHORTEST)
+        cases = [prepare_motion(stamps[0].recording, body, accelerometer)]
+        cases += [prepare_motion(s.recording, body, accelerometer, cases[0].simulation.bands)
+                  for s in stamps[1:]]
+    except DataError as error:
+        return Outcome(Diagnosis('invalid_data', str(error)), body)
+    if not all((c.groups == 1).any() for c in cases):
+        return Outcome(Diagnosis('not_excited', 'the robot does not move; record a motion that '
+                                 'turns the tool and speeds it up'), body)
+    ready = held_apart(*cases) if len(cases) > 1 else (by_seconds(cases[0]),)
+    outcome = answered(body, ready, stamps, given)
+    d = outcome.diagnosis
+    return replace(outcome, diagnosis=replace(
+        d, effects=tuple(_in(body.accelerometer_unit, e) for e in d.effects),
+        notes=(*d.notes, *_told(outcome, body.accelerometer_unit))))
+
+
+def delay_std(outcome: Outcome) -> float | None:
+    """Return the standard error of the delay between the sensors [s]; None where none is told."""
+    delay = outcome.recalibrations.get(DELAY)
+    if delay is None or not isinstance(outcome.rig, Body):
+        return None
+    return delay[1] if 0.0 < delay[1] < TOLD * outcome.rig.spreads.accel_behind else None
+
+
+def _in(unit: str, effect: Found) -> Found:
+    """Name the unit that the accelerometer speaks."""
+    return replace(effect, parameters={
+        k: replace(p, unit=unit) if p.unit == 'V' else p for k, p in effect.parameters.items()})
+
+
+def _told(outcome: Outcome, unit: str) -> list[str]:
+    """Say what was recalibrated by more than it is known to."""
+    out = []
+    for name, (value, std) in outcome.recalibrations.items():
+        if abs(value) > MOVED * std and not name.startswith('wrench.step'):
+            sure = f' +- {std:.2g}' if std else ', as far as is usual'
+            out.append(f'recalibrated: {name} by {value:+.3g}{sure}{_unit(name, unit)}')
+    return out
+
+
+def _unit(name: str, accelerometer: str) -> str:
+    stem, _, axis = name.rpartition('.')
+    if stem == 'wrench.bias':
+        return ' N' if int(axis) < 3 else ' N m'
+    if stem == 'accelerometer.offset':
+        return f' {accelerometer}'
+    return UNITS.get(name) or UNITS.get(stem, '')

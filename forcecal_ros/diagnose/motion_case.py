@@ -1,0 +1,131 @@
+"""A recording without commands made ready: its tool carried along the measured motion."""
+
+from dataclasses import replace
+from itertools import product
+
+from forcecal_ros.diagnose.body import Body
+from forcecal_ros.diagnose.case import Case, conversion, made_up, STILL
+from forcecal_ros.diagnose.channels import BLOCK, COLUMNS
+from forcecal_ros.diagnose.measured_motion import BANDS, MeasuredMotion
+from forcecal_ros.diagnose.residual import Measured
+from forcecal_ros.diagnose.simulation import block_means, Signals
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array
+from forcecal_ros.recording.noise.autoregression import FEWEST
+from forcecal_ros.recording.streams import Recording, Stream
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
+SHORTEST = 3.0
+"""Recording that can be diagnosed [s]."""
+
+EDGE = 0.03
+"""Left out at both ends, so that one sensor may be as late as that behind another [s]."""
+
+MOVING = (0.005, 0.002)
+"""Angular speed [rad/s] and speed [m/s] from which the robot moves: noisy poses show less."""
+
+TOUCHED = ('approach', 'contact', 'retract')
+"""Phases in which what the tool meets is not known, and which are left out."""
+
+
+def prepare_motion(recording: Recording, body: Body, accelerometer: str | None = None,
+                   bands: tuple[float, float] | None = None) -> Case:
+    """
+    Make one recording ready; all of its blocks are for training.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of a calibrated tool its accelerometer is in m/s^2 along ft_sensor.
+    body : Body
+    accelerometer : str, optional
+        ``acc1`` or ``acc2``; the mounted one where none is given.
+    bands : (float, float), optional
+        Up to which frequency pose and accelerometer count [Hz]; those that leave least where none
+        are given.
+
+    Returns
+    -------
+    Case
+        Its pose is an input, and its accelerometer counts as measured at rest only.
+
+    Raises
+    ------
+    DataError
+        Wrench or pose are missing, or overlap for too short a time.
+    """
+    wrench, pose = recording.wrench, recording.pose
+    if wrench is None or pose is None or len(wrench) < 100 or len(pose) < 20:
+        raise DataError('the recording holds neither commands nor wrench with measured pose; '
+                        'record target_frame, or wrench and current_pose')
+    name = accelerometer or body.accelerometer.mounted
+    gain, offset = conversion(recording, body, name)
+    volts = _in_volts(recording, gain, offset)
+    if body.accelerometer.model(name).highpass:
+        volts = None
+    streams = [s.t for s in (wrench, pose, volts) if s is not None]
+    first = max(float(t[0]) for t in streams) + EDGE
+    last = min(float(t[-1]) for t in streams) - EDGE
+    if last - first < SHORTEST:
+        raise DataError(f'wrench and motion overlap for {max(0.0, last - first):.1f} s; at '
+                        f'least {SHORTEST:g} s are needed: record a longer motion')
+    n = int((last - first) / BLOCK)
+    moved = replace(recording, accelerometer=volts, accelerometer_unit='V')
+    felt = Measured(Recording(wrench=wrench), first, n, np.ones(3), np.zeros(3))
+    tried = [MeasuredMotion(moved, first, n, name, pair) for pair in (
+        product(BANDS, BANDS) if bands is None else (bands,))]
+    simulation = min(tried, key=lambda one: _left(felt, one.signals(body)))
+    nominal = simulation.signals(body)
+    groups = _kinds(nominal)
+    seen = replace(moved, target=None, pose=None, optidrive=None,
+                   accelerometer=_at_rest(volts, groups, first))
+    measured = Measured(seen, first, n, np.ones(3), np.zeros(3))
+    case = Case(moved, simulation, measured, nominal, groups,
+                recording.phases or made_up(groups, first), np.ones(n, bool), np.zeros(n, bool))
+    for phase, rows in case.phase_rows().items():
+        if phase in TOUCHED:
+            measured.present[rows] = False
+    return case
+
+
+def by_seconds(case: Case) -> Case:
+    """Hold out every other second: phases that are told by the motion are of any length."""
+    held = np.floor(case.times - case.measured.start).astype(int) % 2 == 1
+    return replace(case, train=~held, held=held)
+
+
+def _in_volts(recording: Recording, gain: Array, offset: Array) -> Stream | None:
+    stream = recording.accelerometer
+    if stream is None or len(stream) < 2:
+        return None
+    if recording.accelerometer_unit == 'V':
+        return stream
+    return replace(stream, values=stream.values * gain + offset)
+
+
+def _at_rest(stream: Stream | None, groups: NDArray[np.intp], start: float) -> Stream | None:
+    """Keep what an accelerometer says at rest: in motion it is what the motion is known by."""
+    if stream is None:
+        return None
+    block = np.floor((stream.t - start) / BLOCK).astype(int)
+    rest = (block >= 0) & (block < len(groups))
+    rest[rest] = groups[block[rest]] == 0
+    if len(np.unique(block[rest])) < FEWEST:
+        return None
+    return replace(stream, t=stream.t[rest], values=stream.values[rest])
+
+
+def _left(felt: Measured, signals: Signals) -> float:
+    """Say how much of a wrench's changes is left, the logarithms of its channels summed."""
+    rows = felt.blocks(signals)[felt.present[:, 0], COLUMNS['wrench']]
+    return float(np.sum(np.log(np.var(np.diff(rows, axis=0), axis=0) + np.finfo(float).tiny)))
+
+
+def _kinds(signals: Signals) -> NDArray[np.intp]:
+    """Tell rest (0) from motion (1) and what is near it, by means: a pose is noisy."""
+    means = [uniform_filter1d(block_means(rows), STILL // 2, axis=0, mode='nearest')
+             for rows in (signals.omega, signals.velocity)]
+    speed = np.maximum(*(np.linalg.norm(m, axis=1) / s for m, s in zip(means, MOVING)))
+    return maximum_filter1d((speed > 1.0).astype(np.intp), 2 * STILL + 1)
