@@ -51,9 +51,7 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, body: Body,
         stamps = [evened(r) for r in given]
         for one in stamps:
             require_overlap(one.recording, 'pose', SHORTEST)
-        cases = [prepare_motion(stamps[0].recording, body, accelerometer)]
-        cases += [prepare_motion(s.recording, body, accelerometer, cases[0].simulation.bands)
-                  for s in stamps[1:]]
+        cases = [prepare_motion(s.recording, body, accelerometer) for s in stamps]
     except DataError as error:
         return Outcome(Diagnosis('invalid_data', str(error)), body)
     if not all((c.groups == 1).any() for c in cases):

@@ -1,9 +1,8 @@
 """A rigid tool behind the measured motion: what its sensors should say, noise-free."""
 
 from dataclasses import replace
-from math import inf
 
-from forcecal_ros.diagnose.body import Body
+from forcecal_ros.diagnose.body import Body, UNKNOWN_DELAY
 from forcecal_ros.diagnose.channels import BLOCK
 from forcecal_ros.diagnose.nuisances import (
     LEAST,
@@ -24,12 +23,8 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation, RotationSpline
 
-BANDS = (12.5, 25.0, 50.0, inf)
-"""
-Frequencies up to which a tool may move as a rigid body [Hz]; above, arm and gripper ring.
-
-Of a KUKA's arm 12.5 Hz; a tool that is rigid indeed, and a good pose, are worth all there is.
-"""
+SLOW = 12.5
+"""Up to which any tool moves as a rigid body [Hz]: above, arm and gripper ring."""
 
 ORDER = 4
 """Of the low-pass, there and back: a quarter of its corner passes to 1e-5, half of it to 0.4 %."""
@@ -76,15 +71,13 @@ class MeasuredMotion:
     n_blocks : int
     accelerometer : str
         ``acc1`` or ``acc2``.
-    bands : (float, float)
-        Up to which frequency pose and accelerometer count [Hz].
     """
 
-    def __init__(self, recording: Recording, start: float, n_blocks: int, accelerometer: str,
-                 bands: tuple[float, float]) -> None:
+    band, exact, starts_white = SLOW, EXACT, True
+
+    def __init__(self, recording: Recording, start: float, n_blocks: int, accelerometer: str
+                 ) -> None:
         self.start, self.n_blocks, self.accelerometer = start, n_blocks, accelerometer
-        self.bands, self.exact = bands, EXACT
-        self.band = bands[0] if recording.accelerometer is None else bands[1]
         pose = recording.pose
         assert pose is not None
         count = 1.0 + np.arange(n_blocks * round(BLOCK * RATE))
@@ -94,14 +87,14 @@ class MeasuredMotion:
         stream, self._slide = recording.optidrive, np.zeros(len(self._t))
         if stream is not None and len(stream) > 1:
             self._slide = stream.at(self._t)[:, 0]
-        self._volts = _slowed(recording.accelerometer, self.bands[1])
+        self._volts = _slowed(recording.accelerometer)
         self._late: dict[float, Array] = {}
 
     def _turn(self, pose: PoseStream) -> None:
         spline = RotationSpline(pose.t, Rotation.from_matrix(np.array(pose.R_base_sensor)))
         self._R: Array = spline(np.clip(self._t, pose.t[0], pose.t[-1])).as_matrix()
         turns = rotation_vector(np.swapaxes(self._R[:-1], 1, 2) @ self._R[1:]) * RATE
-        self._omega = _slow(np.concatenate([turns[:1], turns]), RATE, self.bands[0])
+        self._omega = _slow(np.concatenate([turns[:1], turns]), RATE)
         self._alpha = _rate_of(self._omega)
         W = skew(self._omega)
         self._lever = skew(self._alpha) + W @ W
@@ -112,13 +105,14 @@ class MeasuredMotion:
         if self._placed:
             at = np.clip(self._t, pose.t[0], pose.t[-1])
             self._position = CubicSpline(pose.t, pose.position)(at)
-            self._velocity = _slow(_rate_of(self._position), RATE, self.bands[0])
+            self._velocity = _slow(_rate_of(self._position), RATE)
             self._acceleration = _rate_of(self._velocity)
 
     def can_show(self, effect: str, rig: Rig) -> bool:
-        """Say whether an effect can show: a delay that is estimated along cannot beside it."""
-        own = not isinstance(rig, Body) or effect != 'accel_delay' or not rig.spreads.accel_behind
-        return effect in SHOWN and own
+        """Say whether an effect can show: a delay that nobody knows is estimated along instead."""
+        if effect == 'accel_delay' and isinstance(rig, Body):
+            return rig.spreads.accel_behind < UNKNOWN_DELAY
+        return effect in SHOWN
 
     def nuisances(self, rig: Rig, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """List what tool and sensors may differ in from what is known."""
@@ -241,7 +235,7 @@ def _rate_of(rows: Array) -> Array:
     return np.asarray(np.gradient(rows, 1.0 / RATE, axis=0))
 
 
-def _slow(rows: Array, rate: float, band: float) -> Array:
+def _slow(rows: Array, rate: float, band: float = SLOW) -> Array:
     """Leave out what is faster than a band; where samples are few, nothing is."""
     if rate <= 2.0 * band or len(rows) < rate:
         return rows
@@ -249,7 +243,5 @@ def _slow(rows: Array, rate: float, band: float) -> Array:
         butter(ORDER, band, fs=rate, output='sos'), rows, axis=0))
 
 
-def _slowed(stream: Stream | None, band: float) -> CubicSpline | None:
-    if stream is None:
-        return None
-    return CubicSpline(stream.t, _slow(stream.values, stream.rate, band))
+def _slowed(stream: Stream | None) -> CubicSpline | None:
+    return None if stream is None else CubicSpline(stream.t, _slow(stream.values, stream.rate))

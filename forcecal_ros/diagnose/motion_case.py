@@ -1,12 +1,11 @@
 """A recording without commands made ready: its tool carried along the measured motion."""
 
 from dataclasses import replace
-from itertools import product
 
 from forcecal_ros.diagnose.body import Body
 from forcecal_ros.diagnose.case import Case, conversion, made_up, STILL
-from forcecal_ros.diagnose.channels import BLOCK, COLUMNS
-from forcecal_ros.diagnose.measured_motion import BANDS, MeasuredMotion
+from forcecal_ros.diagnose.channels import BLOCK
+from forcecal_ros.diagnose.measured_motion import MeasuredMotion
 from forcecal_ros.diagnose.residual import Measured
 from forcecal_ros.diagnose.simulation import block_means, Signals
 from forcecal_ros.errors import DataError
@@ -30,8 +29,7 @@ TOUCHED = ('approach', 'contact', 'retract')
 """Phases in which what the tool meets is not known, and which are left out."""
 
 
-def prepare_motion(recording: Recording, body: Body, accelerometer: str | None = None,
-                   bands: tuple[float, float] | None = None) -> Case:
+def prepare_motion(recording: Recording, body: Body, accelerometer: str | None = None) -> Case:
     """
     Make one recording ready; all of its blocks are for training.
 
@@ -42,9 +40,6 @@ def prepare_motion(recording: Recording, body: Body, accelerometer: str | None =
     body : Body
     accelerometer : str, optional
         ``acc1`` or ``acc2``; the mounted one where none is given.
-    bands : (float, float), optional
-        Up to which frequency pose and accelerometer count [Hz]; those that leave least where none
-        are given.
 
     Returns
     -------
@@ -73,10 +68,7 @@ def prepare_motion(recording: Recording, body: Body, accelerometer: str | None =
                         f'least {SHORTEST:g} s are needed: record a longer motion')
     n = int((last - first) / BLOCK)
     moved = replace(recording, accelerometer=volts, accelerometer_unit='V')
-    felt = Measured(Recording(wrench=wrench), first, n, np.ones(3), np.zeros(3))
-    tried = [MeasuredMotion(moved, first, n, name, pair) for pair in (
-        product(BANDS, BANDS) if bands is None else (bands,))]
-    simulation = min(tried, key=lambda one: _left(felt, one.signals(body)))
+    simulation = MeasuredMotion(moved, first, n, name)
     nominal = simulation.signals(body)
     groups = _kinds(nominal)
     seen = replace(moved, target=None, pose=None, optidrive=None,
@@ -117,15 +109,10 @@ def _at_rest(stream: Stream | None, groups: NDArray[np.intp], start: float) -> S
     return replace(stream, t=stream.t[rest], values=stream.values[rest])
 
 
-def _left(felt: Measured, signals: Signals) -> float:
-    """Say how much of a wrench's changes is left, the logarithms of its channels summed."""
-    rows = felt.blocks(signals)[felt.present[:, 0], COLUMNS['wrench']]
-    return float(np.sum(np.log(np.var(np.diff(rows, axis=0), axis=0) + np.finfo(float).tiny)))
-
-
 def _kinds(signals: Signals) -> NDArray[np.intp]:
     """Tell rest (0) from motion (1) and what is near it, by means: a pose is noisy."""
     means = [uniform_filter1d(block_means(rows), STILL // 2, axis=0, mode='nearest')
              for rows in (signals.omega, signals.velocity)]
     speed = np.maximum(*(np.linalg.norm(m, axis=1) / s for m, s in zip(means, MOVING)))
-    return maximum_filter1d((speed > 1.0).astype(np.intp), 2 * STILL + 1)
+    near = maximum_filter1d((speed > 1.0).astype(float), 2 * STILL + 1)
+    return np.asarray(near, dtype=np.intp)

@@ -206,9 +206,9 @@ class Problem:
     def refit_noise(self, x: Array) -> None:
         """Fit the noise of what a step of the nuisances, and any discrepancy, leave."""
         rest = [b - combined(columns, x, len(b)) for b, columns in zip(self.blocks, self.columns)]
-        if not self.noise:
+        if not self.noise and self.cases[0].simulation.starts_white:
             self.noise = [white(r, c.measured.present, c.groups) for r, c in zip(rest, self.cases)]
-        if self.discrepancy is not None:
+        if self.noise and self.discrepancy is not None:
             rest = [r - p for r, p in zip(rest, self.beside().predicted(rest))]
         self.noise = [fit_autoregression(r, c.measured.present, c.groups)
                       for r, c in zip(rest, self.cases)]

@@ -81,6 +81,9 @@ class Simulation(Protocol):
         Up to which frequency it is meant to hold [Hz].
     exact : float
         RMS in that of the noise of a channel, up to which it is meant to be right.
+    starts_white : bool
+        Whether noise is first taken for white: where a recording is all motion, nothing shows
+        the noise by itself.
     """
 
     start: float
@@ -88,6 +91,7 @@ class Simulation(Protocol):
     accelerometer: str
     band: float
     exact: float
+    starts_white: bool
 
     def signals(self, rig: Rig) -> Signals:
         """Simulate a rig, with its effects."""

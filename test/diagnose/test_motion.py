@@ -48,8 +48,8 @@ def recalibrated(document, name):
 
 def test_delay_and_offset_of_a_real_arm_come_out_by_themselves(found):
     delay, std = recalibrated(found, 'accelerometer.delay')
-    assert 0.006 < delay < 0.0075
-    assert std < 0.001
+    # by an engine that judged slow motion only it was 6.8 +- 1.0 ms
+    assert abs(delay - 0.0068) < 2.0 * std < 0.002
     # the zero moved since the calibration, after the turning arm's centripetal force is taken off
     assert recalibrated(found, 'wrench.bias.2')[0] == pytest.approx(0.21, abs=0.05)
 
@@ -57,7 +57,7 @@ def test_delay_and_offset_of_a_real_arm_come_out_by_themselves(found):
 def test_the_gap_of_a_real_arm_shrinks_on_every_axis_held_out(found):
     for axis in 'xyz':
         channel = found['gap']['per_channel'][f'force.{axis}']
-        assert channel['explained_rms'] < 0.2 * channel['nominal_rms']
+        assert channel['explained_rms'] < 0.3 * channel['nominal_rms']
 
 
 def test_an_arm_to_which_nothing_was_done_is_not_given_an_effect_for_sure(found):
