@@ -187,7 +187,7 @@ class Observer(ManagedNode):
             design(self._source.calibration, settings)
 
     def _on_changed(self, parameters: list[Any]) -> None:
-        self._chain.window = self._value('tare.duration')
+        self._chain.window.seconds = self._value('tare.duration')
         self._chain.fade_duration = self._value('takeover.duration')
         if self._source is not None and any(
                 parameter.name.startswith(('observer.', 'limits.', 'gravity.'))

@@ -63,7 +63,8 @@ PARAMETERS = (
     _live('limits.torque', 0.0, 'End of the torque range per axis; 0: unknown', 'N m', 0.0, 1e5),
     _live('limits.accelerometer', 0.0, 'End of the accelerometer range about zero, in its unit; '
           '0: unknown', '', 0.0, 1e5),
-    _live('tare.duration', 0.5, 'Duration at rest over which a tare averages', 's', 0.1, 10.0),
+    _live('tare.duration', 0.5, 'Duration at rest over which a tare averages; longer where that '
+          'is fewer than 20 samples', 's', 0.1, 10.0),
     _live('takeover.duration', 0.5, 'Duration over which a new calibration or setting is faded in',
           's', 0.01, 10.0),
     _live('stale_timeout', 0.5, 'Silence after which /diagnostics calls a sensor stale', 's',
