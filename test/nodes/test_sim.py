@@ -211,7 +211,7 @@ def test_a_parameter_file_reaches_a_node_in_any_namespace(ros_domain, tmp_path):
     try:
         node = Sequencer()
         assert node.get_parameter('pace.speed').value == 0.125
-        assert node.get_parameter('limits.workspace_max').value == [1.25, 0.4, 1.4]
+        assert node.get_parameter('limits.workspace_max').value == [1.3, 0.4, 1.4]
         topics = dict(node.get_topic_names_and_types())
         assert '/left/arm/sequencer/phase' in topics and '/left/arm/target_frame' in topics
         assert 'Peak speed' in node.describe_parameter('pace.speed').description
