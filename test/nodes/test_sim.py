@@ -190,7 +190,8 @@ def test_its_own_clock_waits_for_commands_that_come_late(ros_domain):
 
 @pytest.mark.parametrize('module, arguments, message', [
     ('sim', ['-p', 'speed:=2'], 'parameter speed is 2, expected a float, written with a point'),
-    ('sim', ['-p', 'speed:=2.0', '-p', 'use_sim_time:=true'], 'set one of them'),
+    ('sim', ['-p', 'clock.publsh:=true'],
+     'unknown parameter clock.publsh; did you mean clock.publish?'),
     ('sim', ['-p', 'rig:=/nowhere.yaml'], '/nowhere.yaml'),
     ('sequencer', ['-p', 'sequence:=dance'], "sequence is 'dance', expected one of calibrate"),
     ('sequencer', ['-p', 'limits.speed:=2.0'], 'limits.acceleration'),
@@ -215,6 +216,9 @@ def test_a_parameter_file_reaches_a_node_in_any_namespace(ros_domain, tmp_path):
         topics = dict(node.get_topic_names_and_types())
         assert '/left/arm/sequencer/phase' in topics and '/left/arm/target_frame' in topics
         assert 'Peak speed' in node.describe_parameter('pace.speed').description
+    ('observer', ['-p', 'calibration:=cal.yaml'],
+     'unknown parameter calibration; did you mean calibration.file?'),
+    ('gap', ['-p', 'zigzag:=3'], 'unknown parameter zigzag; config/gap.yaml lists all'),
         node.destroy_node()
     finally:
         rclpy.try_shutdown()
