@@ -17,6 +17,7 @@ from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, STEADY
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
+from forcecal_ros.nodes.waiting import Waiting
 from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Writer
 from forcecal_ros.observe import ContactSample, design, noise_levels, ObserverSettings
 from forcecal_ros.observe.live import LiveObserver, Samples, Values
@@ -52,6 +53,7 @@ class Observer(ManagedNode):
         self._heard: dict[str, LastMessage] = {}
         self._inbox = Inbox(self, polled=self._value('poll_rate') > 0)
         self._origin: int | None = None
+        self._waiting = Waiting(self)
         self.add_post_set_parameters_callback(self._on_changed)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', OUTPUT)
         if self._value('poll_rate') > 0:
@@ -111,6 +113,7 @@ class Observer(ManagedNode):
         """Begin to estimate and publish."""
         self._reset()
         self._active = True
+        self.get_logger().info('up: answers every wrench on observer/contact_wrench')
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -272,12 +275,23 @@ class Observer(ManagedNode):
 
     # Diagnostics ----------------------------------------------------------------------------
 
+    def _missing(self) -> str:
+        """Return what estimates wait for: a calibration, or topics; empty: nothing."""
+        if not self._active:
+            return ''
+        if self._source is None:
+            return 'a calibration, from calibration.file or sequencer/calibration'
+        silent = self._silent()
+        return ' and '.join(topic for topic in ('wrench', 'current_pose')
+                            if topic in silent or topic not in self._heard)
+
     def _silent(self) -> list[str]:
         """Return the topics that have fallen silent."""
         oldest = STEADY.now().nanoseconds - self._value('stale_timeout') * 1e9
         return [topic for topic, heard in self._heard.items() if heard.steady_ns < oldest]
 
     def _report(self) -> None:
+        self._waiting.of(self._missing())
         count, status = self._chain.report()
         values = {'estimates a second': count,
                   'calibration': self._source.name if self._source else 'none'}

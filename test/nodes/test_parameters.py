@@ -106,6 +106,21 @@ def test_the_readme_names_every_topic_and_service(described, node):
         assert names - {f'{node}/transition_event', *says} <= {*named}
 
 
+@pytest.mark.parametrize('node, words', [
+    ('sim', ['up: the nominal rig holds until commands come on target_frame']),
+    ('observer', ['up: answers every wrench', 'waiting for a calibration']),
+    ('gap', ['up: compares the robot with the nominal rig', 'waiting for target_frame'])])
+def test_a_node_says_that_it_is_up_and_what_it_waits_for(described, node, words):
+    live, _ = described
+    live.until(lambda: all(word in live.said(node) for word in words), f'{words} of {node}')
+
+
+def test_diagnostics_name_the_hardware(described):
+    live, _ = described
+    live.until(lambda: {*TABLES} <= {*live.diagnostics}, 'diagnostics of every node')
+    assert all(live.diagnostics[node].hardware_id == 'robot' for node in TABLES)
+
+
 @pytest.mark.parametrize('arguments', [('-p', 'speed'), ('--params-file', '/nowhere.yaml')])
 def test_ros_arguments_that_cannot_be_read_are_wrong_usage(capsys, arguments):
     assert sim.main(['sim', '--ros-args', *arguments]) == 2
