@@ -9,6 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.calibration.file import DAY, load, parse, refuse_old
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import ConfigError, DataError, ForcecalError
+from forcecal_ros.nodes.frame_outputs import FrameOutputs
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.managed import ManagedNode
 from forcecal_ros.nodes.observer_health import health, LastMessage
@@ -20,6 +21,7 @@ from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.nodes.waiting import Waiting
 from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Writer
 from forcecal_ros.observe import ContactSample, design, noise_levels, ObserverSettings
+from forcecal_ros.observe.frames import Frames
 from forcecal_ros.observe.live import LiveObserver, Samples, Values
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -50,6 +52,7 @@ class Observer(ManagedNode):
         self._failure = ''
         self._active = False
         self._accelerometer: Any = None
+        self._frames: FrameOutputs | None = None
         self._heard: dict[str, LastMessage] = {}
         self._inbox = Inbox(self, polled=self._value('poll_rate') > 0)
         self._origin: int | None = None
@@ -85,6 +88,7 @@ class Observer(ManagedNode):
         """Load the calibration where a file is given; create publishers and subscriptions."""
         self._failure = ''
         try:
+            frames = Frames(self._value('publish.frames'), self._value('publish.frame_poses'))
             if self._value('calibration.file'):
                 self._take_over(self._load())
         except ForcecalError as error:
@@ -98,9 +102,10 @@ class Observer(ManagedNode):
             if self._value(f'publish.{name}'):
                 self._optional.append((field, self.create_lifecycle_publisher(
                     WrenchStamped, f'observer/{name}', OUTPUT)))
+        self._frames = FrameOutputs(self, frames)
         self._inputs = [
             self._subscribe('wrench', WrenchStamped, self._chain.on_wrench),
-            self._subscribe('current_pose', PoseStamped, self._chain.on_pose)]
+            self._subscribe('current_pose', PoseStamped, self._on_pose)]
         if self._value('optidrive.joint'):
             self._inputs.append(self._subscribe(
                 'optidrive', JointState, self._chain.on_displacement))
@@ -143,6 +148,8 @@ class Observer(ManagedNode):
         for publisher in publishers:
             self.destroy_lifecycle_publisher(publisher)
         self._inputs, self._optional, self._accelerometer = [], [], None
+        if self._frames is not None:
+            self._frames.destroy()
         self._source = None
         self._chain.let_go()
         self._origin = None
@@ -237,12 +244,19 @@ class Observer(ManagedNode):
 
         return self._inbox.subscribe(message_type, topic, on_message)
 
+    def _on_pose(self, t: float, values: Values) -> Samples:
+        assert self._frames is not None
+        self._frames.on_pose(t, values, self._heard['current_pose'].frame)
+        return self._chain.on_pose(t, values)
+
     def _publish(self, sample: ContactSample) -> None:
-        assert self._origin is not None
+        assert self._origin is not None and self._chain.model is not None
+        assert self._frames is not None
         stamp = self._origin + round(sample.t * 1e9)
         self._out.publish(self._write(stamp, sample.contact))
         for field, publisher in self._optional:
             publisher.publish(self._write(stamp, getattr(sample, field)))
+        self._frames.publish(stamp, sample.t, sample.contact, self._chain.model.pose_timeout)
 
     # Services -------------------------------------------------------------------------------
 
@@ -259,6 +273,8 @@ class Observer(ManagedNode):
 
     def _reset(self) -> str:
         self._chain.reset()
+        if self._frames is not None:
+            self._frames.forget()
         self._origin = None
         return 'the filter starts anew'
 

@@ -41,6 +41,10 @@ PARAMETERS = (
     Parameter('publish.inertial_wrench', False, 'Publish observer/inertial_wrench: the wrench '
               'of weight and inertia of the tool'),
     Parameter('publish.innovation', False, 'Publish observer/innovation'),
+    Parameter('publish.frames', [''], 'Publish observer/contact_wrench/<frame> too: along the '
+              'axes of each of these frames, about its origin; empty: none'),
+    Parameter('publish.frame_poses', [0.0], 'x y z [m] qx qy qz qw of each of them in ft_sensor, '
+              'one after the other; none for the last if it is the frame of current_pose'),
     _live('observer.mode', '', 'Observer whose estimate is published; empty: as the calibration '
           'says', choices=('', *MODES)),
     _live('observer.bandwidth', 0.0, 'Bandwidth of the contact wrench in mode kalman; 0: balances '

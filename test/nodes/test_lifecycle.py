@@ -68,6 +68,7 @@ class Manager:
 def manager(ros_domain, tmp_path, request):
     save(calibration(), tmp_path / 'calibration.yaml')
     rclpy.init(args=['--ros-args', '-p', 'autostart:=false', '-p', 'publish.innovation:=true',
+                     '-p', 'publish.frames:=[base]',
                      '-p', f'calibration.file:={tmp_path / "calibration.yaml"}'])
     try:
         observer = Observer()
