@@ -18,6 +18,7 @@ from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, STEADY
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
+from forcecal_ros.nodes.services import answering
 from forcecal_ros.nodes.waiting import Waiting
 from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Writer
 from forcecal_ros.observe import ContactSample, design, noise_levels, ObserverSettings
@@ -64,7 +65,7 @@ class Observer(ManagedNode):
         self.create_timer(1.0, self._report, clock=STEADY)
         for name, answer in (('tare', self._tare), ('reset', self._reset),
                              ('reload_calibration', self._reload)):
-            self.create_service(Trigger, f'observer/{name}', _service(answer))
+            self.create_service(Trigger, f'observer/{name}', answering(answer))
         if self._value('autostart'):
             self._start()
 
@@ -133,6 +134,12 @@ class Observer(ManagedNode):
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Release topics and calibration."""
+        self._release()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Release all after an exception in a transition, which rclpy keeps to itself."""
+        self.get_logger().error('a transition has failed; the observer is unconfigured')
         self._release()
         return TransitionCallbackReturn.SUCCESS
 
@@ -317,18 +324,6 @@ class Observer(ManagedNode):
         calibrated = self._source.calibration.sensor_frame if self._source else None
         self._diagnostics.publish(diagnostic_array(self, '', *health(
             self._active, calibrated, self._heard, self._silent(), status), values))
-
-
-def _service(answer: Callable[[], str]) -> Callable[..., Trigger.Response]:
-    """Make the callback of a Trigger service of a function that returns a sentence, or raises."""
-    def on_request(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        try:
-            response.message, response.success = answer(), True
-        except ForcecalError as error:
-            response.message, response.success = str(error), False
-        return response
-
-    return on_request
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
