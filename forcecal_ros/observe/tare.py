@@ -24,12 +24,12 @@ FEWEST = 20
 """Samples of a window: of fewer, chance alone looks like a drift of many times the noise."""
 
 NEWEST = 0.1
-"""A contact that begins shows in so much of the end of a window, or in its last sample: ten times
-the rise of the filter that publishes [s]."""
+"""A contact that begins shows in so much of the end of a window, or in its last sample: some
+times the rise of a contact, so that few are younger [s]."""
 
 CHANCE = 4.0
 """Standard errors by which two means of noise may differ: one tare in a thousand is refused
-without a cause, on one of its twelve channels."""
+without a cause at most, on one of its twelve channels."""
 
 
 @dataclass(frozen=True)
