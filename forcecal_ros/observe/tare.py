@@ -23,6 +23,10 @@ factor of two on their own."""
 FEWEST = 20
 """Samples of a window: of fewer, chance alone looks like a drift of many times the noise."""
 
+MOST_INVALID = 0.1
+"""Share of samples that may be missing: what a busy computer was late with now and then, where a
+sensor that is silent takes all [1]."""
+
 NEWEST = 0.1
 """A contact that begins shows in so much of the end of a window, or in its last sample: some
 times the rise of a contact, so that few are younger [s]."""
@@ -74,25 +78,27 @@ def tare(samples: Sequence[ContactSample], model: Model, levels: NoiseLevels,
     Raises
     ------
     DataError
-        Too short, an estimate in it is not valid, or the tool moves or touches.
+        Too short, estimates in it are not valid, or the tool moves or touches.
     """
     span = samples[-1].t - samples[0].t if samples else 0.0
     if span < seconds or len(samples) < FEWEST:
         raise DataError(f'tare wants {seconds:g} s at rest and {FEWEST} samples, the window has '
                         f'{span:.3f} s and {len(samples)}; wait for the wrench to flow')
-    bad = next((s.status for s in samples if s.status & INVALID), 0)
-    if bad:
-        raise DataError(f'cannot tare: {"; ".join(describe(bad))}')
-    measured = np.array([s.measured for s in samples])
-    inertial = np.array([s.inertial for s in samples])
     rate = (len(samples) - 1) / span
+    bad = [s.status for s in samples if s.status & INVALID]
+    if len(bad) > MOST_INVALID * len(samples):
+        raise DataError(f'cannot tare, {len(bad)} of {len(samples)} samples are not valid: '
+                        f'{"; ".join(describe(bad[0]))}')
+    valid = [s for s in samples if not s.status & INVALID]
+    measured = np.array([s.measured for s in valid])
+    inertial = np.array([s.inertial for s in valid])
     noise = _noise_at_rest(model, levels, rate)
     _refuse(inertial, noise, rate, 'the tool moves', 'stop the robot')
     _refuse(measured, noise, rate, 'the tool moves or touches something',
             'stop the robot and clear the tool')
     shift = measured.mean(axis=0)
     return Tare(np.array(model.bias) + shift, shift,
-                measured.std(axis=0) / np.sqrt(len(samples)))
+                measured.std(axis=0) / np.sqrt(len(valid)))
 
 
 def with_bias(model: Model, bias: Array | tuple[float, ...]) -> Model:
