@@ -61,12 +61,12 @@ setup(
     },
     entry_points={
         'console_scripts': [
-            'forcecal = forcecal_ros.cli:main',
-            'impedance = forcecal_ros.nodes.impedance:main',
-            'gap = forcecal_ros.nodes.gap:main',
-            'observer = forcecal_ros.nodes.observer:main',
-            'sequencer = forcecal_ros.nodes.sequencer:main',
-            'sim = forcecal_ros.nodes.sim:main',
+            'forcecal = forcecal_ros.entry:forcecal',
+            'impedance = forcecal_ros.entry:impedance',
+            'gap = forcecal_ros.entry:gap',
+            'observer = forcecal_ros.entry:observer',
+            'sequencer = forcecal_ros.entry:sequencer',
+            'sim = forcecal_ros.entry:sim',
         ],
     },
     zip_safe=False,

@@ -21,8 +21,8 @@ TOOLS = ('atomic_files', 'errors', 'extras', 'geometry', 'jit', 'parallel', 'pla
 WITHIN = ('recording.bags',)
 """Parts of a room that are shown apart from it."""
 
-PART_OF = {'cli': 'commands'}
-"""Modules beside the rooms that belong to one: ``cli`` loads commands by name."""
+PART_OF = {'cli': 'commands', 'entry': 'commands'}
+"""Modules beside the rooms that belong to one: ``cli`` and ``entry`` load others by name."""
 
 HOLDS = {
     'calibration': 'what was identified:\nmodel, file, exports',

@@ -109,8 +109,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     # small matrices are slower on several threads, and round in another order on other machines
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-    args = parsed(sys.argv[1:] if arguments is None else arguments)
     try:
+        args = parsed(sys.argv[1:] if arguments is None else arguments)
         check_outputs(args)
         return int(args.run(args))
     except UsageError as error:

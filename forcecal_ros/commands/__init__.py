@@ -40,5 +40,10 @@ COMMANDS = {
     'play': Command(
         'play', 'replay a recording on live topics, with the recorded time on /clock and without '
         'commands'),
+    'start': Command('service', 'let the sequencer, or the impedance node, begin its motion'),
+    'abort': Command('service', 'stop that motion'),
+    'save': Command('service', 'let the sequencer write its calibration to save.path'),
+    'tare': Command('service', 'take the present reading of the observer, at rest, for no load'),
+    'status': Command('status', 'show in a line each how the running nodes are'),
 }
 """By the word on the command line."""

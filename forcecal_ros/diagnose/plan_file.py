@@ -5,6 +5,7 @@ from typing import Any
 
 from forcecal_ros.diagnose.excitation import ALIKE, Excitation, Shown
 from forcecal_ros.diagnose.planning import Planned
+from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.poses import flatten_poses
 
 HEAD = ('effect', 'at a size of', 'energy', 'shows', 'weakest')
@@ -80,14 +81,19 @@ def to_parameters(planned: Planned) -> str:
             f'      names: [{", ".join(names)}]\n'
             '      values: [\n        ' + ',\n        '.join(rows) + ']\n')
     if timing.contacts:
-        reach = planned.limits.workspace_max[0]
         text += (f'    timing:\n      contact_distance: {timing.contact_distance}\n'
-                 f'      contacts: {timing.contacts}\n'
-                 '    # The way to the wall passes the default box. Look whether the cell is free '
-                 'that far,\n    # then take the comment signs away.\n    # limits:\n'
-                 f'    #   workspace_max: [{reach:.3f}, {planned.limits.workspace_max[1]}, '
-                 f'{planned.limits.workspace_max[2]}]\n')
-    return text
+                 f'      contacts: {timing.contacts}\n')
+    return text + wider_box(planned.limits)
+
+
+def wider_box(limits: Limits) -> str:
+    """Return the comment with the box that a plan needs, where the default one is too small."""
+    x, y, z = limits.workspace_max.tolist()
+    if x <= Limits().workspace_max[0]:
+        return ''
+    return ('    # The way to the wall passes the default box. Look whether the cell is free that '
+            'far,\n    # then take the comment signs away.\n    # limits:\n'
+            f'    #   workspace_max: [{x:.3f}, {y}, {z}]\n')
 
 
 def _cells(s: Shown) -> tuple[str, str, str, str, str]:

@@ -40,7 +40,7 @@ class Limits:
         ] = (0.6, -0.4, 0.6)  # type: ignore[assignment]
     workspace_max: Annotated[Array, Row(
         'Upper corner of that box', 'm', shape=(3,))
-        ] = (1.25, 0.4, 1.4)  # type: ignore[assignment]
+        ] = (1.3, 0.4, 1.4)  # type: ignore[assignment]
     tip: Annotated[Array, Row(
         "The tool's foremost point in ft_sensor", 'm', shape=(3,))
         ] = (0.2, 0.0, 0.1)  # type: ignore[assignment]

@@ -14,6 +14,7 @@ from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.runtime import EXECUTOR, OUTPUT, run, SECOND, STEADY
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
+from forcecal_ros.nodes.waiting import Waiting
 from forcecal_ros.nodes.wire import JointReader, Reader
 from forcecal_ros.schema import Parameter
 from forcecal_ros.simulators.rig.file import load_rig
@@ -36,6 +37,9 @@ PARAMETERS = (
               'environment', low=-1, high=1),
     Parameter('delay', 0.3, 'Greatest delay with which samples arrive', 's', low=0.05, high=5.0),
 )
+
+NEEDED = {'wrench': 'wrench', 'pose': 'current_pose'}
+"""Channels without which nothing can be compared, and their topics."""
 
 KEPT = 2 * SECOND
 """Samples are kept for that long before a first command, and after their comparison [ns]."""
@@ -70,6 +74,9 @@ class Gap(Node):
         self.create_service(Trigger, 'gap/reset', self._on_reset)
         self.create_timer(0.02, self._inbox.drain, clock=STEADY)
         self.create_timer(1.0, self._judge, clock=STEADY)
+        self._waiting = Waiting(self)
+        self.get_logger().info('up: compares the robot with '
+                               f'{value["rig"] or "the nominal rig"} from its first command on')
 
     def destroy_node(self) -> None:
         """Free what the node holds."""
@@ -100,19 +107,27 @@ class Gap(Node):
         return response
 
     def _judge(self) -> None:
-        heard = min(self._collector.newest(name) for name in ('wrench', 'pose'))
-        if not heard or not (self._live or self._collector.newest('target')):
-            missing = 'wrench or current_pose' if not heard else 'target_frame'
+        missing = self._missing()
+        self._waiting.of(missing)
+        if missing:
             self._report('stale', f'waiting for {missing}', {})
             self._collector.forget(self._collector.newest('wrench') - KEPT)
             return
         try:
-            found = self._judgement(heard)
+            found = self._judgement(min(map(self._collector.newest, NEEDED)))
         except ForcecalError as error:
             self._report('error', str(error), {})
             self._restart()
             return
         self._publish(found)
+
+    def _missing(self) -> str:
+        """Return which topics a comparison waits for; empty: none."""
+        missing = [topic for channel, topic in NEEDED.items()
+                   if not self._collector.newest(channel)]
+        if not missing and not (self._live or self._collector.newest('target')):
+            missing = ['target_frame']
+        return ' and '.join(missing)
 
     def _judgement(self, heard: int) -> Judgement:
         recording = self._collector.recording()

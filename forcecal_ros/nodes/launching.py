@@ -31,7 +31,8 @@ def common_arguments() -> list[LaunchDescriptionEntity]:
         DeclareLaunchArgument('namespace', default_value='',
                               description='of all nodes, and of the topics that are relative'),
         DeclareLaunchArgument('use_sim_time', default_value='false', choices=['true', 'false'],
-                              description='take the time from /clock'),
+                              description='take the time from /clock, which the simulated rig '
+                                          'publishes where there is one'),
         DeclareLaunchArgument('sim', default_value='false', choices=['true', 'false'],
                               description='run the simulated rig in place of a robot'),
         parameters_argument('sim'),
@@ -72,4 +73,5 @@ def node(name: str, *parameters: dict[str, object], only_if: str = '') -> Node:
 def describe(nodes: Sequence[Node], arguments: Sequence[LaunchDescriptionEntity] = ()
              ) -> list[LaunchDescriptionEntity]:
     """Combine own and common arguments, the simulated rig and other nodes."""
-    return [*arguments, *common_arguments(), node('sim', only_if='sim'), *nodes]
+    clock = {'clock.publish': LaunchConfiguration('use_sim_time')}
+    return [*arguments, *common_arguments(), node('sim', clock, only_if='sim'), *nodes]

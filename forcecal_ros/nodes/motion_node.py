@@ -23,6 +23,7 @@ from forcecal_ros.schema import Parameter
 import numpy as np
 from rclpy.node import Node
 from rclpy.time import Time
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 CLOCK_CHECK = 0.02
@@ -72,6 +73,7 @@ class MotionNode(Node, Generic[SettingsT]):
         self._period_ns = period_ns
         self._guard = Guard(sensors, backend, source, self.get_clock(), STEADY, self._simulated)
         self._phase_out = self.create_publisher(DiagnosticArray, f'{self._role}/phase', OUTPUT)
+        self._state_out = self.create_publisher(String, f'{self._role}/state', OUTPUT)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', OUTPUT)
         self.create_service(Trigger, f'{self._role}/start', answering(self._start, self._refused))
         self.create_service(Trigger, f'{self._role}/abort', self._on_abort)
@@ -264,6 +266,7 @@ class MotionNode(Node, Generic[SettingsT]):
         self._phase_out.publish(diagnostic_array(
             self, 'phase', 'error' if status.phase == 'aborted' else 'ok', status.phase,
             {'reason': status.reason, **self._details()}, stamp))
+        self._state_out.publish(String(data=status.phase))
 
     def _report(self) -> None:
         self._publish_phase()

@@ -9,6 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.calibration.file import DAY, load, parse, refuse_old
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import ConfigError, DataError, ForcecalError
+from forcecal_ros.nodes.frame_outputs import FrameOutputs
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.managed import ManagedNode
 from forcecal_ros.nodes.observer_health import health, LastMessage
@@ -17,8 +18,11 @@ from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, STEADY
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
+from forcecal_ros.nodes.services import answering
+from forcecal_ros.nodes.waiting import Waiting
 from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Writer
 from forcecal_ros.observe import ContactSample, design, noise_levels, ObserverSettings
+from forcecal_ros.observe.frames import Frames
 from forcecal_ros.observe.live import LiveObserver, Samples, Values
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -49,9 +53,11 @@ class Observer(ManagedNode):
         self._failure = ''
         self._active = False
         self._accelerometer: Any = None
+        self._frames: FrameOutputs | None = None
         self._heard: dict[str, LastMessage] = {}
         self._inbox = Inbox(self, polled=self._value('poll_rate') > 0)
         self._origin: int | None = None
+        self._waiting = Waiting(self)
         self.add_post_set_parameters_callback(self._on_changed)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', OUTPUT)
         if self._value('poll_rate') > 0:
@@ -59,7 +65,7 @@ class Observer(ManagedNode):
         self.create_timer(1.0, self._report, clock=STEADY)
         for name, answer in (('tare', self._tare), ('reset', self._reset),
                              ('reload_calibration', self._reload)):
-            self.create_service(Trigger, f'observer/{name}', _service(answer))
+            self.create_service(Trigger, f'observer/{name}', answering(answer))
         if self._value('autostart'):
             self._start()
 
@@ -83,6 +89,7 @@ class Observer(ManagedNode):
         """Load the calibration where a file is given; create publishers and subscriptions."""
         self._failure = ''
         try:
+            frames = Frames(self._value('publish.frames'), self._value('publish.frame_poses'))
             if self._value('calibration.file'):
                 self._take_over(self._load())
         except ForcecalError as error:
@@ -96,9 +103,10 @@ class Observer(ManagedNode):
             if self._value(f'publish.{name}'):
                 self._optional.append((field, self.create_lifecycle_publisher(
                     WrenchStamped, f'observer/{name}', OUTPUT)))
+        self._frames = FrameOutputs(self, frames)
         self._inputs = [
             self._subscribe('wrench', WrenchStamped, self._chain.on_wrench),
-            self._subscribe('current_pose', PoseStamped, self._chain.on_pose)]
+            self._subscribe('current_pose', PoseStamped, self._on_pose)]
         if self._value('optidrive.joint'):
             self._inputs.append(self._subscribe(
                 'optidrive', JointState, self._chain.on_displacement))
@@ -111,6 +119,7 @@ class Observer(ManagedNode):
         """Begin to estimate and publish."""
         self._reset()
         self._active = True
+        self.get_logger().info('up: answers every wrench on observer/contact_wrench')
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -128,6 +137,12 @@ class Observer(ManagedNode):
         self._release()
         return TransitionCallbackReturn.SUCCESS
 
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Release all after an exception in a transition, which rclpy keeps to itself."""
+        self.get_logger().error('a transition has failed; the observer is unconfigured')
+        self._release()
+        return TransitionCallbackReturn.SUCCESS
+
     def _release(self) -> None:
         self._active = False
         for subscription in (*getattr(self, '_inputs', ()), self._accelerometer):
@@ -140,6 +155,8 @@ class Observer(ManagedNode):
         for publisher in publishers:
             self.destroy_lifecycle_publisher(publisher)
         self._inputs, self._optional, self._accelerometer = [], [], None
+        if self._frames is not None:
+            self._frames.destroy()
         self._source = None
         self._chain.let_go()
         self._origin = None
@@ -187,7 +204,7 @@ class Observer(ManagedNode):
             design(self._source.calibration, settings)
 
     def _on_changed(self, parameters: list[Any]) -> None:
-        self._chain.window = self._value('tare.duration')
+        self._chain.window.seconds = self._value('tare.duration')
         self._chain.fade_duration = self._value('takeover.duration')
         if self._source is not None and any(
                 parameter.name.startswith(('observer.', 'limits.', 'gravity.'))
@@ -234,12 +251,19 @@ class Observer(ManagedNode):
 
         return self._inbox.subscribe(message_type, topic, on_message)
 
+    def _on_pose(self, t: float, values: Values) -> Samples:
+        assert self._frames is not None
+        self._frames.on_pose(t, values, self._heard['current_pose'].frame)
+        return self._chain.on_pose(t, values)
+
     def _publish(self, sample: ContactSample) -> None:
-        assert self._origin is not None
+        assert self._origin is not None and self._chain.model is not None
+        assert self._frames is not None
         stamp = self._origin + round(sample.t * 1e9)
         self._out.publish(self._write(stamp, sample.contact))
         for field, publisher in self._optional:
             publisher.publish(self._write(stamp, getattr(sample, field)))
+        self._frames.publish(stamp, sample.t, sample.contact, self._chain.model.pose_timeout)
 
     # Services -------------------------------------------------------------------------------
 
@@ -256,6 +280,8 @@ class Observer(ManagedNode):
 
     def _reset(self) -> str:
         self._chain.reset()
+        if self._frames is not None:
+            self._frames.forget()
         self._origin = None
         return 'the filter starts anew'
 
@@ -272,12 +298,23 @@ class Observer(ManagedNode):
 
     # Diagnostics ----------------------------------------------------------------------------
 
+    def _missing(self) -> str:
+        """Return what estimates wait for: a calibration, or topics; empty: nothing."""
+        if not self._active:
+            return ''
+        if self._source is None:
+            return 'a calibration, from calibration.file or sequencer/calibration'
+        silent = self._silent()
+        return ' and '.join(topic for topic in ('wrench', 'current_pose')
+                            if topic in silent or topic not in self._heard)
+
     def _silent(self) -> list[str]:
         """Return the topics that have fallen silent."""
         oldest = STEADY.now().nanoseconds - self._value('stale_timeout') * 1e9
         return [topic for topic, heard in self._heard.items() if heard.steady_ns < oldest]
 
     def _report(self) -> None:
+        self._waiting.of(self._missing())
         count, status = self._chain.report()
         values = {'estimates a second': count,
                   'calibration': self._source.name if self._source else 'none'}
@@ -287,18 +324,6 @@ class Observer(ManagedNode):
         calibrated = self._source.calibration.sensor_frame if self._source else None
         self._diagnostics.publish(diagnostic_array(self, '', *health(
             self._active, calibrated, self._heard, self._silent(), status), values))
-
-
-def _service(answer: Callable[[], str]) -> Callable[..., Trigger.Response]:
-    """Make the callback of a Trigger service of a function that returns a sentence, or raises."""
-    def on_request(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        try:
-            response.message, response.success = answer(), True
-        except ForcecalError as error:
-            response.message, response.success = str(error), False
-        return response
-
-    return on_request
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -41,6 +41,10 @@ PARAMETERS = (
     Parameter('publish.inertial_wrench', False, 'Publish observer/inertial_wrench: the wrench '
               'of weight and inertia of the tool'),
     Parameter('publish.innovation', False, 'Publish observer/innovation'),
+    Parameter('publish.frames', [''], 'Publish observer/contact_wrench/<frame> too: along the '
+              'axes of each of these frames, about its origin; empty: none'),
+    Parameter('publish.frame_poses', [0.0], 'x y z [m] qx qy qz qw of each of them in ft_sensor, '
+              'one after the other; none for the last if it is the frame of current_pose'),
     _live('observer.mode', '', 'Observer whose estimate is published; empty: as the calibration '
           'says', choices=('', *MODES)),
     _live('observer.bandwidth', 0.0, 'Bandwidth of the contact wrench in mode kalman; 0: balances '
@@ -63,7 +67,8 @@ PARAMETERS = (
     _live('limits.torque', 0.0, 'End of the torque range per axis; 0: unknown', 'N m', 0.0, 1e5),
     _live('limits.accelerometer', 0.0, 'End of the accelerometer range about zero, in its unit; '
           '0: unknown', '', 0.0, 1e5),
-    _live('tare.duration', 0.5, 'Duration at rest over which a tare averages', 's', 0.1, 10.0),
+    _live('tare.duration', 0.5, 'Duration at rest over which a tare averages; longer where that '
+          'is fewer than 20 samples', 's', 0.1, 10.0),
     _live('takeover.duration', 0.5, 'Duration over which a new calibration or setting is faded in',
           's', 0.01, 10.0),
     _live('stale_timeout', 0.5, 'Silence after which /diagnostics calls a sensor stale', 's',

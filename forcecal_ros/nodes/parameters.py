@@ -1,6 +1,7 @@
 """Parameters declared from a table, with description, unit and range, and checked when set."""
 
 from collections.abc import Callable, Iterable
+from difflib import get_close_matches
 from typing import Any
 
 from forcecal_ros.errors import ConfigError, ForcecalError
@@ -18,6 +19,9 @@ from rclpy.parameter import Parameter as RosParameter
 UNBOUNDED = 1e9
 """Bound in the descriptor of a range that is open on one side: beyond any value of a parameter."""
 
+OF_PUBLISHERS = 'qos_overrides.'
+"""Parameters that rclpy declares when publishers and subscriptions are made."""
+
 
 def declare(node: Node, table: Iterable[Parameter],
             check: Callable[[dict[str, Any]], object] | None = None) -> None:
@@ -32,7 +36,8 @@ def declare(node: Node, table: Iterable[Parameter],
     Raises
     ------
     ConfigError
-        A value given at start is of another type, out of range or none of the choices.
+        A value given at start is of another type, out of range or none of the choices, or it is
+        of a parameter that the node does not have.
     """
     rows = {row.name: row for row in table}
     for row in rows.values():
@@ -41,6 +46,7 @@ def declare(node: Node, table: Iterable[Parameter],
         except ParameterException as error:
             raise ConfigError(_explain(row, _given(node, row))) from error
         _check(row, node.get_parameter(row.name).value)
+    _refuse_unknown(node, rows)
 
     def on_set(changes: list[RosParameter]) -> SetParametersResult:
         try:
@@ -54,6 +60,19 @@ def declare(node: Node, table: Iterable[Parameter],
     if check is not None:
         refuse_changes(node, check)
     node.add_on_set_parameters_callback(on_set)  # rclpy calls the newest first
+
+
+def _refuse_unknown(node: Node, known: Iterable[str]) -> None:
+    """Refuse what was given at start to a parameter that nobody reads."""
+    given = node._parameter_overrides  # noqa: SLF001 - rclpy tells nobody else
+    unknown = [name for name in given
+               if not (node.has_parameter(name) or name.startswith(OF_PUBLISHERS))]
+    if unknown:
+        close = get_close_matches(unknown[0], known, 1)
+        raise ConfigError(
+            f'unknown parameter {", ".join(unknown)}; '
+            + (f'did you mean {close[0]}?' if close else
+               f'config/{node.get_name()}.yaml lists all of this node'))
 
 
 def refuse_changes(node: Node, check: Callable[[dict[str, Any]], object]) -> None:

@@ -48,6 +48,9 @@ LATCHED = QoSProfile(depth=1, history=HistoryPolicy.KEEP_LAST,
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 """The clock of timeouts, which nobody sets."""
 
+SYSTEM = Clock(clock_type=ClockType.SYSTEM_TIME)
+"""The computer's clock, whatever use_sim_time says."""
+
 RCLError = rclpy_implementation.RCLError
 
 SECOND = 1_000_000_000

@@ -6,14 +6,15 @@ from struct import error as StructError
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from forcecal_ros.errors import ConfigError, MotionError
+from forcecal_ros.errors import MotionError
 from forcecal_ros.geometry import matrix_from_quaternion, quaternion_of
 from forcecal_ros.nodes.faults import Faults
 from forcecal_ros.nodes.faults import PARAMETERS as FAULT_PARAMETERS
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.reporting import diagnostic_array
-from forcecal_ros.nodes.runtime import EXECUTOR, OUTPUT, run, STEADY
+from forcecal_ros.nodes.runtime import EXECUTOR, OUTPUT, run, STEADY, SYSTEM
+from forcecal_ros.nodes.waiting import Waiting
 from forcecal_ros.nodes.wire import frame_of, JointWriter, Reader, Writer
 from forcecal_ros.schema import Parameter
 from forcecal_ros.simulators.rig.file import load_rig
@@ -38,7 +39,8 @@ PARAMETERS = (
               'see clock.publish', low=0.1, high=20.0),
     Parameter('clock.publish', False,
               'Publish /clock for nodes with use_sim_time, as always where speed is not 1; on a '
-              'slow machine it runs more slowly'),
+              'slow machine it runs more slowly. Where it is not published, a rig with '
+              'use_sim_time waits for the /clock of another node'),
     Parameter('clock.wait', 0.0, 'Greatest time for which that clock waits for the next command '
               "of a stream at the robot's rate, so that a busy computer makes none late",
               's', 0.0, 10.0),
@@ -100,22 +102,22 @@ class Sim(Node):
         period = max(0.001, self._period_ns * 1e-9 / self._speed)
         self.create_timer(period, self._tick, clock=STEADY)
         self.create_timer(1.0, self._report, clock=STEADY)
+        self._waiting = Waiting(self)
+        clock = '; publishes /clock' if self._own_clock else ''
+        self.get_logger().info(f'up: {value["rig"] or "the nominal rig"} holds until commands '
+                               f'come on target_frame{clock}')
 
     # Time -----------------------------------------------------------------------------------
 
     def _make_clock(self, value: dict[str, Any]) -> None:
         self._speed = value['speed']
-        external = self.get_parameter('use_sim_time').value
         self._own_clock = value['clock.publish'] or self._speed != 1.0
         self._wait_ns = round(value['clock.wait'] * 1e9)
-        if external and self._own_clock:
-            raise ConfigError('use_sim_time takes the time from /clock, clock.publish (or a speed '
-                              'other than 1) makes it; set one of them')
         self._latency_ns = round(value['latency'] * 1e9 * self._speed)
         self._period_ns = round(self._rig.robot.period * 1e9)
         self._most = max(CATCH_UP, round(2 * self._speed))
         self._ticked = STEADY.now().nanoseconds
-        self._own_time = self.get_clock().now().nanoseconds
+        self._own_time = SYSTEM.now().nanoseconds
         self._schedule: CommandSchedule | None = None
         if self._own_clock:
             self._clock_out = self.create_publisher(ClockMessage, '/clock', OUTPUT)
@@ -278,6 +280,7 @@ class Sim(Node):
         return float(np.abs(model.gain).min())
 
     def _report(self) -> None:
+        self._waiting.of('' if self._schedule else '/clock, because use_sim_time is set')
         if self._schedule is None:
             self._diagnostics.publish(diagnostic_array(
                 self, '', 'stale', 'waiting for /clock', {}))

@@ -46,6 +46,8 @@ class NoiseLevels(NamedTuple):
     """[(m/s^2)^2 s]"""
     rate: float
     """Of the wrench [Hz]."""
+    accelerometer_rate: float
+    """[Hz]"""
 
 
 def noise_levels(noise: Noise | None) -> NoiseLevels:
@@ -61,17 +63,18 @@ def noise_levels(noise: Noise | None) -> NoiseLevels:
         A covariance or rate is not a finite number.
     """
     if noise is None:
-        return NoiseLevels(0.0625e-3, 4e-7, 1e-6, 1000.0)
+        return NoiseLevels(0.0625e-3, 4e-7, 1e-6, 1000.0, 1000.0)
     wrench = np.diag(noise.wrench.value)
-    f = 0.0
+    f, f_rate = 0.0, noise.wrench_rate
     if noise.specific_force is not None:
-        f = float(np.diag(noise.specific_force.value).mean()) / noise.accelerometer_rate
+        f_rate = noise.accelerometer_rate
+        f = float(np.diag(noise.specific_force.value).mean()) / f_rate
     force, torque = wrench[:3].mean() / noise.wrench_rate, wrench[3:].mean() / noise.wrench_rate
     if not np.isfinite([force, torque, f]).all() or not 0 < noise.wrench_rate < inf:
         raise ConfigError('noise.wrench, noise.specific_force and their rates want finite '
                           'numbers; calibrate with a phase at rest')
     return NoiseLevels(max(float(force), _QUIETEST), max(float(torque), _QUIETEST),
-                       max(f, _QUIETEST), noise.wrench_rate)
+                       max(f, _QUIETEST), noise.wrench_rate, f_rate)
 
 
 def joint_model(

@@ -1,6 +1,5 @@
 """The chain as a node runs it: models change without a jump, and biases can be tared."""
 
-from collections import deque
 from typing import NamedTuple
 
 from forcecal_ros.geometry import quaternion_of
@@ -19,6 +18,7 @@ from forcecal_ros.observe.step import (
 )
 from forcecal_ros.observe.tare import Tare, tare, with_bias, without_learned_bias
 from forcecal_ros.observe.tracking import product, Quaternion, rotate
+from forcecal_ros.observe.window import Window
 from forcecal_ros.recording.level import level_from_base
 
 Values = tuple[float, ...]
@@ -40,15 +40,15 @@ class LiveObserver:
     ----------
     model : Model or None
         None until the first :meth:`take_over`.
-    window : float
-        How much is kept for a tare [s].
+    window : Window
+        What is kept for a tare.
     fade_duration : float
         Over which a new model is faded in [s].
     """
 
-    def __init__(self, window: float, fade_duration: float) -> None:
+    def __init__(self, tare_duration: float, fade_duration: float) -> None:
         self.model: Model | None = None
-        self.window, self.fade_duration = window, fade_duration
+        self.window, self.fade_duration = Window(tare_duration), fade_duration
         self._negative = False
         self._direction: Values | None = None
         self._level: Quaternion | None = None
@@ -61,8 +61,7 @@ class LiveObserver:
         self._published = NO_WRENCH
         self._fade: Fade | None = None
         self._changed = False
-        self._recent: deque[ContactSample] = deque()
-        self._poses: deque[tuple[float, Values]] = deque()
+        self.window.clear()
         self._tally = Tally()
 
     def let_go(self) -> None:
@@ -117,9 +116,7 @@ class LiveObserver:
         if self._level is not None:
             x, y, z, a, b, c, d = values
             values = (*rotate(self._level, (x, y, z)), *product(self._level, (a, b, c, d)))
-        self._poses.append((t, values))
-        while not t - self._poses[0][0] <= self.window:
-            self._poses.popleft()
+        self.window.add_pose(t, values)
         return self._answer(on_pose(
             self._state, t, values[:3], values[3:], self.model))  # type: ignore[arg-type]
 
@@ -142,27 +139,24 @@ class LiveObserver:
             else:
                 sample = sample._replace(contact=contact)
         self._last, self._published = kept, sample.contact
-        self._recent.append(kept)
-        while not kept.t - self._recent[0].t <= self.window:
-            self._recent.popleft()
+        self.window.add(kept)
         self._tally = Tally(self._tally.samples + 1, self._tally.status | kept.status)
         return sample
 
     def tare(self, model: Model, levels: NoiseLevels) -> Tare:
         """
-        Make the contact wrench of the last ``window`` seconds zero, until the next model.
+        Make the contact wrench of the window zero, until the next model.
 
         Raises
         ------
         DataError
             The window is too short, the robot moves, or something touches the tool.
         """
-        newest = self._recent[-1].t if self._recent else 0.0
-        refuse_motion([pose for t, pose in self._poses if newest - self.window <= t])
-        result = tare(tuple(self._recent), model, levels, self.window)
+        refuse_motion(self.window.poses_of_samples())
+        result = tare(tuple(self.window.samples), model, levels, self.window.seconds)
         self.model = with_bias(model, result.bias)
         self._state = without_learned_bias(self._state)
-        self._recent.clear()
+        self.window.clear()
         return result
 
     @property

@@ -20,6 +20,21 @@ NOISE_FACTOR = 3.0
 """Motion or contact is what exceeds the noise at rest so many times: noise levels drift by a
 factor of two on their own."""
 
+FEWEST = 20
+"""Samples of a window: of fewer, chance alone looks like a drift of many times the noise."""
+
+MOST_INVALID = 0.1
+"""Share of samples that may be missing: what a busy computer was late with now and then, where a
+sensor that is silent takes all [1]."""
+
+NEWEST = 0.1
+"""A contact that begins shows in so much of the end of a window, or in its last sample: some
+times the rise of a contact, so that few are younger [s]."""
+
+CHANCE = 4.0
+"""Standard errors by which two means of noise may differ: one tare in a thousand is refused
+without a cause at most, on one of its twelve channels."""
+
 
 @dataclass(frozen=True)
 class Tare:
@@ -63,25 +78,27 @@ def tare(samples: Sequence[ContactSample], model: Model, levels: NoiseLevels,
     Raises
     ------
     DataError
-        Too short, an estimate in it is not valid, or the tool moves or touches.
+        Too short, estimates in it are not valid, or the tool moves or touches.
     """
     span = samples[-1].t - samples[0].t if samples else 0.0
-    if span < 0.98 * seconds:
-        raise DataError(f'tare wants {seconds:g} s at rest, the window has {span:.3f} s; '
-                        'wait for the wrench to flow')
-    bad = next((s.status for s in samples if s.status & INVALID), 0)
-    if bad:
-        raise DataError(f'cannot tare: {"; ".join(describe(bad))}')
-    measured = np.array([s.measured for s in samples])
-    inertial = np.array([s.inertial for s in samples])
+    if span < seconds or len(samples) < FEWEST:
+        raise DataError(f'tare wants {seconds:g} s at rest and {FEWEST} samples, the window has '
+                        f'{span:.3f} s and {len(samples)}; wait for the wrench to flow')
     rate = (len(samples) - 1) / span
-    allowed = NOISE_FACTOR * _noise_at_rest(model, levels, rate)
-    _refuse(inertial, allowed, 'the tool moves', 'stop the robot')
-    _refuse(measured, allowed, 'the tool moves or touches something',
+    bad = [s.status for s in samples if s.status & INVALID]
+    if len(bad) > MOST_INVALID * len(samples):
+        raise DataError(f'cannot tare, {len(bad)} of {len(samples)} samples are not valid: '
+                        f'{"; ".join(describe(bad[0]))}')
+    valid = [s for s in samples if not s.status & INVALID]
+    measured = np.array([s.measured for s in valid])
+    inertial = np.array([s.inertial for s in valid])
+    noise = _noise_at_rest(model, levels, rate)
+    _refuse(inertial, noise, rate, 'the tool moves', 'stop the robot')
+    _refuse(measured, noise, rate, 'the tool moves or touches something',
             'stop the robot and clear the tool')
     shift = measured.mean(axis=0)
     return Tare(np.array(model.bias) + shift, shift,
-                measured.std(axis=0) / np.sqrt(len(samples)))
+                measured.std(axis=0) / np.sqrt(len(valid)))
 
 
 def with_bias(model: Model, bias: Array | tuple[float, ...]) -> Model:
@@ -99,19 +116,32 @@ def without_learned_bias(state: State) -> State:
 
 
 def _noise_at_rest(model: Model, levels: NoiseLevels, rate: float) -> Array:
-    """Return the standard deviation of ``measured`` when nothing happens, shape (6,)."""
+    """
+    Return the standard deviation of ``measured`` when nothing happens, shape (6,).
+
+    A sensor that says less often than when its noise was measured is as noisy a sample, unless it
+    filters; one that says more often may have filtered then.
+    """
     m = model.load.m
     arm = float(np.linalg.norm([model.load.cx, model.load.cy, model.load.cz]))
-    force = levels.force + m * m * levels.specific_force
-    torque = levels.torque + (arm * m) ** 2 * levels.specific_force
-    return np.sqrt(rate * np.repeat([force, torque], 3))
+    wrench_rate = max(rate, levels.rate)
+    f = levels.specific_force * max(rate, levels.accelerometer_rate)
+    force = levels.force * wrench_rate + m * m * f
+    torque = levels.torque * wrench_rate + (arm * m) ** 2 * f
+    return np.sqrt(np.repeat([force, torque], 3))
 
 
-def _refuse(values: Array, allowed: Array, what: str, remedy: str) -> None:
-    """Raise where a channel scatters, or drifts from one end to the other, too much."""
-    third = len(values) // 3
-    drift = np.abs(values[-third:].mean(axis=0) - values[:third].mean(axis=0))
-    for size, word in ((values.std(axis=0), 'scatters by'), (2 * drift, 'drifts by')):
+def _refuse(values: Array, noise: Array, rate: float, what: str, remedy: str) -> None:
+    """Raise where a channel scatters, drifts from one end to the other, or has just begun to."""
+    n = len(values)
+    third, last = n // 3, min(max(round(NEWEST * rate), 1), n // 3)
+    drift = 2 * np.abs(values[-third:].mean(axis=0) - values[:third].mean(axis=0))
+    change = np.abs(values[-last:].mean(axis=0) - values[:-last].mean(axis=0))
+    for size, by_chance, word in (
+            (values.std(axis=0), 0.0, 'scatters by'),
+            (drift, 2 * np.sqrt(2 / third), 'drifts by'),
+            (change, np.sqrt(1 / last + 1 / (n - last)), 'has just changed by')):
+        allowed = np.hypot(NOISE_FACTOR, CHANCE * by_chance) * noise
         worst = int(np.argmax(size / allowed))
         if size[worst] > allowed[worst]:
             raise DataError(

@@ -4,7 +4,7 @@ Written from the equations of the rig in closed form (sines), nothing of ``force
 in it; and the calibration that fits it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from forcecal_ros.calibration.model import (
     Accelerometer,
@@ -14,6 +14,8 @@ from forcecal_ros.calibration.model import (
     ObserverGain,
     Tool,
 )
+from forcecal_ros.observe.live import LiveObserver
+from forcecal_ros.observe.playback import events
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -154,3 +156,30 @@ def push(axis, size, start=0.0, end=np.inf):
         f[:, axis] = size * ((t >= start) & (t < end))
         return f
     return force
+
+
+def lossy(recording, seed, lost=0.05, jitter=0.1):
+    """Lose a share of every stream's samples, and let stamps jitter by a share of its period."""
+    rng = np.random.default_rng([seed, 1])
+
+    def damaged(stream):
+        kept = rng.random(len(stream)) >= lost
+        t = stream.t + jitter * np.median(np.diff(stream.t)) * rng.uniform(-1, 1, len(stream))
+        if isinstance(stream, PoseStream):
+            return PoseStream(t[kept], stream.position[kept], stream.R_base_sensor[kept])
+        return Stream(t[kept], stream.values[kept])
+
+    return replace(recording, **{
+        name: damaged(getattr(recording, name))
+        for name in ('wrench', 'accelerometer', 'pose', 'optidrive')})
+
+
+def observed(recording, model, seconds=0.5):
+    """Return an observer that has heard a recording as the node hears topics."""
+    live = LiveObserver(seconds, 0.5)
+    live.take_over(model)
+    takes = {'wrench': live.on_wrench, 'accelerometer': live.on_accelerometer,
+             'pose': live.on_pose, 'displacement': live.on_displacement}
+    for t, kind, values in events(recording):
+        takes[kind](t, values)
+    return live

@@ -7,6 +7,7 @@ import json
 
 from forcecal_ros.cli import main
 from forcecal_ros.diagnose.pipeline import diagnose
+from forcecal_ros.diagnose.plan_file import wider_box
 from forcecal_ros.diagnose.planning import poses_of, SETTLE
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.errors import MotionError
@@ -39,11 +40,11 @@ def test_every_kind_of_motion_is_within_the_default_limits():
     assert phases == {'move', 'settle', 'measure', 'step', 'sweep', 'reverse'}
 
 
-def test_contact_is_refused_until_the_box_is_widened():
+def test_contact_is_refused_where_the_box_does_not_reach_the_wall():
     timing = Timing(contacts=1)
     with pytest.raises(MotionError, match='workspace_max'):
-        parts(timing, Limits())
-    phases = {p.segment.phase for p in parts(timing, Limits(workspace_max=(1.3, 0.4, 1.4)))}
+        parts(timing, Limits(workspace_max=(1.25, 0.4, 1.4)))
+    phases = {p.segment.phase for p in parts(timing, Limits())}
     assert phases >= {'approach', 'contact', 'retract'}
 
 
@@ -121,3 +122,11 @@ def test_the_written_plan_is_a_parameter_file_of_the_sequencer(planned):
     assert settings.sequence == 'diagnose'
     assert list(settings.poses) == ['v', 'h', 'tilt', 'left', 'right']
     assert settings.timing.contacts == 2
+    assert 'workspace_max' not in path.read_text()
+
+
+def test_a_wall_beyond_the_default_box_is_said_in_a_comment():
+    assert wider_box(Limits()) == ''
+    lines = wider_box(Limits(workspace_max=(1.36, 0.4, 1.4))).splitlines()
+    assert all(line.startswith('    # ') for line in lines)
+    assert lines[-1].endswith('workspace_max: [1.360, 0.4, 1.4]')

@@ -151,9 +151,9 @@ def test_a_turn_beyond_the_limit_is_refused_with_number_and_key():
 
 
 def test_the_tip_is_kept_in_the_box_where_the_sensor_alone_would_pass():
-    goal = Pose(HOME.position + [0.1, 0, 0], HOME.R_base_sensor)
+    goal = Pose(HOME.position + [0.15, 0, 0], HOME.R_base_sensor)
     check_workspace(goal.position[None], LIMITS, 'the sensor')
-    with pytest.raises(MotionError, match=r'the tip would reach x = 1.3000 m'):
+    with pytest.raises(MotionError, match=r'the tip would reach x = 1.3500 m'):
         check_move(Move(HOME, goal, 2.0), LIMITS)
 
 
@@ -224,8 +224,8 @@ def test_contact_plan_goes_where_it_says_and_comes_back():
     timing = Timing()
     plan = contact_plan(nominal_poses(), step_goal(HOME, timing.contact_distance), timing)
     with pytest.raises(MotionError, match='approach out: the tip would reach x = 1.28'):
-        prepare(plan, HOME, Pace(), LIMITS)
-    parts = prepare(plan, HOME, Pace(), Limits(workspace_max=[1.35, 0.4, 1.4]))
+        prepare(plan, HOME, Pace(), Limits(workspace_max=[1.25, 0.4, 1.4]))
+    parts = prepare(plan, HOME, Pace(), LIMITS)
     assert [part.segment.phase for part in parts] == [
         'move', 'settle', 'measure', 'approach', 'contact', 'retract', 'settle']
     np.testing.assert_allclose(parts[4].goal.position, HOME.position + [0.086, 0, 0], atol=1e-12)

@@ -44,8 +44,7 @@ def test_calibrates_publishes_observes_and_touches(ros_domain, tmp_path):
         texts = live.latched(String, 'sequencer/calibration')
         live.start('sim', seed=5, **RIG_TIME)
         live.start('observer', use_sim_time=True)
-        live.start('sequencer', save__path=path, limits__workspace_max=[1.35, 0.4, 1.4],
-                   **ON_RIG_TIME)
+        live.start('sequencer', save__path=path, **ON_RIG_TIME)
         live.until(lambda: len(ears.truth) > 1000, 'a simulated rig')
         refused = live.call('sequencer/save_calibration')
         assert not refused.success and 'there is no calibration yet' in refused.message

@@ -50,6 +50,12 @@ def test_every_remapped_topic_is_one_that_nodes_ask_for():
     assert set(topics) <= known
 
 
+def test_the_simulated_rig_publishes_the_clock_that_the_others_go_by():
+    (describe,) = (node for node in ast.parse(SHARED.read_text()).body
+                   if isinstance(node, ast.FunctionDef) and node.name == 'describe')
+    assert "{'clock.publish': LaunchConfiguration('use_sim_time')}" in ast.unparse(describe)
+
+
 @pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
 def test_it_describes_its_nodes_and_arguments(path):
     pytest.importorskip('launch_ros', reason="ROS 2's launch is not on PyPI")

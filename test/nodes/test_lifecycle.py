@@ -59,19 +59,47 @@ class Manager:
     def state(self):
         return self._call(GetState.Request(), GetState).current_state.id
 
+    @property
+    def topics(self):
+        """Number of publishers of the contact wrench, in whatever frame."""
+        return sum(len(self._node.get_publishers_info_by_topic(f'observer/contact_wrench{frame}'))
+                   for frame in ('', '/base'))
+
     def close(self):
         self._executor.shutdown()
         self._node.destroy_node()
 
 
+class Defective(Observer):
+    """Fails in the midst of its first activation, as only a mistake of ours can make it."""
+
+    failed = False
+
+    def on_activate(self, state):
+        if not self.failed:
+            self.failed = True
+            raise RuntimeError('a mistake')
+        return super().on_activate(state)
+
+
 @pytest.fixture(params=[EventsExecutor, SingleThreadedExecutor])
 def manager(ros_domain, tmp_path, request):
+    yield from managed(Observer, request.param, tmp_path)
+
+
+@pytest.fixture
+def defective(ros_domain, tmp_path):
+    yield from managed(Defective, EventsExecutor, tmp_path)
+
+
+def managed(kind, executor, tmp_path):
     save(calibration(), tmp_path / 'calibration.yaml')
     rclpy.init(args=['--ros-args', '-p', 'autostart:=false', '-p', 'publish.innovation:=true',
+                     '-p', 'publish.frames:=[base]',
                      '-p', f'calibration.file:={tmp_path / "calibration.yaml"}'])
     try:
-        observer = Observer()
-        manager = Manager(observer, request.param())
+        observer = kind()
+        manager = Manager(observer, executor())
         yield manager
         manager.close()
         observer.destroy_node()
@@ -97,3 +125,13 @@ def test_a_node_that_was_cleaned_up_goes_all_the_way_again(manager):
     assert manager.state == UNCONFIGURED
     assert manager.ask_for(SHUTDOWN[UNCONFIGURED])
     assert manager.state == FINALIZED
+
+
+def test_an_error_of_a_transition_leads_back_to_where_all_can_begin_anew(defective):
+    assert defective.ask_for(CONFIGURE)
+    assert not defective.ask_for(ACTIVATE)
+    assert defective.state == UNCONFIGURED
+    assert defective.topics == 0
+    for step in (CONFIGURE, ACTIVATE, DEACTIVATE, CLEANUP):
+        assert defective.ask_for(step)
+    assert defective.ask_for(SHUTDOWN[UNCONFIGURED])

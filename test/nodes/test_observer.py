@@ -27,6 +27,10 @@ from std_msgs.msg import String
 
 START = 1_700_000_000_000_000_000
 HOME = nominal_poses()['v']
+IN_FRAMES = {'publish__frames': '[tool0, base]',
+             'publish__frame_poses': [0.0, 0.02, -0.1, 0.0, 0.0, 0.7071067811865475,
+                                      0.7071067811865476]}
+"""A flange behind the sensor that is turned by 90 deg about z, and the base."""
 
 
 def nominal(mass=13.0):
@@ -136,7 +140,11 @@ def test_node_and_replay_give_the_same_numbers(ros_domain, tmp_path, recording):
         for name in filters:
             live.start('observer', name, [
                 f'__node:={name}', f'observer/contact_wrench:={name}/contact_wrench'],
-                calibration__file=path, gravity__filter=name)
+                calibration__file=path, gravity__filter=name, **(IN_FRAMES if name == 'none'
+                                                                 else {}))
+        elsewhere = {frame: {} for frame in ('tool0', 'base')}
+        for frame, heard in elsewhere.items():
+            live.hear(WrenchStamped, f'observer/contact_wrench/{frame}', heard.__setitem__)
         player.until_heard()
         for name in filters:
             live.until(lambda: live.call(f'{name}/get_state', GetState).current_state.label
@@ -148,11 +156,28 @@ def test_node_and_replay_give_the_same_numbers(ros_domain, tmp_path, recording):
             refused = {pair.key: pair.value for pair in live.diagnostics[name].values}
             assert refused['wrench samples not used'] == '0', name
             assert live.end(name) == 0
+    check_frames(player.answers, elsewhere, recording)
     assert np.ptp(recording.wrench.values[:, 0]) > 20
     for name in filters:
         answers, expected = player.array(stamps, name), offline(recording, name)
         np.testing.assert_allclose(answers, expected[:len(answers)], atol=1e-7, err_msg=name)
         assert np.abs(answers[1000:, :3]).max() < 2
+
+
+def check_frames(answers, elsewhere, recording):
+    """Compare with the transport of each wrench at rest, by hand."""
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    R, p = recording.pose.R_base_sensor[-1], recording.pose.position[-1]
+    for frame, R_frame_sensor, origin in (('tool0', turn.T, -turn.T @ [0.0, 0.02, -0.1]),
+                                          ('base', R, p)):
+        rest = {stamp: values for stamp, values in elsewhere[frame].items()
+                if stamp > START + 15 * 10**8}
+        assert len(rest) > 500
+        force, torque = (np.array([answers[stamp][part] for stamp in rest]) @ R_frame_sensor.T
+                         for part in (slice(0, 3), slice(3, 6)))
+        expected = np.hstack([force, torque + np.cross(origin, force)])
+        # poses scatter by 2e-5 m and rad, with some newtons
+        np.testing.assert_allclose(list(rest.values()), expected, atol=1e-3, err_msg=frame)
 
 
 def test_lifecycle_tare_and_takeover(ros_domain, tmp_path, recording):

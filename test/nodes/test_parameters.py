@@ -1,14 +1,17 @@
 """Every parameter of every node as ``ros2 param`` meets it: described, bounded, checked."""
 
 from importlib import import_module
+import json
 from pathlib import Path
 import re
 
+from forcecal_ros.cli import main
 from forcecal_ros.nodes import sim
 from live import Live
 import pytest
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, ListParameters
+from std_msgs.msg import String
 
 TABLES = {'sim': 'sim', 'sequencer': 'sequencer_settings', 'observer': 'observer_settings',
           'gap': 'gap', 'impedance': 'impedance_settings'}
@@ -104,6 +107,75 @@ def test_the_readme_names_every_topic_and_service(described, node):
             'rosout', 'parameter_events', 'diagnostics'}
         # a node hears its own topic of commands to notice others there
         assert names - {f'{node}/transition_event', *says} <= {*named}
+
+
+@pytest.mark.parametrize('node, words', [
+    ('sim', ['up: the nominal rig holds until commands come on target_frame']),
+    ('observer', ['up: answers every wrench', 'waiting for a calibration']),
+    ('gap', ['up: compares the robot with the nominal rig', 'waiting for target_frame'])])
+def test_a_node_says_that_it_is_up_and_what_it_waits_for(described, node, words):
+    live, _ = described
+    live.until(lambda: all(word in live.said(node) for word in words), f'{words} of {node}')
+
+
+def test_diagnostics_name_the_hardware(described):
+    live, _ = described
+    live.until(lambda: {*TABLES} <= {*live.diagnostics}, 'diagnostics of every node')
+    assert all(live.diagnostics[node].hardware_id == 'robot' for node in TABLES)
+
+
+def test_the_state_is_the_phase_as_a_plain_word(described):
+    live, _ = described
+    said = {node: [] for node in ('sequencer', 'impedance')}
+    for node, words in said.items():
+        live.node.create_subscription(
+            String, f'{node}/state', lambda message, words=words: words.append(message.data), 10)
+    live.until(lambda: all(said.values()), 'a word of both')
+    assert {*said['sequencer'], *said['impedance']} == {'idle'}
+
+
+@pytest.fixture
+def shell(described, capfd):
+    """Return a function that runs a command beside the nodes."""
+    def run(*arguments):
+        status = main([*arguments])
+        return status, *capfd.readouterr()
+
+    return run
+
+
+def test_status_tells_of_every_node(described, shell):
+    nodes = {}
+
+    def told():
+        status, out, _ = shell('status', '--json')
+        nodes.update(json.loads(out)['nodes'] if status == 0 else {})
+        return set(nodes) == set(TABLES)
+
+    # a busy computer may take longer to find all nodes than the command listens
+    described[0].until(told, 'a word of every node')
+    assert nodes['observer']['message'] == 'waiting for a calibration'
+    status, out, err = shell('status', '--namespace', 'left', '--listen', '0.1')
+    assert status == 1 and out == '' and 'no node was heard' in err
+
+
+@pytest.mark.parametrize('arguments, why', [
+    (['save'], '/sequencer/save_calibration: there is no calibration yet'),
+    (['tare'], '/observer/tare: there is no calibration yet'),
+    (['abort', '--node', 'impedance'], '/impedance/abort: nothing is under way'),
+    (['start', '--node', 'impedance'], '/impedance/start: observer/contact_wrench: '),
+    (['start', '--namespace', '/left', '--patience', '0.1'], '/left/sequencer/start is not there'),
+])
+def test_a_refusal_is_one_line_and_status_1(shell, arguments, why):
+    status, out, err = shell(*arguments)
+    (line,) = err.splitlines()
+    assert status == 1 and out == '' and why in line
+
+
+def test_start_begins_a_motion_and_abort_ends_it(described, shell):
+    described[0].until(lambda: shell('start')[0] == 0, 'a start', 30.0)
+    shell('abort')  # unless the robot of a busy machine has ended it before
+    described[0].until(lambda: described[0].phases[-1] == 'aborted', 'the end')
 
 
 @pytest.mark.parametrize('arguments', [('-p', 'speed'), ('--params-file', '/nowhere.yaml')])

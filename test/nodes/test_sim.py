@@ -188,13 +188,37 @@ def test_its_own_clock_waits_for_commands_that_come_late(ros_domain):
         assert (np.diff(rig.ticks) >= 0).all()
 
 
+def test_a_rig_that_publishes_the_clock_waits_for_nobodys(ros_domain):
+    with Live() as live:
+        clock, poses = RigTime(live), {'first': {}, 'second': {}}
+        for name, heard in poses.items():
+            live.hear(PoseStamped, f'{name}/current_pose', heard.__setitem__)
+        live.start('sim', 'first', ['__node:=first', 'current_pose:=first/current_pose'],
+                   use_sim_time=True)
+        live.until(lambda: 'waiting for /clock' in live.said('first'), 'a word')
+        assert not (clock.ticks or poses['first'])
+
+        began = live.node.get_clock().now().nanoseconds
+        live.start('sim', 'second', ['__node:=second', 'current_pose:=second/current_pose'],
+                   use_sim_time=True, clock__publish=True)
+        live.until(lambda: all(poses.values()), 'poses of both')
+        now = live.node.get_clock().now().nanoseconds
+        assert all(began < stamp < now for heard in poses.values() for stamp in heard)
+        assert 'publishes /clock' in live.said('second')
+        assert 'waiting' not in live.said('second')
+
+
 @pytest.mark.parametrize('module, arguments, message', [
     ('sim', ['-p', 'speed:=2'], 'parameter speed is 2, expected a float, written with a point'),
-    ('sim', ['-p', 'speed:=2.0', '-p', 'use_sim_time:=true'], 'set one of them'),
+    ('sim', ['-p', 'clock.publsh:=true'],
+     'unknown parameter clock.publsh; did you mean clock.publish?'),
     ('sim', ['-p', 'rig:=/nowhere.yaml'], '/nowhere.yaml'),
     ('sequencer', ['-p', 'sequence:=dance'], "sequence is 'dance', expected one of calibrate"),
     ('sequencer', ['-p', 'limits.speed:=2.0'], 'limits.acceleration'),
     ('observer', ['-p', 'calibration.file:=/nowhere.yaml'], '/nowhere.yaml'),
+    ('observer', ['-p', 'calibration:=cal.yaml'],
+     'unknown parameter calibration; did you mean calibration.file?'),
+    ('gap', ['-p', 'zigzag:=3'], 'unknown parameter zigzag; config/gap.yaml lists all'),
 ])
 def test_what_cannot_work_is_said_in_one_line(ros_domain, capsys, module, arguments, message):
     main = import_module(f'forcecal_ros.nodes.{module}').main
@@ -211,7 +235,7 @@ def test_a_parameter_file_reaches_a_node_in_any_namespace(ros_domain, tmp_path):
     try:
         node = Sequencer()
         assert node.get_parameter('pace.speed').value == 0.125
-        assert node.get_parameter('limits.workspace_max').value == [1.25, 0.4, 1.4]
+        assert node.get_parameter('limits.workspace_max').value == [1.3, 0.4, 1.4]
         topics = dict(node.get_topic_names_and_types())
         assert '/left/arm/sequencer/phase' in topics and '/left/arm/target_frame' in topics
         assert 'Peak speed' in node.describe_parameter('pace.speed').description

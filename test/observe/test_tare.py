@@ -2,7 +2,7 @@
 
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.errors import DataError
-from forcecal_ros.observe import design, noise_levels, tare, with_bias
+from forcecal_ros.observe import design, noise_levels, Status, tare, with_bias
 from forcecal_ros.observe.playback import run
 import numpy as np
 from observing import BIAS, calibration, FORCE_NOISE, push, record, Swing
@@ -58,3 +58,17 @@ def test_tare_wants_long_enough_a_window_of_valid_samples():
     blind = record(1.5, without=('pose', 'accelerometer'))
     with pytest.raises(DataError, match='weight unknown'):
         tare(window(blind, 0.5, 1.4), MODEL, LEVELS)
+
+
+def test_single_samples_that_are_not_valid_do_not_count():
+    samples = window(record(1.5), 0.9, 1.45)
+    wanted = tare(samples, MODEL, LEVELS)
+
+    def with_invalid(share):
+        return [s._replace(status=Status.BAD_WRENCH, measured=(99.0,) * 6)
+                if i % round(1 / share) == 0 else s for i, s in enumerate(samples)]
+
+    found = tare(with_invalid(0.05), MODEL, LEVELS)
+    assert np.abs(found.bias - wanted.bias).max() < 0.02
+    with pytest.raises(DataError, match='of 550 samples are not valid: the wrench is no usable'):
+        tare(with_invalid(0.2), MODEL, LEVELS)

@@ -1,0 +1,59 @@
+"""The contact wrench in other frames, against numbers worked out by hand."""
+
+from forcecal_ros.errors import ConfigError
+from forcecal_ros.observe.frames import Frames
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+TURN = (0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5))
+"""A quarter turn about z: x goes to y."""
+
+WRENCH = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
+
+
+def test_a_flange_behind_the_sensor_feels_the_force_with_a_longer_lever():
+    flange = Frames(['tool0'], [0.0, 0.0, -0.1, 0.0, 0.0, 0.0, 1.0])
+    # the sensor is 0.1 m along z of the flange: (0, 0, 0.1) x (1, 2, 3) = (-0.2, 0.1, 0)
+    assert flange.of(0.0, WRENCH, 0.1)['tool0'] == pytest.approx((1, 2, 3, -0.1, 0.3, 0.3))
+
+
+def test_a_turned_frame_sees_the_force_along_its_own_axes():
+    turned = Frames(['tcp'], [0.0, 0.0, 0.0, *TURN])
+    # its x is y of the sensor, its y is -x of the sensor
+    assert turned.of(0.0, WRENCH, 0.1)['tcp'] == pytest.approx((2, -1, 3, 0.2, -0.1, 0.3))
+
+
+def test_the_base_goes_by_the_pose_of_the_wrench():
+    frames = Frames(['base_link'], [])
+    assert frames.of(0.0, WRENCH, 0.1) == {}
+    frames.note(0.0, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+    frames.note(1.0, (0.0, 0.0, 2.0, *TURN))
+    # (1, 0, 0) x (1, 2, 3) = (0, -3, 2)
+    assert frames.of(0.05, WRENCH, 0.1)['base_link'] == pytest.approx((1, 2, 3, 0.1, -2.8, 2.3))
+    # x and y swap by the turn; (0, 0, 2) x (-2, 1, 3) = (-2, -4, 0)
+    assert frames.of(0.95, WRENCH, 0.1)['base_link'] == pytest.approx(
+        (-2, 1, 3, -2.2, -3.9, 0.3))
+    assert frames.of(0.5, WRENCH, 0.1) == {}
+
+
+def test_there_and_back_is_the_same_wrench():
+    rng = np.random.default_rng(1)
+    R, p = Rotation.random(random_state=2), rng.normal(size=3)
+    there = Frames(['a'], [*p, *R.as_quat()]).of(0.0, WRENCH, 0.1)['a']
+    back = Frames(['b'], [*(-R.inv().apply(p)), *R.inv().as_quat()]).of(0.0, there, 0.1)['b']
+    assert back == pytest.approx(WRENCH)
+
+
+@pytest.mark.parametrize('names, numbers, why', [
+    (['tool0', 'flange', 'base'], [0.0] * 6 + [1.0], '3 frames .* has 7 numbers'),
+    (['tool0', 'tool0'], [0.0] * 6 + [1.0], 'different'),
+    (['tool0'], [0.0] * 7, 'norm 0, not 1'),
+    (['../tool'], [], "'../tool' cannot be part of a topic")])
+def test_what_is_no_frame_is_refused(names, numbers, why):
+    with pytest.raises(ConfigError, match=why):
+        Frames(names, numbers)
+
+
+def test_without_frames_there_is_nothing():
+    assert Frames([''], [0.0]).of(0.0, WRENCH, 0.1) == {}

@@ -1,0 +1,35 @@
+"""Installed commands: a signal while they are being loaded ends them in silence."""
+
+import subprocess
+import sys
+
+import pytest
+
+INTERRUPTED = """
+import builtins, os, signal, sys
+original = builtins.__import__
+def interrupt(name, *rest):
+    if name == {module!r}:
+        os.kill(os.getpid(), signal.SIGINT)
+    return original(name, *rest)
+builtins.__import__ = interrupt
+from forcecal_ros.entry import {command}
+sys.exit({command}())
+"""
+
+
+@pytest.mark.parametrize('command, module, status', [
+    ('forcecal', 'argparse', 130), ('sequencer', 'rclpy', 0), ('observer', 'numpy', 0)])
+def test_a_signal_in_the_midst_of_an_import_prints_nothing(command, module, status):
+    done = subprocess.run(
+        [sys.executable, '-c', INTERRUPTED.format(command=command, module=module)],
+        capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (status, '', '')
+
+
+def test_a_command_line_that_is_loaded_is_run():
+    done = subprocess.run(
+        [sys.executable, '-c', 'from forcecal_ros.entry import forcecal; exit(forcecal())',
+         '--version'],
+        capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and done.stdout.startswith('forcecal ')
