@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 import json
+from pathlib import Path
 import re
 import resource
 import shlex
@@ -10,15 +11,19 @@ import subprocess
 import sys
 
 from bag_samples import split_bag
+import forcecal_ros
 from forcecal_ros.calibration.file import load, save
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.cli import build_parser, main
 from forcecal_ros.commands import COMMANDS
 from forcecal_ros.recording.bags import read_recording, write_recording
 from forcecal_ros.recording.streams import Stream
+from forcecal_ros.recording.topics import ROLES
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin
+
+PACKAGE = Path(forcecal_ros.__file__).parent
 
 
 def run(capsys, *arguments):
@@ -203,6 +208,15 @@ def test_help_shows_an_example(capsys, command):
     assert status == 0 and f'example:\n  forcecal {command}' in out
     for example in re.findall(r'^  forcecal (.*)$', out.partition('example:')[2], re.MULTILINE):
         build_parser(command).parse_args(shlex.split(example, comments=True))
+
+
+def test_advice_names_options_and_roles_that_there_are():
+    options = {'--ros-args', '--params-file', '--version'}.union(*(
+        build_parser(command).commands[command].options for command in COMMANDS))
+    for file in PACKAGE.rglob('*.py'):
+        text = file.read_text()
+        assert {*re.findall(r'(?<![\w-])--[a-z][\w-]*', text)} <= options, file
+        assert {*re.findall(r'--topic (\w+)=', text)} <= {*ROLES, 'role'}, file
 
 
 def test_a_command_loads_neither_ros_nor_a_compiler_before_it_needs_them():
