@@ -142,6 +142,8 @@ def _try_folder(folder: Path) -> None:
     """Make a file without a name in a folder: no look at its permissions says as much."""
     import tempfile
 
+    if folder.exists() and not folder.is_dir():
+        raise ConfigError(f'{folder} is no folder; name one')
     if not folder.is_dir():
         raise ConfigError(f'{folder} is no folder that exists; make it first')
     with tempfile.TemporaryFile(dir=folder):

@@ -1,12 +1,14 @@
 """``forcecal diagnose``: where, why and how far a recording departs from the simulator."""
 
 import argparse
+import os
 from typing import Any
 
 from forcecal_ros.commands.common import new_parser, say_if_compiling, topic_names
 from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
 from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
+from forcecal_ros.errors import UsageError
 
 FILES = ('diagnosis.json', 'report.html', 'rig_patched.yaml', 'calibration_patched.yaml')
 """All that a diagnosis may write."""
@@ -39,23 +41,30 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
+    if args.heldout and os.path.realpath(args.heldout) in map(os.path.realpath, args.bag):
+        raise UsageError(f'--heldout: {args.heldout} cannot judge what is fitted to it; leave it '
+                         'out, and parts of every phase are held out')
     return run_each(args, answer)
 
 
 def answer(args: argparse.Namespace) -> Answer:
     """Diagnose one recording."""
+    from forcecal_ros.calibration.file import load
     from forcecal_ros.recording.bags import read_recording
+    from forcecal_ros.simulators.rig.file import load_rig
 
+    rig = load_rig(args.rig)
+    calibration = load(args.calibration) if args.calibration else None
     recording, *more = (
         read_recording(bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
         for bag in (args.bag, args.heldout) if bag is not None)
     heldout = more[0] if more else None
-    if args.calibration or not recording.target:
-        return _by_motion(args, recording, heldout)
-    return _by_commands(args, recording, heldout)
+    if calibration or not recording.target:
+        return _by_motion(args, recording, heldout, rig, calibration)
+    return _by_commands(args, recording, heldout, rig)
 
 
-def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any) -> Answer:
+def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any) -> Answer:
     """Replay the commands through the rig."""
     from forcecal_ros.diagnose.advice import advice
     from forcecal_ros.diagnose.channels import CHANNELS
@@ -63,11 +72,10 @@ def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any) -> Answ
     from forcecal_ros.diagnose.result import to_document
     from forcecal_ros.report.diagnosis import render
     from forcecal_ros.report.diagnosis_view import view_of, view_without_signals
-    from forcecal_ros.simulators.rig.file import dump_rig, load_rig
+    from forcecal_ros.simulators.rig.file import dump_rig
     from forcecal_ros.simulators.rig.simulator import waits_for_compiler
 
     say_if_compiling(waits_for_compiler(), 'the simulator')
-    rig = load_rig(args.rig)
     outcome = _with_model(args, diagnose(recording, heldout, rig, args.accelerometer))
     answered = outcome.diagnosis.verdict != 'invalid_data'
     document = to_document(outcome.diagnosis, {c.name: c.unit for c in CHANNELS},
@@ -80,9 +88,10 @@ def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any) -> Answ
     return _written(args, recording, outcome.diagnosis, document, files)
 
 
-def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any) -> Answer:
+def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
+               calibration: Any) -> Answer:
     """Compare the wrench with the measured motion."""
-    from forcecal_ros.calibration.file import dump, load
+    from forcecal_ros.calibration.file import dump
     from forcecal_ros.diagnose.advice import advice
     from forcecal_ros.diagnose.motion.document import to_document
     from forcecal_ros.diagnose.motion.known import known_from_calibration, known_from_rig
@@ -90,13 +99,10 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any) -> Answer
     from forcecal_ros.recording.level import levelled
     from forcecal_ros.report.diagnosis import render
     from forcecal_ros.report.diagnosis_view import view_of_motion, view_without_signals
-    from forcecal_ros.simulators.rig.file import load_rig
 
-    calibration = load(args.calibration) if args.calibration else None
     if calibration:
         recording = levelled(recording, calibration.gravity_direction)
         heldout = heldout and levelled(heldout, calibration.gravity_direction)
-    rig = load_rig(args.rig)
     known = (known_from_calibration(calibration) if calibration
              else known_from_rig(rig, args.accelerometer))
     outcome = _with_model(args, diagnose_motion(recording, heldout, known))

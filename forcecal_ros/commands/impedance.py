@@ -4,7 +4,14 @@ import argparse
 from math import isfinite
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.commands.common import add_json, new_parser, print_json, say, say_if_compiling
+from forcecal_ros.commands.common import (
+    add_json,
+    from_arguments,
+    new_parser,
+    print_json,
+    say,
+    say_if_compiling,
+)
 from forcecal_ros.commands.numbers import positive, whole
 from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
 
@@ -57,8 +64,11 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.simulators.rig.simulator import waits_for_compiler
     from tqdm import tqdm
 
-    designed = design(load_plant(args.plant), Wanted(args.mass, args.damping, args.stiffness),
-                      DesignSettings(latency=args.latency))
+    with from_arguments():
+        wanted = Wanted(args.mass, args.damping, args.stiffness)
+        settings = DesignSettings(latency=args.latency)
+    rig = load_rig(args.rig)
+    designed = design(load_plant(args.plant), wanted, settings)
     say_if_compiling(waits_for_compiler(), 'the simulator')
     names = [args.accelerometer] if args.accelerometer else ['acc1', 'acc2']
     with tqdm(total=RUNS * len(names), unit=' runs', leave=False, disable=None) as bar:
@@ -66,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
             bar.set_description(what)
             bar.update()
 
-        experiment = conduct(load_rig(args.rig), names, designed.law, seed=args.seed,
+        experiment = conduct(rig, names, designed.law, seed=args.seed,
                              latency=args.latency, tell=tell)
     images = pictures(experiment)
     origin = f'simulated rig{f" {args.rig}" if args.rig else ""}, noise seed {args.seed}'

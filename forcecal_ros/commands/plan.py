@@ -27,7 +27,7 @@ def add_parser(subparsers: Any) -> None:
     add_output(parser, '-o', '--output', kind=FILE, metavar='PLAN.yaml',
                help='parameters for the sequencer to write, - for standard output')
     add_json(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, inputs=('rig',))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -38,8 +38,9 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.simulators.rig.file import load_rig
     from forcecal_ros.simulators.rig.simulator import waits_for_compiler
 
+    rig = load_rig(args.rig)
     say_if_compiling(waits_for_compiler(), 'the simulator')
-    planned = plan_for(load_rig(args.rig), contact=args.contact)
+    planned = plan_for(rig, contact=args.contact)
     if args.output:
         write_text(args.output, to_parameters(planned))
     if args.json:

@@ -4,8 +4,10 @@ import argparse
 from typing import Any
 
 from forcecal_ros.commands.common import add_json, needs_ros, new_parser, print_json, say, warn
+from forcecal_ros.commands.names import topic_name
 from forcecal_ros.commands.numbers import positive
 from forcecal_ros.commands.outputs import add_output, RECORDING
+from forcecal_ros.errors import UsageError
 
 PERIOD = 0.2
 """Between two searches for new topics [s]."""
@@ -16,7 +18,7 @@ def add_parser(subparsers: Any) -> None:
     parser = new_parser(
         subparsers, 'record',
         example='forcecal record -o my_bag --duration 60 /joint_states')
-    parser.add_argument('topics', metavar='TOPIC', nargs='*',
+    parser.add_argument('topics', metavar='TOPIC', nargs='*', type=topic_name,
                         help="recorded besides this package's own, which are taken in any "
                              'namespace')
     add_output(parser, '-o', '--output', kind=RECORDING, metavar='BAG', required=True,
@@ -34,6 +36,8 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
+    if args.only and (args.all or not args.topics):
+        raise UsageError('--only wants TOPICs and no --all: it records the named topics alone')
     import time
 
     with needs_ros():
