@@ -10,6 +10,9 @@ from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands import COMMANDS
 
+CLEAR = '\r\033[K'
+"""Takes away a line that a terminal shows of progress."""
+
 CLOSE = 0.75
 """Share of letters that a wrong word has in common with what may have been meant."""
 
@@ -194,4 +197,5 @@ def say_if_compiling(waits: bool, what: str) -> None:
 
 def warn(text: str) -> None:
     """Print one line that the user should know of, on stderr."""
-    print(f'forcecal: note: {" ".join(text.split())}', file=sys.stderr)
+    print(f'{CLEAR * sys.stderr.isatty()}forcecal: note: {" ".join(text.split())}',
+          file=sys.stderr)

@@ -8,6 +8,7 @@ from forcecal_ros.commands.common import new_parser, say_if_compiling, topic_nam
 from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
 from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
+from forcecal_ros.commands.progress import stages
 from forcecal_ros.errors import UsageError
 
 FILES = ('diagnosis.json', 'report.html', 'rig_patched.yaml', 'calibration_patched.yaml')
@@ -55,13 +56,17 @@ def answer(args: argparse.Namespace) -> Answer:
 
     rig = load_rig(args.rig)
     calibration = load(args.calibration) if args.calibration else None
-    recording, *more = (
-        read_recording(bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
-        for bag in (args.bag, args.heldout) if bag is not None)
-    heldout = more[0] if more else None
-    if calibration or not recording.target:
-        return _by_motion(args, recording, heldout, rig, calibration)
-    return _by_commands(args, recording, heldout, rig)
+    with stages(args) as stage:
+        stage(f'reading {args.bag}')
+        recording, *more = (
+            read_recording(bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
+            for bag in (args.bag, args.heldout) if bag is not None)
+        heldout = more[0] if more else None
+        if calibration or not recording.target:
+            stage('comparing the wrench with the measured motion')
+            return _by_motion(args, recording, heldout, rig, calibration)
+        stage('replaying the commands and weighing effects')
+        return _by_commands(args, recording, heldout, rig)
 
 
 def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any) -> Answer:

@@ -17,6 +17,7 @@ from forcecal_ros.commands.outputs import (
     RESULTS,
     stdout_is_taken,
 )
+from forcecal_ros.commands.progress import add_quiet, bar
 from forcecal_ros.errors import ConfigError, DataError, UsageError
 from forcecal_ros.places import blamed
 
@@ -54,6 +55,7 @@ def add_bags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--dask', metavar='ADDRESS', type=address,
                         help='scheduler of a Dask cluster to work there, as tcp://host:8786; its '
                              'workers need this package and the same files in the same places')
+    add_quiet(parser)
     add_json(parser)
 
 
@@ -109,7 +111,7 @@ def _tasks(args: argparse.Namespace, bags: Sequence[str]) -> list[argparse.Names
         owner[name] = path
         written = {one.name: str(Path(value).absolute() / f'{name}{one.suffix}')
                    for one in args.outputs if (value := getattr(args, one.name))}
-        tasks.append(_with(args, bag=str(path), **shared, **written))
+        tasks.append(_with(args, bag=str(path), quiet=True, **shared, **written))
     for task in tasks:
         for one in args.outputs:
             if place := getattr(task, one.name):
@@ -132,19 +134,18 @@ def _show_each(tasks: Sequence[argparse.Namespace],
                answer: Callable[[argparse.Namespace], Answer], args: argparse.Namespace,
                many: bool) -> int:
     from forcecal_ros.parallel import each
-    from tqdm import tqdm
 
     answered = 0
-    with tqdm(total=len(tasks), unit=' recordings', leave=False, disable=None) as bar:
+    with bar(args, total=len(tasks), unit=' recordings') as done:
         for outcome in each(answer, tasks, jobs=args.jobs, dask=args.dask or ''):
-            bar.clear()
+            done.clear()
             if not many and outcome.error:
                 raise DataError(outcome.error)
             if not many and outcome.value is not None:
                 return _show(outcome.value, args)
             answered += _show_one_of_many(
                 tasks[outcome.index].bag, outcome.value, outcome.error, args.json)
-            bar.update()
+            done.update()
     if not args.json:
         say(f'{answered} of {len(tasks)} recordings have an answer, in {args.output}')
     return 0 if answered == len(tasks) else 1

@@ -1,6 +1,7 @@
 """``forcecal gravity``: remove weight, inertia and bias from a wrench, after [Ukf2025]."""
 
 import argparse
+from collections.abc import Callable
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands.common import (
@@ -15,6 +16,7 @@ from forcecal_ros.commands.common import (
 )
 from forcecal_ros.commands.numbers import not_negative, positive
 from forcecal_ros.commands.outputs import add_output, RECORDING
+from forcecal_ros.commands.progress import add_quiet, bar
 from forcecal_ros.errors import UsageError
 
 if TYPE_CHECKING:
@@ -58,6 +60,7 @@ def add_parser(subparsers: Any) -> None:
                         '(imu only)')
     add_output(parser, '-o', '--output', kind=RECORDING, metavar='OUT_BAG', required=True,
                help='recording to write; one that is there is kept as OUT_BAG~')
+    add_quiet(parser)
     add_json(parser)
     parser.set_defaults(run=run, inputs=('bag', 'calibration'))
 
@@ -74,7 +77,9 @@ def run(args: argparse.Namespace) -> int:
     by_imu = needs_imu(args, recording)
     calibration, source = calibration_for(args, recording)
     calibration, about = contact.prepared(calibration, recording, settings)
-    estimate = estimated(recording, calibration, settings, args.payload if by_imu else None)
+    with bar(args, total=len(recording.wrench or ()), unit=' samples') as done:
+        estimate = estimated(recording, calibration, settings,
+                             args.payload if by_imu else None, done.update)
     contact.write_estimate(args.output, estimate, calibration, recording.start_ns,
                            () if args.filter == 'static' else ('innovation',))
     if args.payload and not by_imu:
@@ -181,15 +186,13 @@ def calibration_for(args: argparse.Namespace,
 
 
 def estimated(recording: 'Recording', calibration: 'Calibration', settings: 'ObserverSettings',
-              payload_std: float | None) -> 'ContactEstimate':
+              payload_std: float | None, advance: Callable[[int], object]
+              ) -> 'ContactEstimate':
     """Run the chain, by the IMU where ``payload_std`` [kg] is given."""
     from forcecal_ros.observe import Imu, replay
-    from tqdm import tqdm
 
     imu = None if payload_std is None else Imu(payload_std=payload_std)
-    total = len(recording.wrench) if recording.wrench else 0
-    with tqdm(total=total, unit=' samples', leave=False, disable=None) as bar:
-        return replay(recording, calibration, settings, imu, bar.update)
+    return replay(recording, calibration, settings, imu, advance)
 
 
 def figures(estimate: 'ContactEstimate') -> dict[str, Any]:

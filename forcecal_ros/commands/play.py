@@ -16,6 +16,7 @@ from forcecal_ros.commands.common import (
 )
 from forcecal_ros.commands.names import namespace, topic_name
 from forcecal_ros.commands.numbers import not_negative, positive
+from forcecal_ros.commands.progress import add_quiet, bar
 
 if TYPE_CHECKING:
     from forcecal_ros.nodes.player import Player
@@ -56,6 +57,7 @@ def add_parser(subparsers: Any) -> None:
                              'while somebody listens')
     parser.add_argument('--yes', action='store_true',
                         help='publish commands even though somebody listens')
+    add_quiet(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -70,7 +72,6 @@ def run(args: argparse.Namespace) -> int:
 
     from forcecal_ros.errors import DataError
     from forcecal_ros.recording.bags import read_messages, read_topics
-    from tqdm import tqdm
 
     topics = read_topics(args.bag)
     refuse_missing(topics, args)
@@ -89,9 +90,9 @@ def run(args: argparse.Namespace) -> int:
         time.sleep(max(args.delay, DISCOVERY) if commands else args.delay)
         if not args.yes and not _consented(player, commands):
             player.unheard = set(commands)
-        with tqdm(unit=' s', disable=None, leave=False) as bar:
+        with bar(args, unit=' s') as done:
             player.play(dropwhile(lambda one: one.log_ns < begin, chain([first], messages)),
-                        lambda seconds: bar.update(round(seconds, 1) - bar.n))
+                        lambda seconds: done.update(round(seconds, 1) - done.n))
         player.finish(ACKNOWLEDGE)
         if args.start and not player.counts and not ros.interrupted:
             raise DataError(f'{args.bag}: nothing to publish from {args.start:g} s on; give an '
