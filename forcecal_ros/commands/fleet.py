@@ -130,6 +130,16 @@ def _make_room(place: str, output: Output, bags: Sequence[str]) -> None:
         Path(place).parent.mkdir(parents=True, exist_ok=True)
 
 
+def _set_aside(task: argparse.Namespace) -> None:
+    """Rename what an earlier run found in a recording that has no answer now."""
+    from forcecal_ros.atomic_files import set_aside
+
+    for one in task.outputs:
+        place = getattr(task, one.name)
+        if place and os.path.lexists(place):
+            set_aside(Path(place))
+
+
 def _show_each(tasks: Sequence[argparse.Namespace],
                answer: Callable[[argparse.Namespace], Answer], args: argparse.Namespace,
                many: bool) -> int:
@@ -143,6 +153,8 @@ def _show_each(tasks: Sequence[argparse.Namespace],
                 raise DataError(outcome.error)
             if not many and outcome.value is not None:
                 return _show(outcome.value, args)
+            if outcome.error:
+                _set_aside(tasks[outcome.index])
             answered += _show_one_of_many(
                 tasks[outcome.index].bag, outcome.value, outcome.error, args.json)
             done.update()
