@@ -17,7 +17,8 @@ from forcecal_ros.errors import ConfigError
 
 STANDARD_OUTPUT = Path('/proc/self/fd/1')
 
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""What the system says where there is no room."""
 
 _LINKS = 40
 """As many links as Linux follows in one path."""
@@ -158,6 +159,6 @@ def blamed(path: Path) -> Iterator[None]:
     except BrokenPipeError:
         raise
     except OSError as error:
-        remedy = ('free some space' if error.errno in _FULL
+        remedy = ('free some space' if error.errno in FULL
                   else 'choose a folder that exists and belongs to you')
         raise ConfigError(f'{path}: cannot be written ({error.strerror}); {remedy}') from error

@@ -111,8 +111,21 @@ def or_nearest(word: str, names: Collection[str]) -> str:
 
 
 def topic_names(args: argparse.Namespace) -> dict[str, str]:
-    """Return what ``--topic`` said, role to name."""
-    return dict(args.topic)
+    """
+    Return what ``--topic`` said, role to name.
+
+    Raises
+    ------
+    UsageError
+        A role has two names.
+    """
+    from forcecal_ros.errors import UsageError
+
+    names: dict[str, str] = {}
+    for role, name in args.topic:
+        if names.setdefault(role, name) != name:
+            raise UsageError(f'--topic: {role} is called {names[role]} and {name}; name one')
+    return names
 
 
 def read_checked(args: argparse.Namespace, bag: str, wanted: Collection[str] = ('wrench',), *,

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 import json
+import os
 from pathlib import Path
 import re
 import resource
@@ -148,6 +149,24 @@ def test_a_recording_in_several_files_says_the_same(
     status, said, _ = run(capsys, 'estimate', split, '--calibration', calibration,
                           '-o', tmp_path / 'o', '--json')
     assert status == 0 and json.loads(said)['samples'] == 21400
+
+
+def test_a_terminal_that_lacks_a_letter_shows_another(calibration, tmp_path):
+    done = subprocess.run(
+        [sys.executable, '-m', 'forcecal_ros.cli', 'export', calibration, '--for', 'ur',
+         '-o', tmp_path / 'Länge.yaml'], env={**os.environ, 'PYTHONIOENCODING': 'ascii'},
+        capture_output=True, check=False)
+    assert done.returncode == 0 and not done.stderr
+    assert done.stdout.endswith(b'L?nge.yaml\n') and (tmp_path / 'Länge.yaml').exists()
+
+
+def test_a_full_device_is_told_from_a_wrong_path(calibration):
+    with open('/dev/full', 'w') as full:  # noqa: PTH123 - a device
+        done = subprocess.run(
+            [sys.executable, '-m', 'forcecal_ros.cli', 'export', calibration, '--for', 'ur'],
+            stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == 'forcecal: No space left on device; free some space\n'
 
 
 def test_what_was_there_is_kept(capsys, sample, tmp_path):

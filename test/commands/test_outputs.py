@@ -45,6 +45,7 @@ def status_of(arguments):
     ('calibrate', 'no_bag', '--accelerometer-position', '30', '5', '120'),
     ('calibrate', 'no_bag', '--topic', 'wrench'),
     ('calibrate', 'no_bag', '--topic', 'wrnch=/wrench'),
+    ('calibrate', 'no_bag', '--topic', 'wrench=/wrench', '--topic', 'wrench=/ft/wrench'),
     ('calibrate', 'no_bag', '--jobs', '0'),
     ('calibrate', 'no_bag', '--jobs', '2', '--dask', 'tcp://host:8786'),
     ('calibrate', 'no_bag', '--dask', 'host'),
