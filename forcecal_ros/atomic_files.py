@@ -120,7 +120,7 @@ def make_folder(path: Path | str) -> None:
 
 def set_aside(path: Path) -> None:
     """
-    Rename a file to what its backup is called.
+    Rename a file or folder to what its backup is called.
 
     Raises
     ------
@@ -128,7 +128,10 @@ def set_aside(path: Path) -> None:
         It cannot be renamed.
     """
     with blamed(path):
-        path.replace(backup_of(path))
+        if path.is_dir() and not path.is_symlink():
+            path.rename(_make_room(backup_of(path), _names(path)))
+        else:
+            path.replace(backup_of(path))
 
 
 def backup_of(path: Path) -> Path:

@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Mapping, Sequence
 from importlib import import_module
+from io import TextIOWrapper
 import os
 import sys
 from typing import Any, NoReturn
@@ -12,6 +13,7 @@ from forcecal_ros.commands import COMMANDS
 from forcecal_ros.commands.common import or_nearest
 from forcecal_ros.commands.outputs import check_outputs
 from forcecal_ros.errors import ForcecalError, UsageError
+from forcecal_ros.places import FULL
 
 EPILOG = """\
 exit status: 0 done, 1 the data cannot answer (one line on stderr says why), 2 wrong usage
@@ -109,23 +111,38 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     # small matrices are slower on several threads, and round in another order on other machines
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    if isinstance(sys.stdout, TextIOWrapper):  # a letter that a terminal lacks ends nothing
+        sys.stdout.reconfigure(errors='replace')
     try:
         args = parsed(sys.argv[1:] if arguments is None else arguments)
         check_outputs(args)
-        return int(args.run(args))
+        status = int(args.run(args))
+        print(end='', flush=True)
+        return status
     except UsageError as error:
         return _complain(str(error), 2)
     except ForcecalError as error:
         return _complain(str(error))
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _give_up_stdout()
         return 1
     except OSError as error:
+        _give_up_stdout()
         where = f'{error.filename}: ' if error.filename else ''
-        return _complain(f'{where}{error.strerror or error}; check the path and its permissions')
+        remedy = ('free some space' if error.errno in FULL
+                  else 'check the path and its permissions')
+        return _complain(f'{where}{error.strerror or error}; {remedy}')
     except KeyboardInterrupt:
         print('forcecal: interrupted', file=sys.stderr)
         return 130
+
+
+def _give_up_stdout() -> None:
+    """Drop what standard output does not take, which Python would try to write once more."""
+    try:
+        print(end='', flush=True)
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _complain(message: str, status: int = 1) -> int:

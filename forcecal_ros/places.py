@@ -17,7 +17,8 @@ from forcecal_ros.errors import ConfigError
 
 STANDARD_OUTPUT = Path('/proc/self/fd/1')
 
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""What the system says where there is no room."""
 
 _LINKS = 40
 """As many links as Linux follows in one path."""
@@ -142,6 +143,8 @@ def _try_folder(folder: Path) -> None:
     """Make a file without a name in a folder: no look at its permissions says as much."""
     import tempfile
 
+    if folder.exists() and not folder.is_dir():
+        raise ConfigError(f'{folder} is no folder; name one')
     if not folder.is_dir():
         raise ConfigError(f'{folder} is no folder that exists; make it first')
     with tempfile.TemporaryFile(dir=folder):
@@ -156,6 +159,6 @@ def blamed(path: Path) -> Iterator[None]:
     except BrokenPipeError:
         raise
     except OSError as error:
-        remedy = ('free some space' if error.errno in _FULL
+        remedy = ('free some space' if error.errno in FULL
                   else 'choose a folder that exists and belongs to you')
         raise ConfigError(f'{path}: cannot be written ({error.strerror}); {remedy}') from error

@@ -20,6 +20,8 @@ COMMANDS = {
     'export': Command(
         'export', 'write a calibration in the format of another package, with its keys and '
         'signs'),
+    'compare': Command(
+        'compare', 'show what changed between two calibrations, in standard errors'),
     'simulate': Command(
         'simulate', 'simulate the rig under recorded commands and write every sensor topic'),
     'identify-robot': Command(

@@ -8,7 +8,7 @@ from typing import Any, TYPE_CHECKING
 from forcecal_ros.commands.common import new_parser, read_checked
 from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
-from forcecal_ros.commands.numbers import gravity, positive, real
+from forcecal_ros.commands.numbers import angle, gravity, nearby, positive, real
 from forcecal_ros.commands.outputs import add_output, FILE
 from forcecal_ros.errors import UsageError
 
@@ -34,9 +34,9 @@ def add_parser(subparsers: Any) -> None:
                         help='of the accelerometer; ac: it lets gravity decay (high-pass)')
     parser.add_argument('--cutoff', metavar='HZ', type=positive,
                         help='corner of an ac accelerometer (default: estimated)')
-    parser.add_argument('--accelerometer-position', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
+    parser.add_argument('--accelerometer-position', metavar=('X', 'Y', 'Z'), nargs=3, type=nearby,
                         help='of the accelerometer in ft_sensor [m] (default: estimated)')
-    parser.add_argument('--theta', metavar='RAD', type=real, default=0.0,
+    parser.add_argument('--theta', metavar='RAD', type=angle, default=0.0,
                         help="the paper's angle of the two poses about z")
     parser.add_argument('--free-motion', metavar='BAG2',
                         help='recording of motion without contact from which the delay between '
@@ -63,6 +63,9 @@ def run(args: argparse.Namespace) -> int:
     if args.gravity_direction is not None and not any(args.gravity_direction):
         raise UsageError('--gravity-direction 0 0 0 is no direction; 0 0 -1 is down in a level '
                          'base')
+    if args.cutoff is not None and args.coupling != 'ac':
+        raise UsageError('--cutoff is the corner of an ac accelerometer; give --coupling ac as '
+                         'well, or leave it out')
     return run_each(args, answer)
 
 
@@ -82,11 +85,13 @@ def answer(args: argparse.Namespace) -> Answer:
     recording = read_checked(args, args.bag, ['wrench', 'pose'], raw_wrench=matrix is not None)
     if matrix:
         recording = recording_corrected(recording, required_six_axis(matrix, args.matrix))
-    calibration = calibrated(recording, args)
+    motion = None
     if args.free_motion:
         motion = read_checked(args, args.free_motion, raw_wrench=matrix is not None)
         if matrix:
             motion = recording_corrected(motion, required_six_axis(matrix, args.matrix))
+    calibration = calibrated(recording, args)
+    if motion:
         calibration = with_delay(calibration, estimate_delay(motion, calibration))
     if args.report:
         write_report(args.report, recording, calibration)

@@ -10,6 +10,9 @@ from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands import COMMANDS
 
+CLEAR = '\r\033[K'
+"""Takes away a line that a terminal shows of progress."""
+
 CLOSE = 0.75
 """Share of letters that a wrong word has in common with what may have been meant."""
 
@@ -38,7 +41,7 @@ def new_parser(subparsers: Any, name: str, *, example: str) -> argparse.Argument
 def add_bag(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
     """Add the recording to read, how its topics are called, and the sign of its wrench."""
     if several:
-        parser.add_argument('bag', metavar='BAG', nargs='+',
+        parser.add_argument('bag', metavar='BAG', nargs='+', action=_Recordings,
                             help='rosbag2 folder or file (mcap, sqlite3); several, or @FILE with '
                                  'one a line: each by itself')
     else:
@@ -47,6 +50,31 @@ def add_bag(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
     parser.add_argument(
         '--wrench-sign', type=int, choices=(1, -1), default=1,
         help='-1 for a driver that reports the wrench of the tool on its environment')
+
+
+class _Recordings(argparse.Action):
+    """Takes @FILE for the recordings that it lists, one a line, besides comments."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace,
+                 values: Any, option_string: str | None = None) -> None:
+        named = [line for word in values
+                 for line in (self._listed(word[1:]) if word.startswith('@') else [word])]
+        bags = [bag for bag in named if bag and not bag.startswith('#')]
+        if not bags:
+            raise argparse.ArgumentError(
+                self, 'no recording is named; give one, or @FILE with one a line')
+        setattr(namespace, self.dest, bags)
+
+    def _listed(self, file: str) -> list[str]:
+        try:
+            return Path(file).read_text().splitlines()
+        except OSError as error:
+            why = error.strerror
+        except UnicodeDecodeError:
+            why = 'it is no text'
+        raise argparse.ArgumentError(
+            self, f'@{file}: cannot be read ({why}); name a file that lists recordings, one a '
+            'line')
 
 
 def add_topics(parser: argparse.ArgumentParser) -> None:
@@ -77,14 +105,27 @@ def or_nearest(word: str, names: Collection[str]) -> str:
     """Return what to say after a word that is no name: the name that may have been meant."""
     from difflib import get_close_matches
 
-    near = [name for name in names if name.startswith(word)] or get_close_matches(
+    near = [name for name in names if word and name.startswith(word)] or get_close_matches(
         word, list(names), 1, CLOSE)
     return f' (did you mean {near[0]}?)' if near else ''
 
 
 def topic_names(args: argparse.Namespace) -> dict[str, str]:
-    """Return what ``--topic`` said, role to name."""
-    return dict(args.topic)
+    """
+    Return what ``--topic`` said, role to name.
+
+    Raises
+    ------
+    UsageError
+        A role has two names.
+    """
+    from forcecal_ros.errors import UsageError
+
+    names: dict[str, str] = {}
+    for role, name in args.topic:
+        if names.setdefault(role, name) != name:
+            raise UsageError(f'--topic: {role} is called {names[role]} and {name}; name one')
+    return names
 
 
 def read_checked(args: argparse.Namespace, bag: str, wanted: Collection[str] = ('wrench',), *,
@@ -119,6 +160,17 @@ def read_checked(args: argparse.Namespace, bag: str, wanted: Collection[str] = (
 def print_json(document: Mapping[str, Any]) -> None:
     """Print one JSON document, without NaN or infinity."""
     print(json.dumps(document, indent=2, allow_nan=False))
+
+
+@contextmanager
+def from_arguments() -> Iterator[None]:
+    """Take settings that are refused for wrong usage: they come from the command line alone."""
+    from forcecal_ros.errors import ConfigError, UsageError
+
+    try:
+        yield
+    except ConfigError as error:
+        raise UsageError(str(error)) from error
 
 
 @contextmanager
@@ -158,4 +210,5 @@ def say_if_compiling(waits: bool, what: str) -> None:
 
 def warn(text: str) -> None:
     """Print one line that the user should know of, on stderr."""
-    print(f'forcecal: note: {" ".join(text.split())}', file=sys.stderr)
+    print(f'{CLEAR * sys.stderr.isatty()}forcecal: note: {" ".join(text.split())}',
+          file=sys.stderr)

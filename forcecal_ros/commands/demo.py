@@ -7,6 +7,7 @@ from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands.common import (
     add_json,
+    CLEAR,
     needs_ros,
     new_parser,
     print_json,
@@ -16,6 +17,7 @@ from forcecal_ros.commands.common import (
 )
 from forcecal_ros.commands.numbers import whole
 from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
+from forcecal_ros.commands.progress import add_quiet
 
 if TYPE_CHECKING:
     from forcecal_ros.calibration.model import Calibration
@@ -34,6 +36,7 @@ def add_parser(subparsers: Any) -> None:
                help='folder for calibration.yaml, the recording and report.html; what is there of '
                     'them is kept as NAME~')
     parser.add_argument('--seed', type=whole, default=1, help='of the sensor noise')
+    add_quiet(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -58,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     say_if_compiling(simulator.waits_for_compiler() or batch.waits_for_compiler(),
                      'simulator and observer')
     make_folder(out)
-    result = run_demo(args.accelerometer, out, args.seed, _Progress())
+    result = run_demo(args.accelerometer, out, args.seed, _Progress(args.quiet))
     calibration = parse(result.calibration, 'sequencer/calibration')
     truth = true_calibration(load_rig(), args.accelerometer)
     recording = read_recording(out / 'bag')
@@ -140,13 +143,15 @@ def contact_figures(recording: 'Recording', contact: 'Stream') -> dict[str, floa
 class _Progress:
     """One changing line on a terminal, one line a phase elsewhere."""
 
-    def __init__(self) -> None:
-        self._last = ''
+    def __init__(self, quiet: bool) -> None:
+        self._last, self._quiet = '', quiet
         self._terminal = sys.stderr.isatty()
 
     def __call__(self, phase: str, seconds: float) -> None:
+        if self._quiet:
+            return
         if self._terminal:
-            print(f'\r\033[K{seconds:5.1f} s  {phase}', end='', file=sys.stderr, flush=True)
+            print(f'{CLEAR}{seconds:5.1f} s  {phase}', end='', file=sys.stderr, flush=True)
         elif phase != self._last:
             print(f'{seconds:5.1f} s  {phase}', file=sys.stderr, flush=True)
         self._last = phase

@@ -1,12 +1,15 @@
 """``forcecal diagnose``: where, why and how far a recording departs from the simulator."""
 
 import argparse
+import os
 from typing import Any
 
 from forcecal_ros.commands.common import new_parser, say_if_compiling, topic_names
 from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
 from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
+from forcecal_ros.commands.progress import stages
+from forcecal_ros.errors import UsageError
 
 RIGID = 'rigid_tool.yaml'
 """Whose tolerances a calibrated tool has where no rig is named."""
@@ -42,23 +45,34 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
+    if args.heldout and os.path.realpath(args.heldout) in map(os.path.realpath, args.bag):
+        raise UsageError(f'--heldout: {args.heldout} cannot judge what is fitted to it; leave it '
+                         'out, and parts of every phase are held out')
     return run_each(args, answer)
 
 
 def answer(args: argparse.Namespace) -> Answer:
     """Diagnose one recording."""
+    from forcecal_ros.calibration.file import load
     from forcecal_ros.recording.bags import read_recording
+    from forcecal_ros.simulators.rig.file import load_rig
 
-    recording, *more = (
-        read_recording(bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
-        for bag in (args.bag, args.heldout) if bag is not None)
-    heldout = more[0] if more else None
-    if args.calibration or not recording.target:
-        return _by_motion(args, recording, heldout)
-    return _by_commands(args, recording, heldout)
+    calibration = load(args.calibration) if args.calibration else None
+    rig = load_rig(args.rig or (RIGID if calibration else None))
+    with stages(args) as stage:
+        stage(f'reading {args.bag}')
+        recording, *more = (
+            read_recording(bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
+            for bag in (args.bag, args.heldout) if bag is not None)
+        heldout = more[0] if more else None
+        if calibration or not recording.target:
+            stage('comparing the wrench with the measured motion')
+            return _by_motion(args, recording, heldout, rig, calibration)
+        stage('replaying the commands and weighing effects')
+        return _by_commands(args, recording, heldout, rig)
 
 
-def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any) -> Answer:
+def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any) -> Answer:
     """Replay the commands through the rig."""
     from forcecal_ros.diagnose.advice import advice
     from forcecal_ros.diagnose.channels import units
@@ -66,11 +80,10 @@ def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any) -> Answ
     from forcecal_ros.diagnose.result import to_document
     from forcecal_ros.report.diagnosis import render
     from forcecal_ros.report.diagnosis_view import view_of, view_without_signals
-    from forcecal_ros.simulators.rig.file import dump_rig, load_rig
+    from forcecal_ros.simulators.rig.file import dump_rig
     from forcecal_ros.simulators.rig.simulator import waits_for_compiler
 
     say_if_compiling(waits_for_compiler(), 'the simulator')
-    rig = load_rig(args.rig)
     outcome = _with_model(args, diagnose(recording, heldout, rig, args.accelerometer))
     answered = outcome.diagnosis.verdict != 'invalid_data'
     document = to_document(outcome.diagnosis, units(),
@@ -83,9 +96,10 @@ def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any) -> Answ
     return _written(args, recording, outcome.diagnosis, document, files)
 
 
-def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any) -> Answer:
+def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
+               calibration: Any) -> Answer:
     """Compare the wrench with the measured motion."""
-    from forcecal_ros.calibration.file import dump, load
+    from forcecal_ros.calibration.file import dump
     from forcecal_ros.diagnose.advice import advice
     from forcecal_ros.diagnose.body import body_of_calibration, body_of_rig, patched
     from forcecal_ros.diagnose.by_motion import delay_std, diagnose_motion
@@ -93,10 +107,7 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any) -> Answer
     from forcecal_ros.diagnose.result import to_document
     from forcecal_ros.report.diagnosis import render
     from forcecal_ros.report.diagnosis_view import view_of, view_without_signals
-    from forcecal_ros.simulators.rig.file import load_rig
 
-    calibration = load(args.calibration) if args.calibration else None
-    rig = load_rig(args.rig or (RIGID if calibration else None))
     body = body_of_calibration(calibration, rig) if calibration else body_of_rig(rig)
     outcome = _with_model(args, diagnose_motion(
         _as_calibrated(recording, calibration), _as_calibrated(heldout, calibration), body,

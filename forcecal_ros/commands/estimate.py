@@ -8,6 +8,7 @@ from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
 from forcecal_ros.commands.numbers import positive
 from forcecal_ros.commands.outputs import add_output, RECORDING
+from forcecal_ros.errors import UsageError
 
 FILTERS = ('kalman', 'newton', 'ukf', 'ekf', 'static')
 
@@ -36,6 +37,9 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
+    if args.bandwidth is not None and args.filter not in (None, 'kalman'):
+        raise UsageError(f'--bandwidth is that of filter kalman, not of {args.filter}; leave it '
+                         'out')
     return run_each(args, answer)
 
 

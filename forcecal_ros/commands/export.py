@@ -4,9 +4,16 @@ import argparse
 from typing import Any
 
 from forcecal_ros.commands.common import new_parser, say
+from forcecal_ros.commands.names import frame, node
 from forcecal_ros.commands.numbers import real
 from forcecal_ros.commands.outputs import add_output, FILE, stdout_is_taken
+from forcecal_ros.errors import UsageError
 
+LOOKED_AT = {'--node': ('broadcaster', 'gravity_filter', 'admittance'),
+             '--base-frame': ('gravity_filter', 'admittance'), '--sensor-in-flange': ('ur',)}
+"""Option -> consumers that it says something about."""
+
+BASE = 'base_link'
 FLANGE = ('X', 'Y', 'Z', 'QX', 'QY', 'QZ', 'QW')
 
 
@@ -21,15 +28,35 @@ def add_parser(subparsers: Any) -> None:
         help='force_torque_sensor_broadcaster, GravityCompensation of control_filters, '
              'admittance_controller, payload of a Universal Robot, force_torque_tools of KTH, '
              'ft_tools_ros2')
-    parser.add_argument('--node', metavar='NAME',
+    parser.add_argument('--node', metavar='NAME', type=node,
                         help='node that takes the parameters (default: the usual name)')
-    parser.add_argument('--base-frame', metavar='FRAME', default='base_link',
+    parser.add_argument('--base-frame', metavar='FRAME', type=frame, default=BASE,
                         help='frame whose z points up')
     parser.add_argument('--sensor-in-flange', metavar=FLANGE, nargs=7, type=real,
                         help='ur: pose of the sensor in the flange (default: they are one) [m]')
     add_output(parser, '-o', '--output', kind=FILE, metavar='FILE',
                help='file to write (default: print); one that is there is kept as FILE~')
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, inputs=('calibration',))
+
+
+def refuse_unused(args: argparse.Namespace) -> None:
+    """
+    Refuse what the consumer would not look at.
+
+    Raises
+    ------
+    UsageError
+        An option says nothing about this consumer, or a quaternion is none.
+    """
+    given = {'--node': args.node, '--base-frame': args.base_frame != BASE,
+             '--sensor-in-flange': args.sensor_in_flange}
+    for option, consumers in LOOKED_AT.items():
+        if given[option] and args.consumer not in consumers:
+            raise UsageError(f'{option} says nothing about {args.consumer}, only about '
+                             f'{", ".join(consumers)}; leave it out')
+    if args.sensor_in_flange and not any(args.sensor_in_flange[3:]):
+        raise UsageError('--sensor-in-flange: a quaternion of zeros is no rotation; give x y z '
+                         '[m] and qx qy qz qw, 0 0 0 1 where the axes are the same')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -37,13 +64,11 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.atomic_files import write_text
     from forcecal_ros.calibration.exports import export, Place
     from forcecal_ros.calibration.file import load
-    from forcecal_ros.errors import ConfigError
     from forcecal_ros.geometry import matrix_from_quaternion
     import numpy as np
 
+    refuse_unused(args)
     place = np.array(args.sensor_in_flange or (0, 0, 0, 0, 0, 0, 1))
-    if not place[3:].any():
-        raise ConfigError('--sensor-in-flange: expected x y z [m] and a quaternion qx qy qz qw')
     text = export(load(args.calibration), args.consumer, Place(
         args.node or '', args.base_frame, matrix_from_quaternion(place[3:]), place[:3]))
     if args.output:

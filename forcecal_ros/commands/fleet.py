@@ -8,9 +8,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from forcecal_ros.commands.common import add_bag, add_json, print_json, say, warn
+from forcecal_ros.commands.names import address
 from forcecal_ros.commands.numbers import at_least_one
-from forcecal_ros.commands.outputs import of_many, recordings, stdout_is_taken
-from forcecal_ros.errors import DataError, UsageError
+from forcecal_ros.commands.outputs import (
+    of_many,
+    Output,
+    refuse_inputs,
+    RESULTS,
+    stdout_is_taken,
+)
+from forcecal_ros.commands.progress import add_quiet, bar
+from forcecal_ros.errors import ConfigError, DataError, UsageError
 from forcecal_ros.places import blamed
 
 
@@ -41,13 +49,13 @@ class Answer(NamedTuple):
 
 def add_bags(parser: argparse.ArgumentParser) -> None:
     """Add the recordings, what :func:`add_bag` adds, ``--jobs``, ``--dask`` and ``--json``."""
-    parser.fromfile_prefix_chars = '@'
     add_bag(parser, several=True)
     parser.add_argument('--jobs', metavar='N', type=at_least_one, default=1,
                         help='how many recordings are worked on at once')
-    parser.add_argument('--dask', metavar='ADDRESS', default='',
+    parser.add_argument('--dask', metavar='ADDRESS', type=address,
                         help='scheduler of a Dask cluster to work there, as tcp://host:8786; its '
                              'workers need this package and the same files in the same places')
+    add_quiet(parser)
     add_json(parser)
 
 
@@ -71,11 +79,11 @@ def run(args: argparse.Namespace, answer: Callable[[argparse.Namespace], Answer]
     int
         Exit status: 1 where any recording has no answer.
     """
-    bags = recordings(args)
-    if not bags:
-        raise UsageError('no recording is named; give BAG or @FILE with one a line')
+    if args.dask and args.jobs > 1:
+        raise UsageError('--jobs counts processes of this machine, --dask works elsewhere; '
+                         'leave --jobs out')
     many = of_many(args)
-    tasks = _tasks(args, bags) if many else [_with(args, bag=bags[0])]
+    tasks = _tasks(args, args.bag) if many else [_with(args, bag=args.bag[0])]
     if many or args.dask:
         return _show_each(tasks, answer, args, many)
     return _show(answer(tasks[0]), args)
@@ -95,37 +103,61 @@ def _tasks(args: argparse.Namespace, bags: Sequence[str]) -> list[argparse.Names
     for path in paths:
         inside = path.relative_to(common)
         name = inside.with_suffix('') if path.suffix in ('.mcap', '.db3') else inside
+        if path in owner.values():
+            raise UsageError(f'{path} is named twice; name each recording once')
         if name in owner:
             raise UsageError(f'{owner[name]} and {path} would both be written to {name}; '
                               'give each its own command')
         owner[name] = path
         written = {one.name: str(Path(value).absolute() / f'{name}{one.suffix}')
                    for one in args.outputs if (value := getattr(args, one.name))}
-        tasks.append(_with(args, bag=str(path), **shared, **written))
-    for place in (Path(place) for task in tasks for one in args.outputs
-                  if (place := getattr(task, one.name))):
-        with blamed(place):
-            place.parent.mkdir(parents=True, exist_ok=True)
+        tasks.append(_with(args, bag=str(path), quiet=True, **shared, **written))
+    for task in tasks:
+        for one in args.outputs:
+            if place := getattr(task, one.name):
+                _make_room(place, one, bags)
     return tasks
+
+
+def _make_room(place: str, output: Output, bags: Sequence[str]) -> None:
+    """Make the folder of one of many results, none of which takes the place of a recording."""
+    if output.kind != RESULTS:
+        try:
+            refuse_inputs(place, output.kind, bags)
+        except ConfigError as error:
+            raise UsageError(f'{output.option}: {error}') from error
+    with blamed(Path(place)):
+        Path(place).parent.mkdir(parents=True, exist_ok=True)
+
+
+def _set_aside(task: argparse.Namespace) -> None:
+    """Rename what an earlier run found in a recording that has no answer now."""
+    from forcecal_ros.atomic_files import set_aside
+
+    for one in task.outputs:
+        place = getattr(task, one.name)
+        if place and os.path.lexists(place):
+            set_aside(Path(place))
 
 
 def _show_each(tasks: Sequence[argparse.Namespace],
                answer: Callable[[argparse.Namespace], Answer], args: argparse.Namespace,
                many: bool) -> int:
     from forcecal_ros.parallel import each
-    from tqdm import tqdm
 
     answered = 0
-    with tqdm(total=len(tasks), unit=' recordings', leave=False, disable=None) as bar:
-        for outcome in each(answer, tasks, jobs=args.jobs, dask=args.dask):
-            bar.clear()
+    with bar(args, total=len(tasks), unit=' recordings') as done:
+        for outcome in each(answer, tasks, jobs=args.jobs, dask=args.dask or ''):
+            done.clear()
             if not many and outcome.error:
                 raise DataError(outcome.error)
             if not many and outcome.value is not None:
                 return _show(outcome.value, args)
+            if outcome.error:
+                _set_aside(tasks[outcome.index])
             answered += _show_one_of_many(
                 tasks[outcome.index].bag, outcome.value, outcome.error, args.json)
-            bar.update()
+            done.update()
     if not args.json:
         say(f'{answered} of {len(tasks)} recordings have an answer, in {args.output}')
     return 0 if answered == len(tasks) else 1

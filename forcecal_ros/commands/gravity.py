@@ -1,6 +1,7 @@
 """``forcecal gravity``: remove weight, inertia and bias from a wrench, after [Ukf2025]."""
 
 import argparse
+from collections.abc import Callable
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands.common import (
@@ -15,13 +16,17 @@ from forcecal_ros.commands.common import (
 )
 from forcecal_ros.commands.numbers import not_negative, positive
 from forcecal_ros.commands.outputs import add_output, RECORDING
+from forcecal_ros.commands.progress import add_quiet, bar
+from forcecal_ros.errors import UsageError
 
 if TYPE_CHECKING:
     from forcecal_ros.calibration.model import Calibration
     from forcecal_ros.observe import ContactEstimate, ObserverSettings
     from forcecal_ros.recording.streams import Recording
 
-FILTERS = ('ukf', 'ekf', 'static', 'kalman', 'newton')
+LEARNING = ('ukf', 'ekf')
+FILTERS = (*LEARNING, 'static', 'kalman', 'newton')
+STATES = (6, 12)
 
 
 def add_parser(subparsers: Any) -> None:
@@ -38,7 +43,7 @@ def add_parser(subparsers: Any) -> None:
                         'of estimate; static: weight and bias taken off, nothing filtered')
     parser.add_argument('--orientation', choices=('auto', 'pose', 'imu'), default='auto',
                         help='where gravity comes from: the pose, or accelerometer and gyro')
-    parser.add_argument('--states', type=int, choices=(6, 12), default=12,
+    parser.add_argument('--states', type=int, choices=STATES, default=STATES[-1],
                         help='wrench, or wrench and biases')
     parser.add_argument('--covariances', choices=('measured', 'paper'), default='measured',
                         help="Q, R and P0 from the calibration's noise, or as the paper prints")
@@ -55,6 +60,7 @@ def add_parser(subparsers: Any) -> None:
                         '(imu only)')
     add_output(parser, '-o', '--output', kind=RECORDING, metavar='OUT_BAG', required=True,
                help='recording to write; one that is there is kept as OUT_BAG~')
+    add_quiet(parser)
     add_json(parser)
     parser.set_defaults(run=run, inputs=('bag', 'calibration'))
 
@@ -64,15 +70,20 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.calibration.file import load
     from forcecal_ros.commands import contact
 
+    refuse_unused(args)
     settings = settings_of(args)
     raw = bool(args.calibration) and load(args.calibration).matrix is not None
     recording = read_checked(args, args.bag, raw_wrench=raw)
     by_imu = needs_imu(args, recording)
     calibration, source = calibration_for(args, recording)
     calibration, about = contact.prepared(calibration, recording, settings)
-    estimate = estimated(recording, calibration, settings, args.payload if by_imu else None)
+    with bar(args, total=len(recording.wrench or ()), unit=' samples') as done:
+        estimate = estimated(recording, calibration, settings,
+                             args.payload if by_imu else None, done.update)
     contact.write_estimate(args.output, estimate, calibration, recording.start_ns,
                            () if args.filter == 'static' else ('innovation',))
+    if args.payload and not by_imu:
+        about = (*about, '--payload is not used: the pose tells gravity')
     document = {'output': args.output, 'filter': args.filter,
                 'orientation': 'imu' if by_imu else 'pose', 'calibration': source,
                 'notes': [*recording.notes, *about, *contact.status_notes(estimate)],
@@ -82,6 +93,27 @@ def run(args: argparse.Namespace) -> int:
     else:
         _print(document)
     return 0
+
+
+def refuse_unused(args: argparse.Namespace) -> None:
+    """
+    Refuse what the chosen filter would not look at.
+
+    Raises
+    ------
+    UsageError
+        An option is given that filter or orientation leave without meaning.
+    """
+    learning = {'--states': args.states != STATES[-1],
+                '--covariances': args.covariances == 'paper', '--rise-time': args.rise_time,
+                '--contact-floor': args.contact_floor, '--bias-prior': args.bias_prior}
+    unused = [option for option, given in learning.items() if given]
+    if unused and args.filter not in LEARNING:
+        raise UsageError(f'{", ".join(unused)}: filter {args.filter} has no such setting; leave '
+                         f'it out, or take {" or ".join(LEARNING)}')
+    if args.payload and args.orientation == 'pose':
+        raise UsageError('--payload is estimated where an IMU tells gravity; leave it out, or '
+                         'give --orientation imu')
 
 
 def settings_of(args: argparse.Namespace) -> 'ObserverSettings':
@@ -154,15 +186,13 @@ def calibration_for(args: argparse.Namespace,
 
 
 def estimated(recording: 'Recording', calibration: 'Calibration', settings: 'ObserverSettings',
-              payload_std: float | None) -> 'ContactEstimate':
+              payload_std: float | None, advance: Callable[[int], object]
+              ) -> 'ContactEstimate':
     """Run the chain, by the IMU where ``payload_std`` [kg] is given."""
     from forcecal_ros.observe import Imu, replay
-    from tqdm import tqdm
 
     imu = None if payload_std is None else Imu(payload_std=payload_std)
-    total = len(recording.wrench) if recording.wrench else 0
-    with tqdm(total=total, unit=' samples', leave=False, disable=None) as bar:
-        return replay(recording, calibration, settings, imu, bar.update)
+    return replay(recording, calibration, settings, imu, advance)
 
 
 def figures(estimate: 'ContactEstimate') -> dict[str, Any]:

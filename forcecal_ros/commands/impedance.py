@@ -4,9 +4,17 @@ import argparse
 from math import isfinite
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.commands.common import add_json, new_parser, print_json, say, say_if_compiling
+from forcecal_ros.commands.common import (
+    add_json,
+    from_arguments,
+    new_parser,
+    print_json,
+    say,
+    say_if_compiling,
+)
 from forcecal_ros.commands.numbers import positive, whole
 from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
+from forcecal_ros.commands.progress import add_quiet, bar, tell
 
 if TYPE_CHECKING:
     from forcecal_ros.reproduce.experiment import Experiment
@@ -42,6 +50,7 @@ def add_parser(subparsers: Any) -> None:
                         help="delay of a command beyond the robot's own; the law is designed for "
                              'it, and it is simulated')
     parser.add_argument('--seed', type=whole, default=0, help='of the sensor noise')
+    add_quiet(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -55,19 +64,22 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.reproduce.experiment import conduct
     from forcecal_ros.simulators.rig.file import load_rig
     from forcecal_ros.simulators.rig.simulator import waits_for_compiler
-    from tqdm import tqdm
 
-    designed = design(load_plant(args.plant), Wanted(args.mass, args.damping, args.stiffness),
-                      DesignSettings(latency=args.latency))
+    with from_arguments():
+        wanted = Wanted(args.mass, args.damping, args.stiffness)
+        settings = DesignSettings(latency=args.latency)
+    rig = load_rig(args.rig)
+    designed = design(load_plant(args.plant), wanted, settings)
     say_if_compiling(waits_for_compiler(), 'the simulator')
     names = [args.accelerometer] if args.accelerometer else ['acc1', 'acc2']
-    with tqdm(total=RUNS * len(names), unit=' runs', leave=False, disable=None) as bar:
-        def tell(what: str) -> None:
-            bar.set_description(what)
-            bar.update()
+    with bar(args, total=RUNS * len(names), unit=' runs') as done:
+        def begin(what: str) -> None:
+            tell(args, what)
+            done.set_description(what)
+            done.update()
 
-        experiment = conduct(load_rig(args.rig), names, designed.law, seed=args.seed,
-                             latency=args.latency, tell=tell)
+        experiment = conduct(rig, names, designed.law, seed=args.seed,
+                             latency=args.latency, tell=begin)
     images = pictures(experiment)
     origin = f'simulated rig{f" {args.rig}" if args.rig else ""}, noise seed {args.seed}'
     write_results(args.output, {

@@ -9,6 +9,7 @@ from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands.common import add_json, new_parser, print_json, say, warn
 from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
+from forcecal_ros.commands.progress import add_quiet, bar, tell
 
 if TYPE_CHECKING:
     from forcecal_ros.insitu.prepare import Chunk, Source
@@ -28,6 +29,7 @@ def add_parser(subparsers: Any) -> None:
     add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
                help='folder for insitu.json, calibration.yaml, pictures and report.html; results '
                     'that are there are kept as NAME~')
+    add_quiet(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -46,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     spec = load_spec(args.specification)
     results: list[SensorResult] = []
     for name, sensor in spec.sensors.items():
-        data_sets = [DataSet(d.name, _source(spec, name, Path(d.file)), d.load(name, sensor),
+        data_sets = [DataSet(d.name, _source(args, spec, name, Path(d.file)), d.load(name, sensor),
                              d.train, d.window) for d in spec.data_sets]
         results.append(calibrate(
             name, data_sets, sensor.mounting, replace(spec.options, raw_unit=sensor.unit),
@@ -90,12 +92,11 @@ def earlier(folder: Path) -> list[str]:
         '_forces.png', '_subspace.png', '_singular_values.png', '/calibration.yaml'))]
 
 
-def _source(spec: 'Spec', name: str, path: Path) -> 'Source':
+def _source(args: argparse.Namespace, spec: 'Spec', name: str, path: Path) -> 'Source':
     """Return what reads one data set for one sensor: a table, or else a recording."""
     from forcecal_ros.insitu.streams import join, readable_pieces, topics_of
     from forcecal_ros.insitu.tables import TableSource
     from forcecal_ros.recording.bags import read_pieces
-    from tqdm import tqdm
 
     sensor = spec.sensors[name]
     table = TableSource(spec, path, sensor.columns) if path.suffix in TABLES else None
@@ -103,17 +104,19 @@ def _source(spec: 'Spec', name: str, path: Path) -> 'Source':
     told: list[str] = []
 
     def read() -> Iterator['Chunk']:
+        if not told:
+            told.append(f'{name}: reading {path.name}')
+            tell(args, told[-1])
         if table:
             chunks = table()
         else:
             topics = topics_of(spec, name)
             chunks = join(readable_pieces(read_pieces(path, topics), topics), spec, name)
-        with tqdm(desc=f'{name}: {path.name}', unit=' samples', leave=False,
-                  disable=None) as bar:
+        with bar(args, desc=f'{name}: {path.name}', unit=' samples') as done:
             for chunk in chunks:
-                bar.update(len(chunk.t))
+                done.update(len(chunk.t))
                 yield chunk
-        if table and table.left_out and not told:
+        if table and table.left_out and len(told) == 1:
             told.append(f'{path.name}: {table.left_out} rows without numbers or not in order of '
                         'time were left out')
             warn(told[-1])

@@ -2,10 +2,14 @@
 
 from argparse import ArgumentTypeError
 from collections.abc import Callable
-from math import isfinite
+from math import isfinite, pi
 
 SMALLEST_GRAVITY, LARGEST_GRAVITY = 1.6, 25.0
 """From the Moon's to Jupiter's [m/s^2]: what lies outside has a sign or another unit."""
+
+FARTHEST = 1.0
+"""A sensor on a wrist sits no farther from the force sensor along any axis [m]; 30 or 120 is
+meant in millimetres."""
 
 LARGEST_SEED = 2 ** 63 - 1
 """As an integer parameter of a node can hold."""
@@ -31,6 +35,17 @@ def gravity(text: str) -> float:
     return _number(
         text, f'the magnitude of gravity, {SMALLEST_GRAVITY} to {LARGEST_GRAVITY:g} m/s^2',
         lambda x: SMALLEST_GRAVITY <= x <= LARGEST_GRAVITY)
+
+
+def angle(text: str) -> float:
+    """Read an angle of at most one turn [rad]; more is meant in degrees."""
+    return _number(text, 'an angle from -2 pi to 2 pi rad', lambda x: abs(x) <= 2.0 * pi)
+
+
+def nearby(text: str) -> float:
+    """Read a coordinate of what is mounted beside the force sensor [m]."""
+    return _number(text, f'a coordinate from -{FARTHEST:g} to {FARTHEST:g} m',
+                   lambda x: abs(x) <= FARTHEST)
 
 
 def whole(text: str) -> int:

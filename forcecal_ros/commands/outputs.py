@@ -45,15 +45,10 @@ def add_output(parser: argparse.ArgumentParser, *options: str, kind: str, suffix
     parser.set_defaults(outputs=(*declared, Output(action.dest, options[0], kind, suffix)))
 
 
-def recordings(args: argparse.Namespace) -> list[str]:
-    """Return the recordings that are named, without empty lines and comments of @FILE."""
-    return [bag for bag in args.bag if bag and not bag.startswith('#')]
-
-
 def of_many(args: argparse.Namespace) -> bool:
     """Tell whether results go to a folder, under the names of the recordings."""
     return isinstance(getattr(args, 'bag', ''), list) and (
-        len(recordings(args)) > 1 or args.output.endswith('/'))
+        len(args.bag) > 1 or args.output.endswith('/'))
 
 
 def check_outputs(args: argparse.Namespace) -> None:
@@ -83,6 +78,8 @@ def check_outputs(args: argparse.Namespace) -> None:
 def _checked(args: argparse.Namespace, output: Output, value: str) -> Path:
     """Return the place, links followed."""
     many = of_many(args)
+    if not value:
+        raise ConfigError('the name is empty; give one')
     if value == '-':
         if many or output.kind != FILE:
             raise ConfigError('standard output takes one file, this is a folder; name it')
@@ -96,14 +93,37 @@ def _checked(args: argparse.Namespace, output: Output, value: str) -> Path:
             raise ConfigError('standard output takes one document; leave --json out')
     else:
         refuse_folder(value, replaced=output.kind == RECORDING)
-    path = Path(os.path.realpath(value))
-    if output.kind == RECORDING and not many:
-        for name in _inputs(args):
-            read = Path(os.path.realpath(name))
-            if path in (read, *read.parents):
-                raise ConfigError(f'{value} would take the place of {name}, which is read; '
-                                  'name another folder')
-    return path
+    if output.kind != RESULTS and not many:
+        refuse_inputs(value, output.kind, _inputs(args))
+    return Path(os.path.realpath(value))
+
+
+def refuse_inputs(place: str, kind: str, inputs: Iterable[str]) -> None:
+    """
+    Refuse to write over what is read.
+
+    Parameters
+    ----------
+    kind : str
+        ``file`` or ``recording``.
+
+    Raises
+    ------
+    ConfigError
+        ``place`` is one of ``inputs``, holds one, or is part of one.
+    """
+    path = Path(os.path.realpath(place))
+    for name in inputs:
+        read = Path(os.path.realpath(name))
+        if path in (read, *(read.parents if kind == RECORDING else ())) or (
+                read in path.parents and _of_recording(path)):
+            another = 'folder' if kind == RECORDING else 'file'
+            raise ConfigError(f'{place} would take the place of {name}, which is read; '
+                              f'name another {another}')
+
+
+def _of_recording(path: Path) -> bool:
+    return path.name == 'metadata.yaml' or not {'.mcap', '.db3'}.isdisjoint(path.suffixes)
 
 
 def _as_json(args: argparse.Namespace) -> bool:

@@ -11,6 +11,7 @@ from forcecal_ros.commands.common import (
     say_if_compiling,
 )
 from forcecal_ros.commands.outputs import add_output, FILE, stdout_is_taken
+from forcecal_ros.commands.progress import add_quiet, stages
 
 
 def add_parser(subparsers: Any) -> None:
@@ -26,8 +27,9 @@ def add_parser(subparsers: Any) -> None:
                         help="touch the rig's wall as well; its effects show in no other way")
     add_output(parser, '-o', '--output', kind=FILE, metavar='PLAN.yaml',
                help='parameters for the sequencer to write, - for standard output')
+    add_quiet(parser)
     add_json(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, inputs=('rig',))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -38,8 +40,11 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.simulators.rig.file import load_rig
     from forcecal_ros.simulators.rig.simulator import waits_for_compiler
 
+    rig = load_rig(args.rig)
     say_if_compiling(waits_for_compiler(), 'the simulator')
-    planned = plan_for(load_rig(args.rig), contact=args.contact)
+    with stages(args) as stage:
+        stage('simulating the sequence with every effect')
+        planned = plan_for(rig, contact=args.contact)
     if args.output:
         write_text(args.output, to_parameters(planned))
     if args.json:

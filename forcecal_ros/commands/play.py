@@ -9,11 +9,14 @@ from forcecal_ros.commands.common import (
     add_json,
     needs_ros,
     new_parser,
+    or_nearest,
     print_json,
     say,
     warn,
 )
+from forcecal_ros.commands.names import namespace, topic_name
 from forcecal_ros.commands.numbers import not_negative, positive
+from forcecal_ros.commands.progress import add_quiet, bar
 
 if TYPE_CHECKING:
     from forcecal_ros.nodes.player import Player
@@ -40,9 +43,9 @@ def add_parser(subparsers: Any) -> None:
                         help='wait before the first message, for listeners to find the topics')
     parser.add_argument('--start', metavar='S', type=not_negative, default=0.0,
                         help='leave out the beginning')
-    parser.add_argument('--only', metavar='TOPIC', action='append', default=[],
+    parser.add_argument('--only', metavar='TOPIC', action='append', type=topic_name, default=[],
                         help='publish this topic, and of the others only those named likewise')
-    parser.add_argument('--prefix', metavar='NAMESPACE', default='',
+    parser.add_argument('--prefix', metavar='NAMESPACE', type=namespace, default='',
                         help='publish below a namespace, e.g. /recorded')
     parser.add_argument('--with-outputs', action='store_true',
                         help="publish what this package's own nodes said as well, beside those "
@@ -54,6 +57,7 @@ def add_parser(subparsers: Any) -> None:
                              'while somebody listens')
     parser.add_argument('--yes', action='store_true',
                         help='publish commands even though somebody listens')
+    add_quiet(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -68,9 +72,10 @@ def run(args: argparse.Namespace) -> int:
 
     from forcecal_ros.errors import DataError
     from forcecal_ros.recording.bags import read_messages, read_topics
-    from tqdm import tqdm
 
-    named, left_out = chosen(read_topics(args.bag), args)
+    topics = read_topics(args.bag)
+    refuse_missing(topics, args)
+    named, left_out = chosen(topics, args)
     prefix = f'/{args.prefix.strip("/")}' if args.prefix.strip('/') else ''
     messages = read_messages(args.bag, named.__contains__)
     first = next(messages, None)
@@ -85,10 +90,13 @@ def run(args: argparse.Namespace) -> int:
         time.sleep(max(args.delay, DISCOVERY) if commands else args.delay)
         if not args.yes and not _consented(player, commands):
             player.unheard = set(commands)
-        with tqdm(unit=' s', disable=None, leave=False) as bar:
+        with bar(args, unit=' s') as done:
             player.play(dropwhile(lambda one: one.log_ns < begin, chain([first], messages)),
-                        lambda seconds: bar.update(round(seconds, 1) - bar.n))
+                        lambda seconds: done.update(round(seconds, 1) - done.n))
         player.finish(ACKNOWLEDGE)
+        if args.start and not player.counts and not ros.interrupted:
+            raise DataError(f'{args.bag}: nothing to publish from {args.start:g} s on; give an '
+                            'earlier --start')
     if left_out:
         warn(f'not published: {_named(left_out)}')
     for msgtype in sorted(player.unknown):
@@ -99,6 +107,24 @@ def run(args: argparse.Namespace) -> int:
         say(', '.join(f'{count} {name}' for name, count in sorted(player.counts.items()))
             or 'nothing was published')
     return 0
+
+
+def refuse_missing(topics: Iterable['Topic'], args: argparse.Namespace) -> None:
+    """
+    Refuse names that are not in the recording.
+
+    Raises
+    ------
+    DataError
+        With the nearest name.
+    """
+    from forcecal_ros.errors import DataError
+
+    names = sorted(topic.name for topic in topics)
+    for name in (f'/{one.lstrip("/")}' for one in args.only):
+        if name not in names:
+            raise DataError(f'--only: {name} is not in {args.bag}{or_nearest(name, names)}; there '
+                            f'are {", ".join(names)}')
 
 
 def chosen(topics: Iterable['Topic'], args: argparse.Namespace

@@ -4,8 +4,11 @@ import argparse
 from typing import Any
 
 from forcecal_ros.commands.common import add_json, needs_ros, new_parser, print_json, say, warn
+from forcecal_ros.commands.names import topic_name
 from forcecal_ros.commands.numbers import positive
 from forcecal_ros.commands.outputs import add_output, RECORDING
+from forcecal_ros.commands.progress import add_quiet, bar
+from forcecal_ros.errors import UsageError
 
 PERIOD = 0.2
 """Between two searches for new topics [s]."""
@@ -16,7 +19,7 @@ def add_parser(subparsers: Any) -> None:
     parser = new_parser(
         subparsers, 'record',
         example='forcecal record -o my_bag --duration 60 /joint_states')
-    parser.add_argument('topics', metavar='TOPIC', nargs='*',
+    parser.add_argument('topics', metavar='TOPIC', nargs='*', type=topic_name,
                         help="recorded besides this package's own, which are taken in any "
                              'namespace')
     add_output(parser, '-o', '--output', kind=RECORDING, metavar='BAG', required=True,
@@ -28,12 +31,15 @@ def add_parser(subparsers: Any) -> None:
                         help='how the recording is stored')
     parser.add_argument('--no-compression', action='store_true',
                         help='mcap without Zstandard inside')
+    add_quiet(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
+    if args.only and (args.all or not args.topics):
+        raise UsageError('--only wants TOPICs and no --all: it records the named topics alone')
     import time
 
     with needs_ros():
@@ -41,19 +47,18 @@ def run(args: argparse.Namespace) -> int:
         from forcecal_ros.nodes.temporary_node import temporary_node
     from forcecal_ros.errors import DataError
     from forcecal_ros.recording.bags import BagWriter
-    from tqdm import tqdm
 
     names = {f'/{name.lstrip("/")}' for name in args.topics}
     with (temporary_node('record') as ros,
           BagWriter(args.output, args.storage, not args.no_compression) as writer,
-          tqdm(unit=' messages', disable=None, leave=False) as bar):
+          bar(args, unit=' messages') as done):
         recorder = StreamRecorder(ros.node, writer, lambda name, msgtype: (
             args.all or name in names or (not args.only and of_this_package(name, msgtype))))
         end = time.monotonic() + args.duration if args.duration is not None else None
         while not ros.interrupted and (end is None or time.monotonic() < end):
             recorder.look()
             ros.spin(PERIOD if end is None else max(min(PERIOD, end - time.monotonic()), 0.001))
-            bar.update(recorder.counts.total() - bar.n)
+            done.update(recorder.counts.total() - done.n)
         if not recorder.counts:
             raise DataError('nothing was heard on any topic of interest; name others as TOPIC, '
                             'or check that ROS_DOMAIN_ID is that of the robot')

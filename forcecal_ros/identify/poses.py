@@ -157,7 +157,7 @@ def static_poses(recording: Recording) -> list[StaticPose]:
     name = recording.source or 'the recording'
     if pose is None or not len(pose):
         raise DataError(f'{name} has no current_pose; record it, or name the topic with '
-                        '--topic current_pose=NAME')
+                        '--topic pose=NAME')
     poses, empty = [], []
     for start, end in static_windows(recording):
         R = pose.between(start, end).R_base_sensor

@@ -155,8 +155,8 @@ class MatrixProblem:
         if set(report.undetermined) - {'inertia of the body'}:
             raise UnobservableError(
                 f'the data give rank {report.rank} of {report.unknowns} beyond noise: '
-                f'{", ".join(report.undetermined)} not determined; tilt further, add heavier '
-                'masses or move them further off the line of the others')
+                f'{", ".join(report.undetermined)} not determined; add a data set with a '
+                'heavier mass off the line of the others, tilted further')
         return report
 
 

@@ -20,6 +20,10 @@ FEEDBACKS = {
 PAPER = {'acc1': 'Accelerometer 1', 'acc2': 'Accelerometer 2'}
 
 
+RUNAWAY = 1e6
+"""A force beyond this is of a loop that has run away, whatever its number [N]: no arm bears it."""
+
+
 class Table(NamedTuple):
     """One table with what has to be said below it."""
 
@@ -108,6 +112,8 @@ def render(experiment: Experiment, images: Mapping[str, bytes], origin: str) -> 
 
 
 def _cells(f: Figures) -> list[str]:
+    if not f.phantom_peak < RUNAWAY:
+        return ['runs away', *'-------']
     settling = f'{f.settling:.2f}' if f.settling == f.settling else 'never'
     return [f'{f.phantom_rms:.3f}', f'{f.phantom_peak:.2f}', f'{1e3 * f.strayed:.2f}',
             f'{f.peak:.1f}', str(f.bounces), settling, f'{f.force_error:.2f}',

@@ -1,6 +1,6 @@
 """Estimates as rows of a table: one number a row, with its standard error and the truth."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from forcecal_ros.calibration.model import Calibration, Estimate
@@ -76,17 +76,23 @@ def table(calibration: Calibration, truth: Mapping[str, Array] | None = None) ->
     truth : mapping of str to ndarray, optional
         By key, as ``mass`` or ``accelerometer.gain``, where it is known.
     """
-    rows = []
-    for name, key, estimate, labels in estimates(calibration):
+    return rows(estimates(calibration), truth)
+
+
+def rows(found: Iterable[tuple[str, str, Estimate, tuple[str, ...]]],
+         truth: Mapping[str, Array] | None = None) -> list[Row]:
+    """Return what :func:`estimates` yields as rows; see :func:`table`."""
+    out = []
+    for name, key, estimate, labels in found:
         values, stds = estimate.value.ravel(), estimate.std.ravel()
         known = np.asarray(truth[key], dtype=float).ravel() if truth and key in truth else None
         for i, label in enumerate(labels or ('',)):
             axis = '.' + label.replace(' ', '.') if label else ''
-            rows.append(Row(
+            out.append(Row(
                 name=f'{name} {label}'.strip(), key=key + axis, unit=estimate.unit_of(i),
                 value=float(values[i]), std=float(stds[i]),
                 truth=None if known is None else float(known[i])))
-    return rows
+    return out
 
 
 def residuals(calibration: Calibration) -> list[Row]:
@@ -97,19 +103,19 @@ def residuals(calibration: Calibration) -> list[Row]:
             for i, (label, value) in enumerate(zip(WRENCH_AXES, rms))]
 
 
-def as_text(rows: list[Row]) -> str:
+def as_text(shown: list[Row]) -> str:
     """
-    Return the rows as a table for a terminal.
+    Return rows as a table for a terminal.
 
     Returns
     -------
     str
         Truth and its distance appear where at least one truth is known.
     """
-    with_truth = any(row.truth is not None for row in rows)
+    with_truth = any(row.truth is not None for row in shown)
     head = ['estimate', 'value', 'std. error', 'unit'] + ['truth', 'off by'] * with_truth
     body = []
-    for row in rows:
+    for row in shown:
         cells = [row.name, value(row), error(row), row.unit]
         if with_truth:
             sigmas = row.sigmas
@@ -125,21 +131,22 @@ def interval(row: Row) -> str:
     if not row.std > 0:
         return '-'
     half = 1.96 * row.std
-    return f'{_text(row.value - half, row.std)} … {_text(row.value + half, row.std)}'
+    return f'{number(row.value - half, row.std)} … {number(row.value + half, row.std)}'
 
 
 def value(row: Row) -> str:
     """Return the value as text, to the digits that its standard error warrants."""
-    return _text(row.value, row.std)
+    return number(row.value, row.std)
 
 
 def error(row: Row) -> str:
     """Return the standard error as text, or a dash where it is not known."""
-    return _text(row.std, row.std) if row.std > 0 else '-'
+    return number(row.std, row.std) if row.std > 0 else '-'
 
 
-def _text(number: float, std: float) -> str:
+def number(x: float, std: float) -> str:
+    """Return a number as text, to the digits that a standard error warrants."""
     if not std > 0:
-        return f'{number:.6g}'
+        return f'{x:.6g}'
     decimals = max(0, 1 - int(np.floor(np.log10(std))))
-    return f'{number:.{decimals}f}'
+    return f'{x:.{decimals}f}'

@@ -89,8 +89,9 @@ def assess(run: ClosedLoopRun, ideal: ClosedLoopRun, program: Program) -> Figure
 
 
 def rms(values: Array) -> float:
-    """Return the root mean square."""
-    return float(np.sqrt(np.mean(np.square(values))))
+    """Return the root mean square; infinite for what has run away."""
+    with np.errstate(over='ignore'):
+        return float(np.sqrt(np.mean(np.square(values))))
 
 
 def exceptions(figures: Mapping[str, Figures]) -> Iterator[str]:

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 import json
+import os
+from pathlib import Path
 import re
 import resource
 import shlex
@@ -10,15 +12,19 @@ import subprocess
 import sys
 
 from bag_samples import split_bag
+import forcecal_ros
 from forcecal_ros.calibration.file import load, save
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.cli import build_parser, main
 from forcecal_ros.commands import COMMANDS
 from forcecal_ros.recording.bags import read_recording, write_recording
 from forcecal_ros.recording.streams import Stream
+from forcecal_ros.recording.topics import ROLES
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin
+
+PACKAGE = Path(forcecal_ros.__file__).parent
 
 
 def run(capsys, *arguments):
@@ -145,6 +151,24 @@ def test_a_recording_in_several_files_says_the_same(
     assert status == 0 and json.loads(said)['samples'] == 21400
 
 
+def test_a_terminal_that_lacks_a_letter_shows_another(calibration, tmp_path):
+    done = subprocess.run(
+        [sys.executable, '-m', 'forcecal_ros.cli', 'export', calibration, '--for', 'ur',
+         '-o', tmp_path / 'Länge.yaml'], env={**os.environ, 'PYTHONIOENCODING': 'ascii'},
+        capture_output=True, check=False)
+    assert done.returncode == 0 and not done.stderr
+    assert done.stdout.endswith(b'L?nge.yaml\n') and (tmp_path / 'Länge.yaml').exists()
+
+
+def test_a_full_device_is_told_from_a_wrong_path(calibration):
+    with open('/dev/full', 'w') as full:  # noqa: PTH123 - a device
+        done = subprocess.run(
+            [sys.executable, '-m', 'forcecal_ros.cli', 'export', calibration, '--for', 'ur'],
+            stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == 'forcecal: No space left on device; free some space\n'
+
+
 def test_what_was_there_is_kept(capsys, sample, tmp_path):
     out = tmp_path / 'simulated'
     out.mkdir()
@@ -203,6 +227,15 @@ def test_help_shows_an_example(capsys, command):
     assert status == 0 and f'example:\n  forcecal {command}' in out
     for example in re.findall(r'^  forcecal (.*)$', out.partition('example:')[2], re.MULTILINE):
         build_parser(command).parse_args(shlex.split(example, comments=True))
+
+
+def test_advice_names_options_and_roles_that_there_are():
+    options = {'--ros-args', '--params-file', '--version'}.union(*(
+        build_parser(command).commands[command].options for command in COMMANDS))
+    for file in PACKAGE.rglob('*.py'):
+        text = file.read_text()
+        assert {*re.findall(r'(?<![\w-])--[a-z][\w-]*', text)} <= options, file
+        assert {*re.findall(r'--topic (\w+)=', text)} <= {*ROLES, 'role'}, file
 
 
 def test_a_command_loads_neither_ros_nor_a_compiler_before_it_needs_them():

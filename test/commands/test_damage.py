@@ -109,7 +109,7 @@ def readers(folder, kind):
     for name, content in (('insitu', insitu),
                           ('import', {'format': 'forcecal-import/1', 'tables': [table]})):
         (folder / f'{name}.yaml').write_text(yaml.safe_dump(content))
-    return [('insitu', folder / 'insitu.yaml', '-o', folder / 'insitu'),
+    return [('insitu', folder / 'insitu.yaml', '-o', folder / 'insitu', '--quiet'),
             *([('import', folder / 'import.yaml', '-o', folder / 'imported')]
               if kind == 'csv' else [])]
 

@@ -143,12 +143,17 @@ def test_many_recordings_are_estimated_as_one_by_one_to_the_bit(
 def test_a_list_of_recordings_leaves_out_what_cannot_be_read_and_says_so(
         capsys, fleet, tmp_path):
     (tmp_path / 'list').write_text(f'# a comment\n{fleet}/one\n\n{fleet}/nothing\n')
+    (tmp_path / 'out' / 'nothing').mkdir(parents=True)
+    (tmp_path / 'out' / 'nothing' / 'old').write_text('of an earlier run')
     status = main(['estimate', f'@{tmp_path}/list', '--calibration',
                    str(fleet / 'calibration.yaml'), '-o', str(tmp_path / 'out')])
     said = capsys.readouterr()
     assert status == 1 and 'nothing does not exist' in said.err
     assert '1 of 2 recordings' in said.out
     assert len(estimated(tmp_path / 'out', 'one')[0]) == 1500
+    # what an earlier run found does not stand beside the answer of this one
+    assert sorted(os.listdir(tmp_path / 'out')) == ['nothing~', 'one']
+    assert (tmp_path / 'out' / 'nothing~' / 'old').read_text() == 'of an earlier run'
 
 
 def test_two_recordings_of_one_name_never_overwrite_each_other(capsys, fleet, tmp_path):

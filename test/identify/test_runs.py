@@ -286,7 +286,7 @@ def test_the_wrong_sign_of_the_wrench_is_named(recording):
 def test_a_missing_wrench_or_pose_names_the_topic(recording):
     with pytest.raises(DataError, match='--topic wrench='):
         identify(replace(recording, wrench=None))
-    with pytest.raises(DataError, match='--topic current_pose='):
+    with pytest.raises(DataError, match='--topic pose='):
         identify(replace(recording, pose=None))
 
 

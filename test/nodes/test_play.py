@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 from bag_samples import START_NS
+from forcecal_ros.cli import main
 from forcecal_ros.recording.bags import write_signals
 from forcecal_ros.recording.streams import PoseStream, Stream
 from forcecal_ros.recording.topics import Topic
@@ -90,17 +91,24 @@ class Robot(Live):
 
 def test_a_recording_moves_no_robot_and_speaks_for_no_observer(ros_domain, bag):
     with Robot(ALL) as robot:
-        plain, only_commands, outputs = robot.played(
+        plain, only_commands, outputs, late = robot.played(
             bag, [], ['--only', '/target_frame'],
-            ['--with-outputs', '--only', '/observer/contact_wrench'])
+            ['--with-outputs', '--only', '/observer/contact_wrench'], ['--start', '60'])
     status, out, err = plain
     assert status == 0, err
     assert '/target_frame (commands that a robot follows: --with-commands)' in err
     assert '/observer/contact_wrench (outputs of nodes' in err and '/target_frame' not in out
     assert '/observer/contact_wrench' not in out
     assert only_commands[0] == 1 and outputs[0] == 0
+    assert late[0] == 1 and 'nothing to publish from 60 s on' in late[2]
     # the outputs once: of the player that was asked for them
     assert robot.heard == dict.fromkeys({*QUIET, '/observer/contact_wrench'}, SAMPLES)
+
+
+def test_a_topic_that_is_not_there_is_refused_with_the_nearest_one(capsys, bag):
+    assert main(['play', str(bag), '--only', 'wrenc']) == 1
+    assert '/wrenc is not in' in (said := capsys.readouterr().err)
+    assert '(did you mean /wrench?); there are /current_pose, ' in said
 
 
 def test_commands_are_refused_while_somebody_listens_and_nothing_else_is_said(ros_domain, bag):

@@ -263,6 +263,7 @@ def changed(**keys):
     ({'signals': {'wrench': changed(force={
         'columns': ['fx', 'fy', 'fz'], 'unit': 'N', 'signs': [1, 1, 0]})}},
      'force.signs is .*, expected 3 times 1 or -1'),
+    ({'signals': {}}, 'log.csv has neither signals nor phases'),
     ({'time': {'column': 't', 'unit': 'h'}}, "time.unit is 'h', expected one of s, ms, us, ns"),
     ({'rate': 0}, r'log.csv\].rate is 0, expected a number above 0 \[Hz\]'),
     ({'rate': 'fast'}, "rate is 'fast', expected a number"),

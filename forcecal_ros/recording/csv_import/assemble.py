@@ -58,7 +58,7 @@ def assemble(specification: Specification) -> Imported:
     DataError
         A file, column or cell is not what the specification says; file and line are named.
     ConfigError
-        Two tables give the same signal.
+        A table gives no signal, or two give the same.
     """
     tables = [(one, Table(Path(one.file), one.delimiter)) for one in specification.tables]
     stamps = [_stamps(one, table) for one, table in tables]
@@ -72,6 +72,9 @@ def assemble(specification: Specification) -> Imported:
             role: _signal(table, t, signal) for role, signal in one.signals.given.items()}
         if one.phases:
             found['phase'] = _phases(one, table, t)
+        if not found:
+            raise ConfigError(f'{specification.path}: {one.file} has neither signals nor phases; '
+                              'say which columns are which signals')
         if repeated := sorted(found.keys() & signals.keys()):
             raise ConfigError(f'{specification.path}: {", ".join(repeated)} in more than one '
                               'table; import them into recordings of their own')

@@ -1,0 +1,156 @@
+"""Two calibrations beside each other: what changed, by how many standard errors."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import hypot, isfinite
+from typing import Any
+
+from forcecal_ros.calibration.model import Calibration, Estimate
+from forcecal_ros.report.rows import AXES, estimates, number, Row, rows, value, WRENCH_AXES
+from forcecal_ros.report.text import aligned
+from forcecal_ros.schema import plain
+
+FORMAT = 'forcecal-comparison/1'
+
+CHANGED = 4.0
+"""Standard errors from which a difference counts as a change: of two calibrations of the same
+thing, with 40 numbers each, one pair in 400 has so large a one by chance."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """
+    One number in both calibrations.
+
+    Attributes
+    ----------
+    first, second : Row
+        Of the same key and unit.
+    """
+
+    first: Row
+    second: Row
+
+    @property
+    def difference(self) -> float:
+        """Second less first."""
+        return self.second.value - self.first.value
+
+    @property
+    def std(self) -> float:
+        """Standard error of the difference, the two being independent; NaN: not known."""
+        return hypot(self.first.std, self.second.std)
+
+    @property
+    def sigmas(self) -> float | None:
+        """The difference in its standard errors; None where these are not known."""
+        return self.difference / self.std if self.std > 0 else None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """
+    What two calibrations have in common, and what not.
+
+    Attributes
+    ----------
+    changes : tuple of Change
+        Every number that both hold, whether it changed or not.
+    settings : dict
+        Key -> what each says, where they differ; units among them.
+    only_first, only_second : tuple of str
+        Keys that one of them holds alone.
+    """
+
+    changes: tuple[Change, ...]
+    settings: dict[str, tuple[Any, Any]]
+    only_first: tuple[str, ...]
+    only_second: tuple[str, ...]
+
+    @property
+    def changed(self) -> list[Change]:
+        """Those beyond chance, the surest first."""
+        beyond = [one for one in self.changes if one.sigmas and abs(one.sigmas) > CHANGED]
+        return sorted(beyond, key=lambda one: -abs(one.sigmas or 0.0))
+
+
+def compare(first: Calibration, second: Calibration) -> Comparison:
+    """Compare two calibrations number by number."""
+    one, other = ({row.key: row for row in rows(_all(c))} for c in (first, second))
+    units = {key: (one[key].unit, other[key].unit) for key in one
+             if key in other and one[key].unit != other[key].unit}
+    said, says = _settings(first), _settings(second)
+    return Comparison(
+        tuple(Change(row, other[key]) for key, row in one.items()
+              if key in other and key not in units),
+        {**{key: (said[key], says[key]) for key in said if said[key] != says[key]},
+         **{f'{key}.unit': both for key, both in units.items()}},
+        tuple(key for key in one if key not in other),
+        tuple(key for key in other if key not in one))
+
+
+def _all(c: Calibration) -> Iterator[tuple[str, str, Estimate, tuple[str, ...]]]:
+    """Yield as :func:`estimates` does, what tables of one calibration leave out as well."""
+    yield from estimates(c)
+    if c.accelerometer and c.accelerometer.position:
+        yield 'accelerometer position', 'accelerometer.position', c.accelerometer.position, AXES
+    if c.accelerometer and c.accelerometer.cutoff:
+        yield 'accelerometer cutoff', 'accelerometer.cutoff', c.accelerometer.cutoff, ()
+    if c.matrix:
+        force_and_torque, _, raw = c.matrix.unit.partition(' per ')
+        units = ', '.join(f'{unit} per {raw}' for unit in force_and_torque.split(', '))
+        yield 'matrix', 'matrix', Estimate(c.matrix.value, c.matrix.std, units), tuple(
+            f'{axis} {k + 1}' for axis in WRENCH_AXES for k in range(c.matrix.value.shape[1]))
+    if c.matrix_offset:
+        yield 'matrix offset', 'matrix.offset', c.matrix_offset, tuple(
+            str(k + 1) for k in range(len(c.matrix_offset.value)))
+
+
+def _settings(c: Calibration) -> dict[str, Any]:
+    """Return what was chosen, not estimated."""
+    return {'gravity': c.gravity, 'gravity_direction': c.gravity_direction,
+            'sensor.frame': c.sensor_frame, 'sensor.sign': c.wrench_sign,
+            'accelerometer.coupling': c.accelerometer and c.accelerometer.coupling,
+            'observer.mode': c.observer and c.observer.mode}
+
+
+def as_text(comparison: Comparison) -> str:
+    """Return a table of all numbers, then what else differs, and the sum of it in one line."""
+    head = ['estimate', 'first', 'second', 'change', 'std. errors', 'unit']
+    body = [[c.first.name, value(c.first), value(c.second), number(c.difference, c.std),
+             '-' if c.sigmas is None else f'{c.sigmas:+.1f}', c.first.unit]
+            for c in comparison.changes]
+    rule = ['-' * max(len(line[i]) for line in [head, *body]) for i in range(len(head))]
+    lines = [*aligned([head, rule, *body], left=(0, 5)), '']
+    lines += [f'{key}: {_word(a)}, then {_word(b)}' for key, (a, b) in
+              comparison.settings.items()]
+    lines += [f'only in the {which}: {", ".join(keys)}' for which, keys in (
+        ('first', comparison.only_first), ('second', comparison.only_second)) if keys]
+    return '\n'.join([*lines, headline(comparison)])
+
+
+def headline(comparison: Comparison) -> str:
+    """Say in one line how much changed, and what most."""
+    known = [one for one in comparison.changes if one.sigmas is not None]
+    changed = comparison.changed
+    most = f', {changed[0].first.name} most ({changed[0].sigmas:+.1f})' if changed else ''
+    return (f'{len(changed)} of {len(known)} numbers changed by more than {CHANGED:g} standard '
+            f'errors{most}')
+
+
+def to_document(comparison: Comparison) -> dict[str, Any]:
+    """Return the comparison as JSON can hold it; what is not known is None."""
+    return {
+        'format': FORMAT,
+        'estimates': {c.first.key: {
+            'first': c.first.value, 'second': c.second.value, 'change': c.difference,
+            'std': c.std if isfinite(c.std) else None, 'sigmas': c.sigmas,
+            'unit': c.first.unit} for c in comparison.changes},
+        'changed': [c.first.key for c in comparison.changed],
+        'settings': {key: {'first': plain(a), 'second': plain(b)}
+                     for key, (a, b) in comparison.settings.items()},
+        'only_first': list(comparison.only_first), 'only_second': list(comparison.only_second)}
+
+
+def _word(said: Any) -> str:
+    return 'not stated' if said is None else str(said)
