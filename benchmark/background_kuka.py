@@ -1,9 +1,8 @@
 """A real arm's motion (KUKA LBR Med), on whose measured wrench effects and backgrounds are laid.
 
-The arm has departures of its own, which stay: an inertial force that a calibration from static
-poses does not know, a delay between its two sensors, an offset; :data:`OWN` names them, and they
-are neither right nor false. Its noise is that by which neighbouring samples differ; offset, mass
-and moment are the nuisances.
+The arm has departures of its own, which stay: a delay between its two sensors, an offset, and
+what else a calibration from static poses does not know. Its noise is that by which neighbouring
+samples differ; offset, mass and moment are the nuisances.
 """
 
 from collections.abc import Mapping
@@ -30,9 +29,6 @@ GRAVITY = 9.8209
 
 DATA = Path(os.environ.get(
     'FORCECAL_DATA', Path(__file__).resolve().parents[2] / 'shared' / 'data')) / 'kuka_lbr_med'
-
-OWN = frozenset({'inertial_force', 'accel_delay', 'wrench_bias'})
-"""Names for what the arm departs by untouched."""
 
 EFFECTS_ON_IT = ('wrench_delay', 'wrench_lowpass', 'wrench_bias_drift', 'wrench_gain',
                  'wrench_crosstalk', 'wrench_hysteresis', 'wrench_saturation', 'base_tilt')

@@ -23,7 +23,7 @@ sys.path.insert(0, str(ROOT))
 
 from forcecal_ros.calibration.file import load
 from forcecal_ros.cli import main as forcecal
-from forcecal_ros.diagnose.body import as_specific_force, body_of_calibration
+from forcecal_ros.diagnose.body import body_of_calibration
 from forcecal_ros.diagnose.by_motion import diagnose_motion
 from forcecal_ros.recording.bags import read_recording
 from forcecal_ros.recording.streams import Stream
@@ -84,7 +84,7 @@ def prepared(folder):
 def named(recording, calibration):
     """Diagnose; the delay between both sensors, which no calibration from poses knows, along."""
     body = body_of_calibration(calibration, load_rig('rigid_tool.yaml'))
-    outcome = diagnose_motion(as_specific_force(recording, calibration.accelerometer), None, body)
+    outcome = diagnose_motion(recording, None, body, calibration)
     effects = {one.name: {name: p.value for name, p in one.parameters.items()}
                for one in outcome.diagnosis.effects}
     return outcome.diagnosis, effects, outcome.recalibrations['accelerometer.delay'][0]

@@ -10,8 +10,7 @@ arm's wrench. What is tuned on the one half of the kinds is judged on the other.
 
 First: the first candidate is the effect, or one of its alias class; ``unknown`` counts as a
 candidate, in the second figure it does not. Effects that a discrepancy resembles, as its row
-states, and those that the arm has of its own, are neither right nor false. Interrupted, it goes
-on where it stopped.
+states, are neither right nor false. Interrupted, it goes on where it stopped.
 """
 
 import os
@@ -58,16 +57,14 @@ Result = dict[str, Any]
 
 def answer(case: dict[str, Any], first: Any, second: Any, compared: Any) -> Any:
     """Diagnose by commands where they are known, else by the measured motion."""
-    from forcecal_ros.diagnose.body import as_specific_force, body_of_calibration, body_of_rig
+    from forcecal_ros.diagnose.body import body_of_calibration, body_of_rig
     from forcecal_ros.diagnose.by_motion import diagnose_motion
     from forcecal_ros.diagnose.pipeline import diagnose
     from forcecal_ros.simulators.rig.file import load_rig
 
     if case['base'] == 'kuka':
         body = body_of_calibration(compared, load_rig('rigid_tool.yaml'))
-        first, second = (r and as_specific_force(r, compared.accelerometer)
-                         for r in (first, second))
-        return diagnose_motion(first, second, body).diagnosis
+        return diagnose_motion(first, second, body, compared).diagnosis
     if first.target is None:
         return diagnose_motion(first, second, body_of_rig(compared)).diagnosis
     return diagnose(first, second, compared).diagnosis
@@ -103,8 +100,8 @@ def right_names(result: Result) -> set[str]:
 
 def neutral_names(result: Result) -> set[str]:
     """Return what is neither right nor false to name."""
-    own = set(background_kuka.OWN) if result['base'] == 'kuka' else set()
-    return own.union(*(KINDS[k].alias for k in result['background'])) - right_names(result)
+    alike = {name for k in result['background'] for name in KINDS[k].alias}
+    return alike - right_names(result)
 
 
 def stated(result: Result) -> dict[str, float]:

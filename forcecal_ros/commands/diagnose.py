@@ -110,7 +110,7 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
 
     body = body_of_calibration(calibration, rig) if calibration else body_of_rig(rig)
     outcome = _with_model(args, diagnose_motion(
-        _as_calibrated(recording, calibration), _as_calibrated(heldout, calibration), body,
+        _level(recording, calibration), _level(heldout, calibration), body, calibration,
         args.accelerometer))
     of_channels = units(body.accelerometer_unit)
     view = (view_of(outcome, advice(outcome.diagnosis, rig), of_channels) if outcome.cases
@@ -125,15 +125,13 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
     return _written(args, recording, outcome.diagnosis, document, files)
 
 
-def _as_calibrated(recording: Any, calibration: Any) -> Any:
-    """Bring a recording to a level base, and its accelerometer to m/s^2 along ft_sensor."""
-    from forcecal_ros.diagnose.body import as_specific_force
+def _level(recording: Any, calibration: Any) -> Any:
+    """Bring a recording to a base that is level."""
     from forcecal_ros.recording.level import levelled
 
     if recording is None or calibration is None:
         return recording
-    return as_specific_force(levelled(recording, calibration.gravity_direction),
-                             calibration.accelerometer)
+    return levelled(recording, calibration.gravity_direction)
 
 
 def _with_model(args: argparse.Namespace, outcome: Any) -> Any:

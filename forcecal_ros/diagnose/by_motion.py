@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from forcecal_ros.diagnose.body import Body
+from forcecal_ros.calibration.model import Calibration
+from forcecal_ros.diagnose.body import as_specific_force, Body
 from forcecal_ros.diagnose.case import held_apart
 from forcecal_ros.diagnose.motion_case import by_seconds, prepare_motion, SHORTEST
 from forcecal_ros.diagnose.pairing import check_alike, require_overlap
@@ -18,6 +19,8 @@ DELAY = 'accelerometer.delay'
 TOLD = 0.5
 """Part of its prior's that a delay's standard error is at most where the motion tells it."""
 
+WRENCH_AXES = ('fx', 'fy', 'fz', 'tx', 'ty', 'tz')
+
 MOVED = 3.0
 """Standard errors of a recalibration from which it is told; one in four hundred is by chance."""
 
@@ -26,6 +29,7 @@ UNITS = {DELAY: ' s', 'tool.com': ' m', 'tool.inertia': ' kg m^2'}
 
 
 def diagnose_motion(recording: Recording, heldout: Recording | None, body: Body,
+                    calibration: Calibration | None = None,
                     accelerometer: str | None = None) -> Outcome:
     """
     Find out why a wrench is not what the measured motion says.
@@ -33,10 +37,12 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, body: Body,
     Parameters
     ----------
     recording : Recording
-        To fit on; of a calibrated tool its accelerometer speaks m/s^2 along ft_sensor.
+        To fit on.
     heldout : Recording or None
         To judge on; every other second of ``recording`` where none is given.
     body : Body
+    calibration : Calibration, optional
+        That the body was made of: says what the accelerometer's readings mean.
     accelerometer : str, optional
         ``acc1`` or ``acc2``; the mounted one where none is given.
 
@@ -49,6 +55,10 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, body: Body,
     try:
         check_alike(given)
         stamps = [evened(r) for r in given]
+        if calibration is not None:
+            stamps = [s._replace(recording=as_specific_force(s.recording,
+                                                             calibration.accelerometer))
+                      for s in stamps]
         for one in stamps:
             require_overlap(one.recording, 'pose', SHORTEST)
         cases = [prepare_motion(s.recording, body, accelerometer) for s in stamps]
@@ -85,8 +95,15 @@ def _told(outcome: Outcome, unit: str) -> list[str]:
     for name, (value, std) in outcome.recalibrations.items():
         if abs(value) > MOVED * std and not name.startswith('wrench.step'):
             sure = f' +- {std:.2g}' if std else ', as far as is usual'
-            out.append(f'recalibrated: {name} by {value:+.3g}{sure}{_unit(name, unit)}')
+            out.append(f'recalibrated: {_named(name)} by {value:+.3g}{sure}{_unit(name, unit)}')
     return out
+
+
+def _named(name: str) -> str:
+    """Call a sensor's axis by its name."""
+    stem, _, axis = name.rpartition('.')
+    axes = WRENCH_AXES if stem.startswith('wrench') else 'xyz'
+    return f'{stem}.{axes[int(axis)]}' if axis.isdigit() else name
 
 
 def _unit(name: str, accelerometer: str) -> str:

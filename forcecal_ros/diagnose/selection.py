@@ -143,7 +143,9 @@ def _certain(start: Problem, problem: Problem, accepted: list[Accepted],
     while True:
         last = Bench(problem, tangents)
         problem, wanting = replace(problem, allowed=last.sizes), last.wanting
-        doubtful = [a for a in accepted if leads[a.name] < SHARE * wanting]
+        # what the strongest effect leaves if its form is another is no effect of its own
+        least = max([SHARE * wanting, *(FORM * leads[a.name] for a in accepted)])
+        doubtful = [a for a in accepted if leads[a.name] < least]
         if not doubtful:
             return problem, accepted, tangents, last
         worst = min(doubtful, key=lambda a: leads[a.name])

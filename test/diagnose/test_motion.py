@@ -6,7 +6,7 @@ from pathlib import Path
 
 from forcecal_ros.calibration.file import load
 from forcecal_ros.cli import main
-from forcecal_ros.diagnose.body import as_specific_force, body_of_calibration, body_of_rig
+from forcecal_ros.diagnose.body import body_of_calibration, body_of_rig
 from forcecal_ros.diagnose.by_motion import diagnose_motion
 from forcecal_ros.effects import with_effects
 from forcecal_ros.recording.bags import read_recording
@@ -51,13 +51,13 @@ def test_delay_and_offset_of_a_real_arm_come_out_by_themselves(found):
     # by an engine that judged slow motion only it was 6.8 +- 1.0 ms
     assert abs(delay - 0.0068) < 2.0 * std < 0.002
     # the zero moved since the calibration, after the turning arm's centripetal force is taken off
-    assert recalibrated(found, 'wrench.bias.2')[0] == pytest.approx(0.21, abs=0.05)
+    assert recalibrated(found, 'wrench.bias.fz')[0] == pytest.approx(0.21, abs=0.05)
 
 
 def test_the_gap_of_a_real_arm_shrinks_on_every_axis_held_out(found):
-    for axis in 'xyz':
+    for axis, least in zip('xyz', (0.5, 0.3, 0.7)):
         channel = found['gap']['per_channel'][f'force.{axis}']
-        assert channel['explained_rms'] < 0.3 * channel['nominal_rms']
+        assert channel['explained_rms'] < (1.0 - least) * channel['nominal_rms']
 
 
 def test_an_arm_to_which_nothing_was_done_is_not_given_an_effect_for_sure(found):
@@ -66,9 +66,8 @@ def test_an_arm_to_which_nothing_was_done_is_not_given_an_effect_for_sure(found)
 
 def test_the_patched_calibration_leaves_what_was_claimed(kuka, found):
     patched = load(kuka / 'out' / 'calibration_patched.yaml')
-    recording = as_specific_force(read_recording(kuka / 'baseline'), patched.accelerometer)
-    again = diagnose_motion(recording, None,
-                            body_of_calibration(patched, load_rig('rigid_tool.yaml')))
+    again = diagnose_motion(read_recording(kuka / 'baseline'), None,
+                            body_of_calibration(patched, load_rig('rigid_tool.yaml')), patched)
     assert again.diagnosis.gap.nominal < 0.2 * found['gap']['nominal']
     delay, std = again.recalibrations['accelerometer.delay']
     assert abs(delay) < 3.0 * std
