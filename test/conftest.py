@@ -1,10 +1,13 @@
 """Fixtures of general use: where recorded data is, and a DDS domain of one's own."""
 
+import fcntl
 import os
 from pathlib import Path
 import re
 import shutil
 import subprocess
+import tempfile
+import time
 
 from hypothesis import settings
 from processes import own_domain
@@ -20,6 +23,9 @@ ROOT = Path(__file__).resolve().parents[1]
 
 GIVING_WAY = 10
 """Niceness of what computes only: a tenth of the weight of what has to answer in time."""
+
+LONGEST_ALONE = 300.0
+"""For so long the other worker waits, should a test that wants to be alone never end [s]."""
 
 NO_DATA = 'wants recordings that are not here: '
 FETCH = {
@@ -50,6 +56,29 @@ def pytest_runtest_setup(item):
     """Let the worker that runs no nodes give way to those that have to keep up with a clock."""
     if 'PYTEST_XDIST_WORKER' in os.environ and not _is_live(item) and not os.nice(0):
         os.nice(GIVING_WAY)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item):
+    """Let the other worker wait while a test runs that a busy machine would fail."""
+    run = os.environ.get('PYTEST_XDIST_TESTRUNUID')
+    alone = item.get_closest_marker('alone')
+    if run is None or (_is_live(item) and not alone):
+        return (yield)
+    wanted = Path(tempfile.gettempdir()) / f'alone_{run}'
+    with wanted.with_suffix('.lock').open('w') as lock:
+        if alone:
+            wanted.touch()
+        else:
+            end = time.monotonic() + LONGEST_ALONE
+            while wanted.exists() and time.monotonic() < end:
+                time.sleep(0.05)
+        fcntl.flock(lock, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
+        try:
+            return (yield)
+        finally:
+            if alone:
+                wanted.unlink(missing_ok=True)
 
 
 def _recorded_elsewhere(variable: str, default: str, what: str) -> Path:
