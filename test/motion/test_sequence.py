@@ -553,9 +553,9 @@ def test_a_robot_that_shakes_is_named_by_its_acceleration_or_its_jerk(bench, lim
 
 
 def test_a_tip_that_leaves_the_box_is_named_where_the_sensor_does_not(bench):
-    bench.position[0] = 1.06
+    bench.position[0] = 1.11
     fault, _ = bench.until_fault(3)
-    assert 'x = 1.26' in fault and 'm of the tip is outside' in fault
+    assert 'x = 1.31' in fault and 'm of the tip is outside' in fault
 
 
 def test_an_orientation_that_is_none_is_named(bench):
