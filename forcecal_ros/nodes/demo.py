@@ -11,6 +11,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.errors import DataError, MotionError
+from forcecal_ros.nodes.loopback import only_this_machine
 from forcecal_ros.nodes.processes import Processes
 from forcecal_ros.nodes.recorder import Recorder
 from forcecal_ros.nodes.runtime import Interrupt, LATCHED, OUTPUT, SIGNAL_CHECK, starting
@@ -235,7 +236,7 @@ def own_domain() -> Iterator[dict[str, str]]:
         Environment variables for child processes.
     """
     domain = os.environ.get('ROS_DOMAIN_ID') or str(random.randint(1, 101))
-    environment = {'ROS_DOMAIN_ID': domain, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    environment = {'ROS_DOMAIN_ID': domain, **only_this_machine()}
     before = {name: os.environ.get(name) for name in environment}
     os.environ.update(environment)
     interrupt = Interrupt()  # rclpy's own handler would leave the other nodes running

@@ -10,6 +10,8 @@ import socket
 import subprocess
 import sys
 
+from forcecal_ros.nodes.loopback import only_this_machine
+
 
 @contextmanager
 def own_domain(logs: Path) -> Iterator[int]:
@@ -22,8 +24,7 @@ def own_domain(logs: Path) -> Iterator[int]:
     """
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as reservation:
         domain = _reserve(reservation)
-        here = {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-                'ROS_LOG_DIR': str(logs)}
+        here = {'ROS_DOMAIN_ID': str(domain), 'ROS_LOG_DIR': str(logs), **only_this_machine()}
         before = {name: os.environ.get(name) for name in here}
         os.environ.update(here)
         try:

@@ -1,0 +1,23 @@
+"""Keep nodes that stand in for a robot to this machine."""
+
+from importlib.resources import files
+import os
+
+
+def only_this_machine() -> dict[str, str]:
+    """
+    Return environment variables that keep a process' DDS traffic on the loopback interface.
+
+    With Fast DDS, Jazzy's own, messages go over UDP and never through shared memory, where each
+    process of the machine, of whatever domain, waits at locks that a killed one never releases.
+    Its profile alone has to say so: ``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST`` would bring
+    shared memory back. Any other middleware is told LOCALHOST.
+
+    Returns
+    -------
+    dict of str to str
+    """
+    if os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps').startswith('rmw_fastrtps'):
+        return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
+                'FASTRTPS_DEFAULT_PROFILES_FILE': str(files(__package__) / 'loopback.xml')}
+    return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
