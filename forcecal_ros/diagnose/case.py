@@ -88,23 +88,33 @@ def mounted(recording: Recording, rig: Rig) -> str:
     return best if miss(best) < 0.5 * miss(name) else name
 
 
-def conversion(recording: Recording, rig: Rig, name: str) -> tuple[Array, Array]:
+def in_volts(recording: Recording, rig: Rig, name: str) -> Recording:
     """
-    Return gain and offset that bring an accelerometer's m/s^2 to volts.
+    Bring an accelerometer that speaks m/s^2 to volts.
 
     A driver that converts volts takes the rig's offset off; a sensor that speaks m/s^2 by itself
     does not know of it, and its readings hold it. What it says at the start tells which it is.
     """
     model, stream = rig.accelerometer.model(name), recording.accelerometer
-    gain, offset = np.array(model.gain), np.array(model.offset)
+    if stream is None or recording.accelerometer_unit == 'V' or not len(stream):
+        return recording
+    offset = np.array(model.offset)
     pose = recording.pose or recording.target
-    if stream is None or recording.accelerometer_unit == 'V' or not len(stream) \
-            or pose is None or not len(pose) or model.highpass:
-        return gain, offset
-    first = stream.values[:max(1, int(0.3 * stream.rate))].mean(axis=0)
-    rest = (first + pose.R_base_sensor[0].T @ np.array(rig.gravity)) * gain
-    held = np.linalg.norm(rest - offset) < 0.5 * np.linalg.norm(rest)
-    return gain, np.zeros(3) if held else offset
+    if pose is not None and len(pose) and not model.highpass:
+        first = stream.values[:max(1, int(0.3 * stream.rate))].mean(axis=0)
+        rest = (first + pose.R_base_sensor[0].T @ np.array(rig.gravity)) * np.array(model.gain)
+        if np.linalg.norm(rest - offset) < 0.5 * np.linalg.norm(rest):
+            offset = np.zeros(3)
+    return with_volts(recording, np.array(model.gain), offset)
+
+
+def with_volts(recording: Recording, gain: Array, offset: Array) -> Recording:
+    """Return volts where an accelerometer speaks m/s^2, by a gain and an offset."""
+    stream = recording.accelerometer
+    if stream is None or recording.accelerometer_unit == 'V':
+        return recording
+    return replace(recording, accelerometer=replace(stream, values=stream.values * gain + offset),
+                   accelerometer_unit='V')
 
 
 def prepare(recording: Recording, rig: Rig, accelerometer: str | None = None) -> Case:
@@ -142,7 +152,7 @@ def prepare(recording: Recording, rig: Rig, accelerometer: str | None = None) ->
     replay = Replay(rig, recording.target, start, end, name)
     nominal = replay.signals(rig)
     n = replay.n_blocks
-    measured = Measured(recording, start, n, *conversion(recording, rig, name))
+    measured = Measured(in_volts(recording, rig, name), start, n)
     groups = _kinds(nominal, n)
     phases = recording.phases or made_up(groups, start)
     return Case(recording, replay, measured, nominal, groups, phases,

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from forcecal_ros.diagnose.case import with_volts
 from forcecal_ros.diagnose.channels import BLOCK, CHANNELS, COLUMNS
 from forcecal_ros.diagnose.evidence import fit, Gram, Prior
 from forcecal_ros.diagnose.nuisances import LIMIT, Nuisance, nuisances, spreads
@@ -171,7 +172,8 @@ class LiveGap:
         signals = [self._signals(s.run(*commands, noise=False), start) for s in self._simulators]
         self._periods += n
         model = self._rig.accelerometer.model(self._name)
-        measured = Measured(recording, start, n, np.array(model.gain), np.array(model.offset))
+        volts = with_volts(recording, np.array(model.gain), np.array(model.offset))
+        measured = Measured(volts, start, n)
         nominal = measured.blocks(signals[0])
         touching = self._near_contact(signals[0], n)
         columns = np.zeros((len(self._nuisances), n, len(CHANNELS)))

@@ -3,13 +3,12 @@
 from dataclasses import replace
 
 from forcecal_ros.diagnose.body import Body
-from forcecal_ros.diagnose.case import Case, conversion, made_up, STILL
+from forcecal_ros.diagnose.case import Case, in_volts, made_up, STILL
 from forcecal_ros.diagnose.channels import BLOCK
 from forcecal_ros.diagnose.measured_motion import MeasuredMotion
 from forcecal_ros.diagnose.residual import Measured
 from forcecal_ros.diagnose.simulation import block_means, Signals
 from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.autoregression import FEWEST
 from forcecal_ros.recording.streams import Recording, Stream
 import numpy as np
@@ -56,8 +55,8 @@ def prepare_motion(recording: Recording, body: Body, accelerometer: str | None =
         raise DataError('the recording holds neither commands nor wrench with measured pose; '
                         'record target_frame, or wrench and current_pose')
     name = accelerometer or body.accelerometer.mounted
-    gain, offset = conversion(recording, body, name)
-    volts = _in_volts(recording, gain, offset)
+    moved = in_volts(recording, body, name)
+    volts = moved.accelerometer if moved.accelerometer and len(moved.accelerometer) > 1 else None
     if body.accelerometer.model(name).highpass:
         volts = None
     streams = [s.t for s in (wrench, pose, volts) if s is not None]
@@ -67,13 +66,13 @@ def prepare_motion(recording: Recording, body: Body, accelerometer: str | None =
         raise DataError(f'wrench and motion overlap for {max(0.0, last - first):.1f} s; at '
                         f'least {SHORTEST:g} s are needed: record a longer motion')
     n = int((last - first) / BLOCK)
-    moved = replace(recording, accelerometer=volts, accelerometer_unit='V')
+    moved = replace(moved, accelerometer=volts)
     simulation = MeasuredMotion(moved, first, n, name)
     nominal = simulation.signals(body)
     groups = _kinds(nominal)
     seen = replace(moved, target=None, pose=None, optidrive=None,
                    accelerometer=_at_rest(volts, groups, first))
-    measured = Measured(seen, first, n, np.ones(3), np.zeros(3))
+    measured = Measured(seen, first, n)
     case = Case(moved, simulation, measured, nominal, groups,
                 recording.phases or made_up(groups, first), np.ones(n, bool), np.zeros(n, bool))
     for phase, rows in case.phase_rows().items():
@@ -86,15 +85,6 @@ def by_seconds(case: Case) -> Case:
     """Hold out every other second: phases that are told by the motion are of any length."""
     held = np.floor(case.times - case.measured.start).astype(int) % 2 == 1
     return replace(case, train=~held, held=held)
-
-
-def _in_volts(recording: Recording, gain: Array, offset: Array) -> Stream | None:
-    stream = recording.accelerometer
-    if stream is None or len(stream) < 2:
-        return None
-    if recording.accelerometer_unit == 'V':
-        return stream
-    return replace(stream, values=stream.values * gain + offset)
 
 
 def _at_rest(stream: Stream | None, groups: NDArray[np.intp], start: float) -> Stream | None:

@@ -4,14 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from forcecal_ros.diagnose import steps
-from forcecal_ros.diagnose.case import (
-    Case,
-    conversion,
-    held_apart,
-    prepare,
-    SHORTEST,
-    split,
-)
+from forcecal_ros.diagnose.case import Case, held_apart, in_volts, prepare, SHORTEST, split
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.discrepancy import NONE
 from forcecal_ros.diagnose.gap import Gap
@@ -182,8 +175,8 @@ def _strongest(lines: Sequence[Line]) -> list[float]:
 
 def _observed(case: Case, recording: Recording, rig: Rig) -> Measured:
     """Take a recording by the stamps that it came with."""
-    return Measured(recording, case.measured.start, case.measured.n_blocks,
-                    *conversion(recording, rig, case.simulation.accelerometer))
+    return Measured(in_volts(recording, rig, case.simulation.accelerometer),
+                    case.measured.start, case.measured.n_blocks)
 
 
 def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Checks',

@@ -40,24 +40,19 @@ class Measured:
     Parameters
     ----------
     recording : Recording
+        The accelerometer in volts.
     start : float
         Of block 0 [s].
     n_blocks : int
-    volts_per_unit, volts_offset : ndarray, shape (3,)
-        To bring an accelerometer that speaks m/s^2 to volts.
     """
 
-    def __init__(self, recording: Recording, start: float, n_blocks: int,
-                 volts_per_unit: Array, volts_offset: Array) -> None:
+    def __init__(self, recording: Recording, start: float, n_blocks: int) -> None:
         self.start, self.n_blocks = start, n_blocks
         self._streams: dict[str, _Stream] = {}
         if recording.wrench is not None:
             self._add('wrench', recording.wrench.t, recording.wrench.values)
         if recording.accelerometer is not None:
-            values = recording.accelerometer.values
-            if recording.accelerometer_unit != 'V':
-                values = values * volts_per_unit + volts_offset
-            self._add('accelerometer', recording.accelerometer.t, values)
+            self._add('accelerometer', recording.accelerometer.t, recording.accelerometer.values)
         if recording.optidrive is not None:
             self._add('optidrive', recording.optidrive.t, recording.optidrive.values)
         pose = recording.pose

@@ -60,22 +60,20 @@ def corrected(recording: Recording, rig: Rig, shortest: float) -> Corrected:
     DataError
         Commands or sensors are missing, not finite, or do not overlap.
     """
-    known, stamped = recording.notes, checked(recording).recording
-    evened, notes = _evened(stamped)
-    stamped = replace(stamped, **evened, notes=(*stamped.notes, *notes))
+    stamped, changed = _evened(recording)
     # what is no reading has a stamp all the same: it is not lost
-    found = clocks(replace(recording, **evened), _rates(rig))
+    found = clocks(replace(recording, **changed), _rates(rig))
     _check_commands(stamped)
     require_overlap(stamped, 'target', shortest)
-    recording = bridged(stamped)
+    whole = bridged(stamped)
     skew = skew_between(found)
-    start = float(recording.target.t[0]) if recording.target is not None else 0.0
-    changed = {}
+    start = float(whole.target.t[0]) if whole.target is not None else 0.0
+    aligned = {}
     for name, value in skew.items():
-        stream = getattr(recording, name)
-        changed[name] = replace(stream, t=start + (stream.t - start) / (1.0 + value))
-    return Corrected(replace(recording, **changed), found, skew, dropouts(found),
-                     stamped.notes[len(known):], recording)
+        stream = getattr(whole, name)
+        aligned[name] = replace(stream, t=start + (stream.t - start) / (1.0 + value))
+    return Corrected(replace(whole, **aligned), found, skew, dropouts(found),
+                     _new_notes(recording, stamped), whole)
 
 
 def evened(recording: Recording) -> Corrected:
@@ -87,14 +85,17 @@ def evened(recording: Recording) -> Corrected:
     DataError
         A stream cannot be used.
     """
-    known, stamped = recording.notes, checked(recording).recording
-    changed, notes = _evened(stamped)
-    stamped = replace(stamped, **changed, notes=(*stamped.notes, *notes))
-    return Corrected(stamped, (), {}, {}, stamped.notes[len(known):], stamped)
+    stamped, _ = _evened(recording)
+    return Corrected(stamped, (), {}, {}, _new_notes(recording, stamped), stamped)
 
 
-def _evened(recording: Recording) -> tuple[dict[str, Any], list[str]]:
-    """Even the stamps of sensors that jitter around regular instants; return these, and notes."""
+def _new_notes(before: Recording, after: Recording) -> tuple[str, ...]:
+    return after.notes[len(before.notes):]
+
+
+def _evened(recording: Recording) -> tuple[Recording, dict[str, Any]]:
+    """Check a recording and even sensors that jitter around instants; return these apart too."""
+    recording = checked(recording).recording
     changed: dict[str, Any] = {}
     notes = []
     for name in SENSORS:
@@ -105,7 +106,7 @@ def _evened(recording: Recording) -> tuple[dict[str, Any], list[str]]:
         if even is not stream:
             changed[name] = even
             notes.append(f'{name}: stamps jittered by {1e3 * jitter.std:.2f} ms and were evened')
-    return changed, notes
+    return replace(recording, **changed, notes=(*recording.notes, *notes)), changed
 
 
 def _rates(rig: Rig) -> dict[str, float]:

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from forcecal_ros.diagnose.bench import Bench
-from forcecal_ros.diagnose.case import conversion, prepare, split
+from forcecal_ros.diagnose.case import in_volts, prepare, split
 from forcecal_ros.diagnose.hypotheses import Atom, Hypothesis, nominal_of
 from forcecal_ros.diagnose.pipeline import diagnose
 from forcecal_ros.diagnose.problem import Diverged, problem
@@ -116,8 +116,9 @@ def test_an_offset_that_the_rig_knows_is_no_bias_of_a_sensor_in_m_s2():
     force = converted.accelerometer
     shift = np.array(model.offset) / np.array(model.gain)
     held = replace(converted, accelerometer=replace(force, values=force.values + shift))
-    assert np.allclose(conversion(converted, rig, 'acc1')[1], model.offset)
-    assert np.allclose(conversion(held, rig, 'acc1')[1], 0.0)
+    volts = in_volts(converted, rig, 'acc1').accelerometer
+    np.testing.assert_allclose(volts.values, force.values * model.gain + model.offset)
+    np.testing.assert_allclose(in_volts(held, rig, 'acc1').accelerometer.values, volts.values)
     assert diagnose(held, None, rig).diagnosis.verdict == 'no_gap'
 
 
