@@ -48,6 +48,7 @@ setup(
         # colcon test runs pytest because of this name and its first entry
         'test': [
             'pytest>=7.4,<9.2',  # 9.2 keeps pytest-xdist 3.8 from seeing the groups
+            'pytest-rerunfailures>=13',
             'pytest-timeout>=2.1',
             'pytest-xdist>=3.7',  # orders groups by their place, not their number
             'hypothesis>=6.98',

@@ -1,15 +1,13 @@
 """Fixtures of general use: where recorded data is, and a DDS domain of one's own."""
 
-import fcntl
 import os
 from pathlib import Path
 import re
 import shutil
 import subprocess
-import tempfile
-import time
 
 from hypothesis import settings
+from machine import machine
 from processes import own_domain
 import pytest
 
@@ -24,8 +22,8 @@ ROOT = Path(__file__).resolve().parents[1]
 GIVING_WAY = 10
 """Niceness of what computes only: a tenth of the weight of what has to answer in time."""
 
-LONGEST_ALONE = 300.0
-"""For so long the other worker waits, should a test that wants to be alone never end [s]."""
+SHARED = 'PYTEST_XDIST_WORKER' in os.environ
+"""Whether another worker may have the machine, too."""
 
 NO_DATA = 'wants recordings that are not here: '
 FETCH = {
@@ -46,6 +44,8 @@ def _is_live(item) -> bool:
 def pytest_collection_modifyitems(items):
     """Keep what runs nodes to one worker of several, where it has the DDS traffic to itself."""
     for item in items:
+        if _is_live(item):
+            item.add_marker(pytest.mark.flaky(reruns=1, condition=SHARED))
         file = item.path.relative_to(ROOT / 'test').with_suffix('')
         item.add_marker(pytest.mark.xdist_group('live' if _is_live(item) else str(file)))
     items.sort(key=_is_live, reverse=True)
@@ -54,31 +54,28 @@ def pytest_collection_modifyitems(items):
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item):
     """Let the worker that runs no nodes give way to those that have to keep up with a clock."""
-    if 'PYTEST_XDIST_WORKER' in os.environ and not _is_live(item) and not os.nice(0):
+    if SHARED and not _is_live(item) and not os.nice(0):
         os.nice(GIVING_WAY)
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item):
     """Let the other worker wait while a test runs that a busy machine would fail."""
-    run = os.environ.get('PYTEST_XDIST_TESTRUNUID')
-    alone = item.get_closest_marker('alone')
-    if run is None or (_is_live(item) and not alone):
-        return (yield)
-    wanted = Path(tempfile.gettempdir()) / f'alone_{run}'
-    with wanted.with_suffix('.lock').open('w') as lock:
-        if alone:
-            wanted.touch()
-        else:
-            end = time.monotonic() + LONGEST_ALONE
-            while wanted.exists() and time.monotonic() < end:
-                time.sleep(0.05)
-        fcntl.flock(lock, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
-        try:
+    if SHARED and (item.get_closest_marker('alone') or not _is_live(item)):
+        with machine(alone=_is_live(item)):
             return (yield)
-        finally:
-            if alone:
-                wanted.unlink(missing_ok=True)
+    return (yield)
+
+
+@pytest.fixture(autouse=True)
+def _has_the_machine_the_second_time(request):
+    """Run a live test that failed beside the other worker once more, without it: that counts."""
+    again = getattr(request.node, 'execution_count', 1) > 1
+    if not again or request.node.get_closest_marker('alone'):
+        yield
+        return
+    with machine(alone=True):
+        yield
 
 
 def _recorded_elsewhere(variable: str, default: str, what: str) -> Path:

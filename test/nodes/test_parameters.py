@@ -98,9 +98,13 @@ def test_the_readme_names_every_topic_and_service(described, node):
     live, _ = described
     hears, says, services = documented(node)
     graph = live.node
-    served = [name.strip('/') for name, types in graph.get_service_names_and_types_by_node(
-        node, '/') if types == ['std_srvs/srv/Trigger']]
-    assert sorted(served) == sorted(services)
+
+    def served():
+        return sorted(name.strip('/') for name, types in graph.get_service_names_and_types_by_node(
+            node, '/') if types == ['std_srvs/srv/Trigger'])
+
+    live.until(lambda: len(served()) >= len(services), f'services of {node}')
+    assert served() == sorted(services)
     for found, named in ((graph.get_publisher_names_and_types_by_node(node, '/'), says),
                          (graph.get_subscriber_names_and_types_by_node(node, '/'), hears)):
         names = {name.strip('/') for name, _ in found} - {
