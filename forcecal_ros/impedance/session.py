@@ -141,7 +141,7 @@ class Session:
         self._controller, self._bounds = controller, bounds
         self._motion, self._stop, self._time = LineMotion(0.0), None, 0.0
         self._closing, self._streaming, self._paused = 0, True, False
-        self._touched, self._withdrawn, self._force = False, False, 0.0
+        self._touched, self._pressed, self._withdrawn, self._force = False, False, False, 0.0
         self.status = TaskStatus(program.at(0.0).phase)
 
     def abort(self, reason: str, *, at_once: bool = False) -> bool:
@@ -165,7 +165,8 @@ class Session:
         if at_once:
             self.restart()
         bounds = self._bounds
-        near = self.status.phase != 'free' or -self._force > bounds.touch
+        self._pressed = -self._force > bounds.touch
+        near = self.status.phase != 'free' or self._pressed
         retract = bounds.retract if near else 0.0
         self._stop = to_rest(self._motion, bounds.stop_duration, retract, bounds.acceleration)
         self._time = 0.0
@@ -206,7 +207,9 @@ class Session:
 
     def _rest(self, measured: Measurement) -> None:
         """Hold at the end of a stop, or go on, once, where the tool still presses."""
-        pressing = -measured.force > self._bounds.touch or measured.slide < -COMPRESSED
+        # a force that is gone at the end of the stop may as well be one that is late
+        pressing = (self._pressed or -measured.force > self._bounds.touch
+                    or measured.slide < -COMPRESSED)
         if self.status.phase == 'aborted' and pressing and not self._withdrawn:
             self._withdrawn, self._time = True, 0.0
             self._stop = Withdrawal(self._motion, self._motion.position - self._bounds.withdraw,

@@ -150,6 +150,17 @@ def test_an_abort_in_contact_rests_within_100_ms_and_then_leaves_the_wall():
     assert bench.status.phase == 'aborted' and not bench.session.streaming
 
 
+def test_a_force_that_no_longer_shows_the_wall_does_not_keep_the_tool_there():
+    bench = Bench()
+    while bench.force > -14.0:
+        before = bench.drive(PERIOD)[-1]
+    bench.session.abort('asked to')
+    commands = []
+    while bench.session.streaming:
+        commands.append(bench.session.step(Measurement(bench.x, 0.0, 0.0)))
+    assert commands[-1] == pytest.approx(before - BOUNDS.retract - BOUNDS.withdraw, abs=1e-3)
+
+
 def test_an_abort_in_free_space_stops_gently_on_its_way():
     bench = Bench()
     bench.drive(0.4)
