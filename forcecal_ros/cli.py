@@ -13,7 +13,7 @@ from forcecal_ros.commands import COMMANDS
 from forcecal_ros.commands.common import or_nearest
 from forcecal_ros.commands.outputs import check_outputs
 from forcecal_ros.errors import ForcecalError, UsageError
-from forcecal_ros.places import FULL
+from forcecal_ros.places import remedy
 
 EPILOG = """\
 exit status: 0 done, 1 the data cannot answer (one line on stderr says why), 2 wrong usage
@@ -129,9 +129,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         _give_up_stdout()
         where = f'{error.filename}: ' if error.filename else ''
-        remedy = ('free some space' if error.errno in FULL
-                  else 'check the path and its permissions')
-        return _complain(f'{where}{error.strerror or error}; {remedy}')
+        do = remedy(error, 'check the path and its permissions')
+        return _complain(f'{where}{error.strerror or error}; {do}')
     except KeyboardInterrupt:
         print('forcecal: interrupted', file=sys.stderr)
         return 130

@@ -151,6 +151,11 @@ def _try_folder(folder: Path) -> None:
         pass
 
 
+def remedy(error: OSError, otherwise: str) -> str:
+    """Say what to do about an error of the file system: make room, or something else."""
+    return 'free some space' if error.errno in FULL else otherwise
+
+
 @contextmanager
 def blamed(path: Path) -> Iterator[None]:
     """Say in one line what could not be written, and why."""
@@ -159,6 +164,5 @@ def blamed(path: Path) -> Iterator[None]:
     except BrokenPipeError:
         raise
     except OSError as error:
-        remedy = ('free some space' if error.errno in FULL
-                  else 'choose a folder that exists and belongs to you')
-        raise ConfigError(f'{path}: cannot be written ({error.strerror}); {remedy}') from error
+        do = remedy(error, 'choose a folder that exists and belongs to you')
+        raise ConfigError(f'{path}: cannot be written ({error.strerror}); {do}') from error

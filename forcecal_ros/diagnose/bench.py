@@ -65,8 +65,7 @@ class _Level(NamedTuple):
     @property
     def excess(self) -> float:
         """Held-out whitened energy above the noise and the discrepancy."""
-        d, held = self.null.x, self.held
-        return float(held.square - 2.0 * held.vector @ d + d @ held.matrix @ d - held.n)
+        return self.held.left(self.null.x) - self.held.n
 
 
 def _by_chance(n: int) -> float:
@@ -115,18 +114,22 @@ class Bench:
     @property
     def unnamed(self) -> float:
         """Log-likelihood of a discrepancy against none, and what is left beyond it."""
-        every = self.train + self.held
-        x = fit(every, self.null_prior).x
-        excess = every.square - 2.0 * every.vector @ x + x @ every.matrix @ x - every.n
-        return self._gained + max(0.0, 0.5 * float(excess) - _by_chance(every.n))
+        every, found = self._all
+        excess = every.left(found.x) - every.n
+        return self._gained + max(0.0, 0.5 * excess - _by_chance(every.n))
 
     @property
     def wanting(self) -> float:
         """Log-evidence that a model with nothing wrong would have more, noise allowed for."""
-        every = self.train + self.held
-        found = fit(every, self.null_prior)
+        every, found = self._all
         missed = -found.log_evidence - found.volume - 0.5 * every.n - _by_chance(every.n)
         return max(0.0, missed) + min(self._gained, FLAWED * every.n)
+
+    @property
+    def _all(self) -> tuple[Gram, Fit]:
+        """All samples, and what explains them already."""
+        every = self.train + self.held
+        return every, fit(every, self.null_prior)
 
     @property
     def _gained(self) -> float:

@@ -37,6 +37,10 @@ class Gram(NamedTuple):
                     self.square + other.square, self.n + other.n,
                     self.log_det + other.log_det)
 
+    def left(self, x: Array) -> float:
+        """Return the sum of squares that columns with coefficients ``x`` leave."""
+        return float(self.square - 2.0 * self.vector @ x + x @ self.matrix @ x)
+
     def of(self, index: NDArray[np.intp]) -> 'Gram':
         """Keep some columns only."""
         return self._replace(matrix=self.matrix[np.ix_(index, index)],

@@ -221,3 +221,21 @@ class AccelerometerEffects:
             return volts
         force = _through(operators, (volts - self._offset) / self._gain)
         return np.asarray(force * self._gain + self._offset)
+
+
+INVERTIBLE = frozenset({'accel_gain', 'accel_bias', 'accel_misalignment'})
+"""Effects of the accelerometer without memory, all of them one to one."""
+
+
+def specific_force_of(rig: Rig, accelerometer: str | None, volts: Array) -> Array:
+    """
+    Return the specific force that an accelerometer answers with volts, shape (n, 3) [m/s^2].
+
+    Of a rig's effects it takes the invertible ones for acting, and no other: the inverse of
+    ``AccelerometerEffects.before_noise`` with these.
+    """
+    model, named = rig.accelerometer.model(accelerometer), named_effects(rig.effects)
+    bias, gain, turn = (np.array([named.get(name, {}).get(axis, 0.0) for axis in 'xyz'])
+                        for name in ('accel_bias', 'accel_gain', 'accel_misalignment'))
+    force = (volts - model.offset - bias) / (model.gain * (1.0 + gain))
+    return np.asarray(force @ rotation_from_vector(turn).T)

@@ -14,7 +14,7 @@ from effects_runs import (
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.effects.filters import Delay
 from forcecal_ros.effects.hysteresis import Hysteresis
-from forcecal_ros.effects.signals import AccelerometerEffects, WrenchEffects
+from forcecal_ros.effects.signals import AccelerometerEffects, specific_force_of, WrenchEffects
 from forcecal_ros.geometry import rotation_about, rotation_from_vector
 from forcecal_ros.simulators.rig.offline import simulate
 import numpy as np
@@ -217,3 +217,16 @@ def test_tilted_base_tilts_weight_and_leaves_the_wall():
         RIG.tool.mass * expected, abs=1e-6)
     assert recording.accelerometer.values[0] == pytest.approx(-expected, abs=1e-9)
     assert EFFECTS['base_tilt'].stage == 'robot'
+
+
+def test_static_effects_of_the_accelerometer_can_be_undone():
+    rig = having('accel_gain', x=0.05, y=-0.03, z=0.02)
+    for name, values in (('accel_bias', [0.1, -0.2, 0.05]),
+                         ('accel_misalignment', [0.03, -0.02, 0.04])):
+        rig = with_effects(rig, {name: dict(zip('xyz', values))})
+    force = np.random.default_rng(3).normal(0.0, 9.0, (20, 3))
+    model = rig.accelerometer.acc1
+    volts = AccelerometerEffects(rig, 'acc1', 0.001).before_noise(force * model.gain
+                                                                  + model.offset)
+    assert np.abs((volts - model.offset) / model.gain - force).min() > 1e-6
+    np.testing.assert_allclose(specific_force_of(rig, 'acc1', volts), force, atol=1e-12)
