@@ -1,6 +1,7 @@
 """``forcecal diagnose``: where, why and how far a recording departs from the simulator."""
 
 import argparse
+from collections.abc import Callable
 import os
 from typing import Any
 
@@ -34,13 +35,22 @@ def add_parser(subparsers: Any) -> None:
                         help='what is known of tool and sensors where no commands were recorded: '
                              'the wrench is then compared with the measured motion (default: the '
                              'numbers of the rig)')
+    parser.add_argument('--simulated', metavar='SIM_BAG',
+                        help='what your own simulator recorded of the same commands, wrench and '
+                             'current_pose; command target_frame, too, if the robot is late')
+    parser.add_argument('--heldout-simulated', metavar='SIM_BAG2',
+                        help='what it recorded of the commands of --heldout')
+    parser.add_argument('--simulated-wrench-sign', type=int, choices=(1, -1), default=1,
+                        help="-1: the simulator's wrench points the other way, as MuJoCo's "
+                             '(default: 1)')
     parser.add_argument('--accelerometer', choices=('acc1', 'acc2'),
                         help='which one is mounted (default: recognised by its volts)')
     add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
                help='folder for diagnosis.json, report.html and rig_patched.yaml (or '
                     'calibration_patched.yaml); results that are there are kept as NAME~; of '
                     'several BAGs, a folder of such folders')
-    parser.set_defaults(run=run, inputs=('bag', 'heldout', 'rig', 'calibration'))
+    parser.set_defaults(run=run, inputs=('bag', 'heldout', 'rig', 'calibration', 'simulated',
+                                         'heldout_simulated'))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -48,7 +58,29 @@ def run(args: argparse.Namespace) -> int:
     if args.heldout and os.path.realpath(args.heldout) in map(os.path.realpath, args.bag):
         raise UsageError(f'--heldout: {args.heldout} cannot judge what is fitted to it; leave it '
                          'out, and parts of every phase are held out')
+    if args.simulated:
+        _check_pairs(args)
+    elif args.heldout_simulated:
+        raise UsageError('--heldout-simulated wants --simulated, too: what the simulator recorded '
+                         'of the first commands')
     return run_each(args, answer)
+
+
+def _check_pairs(args: argparse.Namespace) -> None:
+    """Refuse what makes no pairs of the robot's recordings and the simulator's."""
+    for name in ('rig', 'calibration'):
+        if getattr(args, name):
+            raise UsageError(f'--simulated and --{name} exclude each other: the tool is that of '
+                             'the simulated recording')
+    if len(args.bag) > 1:
+        raise UsageError('--simulated goes with exactly one BAG; diagnose one after the other')
+    if bool(args.heldout) != bool(args.heldout_simulated):
+        raise UsageError('--heldout and --heldout-simulated go together; give both or neither')
+    given = [path for path in (*args.bag, args.heldout, args.simulated, args.heldout_simulated)
+             if path]
+    if len(set(map(os.path.realpath, given))) < len(given):
+        raise UsageError("--simulated: one bag is given twice; name the robot's and the "
+                         "simulator's")
 
 
 def answer(args: argparse.Namespace) -> Answer:
@@ -60,6 +92,8 @@ def answer(args: argparse.Namespace) -> Answer:
     calibration = load(args.calibration) if args.calibration else None
     rig = load_rig(args.rig or (RIGID if calibration else None))
     with stages(args) as stage:
+        if args.simulated:
+            return _by_simulated(args, stage)
         stage(f'reading {args.bag}')
         recording, *more = (
             read_recording(bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
@@ -74,55 +108,64 @@ def answer(args: argparse.Namespace) -> Answer:
 
 def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any) -> Answer:
     """Replay the commands through the rig."""
-    from forcecal_ros.diagnose.advice import advice
     from forcecal_ros.diagnose.channels import units
     from forcecal_ros.diagnose.pipeline import diagnose
     from forcecal_ros.diagnose.result import to_document
-    from forcecal_ros.report.diagnosis import render
-    from forcecal_ros.report.diagnosis_view import view_of, view_without_signals
     from forcecal_ros.simulators.rig.file import dump_rig
     from forcecal_ros.simulators.rig.simulator import waits_for_compiler
 
     say_if_compiling(waits_for_compiler(), 'the simulator')
     outcome = _with_model(args, diagnose(recording, heldout, rig, args.accelerometer))
-    answered = outcome.diagnosis.verdict != 'invalid_data'
-    document = to_document(outcome.diagnosis, units(),
-                           'rig_patched.yaml' if answered else None)
-    view = (view_of(outcome, advice(outcome.diagnosis, rig), units()) if answered
-            else view_without_signals(outcome.diagnosis))
-    files = {'report.html': render(view)}
-    if answered:
-        files['rig_patched.yaml'] = dump_rig(outcome.rig)
-    return _written(args, recording, outcome.diagnosis, document, files)
+    files = {'rig_patched.yaml': dump_rig(outcome.rig)} if outcome.cases else {}
+    document = to_document(outcome.diagnosis, units(), next(iter(files), None))
+    return _written(args, recording, outcome, rig, units(), document, files)
 
 
 def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
                calibration: Any) -> Answer:
     """Compare the wrench with the measured motion."""
     from forcecal_ros.calibration.file import dump
-    from forcecal_ros.diagnose.advice import advice
     from forcecal_ros.diagnose.body import body_of_calibration, body_of_rig, patched
     from forcecal_ros.diagnose.by_motion import delay_std, diagnose_motion
     from forcecal_ros.diagnose.channels import units
     from forcecal_ros.diagnose.result import to_document
-    from forcecal_ros.report.diagnosis import render
-    from forcecal_ros.report.diagnosis_view import view_of, view_without_signals
 
     body = body_of_calibration(calibration, rig) if calibration else body_of_rig(rig)
     outcome = _with_model(args, diagnose_motion(
         _level(recording, calibration), _level(heldout, calibration), body, calibration,
         args.accelerometer))
     of_channels = units(body.accelerometer_unit)
-    view = (view_of(outcome, advice(outcome.diagnosis, rig), of_channels) if outcome.cases
-            else view_without_signals(outcome.diagnosis))
-    files = {'report.html': render(view)}
+    files = {}
     document = to_document(outcome.diagnosis, of_channels, None)
     document['explained_by'] = 'measured motion'
     if calibration and outcome.cases:
         document['calibration'] = 'calibration_patched.yaml'
         files[document['calibration']] = dump(patched(calibration, outcome.rig,
                                                       delay_std(outcome)))
-    return _written(args, recording, outcome.diagnosis, document, files)
+    return _written(args, recording, outcome, rig, of_channels, document, files)
+
+
+def _by_simulated(args: argparse.Namespace, stage: Callable[[str], None]) -> Answer:
+    """Compare the wrench with what a simulator recorded."""
+    from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair
+    from forcecal_ros.diagnose.channels import units
+    from forcecal_ros.diagnose.result import to_document
+    from forcecal_ros.recording.bags import read_recording
+    from forcecal_ros.simulators.rig.file import load_rig
+
+    def read(bag: str, sign: int) -> Any:
+        stage(f'reading {bag}')
+        return read_recording(bag, topics=topic_names(args), wrench_sign=sign)
+
+    pairs = [Pair(read(real, args.wrench_sign), read(simulated, args.simulated_wrench_sign))
+             for real, simulated in ((args.bag, args.simulated),
+                                     (args.heldout, args.heldout_simulated)) if real]
+    stage('comparing the wrench with the simulated')
+    rig = load_rig(RIGID)
+    found = diagnose_simulated(pairs[0], pairs[1] if len(pairs) > 1 else None, rig)
+    document = to_document(found.outcome.diagnosis, units(), None)
+    document |= {'explained_by': 'simulated recording', **found.document()}
+    return _written(args, pairs[0].real, found.outcome, rig, units(), document, {})
 
 
 def _level(recording: Any, calibration: Any) -> Any:
@@ -145,13 +188,22 @@ def _with_model(args: argparse.Namespace, outcome: Any) -> Any:
          'was given'), *outcome.diagnosis.notes)))
 
 
-def _written(args: argparse.Namespace, recording: Any, diagnosis: Any,
-             document: dict[str, Any], files: dict[str, str]) -> Answer:
+def _written(args: argparse.Namespace, recording: Any, outcome: Any, rig: Any,
+             of_channels: dict[str, str], document: dict[str, Any], files: dict[str, str]
+             ) -> Answer:
+    """Write what was found, a report of it, and other files."""
     import json
 
-    folder = args.output
+    from forcecal_ros.diagnose.advice import advice
+    from forcecal_ros.report.diagnosis import render
+    from forcecal_ros.report.diagnosis_view import view_of, view_without_signals
+
+    diagnosis, folder = outcome.diagnosis, args.output
+    view = (view_of(outcome, advice(diagnosis, rig), of_channels) if outcome.cases
+            else view_without_signals(diagnosis))
     write_results(folder, {
-        'diagnosis.json': json.dumps(document, indent=2, allow_nan=False) + '\n', **files}, FILES)
+        'diagnosis.json': json.dumps(document, indent=2, allow_nan=False) + '\n',
+        'report.html': render(view), **files}, FILES)
     verdict = f'{diagnosis.verdict}: {diagnosis.reason}'
     return Answer(document, f'{verdict}\nwritten to {folder}', verdict,
                   (*recording.notes, *diagnosis.notes),

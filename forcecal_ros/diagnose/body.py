@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Annotated
 
 from forcecal_ros.calibration.model import Accelerometer, Calibration, Estimate
-from forcecal_ros.diagnose.nuisances import rows_of
+from forcecal_ros.diagnose.nuisances import possible, rows_of
 from forcecal_ros.effects import named_effects, physical_rig
 from forcecal_ros.effects.rig import AccelerometerModel, Rig, Spreads, Tool
 from forcecal_ros.errors import DataError
@@ -67,7 +67,7 @@ def body_of_calibration(calibration: Calibration, rig: Rig) -> Body:
     c, a, tool = calibration, calibration.accelerometer, rig.tool
     inertia = np.zeros((3, 3)) if c.inertia is None else c.inertia.value
     changed: Tool = replace(tool, mass=float(c.mass), com=_three(c.com.value),
-                            inertia=rows_of(_possible(inertia)))
+                            inertia=rows_of(possible(inertia)))
     body = body_of_rig(replace(rig, effects=(), optidrive=None))
     place = changed.com if a is None or a.position is None else _three(a.position.value)
     scale = AccelerometerModel((1.0, 1.0, 1.0), (0.0, 0.0, 0.0), 0.0)
@@ -99,12 +99,6 @@ def _tolerances(c: Calibration, usual: BodySpreads) -> BodySpreads:
 
 def _known(estimate: Estimate) -> Array:
     return np.nan_to_num(np.atleast_1d(estimate.std))
-
-
-def _possible(inertia: Array) -> Array:
-    """Return the nearest inertia that a body can have."""
-    values, vectors = np.linalg.eigh(0.5 * (inertia + inertia.T))
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 def _three(values: Array) -> tuple[float, float, float]:

@@ -10,6 +10,7 @@ from forcecal_ros.diagnose.pairing import check_alike, require_overlap
 from forcecal_ros.diagnose.pipeline import answered, Outcome
 from forcecal_ros.diagnose.result import Diagnosis, Found
 from forcecal_ros.diagnose.stamps import evened
+from forcecal_ros.effects.signals import FORCES
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.streams import Recording
 
@@ -18,8 +19,6 @@ DELAY = 'accelerometer.delay'
 
 TOLD = 0.5
 """Part of its prior's that a delay's standard error is at most where the motion tells it."""
-
-WRENCH_AXES = ('fx', 'fy', 'fz', 'tx', 'ty', 'tz')
 
 MOVED = 3.0
 """Standard errors of a recalibration from which it is told; one in four hundred is by chance."""
@@ -72,7 +71,7 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, body: Body,
     d = outcome.diagnosis
     return replace(outcome, diagnosis=replace(
         d, effects=tuple(_in(body.accelerometer_unit, e) for e in d.effects),
-        notes=(*d.notes, *_told(outcome, body.accelerometer_unit))))
+        notes=(*d.notes, *told(outcome, body.accelerometer_unit))))
 
 
 def delay_std(outcome: Outcome) -> float | None:
@@ -89,8 +88,8 @@ def _in(unit: str, effect: Found) -> Found:
         k: replace(p, unit=unit) if p.unit == 'V' else p for k, p in effect.parameters.items()})
 
 
-def _told(outcome: Outcome, unit: str) -> list[str]:
-    """Say what was recalibrated by more than it is known to."""
+def told(outcome: Outcome, unit: str) -> list[str]:
+    """Say what was recalibrated by more than it is known to, accelerometers in ``unit``."""
     out = []
     for name, (value, std) in outcome.recalibrations.items():
         if abs(value) > MOVED * std and not name.startswith('wrench.step'):
@@ -102,7 +101,7 @@ def _told(outcome: Outcome, unit: str) -> list[str]:
 def _named(name: str) -> str:
     """Call a sensor's axis by its name."""
     stem, _, axis = name.rpartition('.')
-    axes = WRENCH_AXES if stem.startswith('wrench') else 'xyz'
+    axes = FORCES if stem.startswith('wrench') else 'xyz'
     return f'{stem}.{axes[int(axis)]}' if axis.isdigit() else name
 
 

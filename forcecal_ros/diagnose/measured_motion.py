@@ -15,8 +15,9 @@ from forcecal_ros.diagnose.nuisances import (
 from forcecal_ros.diagnose.simulation import RATE, Signals, UNSEEN
 from forcecal_ros.effects import AccelerometerEffects, named_effects, physical_rig, WrenchEffects
 from forcecal_ros.effects.chosen import Chosen
-from forcecal_ros.effects.rig import Rig
-from forcecal_ros.geometry import Array, rotation_from_vector, rotation_vector, skew
+from forcecal_ros.effects.rig import Rig, Tool
+from forcecal_ros.effects.signals import INVERTIBLE, specific_force_of
+from forcecal_ros.geometry import Array, rotation_vector, skew
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -42,15 +43,12 @@ Simulated rigid tools had 0.05 to 0.11 left in one channel or other.
 KEPT = 12
 """Delays at which the accelerometer's readings are remembered."""
 
-STATIC = frozenset({'accel_gain', 'accel_bias', 'accel_misalignment'})
-"""Effects of the accelerometer that can be undone, to know how the tool is accelerated."""
-
 CABLE = 'cable_force'
 HYSTERESIS = frozenset({'wrench_hysteresis'})
 
 SHOWN = frozenset({
     'wrench_delay', 'wrench_lowpass', 'wrench_bias_drift', 'wrench_gain', 'wrench_crosstalk',
-    'wrench_hysteresis', 'wrench_saturation', 'wrench_quantisation', 'accel_delay', *STATIC,
+    'wrench_hysteresis', 'wrench_saturation', 'accel_delay', *INVERTIBLE,
     'tool_mass', 'tool_com', 'base_tilt', CABLE})
 """Effects that a measured motion can show: none of what the robot makes of its commands."""
 
@@ -87,7 +85,7 @@ class MeasuredMotion:
         stream, self._slide = recording.optidrive, np.zeros(len(self._t))
         if stream is not None and len(stream) > 1:
             self._slide = stream.at(self._t)[:, 0]
-        self._volts = _slowed(recording.accelerometer)
+        self._volts = slowed(recording.accelerometer)
         self._late: dict[float, Array] = {}
 
     def _turn(self, pose: PoseStream) -> None:
@@ -145,19 +143,42 @@ class MeasuredMotion:
         """
         body = physical_rig(rig)
         f = self._specific_force(rig, body)
-        wire = self._wrench(body, f) * body.wrench_sensor.gain + body.wrench_sensor.bias
+        wire = self._wire(body, f)
         model = body.accelerometer.model(self.accelerometer)
         volts = self._weight(body) * model.gain + model.offset
         effects = tuple(one for one in body.effects if one[0] not in UNSEEN)
         if effects:
             wire = self._through(body, effects, wire)
             on_volts = AccelerometerEffects(
-                replace(body, effects=_only(effects, STATIC)), self.accelerometer, 1.0 / RATE)
+                replace(body, effects=_only(effects, INVERTIBLE)), self.accelerometer, 1.0 / RATE)
             volts = on_volts.before_noise(volts)
         n = len(self._t)
         return Signals(self.start, wire, volts, self._slide, self._position, self._R,
                        self._velocity, self._acceleration, self._omega, self._alpha, np.zeros(n),
                        np.zeros((n, 6)), f)
+
+    def seen(self, recording: Recording) -> Array:
+        """Return a recorded wrench at the instants of the signals, shape (n, 6)."""
+        spline = slowed(recording.wrench)
+        assert spline is not None
+        return np.asarray(spline(np.clip(self._t, spline.x[0], spline.x[-1])))
+
+    def about_origin(self, rig: Rig) -> tuple[Array, Array, Array, Array]:
+        """
+        Return how the origin of S moves.
+
+        Returns
+        -------
+        specific_force : ndarray, shape (n, 3)
+            In S [m/s^2].
+        lever : ndarray, shape (n, 3, 3)
+            Times a point's place in S, its acceleration beyond the origin's.
+        omega, alpha : ndarray, shape (n, 3)
+            In S [rad/s], [rad/s^2].
+        """
+        tool: Tool = replace(rig.tool, com=(0.0, 0.0, 0.0))
+        still = replace(rig, tool=tool, effects=())
+        return self._specific_force(still, still), self._lever, self._omega, self._alpha
 
     def smooth(self, signals: Signals) -> Signals:
         """Return signals without the noise of pose and accelerometer, which is in them all."""
@@ -165,6 +186,11 @@ class MeasuredMotion:
         slow = [_slow(part.reshape(len(part), -1), RATE, SMOOTH).reshape(part.shape)
                 for part in parts]
         return Signals(start, *slow)
+
+    def _wire(self, body: Rig, f: Array) -> Array:
+        """Return the wrench as on the wire, before its sensor's effects, shape (n, 6)."""
+        return np.asarray(self._wrench(body, f) * body.wrench_sensor.gain
+                          + body.wrench_sensor.bias)
 
     def _through(self, body: Rig, effects: Chosen, wire: Array) -> Array:
         """Let the wrench sensor's effects act; noise of the inputs is no reversal of a load."""
@@ -188,13 +214,9 @@ class MeasuredMotion:
                 return self._weight(body)
             along = np.einsum('nij,ni->nj', self._R, self._acceleration)
             return np.asarray(self._weight(body) + along + self._lever @ com)
-        model = body.accelerometer.model(self.accelerometer)
         behind = getattr(rig, 'accel_behind', 0.0) + named.get('accel_delay', {}).get('delay', 0.0)
-        bias, gain, turn = (np.array([named.get(n, {}).get(x, 0.0) for x in 'xyz'])
-                            for n in ('accel_bias', 'accel_gain', 'accel_misalignment'))
-        f = (self._readings(behind) - model.offset - bias) / (model.gain * (1.0 + gain))
-        return np.asarray(f @ rotation_from_vector(turn).T
-                          + self._lever @ (com - body.accelerometer.position))
+        f = specific_force_of(body, self.accelerometer, self._readings(behind))
+        return np.asarray(f + self._lever @ (com - body.accelerometer.position))
 
     def _readings(self, behind: float) -> Array:
         if behind not in self._late:
@@ -243,5 +265,6 @@ def _slow(rows: Array, rate: float, band: float = SLOW) -> Array:
         butter(ORDER, band, fs=rate, output='sos'), rows, axis=0))
 
 
-def _slowed(stream: Stream | None) -> CubicSpline | None:
+def slowed(stream: Stream | None) -> CubicSpline | None:
+    """Return a stream as a function of time, without what is faster than a rigid body."""
     return None if stream is None else CubicSpline(stream.t, _slow(stream.values, stream.rate))

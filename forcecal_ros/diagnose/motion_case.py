@@ -6,11 +6,17 @@ from forcecal_ros.diagnose.body import Body
 from forcecal_ros.diagnose.case import Case, in_volts, made_up, STILL
 from forcecal_ros.diagnose.channels import BLOCK
 from forcecal_ros.diagnose.measured_motion import MeasuredMotion
+from forcecal_ros.diagnose.recorded_simulation import (
+    body_of_simulated,
+    Carried,
+    RecordedSimulation,
+)
 from forcecal_ros.diagnose.residual import Measured
 from forcecal_ros.diagnose.simulation import block_means, Signals
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.noise.autoregression import FEWEST
-from forcecal_ros.recording.streams import Recording, Stream
+from forcecal_ros.recording.streams import Recording, Stream, TOUCHING
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
@@ -23,9 +29,6 @@ EDGE = 0.03
 
 MOVING = (0.005, 0.002)
 """Angular speed [rad/s] and speed [m/s] from which the robot moves: noisy poses show less."""
-
-TOUCHED = ('approach', 'contact', 'retract')
-"""Phases in which what the tool meets is not known, and which are left out."""
 
 
 def prepare_motion(recording: Recording, body: Body, accelerometer: str | None = None) -> Case:
@@ -50,33 +53,89 @@ def prepare_motion(recording: Recording, body: Body, accelerometer: str | None =
     DataError
         Wrench or pose are missing, or overlap for too short a time.
     """
-    wrench, pose = recording.wrench, recording.pose
-    if wrench is None or pose is None or len(wrench) < 100 or len(pose) < 20:
-        raise DataError('the recording holds neither commands nor wrench with measured pose; '
+    _require(recording, 'the recording holds neither commands nor wrench with measured pose; '
                         'record target_frame, or wrench and current_pose')
     name = accelerometer or body.accelerometer.mounted
     moved = in_volts(recording, body, name)
     volts = moved.accelerometer if moved.accelerometer and len(moved.accelerometer) > 1 else None
     if body.accelerometer.model(name).highpass:
         volts = None
-    streams = [s.t for s in (wrench, pose, volts) if s is not None]
+    moved = replace(moved, accelerometer=volts)
+    first, n = _span(moved)
+    simulation = MeasuredMotion(moved, first, n, name)
+    return _case(moved, simulation, simulation.signals(body), volts)
+
+
+def prepare_simulated(recording: Recording, simulated: Recording, carried: Carried | None,
+                      rig: Rig) -> tuple[Case, Carried]:
+    """
+    Make a recording of the robot, and its simulator's, ready; all blocks are for training.
+
+    Parameters
+    ----------
+    recording, simulated : Recording
+        On one clock.
+    carried : Carried or None
+        The simulator's tool where it is known already.
+    rig : Rig
+        Gives the tolerances.
+
+    Returns
+    -------
+    Case
+        Its pose is an input; its accelerometer does not count.
+    Carried
+        The simulator's tool.
+
+    Raises
+    ------
+    DataError
+        Wrench or pose are missing, or overlap for too short a time.
+    """
+    for one, whose in ((recording, "the robot's"), (simulated, 'the simulated')):
+        _require(one, f'{whose} recording lacks wrench or measured pose; record wrench and '
+                      'current_pose in both')
+    moved, made = (replace(one, accelerometer=None) for one in (recording, simulated))
+    first, n = _span(moved, made)
+    known = carried or body_of_simulated(made, first, n, rig)
+    simulation = RecordedSimulation(moved, made, first, n, 'acc1', known.body)
+    nominal = simulation.signals(known.body)
+    if carried is None:
+        known = known.zeroed(block_means(simulation.seen(moved) - nominal.wrench))
+        nominal = simulation.signals(known.body)
+    return _case(moved, simulation, nominal, None), known
+
+
+def _require(recording: Recording, otherwise: str) -> None:
+    wrench, pose = recording.wrench, recording.pose
+    if wrench is None or pose is None or len(wrench) < 100 or len(pose) < 20:
+        raise DataError(otherwise)
+
+
+def _span(*recordings: Recording) -> tuple[float, int]:
+    """Return when all is there, and how many blocks it lasts."""
+    streams = [s.t for r in recordings for s in (r.wrench, r.pose, r.accelerometer)
+               if s is not None]
     first = max(float(t[0]) for t in streams) + EDGE
     last = min(float(t[-1]) for t in streams) - EDGE
     if last - first < SHORTEST:
         raise DataError(f'wrench and motion overlap for {max(0.0, last - first):.1f} s; at '
                         f'least {SHORTEST:g} s are needed: record a longer motion')
-    n = int((last - first) / BLOCK)
-    moved = replace(moved, accelerometer=volts)
-    simulation = MeasuredMotion(moved, first, n, name)
-    nominal = simulation.signals(body)
+    return first, int((last - first) / BLOCK)
+
+
+def _case(recording: Recording, simulation: MeasuredMotion, nominal: Signals,
+          volts: Stream | None) -> Case:
+    """Compare the wrench in motion, and the accelerometer at rest."""
+    first, n = simulation.start, simulation.n_blocks
     groups = _kinds(nominal)
-    seen = replace(moved, target=None, pose=None, optidrive=None,
+    seen = replace(recording, target=None, pose=None, optidrive=None,
                    accelerometer=_at_rest(volts, groups, first))
     measured = Measured(seen, first, n)
-    case = Case(moved, simulation, measured, nominal, groups,
+    case = Case(recording, simulation, measured, nominal, groups,
                 recording.phases or made_up(groups, first), np.ones(n, bool), np.zeros(n, bool))
     for phase, rows in case.phase_rows().items():
-        if phase in TOUCHED:
+        if phase in TOUCHING:
             measured.present[rows] = False
     return case
 

@@ -82,9 +82,18 @@ def with_inertia(axis: int) -> Callable[[Rig, float], Rig]:
     def apply(rig: Rig, x: float) -> Rig:
         matrix = np.array(rig.tool.inertia)
         matrix[axis, axis] += x
-        tool: Tool = replace(rig.tool, inertia=rows_of(matrix))
+        tool: Tool = replace(rig.tool, inertia=rows_of(possible(matrix)))
         return replace(rig, tool=tool)
     return apply
+
+
+def possible(inertia: Array) -> Array:
+    """Return the nearest inertia that a body can have, shape (3, 3)."""
+    values, vectors = np.linalg.eigh(0.5 * (inertia + inertia.T))
+    least = 1e-9 * np.abs(values).max()  # rounding must not make it negative again
+    if values[0] > least:
+        return inertia
+    return np.asarray((vectors * np.maximum(values, least)) @ vectors.T)
 
 
 def rows_of(matrix: Array) -> Any:

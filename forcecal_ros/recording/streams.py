@@ -19,6 +19,9 @@ PHASES = (
 FREE = ('move', 'settle', 'step', 'sweep', 'reverse')
 """Phases in which nothing touches the tool while the robot moves, or may."""
 
+TOUCHING = ('approach', 'contact', 'retract')
+"""Phases in which the tool touches something, or may."""
+
 STILL = ('measure',)
 """Phases in which nothing touches the tool while the robot stands."""
 

@@ -69,6 +69,15 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
     return Checked(replace(recording, notes=(*recording.notes, *fresh)), removed)
 
 
+def computed(recording: Recording) -> Recording:
+    """
+    Leave out of a simulator's recording what is no number.
+
+    Its sensors may well repeat themselves to the last bit, and clip nowhere.
+    """
+    return _readable(_without_absent(recording), raw_wrench=False)[0]
+
+
 def _readable(recording: Recording, raw_wrench: bool) -> tuple[Recording, dict[str, int]]:
     """Leave out samples that are no readings."""
     changed: dict[str, Any] = {}

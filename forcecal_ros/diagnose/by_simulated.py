@@ -1,0 +1,153 @@
+"""From the robot's recording and a simulator's of the same commands to a diagnosis."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from forcecal_ros.diagnose.by_motion import told
+from forcecal_ros.diagnose.case import Case, held_apart
+from forcecal_ros.diagnose.motion_case import by_seconds, prepare_simulated
+from forcecal_ros.diagnose.one_clock import aligned, Alignment
+from forcecal_ros.diagnose.pairing import check_alike
+from forcecal_ros.diagnose.pipeline import answered, Outcome
+from forcecal_ros.diagnose.recorded_simulation import Carried
+from forcecal_ros.diagnose.result import Diagnosis
+from forcecal_ros.diagnose.stamps import Corrected, evened
+from forcecal_ros.diagnose.tracking import Tracking, tracking
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.effects.signals import FORCES
+from forcecal_ros.errors import DataError
+from forcecal_ros.recording.checks.entry import computed
+from forcecal_ros.recording.streams import Recording
+import numpy as np
+
+STIFF = 0.1
+"""RMS of a simulated wrench beyond a rigid tool's that is told [N]: what a good sensor shows."""
+
+UNTESTED = ('what the simulator makes of its commands (friction, gains and gears of joints, '
+            'stiffness of contacts) cannot be tested without running it again')
+
+
+class Pair(NamedTuple):
+    """The robot's recording of some commands, and the simulator's."""
+
+    real: Recording
+    simulated: Recording
+
+
+class Compared(NamedTuple):
+    """
+    A diagnosis, and what it rests on besides.
+
+    Attributes
+    ----------
+    outcome : Outcome
+    alignment : tuple of Alignment
+        Of each pair; empty where the data cannot answer.
+    tracking : tuple of Tracking
+    carried : Carried or None
+        The simulator's tool.
+    """
+
+    outcome: Outcome
+    alignment: tuple[Alignment, ...] = ()
+    tracking: tuple[Tracking, ...] = ()
+    carried: Carried | None = None
+
+    def document(self) -> dict[str, Any]:
+        """Return what ``diagnosis.json`` says of it, beside the diagnosis."""
+        if self.carried is None:
+            return {}
+        tool = self.carried.body.tool
+        return {
+            'simulated_tool': {'mass': tool.mass, 'com': list(tool.com),
+                               'inertia': [list(row) for row in tool.inertia],
+                               'left': dict(zip(('force', 'torque'), self.carried.left))},
+            'tracking': [{
+                'aligned_by': a.by, 'correlation': a.correlation,
+                **{name: {k: v if np.isfinite(v) else None for k, v in part._asdict().items()}
+                   for name, part in t._asdict().items()}}
+                for a, t in zip(self.alignment, self.tracking)]}
+
+
+def diagnose_simulated(pair: Pair, heldout: Pair | None, rig: Rig) -> Compared:
+    """
+    Find out why a wrench is not what a simulator recorded.
+
+    Parameters
+    ----------
+    pair : Pair
+        To fit on.
+    heldout : Pair or None
+        To judge on; every other second of ``pair`` where none is given.
+    rig : Rig
+        Gives the tolerances.
+
+    Returns
+    -------
+    Compared
+        Data that cannot answer come out as such, with the reason.
+    """
+    pairs = [one for one in (pair, heldout) if one is not None]
+    try:
+        check_alike([one.real for one in pairs])
+        prepared = [_prepared(pair, None, rig)]
+        carried = prepared[0].carried
+        prepared += [_prepared(one, carried, rig) for one in pairs[1:]]
+    except DataError as error:
+        return Compared(Outcome(Diagnosis('invalid_data', str(error)), rig))
+    cases = [one.case for one in prepared]
+    if not all((c.groups == 1).any() for c in cases):
+        return Compared(Outcome(Diagnosis('not_excited', 'the robot does not move; record a '
+                                          'motion that turns the tool and speeds it up'), rig))
+    ready = held_apart(*cases) if len(cases) > 1 else (by_seconds(cases[0]),)
+    outcome = answered(carried.body, ready, [one.stamps for one in prepared],
+                       [one.real for one in pairs])
+    d = outcome.diagnosis
+    notes = (*d.notes, *told(outcome, 'm/s^2'), *_about(prepared), UNTESTED)
+    return Compared(replace(outcome, diagnosis=replace(d, notes=notes)),
+                    tuple(one.alignment for one in prepared),
+                    tuple(one.tracking for one in prepared), carried)
+
+
+class _Prepared(NamedTuple):
+    case: Case
+    stamps: Corrected
+    alignment: Alignment
+    tracking: Tracking
+    carried: Carried
+
+
+def _prepared(pair: Pair, carried: Carried | None, rig: Rig) -> _Prepared:
+    stamps = evened(pair.real)
+    simulated, alignment = aligned(stamps.recording, computed(pair.simulated))
+    case, carried = prepare_simulated(stamps.recording, simulated, carried, rig)
+    measured, made = stamps.recording.pose, simulated.pose
+    assert measured is not None
+    assert made is not None
+    return _Prepared(case, stamps, alignment,
+                     tracking(measured, made, alignment.by == 'target'), carried)
+
+
+def _about(prepared: list[_Prepared]) -> Iterator[str]:
+    """Say how the recordings were compared, and how the motions differ."""
+    force, torque = prepared[0].carried.left
+    if force > STIFF:
+        yield (f'the simulated wrench is not that of a rigid tool: {force:.2g} N and {torque:.2g} '
+               'N m are something else (contact, play, noise, another frame), and are taken as '
+               'they are')
+    zero = prepared[0].carried.zero
+    yield ('zero of the wrench against the simulated: '
+           + ', '.join(f'{axis} {value:+.3g}' for axis, value in zip(FORCES, zero))
+           + ' N, N m; taken off')
+    for one in prepared:
+        for name, part, unit in zip(one.tracking._fields, one.tracking, ('mm', 'mrad')):
+            motion = f'{name}: {1e3 * part.rms:.2g} {unit} from the simulated'
+            if one.alignment.by == 'pose':
+                yield f'{motion}, laid on it: without commands in both, a delay cannot show'
+            elif np.isfinite(part.delay):
+                yield (f'{motion}; the robot is {1e3 * part.delay:.1f} +- '
+                       f'{1e3 * part.delay_std:.1f} ms later, which leaves '
+                       f'{1e3 * part.left:.2g} {unit}')
+            else:
+                yield motion

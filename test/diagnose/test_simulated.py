@@ -1,0 +1,177 @@
+"""The robot's recording beside what another simulator recorded of the same commands."""
+
+from dataclasses import replace
+import json
+
+from forcecal_ros.cli import main
+from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair, UNTESTED
+from forcecal_ros.diagnose.merged_motion import merged
+from forcecal_ros.diagnose.one_clock import aligned, shifted
+from forcecal_ros.diagnose.recorded_simulation import body_of_simulated
+from forcecal_ros.diagnose.tracking import tracking
+from forcecal_ros.effects import with_effects
+from forcecal_ros.errors import DataError
+from forcecal_ros.recording.bags import write_recording
+from forcecal_ros.recording.streams import PoseStream, Recording, Stream
+from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rig.offline import simulate
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
+
+TOLERANCES = load_rig('rigid_tool.yaml')
+GRIPPER = replace(TOLERANCES.tool, mass=1.2, com=(0.01, -0.005, 0.06),
+                  inertia=((3e-3, 0.0, 0.0), (0.0, 3e-3, 0.0), (0.0, 0.0, 1e-3)))
+RIG = replace(TOLERANCES, tool=GRIPPER)
+LATE = {'robot_delay': {'delay': 0.008}}
+SECONDS = 16.0
+
+
+def commands(phase=0.0):
+    t = 0.004 * np.arange(round(SECONDS / 0.004))
+    u = np.clip(t - 1.5, 0.0, SECONDS - 4.0)
+    rise = np.minimum(1.0, np.minimum(u, SECONDS - 4.0 - u)).clip(0.0)
+    rise = rise ** 3 * (10.0 - 15.0 * rise + 6.0 * rise ** 2)
+    turn = np.outer(0.8 * rise * np.sin(u * np.pi / 2.0 + phase), [0.5, 1.0, 0.3])
+    turn += np.outer(0.5 * rise * np.sin(1.1 * u + phase), [1.0, -0.2, 0.3])
+    sway = np.outer(0.02 * rise * np.sin(3.0 * np.pi * u + phase), [1.0, 0.5, 0.7])
+    return PoseStream(t, np.array(RIG.home.position) + sway,
+                      np.array(RIG.home.R_base_sensor) @ Rotation.from_rotvec(turn).as_matrix())
+
+
+def real(effects, seed=3, phase=0.0):
+    return simulate(with_effects(RIG, {**LATE, **effects}), commands(phase), seed=seed)
+
+
+def simulated(phase=0.0, start=1000.0):
+    """
+    Return what a simulator of the test's own records, without noise, at 500 Hz on its own clock.
+
+    Its arm follows the commands 6 ms late; its wrench is [F; n] of a rigid body by Newton and
+    Euler, differentiated by splines.
+    """
+    target = commands(phase)
+    t = np.arange(0.1, SECONDS - 0.1, 0.002)
+    place = CubicSpline(target.t, target.position)
+    way = RotationSpline(target.t, Rotation.from_matrix(np.array(target.R_base_sensor)))
+    at = t - 0.006
+    R, p = way(at).as_matrix(), place(at)
+    omega, alpha = way(at, 1), way(at, 2)  # in S
+    c, inertia = np.array(GRIPPER.com), np.array(GRIPPER.inertia)
+    f = np.einsum('nij,ni->nj', R, place(at, 2) - RIG.gravity)
+    f += np.cross(alpha, c) + np.cross(omega, np.cross(omega, c))
+    force = -GRIPPER.mass * f
+    torque = np.cross(c, force) - alpha @ inertia - np.cross(omega, omega @ inertia)
+    recording = Recording(
+        wrench=Stream(t, np.hstack([force, torque])), pose=PoseStream(t, p, R), target=target)
+    return shifted(recording, start)
+
+
+@pytest.fixture(scope='module')
+def clean():
+    return diagnose_simulated(Pair(real({}), simulated()), None, TOLERANCES)
+
+
+def test_a_sound_robot_that_moves_a_little_otherwise_has_no_gap(clean):
+    assert clean.outcome.diagnosis.verdict == 'no_gap'
+    assert not clean.outcome.diagnosis.effects
+    assert UNTESTED in clean.outcome.diagnosis.notes
+
+
+def test_the_tool_is_that_of_the_simulator_and_its_unknown_zero_is_told(clean):
+    tool = clean.carried.body.tool
+    assert tool.mass == pytest.approx(GRIPPER.mass, rel=1e-3)
+    np.testing.assert_allclose(tool.com, GRIPPER.com, atol=1e-4)
+    assert any(note.startswith('zero of the wrench against the simulated: fx +4')
+               for note in clean.outcome.diagnosis.notes)
+    assert clean.outcome.diagnosis.gap.nominal < 0.2
+
+
+def test_the_robots_delay_is_told_by_the_commands(clean):
+    found, = clean.tracking
+    recording = simulate(RIG, commands(), seed=3)
+    other, alignment = aligned(recording, simulated())
+    assert alignment.by == 'target'
+    own = tracking(recording.pose, other.pose, own_delay=True)  # of the rig's loop and servo
+    for part, without in zip(found, own):
+        assert part.delay_std < 1e-3
+        assert part.delay - without.delay == pytest.approx(0.008, abs=5e-4)
+        assert part.left < 0.15 * part.rms
+
+
+@pytest.mark.parametrize('effect, name, value', [
+    ({'tool_mass': {'change': 0.05}}, 'change', 0.05),
+    ({'cable_force': {'x': 1.0, 'y': 0.5, 'z': 0.0, 'stiffness': 20.0}}, 'stiffness', 20.0)])
+def test_what_the_robot_has_beside_its_simulation_is_named_with_its_size(effect, name, value):
+    found = diagnose_simulated(Pair(real(effect), simulated()), None, TOLERANCES)
+    first, *others = found.outcome.diagnosis.effects
+    assert first.name in effect and not others
+    assert abs(first.parameters[name].value - value) < max(3.0 * first.parameters[name].std,
+                                                           0.05 * value)
+
+
+def test_two_recordings_are_brought_to_one_clock_by_commands_and_else_by_poses():
+    recording, other = real({}), simulated(start=-77.0)
+    _, alignment = aligned(recording, other)
+    assert alignment.by == 'target'
+    assert alignment.shift == pytest.approx(77.0, abs=1e-4)
+    _, alignment = aligned(recording, replace(other, target=None))
+    assert alignment.by == 'pose'
+    # the rig's own lag and delay are in it
+    assert 77.0 < alignment.shift < 77.05
+
+
+def test_another_motion_is_refused():
+    with pytest.raises(DataError, match='run the simulator with the recorded commands'):
+        aligned(real({}), simulated(phase=1.5))
+    bare = replace(simulated(), target=None, pose=None)
+    with pytest.raises(DataError, match='neither commands nor poses'):
+        aligned(real({}), bare)
+
+
+def test_a_wrench_of_the_other_sign_or_without_weight_is_refused_by_name():
+    recording = shifted(simulated(), -1000.0)
+    for factor, why in ((-1.0, '--simulated-wrench-sign -1'), (1e-3, 'holds no weight')):
+        wrench = replace(recording.wrench, values=factor * recording.wrench.values)
+        with pytest.raises(DataError, match=why):
+            body_of_simulated(replace(recording, wrench=wrench), 0.2, 2500, TOLERANCES)
+
+
+def test_a_merged_motion_has_less_noise_than_the_measured_and_none_of_the_simulations_error():
+    recording, made = real({}), shifted(simulated(), -1000.0).pose
+    noisy = recording.pose
+    quiet = simulate(replace(with_effects(RIG, LATE), pose_sensor=replace(
+        RIG.pose_sensor, position_noise=1e-9, orientation_noise=1e-9)), commands(), seed=3).pose
+    both = merged(noisy, made)
+    truth = CubicSpline(quiet.t, quiet.position)(both.t)
+    error = (both.position - truth)[250:-250]
+    assert np.sqrt(np.mean(error ** 2)) < 2e-5
+    assert np.diff(error, 2, axis=0).std() < 0.01 * np.diff(noisy.position, 2, axis=0).std()
+    there = CubicSpline(made.t, made.position)(both.t)[250:-250]
+    assert np.abs(there - truth[250:-250]).max() > 1e-3
+
+
+def test_the_command_writes_what_was_found_and_how_the_motions_differ(tmp_path, capsys):
+    write_recording(tmp_path / 'real', real({'wrench_crosstalk': {'fy_of_fx': 0.03}}))
+    write_recording(tmp_path / 'sim', simulated())
+    assert main(['diagnose', str(tmp_path / 'real'), '--simulated', str(tmp_path / 'sim'),
+                 '-o', str(tmp_path / 'out')]) == 0
+    document = json.loads((tmp_path / 'out' / 'diagnosis.json').read_text())
+    assert document['explained_by'] == 'simulated recording'
+    assert [e['name'] for e in document['effects']] == ['wrench_crosstalk']
+    assert document['tracking'][0]['aligned_by'] == 'target'
+    assert document['simulated_tool']['mass'] == pytest.approx(1.2, rel=1e-3)
+    assert (tmp_path / 'out' / 'report.html').is_file()
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize('options, why', [
+    (['--rig', 'rigid_tool.yaml'], 'exclude each other'),
+    (['--calibration', 'c.yaml'], 'exclude each other'),
+    (['--heldout', 'x'], 'go together'),
+    (['more'], 'exactly one BAG')])
+def test_what_makes_no_pair_is_wrong_usage(options, why, tmp_path, capsys):
+    given = ['diagnose', 'real', *options, '--simulated', 'sim', '-o', str(tmp_path / 'o')]
+    assert main(given) == 2
+    assert why in capsys.readouterr().err
