@@ -59,11 +59,12 @@ class _Modes(NamedTuple):
     """
     Whitened features of one channel, as few combinations as matter.
 
-    ``rows``: of each recording, (r, n); ``weights``: features to combinations, (k, r);
+    ``rows``: of each recording, over training blocks and over the others, (r, n); ``weights``:
+    features to combinations, (k, r);
     ``trained``, ``all``: inner products over training blocks and over all.
     """
 
-    rows: list[NDArray[np.float32]]
+    rows: list[tuple[NDArray[np.float32], NDArray[np.float32]]]
     weights: Array
     trained: Array
     all: Array
@@ -130,9 +131,9 @@ class Beside:
         kept = np.flatnonzero(values * max(FREE) ** 2 > LEAST_WEIGHT)[-most:]
         turn = vectors[:, kept]
         rows = [(turn.T.astype(np.float32) @ w) for w in white]
-        parts = [np.asarray(sum(_square(r[:, t] if some else r) for r, t in zip(rows, self.train)))
-                 for some in (True, False)]
-        return _Modes(rows, scale[:, np.newaxis] * turn, *parts)
+        parts = [(r[:, t], r[:, ~t]) for r, t in zip(rows, self.train)]
+        trained, held = (np.asarray(sum(_square(one[i]) for one in parts)) for i in (0, 1))
+        return _Modes(parts, scale[:, np.newaxis] * turn, trained, trained + held)
 
     def factor(self, c: int, trained: bool, size: float) -> Array:
         """Return the Cholesky factor of a channel's information on its combinations."""
@@ -186,9 +187,9 @@ class Beside:
         out = []
         for c, modes in self.modes.items():
             there = [j for j in range(k) if any(c in one[j] for one in columns)]
-            own = [rows[:0] for rows in modes.rows] if absent else modes.rows
-            total = [_Sums.empty(len(there), len(own[0])) for _ in range(2)]
-            for one, r, noise, rows, train in zip(columns, residual, self.noise, own,
+            own = [tuple(part[:0] for part in parts) if absent else parts for parts in modes.rows]
+            total = [_Sums.empty(len(there), len(own[0][0])) for _ in range(2)]
+            for one, r, noise, parts, train in zip(columns, residual, self.noise, own,
                                                   self.train):
                 if not noise.sigma[:, c].any():
                     continue
@@ -198,7 +199,7 @@ class Beside:
                 for i, part in enumerate((train, ~train)):
                     if part.any():
                         n = int(np.sum(part & noise.rows[:, c]))
-                        total[i] = total[i].more(white, rows, part, n)
+                        total[i] = total[i].more(white[:, part], parts[i], n)
             out.append(_Channel(c, np.array(there, dtype=np.intp), total[0],
                                 _Sums(*(a + b for a, b in zip(*total)))))
         return Products(self, k, out)
@@ -215,11 +216,10 @@ class _Sums(NamedTuple):
     def empty(cls, k: int, r: int) -> '_Sums':
         return cls(np.zeros((k + 1, k + 1)), np.zeros((r, k + 1)), 0)
 
-    def more(self, white: Array, rows: NDArray[np.float32], part: BoolArray, n: int) -> '_Sums':
-        """Add the samples of a part; whitened signals are 0 where there is none."""
-        w, f = (white, rows) if part.all() else (white[:, part], rows[:, part])
-        return _Sums(self.own + w @ w.T, self.cross + (f @ w.T.astype(np.float32)).astype(float),
-                     self.n + n)
+    def more(self, white: Array, rows: NDArray[np.float32], n: int) -> '_Sums':
+        """Add n samples; whitened signals are 0 where there is none."""
+        cross = (rows @ white.T.astype(np.float32)).astype(float)
+        return _Sums(self.own + white @ white.T, self.cross + cross, self.n + n)
 
 
 class _Channel(NamedTuple):

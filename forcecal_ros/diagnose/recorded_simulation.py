@@ -26,8 +26,17 @@ from scipy.optimize import least_squares
 LIGHTEST = 0.02
 """Of a tool whose weight a wrench sensor shows [kg]: 0.2 N, the noise of most."""
 
-BIAS = (100.0, 10.0)
-"""Of a robot's sensor that nobody zeroed, 1 sigma [N], [N m]: a simulator's has none."""
+DRAWN = (0.01, 0.001)
+"""
+How well a tool is known by its drawing, 1 sigma of mass (relative) and centre of mass [m]: cables
+and screws are missing there.
+"""
+
+ZERO = (10.0, 1.0)
+"""
+Of the robot's sensor, 1 sigma [N], [N m], beyond the middle of the difference that is taken off:
+as much as a tool's weight would move that.
+"""
 
 OUTLIER = 1.345
 """Of its scale, from which a residual counts linearly: Huber's, 95 % efficient on Gaussians."""
@@ -143,13 +152,13 @@ def body_of_simulated(simulated: Recording, start: float, n_blocks: int, rig: Ri
     body = body_of_rig(replace(
         rig, tool=tool, effects=(), optidrive=None,
         wrench_sensor=replace(rig.wrench_sensor, gain=(1.0,) * 6, bias=tuple(theta[10:].tolist())),
-        spreads=_unzeroed(rig.spreads)))
+        spreads=_of_a_drawing(rig.spreads)))
     return Carried(replace(body, spreads=replace(body.spreads, own_inertia=mass * GYRATION ** 2)),
                    (force, torque))
 
 
-def _unzeroed(spreads: Spreads) -> Spreads:
-    return replace(spreads, force_bias=BIAS[0], torque_bias=BIAS[1])
+def _of_a_drawing(spreads: Spreads) -> Spreads:
+    return replace(spreads, mass=DRAWN[0], com=DRAWN[1], force_bias=ZERO[0], torque_bias=ZERO[1])
 
 
 def _rows(motion: MeasuredMotion, rig: Rig) -> Array:

@@ -101,10 +101,13 @@ def commands():
 @pytest.mark.parametrize('rig_name, effects, name', [
     ('rig.yaml', {}, None),
     ('rigid_tool.yaml', {'tool_mass': {'change': 0.05}}, 'tool_mass'),
-    ('rigid_tool.yaml', {'accel_bias': {'y': 0.2}}, 'accel_bias'),
+    pytest.param('rigid_tool.yaml', {'accel_bias': {'y': 0.2}}, 'accel_bias',
+                 marks=pytest.mark.long),
     ('rigid_tool.yaml', {'wrench_gain': {'fx': 0.05}}, 'wrench_gain'),
-    ('rigid_tool.yaml', {'wrench_crosstalk': {'fy_of_fx': 0.05}}, 'wrench_crosstalk'),
-    ('rigid_tool.yaml', {'wrench_bias_drift': {'fz': 0.1}}, 'wrench_bias_drift'),
+    pytest.param('rigid_tool.yaml', {'wrench_crosstalk': {'fy_of_fx': 0.05}}, 'wrench_crosstalk',
+                 marks=pytest.mark.long),
+    pytest.param('rigid_tool.yaml', {'wrench_bias_drift': {'fz': 0.1}}, 'wrench_bias_drift',
+                 marks=pytest.mark.long),
 ])
 def test_one_effect_is_named_and_none_without(commands, rig_name, effects, name):
     rig = load_rig(rig_name)

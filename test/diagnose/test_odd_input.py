@@ -71,6 +71,7 @@ def test_slow_sensors_are_looked_at(rate, parts):
     assert 'not looked at' not in diagnosis.reason
 
 
+@pytest.mark.long
 def test_a_mass_is_seen_by_a_wrench_at_100_hz():
     positions, rotations, phases = motion(FREE)
     target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)

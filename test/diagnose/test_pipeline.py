@@ -130,7 +130,7 @@ def _stepped(recording, channel, height):
 
 
 @pytest.mark.parametrize(('seed', 'channel', 'name', 'height'), [
-    (8, 1, 'fy', 0.5), (9, 0, 'fx', 3.0)])
+    (8, 1, 'fy', 0.5), pytest.param(9, 0, 'fx', 3.0, marks=pytest.mark.long)])
 def test_a_step_of_bias_is_named_with_its_instant(seed, channel, name, height):
     recording, instant = _stepped(own_recording(seed, FREE), channel, height)
     diagnosis = diagnose(recording, None, load_rig()).diagnosis
@@ -148,6 +148,7 @@ def test_a_step_of_bias_is_named_with_its_instant(seed, channel, name, height):
     assert diagnosis.gap.channels[CHANNELS['wrench'][channel]][3] == pytest.approx(0.25, rel=0.05)
 
 
+@pytest.mark.long
 def test_a_step_in_the_second_recording_alone_is_named_as_such():
     second, _ = _stepped(own_recording(21, FREE), 2, 1.0)
     diagnosis = diagnose(own_recording(20, FREE), second, load_rig()).diagnosis

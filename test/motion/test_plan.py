@@ -64,12 +64,14 @@ def planned(tmp_path_factory):
     return path, json.loads(out.getvalue())
 
 
+@pytest.mark.long
 def test_the_plan_shows_every_effect_of_the_library(planned):
     _, document = planned
     assert {e['name'] for e in document['effects']} == set(EFFECTS)
     assert {e['shows'] for e in document['effects']} <= {'clearly', 'by its stamps or values'}
 
 
+@pytest.mark.long
 def test_the_plan_names_what_it_cannot_tell_apart(planned):
     _, document = planned
     pairs = [set(a['effects']) for a in document['alike']]
@@ -112,6 +114,7 @@ def test_slow_reversals_alone_leave_both():
     assert {n for n, _ in found.candidates} - {'unknown'} == {n for n, _ in LATE}
 
 
+@pytest.mark.long
 def test_the_written_plan_is_a_parameter_file_of_the_sequencer(planned):
     path, _ = planned
     parameters = yaml.safe_load(path.read_text())['/**/sequencer']['ros__parameters']

@@ -1,5 +1,6 @@
 """Autoregressive models of coloured noise, AR(p), and whitening by them."""
 
+from functools import lru_cache
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
@@ -111,9 +112,14 @@ def _whiten(columns: Array, coefficients: Array, scale: Array, groups: IntArray,
 
 def _stationary(a: Array, sigma: float) -> float:
     """RMS of an AR process: root of the integral of its power spectral density."""
+    return float(sigma * np.sqrt(np.mean(1.0 / np.abs(1.0 - _delays(len(a)) @ a) ** 2)))
+
+
+@lru_cache
+def _delays(order: int) -> NDArray[np.complex128]:
+    """Return exp(-i w k) for k = 1 to ``order``, over half the circle, shape (2048, order)."""
     frequency = (np.arange(2048) + 0.5) / 4096.0
-    z = np.exp(-2j * np.pi * np.outer(frequency, np.arange(1, len(a) + 1)))
-    return float(sigma * np.sqrt(np.mean(1.0 / np.abs(1.0 - z @ a) ** 2)))
+    return np.asarray(np.exp(-2j * np.pi * np.outer(frequency, np.arange(1, order + 1))))
 
 
 def fit_autoregression(residual: Array, present: BoolArray, groups: IntArray) -> Autoregression:

@@ -1,0 +1,164 @@
+"""A robot against somebody else's simulation of it: what two bags of the same commands tell.
+
+    pip install mujoco
+    python benchmark/any_simulator.py --out any_simulator.jsonl [--jobs N] [--clean N] [--seeds N]
+
+An arm in MuJoCo stands for the robot: integrated otherwise and four times as finely as its
+simulation, every number off by 0.5 to 2 %, with one effect or none, a sensor that nobody zeroed,
+and the noise of a UR's wrench (0.15 N, 6 mN m) and of poses (0.1 mm, 0.2 mrad). What is in the
+joints moves the arm otherwise and is no departure of the wrench from the motion: there, no effect
+is the right answer, and the difference of the motions tells it.
+"""
+
+import os
+
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+import sys
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair
+from forcecal_ros.diagnose.one_clock import shifted
+from forcecal_ros.geometry import rotation_from_vector
+from forcecal_ros.simulators.rig.file import load_rig
+from mujoco_arm import Arm, commands, run, varied
+import numpy as np
+from resumable import resumed
+
+SECONDS = 30.0
+NOISE = np.array([0.15] * 3 + [0.006] * 3)
+PLACE, TURN = 1e-4, 2e-4
+
+
+def payload(arm):
+    return replace(arm, mass=1.05 * arm.mass)
+
+
+def tilt(arm):
+    return replace(arm, tilt=(np.radians(1.0), 0.0))
+
+
+def friction(arm):
+    f = list(arm.friction)
+    f[2] += 2.0
+    return replace(arm, friction=tuple(f))
+
+
+def stiffness(arm):
+    k = list(arm.kp)
+    k[1] *= 0.8
+    return replace(arm, kp=tuple(k))
+
+
+def cable(arm):
+    hook = np.array([0.4, 0.3, 1.4])
+    return replace(arm, pull=lambda x: 10.0 * (hook - x))
+
+
+def late(t, w):
+    return np.stack([np.interp(t - 0.008, t, x) for x in w.T], axis=1)
+
+
+def crosstalk(t, w):
+    return w + 0.03 * np.outer(w[:, 0], np.eye(6)[1])
+
+
+def gain(t, w):
+    return w * (1.0 + 0.03 * np.eye(6)[0])
+
+
+def drift(t, w):
+    return w + np.outer(t, 0.02 * np.eye(6)[2])
+
+
+ARMS = {'payload': (payload, 'tool_mass'), 'tilt': (tilt, 'base_tilt'),
+        'cable': (cable, 'cable_force'), 'joint friction': (friction, ''),
+        'joint gain': (stiffness, '')}
+"""Name -> what it makes of an arm, and how the library calls it; '' where the wrench is right."""
+
+SENSORS = {'delay': (late, 'wrench_delay'), 'crosstalk': (crosstalk, 'wrench_crosstalk'),
+           'gain': (gain, 'wrench_gain'), 'drift': (drift, 'wrench_bias_drift')}
+
+
+def measured(recording, effect, rng):
+    """Give a recording what a sensor adds."""
+    wrench, pose = recording.wrench, recording.pose
+    values = wrench.values + rng.uniform(-1.0, 1.0, 6) * [10.0, 10.0, 10.0, 0.5, 0.5, 0.5]
+    if effect in SENSORS:
+        values = SENSORS[effect][0](wrench.t, values)
+    values = values + rng.normal(size=values.shape) * NOISE
+    turned = rotation_from_vector(rng.normal(size=(len(pose), 3)) * TURN)
+    pose = replace(pose, position=pose.position + rng.normal(size=pose.position.shape) * PLACE,
+                   R_base_sensor=pose.R_base_sensor @ turned)
+    return replace(recording, wrench=replace(wrench, values=values), pose=pose)
+
+
+def answer(case):
+    """Diagnose one case."""
+    effect, seed = case['effect'], case['seed']
+    rng = np.random.default_rng([seed, *effect.encode()])
+    joints = commands(seed, SECONDS)
+    robot = varied(Arm(step=0.00025, integrator='implicit'), rng)
+    if effect in ARMS:
+        robot = ARMS[effect][0](robot)
+    real = measured(run(robot, joints, every=0.004), effect, rng)
+    found = diagnose_simulated(Pair(real, shifted(run(Arm(), joints), 1234.5)), None,
+                               load_rig('rigid_tool.yaml'))
+    d = found.outcome.diagnosis
+    return {**case, 'verdict': d.verdict, 'reason': d.reason,
+            'effects': {e.name: {'p': round(e.probability, 3), **{
+                k: [p.value, p.std] for k, p in e.parameters.items() if p.value}}
+                for e in d.effects},
+            'candidates': [(name, round(p, 3)) for name, p in d.candidates],
+            'closed': d.gap.closed if d.gap else None,
+            'translation': [1e3 * x for x in found.tracking[0].translation[:4]],
+            'rotation': [1e3 * x for x in found.tracking[0].rotation[:4]]}
+
+
+def same(case, result):
+    return (case['effect'], case['seed']) == (result['effect'], result['seed'])
+
+
+def table(results):
+    print('| effect | first | effects named falsely | size | closed |')
+    print('|---|---|---|---|---|')
+    names = {name: truth for name, (_, truth) in {**ARMS, **SENSORS}.items()}
+    for name, truth in {'none': '', **names}.items():
+        rows = [r for r in results if r['effect'] == name]
+        if not rows:
+            continue
+        first = sum(next(iter(r['effects']), '') == truth for r in rows)
+        false = sum(bool(set(r['effects']) - {truth}) for r in rows)
+        sizes = ', '.join(_size(r['effects'][truth]) for r in rows if truth in r['effects'])
+        closed = [r['closed'] for r in rows if truth and r['closed'] is not None]
+        print(f'| {name} | {first} of {len(rows)} | {false} of {len(rows)} | {sizes} | '
+              f'{100 * np.mean(closed) if closed else 0:.0f} % |')
+
+
+def _size(effect):
+    parts = {k: v for k, v in effect.items() if k != 'p'}
+    name = max(parts, key=lambda k: abs(parts[k][0]) / (parts[k][1] or np.inf), default='')
+    return f'{name} {parts[name][0]:.3g} +- {parts[name][1]:.1g}' if name else ''
+
+
+def main():
+    """Run what is missing, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--out', type=Path, required=True)
+    parser.add_argument('--jobs', type=int, default=1)
+    parser.add_argument('--clean', type=int, default=20, help='recordings without an effect')
+    parser.add_argument('--seeds', type=int, default=2, help='recordings of each effect')
+    args = parser.parse_args()
+    wanted = [{'effect': 'none', 'seed': 100 + i} for i in range(args.clean)]
+    wanted += [{'effect': name, 'seed': i} for name in (*ARMS, *SENSORS)
+               for i in range(args.seeds)]
+    table(resumed(answer, wanted, args.out, args.jobs, same))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,188 @@
+"""An arm like a UR10 with a rigid gripper in MuJoCo, which stands for a robot, or its simulation.
+
+The wrench is taken between the last link and the gripper. MuJoCo's force sensor says what the
+gripper does to the arm, so its sign is turned; all sensors show the state before a step.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+from forcecal_ros.recording.streams import PoseStream, Recording, Stream
+import mujoco
+import numpy as np
+
+PERIOD = 0.004
+"""Of the commands [s]."""
+
+LINKS = (  # axis, offset of the next joint [m], mass [kg], radius [m], armature, kp, kv
+    ('0 0 1', '0 0 0.128', 7.8, 0.07, 3.0, 30000.0, 900.0),
+    ('0 1 0', '0 0.17 0', 12.0, 0.07, 3.0, 30000.0, 900.0),
+    ('0 1 0', '0.61 -0.11 0', 6.0, 0.06, 2.0, 20000.0, 600.0),
+    ('0 1 0', '0.57 0 0', 2.0, 0.05, 0.5, 5000.0, 120.0),
+    ('0 0 -1', '0 0.16 0', 2.0, 0.05, 0.5, 5000.0, 120.0),
+    ('0 1 0', '0 0 -0.116', 0.4, 0.04, 0.3, 3000.0, 70.0))
+"""From the base; the offset is from the joint before."""
+
+HOME = np.array([0.3, -1.3, 1.7, -1.9, -1.5, 0.4])
+
+
+@dataclass(frozen=True)
+class Arm:
+    """
+    Numbers of the arm, all relative to the nominal where not said otherwise.
+
+    Attributes
+    ----------
+    step : float
+        Of the integration [s].
+    integrator : str
+        MuJoCo's name.
+    mass, com, inertia : float
+        Of the gripper.
+    links : tuple of float
+        Masses of the links.
+    kp, kv, armature : tuple of float
+        Of each joint.
+    friction : tuple of float
+        Dry, of each joint [N m].
+    tilt : tuple of float
+        Of gravity in the base, a rotation vector about X and Y [rad].
+    pull : callable or None
+        (position of the flange, time) -> force in base on the flange [N].
+    """
+
+    step: float = 0.001
+    integrator: str = 'Euler'
+    mass: float = 1.0
+    com: float = 1.0
+    inertia: float = 1.0
+    links: tuple[float, ...] = (1.0,) * 6
+    kp: tuple[float, ...] = (1.0,) * 6
+    kv: tuple[float, ...] = (1.0,) * 6
+    armature: tuple[float, ...] = (1.0,) * 6
+    friction: tuple[float, ...] = (1.5, 1.5, 1.0, 0.5, 0.5, 0.3)
+    tilt: tuple[float, float] = (0.0, 0.0)
+    pull: Callable[[np.ndarray], np.ndarray] | None = field(default=None, compare=False)
+
+
+def varied(arm: Arm, rng: np.random.Generator) -> Arm:
+    """Make everything differ by 0.5 to 2 %, up or down."""
+    def off(n=None):
+        return rng.choice([-1.0, 1.0], n) * rng.uniform(0.005, 0.02, n)
+
+    six = {name: tuple(v * (1 + d) for v, d in zip(getattr(arm, name), off(6)))
+           for name in ('links', 'kp', 'kv', 'armature', 'friction')}
+    return replace(arm, mass=arm.mass * (1 + off()), com=arm.com * (1 + off()),
+                   inertia=arm.inertia * (1 + off()), **six)
+
+
+def model_of(arm: Arm) -> mujoco.MjModel:
+    """Compile an arm."""
+    x, y = arm.tilt
+    gravity = 9.80665 * np.array([np.sin(y), -np.sin(x), -np.cos(x) * np.cos(y)])
+    bodies, ends = '', ''
+    for i, (axis, offset, mass, radius, armature, _, _) in enumerate(LINKS):
+        half = 0.08 if i not in (1, 2) else 0.3
+        along = '0.3 0 0' if i in (1, 2) else '0 0 0'
+        inertia = mass * arm.links[i] * (radius ** 2 / 4 + half ** 2 / 3)
+        bodies += (
+            f'<body name="link{i}" pos="{offset}">'
+            f'<joint name="joint{i}" axis="{axis}" armature="{armature * arm.armature[i]}" '
+            f'frictionloss="{arm.friction[i]}"/>'
+            f'<inertial pos="{along}" mass="{mass * arm.links[i]}" '
+            f'diaginertia="{inertia} {inertia} {mass * arm.links[i] * radius ** 2 / 2}"/>')
+        ends += '</body>'
+    m, c, k = 1.2 * arm.mass, arm.com, arm.inertia
+    tool = (f'<site name="flange" pos="0 0 -0.05"/><body name="gripper" pos="0 0 -0.05">'
+            f'<inertial pos="{0.008 * c} {-0.004 * c} {-0.065 * c}" mass="{m}" '
+            f'diaginertia="{3e-3 * k} {2.6e-3 * k} {1.4e-3 * k}"/>'
+            '<site name="ft" pos="0 0 0"/></body>')
+    actuators = ''.join(
+        f'<position joint="joint{i}" kp="{kp * arm.kp[i]}" kv="{kv * arm.kv[i]}"/>'
+        for i, (*_, kp, kv) in enumerate(LINKS))
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><option timestep="{arm.step}" integrator="{arm.integrator}" '
+        f'gravity="{gravity[0]} {gravity[1]} {gravity[2]}"/><worldbody>{bodies}{tool}{ends}'
+        f'</worldbody><actuator>{actuators}</actuator><sensor><force site="ft"/>'
+        '<torque site="ft"/></sensor></mujoco>')
+
+
+def commands(seed: int, seconds: float) -> np.ndarray:
+    """Return joint commands that begin and end at rest, and turn the wrist widely."""
+    rng = np.random.default_rng(seed)
+    t = PERIOD * np.arange(round(seconds / PERIOD))
+    u = np.clip(t - 2.0, 0.0, seconds - 4.0)
+    rise = np.clip(np.minimum(u, seconds - 4.0 - u) / 2.0, 0.0, 1.0)
+    rise = rise ** 3 * (10.0 - 15.0 * rise + 6.0 * rise ** 2)
+    out = np.tile(HOME, (len(t), 1))
+    for joint, most in enumerate((0.3, 0.15, 0.2, 0.6, 0.8, 1.0)):
+        for frequency in rng.uniform(0.08, 0.9, 3):
+            size = most * rng.uniform(0.3, 0.6) * min(1.0, 0.3 / frequency)
+            out[:, joint] += rise * size * np.sin(2 * np.pi * frequency * u
+                                                  + rng.uniform(0, 2 * np.pi))
+    return out
+
+
+def run(arm: Arm, joints: np.ndarray, every: float = 0.002) -> Recording:
+    """
+    Move an arm, whose controller interpolates its commands.
+
+    Parameters
+    ----------
+    joints : ndarray, shape (n, 6)
+        Commands at 250 Hz [rad].
+    every : float
+        Between samples [s].
+
+    Returns
+    -------
+    Recording
+        Wrench, pose and commanded pose, without noise.
+    """
+    model = model_of(arm)
+    data = mujoco.MjData(model)
+    data.qpos[:] = joints[0]
+    data.ctrl[:] = joints[0]
+    site = model.site('ft').id
+    body = model.body('gripper').id
+    steps, hold = round(every / arm.step), round(PERIOD / arm.step)
+    for _ in range(round(2.0 / arm.step)):
+        _pulled(arm, data, site, body)
+        mujoco.mj_step(model, data)
+    at = np.arange(len(joints) * hold) / hold
+    fine = np.stack([np.interp(at, np.arange(len(joints)), q) for q in joints.T], axis=1)
+    rows = []
+    for k in range(len(joints) * hold):
+        data.ctrl[:] = fine[k]
+        _pulled(arm, data, site, body)
+        where = k % steps == 0
+        mujoco.mj_step1(model, data)
+        pose = (data.site_xpos[site].copy(), data.site_xmat[site].reshape(3, 3).copy())
+        mujoco.mj_step2(model, data)
+        if where:
+            rows.append((k * arm.step, -data.sensordata.copy(), *pose))
+    t = np.array([row[0] for row in rows])
+    target = _forward(model, joints)
+    return Recording(
+        wrench=Stream(t, np.array([row[1] for row in rows]), 'ft_sensor'),
+        pose=PoseStream(t, np.array([row[2] for row in rows]), np.array([row[3] for row in rows])),
+        target=PoseStream(PERIOD * np.arange(len(joints)), *target))
+
+
+def _pulled(arm, data, site, body):
+    if arm.pull is None:
+        return
+    force = arm.pull(data.site_xpos[site])
+    data.xfrc_applied[body, :3] = force
+    data.xfrc_applied[body, 3:] = np.cross(data.site_xpos[site] - data.xipos[body], force)
+
+
+def _forward(model, joints):
+    data = mujoco.MjData(model)
+    position, R = np.empty((len(joints), 3)), np.empty((len(joints), 3, 3))
+    site = model.site('ft').id
+    for i, q in enumerate(joints):
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        position[i], R[i] = data.site_xpos[site], data.site_xmat[site].reshape(3, 3)
+    return position, R
