@@ -77,11 +77,11 @@ class _Recordings(argparse.Action):
             'line')
 
 
-def add_topics(parser: argparse.ArgumentParser) -> None:
-    """Add ``--topic role=name``."""
+def add_topics(parser: argparse.ArgumentParser, option: str = '--topic', of: str = '') -> None:
+    """Add ``--topic role=name``, or an option like it for the topics of something else."""
     parser.add_argument(
-        '--topic', metavar='ROLE=NAME', action='append', default=[], type=_role_and_name,
-        help='name of a topic by its role, e.g. wrench=/ft/data; may be repeated')
+        option, metavar='ROLE=NAME', action='append', default=[], type=_role_and_name,
+        help=f'name of a topic{of} by its role, e.g. wrench=/ft/data; may be repeated')
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
@@ -110,9 +110,9 @@ def or_nearest(word: str, names: Collection[str]) -> str:
     return f' (did you mean {near[0]}?)' if near else ''
 
 
-def topic_names(args: argparse.Namespace) -> dict[str, str]:
+def topic_names(args: argparse.Namespace, option: str = '--topic') -> dict[str, str]:
     """
-    Return what ``--topic`` said, role to name.
+    Return what ``--topic``, or an option like it, said: role to name.
 
     Raises
     ------
@@ -122,9 +122,9 @@ def topic_names(args: argparse.Namespace) -> dict[str, str]:
     from forcecal_ros.errors import UsageError
 
     names: dict[str, str] = {}
-    for role, name in args.topic:
+    for role, name in getattr(args, option.strip('-').replace('-', '_')):
         if names.setdefault(role, name) != name:
-            raise UsageError(f'--topic: {role} is called {names[role]} and {name}; name one')
+            raise UsageError(f'{option}: {role} is called {names[role]} and {name}; name one')
     return names
 
 

@@ -5,7 +5,12 @@ from collections.abc import Callable
 import os
 from typing import Any
 
-from forcecal_ros.commands.common import new_parser, say_if_compiling, topic_names
+from forcecal_ros.commands.common import (
+    add_topics,
+    new_parser,
+    say_if_compiling,
+    topic_names,
+)
 from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
 from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
@@ -41,8 +46,8 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--heldout-simulated', metavar='SIM_BAG2',
                         help='what it recorded of the commands of --heldout')
     parser.add_argument('--simulated-wrench-sign', type=int, choices=(1, -1), default=1,
-                        help="-1: the simulator's wrench points the other way, as MuJoCo's "
-                             '(default: 1)')
+                        help="-1: the simulator's wrench points the other way, as MuJoCo's")
+    add_topics(parser, '--simulated-topic', " of the simulator's")
     parser.add_argument('--accelerometer', choices=('acc1', 'acc2'),
                         help='which one is mounted (default: recognised by its volts)')
     add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
@@ -63,11 +68,14 @@ def run(args: argparse.Namespace) -> int:
     elif args.heldout_simulated:
         raise UsageError('--heldout-simulated wants --simulated, too: what the simulator recorded '
                          'of the first commands')
+    elif args.simulated_topic:
+        raise UsageError('--simulated-topic wants --simulated, too')
     return run_each(args, answer)
 
 
 def _check_pairs(args: argparse.Namespace) -> None:
     """Refuse what makes no pairs of the robot's recordings and the simulator's."""
+    topic_names(args, '--simulated-topic')
     for name in ('rig', 'calibration'):
         if getattr(args, name):
             raise UsageError(f'--simulated and --{name} exclude each other: the tool is that of '
@@ -153,11 +161,12 @@ def _by_simulated(args: argparse.Namespace, stage: Callable[[str], None]) -> Ans
     from forcecal_ros.recording.bags import read_recording
     from forcecal_ros.simulators.rig.file import load_rig
 
-    def read(bag: str, sign: int) -> Any:
+    def read(bag: str, option: str, sign: int) -> Any:
         stage(f'reading {bag}')
-        return read_recording(bag, topics=topic_names(args), wrench_sign=sign)
+        return read_recording(bag, topics=topic_names(args, option), wrench_sign=sign)
 
-    pairs = [Pair(read(real, args.wrench_sign), read(simulated, args.simulated_wrench_sign))
+    pairs = [Pair(read(real, '--topic', args.wrench_sign),
+                  read(simulated, '--simulated-topic', args.simulated_wrench_sign))
              for real, simulated in ((args.bag, args.simulated),
                                      (args.heldout, args.heldout_simulated)) if real]
     stage('comparing the wrench with the simulated')

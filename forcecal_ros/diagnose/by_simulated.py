@@ -27,6 +27,9 @@ STIFF = 0.1
 UNTESTED = ('what the simulator makes of its commands (friction, gains and gears of joints, '
             'stiffness of contacts) cannot be tested without running it again')
 
+ZERO = 'wrench.bias'
+"""The nuisances that say where a sensor's zero is."""
+
 
 class Pair(NamedTuple):
     """The robot's recording of some commands, and the simulator's."""
@@ -104,7 +107,8 @@ def diagnose_simulated(pair: Pair, heldout: Pair | None, rig: Rig) -> Compared:
     outcome = answered(carried.body, ready, [one.stamps for one in prepared],
                        [one.real for one in pairs])
     d = outcome.diagnosis
-    notes = (*d.notes, *told(outcome, 'm/s^2'), *_about(prepared), UNTESTED)
+    moved = (note for note in told(outcome, 'm/s^2') if ZERO not in note)
+    notes = (*d.notes, *moved, *_about(prepared, outcome), UNTESTED)
     return Compared(replace(outcome, diagnosis=replace(d, notes=notes)),
                     tuple(one.alignment for one in prepared),
                     tuple(one.tracking for one in prepared), carried)
@@ -129,14 +133,15 @@ def _prepared(pair: Pair, carried: Carried | None, rig: Rig) -> _Prepared:
                      tracking(measured, made, alignment.by == 'target'), carried)
 
 
-def _about(prepared: list[_Prepared]) -> Iterator[str]:
+def _about(prepared: list[_Prepared], outcome: Outcome) -> Iterator[str]:
     """Say how the recordings were compared, and how the motions differ."""
     force, torque = prepared[0].carried.left
     if force > STIFF:
         yield (f'the simulated wrench is not that of a rigid tool: {force:.2g} N and {torque:.2g} '
                'N m are something else (contact, play, noise, another frame), and are taken as '
                'they are')
-    zero = prepared[0].carried.zero
+    zero = [middle + outcome.recalibrations.get(f'{ZERO}.{i}', (0.0, 0.0))[0]
+            for i, middle in enumerate(prepared[0].carried.zero)]
     yield ('zero of the wrench against the simulated: '
            + ', '.join(f'{axis} {value:+.3g}' for axis, value in zip(FORCES, zero))
            + ' N, N m; taken off')

@@ -87,7 +87,7 @@ def unseen(recording: Recording) -> str:
     str
         To be put behind a sentence; empty where nothing is missing.
     """
-    missing = [f'{stages} (no {name} was recorded)' for name, stages in STAGES.items()
+    missing = [f'{stages} (no {name} to compare)' for name, stages in STAGES.items()
                if not _has(recording, name)]
     return f'; not looked at: {", ".join(missing)}' if missing else ''
 

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 import json
+from pathlib import Path
+import re
 
 from forcecal_ros.cli import main
 from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair, UNTESTED
@@ -26,6 +28,7 @@ GRIPPER = replace(TOLERANCES.tool, mass=1.2, com=(0.01, -0.005, 0.06),
 RIG = replace(TOLERANCES, tool=GRIPPER)
 LATE = {'robot_delay': {'delay': 0.008}}
 SECONDS = 16.0
+PAGE = Path(__file__).resolve().parents[2] / 'docs/simulator.md'
 
 
 def commands(phase=0.0):
@@ -152,25 +155,31 @@ def test_a_merged_motion_has_less_noise_than_the_measured_and_none_of_the_simula
     assert np.abs(there - truth[250:-250]).max() > 1e-3
 
 
-def test_the_command_writes_what_was_found_and_how_the_motions_differ(tmp_path, capsys):
+def test_the_commands_of_the_page_write_what_was_found(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    alone, judged = re.findall(r'^    forcecal (diagnose .+)$', PAGE.read_text(), re.MULTILINE)
     write_recording(tmp_path / 'real', real({'wrench_crosstalk': {'fy_of_fx': 0.03}}))
     write_recording(tmp_path / 'sim', simulated())
-    assert main(['diagnose', str(tmp_path / 'real'), '--simulated', str(tmp_path / 'sim'),
-                 '-o', str(tmp_path / 'out')]) == 0
-    document = json.loads((tmp_path / 'out' / 'diagnosis.json').read_text())
+    assert main(alone.split()) == 0
+    document = json.loads((tmp_path / 'gap' / 'diagnosis.json').read_text())
     assert document['explained_by'] == 'simulated recording'
     assert [e['name'] for e in document['effects']] == ['wrench_crosstalk']
     assert document['tracking'][0]['aligned_by'] == 'target'
     assert document['simulated_tool']['mass'] == pytest.approx(1.2, rel=1e-3)
-    assert (tmp_path / 'out' / 'report.html').is_file()
-    capsys.readouterr()
+    assert (tmp_path / 'gap' / 'report.html').is_file()
+    assert 'wrench_crosstalk' in capsys.readouterr().out
+    write_recording(tmp_path / 'real2', real({}, seed=4, phase=0.7))
+    write_recording(tmp_path / 'sim2', simulated(phase=1.5))
+    assert main(judged.split()) == 1
+    assert 'run the simulator with the recorded commands' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize('options, why', [
     (['--rig', 'rigid_tool.yaml'], 'exclude each other'),
     (['--calibration', 'c.yaml'], 'exclude each other'),
     (['--heldout', 'x'], 'go together'),
-    (['more'], 'exactly one BAG')])
+    (['more'], 'exactly one BAG'),
+    (['--simulated-topic', 'wrench=a', '--simulated-topic', 'wrench=b'], 'name one')])
 def test_what_makes_no_pair_is_wrong_usage(options, why, tmp_path, capsys):
     given = ['diagnose', 'real', *options, '--simulated', 'sim', '-o', str(tmp_path / 'o')]
     assert main(given) == 2
