@@ -103,7 +103,7 @@ def answer(case):
     effect, seed = case['effect'], case['seed']
     rng = np.random.default_rng([seed, *effect.encode()])
     joints = commands(seed, SECONDS)
-    robot = varied(Arm(step=0.00025, integrator='implicit'), rng)
+    robot = varied(Arm(step=0.00025, integrator='RK4'), rng)
     if effect in ARMS:
         robot = ARMS[effect][0](robot)
     real = measured(run(robot, joints, every=0.004), effect, rng)
