@@ -81,7 +81,8 @@ def add_topics(parser: argparse.ArgumentParser, option: str = '--topic', of: str
     """Add ``--topic role=name``, or an option like it for the topics of something else."""
     parser.add_argument(
         option, metavar='ROLE=NAME', action='append', default=[], type=_role_and_name,
-        help=f'name of a topic{of} by its role, e.g. wrench=/ft/data; may be repeated')
+        help=f'name of a topic{of} by its role, e.g. wrench=/ft/data; may be repeated; '
+             'pose=tf:BASE:SENSOR takes the pose from /tf')
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

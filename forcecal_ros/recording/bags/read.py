@@ -10,6 +10,7 @@ from forcecal_ros.recording.bags.batch import Notes
 from forcecal_ros.recording.bags.collect import Collector, frozen, Series
 from forcecal_ros.recording.bags.fields import FIELDS
 from forcecal_ros.recording.bags.storage import Bag
+from forcecal_ros.recording.bags.transforms import pose_series, PREFIX, TF
 from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
 from forcecal_ros.recording.topics import find_topics, IMU, ROLES, Topic, VECTOR3
 import numpy as np
@@ -35,7 +36,9 @@ def read_recording(
     path : Path or str
     topics : mapping of str to str, optional
         Role to topic name where it is not the usual one of
-        :data:`forcecal_ros.recording.topics.ROLES`.
+        :data:`forcecal_ros.recording.topics.ROLES`. ``tf:BASE:SENSOR`` as ``pose`` takes it from
+        /tf and /tf_static, where it is also looked for if there is no other pose, of the wrench's
+        frame in the root of its tree.
     wrench_sign : int
         -1 for a driver that reports the wrench of the tool on its environment.
 
@@ -51,13 +54,31 @@ def read_recording(
     ConfigError
         A role does not exist.
     """
+    named = dict(topics or {})
+    chain = named.pop('pose') if named.get('pose', '').startswith(PREFIX) else ''
     with Bag(path) as bag:
-        found, mismatches = find_topics(bag.topics, topics or {}, (*_STREAMS, 'phase'))
+        found, mismatches = find_topics(bag.topics, named, (*_STREAMS, 'phase'))
         for mismatch in mismatches:
             bag.notes.add(mismatch)
-        _choose_accelerometer(found, topics or {}, bag.notes)
+        _choose_accelerometer(found, named, bag.notes)
+        if chain:
+            found.pop('pose', None)
         series = _read_series(bag, found)
+        if 'pose' not in found:
+            _pose_of_transforms(bag, chain, found, series)
         return _recording(bag, found, series, wrench_sign)
+
+
+def _pose_of_transforms(bag: Bag, chain: str, found: dict[str, Topic],
+                        series: dict[Topic, Series]) -> None:
+    """Find the pose in /tf, where the frames are named or it is that of the wrench."""
+    wrench = series.get(found['wrench']) if 'wrench' in found else None
+    if not chain and (wrench is None or not wrench.frame):
+        return
+    pose = pose_series(bag, chain, wrench.frame if wrench else '')
+    if pose is not None:
+        found['pose'] = Topic('/tf', TF)
+        series[found['pose']] = pose
 
 
 def _choose_accelerometer(

@@ -1,0 +1,117 @@
+"""Poses out of /tf, as a driver with robot_state_publisher records them."""
+
+from forcecal_ros.cli import main
+from forcecal_ros.errors import DataError
+from forcecal_ros.recording.bags import read_recording
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import get_typestore, Stores
+from scipy.spatial.transform import Rotation
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+T = 0.01 * np.arange(200)
+
+
+def turn(i, t):
+    """Rotation and place of link i in its parent: smooth, of another rate each."""
+    return (Rotation.from_rotvec(np.outer(np.sin((0.5 + i) * t), np.eye(3)[i])),
+            np.outer(np.cos(0.7 * t), [0.1 * (i + 1), -0.05, 0.3]))
+
+
+FIXED = (Rotation.from_euler('xyz', [0.1, -0.2, 0.3]), np.array([0.0, 0.02, 0.11]))
+
+
+def header(stamp, frame):
+    kind = STORE.types
+    return kind['std_msgs/msg/Header'](kind['builtin_interfaces/msg/Time'](
+        stamp // 10**9, stamp % 10**9), frame)
+
+
+def transform(stamp, parent, child, R, p):
+    kind = STORE.types
+    return kind['geometry_msgs/msg/TransformStamped'](
+        header(stamp, parent), child, kind['geometry_msgs/msg/Transform'](
+            kind['geometry_msgs/msg/Vector3'](*p), kind['geometry_msgs/msg/Quaternion'](
+                *R.as_quat())))
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    """Three links that move, the last message by message of another time; a fixed tool."""
+    path = tmp_path_factory.mktemp('tf') / 'bag'
+    kind = STORE.types
+    links = [turn(i, T) for i in range(3)]
+    late = turn(2, T + 0.004)
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        names = {name: writer.add_connection(name, 'tf2_msgs/msg/TFMessage', typestore=STORE)
+                 for name in ('/tf', '/tf_static')}
+        wrench = writer.add_connection('/wrench', 'geometry_msgs/msg/WrenchStamped',
+                                       typestore=STORE)
+
+        def write(connection, stamp, message, of):
+            writer.write(connection, stamp, STORE.serialize_cdr(message, of))
+
+        def tf(topic, stamp, *transforms):
+            write(names[topic], stamp, kind['tf2_msgs/msg/TFMessage'](list(transforms)),
+                  'tf2_msgs/msg/TFMessage')
+
+        tf('/tf_static', 10**9, transform(10**9, 'link2', 'tool0', *FIXED),
+           transform(10**9, 'elsewhere', 'camera', *FIXED))
+        for k, t in enumerate(T):
+            stamp = 10**9 + round(1e9 * t)
+            first, second = (transform(stamp, parent, f'link{i}', links[i][0][k], links[i][1][k])
+                             for i, parent in enumerate(('base_link', 'link0')))
+            tf('/tf', stamp, first, second)
+            tf('/tf', stamp + 4_000_000, transform(stamp + 4_000_000, 'link1', 'link2',
+                                                   late[0][k], late[1][k]))
+            vectors = [kind['geometry_msgs/msg/Vector3'](0.0, 0.1 * k, 1.0) for _ in range(2)]
+            write(wrench, stamp, kind['geometry_msgs/msg/WrenchStamped'](
+                header(stamp, 'tool0'), kind['geometry_msgs/msg/Wrench'](*vectors)),
+                'geometry_msgs/msg/WrenchStamped')
+    return path
+
+
+def expected(t):
+    R, p = Rotation.identity(len(t)), np.zeros((len(t), 3))
+    for own, place in (*(turn(i, t) for i in range(3)), FIXED):
+        p = p + R.apply(np.broadcast_to(place, p.shape))
+        R = R * own
+    return R.as_matrix(), p
+
+
+def test_the_pose_of_the_wrench_frame_is_found_by_itself(bag):
+    recording = read_recording(bag)
+    pose = recording.pose
+    assert 'pose: of tool0 in base_link, from /tf' in recording.notes
+    assert pose.frame == 'base_link'
+    R, p = expected(pose.t)
+    # links are linear between samples 10 ms apart: a(t) (10 ms)^2 / 8 of what turns at 2.5 rad/s
+    np.testing.assert_allclose(pose.position, p, atol=2e-4)
+    np.testing.assert_allclose(pose.R_base_sensor, R, atol=2e-4)
+
+
+def test_frames_can_be_named_also_where_both_move(bag):
+    pose = read_recording(bag, topics={'pose': 'tf:link1:tool0'}).pose
+    last, place = turn(2, pose.t)
+    np.testing.assert_allclose(pose.R_base_sensor, (last * FIXED[0]).as_matrix(), atol=2e-4)
+    np.testing.assert_allclose(pose.position, last.apply(FIXED[1]) + place, atol=2e-4)
+    back = read_recording(bag, topics={'pose': 'tf:tool0:base_link'}).pose
+    np.testing.assert_allclose(np.swapaxes(back.R_base_sensor, 1, 2), expected(back.t)[0],
+                               atol=2e-4)
+
+
+@pytest.mark.parametrize('named, why', [
+    ('tf:base:tool0', "there is no frame 'base' in /tf; frames are base_link, camera"),
+    ('tf:base_link:camera', 'in different trees'),
+    ('tf:link2:tool0', 'nothing moves between link2 and tool0')])
+def test_frames_that_give_no_pose_are_refused_by_name(bag, named, why):
+    with pytest.raises(DataError, match=why):
+        read_recording(bag, topics={'pose': named})
+
+
+def test_the_command_line_takes_frames(bag, tmp_path, capsys):
+    status = main(['calibrate', str(bag), '--topic', 'pose=tf:base_link:nowhere', '-o',
+                   str(tmp_path / 'c.yaml')])
+    assert status == 1
+    assert "there is no frame 'nowhere' in /tf" in capsys.readouterr().err
