@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.diagnose.body import Body, UNKNOWN_DELAY
 from forcecal_ros.diagnose.channels import BLOCK
+from forcecal_ros.diagnose.clear_band import clear_band, MOST
 from forcecal_ros.diagnose.nuisances import (
     LEAST,
     Nuisance,
@@ -24,7 +25,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation, RotationSpline
 
-SLOW = 12.5
+SLOW = MOST
 """Up to which any tool moves as a rigid body [Hz]: above, arm and gripper ring."""
 
 ORDER = 4
@@ -92,7 +93,8 @@ class MeasuredMotion:
         spline = RotationSpline(pose.t, Rotation.from_matrix(np.array(pose.R_base_sensor)))
         self._R: Array = spline(np.clip(self._t, pose.t[0], pose.t[-1])).as_matrix()
         turns = rotation_vector(np.swapaxes(self._R[:-1], 1, 2) @ self._R[1:]) * RATE
-        self._omega = _slow(np.concatenate([turns[:1], turns]), RATE)
+        band = _band(pose, pose.R_base_sensor.reshape(-1, 9))
+        self._omega = _slow(np.concatenate([turns[:1], turns]), RATE, band)
         self._alpha = _rate_of(self._omega)
         W = skew(self._omega)
         self._lever = skew(self._alpha) + W @ W
@@ -103,7 +105,8 @@ class MeasuredMotion:
         if self._placed:
             at = np.clip(self._t, pose.t[0], pose.t[-1])
             self._position = CubicSpline(pose.t, pose.position)(at)
-            self._velocity = _slow(_rate_of(self._position), RATE)
+            band = _band(pose, pose.position)
+            self._velocity = _slow(_rate_of(self._position), RATE, band)
             self._acceleration = _rate_of(self._velocity)
 
     def can_show(self, effect: str, rig: Rig) -> bool:
@@ -263,6 +266,13 @@ def _slow(rows: Array, rate: float, band: float = SLOW) -> Array:
         return rows
     return np.asarray(sosfiltfilt(
         butter(ORDER, band, fs=rate, output='sos'), rows, axis=0))
+
+
+def _band(pose: PoseStream, rows: Array) -> float:
+    """Return up to where a pose is clear of its noise [Hz]."""
+    rate = (len(pose) - 1) / (pose.t[-1] - pose.t[0])
+    t = pose.t[0] + np.arange(len(pose)) / rate
+    return clear_band(np.stack([np.interp(t, pose.t, x) for x in rows.T], axis=1), rate)
 
 
 def slowed(stream: Stream | None) -> CubicSpline | None:

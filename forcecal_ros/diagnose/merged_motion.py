@@ -7,24 +7,16 @@ be in the residual and in what is fitted to it alike, and favour whatever is smo
 
 from dataclasses import replace
 
+from forcecal_ros.diagnose.clear_band import clear_band
 from forcecal_ros.geometry import Array, rotation_vector
 from forcecal_ros.recording.streams import PoseStream
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.signal import butter, sosfiltfilt, welch
+from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation, RotationSpline
 
 RATE = 250.0
 """Of the merged poses [Hz]."""
-
-BANDS = (1.0, 12.5)
-"""Where the difference is cut, at least and at most [Hz]: above, no tool moves as a rigid body."""
-
-WINDOW = 4.0
-"""Over which spectra are averaged [s]."""
-
-CLEAR = 10.0
-"""Times the floor that the power of a difference has where it is no noise."""
 
 ORDER = 4
 
@@ -63,15 +55,5 @@ def _at(stream: PoseStream, t: Array) -> tuple[Array, Array]:
 
 def _clear(difference: Array) -> Array:
     """Leave out of a difference, shape (n, 3), what is no more than noise."""
-    band = _band(difference)
+    band = clear_band(difference, RATE)
     return np.asarray(sosfiltfilt(butter(ORDER, band, fs=RATE, output='sos'), difference, axis=0))
-
-
-def _band(difference: Array) -> float:
-    """Return up to where a difference rises from the noise [Hz]."""
-    n = min(len(difference), int(WINDOW * RATE))
-    frequency, power = welch(difference, RATE, nperseg=n, axis=0)
-    power = power.sum(axis=1)
-    floor = float(np.median(power[frequency > 2.0 * BANDS[1]]))
-    clear = frequency[(power > CLEAR * floor) & (frequency > 0.0)]
-    return float(np.clip(clear.max(initial=0.0), *BANDS))

@@ -3,10 +3,11 @@
 from typing import NamedTuple
 
 from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array, rotation_about, rotation_vector
+from forcecal_ros.geometry import Array, rotation_about, rotation_from_vector, rotation_vector
 from forcecal_ros.recording.checks.motion import rest_within
 from forcecal_ros.recording.streams import PoseStream, Recording, STILL
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 _ROUNDING = 1e-6
@@ -23,6 +24,12 @@ _SPEED = 0.002
 
 _TURN_RATE = 0.002
 """Angular speed below which the robot stands [rad/s]."""
+
+_LOOK = 0.1
+"""Means of poses over so long are compared [s]."""
+
+_CERTAIN = 5.0
+"""Standard errors of a difference beyond which it is motion: one in 10^5 is by chance."""
 
 
 class StaticPose(NamedTuple):
@@ -125,16 +132,21 @@ def static_windows(recording: Recording) -> list[tuple[float, float]]:
 
 def _standing(pose: PoseStream) -> list[tuple[float, float]]:
     """Stretches without motion, the first second of each left to the tool's ringing."""
-    if len(pose) < 3:
+    step = max(1, round(float(_LOOK / np.median(np.diff(pose.t))))) if len(pose) > 2 else 1
+    n = len(pose) // step
+    if n < 3:
         return []
-    step = max(1, round(float(0.1 / np.median(np.diff(pose.t)))))
-    t = pose.t[::step]
-    R = pose.R_base_sensor[::step]
-    turn = np.linalg.norm(rotation_vector(np.swapaxes(R[:-1], 1, 2) @ R[1:]), axis=1)
-    moving = turn / np.diff(t) > _TURN_RATE
+    t = pose.t[:n * step].reshape(n, step).mean(axis=1)
+    R = pose.R_base_sensor[:n * step].reshape(n, step, 3, 3)
+    about = R[:, step // 2]
+    mean = about @ rotation_from_vector(
+        rotation_vector(np.swapaxes(about, 1, 2)[:, np.newaxis] @ R).mean(axis=1))
+    turned = rotation_vector(np.swapaxes(mean[:-1], 1, 2) @ mean[1:])
+    moving = _moves(turned, t, _TURN_RATE, rotation_vector(
+        np.swapaxes(pose.R_base_sensor[:-1], 1, 2) @ pose.R_base_sensor[1:]), step)
     if pose.has_position:
-        speed = np.linalg.norm(np.diff(pose.position[::step], axis=0), axis=1) / np.diff(t)
-        moving |= speed > _SPEED
+        place = pose.position[:n * step].reshape(n, step, 3).mean(axis=1)
+        moving |= _moves(np.diff(place, axis=0), t, _SPEED, np.diff(pose.position, axis=0), step)
     edges = np.flatnonzero(np.diff(np.concatenate([[True], moving, [True]]).astype(int)))
     windows = []
     for first, last in zip(edges[::2], edges[1::2]):
@@ -142,6 +154,18 @@ def _standing(pose: PoseStream) -> list[tuple[float, float]]:
         if t[last] - begin >= _SHORTEST_STAND:
             windows.append((float(begin), float(t[last])))
     return windows
+
+
+def _moves(way: Array, t: Array, slowest: float, between_samples: Array, step: int
+           ) -> NDArray[np.bool_]:
+    """
+    Say between which means of ``step`` samples a pose moves, and not by its noise alone.
+
+    Second differences of samples are noise, whatever the motion: of white noise sqrt(6) of it.
+    """
+    noise = np.median(np.abs(np.diff(between_samples, axis=0))) / (0.6745 * np.sqrt(6.0))
+    by_chance = _CERTAIN * np.sqrt(2.0 / step) * noise
+    return np.asarray(np.linalg.norm(way, axis=1) > slowest * np.diff(t) + by_chance)
 
 
 def static_poses(recording: Recording) -> list[StaticPose]:

@@ -1,0 +1,39 @@
+"""Where a recording without phases stands still, whatever the noise of its poses."""
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import rotation_from_vector
+from forcecal_ros.identify.poses import static_windows
+from forcecal_ros.recording.streams import PoseStream, Recording
+import numpy as np
+import pytest
+
+RATE = 250.0
+HOLDS = ((0.0, 4.0), (6.0, 10.0), (12.0, 16.0))
+
+
+def moved(place, turn, slow=0.0, seed=1):
+    """Three holds, two moves of 2 s between them, and white noise [m], [rad]."""
+    t = np.arange(0.0, 16.0, 1.0 / RATE)
+    x = sum(np.clip((t - start) / 2.0, 0.0, 1.0) for start in (4.0, 10.0))
+    x = x + slow * t
+    rng = np.random.default_rng(seed)
+    way = np.outer(x, [0.2, 0.0, 0.1]) + place * rng.normal(size=(len(t), 3))
+    angle = np.outer(x, [0.5, 0.3, 0.0])
+    R = rotation_from_vector(angle) @ rotation_from_vector(turn * rng.normal(size=(len(t), 3)))
+    return Recording(pose=PoseStream(t, way, R))
+
+
+@pytest.mark.parametrize('place, turn', [(0.0, 0.0), (2e-5, 2e-5), (1e-4, 2e-4), (1e-3, 2e-3)])
+def test_holds_are_found_and_moves_left_out(place, turn):
+    windows = static_windows(moved(place, turn))
+    assert len(windows) == len(HOLDS)
+    for i, ((start, end), (first, last)) in enumerate(zip(windows, HOLDS)):
+        # the first second of a stand is left to the tool's ringing
+        assert start == pytest.approx(first + (1.0 if i else 0.0), abs=0.25)
+        assert end == pytest.approx(last, abs=0.25)
+        assert first <= start and end <= last + 0.06
+
+
+def test_what_creeps_is_no_stand():
+    with pytest.raises(DataError, match='never stands still'):
+        static_windows(moved(2e-5, 2e-5, slow=0.05))
