@@ -62,7 +62,7 @@ def prepare_motion(recording: Recording, body: Body, accelerometer: str | None =
         volts = None
     moved = replace(moved, accelerometer=volts)
     first, n = _span(moved)
-    simulation = MeasuredMotion(moved, first, n, name)
+    simulation = MeasuredMotion(moved, first, n, name, body)
     return _case(moved, simulation, simulation.signals(body), volts)
 
 
@@ -101,7 +101,7 @@ def prepare_simulated(recording: Recording, simulated: Recording, carried: Carri
     simulation = RecordedSimulation(moved, made, first, n, 'acc1', known.body)
     nominal = simulation.signals(known.body)
     if carried is None:
-        known = known.zeroed(block_means(simulation.seen(moved) - nominal.wrench))
+        known = known.zeroed(simulation.apart(moved, nominal))
         nominal = simulation.signals(known.body)
     return _case(moved, simulation, nominal, None), known
 

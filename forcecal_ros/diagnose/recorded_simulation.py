@@ -10,11 +10,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.body import Body, body_of_rig, GYRATION
+from forcecal_ros.diagnose.carried_tool import CarriedTool
 from forcecal_ros.diagnose.channels import BLOCK
 from forcecal_ros.diagnose.measured_motion import MeasuredMotion
 from forcecal_ros.diagnose.merged_motion import merged
 from forcecal_ros.diagnose.nuisances import possible, rows_of
-from forcecal_ros.diagnose.simulation import block_means
+from forcecal_ros.diagnose.simulation import block_means, Signals
 from forcecal_ros.effects.rig import Rig, Spreads, Tool
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, skew
@@ -67,12 +68,13 @@ class RecordedSimulation(MeasuredMotion):
         assert measured is not None
         assert made is not None
         super().__init__(replace(recording, pose=merged(measured, made)), start, n_blocks,
-                         accelerometer)
-        own = MeasuredMotion(simulated, start, n_blocks, accelerometer)
-        self._beyond = own.seen(simulated) - own.signals(body).wrench
+                         accelerometer, body)
+        own = CarriedTool(simulated, start, n_blocks, accelerometer)
+        self._full.beyond = self._clear.beyond = own.seen(simulated) - own.wire(body)
 
-    def _wire(self, body: Rig, f: Array) -> Array:
-        return np.asarray(super()._wire(body, f) + self._beyond)
+    def apart(self, recording: Recording, signals: Signals) -> Array:
+        """Return what a recorded wrench has beyond the simulated, in block means, (blocks, 6)."""
+        return block_means(self._full.seen(recording) - signals.wrench)
 
 
 class Carried(NamedTuple):
@@ -124,7 +126,7 @@ def body_of_simulated(simulated: Recording, start: float, n_blocks: int, rig: Ri
     DataError
         The wrench holds no weight, or that of a tool that falls up.
     """
-    motion = MeasuredMotion(simulated, start, n_blocks, 'acc1')
+    motion = CarriedTool(simulated, start, n_blocks, 'acc1')
     rows, wrench = _rows(motion, rig), block_means(motion.seen(simulated))
     free = _free(simulated, start, n_blocks)
     scale = np.array([1.0] * 3 + [0.1] * 3)  # a newton counts as much as a tenth of a newton metre
@@ -161,14 +163,15 @@ def _of_a_drawing(spreads: Spreads) -> Spreads:
     return replace(spreads, mass=DRAWN[0], com=DRAWN[1], force_bias=ZERO[0], torque_bias=ZERO[1])
 
 
-def _rows(motion: MeasuredMotion, rig: Rig) -> Array:
+def _rows(motion: CarriedTool, rig: Rig) -> Array:
     """
     Return the wrench's derivatives by mass, first and second moments and bias, (n, 6, 16).
 
     F = -m f - L m c + b_F, n = -m c x f - I alpha - omega x I omega + b_n, f the specific force
     in the sensor's origin, L = [alpha]x + [omega]x^2, I about that origin.
     """
-    f, lever, omega, alpha = motion.about_origin(rig)
+    f, lever = motion.specific_force_of_origin(rig), motion.lever
+    omega, alpha = motion.omega, motion.alpha
     n = len(block_means(f))
     rows = np.zeros((n, 6, 16))
     rows[:, :3, 0] = -block_means(f)
