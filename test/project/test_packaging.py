@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = 'forcecal_ros'
 COMMANDS = {'forcecal', 'gap', 'impedance', 'observer', 'sequencer', 'sim'}
 SHARE = ('config/**/*.yaml', 'launch/*.launch.py', 'layouts/*.*', 'package.xml')
-INSIDE = ('**/*.py', 'config/*.yaml', 'config/*/*.yaml', '**/*.html.j2')
+INSIDE = ('**/*.py', 'config/*.yaml', 'config/*/*.yaml', '**/*.html.j2', '**/*.xml')
 ROSDEP_KEYS = {  # name in an import -> key; a key that ends in -pip exists for pip alone
     'control': 'python-control-pip', 'jinja2': 'python3-jinja2',
     'matplotlib': 'python3-matplotlib', 'numba': 'python3-numba', 'numpy': 'python3-numpy',
