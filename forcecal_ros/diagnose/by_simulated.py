@@ -109,7 +109,10 @@ def diagnose_simulated(pair: Pair, heldout: Pair | None, rig: Rig) -> Compared:
     d = outcome.diagnosis
     moved = (note for note in told(outcome, 'm/s^2') if ZERO not in note)
     notes = (*d.notes, *moved, *_about(prepared, outcome), UNTESTED)
-    return Compared(replace(outcome, diagnosis=replace(d, notes=notes)),
+    apart = prepared[0].tracking
+    reason = (f'{d.reason}; the motion itself is {1e3 * apart.translation.rms:.2g} mm and '
+              f'{1e3 * apart.rotation.rms:.2g} mrad (RMS) from the simulated')
+    return Compared(replace(outcome, diagnosis=replace(d, reason=reason, notes=notes)),
                     tuple(one.alignment for one in prepared),
                     tuple(one.tracking for one in prepared), carried)
 

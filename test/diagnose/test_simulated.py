@@ -80,6 +80,7 @@ def test_a_sound_robot_that_moves_a_little_otherwise_has_no_gap(clean):
     assert clean.outcome.diagnosis.verdict == 'no_gap'
     assert not clean.outcome.diagnosis.effects
     assert UNTESTED in clean.outcome.diagnosis.notes
+    assert clean.outcome.diagnosis.reason.endswith('mrad (RMS) from the simulated')
 
 
 def test_the_tool_is_that_of_the_simulator_and_its_unknown_zero_is_told(clean):
