@@ -7,18 +7,13 @@ be in the residual and in what is fitted to it alike, and favour whatever is smo
 
 from dataclasses import replace
 
+from forcecal_ros.diagnose.carried_tool import slow
 from forcecal_ros.diagnose.clear_band import clear_band
 from forcecal_ros.geometry import Array, rotation_vector
 from forcecal_ros.recording.streams import PoseStream
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation, RotationSpline
-
-RATE = 250.0
-"""Of the merged poses [Hz]."""
-
-ORDER = 4
 
 
 def merged(measured: PoseStream, simulated: PoseStream) -> PoseStream:
@@ -37,13 +32,15 @@ def merged(measured: PoseStream, simulated: PoseStream) -> PoseStream:
     """
     start = max(measured.t[0], simulated.t[0])
     end = min(measured.t[-1], simulated.t[-1])
-    t = start + np.arange(int((end - start) * RATE)) / RATE
+    # at the measured pose's own rate: more instants would not have its noise
+    rate = (len(measured) - 1) / (measured.t[-1] - measured.t[0])
+    t = start + np.arange(int((end - start) * rate)) / rate
     q, S = _at(simulated, t)
     p, R = _at(measured, t)
     turned = rotation_vector(np.swapaxes(S, 1, 2) @ R)
-    position = q + _clear(p - q) if measured.has_position and simulated.has_position else p
+    position = q + _clear(p - q, rate) if measured.has_position and simulated.has_position else p
     return replace(measured, t=t, position=position,
-                   R_base_sensor=S @ Rotation.from_rotvec(_clear(turned)).as_matrix())
+                   R_base_sensor=S @ Rotation.from_rotvec(_clear(turned, rate)).as_matrix())
 
 
 def _at(stream: PoseStream, t: Array) -> tuple[Array, Array]:
@@ -53,7 +50,6 @@ def _at(stream: PoseStream, t: Array) -> tuple[Array, Array]:
     return np.asarray(position), np.asarray(R(t).as_matrix())
 
 
-def _clear(difference: Array) -> Array:
+def _clear(difference: Array, rate: float) -> Array:
     """Leave out of a difference, shape (n, 3), what is no more than noise."""
-    band = clear_band(difference, RATE)
-    return np.asarray(sosfiltfilt(butter(ORDER, band, fs=RATE, output='sos'), difference, axis=0))
+    return slow(difference, rate, clear_band(difference, rate))

@@ -142,16 +142,24 @@ def test_a_wrench_of_the_other_sign_or_without_weight_is_refused_by_name():
             body_of_simulated(replace(recording, wrench=wrench), 0.2, 2500, TOLERANCES)
 
 
-def test_a_merged_motion_has_less_noise_than_the_measured_and_none_of_the_simulations_error():
-    recording, made = real({}), shifted(simulated(), -1000.0).pose
-    noisy = recording.pose
-    quiet = simulate(replace(with_effects(RIG, LATE), pose_sensor=replace(
-        RIG.pose_sensor, position_noise=1e-9, orientation_noise=1e-9)), commands(), seed=3).pose
+def thinned(pose, every):
+    return replace(pose, t=pose.t[::every], position=pose.position[::every],
+                   R_base_sensor=pose.R_base_sensor[::every])
+
+
+@pytest.mark.parametrize('every', [(1, 1), (2, 5)], ids=['250 and 500 Hz', '125 and 100 Hz'])
+def test_a_merged_motion_has_less_noise_than_the_measured_and_none_of_the_simulations_error(every):
+    noisy = thinned(real({}).pose, every[0])
+    made = thinned(shifted(simulated(), -1000.0).pose, every[1])
+    sound = replace(RIG, pose_sensor=replace(
+        RIG.pose_sensor, position_noise=1e-9, orientation_noise=1e-9))
+    quiet = simulate(with_effects(sound, LATE), commands(), seed=3).pose
     both = merged(noisy, made)
     truth = CubicSpline(quiet.t, quiet.position)(both.t)
     error = (both.position - truth)[250:-250]
     assert np.sqrt(np.mean(error ** 2)) < 2e-5
-    assert np.diff(error, 2, axis=0).std() < 0.01 * np.diff(noisy.position, 2, axis=0).std()
+    assert np.diff(error, 2, axis=0).std() < 0.03 * np.diff(noisy.position - CubicSpline(
+        quiet.t, quiet.position)(noisy.t), 2, axis=0).std()
     there = CubicSpline(made.t, made.position)(both.t)[250:-250]
     assert np.abs(there - truth[250:-250]).max() > 1e-3
 
