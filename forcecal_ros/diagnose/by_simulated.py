@@ -12,6 +12,7 @@ from forcecal_ros.diagnose.pairing import check_alike
 from forcecal_ros.diagnose.pipeline import answered, Outcome
 from forcecal_ros.diagnose.recorded_simulation import Carried
 from forcecal_ros.diagnose.result import Diagnosis
+from forcecal_ros.diagnose.same_frames import in_base_of
 from forcecal_ros.diagnose.stamps import Corrected, evened
 from forcecal_ros.diagnose.tracking import Tracking, tracking
 from forcecal_ros.effects.rig import Rig
@@ -127,13 +128,19 @@ class _Prepared(NamedTuple):
 
 def _prepared(pair: Pair, carried: Carried | None, rig: Rig) -> _Prepared:
     stamps = evened(pair.real)
-    simulated, alignment = aligned(stamps.recording, computed(pair.simulated))
+    try:
+        made = computed(pair.simulated)
+    except DataError as error:
+        raise DataError(f'the simulated recording: {error}') from error
+    simulated, alignment = aligned(stamps.recording, made)
+    measured = stamps.recording.pose
+    if measured is not None and simulated.pose is not None:
+        simulated = replace(simulated, pose=in_base_of(measured, simulated.pose))
     case, carried = prepare_simulated(stamps.recording, simulated, carried, rig)
-    measured, made = stamps.recording.pose, simulated.pose
     assert measured is not None
-    assert made is not None
+    assert simulated.pose is not None
     return _Prepared(case, stamps, alignment,
-                     tracking(measured, made, alignment.by == 'target'), carried)
+                     tracking(measured, simulated.pose, alignment.by == 'target'), carried)
 
 
 def _about(prepared: list[_Prepared], outcome: Outcome) -> Iterator[str]:

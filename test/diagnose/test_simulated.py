@@ -10,6 +10,7 @@ from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair, UNTESTE
 from forcecal_ros.diagnose.merged_motion import merged
 from forcecal_ros.diagnose.one_clock import aligned, shifted
 from forcecal_ros.diagnose.recorded_simulation import body_of_simulated
+from forcecal_ros.diagnose.same_frames import in_base_of
 from forcecal_ros.diagnose.tracking import tracking
 from forcecal_ros.effects import with_effects
 from forcecal_ros.errors import DataError
@@ -140,6 +141,23 @@ def test_a_wrench_of_the_other_sign_or_without_weight_is_refused_by_name():
         wrench = replace(recording.wrench, values=factor * recording.wrench.values)
         with pytest.raises(DataError, match=why):
             body_of_simulated(replace(recording, wrench=wrench), 0.2, 2500, TOLERANCES)
+
+
+def turned(pose, base=(0.0, 0.0, 0.0), sensor=(0.0, 0.0, 0.0)):
+    B, S = (Rotation.from_rotvec(v).as_matrix() for v in (base, sensor))
+    return replace(pose, position=pose.position @ B.T, R_base_sensor=B @ pose.R_base_sensor @ S)
+
+
+def test_a_base_turned_about_the_vertical_is_brought_back_and_other_frames_are_refused():
+    measured, made = real({}).pose, shifted(simulated(), -1000.0).pose
+    assert in_base_of(measured, made) is made
+    back = in_base_of(measured, turned(made, base=(0.0, 0.0, 2.0)))
+    # as far as the robot is from its simulation on the mean
+    assert np.abs(back.R_base_sensor - made.R_base_sensor).max() < 0.03
+    for how, why in (({'sensor': (0.0, 0.0, np.pi / 2)}, 'turned by 90 deg to each other in the'),
+                     ({'base': (1.0, 0.0, 0.0)}, 'bases are turned by 57 deg')):
+        with pytest.raises(DataError, match=why):
+            in_base_of(measured, turned(made, **how))
 
 
 def thinned(pose, every):
