@@ -10,9 +10,9 @@ from forcecal_ros.diagnose.motion_case import by_seconds, prepare_simulated
 from forcecal_ros.diagnose.one_clock import aligned, Alignment
 from forcecal_ros.diagnose.pairing import check_alike
 from forcecal_ros.diagnose.pipeline import answered, Outcome
-from forcecal_ros.diagnose.recorded_simulation import Carried
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.same_frames import in_base_of
+from forcecal_ros.diagnose.simulated_tool import SimulatedTool
 from forcecal_ros.diagnose.stamps import Corrected, evened
 from forcecal_ros.diagnose.tracking import Tracking, tracking
 from forcecal_ros.effects.rig import Rig
@@ -49,24 +49,24 @@ class Compared(NamedTuple):
     alignment : tuple of Alignment
         Of each pair; empty where the data cannot answer.
     tracking : tuple of Tracking
-    carried : Carried or None
+    tool : SimulatedTool or None
         The simulator's tool.
     """
 
     outcome: Outcome
     alignment: tuple[Alignment, ...] = ()
     tracking: tuple[Tracking, ...] = ()
-    carried: Carried | None = None
+    tool: SimulatedTool | None = None
 
     def document(self) -> dict[str, Any]:
         """Return what ``diagnosis.json`` says of it, beside the diagnosis."""
-        if self.carried is None:
+        if self.tool is None:
             return {}
-        tool = self.carried.body.tool
+        tool = self.tool.body.tool
         return {
             'simulated_tool': {'mass': tool.mass, 'com': list(tool.com),
                                'inertia': [list(row) for row in tool.inertia],
-                               'left': dict(zip(('force', 'torque'), self.carried.left))},
+                               'left': dict(zip(('force', 'torque'), self.tool.left))},
             'tracking': [{
                 'aligned_by': a.by, 'correlation': a.correlation,
                 **{name: {k: v if np.isfinite(v) else None for k, v in part._asdict().items()}
@@ -96,8 +96,8 @@ def diagnose_simulated(pair: Pair, heldout: Pair | None, rig: Rig) -> Compared:
     try:
         check_alike([one.real for one in pairs])
         prepared = [_prepared(pair, None, rig)]
-        carried = prepared[0].carried
-        prepared += [_prepared(one, carried, rig) for one in pairs[1:]]
+        tool = prepared[0].tool
+        prepared += [_prepared(one, tool, rig) for one in pairs[1:]]
     except DataError as error:
         return Compared(Outcome(Diagnosis('invalid_data', str(error)), rig))
     cases = [one.case for one in prepared]
@@ -105,7 +105,7 @@ def diagnose_simulated(pair: Pair, heldout: Pair | None, rig: Rig) -> Compared:
         return Compared(Outcome(Diagnosis('not_excited', 'the robot does not move; record a '
                                           'motion that turns the tool and speeds it up'), rig))
     ready = held_apart(*cases) if len(cases) > 1 else (by_seconds(cases[0]),)
-    outcome = answered(carried.body, ready, [one.stamps for one in prepared],
+    outcome = answered(tool.body, ready, [one.stamps for one in prepared],
                        [one.real for one in pairs])
     d = outcome.diagnosis
     moved = (note for note in told(outcome, 'm/s^2') if ZERO not in note)
@@ -115,7 +115,7 @@ def diagnose_simulated(pair: Pair, heldout: Pair | None, rig: Rig) -> Compared:
               f'{1e3 * apart.rotation.rms:.2g} mrad (RMS) from the simulated')
     return Compared(replace(outcome, diagnosis=replace(d, reason=reason, notes=notes)),
                     tuple(one.alignment for one in prepared),
-                    tuple(one.tracking for one in prepared), carried)
+                    tuple(one.tracking for one in prepared), tool)
 
 
 class _Prepared(NamedTuple):
@@ -123,10 +123,10 @@ class _Prepared(NamedTuple):
     stamps: Corrected
     alignment: Alignment
     tracking: Tracking
-    carried: Carried
+    tool: SimulatedTool
 
 
-def _prepared(pair: Pair, carried: Carried | None, rig: Rig) -> _Prepared:
+def _prepared(pair: Pair, tool: SimulatedTool | None, rig: Rig) -> _Prepared:
     stamps = evened(pair.real)
     try:
         made = computed(pair.simulated)
@@ -136,22 +136,22 @@ def _prepared(pair: Pair, carried: Carried | None, rig: Rig) -> _Prepared:
     measured = stamps.recording.pose
     if measured is not None and simulated.pose is not None:
         simulated = replace(simulated, pose=in_base_of(measured, simulated.pose))
-    case, carried = prepare_simulated(stamps.recording, simulated, carried, rig)
+    case, tool = prepare_simulated(stamps.recording, simulated, tool, rig)
     assert measured is not None
     assert simulated.pose is not None
     return _Prepared(case, stamps, alignment,
-                     tracking(measured, simulated.pose, alignment.by == 'target'), carried)
+                     tracking(measured, simulated.pose, alignment.by == 'target'), tool)
 
 
 def _about(prepared: list[_Prepared], outcome: Outcome) -> Iterator[str]:
     """Say how the recordings were compared, and how the motions differ."""
-    force, torque = prepared[0].carried.left
+    force, torque = prepared[0].tool.left
     if force > STIFF:
         yield (f'the simulated wrench is not that of a rigid tool: {force:.2g} N and {torque:.2g} '
                'N m are something else (contact, play, noise, another frame), and are taken as '
                'they are')
     zero = [middle + outcome.recalibrations.get(f'{ZERO}.{i}', (0.0, 0.0))[0]
-            for i, middle in enumerate(prepared[0].carried.zero)]
+            for i, middle in enumerate(prepared[0].tool.zero)]
     yield ('zero of the wrench against the simulated: '
            + ', '.join(f'{axis} {value:+.3g}' for axis, value in zip(FORCES, zero))
            + ' N, N m; taken off')

@@ -6,12 +6,9 @@ from forcecal_ros.diagnose.body import Body
 from forcecal_ros.diagnose.case import Case, in_volts, made_up, STILL
 from forcecal_ros.diagnose.channels import BLOCK
 from forcecal_ros.diagnose.measured_motion import MeasuredMotion
-from forcecal_ros.diagnose.recorded_simulation import (
-    body_of_simulated,
-    Carried,
-    RecordedSimulation,
-)
+from forcecal_ros.diagnose.recorded_simulation import RecordedSimulation
 from forcecal_ros.diagnose.residual import Measured
+from forcecal_ros.diagnose.simulated_tool import simulated_tool, SimulatedTool
 from forcecal_ros.diagnose.simulation import block_means, Signals
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
@@ -66,8 +63,8 @@ def prepare_motion(recording: Recording, body: Body, accelerometer: str | None =
     return _case(moved, simulation, simulation.signals(body), volts)
 
 
-def prepare_simulated(recording: Recording, simulated: Recording, carried: Carried | None,
-                      rig: Rig) -> tuple[Case, Carried]:
+def prepare_simulated(recording: Recording, simulated: Recording, tool: SimulatedTool | None,
+                      rig: Rig) -> tuple[Case, SimulatedTool]:
     """
     Make a recording of the robot, and its simulator's, ready; all blocks are for training.
 
@@ -75,7 +72,7 @@ def prepare_simulated(recording: Recording, simulated: Recording, carried: Carri
     ----------
     recording, simulated : Recording
         On one clock.
-    carried : Carried or None
+    tool : SimulatedTool or None
         The simulator's tool where it is known already.
     rig : Rig
         Gives the tolerances.
@@ -84,7 +81,7 @@ def prepare_simulated(recording: Recording, simulated: Recording, carried: Carri
     -------
     Case
         Its pose is an input; its accelerometer does not count.
-    Carried
+    SimulatedTool
         The simulator's tool.
 
     Raises
@@ -97,10 +94,10 @@ def prepare_simulated(recording: Recording, simulated: Recording, carried: Carri
                       'current_pose in both')
     moved, made = (replace(one, accelerometer=None) for one in (recording, simulated))
     first, n = _span(moved, made)
-    known = carried or body_of_simulated(made, first, n, rig)
+    known = tool or simulated_tool(made, first, n, rig)
     simulation = RecordedSimulation(moved, made, first, n, 'acc1', known.body)
     nominal = simulation.signals(known.body)
-    if carried is None:
+    if tool is None:
         known = known.zeroed(simulation.apart(moved, nominal))
         nominal = simulation.signals(known.body)
     return _case(moved, simulation, nominal, None), known

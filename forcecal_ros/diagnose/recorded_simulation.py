@@ -7,40 +7,14 @@ the difference of the two motions: w_sim + W(measured motion) - W(simulated moti
 """
 
 from dataclasses import replace
-from typing import NamedTuple
 
-from forcecal_ros.diagnose.body import Body, body_of_rig, GYRATION
+from forcecal_ros.diagnose.body import Body
 from forcecal_ros.diagnose.carried_tool import CarriedTool
-from forcecal_ros.diagnose.channels import BLOCK
 from forcecal_ros.diagnose.measured_motion import MeasuredMotion
 from forcecal_ros.diagnose.merged_motion import merged
-from forcecal_ros.diagnose.nuisances import possible, rows_of
 from forcecal_ros.diagnose.simulation import block_means, Signals
-from forcecal_ros.effects.rig import Rig, Spreads, Tool
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array, skew
-from forcecal_ros.recording.streams import phase_spans, Recording, TOUCHING
-import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import least_squares
-
-LIGHTEST = 0.02
-"""Of a tool whose weight a wrench sensor shows [kg]: 0.2 N, the noise of most."""
-
-DRAWN = (0.01, 0.001)
-"""
-How well a tool is known by its drawing, 1 sigma of mass (relative) and centre of mass [m]: cables
-and screws are missing there.
-"""
-
-ZERO = (10.0, 1.0)
-"""
-Of the robot's sensor, 1 sigma [N], [N m], beyond the middle of the difference that is taken off:
-as much as a tool's weight would move that.
-"""
-
-OUTLIER = 1.345
-"""Of its scale, from which a residual counts linearly: Huber's, 95 % efficient on Gaussians."""
+from forcecal_ros.geometry import Array
+from forcecal_ros.recording.streams import Recording
 
 
 class RecordedSimulation(MeasuredMotion):
@@ -59,7 +33,7 @@ class RecordedSimulation(MeasuredMotion):
     accelerometer : str
         ``acc1`` or ``acc2``.
     body : Body
-        The simulator's, see :func:`body_of_simulated`.
+        The simulator's, see :func:`~forcecal_ros.diagnose.simulated_tool.simulated_tool`.
     """
 
     def __init__(self, recording: Recording, simulated: Recording, start: float, n_blocks: int,
@@ -75,122 +49,3 @@ class RecordedSimulation(MeasuredMotion):
     def apart(self, recording: Recording, signals: Signals) -> Array:
         """Return what a recorded wrench has beyond the simulated, in block means, (blocks, 6)."""
         return block_means(self._full.seen(recording) - signals.wrench)
-
-
-class Carried(NamedTuple):
-    """
-    A simulator's tool.
-
-    Attributes
-    ----------
-    body : Body
-    left : tuple of float
-        RMS of what it leaves of the simulated wrench [N], [N m].
-    zero : tuple of float
-        Of the robot's sensor beyond the simulator's, taken off already [N], [N m].
-    """
-
-    body: Body
-    left: tuple[float, float]
-    zero: tuple[float, ...] = (0.0,) * 6
-
-    def zeroed(self, apart: Array) -> 'Carried':
-        """Take off what the middle of the robot's wrench less the simulated is, shape (n, 6)."""
-        zero = np.nanmedian(apart, axis=0)
-        sensor = self.body.wrench_sensor
-        return self._replace(zero=tuple(zero.tolist()), body=replace(
-            self.body, wrench_sensor=replace(sensor, bias=tuple((zero + sensor.bias).tolist()))))
-
-
-def body_of_simulated(simulated: Recording, start: float, n_blocks: int, rig: Rig) -> Carried:
-    """
-    Tell the tool of a simulator from its wrench and motion.
-
-    Parameters
-    ----------
-    simulated : Recording
-        Wrench and pose.
-    start : float
-        When block 0 begins [s].
-    n_blocks : int
-    rig : Rig
-        Gives the tolerances.
-
-    Returns
-    -------
-    Carried
-        Its accelerometer does not count.
-
-    Raises
-    ------
-    DataError
-        The wrench holds no weight, or that of a tool that falls up.
-    """
-    motion = CarriedTool(simulated, start, n_blocks, 'acc1')
-    rows, wrench = _rows(motion, rig), block_means(motion.seen(simulated))
-    free = _free(simulated, start, n_blocks)
-    scale = np.array([1.0] * 3 + [0.1] * 3)  # a newton counts as much as a tenth of a newton metre
-    a = (rows / scale[:, np.newaxis])[free].reshape(-1, rows.shape[2])
-    b = (wrench / scale)[free].ravel()
-    theta = np.linalg.lstsq(a, b, rcond=1e-8)[0]
-    spread = float(np.median(np.abs(b - a @ theta))) / 0.6745
-    theta = least_squares(lambda x: a @ x - b, theta, lambda x: a, loss='huber',
-                          f_scale=OUTLIER * max(spread, 1e-6)).x
-    mass = float(theta[0])
-    if mass < -LIGHTEST:
-        raise DataError('the simulated wrench has the other sign: at rest it must show what holds '
-                        f'the tool, and shows {mass:.2f} kg; give --simulated-wrench-sign -1')
-    if mass < LIGHTEST:
-        raise DataError(f'the simulated wrench holds no weight of a tool ({mass:.3f} kg); let the '
-                        'simulator publish the wrench without compensation')
-    com = theta[1:4] / mass
-    W = skew(com)
-    inertia = _symmetric(theta[4:10]) + mass * W @ W
-    left = (wrench - rows @ theta)[free]
-    force, torque = (float(np.sqrt(np.mean(left[:, part] ** 2)))
-                     for part in (slice(0, 3), slice(3, 6)))
-    tool: Tool = replace(rig.tool, mass=mass, com=tuple(com.tolist()),
-                         inertia=rows_of(possible(inertia)))
-    body = body_of_rig(replace(
-        rig, tool=tool, effects=(), optidrive=None,
-        wrench_sensor=replace(rig.wrench_sensor, gain=(1.0,) * 6, bias=tuple(theta[10:].tolist())),
-        spreads=_of_a_drawing(rig.spreads)))
-    return Carried(replace(body, spreads=replace(body.spreads, own_inertia=mass * GYRATION ** 2)),
-                   (force, torque))
-
-
-def _of_a_drawing(spreads: Spreads) -> Spreads:
-    return replace(spreads, mass=DRAWN[0], com=DRAWN[1], force_bias=ZERO[0], torque_bias=ZERO[1])
-
-
-def _rows(motion: CarriedTool, rig: Rig) -> Array:
-    """
-    Return the wrench's derivatives by mass, first and second moments and bias, (n, 6, 16).
-
-    F = -m f - L m c + b_F, n = -m c x f - I alpha - omega x I omega + b_n, f the specific force
-    in the sensor's origin, L = [alpha]x + [omega]x^2, I about that origin.
-    """
-    f, lever = motion.specific_force_of_origin(rig), motion.lever
-    omega, alpha = motion.omega, motion.alpha
-    n = len(block_means(f))
-    rows = np.zeros((n, 6, 16))
-    rows[:, :3, 0] = -block_means(f)
-    rows[:, :3, 1:4] = -block_means(lever.reshape(-1, 9)).reshape(-1, 3, 3)
-    rows[:, 3:, 1:4] = skew(block_means(f))
-    for k in range(6):
-        J = _symmetric(np.eye(6)[k])
-        rows[:, 3:, 4 + k] = -block_means(alpha @ J + np.cross(omega, omega @ J))
-    rows[:, :, 10:] = np.eye(6)
-    return rows
-
-
-def _symmetric(e: Array) -> Array:
-    return np.array([[e[0], e[3], e[4]], [e[3], e[1], e[5]], [e[4], e[5], e[2]]])
-
-
-def _free(recording: Recording, start: float, n_blocks: int) -> NDArray[np.bool_]:
-    t = start + BLOCK * (0.5 + np.arange(n_blocks))
-    free = np.ones(n_blocks, dtype=bool)
-    for begin, end in phase_spans(recording.phases, TOUCHING):
-        free &= (t < begin) | (t >= end)
-    return free

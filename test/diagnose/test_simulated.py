@@ -9,8 +9,8 @@ from forcecal_ros.cli import main
 from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair, UNTESTED
 from forcecal_ros.diagnose.merged_motion import merged
 from forcecal_ros.diagnose.one_clock import aligned, shifted
-from forcecal_ros.diagnose.recorded_simulation import body_of_simulated
 from forcecal_ros.diagnose.same_frames import in_base_of
+from forcecal_ros.diagnose.simulated_tool import simulated_tool
 from forcecal_ros.diagnose.tracking import tracking
 from forcecal_ros.effects import with_effects
 from forcecal_ros.errors import DataError
@@ -85,7 +85,7 @@ def test_a_sound_robot_that_moves_a_little_otherwise_has_no_gap(clean):
 
 
 def test_the_tool_is_that_of_the_simulator_and_its_unknown_zero_is_told(clean):
-    tool = clean.carried.body.tool
+    tool = clean.tool.body.tool
     assert tool.mass == pytest.approx(GRIPPER.mass, rel=1e-3)
     np.testing.assert_allclose(tool.com, GRIPPER.com, atol=1e-4)
     assert any(note.startswith('zero of the wrench against the simulated: fx +4')
@@ -140,7 +140,7 @@ def test_a_wrench_of_the_other_sign_or_without_weight_is_refused_by_name():
     for factor, why in ((-1.0, '--simulated-wrench-sign -1'), (1e-3, 'holds no weight')):
         wrench = replace(recording.wrench, values=factor * recording.wrench.values)
         with pytest.raises(DataError, match=why):
-            body_of_simulated(replace(recording, wrench=wrench), 0.2, 2500, TOLERANCES)
+            simulated_tool(replace(recording, wrench=wrench), 0.2, 2500, TOLERANCES)
 
 
 def turned(pose, base=(0.0, 0.0, 0.0), sensor=(0.0, 0.0, 0.0)):
