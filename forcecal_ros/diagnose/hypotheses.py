@@ -1,8 +1,10 @@
 """What may be the cause: every effect of the library as columns to screen and to refine."""
 
+from collections.abc import Sequence
 from itertools import product
 from typing import NamedTuple
 
+from forcecal_ros.diagnose.case import Case
 from forcecal_ros.diagnose.columns import Column
 from forcecal_ros.diagnose.limits import CLIPPING, limit_starts
 from forcecal_ros.diagnose.problem import Diverged, Problem
@@ -13,6 +15,8 @@ from numpy.typing import NDArray
 
 MOST_STARTS = 12
 """Shapes that one effect is screened at."""
+
+HYSTERESIS = 'wrench_hysteresis'
 
 VIBRATION = 'spindle_vibration'
 """The effect that shows as a spectral line."""
@@ -95,7 +99,8 @@ def hypotheses(problem: Problem, line: float | None = None) -> list[Hypothesis]:
     """
     found = []
     simulation = problem.cases[0].simulation
-    for name, effect in EFFECTS.items():
+    for name, whole in EFFECTS.items():
+        effect = within_load(problem.cases, whole) if name == HYSTERESIS else whole
         if name in problem.fixed or not simulation.can_show(name, problem.rig):
             continue
         if effect.nuisance:
@@ -111,6 +116,16 @@ def hypotheses(problem: Problem, line: float | None = None) -> list[Hypothesis]:
         if atoms:
             found.append(Hypothesis(name, effect, (), atoms))
     return found
+
+
+def within_load(cases: Sequence[Case], effect: Effect) -> Effect:
+    """Keep a hysteresis as narrow as the load's range: a wider one is a gain by another name."""
+    widest = max(float(np.ptp(case.nominal.wrench[:, :3], axis=0).max()) for case in cases)
+    return effect._replace(parameters=tuple(
+        q if q.name != 'width' else q._replace(
+            high=max(q.low, min(q.high, widest)),
+            starts=tuple(s for s in q.starts if s <= widest) or q.starts[:1])
+        for q in effect.parameters))
 
 
 def _parts(effect: Effect, n: int) -> list[list[int]]:

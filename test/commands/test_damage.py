@@ -180,7 +180,7 @@ def test_recordings_that_lack_or_twist_something(capsys, folder, source, recordi
 
 @pytest.mark.parametrize('name, against', [
     ('one wrench', 'model'), ('nothing moves', 'model'), ('one wrench', 'calibration'),
-    ('half the recording', 'calibration')])
+    pytest.param('half the recording', 'calibration', marks=pytest.mark.long)])
 def test_diagnosis_answers_or_says_what_is_invalid(
         capsys, folder, source, recording, name, against):
     bag = folder / 'broken'

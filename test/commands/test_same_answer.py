@@ -167,7 +167,7 @@ def test_every_command_refuses_with_the_same_sentence(capsys, folder, recording,
 
 @pytest.mark.parametrize('changes', [
     pytest.param((), id='sound', marks=pytest.mark.long),
-    pytest.param(tuple(ACCEPTED), id='changed')])
+    pytest.param(tuple(ACCEPTED), id='changed', marks=pytest.mark.long)])
 def test_every_command_goes_on_and_notes_the_same(capsys, folder, recording, changes):
     for one in changes:
         recording = ACCEPTED[one][0](recording)

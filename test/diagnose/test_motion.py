@@ -103,7 +103,8 @@ def commands():
     ('rigid_tool.yaml', {'tool_mass': {'change': 0.05}}, 'tool_mass'),
     pytest.param('rigid_tool.yaml', {'accel_bias': {'y': 0.2}}, 'accel_bias',
                  marks=pytest.mark.long),
-    ('rigid_tool.yaml', {'wrench_gain': {'fx': 0.05}}, 'wrench_gain'),
+    pytest.param('rigid_tool.yaml', {'wrench_gain': {'fx': 0.05}}, 'wrench_gain',
+                 marks=pytest.mark.long),
     pytest.param('rigid_tool.yaml', {'wrench_crosstalk': {'fy_of_fx': 0.05}}, 'wrench_crosstalk',
                  marks=pytest.mark.long),
     pytest.param('rigid_tool.yaml', {'wrench_bias_drift': {'fz': 0.1}}, 'wrench_bias_drift',
@@ -119,6 +120,7 @@ def test_one_effect_is_named_and_none_without(commands, rig_name, effects, name)
         assert diagnosis.verdict == 'no_gap'
 
 
+@pytest.mark.long
 def test_a_late_wrench_is_told_though_a_low_pass_is_much_like_it(commands):
     rig = load_rig()
     late = with_effects(rig, {'wrench_delay': {'delay': 0.006}})

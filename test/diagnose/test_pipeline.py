@@ -79,6 +79,7 @@ def test_a_sound_recording_by_other_code_has_no_gap(other_rig):
     assert not diagnosis.effects
 
 
+@pytest.mark.long
 def test_a_turned_accelerometer_is_identified_with_its_angle(sample):
     angle = 0.03
     rig = load_rig()
@@ -115,6 +116,7 @@ def test_what_no_effect_explains_is_unknown_and_stays_out_of_the_rig(sample):
     assert abs(explained - np.std(cogging)) < 0.2 * np.std(cogging)
 
 
+@pytest.mark.long
 def test_what_only_held_out_blocks_show_is_no_gap():
     # the turns about x are held out: an inertia of 0.3 spreads, from noise, was left there
     diagnosis = diagnose(own_recording(29), None, load_rig()).diagnosis

@@ -7,12 +7,13 @@ import re
 
 from forcecal_ros.cli import main
 from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair, UNTESTED
+from forcecal_ros.diagnose.hypotheses import within_load
 from forcecal_ros.diagnose.merged_motion import merged
 from forcecal_ros.diagnose.one_clock import aligned, shifted
 from forcecal_ros.diagnose.same_frames import in_base_of
 from forcecal_ros.diagnose.simulated_tool import simulated_tool
 from forcecal_ros.diagnose.tracking import tracking
-from forcecal_ros.effects import with_effects
+from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.bags import write_recording
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
@@ -93,6 +94,13 @@ def test_the_tool_is_that_of_the_simulator_and_its_unknown_zero_is_told(clean):
     assert clean.outcome.diagnosis.gap.nominal < 0.2
 
 
+def test_a_hysteresis_is_sought_no_wider_than_the_load_that_was_there(clean):
+    effect = within_load(clean.outcome.cases, EFFECTS['wrench_hysteresis'])
+    width, = (q for q in effect.parameters if q.name == 'width')
+    assert width.starts == (0.5, 2.0, 10.0)
+    assert 1.2 * 9.81 < width.high < 2.5 * 1.2 * 9.81
+
+
 def test_the_robots_delay_is_told_by_the_commands(clean):
     found, = clean.tracking
     recording = simulate(RIG, commands(), seed=3)
@@ -107,7 +115,8 @@ def test_the_robots_delay_is_told_by_the_commands(clean):
 
 @pytest.mark.parametrize('effect, name, value', [
     ({'tool_mass': {'change': 0.05}}, 'change', 0.05),
-    ({'cable_force': {'x': 1.0, 'y': 0.5, 'z': 0.0, 'stiffness': 20.0}}, 'stiffness', 20.0)])
+    pytest.param({'cable_force': {'x': 1.0, 'y': 0.5, 'z': 0.0, 'stiffness': 20.0}}, 'stiffness',
+                 20.0, marks=pytest.mark.long)])
 def test_what_the_robot_has_beside_its_simulation_is_named_with_its_size(effect, name, value):
     found = diagnose_simulated(Pair(real(effect), simulated()), None, TOLERANCES)
     first, *others = found.outcome.diagnosis.effects
