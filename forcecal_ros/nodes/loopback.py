@@ -11,7 +11,7 @@ def only_this_machine() -> dict[str, str]:
     With Fast DDS, Jazzy's own, messages go over UDP and never through shared memory, where each
     process of the machine, of whatever domain, waits at locks that a killed one never releases.
     Its profile alone has to say so: ``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST`` would bring
-    shared memory back. Its buffers hold half a second of all topics at 1 kHz, as far as the
+    shared memory back. Its buffers hold some tenths of a second of topics at 1 kHz, as far as the
     system grants them. Any other middleware is told LOCALHOST.
 
     Returns
