@@ -1,7 +1,6 @@
 """``forcecal diagnose``: where, why and how far a recording departs from the simulator."""
 
 import argparse
-from collections.abc import Callable
 import os
 from typing import Any
 
@@ -97,11 +96,11 @@ def answer(args: argparse.Namespace) -> Answer:
     from forcecal_ros.recording.bags import read_recording
     from forcecal_ros.simulators.rig.file import load_rig
 
+    if args.simulated:
+        return _by_simulated(args)
     calibration = load(args.calibration) if args.calibration else None
     rig = load_rig(args.rig or (RIGID if calibration else None))
     with stages(args) as stage:
-        if args.simulated:
-            return _by_simulated(args, stage)
         stage(f'reading {args.bag}')
         recording, *more = (
             read_recording(bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
@@ -153,7 +152,7 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
     return _written(args, recording, outcome, rig, of_channels, document, files)
 
 
-def _by_simulated(args: argparse.Namespace, stage: Callable[[str], None]) -> Answer:
+def _by_simulated(args: argparse.Namespace) -> Answer:
     """Compare the wrench with what a simulator recorded."""
     from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair
     from forcecal_ros.diagnose.channels import units
@@ -161,20 +160,21 @@ def _by_simulated(args: argparse.Namespace, stage: Callable[[str], None]) -> Ans
     from forcecal_ros.recording.bags import read_recording
     from forcecal_ros.simulators.rig.file import load_rig
 
-    def read(bag: str, option: str, sign: int) -> Any:
-        stage(f'reading {bag}')
-        return read_recording(bag, topics=topic_names(args, option), wrench_sign=sign)
+    with stages(args) as stage:
+        def read(bag: str, option: str, sign: int) -> Any:
+            stage(f'reading {bag}')
+            return read_recording(bag, topics=topic_names(args, option), wrench_sign=sign)
 
-    pairs = [Pair(read(real, '--topic', args.wrench_sign),
-                  read(simulated, '--simulated-topic', args.simulated_wrench_sign))
-             for real, simulated in ((args.bag, args.simulated),
-                                     (args.heldout, args.heldout_simulated)) if real]
-    stage('comparing the wrench with the simulated')
-    rig = load_rig(RIGID)
-    found = diagnose_simulated(pairs[0], pairs[1] if len(pairs) > 1 else None, rig)
-    document = to_document(found.outcome.diagnosis, units(), None)
-    document |= {'explained_by': 'simulated recording', **found.document()}
-    return _written(args, pairs[0].real, found.outcome, rig, units(), document, {})
+        pairs = [Pair(read(real, '--topic', args.wrench_sign),
+                      read(simulated, '--simulated-topic', args.simulated_wrench_sign))
+                 for real, simulated in ((args.bag, args.simulated),
+                                         (args.heldout, args.heldout_simulated)) if real]
+        stage('comparing the wrench with the simulated')
+        rig = load_rig(RIGID)
+        found = diagnose_simulated(pairs[0], pairs[1] if len(pairs) > 1 else None, rig)
+        document = to_document(found.outcome.diagnosis, units(), None)
+        document |= {'explained_by': 'simulated recording', **found.document()}
+        return _written(args, pairs[0].real, found.outcome, rig, units(), document, {})
 
 
 def _level(recording: Any, calibration: Any) -> Any:

@@ -1,6 +1,7 @@
 """Fits hypotheses on training data beside what is explained already; judges on the rest."""
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.channels import COLUMNS
@@ -125,7 +126,7 @@ class Bench:
         missed = -found.log_evidence - found.volume - 0.5 * every.n - _by_chance(every.n)
         return max(0.0, missed) + min(self._gained, FLAWED * every.n)
 
-    @property
+    @cached_property
     def _all(self) -> tuple[Gram, Fit]:
         """All samples, and what explains them already."""
         every = self.train + self.held

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.diagnose.body import as_specific_force, Body
-from forcecal_ros.diagnose.case import held_apart
-from forcecal_ros.diagnose.motion_case import by_seconds, prepare_motion, SHORTEST
+from forcecal_ros.diagnose.motion_case import held_out, moves, prepare_motion, SHORTEST, STANDS
 from forcecal_ros.diagnose.pairing import check_alike, require_overlap
 from forcecal_ros.diagnose.pipeline import answered, Outcome
 from forcecal_ros.diagnose.result import Diagnosis, Found
@@ -63,11 +62,9 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, body: Body,
         cases = [prepare_motion(s.recording, body, accelerometer) for s in stamps]
     except DataError as error:
         return Outcome(Diagnosis('invalid_data', str(error)), body)
-    if not all((c.groups == 1).any() for c in cases):
-        return Outcome(Diagnosis('not_excited', 'the robot does not move; record a motion that '
-                                 'turns the tool and speeds it up'), body)
-    ready = held_apart(*cases) if len(cases) > 1 else (by_seconds(cases[0]),)
-    outcome = answered(body, ready, stamps, given)
+    if not moves(cases):
+        return Outcome(STANDS, body)
+    outcome = answered(body, held_out(cases), stamps, given)
     d = outcome.diagnosis
     return replace(outcome, diagnosis=replace(
         d, effects=tuple(_in(body.accelerometer_unit, e) for e in d.effects),

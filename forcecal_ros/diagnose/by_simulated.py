@@ -5,8 +5,8 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from forcecal_ros.diagnose.by_motion import told
-from forcecal_ros.diagnose.case import Case, held_apart
-from forcecal_ros.diagnose.motion_case import by_seconds, prepare_simulated
+from forcecal_ros.diagnose.case import Case
+from forcecal_ros.diagnose.motion_case import held_out, moves, prepare_simulated, STANDS
 from forcecal_ros.diagnose.one_clock import aligned, Alignment
 from forcecal_ros.diagnose.pairing import check_alike
 from forcecal_ros.diagnose.pipeline import answered, Outcome
@@ -101,11 +101,9 @@ def diagnose_simulated(pair: Pair, heldout: Pair | None, rig: Rig) -> Compared:
     except DataError as error:
         return Compared(Outcome(Diagnosis('invalid_data', str(error)), rig))
     cases = [one.case for one in prepared]
-    if not all((c.groups == 1).any() for c in cases):
-        return Compared(Outcome(Diagnosis('not_excited', 'the robot does not move; record a '
-                                          'motion that turns the tool and speeds it up'), rig))
-    ready = held_apart(*cases) if len(cases) > 1 else (by_seconds(cases[0]),)
-    outcome = answered(tool.body, ready, [one.stamps for one in prepared],
+    if not moves(cases):
+        return Compared(Outcome(STANDS, rig))
+    outcome = answered(tool.body, held_out(cases), [one.stamps for one in prepared],
                        [one.real for one in pairs])
     d = outcome.diagnosis
     moved = (note for note in told(outcome, 'm/s^2') if ZERO not in note)

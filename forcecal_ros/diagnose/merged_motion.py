@@ -35,15 +35,16 @@ def merged(measured: PoseStream, simulated: PoseStream) -> PoseStream:
     # at the measured pose's own rate: more instants would not have its noise
     rate = (len(measured) - 1) / (measured.t[-1] - measured.t[0])
     t = start + np.arange(int((end - start) * rate)) / rate
-    q, S = _at(simulated, t)
-    p, R = _at(measured, t)
+    q, S = pose_at(simulated, t)
+    p, R = pose_at(measured, t)
     turned = rotation_vector(np.swapaxes(S, 1, 2) @ R)
     position = q + _clear(p - q, rate) if measured.has_position and simulated.has_position else p
     return replace(measured, t=t, position=position,
                    R_base_sensor=S @ Rotation.from_rotvec(_clear(turned, rate)).as_matrix())
 
 
-def _at(stream: PoseStream, t: Array) -> tuple[Array, Array]:
+def pose_at(stream: PoseStream, t: Array) -> tuple[Array, Array]:
+    """Return position, NaN where there is none, and orientation at other times."""
     R = RotationSpline(stream.t, Rotation.from_matrix(np.array(stream.R_base_sensor)))
     position = (CubicSpline(stream.t, stream.position)(t) if stream.has_position
                 else np.full((len(t), 3), np.nan))

@@ -1,13 +1,15 @@
 """A recording without commands made ready: its tool carried along the measured motion."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from forcecal_ros.diagnose.body import Body
-from forcecal_ros.diagnose.case import Case, in_volts, made_up, STILL
+from forcecal_ros.diagnose.case import Case, held_apart, in_volts, made_up, STILL
 from forcecal_ros.diagnose.channels import BLOCK
 from forcecal_ros.diagnose.measured_motion import MeasuredMotion
 from forcecal_ros.diagnose.recorded_simulation import RecordedSimulation
 from forcecal_ros.diagnose.residual import Measured
+from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.simulated_tool import simulated_tool, SimulatedTool
 from forcecal_ros.diagnose.simulation import block_means, Signals
 from forcecal_ros.effects.rig import Rig
@@ -23,6 +25,10 @@ SHORTEST = 3.0
 
 EDGE = 0.03
 """Left out at both ends, so that one sensor may be as late as that behind another [s]."""
+
+STANDS = Diagnosis('not_excited', 'the robot does not move; record a motion that turns the tool '
+                   'and speeds it up')
+"""The answer where :func:`moves` is false."""
 
 MOVING = (0.005, 0.002)
 """Angular speed [rad/s] and speed [m/s] from which the robot moves: noisy poses show less."""
@@ -135,6 +141,16 @@ def _case(recording: Recording, simulation: MeasuredMotion, nominal: Signals,
         if phase in TOUCHING:
             measured.present[rows] = False
     return case
+
+
+def moves(cases: Sequence[Case]) -> bool:
+    """Say whether the robot moves in each recording."""
+    return all((c.groups == 1).any() for c in cases)
+
+
+def held_out(cases: Sequence[Case]) -> tuple[Case, ...]:
+    """Judge on the second recording or, of one, on every other second."""
+    return held_apart(*cases) if len(cases) > 1 else (by_seconds(cases[0]),)
 
 
 def by_seconds(case: Case) -> Case:

@@ -11,6 +11,7 @@ from forcecal_ros.diagnose.simulation import block_means
 from forcecal_ros.effects.rig import Rig, Spreads, Tool
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, skew
+from forcecal_ros.identify.inertia import inertia_regressor, symmetric
 from forcecal_ros.recording.streams import phase_spans, Recording, TOUCHING
 import numpy as np
 from numpy.typing import NDArray
@@ -103,7 +104,7 @@ def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig) 
                         'simulator publish the wrench without compensation')
     com = theta[1:4] / mass
     W = skew(com)
-    inertia = _symmetric(theta[4:10]) + mass * W @ W
+    inertia = symmetric(theta[4:10]) + mass * W @ W
     left = (wrench - rows @ theta)[free]
     force, torque = (float(np.sqrt(np.mean(left[:, part] ** 2)))
                      for part in (slice(0, 3), slice(3, 6)))
@@ -129,21 +130,15 @@ def _rows(motion: CarriedTool, rig: Rig) -> Array:
     in the sensor's origin, L = [alpha]x + [omega]x^2, I about that origin.
     """
     f, lever = motion.specific_force_of_origin(rig), motion.lever
-    omega, alpha = motion.omega, motion.alpha
     n = len(block_means(f))
     rows = np.zeros((n, 6, 16))
     rows[:, :3, 0] = -block_means(f)
     rows[:, :3, 1:4] = -block_means(lever.reshape(-1, 9)).reshape(-1, 3, 3)
     rows[:, 3:, 1:4] = skew(block_means(f))
-    for k in range(6):
-        J = _symmetric(np.eye(6)[k])
-        rows[:, 3:, 4 + k] = -block_means(alpha @ J + np.cross(omega, omega @ J))
+    turning = inertia_regressor(motion.omega, motion.alpha)
+    rows[:, 3:, 4:10] = -block_means(turning.reshape(-1, 18)).reshape(-1, 3, 6)
     rows[:, :, 10:] = np.eye(6)
     return rows
-
-
-def _symmetric(e: Array) -> Array:
-    return np.array([[e[0], e[3], e[4]], [e[3], e[1], e[5]], [e[4], e[5], e[2]]])
 
 
 def _free(recording: Recording, start: float, n_blocks: int) -> NDArray[np.bool_]:

@@ -1,14 +1,14 @@
 """How the robot's motion differs from its simulation's, where both were recorded."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.channels import BLOCK
+from forcecal_ros.diagnose.merged_motion import pose_at
 from forcecal_ros.geometry import Array, rotation_vector
 from forcecal_ros.recording.streams import PoseStream
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
-from scipy.spatial.transform import Rotation, RotationSpline
 
 WIDTH = 0.02
 """Standard deviation of the window that poses are averaged over [s]."""
@@ -86,9 +86,8 @@ def _difference(apart: Array, speed: Array, slowest: float, own_delay: bool) -> 
 
 def _at(stream: PoseStream, t: Array) -> tuple[Array, Array]:
     smooth = WIDTH * (len(stream) - 1) / (stream.t[-1] - stream.t[0])
-    position = CubicSpline(stream.t, gaussian_filter1d(stream.position, smooth, axis=0))
-    R = RotationSpline(stream.t, Rotation.from_matrix(np.array(stream.R_base_sensor)))
-    return np.asarray(position(t)), np.asarray(R(t).as_matrix())
+    return pose_at(replace(stream, position=gaussian_filter1d(
+        stream.position, smooth, axis=0)), t)
 
 
 def _delay(apart: Array, speed: Array, slowest: float) -> tuple[float, float]:

@@ -38,15 +38,16 @@ class InertiaFit(NamedTuple):
     @property
     def matrix(self) -> Array:
         """Shape (3, 3)."""
-        return _symmetric(self.elements)
+        return symmetric(self.elements)
 
     @property
     def std(self) -> Array:
         """Standard errors, shape (3, 3)."""
-        return _symmetric(np.sqrt(np.diag(self.covariance)))
+        return symmetric(np.sqrt(np.diag(self.covariance)))
 
 
-def _symmetric(e: Array) -> Array:
+def symmetric(e: Array) -> Array:
+    """Return the matrix of elements xx, yy, zz, xy, xz, yz, shape (3, 3)."""
     return np.array([[e[0], e[3], e[4]], [e[3], e[1], e[5]], [e[4], e[5], e[2]]])
 
 
