@@ -17,10 +17,11 @@ it takes F out of the second equation.
 
 from typing import NamedTuple
 
-import control
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
 import numpy as np
+from scipy.linalg import solve_continuous_are
+from scipy.signal import place_poles
 
 A = np.array([[0.0, 1.0], [0.0, 0.0]])
 C = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
@@ -108,7 +109,7 @@ def riccati_gain(A: Array, C: Array, Q: Array, R: Array,
     Gain K = P C^T R^-1 with P A^T + A P - P C^T R^-1 C P + Q = 0.
 
     [Gamez2005] Eq. 18 and [Gamez2005] Eq. 19 (in the text before: [Gamez2005] Eq. 7 and
-    [Gamez2005] Eq. 8), solved by the control package.
+    [Gamez2005] Eq. 8).
 
     Parameters
     ----------
@@ -133,14 +134,15 @@ def riccati_gain(A: Array, C: Array, Q: Array, R: Array,
         raise UnobservableError('R is singular: a measurement without any noise, or two that '
                                 'carry the same; record the sensors at their own resolution')
     # measurements in units of their own noise: metres and m/s^2 lie ten decades apart
+    c, r = C / scale[:, np.newaxis], R / np.outer(scale, scale)
     try:
-        K, _, _ = control.lqe(A, np.eye(len(A)), C / scale[:, None], Q, R / np.outer(scale, scale))
+        K = np.linalg.solve(r, c @ solve_continuous_are(A.T, c.T, Q, r)).T
     except ValueError as error:  # LinAlgError is one; reordering the pencil raises others
         raise UnobservableError(f'no stationary gain for these covariances ({error}); they lie '
                                 'too many decades apart: check the units') from error
     if not np.isfinite(K).all():
         raise UnobservableError('no finite gain for these covariances; check their units')
-    return np.asarray(K) / scale
+    return K / scale
 
 
 def pole_gain(A: Array, C: Array, poles: tuple[float, ...]) -> Array:
@@ -160,7 +162,7 @@ def pole_gain(A: Array, C: Array, poles: tuple[float, ...]) -> Array:
     """
     K = np.zeros((len(A), len(C)))
     seen = np.abs(C).any(axis=1)
-    K[:, seen] = control.place(A.T, C[seen].T, poles).T
+    K[:, seen] = place_poles(A.T, C[seen].T, poles).gain_matrix.T
     return K
 
 

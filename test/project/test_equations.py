@@ -26,7 +26,8 @@ def equations(text):
     return found
 
 
-def documented():
+@pytest.fixture(scope='module')
+def docstrings():
     """Map each documented name of the package to its docstring."""
     names = {}
     for path in sorted(SOURCE.rglob('*.py')):
@@ -60,7 +61,6 @@ def called(source):
         if isinstance(f, ast.Attribute) and isinstance(f.value, ast.Name)]
 
 
-DOCSTRINGS = documented()
 ROWS = ROW.findall((ROOT / 'README.md').read_text())
 
 
@@ -69,8 +69,9 @@ def test_there_is_a_table():
 
 
 @pytest.mark.parametrize(('named', 'function', 'test'), ROWS, ids=[row[1] for row in ROWS])
-def test_a_row_names_a_function_that_says_so_and_a_test_that_calls_it(named, function, test):
-    assert equations(named) <= equations(DOCSTRINGS[function])
+def test_a_row_names_a_function_that_says_so_and_a_test_that_calls_it(
+        docstrings, named, function, test):
+    assert equations(named) <= equations(docstrings[function])
     module, _, name = function.rpartition('.')
     wanted = from_package(f'forcecal_ros.{module}', name)
     assert any(one is wanted for one in called((ROOT / 'test' / f'{test}.py').read_text()))
@@ -85,9 +86,9 @@ def test_a_name_in_a_comment_or_another_module_of_its_name_is_no_call():
     assert wanted in called('from forcecal_ros.identify import mass as m\nm.mass_from_tilt()')
 
 
-def test_every_equation_named_in_a_docstring_stands_in_the_table():
+def test_every_equation_named_in_a_docstring_stands_in_the_table(docstrings):
     listed = {one for named, _, _ in ROWS for one in equations(named)}
-    missing = {(name, one) for name, text in DOCSTRINGS.items()
+    missing = {(name, one) for name, text in docstrings.items()
                for one in equations(text) - listed if name.split('.')[0] not in ELSEWHERE}
     assert not missing
 
