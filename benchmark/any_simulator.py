@@ -1,13 +1,14 @@
 """A robot against somebody else's simulation of it: what two bags of the same commands tell.
 
     pip install mujoco
-    python benchmark/any_simulator.py --out any_simulator.jsonl [--jobs N] [--clean N] [--seeds N]
+    python benchmark/any_simulator.py --out any_simulator.jsonl [--rerun] [--jobs N] [--clean N]
 
 An arm in MuJoCo stands for the robot: integrated otherwise and four times as finely as its
 simulation, every number off by 0.5 to 2 %, with one effect or none, a sensor that nobody zeroed,
 and the noise of a UR's wrench (0.15 N, 6 mN m) and of poses (0.1 mm, 0.2 mrad). What is in the
 joints moves the arm otherwise and is no departure of the wrench from the motion: there, no effect
-is the right answer, and the difference of the motions tells it.
+is the right answer of two bags, and the difference of the motions tells it. With --rerun the
+simulation is run again with other numbers, and what is in the joints has a name.
 """
 
 import os
@@ -18,15 +19,18 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 import sys
+import time
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair
+from forcecal_ros.diagnose.by_simulator import diagnose_rerun
 from forcecal_ros.diagnose.one_clock import shifted
 from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.simulators.rig.file import load_rig
-from mujoco_arm import Arm, commands, run, varied
+from forcecal_ros.simulators.third_party import third_party
+from mujoco_arm import Arm, ArmSimulator, commands, run, varied
 import numpy as np
 from resumable import resumed
 
@@ -76,6 +80,10 @@ def drift(t, w):
     return w + np.outer(t, 0.02 * np.eye(6)[2])
 
 
+RERUN = {'payload': 'payload', 'tilt': 'tilt.x', 'joint friction': 'frictionloss[2]',
+         'joint gain': 'kp[1]'}
+"""Name -> the number of the simulator that tells it, where it can be run again."""
+
 ARMS = {'payload': (payload, 'tool_mass'), 'tilt': (tilt, 'base_tilt'),
         'cable': (cable, 'cable_force'), 'joint friction': (friction, ''),
         'joint gain': (stiffness, '')}
@@ -107,27 +115,44 @@ def answer(case):
     if effect in ARMS:
         robot = ARMS[effect][0](robot)
     real = measured(run(robot, joints, every=0.004), effect, rng)
+    return {**case, **(_rerun if case['rerun'] else _compared)(real, joints)}
+
+
+def _compared(real, joints):
     found = diagnose_simulated(Pair(real, shifted(run(Arm(), joints), 1234.5)), None,
                                load_rig('rigid_tool.yaml'))
-    d = found.outcome.diagnosis
-    return {**case, 'verdict': d.verdict, 'reason': d.reason,
-            'effects': {e.name: {'p': round(e.probability, 3), **{
-                k: [p.value, p.std] for k, p in e.parameters.items() if p.value}}
-                for e in d.effects},
-            'candidates': [(name, round(p, 3)) for name, p in d.candidates],
-            'closed': d.gap.closed if d.gap else None,
+    return {**_said(found.outcome.diagnosis),
             'translation': [1e3 * x for x in found.tracking[0].translation[:4]],
             'rotation': [1e3 * x for x in found.tracking[0].rotation[:4]]}
 
 
+def _rerun(real, joints):
+    began = time.process_time()
+    found = diagnose_rerun(real, None, third_party('arm', ArmSimulator()),
+                           load_rig('rigid_tool.yaml'))
+    return {**_said(found.outcome.diagnosis), 'runs': found.runs,
+            'recomputed': found.recomputed, 'seconds': time.process_time() - began}
+
+
+def _said(d):
+    return {'verdict': d.verdict, 'reason': d.reason,
+            'effects': {e.name: {'p': round(e.probability, 3), **{
+                k: [p.value, p.std] for k, p in e.parameters.items() if p.value}}
+                for e in d.effects},
+            'candidates': [(name, round(p, 3)) for name, p in d.candidates],
+            'closed': d.gap.closed if d.gap else None}
+
+
 def same(case, result):
-    return (case['effect'], case['seed']) == (result['effect'], result['seed'])
+    return all(case[k] == result[k] for k in ('effect', 'seed', 'rerun'))
 
 
 def table(results):
     print('| effect | first | effects named falsely | size | closed |')
     print('|---|---|---|---|---|')
     names = {name: truth for name, (_, truth) in {**ARMS, **SENSORS}.items()}
+    if any(r['rerun'] for r in results):
+        names |= RERUN
     for name, truth in {'none': '', **names}.items():
         rows = [r for r in results if r['effect'] == name]
         if not rows:
@@ -150,12 +175,14 @@ def main():
     """Run what is missing, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--out', type=Path, required=True)
+    parser.add_argument('--rerun', action='store_true',
+                        help='run the simulation again with other numbers')
     parser.add_argument('--jobs', type=int, default=1)
     parser.add_argument('--clean', type=int, default=20, help='recordings without an effect')
     parser.add_argument('--seeds', type=int, default=2, help='recordings of each effect')
     args = parser.parse_args()
-    wanted = [{'effect': 'none', 'seed': 100 + i} for i in range(args.clean)]
-    wanted += [{'effect': name, 'seed': i} for name in (*ARMS, *SENSORS)
+    wanted = [{'effect': 'none', 'seed': 100 + i, 'rerun': args.rerun} for i in range(args.clean)]
+    wanted += [{'effect': name, 'seed': i, 'rerun': args.rerun} for name in (*ARMS, *SENSORS)
                for i in range(args.seeds)]
     table(resumed(answer, wanted, args.out, args.jobs, same))
 

@@ -4,10 +4,12 @@ The wrench is taken between the last link and the gripper. MuJoCo's force sensor
 gripper does to the arm, so its sign is turned; all sensors show the state before a step.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
-from forcecal_ros.recording.streams import PoseStream, Recording, Stream
+from forcecal_ros.geometry import quaternion_from_matrix
+from forcecal_ros.recording.streams import JointStream, PoseStream, Recording, Stream
+from forcecal_ros.simulators.protocol import Inputs, Parameter
 import mujoco
 import numpy as np
 
@@ -22,6 +24,8 @@ LINKS = (  # axis, offset of the next joint [m], mass [kg], radius [m], armature
     ('0 0 -1', '0 0.16 0', 2.0, 0.05, 0.5, 5000.0, 120.0),
     ('0 1 0', '0 0 -0.116', 0.4, 0.04, 0.3, 3000.0, 70.0))
 """From the base; the offset is from the joint before."""
+
+JOINTS = tuple(f'joint{i}' for i in range(len(LINKS)))
 
 HOME = np.array([0.3, -1.3, 1.7, -1.9, -1.5, 0.4])
 
@@ -162,11 +166,12 @@ def run(arm: Arm, joints: np.ndarray, every: float = 0.002) -> Recording:
         if where:
             rows.append((k * arm.step, -data.sensordata.copy(), *pose))
     t = np.array([row[0] for row in rows])
-    target = _forward(model, joints)
+    target, told = _forward(model, joints), PERIOD * np.arange(len(joints))
     return Recording(
         wrench=Stream(t, np.array([row[1] for row in rows]), 'ft_sensor'),
         pose=PoseStream(t, np.array([row[2] for row in rows]), np.array([row[3] for row in rows])),
-        target=PoseStream(PERIOD * np.arange(len(joints)), *target))
+        target=PoseStream(told, *target),
+        joint_commands=JointStream(told, joints, '', JOINTS))
 
 
 def _pulled(arm, data, site, body):
@@ -186,3 +191,33 @@ def _forward(model, joints):
         mujoco.mj_kinematics(model, data)
         position[i], R[i] = data.site_xpos[site], data.site_xmat[site].reshape(3, 3)
     return position, R
+
+
+class ArmSimulator:
+    """The nominal arm as a simulator that can be run again with other numbers."""
+
+    def parameters(self) -> list[Parameter]:
+        """List payload, joints and the tilt of the base, all as well known as by a drawing."""
+        arm = Arm()
+        joints = [Parameter(f'frictionloss[{i}]', f, 0.1, 'N m', 0.0)
+                  for i, f in enumerate(arm.friction)]
+        joints += [Parameter(f'{name}[{i}]', 1.0, sigma, '1', 0.2, 5.0)
+                   for name, sigma in (('kp', 0.02), ('kv', 0.03)) for i in range(len(LINKS))]
+        tilts = [Parameter(f'tilt.{a}', 0.0, 0.003, 'rad', -0.5, 0.5, 'robot', ('base_tilt',))
+                 for a in 'xy']
+        return [Parameter('payload', 1.2, 0.012, 'kg', 0.1, 5.0, 'tool', ('tool_mass',)),
+                *joints, *tilts]
+
+    def simulate(self, inputs: Inputs, parameters: Mapping[str, float]):
+        """Move the arm by the commands of its joints."""
+        told = inputs.joints
+
+        def each(name):
+            return tuple(parameters[f'{name}[{i}]'] for i in range(len(LINKS)))
+
+        made = run(Arm(mass=parameters['payload'] / 1.2, friction=each('frictionloss'),
+                       kp=each('kp'), kv=each('kv'),
+                       tilt=(parameters['tilt.x'], parameters['tilt.y'])), told.values)
+        t, pose = made.wrench.t + told.t[0], made.pose
+        return {'wrench': (t, made.wrench.values), 'pose': (t, np.hstack(
+            [pose.position, quaternion_from_matrix(pose.R_base_sensor)]))}

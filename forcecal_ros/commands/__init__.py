@@ -24,6 +24,8 @@ COMMANDS = {
         'compare', 'show what changed between two calibrations, in standard errors'),
     'simulate': Command(
         'simulate', 'simulate the rig under recorded commands and write every sensor topic'),
+    'check-simulator': Command(
+        'check_simulator', 'try whether your own simulator can be compared with a robot'),
     'identify-robot': Command(
         'identify_robot', 'identify, for impedance control, how the robot follows commands and '
         'how the tool slides'),

@@ -47,6 +47,11 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--simulated-wrench-sign', type=int, choices=(1, -1), default=1,
                         help="-1: the simulator's wrench points the other way, as MuJoCo's")
     add_topics(parser, '--simulated-topic', " of the simulator's")
+    parser.add_argument('--simulator', metavar='MODULE:FACTORY',
+                        help='your own simulator, which is run with the recorded commands: a '
+                             'function without arguments that returns an object with '
+                             'parameters() and simulate(inputs, parameters); its code is '
+                             'executed')
     parser.add_argument('--accelerometer', choices=('acc1', 'acc2'),
                         help='which one is mounted (default: recognised by its volts)')
     add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
@@ -62,6 +67,8 @@ def run(args: argparse.Namespace) -> int:
     if args.heldout and os.path.realpath(args.heldout) in map(os.path.realpath, args.bag):
         raise UsageError(f'--heldout: {args.heldout} cannot judge what is fitted to it; leave it '
                          'out, and parts of every phase are held out')
+    if args.simulator:
+        _check_simulator(args)
     if args.simulated:
         _check_pairs(args)
     elif args.heldout_simulated:
@@ -70,6 +77,14 @@ def run(args: argparse.Namespace) -> int:
     elif args.simulated_topic:
         raise UsageError('--simulated-topic wants --simulated, too')
     return run_each(args, answer)
+
+
+def _check_simulator(args: argparse.Namespace) -> None:
+    for name in ('rig', 'calibration', 'simulated'):
+        if getattr(args, name):
+            raise UsageError(f'--simulator and --{name} exclude each other: one model at a time')
+    if len(args.bag) > 1:
+        raise UsageError('--simulator goes with exactly one BAG; diagnose one after the other')
 
 
 def _check_pairs(args: argparse.Namespace) -> None:
@@ -96,6 +111,8 @@ def answer(args: argparse.Namespace) -> Answer:
     from forcecal_ros.recording.bags import read_recording
     from forcecal_ros.simulators.rig.file import load_rig
 
+    if args.simulator:
+        return _by_simulator(args)
     if args.simulated:
         return _by_simulated(args)
     calibration = load(args.calibration) if args.calibration else None
@@ -175,6 +192,31 @@ def _by_simulated(args: argparse.Namespace) -> Answer:
         document = to_document(found.outcome.diagnosis, units(), None)
         document |= {'explained_by': 'simulated recording', **found.document()}
         return _written(args, pairs[0].real, found.outcome, rig, units(), document, {})
+
+
+def _by_simulator(args: argparse.Namespace) -> Answer:
+    """Run somebody's simulator with the recorded commands."""
+    from forcecal_ros.diagnose.by_simulator import diagnose_rerun
+    from forcecal_ros.diagnose.channels import units
+    from forcecal_ros.diagnose.result import to_document
+    from forcecal_ros.recording.bags import read_recording
+    from forcecal_ros.simulators.rig.file import load_rig
+    from forcecal_ros.simulators.third_party import load_simulator
+
+    with stages(args) as stage:
+        simulator = load_simulator(args.simulator)
+        stage(f'reading {args.bag}')
+        real, *more = (
+            read_recording(bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
+            for bag in (args.bag, args.heldout) if bag is not None)
+        stage(f'running {args.simulator} with {len(simulator.parameters)} parameters')
+        rig, of_channels = load_rig(RIGID), units('m/s^2')
+        found = diagnose_rerun(real, more[0] if more else None, simulator, rig)
+        document = to_document(found.outcome.diagnosis, of_channels, None)
+        document |= {'explained_by': args.simulator, **found.document()}
+        answer = _written(args, real, found.outcome, rig, of_channels, document, {})
+        told = [f'change {one}' for one in found.changed]
+        return answer._replace(text='\n'.join([answer.text, *told]))
 
 
 def _level(recording: Any, calibration: Any) -> Any:

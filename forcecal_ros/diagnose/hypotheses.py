@@ -8,7 +8,7 @@ from forcecal_ros.diagnose.case import Case
 from forcecal_ros.diagnose.columns import Column
 from forcecal_ros.diagnose.limits import CLIPPING, limit_starts
 from forcecal_ros.diagnose.problem import Diverged, Problem
-from forcecal_ros.effects import Effect, EFFECTS
+from forcecal_ros.effects import Effect
 from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +99,7 @@ def hypotheses(problem: Problem, line: float | None = None) -> list[Hypothesis]:
     """
     found = []
     simulation = problem.cases[0].simulation
-    for name, whole in EFFECTS.items():
+    for name, whole in problem.library.items():
         effect = within_load(problem.cases, whole) if name == HYSTERESIS else whole
         if name in problem.fixed or not simulation.can_show(name, problem.rig):
             continue

@@ -10,7 +10,6 @@ from forcecal_ros.diagnose.nuisances import LIMIT
 from forcecal_ros.diagnose.problem import Diverged, Problem
 from forcecal_ros.diagnose.tangent import Tangent, tangent
 from forcecal_ros.diagnose.trial import Trial
-from forcecal_ros.effects import EFFECTS
 from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
@@ -78,7 +77,7 @@ def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = N
     tangents : list of Tangent
     """
     released = frozenset(n for a in accepted for n in a.released)
-    out = replace(problem, released=released, effects=_effects(accepted),
+    out = replace(problem, released=released, effects=_effects(problem, accepted),
                   centre=problem.centre if step is None else problem.moved(step))
     m, now = len(problem.nuisances), list(accepted)
     if released != problem.released:
@@ -94,7 +93,7 @@ def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = N
         while fraction > SHORTEST:
             moved = _moved(now, tangents, bench, fraction)
             tried = replace(out, centre=out.moved(fraction * bench.null.x[:m]),
-                            effects=_effects(moved))
+                            effects=_effects(out, moved))
             if _settles(tried) and tried.standing() > before - 0.1:
                 out, now = tried, moved
                 break
@@ -149,7 +148,7 @@ def without(start: Problem, problem: Problem, accepted: Sequence[Accepted], name
         return replace(start, noise=problem.noise), [], []
     released = frozenset(n for a in rest for n in a.released)
     bound = np.array([np.inf if n.name in released else LIMIT for n in problem.nuisances])
-    out = replace(problem, released=released, effects=_effects(rest),
+    out = replace(problem, released=released, effects=_effects(problem, rest),
                   centre=np.clip(problem.centre, -bound, bound))
     if released != problem.released:
         out.linearise()
@@ -169,7 +168,7 @@ def _moved(accepted: Sequence[Accepted], tangents: Sequence[Tangent], bench: Ben
     for a in accepted:
         if len(a.theta):
             part, units = slice(position, position + len(a.free)), by_name[a.name].units
-            low, high = bounds_of(EFFECTS[a.name])
+            low, high = bounds_of(bench.problem.library[a.name])
             theta, std = a.theta.copy(), np.zeros(len(a.theta))
             theta[a.free] += fraction * x[part] * units
             std[a.free] = units * np.sqrt(variance[part])
@@ -179,8 +178,9 @@ def _moved(accepted: Sequence[Accepted], tangents: Sequence[Tangent], bench: Ben
     return out
 
 
-def _effects(accepted: Sequence[Accepted]) -> dict[str, dict[str, float]]:
-    return {a.name: values_of(EFFECTS[a.name], a.theta) for a in accepted if len(a.theta)}
+def _effects(problem: Problem, accepted: Sequence[Accepted]) -> dict[str, dict[str, float]]:
+    return {a.name: values_of(problem.library[a.name], a.theta)
+            for a in accepted if len(a.theta)}
 
 
 def _tangent(problem: Problem, a: Accepted) -> Tangent:

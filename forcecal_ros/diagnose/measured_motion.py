@@ -14,7 +14,7 @@ from forcecal_ros.diagnose.nuisances import (
     with_inertia,
 )
 from forcecal_ros.diagnose.simulation import RATE, Signals
-from forcecal_ros.effects import AccelerometerEffects, physical_rig
+from forcecal_ros.effects import AccelerometerEffects, EFFECTS, physical_rig
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import INVERTIBLE
 from forcecal_ros.recording.streams import Recording
@@ -56,7 +56,7 @@ class MeasuredMotion:
         The nominal one.
     """
 
-    band, exact, starts_white = MOST, EXACT, True
+    band, exact, starts_white, library = MOST, EXACT, True, EFFECTS
 
     def __init__(self, recording: Recording, start: float, n_blocks: int, accelerometer: str,
                  body: Body) -> None:

@@ -56,15 +56,16 @@ def prepare_motion(recording: Recording, body: Body, accelerometer: str | None =
     DataError
         Wrench or pose are missing, or overlap for too short a time.
     """
-    _require(recording, 'the recording holds neither commands nor wrench with measured pose; '
-                        'record target_frame, or wrench and current_pose')
+    require_wrench_and_pose(
+        recording, 'the recording holds neither commands nor wrench with measured pose; record '
+        'target_frame, or wrench and current_pose')
     name = accelerometer or body.accelerometer.mounted
     moved = in_volts(recording, body, name)
     volts = moved.accelerometer if moved.accelerometer and len(moved.accelerometer) > 1 else None
     if body.accelerometer.model(name).highpass:
         volts = None
     moved = replace(moved, accelerometer=volts)
-    first, n = _span(moved)
+    first, n = span(moved)
     simulation = MeasuredMotion(moved, first, n, name, body)
     return _case(moved, simulation, simulation.signals(body), volts)
 
@@ -96,10 +97,10 @@ def prepare_simulated(recording: Recording, simulated: Recording, tool: Simulate
         Wrench or pose are missing, or overlap for too short a time.
     """
     for one, whose in ((recording, "the robot's"), (simulated, 'the simulated')):
-        _require(one, f'{whose} recording lacks wrench or measured pose; record wrench and '
-                      'current_pose in both')
+        require_wrench_and_pose(one, f'{whose} recording lacks wrench or measured pose; record '
+                                'wrench and current_pose in both')
     moved, made = (replace(one, accelerometer=None) for one in (recording, simulated))
-    first, n = _span(moved, made)
+    first, n = span(moved, made)
     known = tool or simulated_tool(made, first, n, rig)
     simulation = RecordedSimulation(moved, made, first, n, 'acc1', known.body)
     nominal = simulation.signals(known.body)
@@ -109,13 +110,14 @@ def prepare_simulated(recording: Recording, simulated: Recording, tool: Simulate
     return _case(moved, simulation, nominal, None), known
 
 
-def _require(recording: Recording, otherwise: str) -> None:
+def require_wrench_and_pose(recording: Recording, otherwise: str) -> None:
+    """Refuse a recording without them in some words."""
     wrench, pose = recording.wrench, recording.pose
     if wrench is None or pose is None or len(wrench) < 100 or len(pose) < 20:
         raise DataError(otherwise)
 
 
-def _span(*recordings: Recording) -> tuple[float, int]:
+def span(*recordings: Recording) -> tuple[float, int]:
     """Return when all is there, and how many blocks it lasts."""
     streams = [s.t for r in recordings for s in (r.wrench, r.pose, r.accelerometer)
                if s is not None]
@@ -131,7 +133,7 @@ def _case(recording: Recording, simulation: MeasuredMotion, nominal: Signals,
           volts: Stream | None) -> Case:
     """Compare the wrench in motion, and the accelerometer at rest."""
     first, n = simulation.start, simulation.n_blocks
-    groups = _kinds(nominal)
+    groups = kinds(nominal)
     seen = replace(recording, target=None, pose=None, optidrive=None,
                    accelerometer=_at_rest(volts, groups, first))
     measured = Measured(seen, first, n)
@@ -171,7 +173,7 @@ def _at_rest(stream: Stream | None, groups: NDArray[np.intp], start: float) -> S
     return replace(stream, t=stream.t[rest], values=stream.values[rest])
 
 
-def _kinds(signals: Signals) -> NDArray[np.intp]:
+def kinds(signals: Signals) -> NDArray[np.intp]:
     """Tell rest (0) from motion (1) and what is near it, by means: a pose is noisy."""
     means = [uniform_filter1d(block_means(rows), STILL // 2, axis=0, mode='nearest')
              for rows in (signals.omega, signals.velocity)]

@@ -37,6 +37,8 @@ class Nuisance(NamedTuple):
         Which one steps.
     instant : float
         When it steps [s].
+    spread : float or None
+        Its own, where the rig's spreads do not hold it.
     """
 
     name: str
@@ -47,6 +49,7 @@ class Nuisance(NamedTuple):
     least: float = -np.inf
     recording: int = 0
     instant: float = 0.0
+    spread: float | None = None
 
 
 def scaled(section: str, name: str) -> Callable[[Rig, float], Rig]:
@@ -167,7 +170,7 @@ def of_sensors(accelerometer: str, streams: tuple[str, ...]) -> list[Nuisance]:
 
 def spreads(rig: Rig, of: tuple[Nuisance, ...]) -> tuple[float, ...]:
     """Return the physical size of one spread of each nuisance."""
-    return tuple(float(getattr(rig.spreads, nuisance.key)) for nuisance in of)
+    return tuple(float(getattr(rig.spreads, n.key) if n.spread is None else n.spread) for n in of)
 
 
 def apply_all(rig: Rig, of: tuple[Nuisance, ...], values: Mapping[str, float]) -> Rig:

@@ -31,12 +31,13 @@ def parameters_of(problem: Problem, a: Accepted) -> dict[str, Parameter]:
     dict of str to Parameter
         A released nuisance's is its whole departure from the rig as given, within its limits.
     """
-    quantities = EFFECTS[a.name].parameters
+    effect = problem.library[a.name]
+    quantities = effect.parameters
     if len(a.theta):
         return {q.name: Parameter(float(v), float(s), q.unit)
                 for q, v, s in zip(quantities, a.theta, a.std)}
     out, covariance = {}, problem.fit_nuisances().covariance
-    index = [i for i, n in enumerate(problem.nuisances) if n.key == EFFECTS[a.name].nuisance]
+    index = [i for i, n in enumerate(problem.nuisances) if n.key == effect.nuisance]
     for i, q in zip(index, quantities):
         if problem.nuisances[i].name not in a.released:
             out[q.name] = Parameter(q.nominal, 0.0, q.unit)

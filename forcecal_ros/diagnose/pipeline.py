@@ -271,14 +271,15 @@ def patched(p: Problem, selection: Selection, checks: '_Checks') -> Rig:
     -------
     Rig
     """
+    # a simulator's own number stays one of the rig, however far it moved
+    own = {n.key for n in p.nuisances if n.spread is not None}
     values = {n.name: float(c * s) for n, c, s in zip(p.nuisances, p.centre, p.sizes)
-              if n.name not in p.released}
+              if n.name not in p.released or n.key in own}
     effects = {a.name: {k: v.value for k, v in parameters_of(p, a).items()}
-               for a in selection.accepted}
+               for a in selection.accepted if p.library[a.name].nuisance not in own}
     effects.update({n: {k: v.value for k, v in found.items()}
                     for n, found in checks.effects.items()})
-    rig = apply_all(p.rig, p.nuisances, values)
-    return with_effects(rig, effects) if effects else rig
+    return with_effects(apply_all(p.rig, p.nuisances, values), effects)
 
 
 def _where(final: Problem, selection: Selection, ceiling: Ceiling, checks: '_Checks'
@@ -286,7 +287,8 @@ def _where(final: Problem, selection: Selection, ceiling: Ceiling, checks: '_Che
     before = final.without_effects().blocks
     differences = [b - a + predictable(ceiling, i)
                    for i, (b, a) in enumerate(zip(before, final.blocks))]
-    stages = {EFFECTS[n].stage for n in (*(a.name for a in selection.accepted), *checks.effects)}
+    stages = {final.library[n].stage
+              for n in (*(a.name for a in selection.accepted), *checks.effects)}
     if any(n.where == 'step' for n in final.nuisances):
         stages.add('wrench_sensor')
 

@@ -11,7 +11,7 @@ from forcecal_ros.diagnose.discrepancy import Beside, Discrepancy, NONE, Product
 from forcecal_ros.diagnose.evidence import Fit, fit, Gram, Prior
 from forcecal_ros.diagnose.nuisances import apply_all, LIMIT, Nuisance, spreads
 from forcecal_ros.diagnose.simulation import block_means, Signals
-from forcecal_ros.effects import with_effects
+from forcecal_ros.effects import Effect, with_effects
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import ForcecalError
 from forcecal_ros.geometry import Array, rotation_vector
@@ -82,6 +82,11 @@ class Problem:
     discrepancy: Discrepancy | None = None
     allowed: Sizes = NONE
     _calibrated: tuple[bytes, Rig] | None = None
+
+    @property
+    def library(self) -> Mapping[str, Effect]:
+        """Return what the recordings may have beside what is simulated."""
+        return self.cases[0].simulation.library
 
     def current(self, effects: Values | None = None) -> Rig:
         """Return the rig at the centre, with the accepted effects or with others."""

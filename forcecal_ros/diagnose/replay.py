@@ -40,7 +40,7 @@ class Replay:
         ``acc1`` or ``acc2``.
     """
 
-    band, exact, starts_white = inf, SMALL, False
+    band, exact, starts_white, library = inf, SMALL, False, EFFECTS
 
     def __init__(self, rig: Rig, target: PoseStream, start: float, end: float,
                  accelerometer: str) -> None:

@@ -22,7 +22,6 @@ from forcecal_ros.diagnose.ranking import (
 )
 from forcecal_ros.diagnose.tangent import Tangent
 from forcecal_ros.diagnose.trial import Trial
-from forcecal_ros.effects import EFFECTS
 import numpy as np
 
 NEAR = 3.0
@@ -191,7 +190,7 @@ def _shaped(problem: Problem, accepted: list[Accepted], tangents: list[Tangent]
             ) -> tuple[Problem, list[Accepted], list[Tangent]]:
     """Give the effect accepted last the shapes that it began without, if that is better."""
     last = accepted[-1]
-    for i, q in enumerate(EFFECTS[last.name].parameters):
+    for i, q in enumerate(problem.library[last.name].parameters):
         if len(last.theta) and q.shapes and i not in last.free:
             theta = last.theta.copy()
             theta[i] = q.starts[-1]

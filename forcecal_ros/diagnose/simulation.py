@@ -1,9 +1,11 @@
 """What a diagnosis asks of a simulator: the signals that noise-free sensors would give."""
 
+from collections.abc import Mapping
 from typing import NamedTuple, Protocol
 
 from forcecal_ros.diagnose.channels import BLOCK
 from forcecal_ros.diagnose.nuisances import Nuisance
+from forcecal_ros.effects import Effect
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
 import numpy as np
@@ -84,6 +86,8 @@ class Simulation(Protocol):
     starts_white : bool
         Whether noise is first taken for white: where a recording is all motion, nothing shows
         the noise by itself.
+    library : mapping of str to Effect
+        What a recording may have beside what is simulated.
     """
 
     start: float
@@ -92,6 +96,7 @@ class Simulation(Protocol):
     band: float
     exact: float
     starts_white: bool
+    library: Mapping[str, Effect]
 
     def signals(self, rig: Rig) -> Signals:
         """Simulate a rig, with its effects."""

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from forcecal_ros.diagnose.columns import Column, column
 from forcecal_ros.diagnose.hypotheses import bounds_of, nominal_of, values_of
 from forcecal_ros.diagnose.problem import Problem
-from forcecal_ros.effects import Effect, EFFECTS
+from forcecal_ros.effects import Effect
 from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +72,7 @@ def tangent(problem: Problem, name: str, theta: Array, free: NDArray[np.intp],
     -------
     Tangent
     """
-    effect = EFFECTS[name]
+    effect = problem.library[name]
     units, high = unit_of(effect, theta)[free], bounds_of(effect)[1]
     fraction = 0.02 if effect.smooth else 0.1
     columns: list[list[Column]] = [[] for _ in problem.cases]

@@ -109,6 +109,20 @@ class Stream:
 
 
 @dataclass(frozen=True)
+class JointStream(Stream):
+    """
+    Positions of joints over time [rad] or [m].
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the columns; empty where nobody said them.
+    """
+
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class PoseStream:
     """
     The sensor's pose in base over time, measured or commanded.
@@ -187,6 +201,8 @@ class Recording:
         (n, 6) true contact wrench, which only a simulator knows.
     angular_velocity : Stream or None
         (n, 3) of an IMU's gyro, in its frame [rad/s].
+    joint_commands : JointStream or None
+        What a controller of joints was told.
     phases : tuple of Phase
         In order, without gaps or overlaps; empty where none was recorded.
     start_ns : int
@@ -205,6 +221,7 @@ class Recording:
     optidrive: Stream | None = None
     contact_truth: Stream | None = None
     angular_velocity: Stream | None = None
+    joint_commands: JointStream | None = None
     phases: tuple[Phase, ...] = ()
     start_ns: int = 0
     source: str = ''

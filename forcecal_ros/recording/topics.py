@@ -18,6 +18,7 @@ DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 STRING = 'std_msgs/msg/String'
 MULTI_ARRAY = 'std_msgs/msg/Float64MultiArray'
 TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
+CONTROLLER_STATE = 'control_msgs/msg/JointTrajectoryControllerState'
 
 
 class Role(NamedTuple):
@@ -35,6 +36,7 @@ ROLES: Mapping[str, Role] = {
     'accel': Role('accel', (ACCEL,)),
     'pose': Role('current_pose', (POSE,)),
     'target': Role('target_frame', (POSE,)),
+    'joint_commands': Role('joint_commands', (JOINT_STATE, CONTROLLER_STATE, MULTI_ARRAY)),
     'optidrive': Role('optidrive', (JOINT_STATE,)),
     'contact_truth': Role('sim/contact_wrench', (WRENCH,)),
     'contact_wrench': Role('observer/contact_wrench', (WRENCH,)),

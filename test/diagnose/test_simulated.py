@@ -16,61 +16,14 @@ from forcecal_ros.diagnose.tracking import tracking
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.bags import write_recording
-from forcecal_ros.recording.streams import PoseStream, Recording, Stream
-from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.offline import simulate
 import numpy as np
+from own_arm import commands, GRIPPER, LATE, real, RIG, simulated, TOLERANCES
 import pytest
 from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, RotationSpline
+from scipy.spatial.transform import Rotation
 
-TOLERANCES = load_rig('rigid_tool.yaml')
-GRIPPER = replace(TOLERANCES.tool, mass=1.2, com=(0.01, -0.005, 0.06),
-                  inertia=((3e-3, 0.0, 0.0), (0.0, 3e-3, 0.0), (0.0, 0.0, 1e-3)))
-RIG = replace(TOLERANCES, tool=GRIPPER)
-LATE = {'robot_delay': {'delay': 0.008}}
-SECONDS = 16.0
 PAGE = Path(__file__).resolve().parents[2] / 'docs/simulator.md'
-
-
-def commands(phase=0.0):
-    t = 0.004 * np.arange(round(SECONDS / 0.004))
-    u = np.clip(t - 1.5, 0.0, SECONDS - 4.0)
-    rise = np.minimum(1.0, np.minimum(u, SECONDS - 4.0 - u)).clip(0.0)
-    rise = rise ** 3 * (10.0 - 15.0 * rise + 6.0 * rise ** 2)
-    turn = np.outer(0.8 * rise * np.sin(u * np.pi / 2.0 + phase), [0.5, 1.0, 0.3])
-    turn += np.outer(0.5 * rise * np.sin(1.1 * u + phase), [1.0, -0.2, 0.3])
-    sway = np.outer(0.02 * rise * np.sin(3.0 * np.pi * u + phase), [1.0, 0.5, 0.7])
-    return PoseStream(t, np.array(RIG.home.position) + sway,
-                      np.array(RIG.home.R_base_sensor) @ Rotation.from_rotvec(turn).as_matrix())
-
-
-def real(effects, seed=3, phase=0.0):
-    return simulate(with_effects(RIG, {**LATE, **effects}), commands(phase), seed=seed)
-
-
-def simulated(phase=0.0, start=1000.0):
-    """
-    Return what a simulator of the test's own records, without noise, at 500 Hz on its own clock.
-
-    Its arm follows the commands 6 ms late; its wrench is [F; n] of a rigid body by Newton and
-    Euler, differentiated by splines.
-    """
-    target = commands(phase)
-    t = np.arange(0.1, SECONDS - 0.1, 0.002)
-    place = CubicSpline(target.t, target.position)
-    way = RotationSpline(target.t, Rotation.from_matrix(np.array(target.R_base_sensor)))
-    at = t - 0.006
-    R, p = way(at).as_matrix(), place(at)
-    omega, alpha = way(at, 1), way(at, 2)  # in S
-    c, inertia = np.array(GRIPPER.com), np.array(GRIPPER.inertia)
-    f = np.einsum('nij,ni->nj', R, place(at, 2) - RIG.gravity)
-    f += np.cross(alpha, c) + np.cross(omega, np.cross(omega, c))
-    force = -GRIPPER.mass * f
-    torque = np.cross(c, force) - alpha @ inertia - np.cross(omega, omega @ inertia)
-    recording = Recording(
-        wrench=Stream(t, np.hstack([force, torque])), pose=PoseStream(t, p, R), target=target)
-    return shifted(recording, start)
 
 
 @pytest.fixture(scope='module')
@@ -193,7 +146,8 @@ def test_a_merged_motion_has_less_noise_than_the_measured_and_none_of_the_simula
 
 def test_the_commands_of_the_page_write_what_was_found(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    alone, judged = re.findall(r'^    forcecal (diagnose .+)$', PAGE.read_text(), re.MULTILINE)
+    alone, judged = re.findall(r'^    forcecal (diagnose .+ --simulated .+)$', PAGE.read_text(),
+                               re.MULTILINE)
     write_recording(tmp_path / 'real', real({'wrench_crosstalk': {'fy_of_fx': 0.03}}))
     write_recording(tmp_path / 'sim', simulated())
     assert main(alone.split()) == 0

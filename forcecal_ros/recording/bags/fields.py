@@ -2,7 +2,16 @@
 
 from collections.abc import Mapping
 
-from forcecal_ros.recording.topics import ACCEL, IMU, JOINT_STATE, POSE, VECTOR3, WRENCH
+from forcecal_ros.recording.topics import (
+    ACCEL,
+    CONTROLLER_STATE,
+    IMU,
+    JOINT_STATE,
+    MULTI_ARRAY,
+    POSE,
+    VECTOR3,
+    WRENCH,
+)
 
 FIELDS: Mapping[str, tuple[str, ...]] = {
     WRENCH: tuple(f'wrench.{part}.{axis}' for part in ('force', 'torque') for axis in 'xyz'),
@@ -14,3 +23,10 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
            *(f'pose.orientation.{axis}' for axis in 'xyzw')),
     JOINT_STATE: ('position[optidrive]',),
 }
+
+JOINTS: Mapping[str, str] = {
+    JOINT_STATE: 'position', CONTROLLER_STATE: 'reference.positions', MULTI_ARRAY: 'data'}
+"""Which array of a message holds what joints are told."""
+
+JOINT_NAMES: Mapping[str, str] = {JOINT_STATE: 'name', CONTROLLER_STATE: 'joint_names'}
+"""Which array names them; other messages do not."""

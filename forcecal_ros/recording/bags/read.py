@@ -3,20 +3,21 @@
 from collections.abc import Collection, Mapping
 from itertools import groupby, pairwise
 from pathlib import Path
+from typing import Any
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, matrix_from_quaternion
 from forcecal_ros.recording.bags.batch import Notes
 from forcecal_ros.recording.bags.collect import Collector, frozen, Series
-from forcecal_ros.recording.bags.fields import FIELDS
+from forcecal_ros.recording.bags.fields import FIELDS, JOINT_NAMES, JOINTS
 from forcecal_ros.recording.bags.storage import Bag
 from forcecal_ros.recording.bags.transforms import pose_series, PREFIX, TF
-from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
+from forcecal_ros.recording.streams import JointStream, Phase, PoseStream, Recording, Stream
 from forcecal_ros.recording.topics import find_topics, IMU, ROLES, Topic, VECTOR3
 import numpy as np
 
 _STREAMS = ('wrench', 'accelerometer', 'imu', 'accel', 'pose', 'target', 'optidrive',
-            'contact_truth')
+            'contact_truth', 'joint_commands')
 _DAY = 86400.0
 
 
@@ -101,6 +102,7 @@ def _choose_accelerometer(
 def _read_series(bag: Bag, found: Mapping[str, Topic]) -> dict[Topic, Series]:
     collectors = {
         topic: Collector(bag, topic, ['status[0].message'], text=True) if role == 'phase'
+        else Collector(bag, topic, (JOINTS[topic.type],)) if role == 'joint_commands'
         else Collector(bag, topic, FIELDS[topic.type]) for role, topic in found.items()}
     for batch in bag.batches(set(collectors)):
         collectors[batch.topic].add(batch)
@@ -158,6 +160,11 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
         return PoseStream(one.seconds(start_ns), one.values[:, :3],
                           frozen(_rotations(one.values[:, 3:])), one.frame)
 
+    def joints() -> JointStream | None:
+        told = stream('joint_commands')
+        return None if told is None else JointStream(
+            told.t, told.values, told.frame, _joint_names(bag, found['joint_commands']))
+
     in_volts = 'accelerometer' not in found or found['accelerometer'].type == VECTOR3
     return Recording(
         wrench=stream('wrench', scale=wrench_sign),
@@ -165,6 +172,7 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
         accelerometer_unit='V' if in_volts else 'm/s^2',
         pose=poses('pose'), target=poses('target'), optidrive=stream('optidrive'),
         contact_truth=stream('contact_truth'), angular_velocity=stream('imu', slice(3, 6)),
+        joint_commands=joints(),
         phases=_phases(series.get(found['phase']) if 'phase' in found else None, start_ns, end),
         start_ns=start_ns, source=str(bag.path), notes=tuple(bag.notes))
 
@@ -178,6 +186,18 @@ def _rotations(quaternions: Array) -> Array:
     R = np.full((len(quaternions), 3, 3), np.nan)
     R[known] = matrix_from_quaternion(quaternions[known])
     return R
+
+
+def _joint_names(bag: Bag, topic: Topic) -> tuple[str, ...]:
+    """Return the names that the first message gives to its joints."""
+    if topic.type not in JOINT_NAMES:
+        return ()
+    for batch in bag.batches({topic}):
+        start, length = batch.start[0], batch.length[0]
+        message: Any = bag.typestore().deserialize_cdr(
+            batch.buffer[start:start + length], topic.type)
+        return tuple(getattr(message, JOINT_NAMES[topic.type]))
+    return ()
 
 
 def _phases(series: Series | None, start_ns: int, end: float) -> tuple[Phase, ...]:

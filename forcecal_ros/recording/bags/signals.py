@@ -7,7 +7,7 @@ from forcecal_ros.geometry import Array, quaternion_from_matrix
 from forcecal_ros.recording.bags.batch import Integers
 from forcecal_ros.recording.bags.encode import encode
 from forcecal_ros.recording.bags.fields import FIELDS
-from forcecal_ros.recording.streams import Phase, PoseStream, Stream
+from forcecal_ros.recording.streams import JointStream, Phase, PoseStream, Stream
 from forcecal_ros.recording.topics import DIAGNOSTICS, IMU, JOINT_STATE, POSE, ROLES
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +93,10 @@ def _stamps(t: Array, start_ns: int) -> Integers:
 
 def _stream_rows(msgtype: str, stamps: Integers, signal: Stream) -> NDArray[np.uint8]:
     fields, values, text = FIELDS[msgtype], signal.values, {'header.frame_id': signal.frame}
-    if msgtype == JOINT_STATE:
+    if isinstance(signal, JointStream):
+        fields = tuple(f'position[{i}]' for i in range(values.shape[1]))
+        text |= {f'name[{i}]': name for i, name in enumerate(signal.names)}
+    elif msgtype == JOINT_STATE:
         fields, text['name[0]'] = ('position[0]',), 'optidrive'
     elif msgtype == IMU:
         fields, values = _imu_columns(values)

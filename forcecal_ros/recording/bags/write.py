@@ -189,7 +189,7 @@ def write_recording(path: Path | str, recording: Recording, storage: str = 'mcap
     force, rates = recording.accelerometer, recording.angular_velocity
     signals: dict[str, Signal | None] = {
         role: getattr(recording, role)
-        for role in ('wrench', 'pose', 'target', 'optidrive', 'contact_truth')}
+        for role in ('wrench', 'pose', 'target', 'optidrive', 'contact_truth', 'joint_commands')}
     if force is not None and recording.accelerometer_unit == 'V':
         signals['accelerometer'] = force
     elif force is not None and rates is not None and np.array_equal(force.t, rates.t):

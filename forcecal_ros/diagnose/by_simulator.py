@@ -1,0 +1,275 @@
+"""From a recording and a simulator that can be run to a diagnosis."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from forcecal_ros.diagnose.case import Case, made_up
+from forcecal_ros.diagnose.motion_case import (
+    held_out,
+    kinds,
+    moves,
+    require_wrench_and_pose,
+    span,
+    STANDS,
+)
+from forcecal_ros.diagnose.nuisances import LIMIT
+from forcecal_ros.diagnose.pairing import check_alike
+from forcecal_ros.diagnose.pipeline import answered, Outcome
+from forcecal_ros.diagnose.rerun import Numbers, refuse_unsteady, Rerun, Runs
+from forcecal_ros.diagnose.residual import Measured
+from forcecal_ros.diagnose.result import Diagnosis
+from forcecal_ros.diagnose.simulated_robot import simulated_robot, SimulatedRobot
+from forcecal_ros.diagnose.simulated_tool import simulated_tool, SimulatedTool
+from forcecal_ros.diagnose.stamps import Corrected, evened
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array
+from forcecal_ros.recording.streams import Recording
+from forcecal_ros.simulators.protocol import Inputs
+from forcecal_ros.simulators.third_party import ThirdParty
+import numpy as np
+
+ROUNDS = 2
+"""
+Times that all parameters are tried, at the nominal ones and then at those found: 30 parameters and
+two recordings then take 124 runs.
+"""
+
+ROUGH = 0.1
+"""
+Misfit of the linear prediction at the parameters found, in that of the nominal ones, from which
+they are all tried again there: a tenth leaves the explained share within a hundredth.
+"""
+
+
+CERTAIN = 3.0
+"""Standard errors from which a recalibrated parameter is told: once in 400 by chance."""
+
+
+class Changed(NamedTuple):
+    """A parameter of the simulator as it was, as it should be, and its standard error."""
+
+    name: str
+    unit: str
+    before: float
+    after: float
+    std: float
+
+    def __str__(self) -> str:
+        unit = '' if self.unit == '1' else f' {self.unit}'
+        return f'{self.name} {self.before:.4g} -> {self.after:.4g} +- {self.std:.2g}{unit}'
+
+
+class Rerunning(NamedTuple):
+    """
+    A diagnosis, and what the simulator should be told.
+
+    Attributes
+    ----------
+    outcome : Outcome
+    changed : tuple of Changed
+        Parameters that a named effect moves.
+    runs : int
+        How often it was run.
+    recomputed : float or None
+        Share of the misfit that is gone when it is run with them; None where none is changed.
+    """
+
+    outcome: Outcome
+    changed: tuple[Changed, ...] = ()
+    runs: int = 0
+    recomputed: float | None = None
+
+    def document(self) -> dict[str, Any]:
+        """Return what ``diagnosis.json`` says of it, beside the diagnosis."""
+        return {'parameters': [one._asdict() for one in self.changed], 'runs': self.runs,
+                'recomputed': self.recomputed}
+
+
+def diagnose_rerun(recording: Recording, heldout: Recording | None, simulator: ThirdParty,
+                   rig: Rig) -> Rerunning:
+    """
+    Find out what a robot has that somebody's simulator of it has not.
+
+    Parameters
+    ----------
+    recording : Recording
+        To fit on: commands, wrench and pose; an accelerometer in m/s^2 along ft_sensor.
+    heldout : Recording or None
+        To judge on; every other second of ``recording`` where none is given.
+    simulator : ThirdParty
+    rig : Rig
+        Gives the tolerances.
+
+    Returns
+    -------
+    Rerunning
+        Data that cannot answer come out as such, with the reason.
+
+    Raises
+    ------
+    ConfigError
+        The simulator does not keep to the protocol, or answers otherwise the second time.
+    """
+    given = [one for one in (recording, heldout) if one is not None]
+    try:
+        check_alike(given)
+        first = _prepared(recording, simulator, None, rig)
+        ready = [first, *(_prepared(one, simulator, first.tool, rig) for one in given[1:])]
+    except DataError as error:
+        return Rerunning(Outcome(Diagnosis('invalid_data', str(error)), rig))
+    cases = [one.case for one in ready]
+    if not moves(cases):
+        return Rerunning(Outcome(STANDS, rig))
+    refuse_unsteady(first.runs)
+    return _searched(ready, held_out(cases), given, simulator)
+
+
+def _searched(ready: Sequence['_Prepared'], judged: tuple[Case, ...], given: Sequence[Recording],
+              simulator: ThirdParty) -> Rerunning:
+    """Try all parameters, where they are and, if that was too far off, where they should be."""
+    robot = ready[0].robot
+    outcome, point = Outcome(STANDS, robot), robot.numbers
+    for _ in range(ROUNDS):
+        for one in ready:
+            one.runs.try_all(point)
+            one.simulation.forget()
+        outcome = answered(robot, judged, [one.stamps for one in ready], given)
+        if not isinstance(outcome.rig, SimulatedRobot):
+            break
+        point = outcome.rig.numbers
+        if _predicted(ready, point):
+            break
+    changed = _changes(simulator, outcome)
+    notes = (*outcome.diagnosis.notes, *_recalibrated(simulator, outcome))
+    outcome = replace(outcome, diagnosis=replace(outcome.diagnosis, notes=notes))
+    recomputed = _recomputed(ready, judged, outcome) if changed else None
+    return Rerunning(outcome, changed, sum(one.runs.count for one in ready), recomputed)
+
+
+class _Prepared(NamedTuple):
+    case: Case
+    stamps: Corrected
+    runs: Runs
+    simulation: Rerun
+    tool: SimulatedTool
+    robot: SimulatedRobot
+
+
+def _prepared(recording: Recording, simulator: ThirdParty, tool: SimulatedTool | None, rig: Rig
+              ) -> _Prepared:
+    require_wrench_and_pose(recording, 'the recording lacks wrench or measured pose; record '
+                            'wrench and current_pose beside the commands')
+    stamps = evened(recording)
+    real = stamps.recording
+    start, n = span(real)
+    assert real.pose is not None
+    runs = Runs(simulator, inputs_of(real), real.pose)
+    made = runs.exact(simulator.nominal)
+    known = tool or simulated_tool(replace(made, accelerometer=None), start, n, rig)
+    simulation = Rerun(runs, start, n, known.body)
+    felt = real.accelerometer if real.accelerometer_unit == 'm/s^2' else None
+    seen = replace(real, target=None, optidrive=None,
+                   accelerometer=felt if simulation.accelerated else None)
+    robot = simulated_robot(known.body, simulator.parameters)
+    nominal = simulation.signals(robot)
+    if tool is None:
+        known = known.zeroed(simulation.apart(real, nominal))
+        robot = replace(robot, wrench_sensor=known.body.wrench_sensor)
+        nominal = simulation.signals(robot)
+    groups = kinds(nominal)
+    case = Case(real, simulation, Measured(seen, start, n), nominal, groups,
+                real.phases or made_up(groups, start), np.ones(n, bool), np.zeros(n, bool))
+    return _Prepared(case, stamps, runs, simulation, known, robot)
+
+
+def inputs_of(recording: Recording) -> Inputs:
+    """
+    Take the commands of a recording, from its first stamp to its last.
+
+    Raises
+    ------
+    DataError
+        It holds none.
+    """
+    told = [s for s in (recording.target, recording.joint_commands) if s is not None and len(s)]
+    if not told:
+        raise DataError('the recording holds no commands; record target_frame, or the joint '
+                        'commands and name them with --topic joint_commands=NAME')
+    streams = [s.t for s in (recording.wrench, recording.pose) if s is not None]
+    start = min(float(told[0].t[0]), *(float(t[0]) for t in streams))
+    return Inputs(start, max(float(t[-1]) for t in streams), recording.target,
+                  recording.joint_commands)
+
+
+def _predicted(ready: Sequence[_Prepared], point: Numbers) -> bool:
+    """Say whether the linear prediction holds at the parameters found."""
+    for one in ready:
+        linear, nominal = one.runs.at(point), one.runs.exact(one.robot.numbers)
+        exact = one.runs.exact(point)
+        for rows in (_wrench, _position):
+            wrong, moved = rows(linear) - rows(exact), rows(exact) - rows(nominal)
+            if np.linalg.norm(wrong) > ROUGH * np.linalg.norm(moved):
+                return False
+    return True
+
+
+def _wrench(recording: Recording) -> Array:
+    assert recording.wrench is not None
+    return recording.wrench.values
+
+
+def _position(recording: Recording) -> Array:
+    assert recording.pose is not None
+    return recording.pose.position
+
+
+def _changes(simulator: ThirdParty, outcome: Outcome) -> tuple[Changed, ...]:
+    found = {e.name: e.parameters['value'] for e in outcome.diagnosis.effects
+             if 'value' in e.parameters}
+    return tuple(Changed(p.name, p.unit, p.nominal, found[p.name].value, found[p.name].std)
+                 for p in simulator.parameters if p.name in found)
+
+
+def _recalibrated(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]:
+    """Say which parameters are off by no more than they may be."""
+    named = {e.name for e in outcome.diagnosis.effects}
+    moved = {p.name: outcome.recalibrations.get(p.name, (0.0, 0.0))
+             for p in simulator.parameters if p.name not in named}
+    limited = [p.name for p in simulator.parameters if p.name in moved
+               and abs(moved[p.name][0]) > 0.999 * LIMIT * p.sigma]
+    told = [str(Changed(p.name, p.unit, p.nominal, p.nominal + x, std))
+            for p in simulator.parameters if p.name in moved and p.name not in limited
+            for x, std in [moved[p.name]] if abs(x) > CERTAIN * std]
+    if told:
+        yield f'recalibrated, within three of their sigma: {"; ".join(told)}'
+    if limited:
+        yield (f'{", ".join(limited)} would move by more than three sigma, and beside what else '
+               'is there is not certain enough for a name')
+    late, std = outcome.recalibrations.get('robot.delay', (0.0, 0.0))
+    if 'robot_delay' not in named and abs(late) > CERTAIN * std > 0.0:
+        yield f'the robot is {1e3 * late:.2g} +- {1e3 * std:.1g} ms later than its simulation'
+
+
+def _recomputed(ready: Sequence[_Prepared], judged: Sequence[Case], outcome: Outcome
+                ) -> float | None:
+    """
+    Run the simulator with what was found, and say which share of the misfit is gone.
+
+    The share that the diagnosis states, times what the run explains of the squares on judged
+    blocks for what its linear prediction explains of them.
+    """
+    gap, noise, robot = outcome.diagnosis.gap, outcome.noise, outcome.rig
+    if gap is None or noise is None or not isinstance(robot, SimulatedRobot):
+        return None
+    squares = np.zeros(3)
+    for one, case, before, linear in zip(ready, judged, outcome.recalibrated, outcome.explained):
+        one.runs.exact(robot.numbers)
+        one.simulation.forget()
+        exact = case.measured.blocks(one.simulation.signals(robot))
+        for i, blocks in enumerate((before, linear, exact)):
+            rows = np.where(case.measured.present, blocks, 0.0)[case.held]
+            squares[i] += float(np.sum((rows / np.where(noise > 0.0, noise, np.inf)) ** 2))
+    explained = squares[0] - squares[1]
+    return float(gap.closed * (squares[0] - squares[2]) / explained) if explained > 0.0 else None

@@ -1,0 +1,105 @@
+"""Whether somebody's simulator can be compared with a robot: it is run a few times."""
+
+from dataclasses import replace
+import time
+from typing import Any, NamedTuple
+
+from forcecal_ros.diagnose.by_simulator import inputs_of
+from forcecal_ros.diagnose.motion_case import span
+from forcecal_ros.diagnose.rerun import refuse_unsteady, Runs
+from forcecal_ros.diagnose.simulated_tool import simulated_tool
+from forcecal_ros.diagnose.stamps import evened
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.geometry import Array
+from forcecal_ros.recording.streams import Recording
+from forcecal_ros.simulators.third_party import STREAMS, ThirdParty
+import numpy as np
+
+
+class Sensitivity(NamedTuple):
+    """What one sigma of a parameter does, RMS [N], [N m], [m], [rad]."""
+
+    name: str
+    force: float
+    torque: float
+    position: float
+    turn: float
+
+
+class Conformance(NamedTuple):
+    """
+    How a simulator does under recorded commands.
+
+    Attributes
+    ----------
+    name : str
+    seconds : float
+        Processor time of one run [s].
+    length : float
+        Of the recording [s].
+    streams : tuple of str
+    sensitivity : tuple of Sensitivity
+    """
+
+    name: str
+    seconds: float
+    length: float
+    streams: tuple[str, ...]
+    sensitivity: tuple[Sensitivity, ...]
+
+    def document(self) -> dict[str, Any]:
+        """Return what ``--json`` prints."""
+        return {**self._asdict(), 'sensitivity': [s._asdict() for s in self.sensitivity]}
+
+    def __str__(self) -> str:
+        runs = 2 * (len(self.sensitivity) + 2)
+        return '\n'.join([
+            f'{self.name}: keeps to the protocol and does the same again',
+            f'simulates {", ".join(self.streams)}',
+            f'{self.length:.0f} s of commands take {self.seconds:.2g} s',
+            f'a diagnosis runs it at most {runs} times a recording: {runs * self.seconds:.0f} s',
+            'one sigma of a parameter moves, RMS:',
+            *(f'  {s.name}  {s.force:.3g} N  {s.torque:.3g} N m  {1e3 * s.position:.3g} mm  '
+              f'{1e3 * s.turn:.3g} mrad' + ('' if any(s[1:]) else '  (nothing)')
+              for s in self.sensitivity)])
+
+
+def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Conformance:
+    """
+    Run a simulator a few times, and say whether a diagnosis can rely on it.
+
+    Parameters
+    ----------
+    simulator : ThirdParty
+    recording : Recording
+        With commands, wrench and pose.
+    rig : Rig
+        Gives the tolerances.
+
+    Raises
+    ------
+    ConfigError
+        It does not keep to the protocol, or answers otherwise the second time.
+    DataError
+        The recording holds no commands, or the wrench no weight of a tool.
+    """
+    real = evened(recording).recording
+    start, n = span(real)
+    assert real.pose is not None
+    inputs = inputs_of(real)
+    runs = Runs(simulator, inputs, real.pose)
+    began = time.process_time()
+    made = runs.exact(simulator.nominal)
+    seconds = time.process_time() - began
+    refuse_unsteady(runs)
+    simulated_tool(replace(made, accelerometer=None), start, n, rig)
+    runs.try_all(simulator.nominal)
+    streams = tuple(name for name in STREAMS if getattr(made, name) is not None)
+    return Conformance(simulator.name, seconds, inputs.end - inputs.start, streams, tuple(
+        Sensitivity(p.name, _rms(c.wrench[:, :3]), _rms(c.wrench[:, 3:]), _rms(c.position),
+                    _rms(c.turn))
+        for p, c in zip(simulator.parameters, runs.changes(simulator.nominal))))
+
+
+def _rms(rows: Array) -> float:
+    return float(np.sqrt(np.mean(np.sum(rows ** 2, axis=1))))

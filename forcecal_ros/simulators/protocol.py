@@ -1,0 +1,79 @@
+"""What a simulator has to offer to be compared with a robot: its parameters, and to be run."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import math
+from typing import Any, NamedTuple, Protocol
+
+from forcecal_ros.recording.streams import JointStream, PoseStream
+
+
+class Parameter(NamedTuple):
+    """
+    A number that a simulator lets others set.
+
+    Attributes
+    ----------
+    name : str
+        In the words of the simulator's user.
+    nominal : float
+        What it is now.
+    sigma : float
+        How well that is known, 1 sigma: a robot that is further away has a gap of this name.
+    unit : str
+        ``1`` where it has none.
+    low, high : float
+        Limits.
+    stage : str
+        ``robot``, ``tool`` or ``environment``: what it is a number of.
+    stands_for : tuple of str
+        Effects of the library that it makes itself, as ``tool_mass``; these are not tried beside.
+    """
+
+    name: str
+    nominal: float
+    sigma: float
+    unit: str = '1'
+    low: float = -math.inf
+    high: float = math.inf
+    stage: str = 'robot'
+    stands_for: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """
+    What the robot was told, and when to begin and to end.
+
+    Attributes
+    ----------
+    start, end : float
+        All that is simulated is wanted between them [s]. The robot rests at ``start``.
+    target : PoseStream or None
+        Commanded poses of ft_sensor in base.
+    joints : JointStream or None
+        Commanded positions of joints, and their names [rad] or [m].
+    """
+
+    start: float
+    end: float
+    target: PoseStream | None = None
+    joints: JointStream | None = None
+
+
+class Simulator(Protocol):
+    """
+    A robot with its tool and sensors, which does the same whenever it is told the same.
+
+    What ``simulate`` returns maps the name of a stream to its stamps [s], on the clock of the
+    inputs, and its rows: ``wrench`` (n, 6) [N], [N m] in ft_sensor, environment on tool, so that
+    at rest it shows what holds the tool; ``pose`` (n, 7) position of ft_sensor in base [m] and
+    quaternion x, y, z, w; where it has one, ``accelerometer`` (n, 3) specific force [m/s^2].
+    No stream has noise.
+    """
+
+    def parameters(self) -> Sequence[Parameter]:
+        """List what can be set."""
+
+    def simulate(self, inputs: Inputs, parameters: Mapping[str, float]) -> Mapping[str, Any]:
+        """Run under some commands with a value of every parameter."""

@@ -1,0 +1,216 @@
+"""Simulators that others wrote: loaded by name, and what they answer checked."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+import importlib
+from pathlib import Path
+import sys
+import traceback
+from typing import Any
+
+from forcecal_ros.errors import ConfigError, DataError, ForcecalError
+from forcecal_ros.geometry import matrix_from_quaternion
+from forcecal_ros.recording.streams import PoseStream, Recording, Stream
+from forcecal_ros.simulators.protocol import Inputs, Parameter, Simulator
+import numpy as np
+
+STREAMS = {'wrench': 6, 'pose': 7, 'accelerometer': 3}
+"""What may be simulated, and how many columns it has."""
+
+NEEDED = ('wrench', 'pose')
+
+STAGES = ('robot', 'tool', 'environment')
+
+UNIT = 1e-3
+"""How far the norm of a quaternion may be from 1: what seven digits lose, and more."""
+
+
+@dataclass(frozen=True)
+class ThirdParty:
+    """
+    Somebody's simulator, whose every answer is checked.
+
+    Attributes
+    ----------
+    name : str
+        For messages.
+    simulator : Simulator
+    parameters : tuple of Parameter
+    """
+
+    name: str
+    simulator: Simulator
+    parameters: tuple[Parameter, ...]
+
+    @property
+    def nominal(self) -> tuple[float, ...]:
+        """Values of all parameters as they are."""
+        return tuple(p.nominal for p in self.parameters)
+
+    def run(self, inputs: Inputs, values: Sequence[float]) -> Recording:
+        """
+        Simulate.
+
+        Parameters
+        ----------
+        inputs : Inputs
+        values : sequence of float
+            One for each parameter.
+
+        Returns
+        -------
+        Recording
+            On the clock of the inputs.
+
+        Raises
+        ------
+        ConfigError
+            It raised an exception, or answers otherwise than the protocol says.
+        """
+        named = {p.name: float(v) for p, v in zip(self.parameters, values)}
+        with _blamed(f'{self.name}: simulate'):
+            answer = self.simulator.simulate(inputs, named)
+        if not isinstance(answer, Mapping):
+            raise ConfigError(f'{self.name}: simulate returned {type(answer).__name__}, expected '
+                              'a mapping of streams to (stamps, rows)')
+        rows = {name: self._stream(name, answer[name]) for name in STREAMS if name in answer}
+        for name in NEEDED:
+            if name not in rows:
+                raise ConfigError(f'{self.name}: simulate returned no {name}, but '
+                                  f'{", ".join(sorted(map(str, answer))) or "nothing"}; return '
+                                  'wrench and pose')
+        for name, stream in rows.items():
+            if stream.t[0] > inputs.start + 0.1 or stream.t[-1] < inputs.end - 0.1:
+                raise ConfigError(
+                    f'{self.name}: {name} goes from {stream.t[0]:.2f} to {stream.t[-1]:.2f} s, '
+                    f'expected {inputs.start:.2f} to {inputs.end:.2f} s; use inputs.start and end')
+        return Recording(wrench=rows['wrench'], pose=_poses(self.name, rows['pose']),
+                         accelerometer=rows.get('accelerometer'), accelerometer_unit='m/s^2',
+                         target=inputs.target, source=self.name)
+
+    def _stream(self, name: str, answer: Any) -> Stream:
+        where, columns = f'{self.name}: {name}', STREAMS[name]
+        try:
+            t, rows = (np.asarray(part, dtype=float) for part in answer)
+        except (TypeError, ValueError):
+            raise ConfigError(f'{where}: expected (stamps, rows) of numbers, got '
+                              f'{type(answer).__name__}') from None
+        if t.ndim != 1 or rows.shape != (len(t), columns) or len(t) < 20:
+            raise ConfigError(f'{where}: stamps {t.shape} and rows {rows.shape}, expected (n,) '
+                              f'and (n, {columns}), n at least 20')
+        for what, part in (('stamp', t), ('row', rows)):
+            bad = np.flatnonzero(~np.isfinite(part.reshape(len(t), -1)).all(axis=1))
+            if len(bad):
+                raise DataError(f'{where}: {what} {bad[0]} is not finite ({len(bad)} of '
+                                f'{len(t)}); the simulation has diverged: look at its time step')
+        if (np.diff(t) <= 0.0).any():
+            at = int(np.argmax(np.diff(t) <= 0.0))
+            raise ConfigError(f'{where}: stamps do not increase at {t[at]:.6f} s')
+        return Stream(t, rows)
+
+
+def load_simulator(spec: str) -> ThirdParty:
+    """
+    Load a simulator by ``module:factory`` and ask it for its parameters.
+
+    The module is looked for in the current folder, too. Its code is executed.
+
+    Parameters
+    ----------
+    spec : str
+        ``factory`` is called without arguments.
+
+    Raises
+    ------
+    ConfigError
+        No such module or factory; it raises an exception; it is no simulator.
+    """
+    module, colon, factory = spec.partition(':')
+    if not (module and colon and factory):
+        raise ConfigError(f'--simulator {spec}: expected MODULE:FACTORY, as my_robot:simulator')
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.insert(0, here)
+    with _blamed(f'--simulator {spec}: importing {module}'):
+        try:
+            loaded = importlib.import_module(module)
+        except ModuleNotFoundError as error:
+            if error.name is None or module.split('.')[0] != error.name.split('.')[0]:
+                raise
+            raise ConfigError(f'--simulator {spec}: no module {module} in this folder or in the '
+                              'Python path') from None
+    make = getattr(loaded, factory, None)
+    if not callable(make):
+        raise ConfigError(f'--simulator {spec}: {module} has no function {factory}')
+    with _blamed(f'--simulator {spec}: {factory}()'):
+        simulator = make()
+    return third_party(spec, simulator)
+
+
+def third_party(name: str, simulator: Any) -> ThirdParty:
+    """
+    Check that an object is a simulator, and its parameters.
+
+    Parameters
+    ----------
+    name : str
+        For messages.
+    simulator : Simulator
+
+    Raises
+    ------
+    ConfigError
+        A method is missing; a parameter is twice there, has no sigma, or is out of its limits.
+    """
+    for method in ('parameters', 'simulate'):
+        if not callable(getattr(simulator, method, None)):
+            raise ConfigError(f'{name}: {type(simulator).__name__} has no method {method}; '
+                              'a simulator has parameters() and simulate(inputs, parameters)')
+    with _blamed(f'{name}: parameters'):
+        listed = tuple(simulator.parameters())
+    seen: set[str] = set()
+    for p in listed:
+        if not isinstance(p, Parameter):
+            raise ConfigError(f'{name}: parameters returned {p!r}; expected '
+                              'forcecal_ros.simulators.protocol.Parameter')
+        _check_parameter(name, p)
+        if p.name in seen:
+            raise ConfigError(f'{name}: parameter {p.name} is there twice')
+        seen.add(p.name)
+    return ThirdParty(name, simulator, listed)
+
+
+def _check_parameter(name: str, p: Parameter) -> None:
+    where = f'{name}: parameter {p.name!r}'
+    if not (isinstance(p.name, str) and p.name):
+        raise ConfigError(f'{where}: expected a name')
+    if not (np.isfinite(p.nominal) and p.low <= p.nominal <= p.high):
+        raise ConfigError(f'{where}: nominal {p.nominal} is not within {p.low} to {p.high}')
+    if not (np.isfinite(p.sigma) and p.sigma > 0.0):
+        raise ConfigError(f'{where}: sigma {p.sigma}, expected how well it is known, above 0')
+    if p.stage not in STAGES:
+        raise ConfigError(f'{where}: stage {p.stage!r}, expected one of {", ".join(STAGES)}')
+
+
+def _poses(name: str, stream: Stream) -> PoseStream:
+    norm = np.linalg.norm(stream.values[:, 3:], axis=1)
+    worst = int(np.argmax(np.abs(norm - 1.0)))
+    if abs(norm[worst] - 1.0) > UNIT:
+        raise ConfigError(f'{name}: pose: the quaternion at {stream.t[worst]:.3f} s has norm '
+                          f'{norm[worst]:.4f}; expected x, y, z, w of a unit quaternion')
+    return PoseStream(stream.t, stream.values[:, :3],
+                      matrix_from_quaternion(stream.values[:, 3:]))
+
+
+@contextmanager
+def _blamed(what: str) -> Iterator[None]:
+    """Say in one line what somebody else's code raises, and where."""
+    try:
+        yield
+    except ForcecalError:
+        raise
+    except Exception as error:  # whatever that code may raise
+        at = traceback.extract_tb(error.__traceback__)[-1]
+        raise ConfigError(f'{what} raised {type(error).__name__}: {error} '
+                          f'({at.filename}:{at.lineno})') from error
