@@ -3,6 +3,7 @@ from glob import glob
 from setuptools import find_packages, setup
 
 PACKAGE = 'forcecal_ros'
+MUJOCO = ["mujoco>=3.11,!=4.0.0; python_version >= '3.11'"]
 SCALE = ['distributed>=2024.1', 'joblib>=1.4']
 
 setup(
@@ -38,6 +39,8 @@ setup(
         'tqdm>=4.66',
     ],
     extras_require={
+        # models in MuJoCo: --mujoco; 4.0.0 solves contacts wrongly, older ones mount sensors so
+        'mujoco': MUJOCO,
         # many recordings on many cores or machines: --jobs, --dask
         'scale': SCALE,
         # for machines without a ROS 2 distribution; colcon and rosdep never ask for it
@@ -52,6 +55,7 @@ setup(
             'pytest-timeout>=2.1',
             'pytest-xdist>=3.7',  # orders groups by their place, not their number
             'hypothesis>=6.98',
+            *MUJOCO,
             *SCALE,
             'colcon-common-extensions>=0.3.0',
             'mypy>=2.4,<2.5',

@@ -7,7 +7,7 @@ gripper does to the arm, so its sign is turned; all sensors show the state befor
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
-from forcecal_ros.geometry import quaternion_from_matrix
+from forcecal_ros.geometry import matrix_from_quaternion, quaternion_from_matrix
 from forcecal_ros.recording.streams import JointStream, PoseStream, Recording, Stream
 from forcecal_ros.simulators.protocol import Inputs, Parameter
 import mujoco
@@ -108,7 +108,8 @@ def model_of(arm: Arm) -> mujoco.MjModel:
         f'<mujoco><option timestep="{arm.step}" integrator="{arm.integrator}" '
         f'gravity="{gravity[0]} {gravity[1]} {gravity[2]}"/><worldbody>{bodies}{tool}{ends}'
         f'</worldbody><actuator>{actuators}</actuator><sensor><force site="ft"/>'
-        '<torque site="ft"/></sensor></mujoco>')
+        '<torque site="ft"/><framepos objtype="site" objname="ft"/>'
+        '<framequat objtype="site" objname="ft"/></sensor></mujoco>')
 
 
 def commands(seed: int, seconds: float) -> np.ndarray:
@@ -159,17 +160,15 @@ def run(arm: Arm, joints: np.ndarray, every: float = 0.002) -> Recording:
     for k in range(len(joints) * hold):
         data.ctrl[:] = fine[k]
         _pulled(arm, data, site, body)
-        where = k % steps == 0
-        mujoco.mj_step1(model, data)
-        pose = (data.site_xpos[site].copy(), data.site_xmat[site].reshape(3, 3).copy())
-        mujoco.mj_step2(model, data)
-        if where:
-            rows.append((k * arm.step, -data.sensordata.copy(), *pose))
-    t = np.array([row[0] for row in rows])
+        mujoco.mj_step(model, data)
+        if k % steps == 0:
+            rows.append(data.sensordata.copy())
+    t = arm.step * steps * np.arange(len(rows))
+    seen = np.array(rows)
     target, told = _forward(model, joints), PERIOD * np.arange(len(joints))
     return Recording(
-        wrench=Stream(t, np.array([row[1] for row in rows]), 'ft_sensor'),
-        pose=PoseStream(t, np.array([row[2] for row in rows]), np.array([row[3] for row in rows])),
+        wrench=Stream(t, -seen[:, :6], 'ft_sensor'),
+        pose=PoseStream(t, seen[:, 6:9], matrix_from_quaternion(np.roll(seen[:, 9:], -1, axis=1))),
         target=PoseStream(told, *target),
         joint_commands=JointStream(told, joints, '', JOINTS))
 

@@ -11,17 +11,20 @@ from forcecal_ros.commands.common import (
     say,
     topic_names,
 )
+from forcecal_ros.commands.simulators import add_mujoco, check_mujoco, simulator_of
+from forcecal_ros.errors import UsageError
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'check-simulator',
-        example='forcecal check-simulator my_robot:make my_bag')
-    parser.add_argument('simulator', metavar='MODULE:FACTORY',
+        example='forcecal check-simulator my_bag --simulator my_robot:make')
+    parser.add_argument('bag', metavar='BAG', help='recording whose commands it is run with')
+    parser.add_argument('--simulator', metavar='MODULE:FACTORY',
                         help='a function without arguments that returns the simulator; its code '
                              'is executed')
-    parser.add_argument('bag', metavar='BAG', help='recording whose commands it is run with')
+    add_mujoco(parser)
     add_topics(parser)
     add_json(parser)
     parser.set_defaults(run=run)
@@ -32,10 +35,12 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.diagnose.conformance import conformance
     from forcecal_ros.recording.bags import read_recording
     from forcecal_ros.simulators.rig.file import load_rig
-    from forcecal_ros.simulators.third_party import load_simulator
 
-    simulator = load_simulator(args.simulator)
-    found = conformance(simulator, read_recording(args.bag, topics=topic_names(args)),
+    check_mujoco(args)
+    if not (args.simulator or args.mujoco):
+        raise UsageError('name what is to be checked: --simulator MODULE:FACTORY or --mujoco '
+                         'MODEL.xml')
+    found = conformance(simulator_of(args), read_recording(args.bag, topics=topic_names(args)),
                         load_rig('rigid_tool.yaml'))
     if args.json:
         print_json(found.document())

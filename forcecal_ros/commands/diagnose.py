@@ -14,6 +14,7 @@ from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
 from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
 from forcecal_ros.commands.progress import stages
+from forcecal_ros.commands.simulators import add_mujoco, check_mujoco, simulator_of
 from forcecal_ros.errors import UsageError
 
 RIGID = 'rigid_tool.yaml'
@@ -52,6 +53,7 @@ def add_parser(subparsers: Any) -> None:
                              'function without arguments that returns an object with '
                              'parameters() and simulate(inputs, parameters); its code is '
                              'executed')
+    add_mujoco(parser)
     parser.add_argument('--accelerometer', choices=('acc1', 'acc2'),
                         help='which one is mounted (default: recognised by its volts)')
     add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
@@ -59,7 +61,7 @@ def add_parser(subparsers: Any) -> None:
                     'calibration_patched.yaml); results that are there are kept as NAME~; of '
                     'several BAGs, a folder of such folders')
     parser.set_defaults(run=run, inputs=('bag', 'heldout', 'rig', 'calibration', 'simulated',
-                                         'heldout_simulated'))
+                                         'heldout_simulated', 'mujoco'))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -67,7 +69,8 @@ def run(args: argparse.Namespace) -> int:
     if args.heldout and os.path.realpath(args.heldout) in map(os.path.realpath, args.bag):
         raise UsageError(f'--heldout: {args.heldout} cannot judge what is fitted to it; leave it '
                          'out, and parts of every phase are held out')
-    if args.simulator:
+    check_mujoco(args)
+    if args.simulator or args.mujoco:
         _check_simulator(args)
     if args.simulated:
         _check_pairs(args)
@@ -80,11 +83,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_simulator(args: argparse.Namespace) -> None:
+    mine = 'simulator' if args.simulator else 'mujoco'
     for name in ('rig', 'calibration', 'simulated'):
         if getattr(args, name):
-            raise UsageError(f'--simulator and --{name} exclude each other: one model at a time')
+            raise UsageError(f'--{mine} and --{name} exclude each other: one model at a time')
     if len(args.bag) > 1:
-        raise UsageError('--simulator goes with exactly one BAG; diagnose one after the other')
+        raise UsageError(f'--{mine} goes with exactly one BAG; diagnose one after the other')
 
 
 def _check_pairs(args: argparse.Namespace) -> None:
@@ -111,7 +115,7 @@ def answer(args: argparse.Namespace) -> Answer:
     from forcecal_ros.recording.bags import read_recording
     from forcecal_ros.simulators.rig.file import load_rig
 
-    if args.simulator:
+    if args.simulator or args.mujoco:
         return _by_simulator(args)
     if args.simulated:
         return _by_simulated(args)
@@ -201,19 +205,18 @@ def _by_simulator(args: argparse.Namespace) -> Answer:
     from forcecal_ros.diagnose.result import to_document
     from forcecal_ros.recording.bags import read_recording
     from forcecal_ros.simulators.rig.file import load_rig
-    from forcecal_ros.simulators.third_party import load_simulator
 
     with stages(args) as stage:
-        simulator = load_simulator(args.simulator)
+        simulator = simulator_of(args)
         stage(f'reading {args.bag}')
         real, *more = (
             read_recording(bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
             for bag in (args.bag, args.heldout) if bag is not None)
-        stage(f'running {args.simulator} with {len(simulator.parameters)} parameters')
+        stage(f'running {simulator.name} with {len(simulator.parameters)} parameters')
         rig, of_channels = load_rig(RIGID), units('m/s^2')
         found = diagnose_rerun(real, more[0] if more else None, simulator, rig)
         document = to_document(found.outcome.diagnosis, of_channels, None)
-        document |= {'explained_by': args.simulator, **found.document()}
+        document |= {'explained_by': simulator.name, **found.document()}
         answer = _written(args, real, found.outcome, rig, of_channels, document, {})
         told = [f'change {one}' for one in found.changed]
         return answer._replace(text='\n'.join([answer.text, *told]))

@@ -142,7 +142,7 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Case, ...], given: Seq
         if _predicted(ready, point):
             break
     changed = _changes(simulator, outcome)
-    notes = (*outcome.diagnosis.notes, *_recalibrated(simulator, outcome))
+    notes = (*outcome.diagnosis.notes, *simulator.notes, *_recalibrated(simulator, outcome))
     outcome = replace(outcome, diagnosis=replace(outcome.diagnosis, notes=notes))
     recomputed = _recomputed(ready, judged, outcome) if changed else None
     return Rerunning(outcome, changed, sum(one.runs.count for one in ready), recomputed)

@@ -39,6 +39,7 @@ class Conformance(NamedTuple):
         Of the recording [s].
     streams : tuple of str
     sensitivity : tuple of Sensitivity
+    notes : tuple of str
     """
 
     name: str
@@ -46,6 +47,7 @@ class Conformance(NamedTuple):
     length: float
     streams: tuple[str, ...]
     sensitivity: tuple[Sensitivity, ...]
+    notes: tuple[str, ...] = ()
 
     def document(self) -> dict[str, Any]:
         """Return what ``--json`` prints."""
@@ -61,7 +63,7 @@ class Conformance(NamedTuple):
             'one sigma of a parameter moves, RMS:',
             *(f'  {s.name}  {s.force:.3g} N  {s.torque:.3g} N m  {1e3 * s.position:.3g} mm  '
               f'{1e3 * s.turn:.3g} mrad' + ('' if any(s[1:]) else '  (nothing)')
-              for s in self.sensitivity)])
+              for s in self.sensitivity), *(f'note: {note}' for note in self.notes)])
 
 
 def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Conformance:
@@ -98,7 +100,7 @@ def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Confor
     return Conformance(simulator.name, seconds, inputs.end - inputs.start, streams, tuple(
         Sensitivity(p.name, _rms(c.wrench[:, :3]), _rms(c.wrench[:, 3:]), _rms(c.position),
                     _rms(c.turn))
-        for p, c in zip(simulator.parameters, runs.changes(simulator.nominal))))
+        for p, c in zip(simulator.parameters, runs.changes(simulator.nominal))), simulator.notes)
 
 
 def _rms(rows: Array) -> float:

@@ -34,6 +34,12 @@ MOST_ROUNDS = 4
 ENDLESS = 1e9
 """Residual in any unit from which a simulation has diverged; no sensor reads that much."""
 
+QUIETEST = 1e-5
+"""
+Noise of a channel, at least, in its signal: single precision, in which columns are held, keeps a
+hundredth of that. With less a recording is computed, not measured.
+"""
+
 CONVERGED = 0.05
 """Step of the nuisances, in spreads, that ends it."""
 
@@ -211,11 +217,13 @@ class Problem:
     def refit_noise(self, x: Array) -> None:
         """Fit the noise of what a step of the nuisances, and any discrepancy, leave."""
         rest = [b - combined(columns, x, len(b)) for b, columns in zip(self.blocks, self.columns)]
+        floor = QUIETEST * _signal(self)
         if not self.noise and self.cases[0].simulation.starts_white:
-            self.noise = [white(r, c.measured.present, c.groups) for r, c in zip(rest, self.cases)]
+            self.noise = [_no_less(white(r, c.measured.present, c.groups), floor)
+                          for r, c in zip(rest, self.cases)]
         if self.noise and self.discrepancy is not None:
             rest = [r - p for r, p in zip(rest, self.beside().predicted(rest))]
-        self.noise = [fit_autoregression(r, c.measured.present, c.groups)
+        self.noise = [_no_less(fit_autoregression(r, c.measured.present, c.groups), floor)
                       for r, c in zip(rest, self.cases)]
 
     def recalibrate(self) -> None:
@@ -267,6 +275,10 @@ def problem(rig: Rig, cases: tuple[Case, ...]) -> Problem:
     out.allow_discrepancy()
     out.recalibrate()
     return out
+
+
+def _no_less(noise: Autoregression, floor: Array) -> Autoregression:
+    return noise._replace(sigma=np.where(noise.sigma > 0.0, np.maximum(noise.sigma, floor), 0.0))
 
 
 def _signal(p: Problem) -> Array:

@@ -97,8 +97,9 @@ def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig) 
                           f_scale=OUTLIER * max(spread, 1e-6)).x
     mass = float(theta[0])
     if mass < -LIGHTEST:
-        raise DataError('the simulated wrench has the other sign: at rest it must show what holds '
-                        f'the tool, and shows {mass:.2f} kg; give --simulated-wrench-sign -1')
+        raise DataError("the simulated wrench has the other sign: at rest it must be the tool's "
+                        f'weight, pointing down, and shows {mass:.2f} kg; give '
+                        '--simulated-wrench-sign -1')
     if mass < LIGHTEST:
         raise DataError(f'the simulated wrench holds no weight of a tool ({mass:.3f} kg); let the '
                         'simulator publish the wrench without compensation')

@@ -66,10 +66,10 @@ class Simulator(Protocol):
     A robot with its tool and sensors, which does the same whenever it is told the same.
 
     What ``simulate`` returns maps the name of a stream to its stamps [s], on the clock of the
-    inputs, and its rows: ``wrench`` (n, 6) [N], [N m] in ft_sensor, environment on tool, so that
-    at rest it shows what holds the tool; ``pose`` (n, 7) position of ft_sensor in base [m] and
-    quaternion x, y, z, w; where it has one, ``accelerometer`` (n, 3) specific force [m/s^2].
-    No stream has noise.
+    inputs, and its rows: ``wrench`` (n, 6) of all but the arm on the tool, so that at rest it is
+    the tool's weight and points down, in ft_sensor [N], [N m]; ``pose`` (n, 7) position of
+    ft_sensor in base [m] and quaternion x, y, z, w; where it has one, ``accelerometer`` (n, 3)
+    specific force [m/s^2]. No stream has noise.
     """
 
     def parameters(self) -> Sequence[Parameter]:

@@ -37,11 +37,14 @@ class ThirdParty:
         For messages.
     simulator : Simulator
     parameters : tuple of Parameter
+    notes : tuple of str
+        What the user should know of it, where it has such an attribute.
     """
 
     name: str
     simulator: Simulator
     parameters: tuple[Parameter, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def nominal(self) -> tuple[float, ...]:
@@ -178,7 +181,7 @@ def third_party(name: str, simulator: Any) -> ThirdParty:
         if p.name in seen:
             raise ConfigError(f'{name}: parameter {p.name} is there twice')
         seen.add(p.name)
-    return ThirdParty(name, simulator, listed)
+    return ThirdParty(name, simulator, listed, tuple(getattr(simulator, 'notes', ())))
 
 
 def _check_parameter(name: str, p: Parameter) -> None:

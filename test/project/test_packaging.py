@@ -28,7 +28,7 @@ PIP_NAMES = {'yaml': 'pyyaml', 'backports': 'backports-zstd'}
 BROUGHT_BY_ROSBAGS = {'backports', 'lz4'}
 """Imports that rosdep has no key for: rosbags, which rosdep installs with pip, requires them."""
 
-OPTIONAL = {'distributed', 'joblib'}
+OPTIONAL = {'distributed', 'joblib', 'mujoco'}
 
 
 def _run(*arguments, cwd=ROOT, **options):

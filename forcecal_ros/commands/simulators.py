@@ -1,0 +1,34 @@
+"""Which simulator of his own the user names: a module's function, or a model in MuJoCo."""
+
+import argparse
+from typing import Any
+
+from forcecal_ros.errors import UsageError
+
+
+def add_mujoco(parser: Any) -> None:
+    """Declare how a model is named."""
+    parser.add_argument('--mujoco', metavar='MODEL.xml',
+                        help='your robot as an MJCF, which MuJoCo runs with the recorded commands '
+                             'of its joints')
+    parser.add_argument('--ft-site', metavar='NAME',
+                        help='where its force-torque sensor sits (default: the site of its only '
+                             'force sensor)')
+
+
+def check_mujoco(args: argparse.Namespace) -> None:
+    """Refuse two simulators, and a site of none."""
+    if args.mujoco and args.simulator:
+        raise UsageError('--mujoco and --simulator exclude each other: one model at a time')
+    if args.ft_site and not args.mujoco:
+        raise UsageError('--ft-site wants --mujoco: it names a site of that model')
+
+
+def simulator_of(args: argparse.Namespace) -> Any:
+    """Load the one that was named."""
+    from forcecal_ros.simulators.mujoco import load_mujoco
+    from forcecal_ros.simulators.third_party import load_simulator, third_party
+
+    if args.mujoco:
+        return third_party(args.mujoco, load_mujoco(args.mujoco, args.ft_site))
+    return load_simulator(args.simulator)

@@ -1,0 +1,324 @@
+"""
+A model in MuJoCo as a simulator: its sensors found, its numbers as parameters.
+
+MuJoCo's force sensor says what the tool does to the arm, so its sign is turned; it measures all
+that is below the body of its site, so the tool has to be a body of its own. All sensors of a step
+show the state before it.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from forcecal_ros.errors import ConfigError
+from forcecal_ros.extras import installing
+from forcecal_ros.geometry import Array
+from forcecal_ros.recording.streams import JointStream
+from forcecal_ros.simulators.protocol import Inputs, Parameter
+import numpy as np
+from numpy.typing import NDArray
+
+SETTLING = 2.0
+"""Simulated at the first command before the recording begins [s]: until an arm hangs still."""
+
+EVERY = 0.002
+"""Between samples, at least [s]: the wrench is compared up to far below 250 Hz."""
+
+OVER_READS = 1.05
+"""
+Factor by which implicit integrators make MuJoCo's force sensor over-read, from which that is told:
+0.05 of a tool's inertial force is the noise of a good sensor at 10 m/s^2 and 0.5 kg.
+"""
+
+WEIGHED, PLACED = 0.01, 0.001
+"""How well a tool is known by its drawing: mass (relative) and centre of mass [m], 1 sigma."""
+
+RUBBED = (0.1, 0.1)
+"""Of dry friction, 1 sigma: part of the model's, and beside it [N m] or [N]: what warmth makes."""
+
+DRIVEN = (0.05, 0.1)
+"""Of the gains kp and kv of a position actuator, 1 sigma, relative: as controllers are told."""
+
+LEVELLED = 0.003
+"""Tilt of a base that was levelled by hand, 1 sigma [rad]."""
+
+
+class _Number(NamedTuple):
+    """A parameter, and how it is written into a model."""
+
+    parameter: Parameter
+    write: Callable[[Any, float], None]
+
+
+@dataclass
+class MujocoRobot:
+    """
+    A model, its force-torque site, and the numbers that may be off.
+
+    Attributes
+    ----------
+    model : mujoco.MjModel
+    site : str
+        Where the wrench is measured, in whose frame.
+    numbers : tuple
+    notes : tuple of str
+        What the user should know of the model.
+    """
+
+    model: Any
+    site: str
+    numbers: tuple[_Number, ...]
+    notes: tuple[str, ...]
+
+    def parameters(self) -> Sequence[Parameter]:
+        """List what can be set."""
+        return [one.parameter for one in self.numbers]
+
+    def simulate(self, inputs: Inputs, parameters: Mapping[str, float]) -> Mapping[str, Any]:
+        """
+        Drive its position actuators by the commands of joints, interpolated as controllers do.
+
+        Raises
+        ------
+        ConfigError
+            The recording has no commands of joints, or of others than the model's.
+        """
+        import mujoco
+
+        model = self.model
+        for one in self.numbers:
+            one.write(model, parameters[one.parameter.name])
+        data = mujoco.MjData(model)
+        mujoco.mj_setConst(model, data)
+        told, actuators = _commands(model, inputs.joints)
+        step = float(model.opt.timestep)
+        t = inputs.start + step * np.arange(int((inputs.end - inputs.start) / step) + 1)
+        ctrl = np.stack([np.interp(t, told.t, q) for q in told.values.T], axis=1)
+        for i, q in zip(actuators, ctrl[0]):
+            data.qpos[model.jnt_qposadr[model.actuator_trnid[i, 0]]] = q
+        data.ctrl[actuators] = ctrl[0]
+        for _ in range(round(SETTLING / step)):
+            mujoco.mj_step(model, data)
+        rows, skipped = [], max(1, round(EVERY / step))
+        for k, q in enumerate(ctrl):
+            data.ctrl[actuators] = q
+            mujoco.mj_step(model, data)
+            if k % skipped == 0:
+                rows.append(data.sensordata.copy())
+        return self._streams(t[::skipped], np.array(rows))
+
+    def _streams(self, t: NDArray[Any], rows: Array) -> Mapping[str, Any]:
+        def of(kind: str) -> Array:
+            sensor = self.model.sensor(OWN + kind)
+            return rows[:, int(sensor.adr[0]):int(sensor.adr[0] + sensor.dim[0])]
+
+        wxyz = of('quaternion')
+        return {'wrench': (t, -np.hstack([of('force'), of('torque')])),
+                'pose': (t, np.hstack([of('position'), np.roll(wxyz, -1, axis=1)]))}
+
+
+OWN = 'forcecal_'
+"""Before the names of the sensors that are added to a model."""
+
+
+def load_mujoco(path: str, ft_site: str | None = None) -> MujocoRobot:
+    """
+    Load a model.
+
+    Parameters
+    ----------
+    path : str
+        MJCF.
+    ft_site : str, optional
+        Where its force sensor sits; that of its only force sensor where none is named.
+
+    Raises
+    ------
+    ConfigError
+        MuJoCo is not installed, the model cannot be read, or has no such site; the site is on a
+        link and not on a tool of its own.
+    """
+    try:
+        import mujoco
+    except ImportError:
+        raise ConfigError(f'--mujoco wants MuJoCo: {installing("mujoco")}') from None
+    if not Path(path).is_file():
+        raise ConfigError(f'--mujoco {path}: no such file; name the model, an MJCF')
+    try:
+        spec = mujoco.MjSpec.from_file(path)
+        site = _site(mujoco, spec, path, ft_site)
+        body = spec.site(site).parent
+        _refuse_link(body, path, site)
+        base = _base_of(body)
+        body.name, base.name = body.name or 'tool', base.name or 'base'
+        _add_sensors(mujoco, spec, site, base.name)
+        model = spec.compile()
+    except ValueError as error:
+        raise ConfigError(f'--mujoco {path}: MuJoCo says {" ".join(str(error).split())}') from None
+    moved = [i for i in range(model.nu) if _positions(mujoco, model, i)]
+    if not moved:
+        raise ConfigError(f'--mujoco {path}: no position actuator on a joint; what the robot is '
+                          'told are positions of its joints')
+    numbers = (*_of_tool(model, body.name, site), *_of_joints(mujoco, model, moved),
+               *_of_base(model))
+    return MujocoRobot(model, site, numbers, tuple(_over_reading(mujoco, model, moved)))
+
+
+def _site(mujoco: Any, spec: Any, path: str, given: str | None) -> str:
+    names = [site.name for site in spec.sites]
+    if given:
+        if given not in names:
+            raise ConfigError(f'--ft-site {given}: {path} has no such site; it has '
+                              f'{", ".join(filter(None, names)) or "none"}')
+        return given
+    found = {one.objname for one in spec.sensors if one.type == mujoco.mjtSensor.mjSENS_FORCE}
+    if len(found) != 1:
+        raise ConfigError(f'--mujoco {path}: {len(found)} sites have a force sensor; say which '
+                          f'with --ft-site, one of {", ".join(filter(None, names)) or "none"}')
+    return str(found.pop())
+
+
+def _refuse_link(body: Any, path: str, site: str) -> None:
+    """Refuse a sensor that weighs a link of the arm, too."""
+    if list(body.joints):
+        raise ConfigError(
+            f'--mujoco {path}: site {site} is on {body.name}, which joint {body.joints[0].name} '
+            "moves: MuJoCo's force sensor would weigh that link, too; make the tool a body of "
+            'its own, welded to the link, with the site on it')
+
+
+def _base_of(body: Any) -> Any:
+    """Return the body that the arm stands on: the parent of the first that a joint moves."""
+    chain = [body]
+    while chain[-1].name != 'world':
+        chain.append(chain[-1].parent)
+    moved = [one for one in chain if list(one.joints)]
+    return moved[-1].parent if moved else chain[-1]
+
+
+def _add_sensors(mujoco: Any, spec: Any, site: str, base: str) -> None:
+    kinds, types = mujoco.mjtSensor, mujoco.mjtObj
+    for name, kind in (('force', kinds.mjSENS_FORCE), ('torque', kinds.mjSENS_TORQUE)):
+        spec.add_sensor(name=OWN + name, type=kind, objtype=types.mjOBJ_SITE, objname=site)
+    for name, kind in (('position', kinds.mjSENS_FRAMEPOS),
+                       ('quaternion', kinds.mjSENS_FRAMEQUAT)):
+        spec.add_sensor(name=OWN + name, type=kind, objtype=types.mjOBJ_SITE, objname=site,
+                        reftype=types.mjOBJ_XBODY, refname=base)
+
+
+def _positions(mujoco: Any, model: Any, i: int) -> bool:
+    """Say whether an actuator holds a joint at a position: the gain is that of its bias."""
+    scalar = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    return bool(model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
+                and int(model.jnt_type[model.actuator_trnid[i, 0]]) in scalar
+                and model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_AFFINE
+                and model.actuator_gainprm[i, 0] == -model.actuator_biasprm[i, 1] != 0.0)
+
+
+def _of_tool(model: Any, body: str, site: str) -> list[_Number]:
+    i = model.body(body).id
+    mass, com = float(model.body_mass[i]), model.body_ipos[i].copy()
+    if mass <= 0.0:
+        raise ConfigError(f'body {body} below site {site} weighs nothing; give the tool its mass')
+    inertia = model.body_inertia[i].copy()
+
+    def weigh(to: Any, value: float) -> None:
+        to.body_mass[i] = value
+        to.body_inertia[i] = inertia * (value / mass)
+
+    def place(axis: int) -> Callable[[Any, float], None]:
+        def write(to: Any, value: float) -> None:
+            to.body_ipos[i, axis] = value
+        return write
+
+    found = [_Number(Parameter(f'body_mass[{body}]', mass, WEIGHED * mass, 'kg', 0.05 * mass,
+                               20.0 * mass, 'tool', ('tool_mass',)), weigh)]
+    return found + [_Number(Parameter(
+        f'body_ipos[{body}].{a}', float(com[k]), PLACED, 'm', com[k] - 0.5, com[k] + 0.5, 'tool',
+        ('tool_com',)), place(k)) for k, a in enumerate('xyz')]
+
+
+def _of_joints(mujoco: Any, model: Any, actuators: Sequence[int]) -> list[_Number]:
+    found = []
+    for i in actuators:
+        joint = int(model.actuator_trnid[i, 0])
+        name, dof = model.joint(joint).name, int(model.jnt_dofadr[joint])
+        unit = 'N' if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE else 'N m'
+        friction = float(model.dof_frictionloss[dof])
+        kp, kv = float(model.actuator_gainprm[i, 0]), -float(model.actuator_biasprm[i, 2])
+        found.append(_Number(Parameter(f'dof_frictionloss[{name}]', friction,
+                                       RUBBED[0] * friction + RUBBED[1], unit, 0.0),
+                             _writer('dof_frictionloss', dof)))
+        found.append(_Number(Parameter(f'kp[{name}]', kp, DRIVEN[0] * kp, '1', 0.05 * kp,
+                                       20.0 * kp), _gain(i)))
+        if kv > 0.0:
+            found.append(_Number(Parameter(f'kv[{name}]', kv, DRIVEN[1] * kv, '1', 0.0,
+                                           20.0 * kv), _writer('actuator_biasprm', (i, 2), -1.0)))
+    return found
+
+
+def _of_base(model: Any) -> list[_Number]:
+    """Tilt the base under gravity, about X and Y."""
+    down = model.opt.gravity.copy()
+    tilt = np.zeros(2)
+
+    def write(axis: int) -> Callable[[Any, float], None]:
+        def turn(to: Any, value: float) -> None:
+            tilt[axis] = value
+            x, y = tilt
+            size = float(np.linalg.norm(down))
+            to.opt.gravity[:] = size * np.array(
+                [np.sin(y), -np.sin(x), -np.cos(x) * np.cos(y)])
+        return turn
+
+    if not np.allclose(down[:2], 0.0) or down[2] >= 0.0:
+        return []
+    return [_Number(Parameter(f'tilt.{a}', 0.0, LEVELLED, 'rad', -0.5, 0.5, 'robot',
+                              ('base_tilt',)), write(k)) for k, a in enumerate('xy')]
+
+
+def _writer(field: str, index: Any, sign: float = 1.0) -> Callable[[Any, float], None]:
+    def write(to: Any, value: float) -> None:
+        getattr(to, field)[index] = sign * value
+    return write
+
+
+def _gain(i: int) -> Callable[[Any, float], None]:
+    def write(to: Any, value: float) -> None:
+        to.actuator_gainprm[i, 0] = value
+        to.actuator_biasprm[i, 1] = -value
+    return write
+
+
+def _commands(model: Any, joints: JointStream | None) -> tuple[JointStream, list[int]]:
+    """Return the commands, and which actuator each column drives."""
+    if joints is None:
+        raise ConfigError('--mujoco drives joints, and the recording holds no commands of any; '
+                          'record what the controller is told and name it with --topic '
+                          'joint_commands=NAME')
+    driven = {model.joint(int(model.actuator_trnid[i, 0])).name: i for i in range(model.nu)}
+    if not joints.names:
+        if joints.values.shape[1] != len(driven):
+            raise ConfigError(f'the commands are of {joints.values.shape[1]} joints without '
+                              f'names, the model drives {len(driven)}: {", ".join(driven)}')
+        return joints, list(driven.values())
+    missing = sorted(set(joints.names) - set(driven))
+    if missing:
+        raise ConfigError(f'joint {", ".join(missing)} is commanded, but no actuator of the model '
+                          f'drives it; it drives {", ".join(driven)}')
+    return joints, [driven[name] for name in joints.names]
+
+
+def _over_reading(mujoco: Any, model: Any, actuators: Sequence[int]) -> list[str]:
+    """Say by how much the sensor over-reads inertia with an implicit integrator."""
+    kinds = mujoco.mjtIntegrator
+    if int(model.opt.integrator) not in (int(kinds.mjINT_IMPLICIT), int(kinds.mjINT_IMPLICITFAST)):
+        return []
+    dofs = [int(model.jnt_dofadr[model.actuator_trnid[i, 0]]) for i in actuators]
+    drag = [float(model.dof_damping[d] - model.actuator_biasprm[i, 2])
+            for i, d in zip(actuators, dofs)]
+    factor = 1.0 + model.opt.timestep * max(k / model.dof_M0[d] for k, d in zip(drag, dofs))
+    note = (f'its integrator lets the force sensor over-read accelerations, up to {factor:.2f} '
+            'times; Euler does not')
+    return [note] if factor >= OVER_READS else []

@@ -1,0 +1,173 @@
+"""A model in MuJoCo as a simulator: what is found in it, and what it says."""
+
+from dataclasses import replace
+import json
+
+from forcecal_ros.cli import main
+from forcecal_ros.errors import ConfigError
+from forcecal_ros.geometry import matrix_from_quaternion, rotation_from_vector
+from forcecal_ros.recording.bags import write_recording
+from forcecal_ros.recording.streams import JointStream
+from forcecal_ros.simulators.mujoco import load_mujoco
+from forcecal_ros.simulators.protocol import Inputs
+from forcecal_ros.simulators.third_party import third_party
+import numpy as np
+import pytest
+
+pytest.importorskip('mujoco')
+
+GRAVITY = 9.80665
+LINK = ('<body name="link{i}" pos="{place}"><joint name="{name}" axis="{axis}" armature="0.4" '
+        'frictionloss="0.5"/><inertial pos="0.1 0 0" mass="2" diaginertia="0.02 0.02 0.02"/>')
+TOOL = ('<body name="gripper" pos="0.1 0 0" quat="0 0.6 0 0.8"><inertial pos="0.01 0 0.05" '
+        'mass="1.5" diaginertia="3e-3 3e-3 2e-3"/><site name="ft"/></body>')
+NAMES = ('pan', 'lift', 'twist')
+
+
+def mjcf(tool=TOOL, integrator='Euler', sensor='<force site="ft"/>', actuator='position'):
+    """Return an arm of three joints on a base that is turned about the vertical."""
+    links = ''.join(LINK.format(i=i, place=place, name=name, axis=axis) for i, (name, place, axis)
+                    in enumerate(zip(NAMES, ('0 0 0.2', '0.3 0 0', '0.3 0 0'),
+                                     ('0 0 1', '0 1 0', '1 0 0'))))
+    gains = ' kp="4000" kv="150"' if actuator == 'position' else ''
+    driven = ''.join(f'<{actuator} joint="{name}"{gains}/>' for name in NAMES)
+    option = f'timestep="0.002" integrator="{integrator}" gravity="0 0 -{GRAVITY}"'
+    base = 'name="base" pos="1 2 3" quat="0.8 0 0 0.6"'
+    return (f'<mujoco><option {option}/><worldbody><body {base}>{links}{tool}'
+            f'</body></body></body></body></worldbody><actuator>{driven}</actuator>'
+            f'<sensor>{sensor}</sensor></mujoco>')
+
+
+@pytest.fixture
+def model(tmp_path):
+    def written(**changes):
+        (tmp_path / 'arm.xml').write_text(mjcf(**changes))
+        return str(tmp_path / 'arm.xml')
+    return written
+
+
+def told(seconds, moving=1.0):
+    t = np.arange(0.0, seconds, 0.01)
+    rise = np.clip(np.minimum(t - 1.0, seconds - 1.0 - t), 0.0, 1.0)
+    q = moving * np.stack([0.5 * np.sin(1.3 * t), 0.3 * np.sin(2.1 * t) - 0.2,
+                           1.2 * np.sin(1.7 * t)], axis=1) * (rise ** 2 * (3 - 2 * rise))[:, None]
+    return JointStream(t, q, '', NAMES)
+
+
+def nominal(robot):
+    return {p.name: p.nominal for p in robot.parameters()}
+
+
+def test_at_rest_the_wrench_is_the_weight_in_the_frame_of_the_site(model):
+    robot = load_mujoco(model())
+    inputs = Inputs(0.0, 1.0, joints=told(1.0, 0.0))
+    streams = robot.simulate(inputs, {**nominal(robot), 'body_mass[gripper]': 2.0})
+    (t, wrench), (_, pose) = streams['wrench'], streams['pose']
+    R = matrix_from_quaternion(pose[-1, 3:])
+    weight = -2.0 * GRAVITY * R[2]
+    np.testing.assert_allclose(wrench[-1, :3], weight, atol=0.05)
+    np.testing.assert_allclose(wrench[-1, 3:], np.cross([0.01, 0.0, 0.05], weight), atol=0.005)
+    np.testing.assert_allclose(pose[-1, :3], [0.7, 0.0, 0.2], atol=0.02)  # in the base
+    assert t[1] - t[0] == pytest.approx(0.002)
+
+
+def test_its_numbers_are_parameters_by_their_own_names(model):
+    robot = load_mujoco(model())
+    found = {p.name: p for p in robot.parameters()}
+    assert found['body_mass[gripper]'].nominal == 1.5
+    assert found['body_mass[gripper]'].stands_for == ('tool_mass',)
+    assert found['dof_frictionloss[lift]'].nominal == 0.5
+    assert found['kp[pan]'].nominal == 4000.0
+    assert found['kv[twist]'].nominal == 150.0
+    assert len(found) == 4 + 3 * 3 + 2
+    assert robot.notes == ()
+
+
+@pytest.mark.parametrize('name, value', [
+    ('dof_frictionloss[lift]', 3.0), ('kp[lift]', 2000.0), ('kv[lift]', 500.0),
+    ('body_ipos[gripper].z', 0.08), ('tilt.y', 0.1)])
+def test_each_number_acts_and_leaves_nothing_behind(model, name, value):
+    robot = load_mujoco(model())
+    inputs = Inputs(0.0, 3.0, joints=told(3.0))
+    before = robot.simulate(inputs, nominal(robot))
+    changed = robot.simulate(inputs, {**nominal(robot), name: value})
+    again = robot.simulate(inputs, nominal(robot))
+    assert np.abs(changed['wrench'][1] - before['wrench'][1]).max() > 0.01
+    for stream in ('wrench', 'pose'):
+        np.testing.assert_array_equal(again[stream][1], before[stream][1])
+
+
+def test_an_implicit_integrator_is_told_to_over_read(model):
+    note, = load_mujoco(model(integrator='implicitfast')).notes
+    assert 'over-read accelerations, up to 1.' in note
+
+
+ON_LINK = '<site name="ft"/>'
+
+
+@pytest.mark.parametrize('changes, why', [
+    ({'tool': ON_LINK}, 'site ft is on link2, which joint twist moves'),
+    ({'sensor': ''}, '0 sites have a force sensor; say which with --ft-site, one of ft'),
+    ({'actuator': 'motor'}, 'no position actuator on a joint'),
+    ({'tool': '<body><site name="ft"/></body>'}, 'body tool below site ft weighs nothing'),
+    ({'integrator': 'nothing'}, 'MuJoCo says')])
+def test_a_model_that_will_not_do_is_refused_in_one_line(model, changes, why):
+    with pytest.raises(ConfigError, match=why) as refused:
+        load_mujoco(model(**changes))
+    assert '\n' not in str(refused.value)
+
+
+def test_a_site_that_is_not_there_is_refused(model):
+    with pytest.raises(ConfigError, match=r'--ft-site wrist: .+ has no such site; it has ft'):
+        load_mujoco(model(), 'wrist')
+
+
+@pytest.mark.parametrize('joints, why', [
+    (None, 'the recording holds no commands of any'),
+    (replace(told(3.0), names=('pan', 'lift', 'elbow')), 'joint elbow is commanded, but'),
+    (replace(told(3.0), names=(), values=told(3.0).values[:, :2]), 'of 2 joints without names')])
+def test_commands_of_other_joints_are_refused(model, joints, why):
+    robot = load_mujoco(model())
+    with pytest.raises(ConfigError, match=why):
+        robot.simulate(Inputs(0.0, 3.0, joints=joints), nominal(robot))
+
+
+def measured(path, seconds, changed):
+    """Return what an arm with other numbers has, with noise."""
+    robot = third_party('robot', load_mujoco(path))
+    joints, rng = told(seconds), np.random.default_rng(2)
+    values = [changed.get(p.name, p.nominal) for p in robot.parameters]
+    made = robot.run(Inputs(0.0, float(joints.t[-1]), joints=joints), values)
+    noisy = made.wrench.values + rng.normal(size=made.wrench.values.shape) * np.repeat(
+        [0.1, 0.005], 3)
+    place = made.pose.position + 1e-4 * rng.normal(size=made.pose.position.shape)
+    turned = rotation_from_vector(2e-4 * rng.normal(size=place.shape))
+    return replace(made, joint_commands=joints, start_ns=10**18,
+                   wrench=replace(made.wrench, values=noisy),
+                   pose=replace(made.pose, position=place,
+                                R_base_sensor=made.pose.R_base_sensor @ turned))
+
+
+def test_a_model_is_tried_from_the_command_line(model, tmp_path, capsys):
+    path = model()
+    write_recording(tmp_path / 'real', measured(path, 6.0, {}))
+    assert main(['check-simulator', str(tmp_path / 'real'), '--mujoco', path]) == 0
+    said = capsys.readouterr().out
+    assert f'{path}: keeps to the protocol and does the same again' in said
+    assert 'body_mass[gripper]  0.1' in said
+    assert main(['check-simulator', str(tmp_path / 'real')]) == 2
+    assert main(['check-simulator', str(tmp_path / 'real'), '--ft-site', 'ft']) == 2
+
+
+@pytest.mark.long
+def test_friction_of_a_joint_is_named_with_its_number(model, tmp_path, capsys):
+    path = model()
+    write_recording(tmp_path / 'real', measured(path, 12.0, {'dof_frictionloss[lift]': 2.5}))
+    assert main(['diagnose', str(tmp_path / 'real'), '--mujoco', path,
+                 '-o', str(tmp_path / 'why')]) == 0
+    document = json.loads((tmp_path / 'why' / 'diagnosis.json').read_text())
+    changed, = document['parameters']
+    assert changed['name'] == 'dof_frictionloss[lift]'
+    assert changed['after'] == pytest.approx(2.5, abs=0.1)
+    assert document['recomputed'] > 0.9
+    assert 'change dof_frictionloss[lift] 0.5 -> 2.5' in capsys.readouterr().out
