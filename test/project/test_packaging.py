@@ -111,8 +111,8 @@ def test_every_import_is_declared_to_pip():
 
 
 def test_what_is_optional_is_declared_as_such():
-    extra = {re.match(r'\w+', line)[0] for line in requires(PACKAGE) if "extra == 'scale'" in
-             line.replace('"', "'")}
+    extra = {re.match(r'\w+', line)[0] for line in requires(PACKAGE)
+             if re.search(r"extra == '(scale|mujoco)'", line.replace('"', "'"))}
     assert extra == OPTIONAL
 
 
