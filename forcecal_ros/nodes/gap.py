@@ -10,6 +10,7 @@ from forcecal_ros.diagnose.live import Judgement, LiveGap
 from forcecal_ros.errors import ConfigError, ForcecalError
 from forcecal_ros.nodes.collector import Collector
 from forcecal_ros.nodes.inbox import Inbox
+from forcecal_ros.nodes.mounted import mounting_parameter, pose_reader, SENSOR_FROM_POSE
 from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.runtime import EXECUTOR, OUTPUT, run, SECOND, STEADY
@@ -33,6 +34,7 @@ PARAMETERS = (
               'accelerometer/raw in volts, imu/data_raw or accel in m/s^2',
               choices=(*ACCELEROMETERS, 'none')),
     Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool'),
+    SENSOR_FROM_POSE,
     Parameter('wrench.sign', 1, '-1 for a driver that reports the wrench of the tool on its '
               'environment', low=-1, high=1),
     Parameter('delay', 0.3, 'Greatest delay with which samples arrive', 's', low=0.05, high=5.0),
@@ -62,8 +64,9 @@ class Gap(Node):
         self._collector = Collector(unit, value['wrench.sign'])
         self._inbox = Inbox(self)
         self._collect('wrench', 'wrench', WrenchStamped, Reader(WrenchStamped))
-        self._collect('pose', 'current_pose', PoseStamped, Reader(PoseStamped))
-        self._collect('target', 'target_frame', PoseStamped, Reader(PoseStamped))
+        poses = pose_reader(mounting_parameter(self))
+        self._collect('pose', 'current_pose', PoseStamped, poses)
+        self._collect('target', 'target_frame', PoseStamped, poses)
         if source in ACCELEROMETERS:
             self._collect('accelerometer', topic, kind, Reader(kind))
         if self._rig.optidrive:

@@ -14,6 +14,7 @@ from forcecal_ros.nodes.backends import TargetFrame
 from forcecal_ros.nodes.deadman import Deadman
 from forcecal_ros.nodes.impedance_settings import ImpedanceSettings, PARAMETERS, settings_of
 from forcecal_ros.nodes.motion_node import MotionNode
+from forcecal_ros.nodes.mounted import mounting_parameter, pose_reader
 from forcecal_ros.nodes.runtime import run, SECOND
 from forcecal_ros.nodes.sensors import Input, Sensors
 from forcecal_ros.nodes.wire import JointReader, Reader
@@ -31,14 +32,13 @@ class Impedance(MotionNode[ImpedanceSettings]):
         self._law = design(self._plant, self._settings.wanted, self._settings.design).law
         self._session = Session(self._law.period)
         sensors = self._listen()
-        frame = self.get_parameter('motion.frame').value
-        self._serve(self._session, sensors, TargetFrame(self, self._inbox, sensors, frame),
+        self._serve(self._session, sensors, TargetFrame(self, self._inbox, sensors),
                     round(SECOND * self._law.period))
 
     def _listen(self) -> Sensors:
         inputs = [
             Input('wrench', 'observer/contact_wrench', WrenchStamped, Reader(WrenchStamped)),
-            Input('pose', 'current_pose', PoseStamped, Reader(PoseStamped)),
+            Input('pose', 'current_pose', PoseStamped, pose_reader(mounting_parameter(self))),
             # a sensor that is stuck shows here only: the estimate of the observer goes on changing
             Input('sensor', 'wrench', WrenchStamped, Reader(WrenchStamped))]
         if joint := self.get_parameter('optidrive.joint').value:

@@ -12,6 +12,7 @@ from forcecal_ros.errors import ConfigError, DataError, ForcecalError
 from forcecal_ros.nodes.frame_outputs import FrameOutputs
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.managed import ManagedNode
+from forcecal_ros.nodes.mounted import mounting_parameter
 from forcecal_ros.nodes.observer_health import health, LastMessage
 from forcecal_ros.nodes.observer_settings import accelerometer_for, PARAMETERS, settings_of
 from forcecal_ros.nodes.parameters import declare
@@ -22,8 +23,9 @@ from forcecal_ros.nodes.services import answering
 from forcecal_ros.nodes.waiting import Waiting
 from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Writer
 from forcecal_ros.observe import ContactSample, design, noise_levels, ObserverSettings
-from forcecal_ros.observe.frames import Frames
+from forcecal_ros.observe.frames import Frames, Placement
 from forcecal_ros.observe.live import LiveObserver, Samples, Values
+from forcecal_ros.observe.mounting import agreed, at_the_sensor
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
@@ -53,6 +55,7 @@ class Observer(ManagedNode):
         self._failure = ''
         self._active = False
         self._accelerometer: Any = None
+        self._mounting: Placement | None = None
         self._frames: FrameOutputs | None = None
         self._heard: dict[str, LastMessage] = {}
         self._inbox = Inbox(self, polled=self._value('poll_rate') > 0)
@@ -89,6 +92,7 @@ class Observer(ManagedNode):
         """Load the calibration where a file is given; create publishers and subscriptions."""
         self._failure = ''
         try:
+            self._mounting = mounting_parameter(self)
             frames = Frames(self._value('publish.frames'), self._value('publish.frame_poses'))
             if self._value('calibration.file'):
                 self._take_over(self._load())
@@ -187,8 +191,9 @@ class Observer(ManagedNode):
         calibration = source.calibration
         model = design(calibration, self._settings())
         accelerometer = accelerometer_for(calibration, self._value('accelerometer.source'))
+        mounting = agreed(mounting_parameter(self), calibration, source.name)
         self._chain.take_over(model, calibration.wrench_sign, calibration.gravity_direction)
-        self._source = source
+        self._source, self._mounting = source, mounting
         self._write = Writer(WrenchStamped, calibration.sensor_frame)
         self._subscribe_accelerometer(accelerometer)
         self.get_logger().info(f'calibration taken from {source.name}: mass '
@@ -253,6 +258,8 @@ class Observer(ManagedNode):
 
     def _on_pose(self, t: float, values: Values) -> Samples:
         assert self._frames is not None
+        if self._mounting is not None:
+            values = at_the_sensor(self._mounting, values)
         self._frames.on_pose(t, values, self._heard['current_pose'].frame)
         return self._chain.on_pose(t, values)
 

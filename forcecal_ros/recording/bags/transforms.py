@@ -30,7 +30,7 @@ class _Link:
     numbers: list[tuple[float, ...]] = field(default_factory=list)
 
 
-def pose_series(bag: Bag, named: str, wrench_frame: str) -> Series | None:
+def pose_series(bag: Bag, named: str, wrench_frame: str) -> tuple[Series, str] | None:
     """
     Return the pose of the sensor's frame in the base, out of a recording's transforms.
 
@@ -43,9 +43,10 @@ def pose_series(bag: Bag, named: str, wrench_frame: str) -> Series | None:
 
     Returns
     -------
-    Series or None
-        Position and quaternion x y z w, stamped as the busiest transform between the two; None
-        where nothing was named and there are no transforms that move.
+    Series and str, or None
+        Position and quaternion x y z w, stamped as the busiest transform between the two, and the
+        frame whose pose that is; None where nothing was named and there are no transforms that
+        move.
 
     Raises
     ------
@@ -89,7 +90,7 @@ def pose_series(bag: Bag, named: str, wrench_frame: str) -> Series | None:
     S, q = _along(links, back, stamps)
     bag.notes.add(f'pose: of {sensor} in {base}, from /tf')
     values = np.hstack([S.inv().apply(p - q), (S.inv() * R).as_quat()])
-    return Series(stamps, values, base)
+    return Series(stamps, values, base), sensor
 
 
 def _links(bag: Bag) -> dict[str, _Link]:

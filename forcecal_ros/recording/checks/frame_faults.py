@@ -104,7 +104,7 @@ def _axes(Q: Array, mirrored: bool, std: float) -> Iterator[tuple[str, str]]:
                'correct the order and the signs of its axes in the driver')
     elif _angle(Q) > limits.TURNED_OFF:
         yield (f"its axes are turned by {_turn(Q, std)} against the sensor's pose{order}",
-               'correct the transform from flange to sensor that current_pose is made with')
+               'correct the transform from flange to sensor, your own or --sensor-from-pose')
 
 
 def _tilted(fit: Fit, tilt: float) -> Iterator[tuple[str, str]]:
