@@ -11,7 +11,7 @@ from forcecal_ros.motion.joints import JointSetpoint
 from forcecal_ros.motion.plan import Goal
 from forcecal_ros.motion.profiles import Pose, Setpoint, twist_towards
 from forcecal_ros.nodes.inbox import Inbox
-from forcecal_ros.nodes.mounted import mounting_parameter
+from forcecal_ros.nodes.pose_source import mounting_parameter
 from forcecal_ros.nodes.runtime import OUTPUT, SENSOR
 from forcecal_ros.nodes.sensors import Sensors
 from forcecal_ros.nodes.wire import Writer

@@ -12,10 +12,10 @@ from forcecal_ros.errors import ConfigError, DataError, ForcecalError
 from forcecal_ros.nodes.frame_outputs import FrameOutputs
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.managed import ManagedNode
-from forcecal_ros.nodes.mounted import mounting_parameter
 from forcecal_ros.nodes.observer_health import health, LastMessage
 from forcecal_ros.nodes.observer_settings import accelerometer_for, PARAMETERS, settings_of
 from forcecal_ros.nodes.parameters import declare
+from forcecal_ros.nodes.pose_source import mounting_parameter, pose_source, PoseSource
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, STEADY
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
@@ -26,7 +26,7 @@ from forcecal_ros.observe import ContactSample, design, noise_levels, ObserverSe
 from forcecal_ros.observe.frames import Frames, Placement
 from forcecal_ros.observe.live import LiveObserver, Samples, Values
 from forcecal_ros.observe.mounting import agreed, at_the_sensor
-from geometry_msgs.msg import PoseStamped, WrenchStamped
+from geometry_msgs.msg import WrenchStamped
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -56,6 +56,7 @@ class Observer(ManagedNode):
         self._active = False
         self._accelerometer: Any = None
         self._mounting: Placement | None = None
+        self._pose = 'current_pose'
         self._frames: FrameOutputs | None = None
         self._heard: dict[str, LastMessage] = {}
         self._inbox = Inbox(self, polled=self._value('poll_rate') > 0)
@@ -92,7 +93,7 @@ class Observer(ManagedNode):
         """Load the calibration where a file is given; create publishers and subscriptions."""
         self._failure = ''
         try:
-            self._mounting = mounting_parameter(self)
+            self._mounting, poses = mounting_parameter(self), pose_source(self)
             frames = Frames(self._value('publish.frames'), self._value('publish.frame_poses'))
             if self._value('calibration.file'):
                 self._take_over(self._load())
@@ -110,7 +111,10 @@ class Observer(ManagedNode):
         self._frames = FrameOutputs(self, frames)
         self._inputs = [
             self._subscribe('wrench', WrenchStamped, self._chain.on_wrench),
-            self._subscribe('current_pose', PoseStamped, self._on_pose)]
+            self._subscribe(poses.topic, poses.message_type, self._on_pose, poses)]
+        self._pose = poses.topic
+        if poses.static is not None:
+            self._inputs.append(poses.static)
         if self._value('optidrive.joint'):
             self._inputs.append(self._subscribe(
                 'optidrive', JointState, self._chain.on_displacement))
@@ -229,13 +233,17 @@ class Observer(ManagedNode):
 
     # Samples --------------------------------------------------------------------------------
 
-    def _subscribe(self, topic: str, message_type: Any, take: Callable[[float, Values], Samples]
-                   ) -> Any:
+    def _subscribe(self, topic: str, message_type: Any, take: Callable[[float, Values], Samples],
+                   poses: PoseSource | None = None) -> Any:
         """Pass the samples of a topic to the chain, and publish the estimates they complete."""
-        if message_type is JointState:
-            read: Any = JointReader(self._value('optidrive.joint'))
+        if poses is not None:
+            read: Any = poses.read
+        elif message_type is JointState:
+            read = JointReader(self._value('optidrive.joint'))
         else:
             read = Reader(message_type)
+
+        find_frame = frame_of if poses is None else poses.frame_of
 
         def on_message(raw: bytes) -> None:
             if not self._active or self._chain.model is None:
@@ -247,7 +255,7 @@ class Observer(ManagedNode):
             if message is None:
                 return
             stamp_ns, values = message
-            frame = self._heard[topic].frame if topic in self._heard else frame_of(raw)
+            frame = self._heard[topic].frame if topic in self._heard else find_frame(raw)
             self._heard[topic] = LastMessage(STEADY.now().nanoseconds, frame)
             if self._origin is None:
                 self._origin = stamp_ns
@@ -260,7 +268,7 @@ class Observer(ManagedNode):
         assert self._frames is not None
         if self._mounting is not None:
             values = at_the_sensor(self._mounting, values)
-        self._frames.on_pose(t, values, self._heard['current_pose'].frame)
+        self._frames.on_pose(t, values, self._heard[self._pose].frame)
         return self._chain.on_pose(t, values)
 
     def _publish(self, sample: ContactSample) -> None:
@@ -312,7 +320,7 @@ class Observer(ManagedNode):
         if self._source is None:
             return 'a calibration, from calibration.file or sequencer/calibration'
         silent = self._silent()
-        return ' and '.join(topic for topic in ('wrench', 'current_pose')
+        return ' and '.join(topic for topic in ('wrench', self._pose)
                             if topic in silent or topic not in self._heard)
 
     def _silent(self) -> list[str]:

@@ -6,7 +6,7 @@ from typing import Any
 
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import ConfigError
-from forcecal_ros.nodes.mounted import SENSOR_FROM_POSE
+from forcecal_ros.nodes.pose_source import POSE_PARAMETERS, SENSOR_FROM_POSE
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.observe.settings import FILTERS, MODES, ObserverSettings, OFFSETS
@@ -34,8 +34,9 @@ PARAMETERS = (
     Parameter('accelerometer.source', 'auto', 'accelerometer/raw (volts), imu/data_raw or accel '
               '(m/s^2); auto: by the unit of the calibration',
               choices=('auto', *ACCELEROMETERS, 'none')),
+    *POSE_PARAMETERS[:-1],
     SENSOR_FROM_POSE._replace(description='x y z [m] qx qy qz qw of ft_sensor in the frame whose '
-                              'pose current_pose says, a flange or a TCP; one number: as the '
+                              'pose is measured, a flange or a TCP; one number: as the '
                               'calibration says, from which it may not differ'),
     Parameter('poll_rate', 0.0, 'How often the topics are polled, which halves the load of the '
               'node and adds half a period to the latency; 0: every message is taken at once',

@@ -17,7 +17,7 @@ from forcecal_ros.nodes.deadman import Deadman
 from forcecal_ros.nodes.guard import Fault
 from forcecal_ros.nodes.identification import Identification
 from forcecal_ros.nodes.motion_node import MotionNode
-from forcecal_ros.nodes.mounted import mounting_parameter, pose_reader
+from forcecal_ros.nodes.pose_source import at_sensor, mounting_parameter, pose_source
 from forcecal_ros.nodes.results import calibration_message, gain_message, inertia_message
 from forcecal_ros.nodes.runtime import LATCHED, run, SECOND
 from forcecal_ros.nodes.sensors import ACCELEROMETERS, Input, Sensors
@@ -25,7 +25,7 @@ from forcecal_ros.nodes.sequencer_settings import PARAMETERS, SequencerSettings,
 from forcecal_ros.nodes.services import answering
 from forcecal_ros.nodes.wire import JointReader, Reader, Sample
 from forcecal_ros.observe.mounting import numbers_of
-from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
+from geometry_msgs.msg import InertiaStamped, WrenchStamped
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
@@ -65,14 +65,14 @@ class Sequencer(MotionNode[SequencerSettings]):
         value = self._values()
         source = value['accelerometer.source']
         topic, kind, unit = ACCELEROMETERS.get(source, ACCELEROMETERS['raw'])
-        mounting = mounting_parameter(self)
+        mounting, poses = mounting_parameter(self), pose_source(self)
         self._collector = Collector(unit, value['wrench.sign'], numbers_of(mounting))
         matrix, part = self._load_matrix()
         self._identification = Identification(matrix)
         inputs = [
             Input('wrench', 'wrench', WrenchStamped,
                   Reader(WrenchStamped) if part is None else WrenchReader(part)),
-            Input('pose', 'current_pose', PoseStamped, pose_reader(mounting)),
+            Input.of_pose(poses._replace(read=at_sensor(poses.read, mounting))),
             Input('optidrive', 'optidrive', JointState, JointReader(value['optidrive.joint']),
                   watched=False)]
         if source in ACCELEROMETERS:

@@ -28,7 +28,7 @@ from forcecal_ros.motion.poses import (
 from forcecal_ros.motion.profiles import Pace, Pose
 from forcecal_ros.motion.programs import SEQUENCES
 from forcecal_ros.motion.sequence import StreamSettings
-from forcecal_ros.nodes.mounted import SENSOR_FROM_POSE
+from forcecal_ros.nodes.pose_source import POSE_PARAMETERS
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.safe_yaml import LARGEST, load_yaml
@@ -80,7 +80,7 @@ PARAMETERS = (
     _live('joints.values', [0.0], 'joint_trajectory: joint vectors of the poses, one after the '
           'other', 'rad'),
     _live('joints.away', [0.0], 'joint_trajectory: joint vector at the end of the step', 'rad'),
-    SENSOR_FROM_POSE,
+    *POSE_PARAMETERS,
     Parameter('wrench.sign', 1, '-1 for a driver that reports the wrench of the tool on its '
               'environment', low=-1, high=1),
     Parameter('wrench.matrix_file', '', 'calibration.yaml of forcecal insitu whose matrix turns '

@@ -11,9 +11,10 @@ from forcecal_ros.recording.bags.batch import Notes
 from forcecal_ros.recording.bags.collect import Collector, frozen, Series
 from forcecal_ros.recording.bags.fields import FIELDS, JOINT_NAMES, JOINTS
 from forcecal_ros.recording.bags.storage import Bag
-from forcecal_ros.recording.bags.transforms import pose_series, PREFIX, TF
+from forcecal_ros.recording.bags.transforms import pose_series, PREFIX
 from forcecal_ros.recording.streams import JointStream, Phase, PoseStream, Recording, Stream
 from forcecal_ros.recording.topics import find_topics, IMU, ROLES, Topic, VECTOR3
+from forcecal_ros.recording.transforms import TF
 import numpy as np
 
 _STREAMS = ('wrench', 'accelerometer', 'imu', 'accel', 'pose', 'target', 'optidrive',
