@@ -74,6 +74,8 @@ PARAMETERS = (
               'current_pose, from which it may not differ'),
     Parameter('motion.deadman_timeout', 0.0, 'Silence of the topic deadman that stops a motion; '
               '0: no dead-man switch', 's', 0.0, 10.0),
+    _live('motion.require_preview', False, 'Refuse a start unless sequencer/preview has shown '
+          'what it does, with these parameters and the robot where it is'),
     Parameter('motion.twist_gain', 5.0, 'delta_twist_cmds: gain from the pose error to the '
               'velocity', '1/s', 0.0, 50.0),
     Parameter('joints.names', [''], 'joint_trajectory: names of all joints of the controller'),
