@@ -77,7 +77,7 @@ def _moved(before: Goal, now: Goal) -> str:
         found = ((float(np.linalg.norm(now.position - before.position)), 'm'),
                  (float(np.linalg.norm(turn)), 'rad'))
     else:
-        farthest = float(np.abs(np.subtract(now, before)).max())  # type: ignore[arg-type]
+        farthest = float(np.abs(np.subtract(now, before)).max())
         found = ((0.0, 'm'), (farthest, 'rad'))
     return ' and '.join(f'{size:.3g} {unit}' for (size, unit), least in zip(
         found, POSITIONING_ERROR) if size > least)
