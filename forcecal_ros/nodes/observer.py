@@ -26,6 +26,7 @@ from forcecal_ros.observe import ContactSample, design, noise_levels, ObserverSe
 from forcecal_ros.observe.frames import Frames, Placement
 from forcecal_ros.observe.live import LiveObserver, Samples, Values
 from forcecal_ros.observe.mounting import agreed, at_the_sensor
+from forcecal_ros.observe.tare import with_bias
 from geometry_msgs.msg import WrenchStamped
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
@@ -95,8 +96,8 @@ class Observer(ManagedNode):
         try:
             self._mounting, poses = mounting_parameter(self), pose_source(self)
             frames = Frames(self._value('publish.frames'), self._value('publish.frame_poses'))
-            if self._value('calibration.file'):
-                self._take_over(self._load())
+            if self._value('calibration.file') or self._value('tool'):
+                self._take_over(self._load(self._value('tool')))
         except ForcecalError as error:
             self._failure = str(error)
             self.get_logger().error(self._failure)
@@ -171,8 +172,13 @@ class Observer(ManagedNode):
 
     # Calibration ----------------------------------------------------------------------------
 
-    def _load(self) -> CalibrationSource:
+    def _load(self, tool: str) -> CalibrationSource:
         path = Path(self._value('calibration.file')).expanduser()
+        if tool:
+            if not self._value('tools') or Path(tool).name != tool:
+                raise ConfigError(f'tool {tool}: name the folder of calibrations in tools, and '
+                                  'one of its files in tool, without .yaml')
+            path = Path(self._value('tools')).expanduser() / f'{tool}.yaml'
         calibration = load(path)
         if self._value('calibration.max_age') > 0:
             refuse_old(calibration, self._value('calibration.max_age') * DAY,
@@ -190,10 +196,12 @@ class Observer(ManagedNode):
         except ForcecalError as error:
             self.get_logger().error(f'not taken over: {error}')
 
-    def _take_over(self, source: CalibrationSource) -> None:
-        """Use another calibration, faded in where one is in use."""
+    def _take_over(self, source: CalibrationSource, same_sensor: bool = False) -> None:
+        """Use another calibration, faded in where one is in use; the same sensor keeps a bias."""
         calibration = source.calibration
         model = design(calibration, self._settings())
+        if same_sensor and self._chain.model is not None:
+            model = with_bias(model, self._chain.model.bias)
         accelerometer = accelerometer_for(calibration, self._value('accelerometer.source'))
         mounting = agreed(mounting_parameter(self), calibration, source.name)
         self._chain.take_over(model, calibration.wrench_sign, calibration.gravity_direction)
@@ -209,13 +217,33 @@ class Observer(ManagedNode):
 
     def _check_changes(self, changes: dict[str, Any]) -> None:
         settings = self._settings(changes)
+        source = self._source
+        if 'tool' in changes and changes['tool'] != self._value('tool'):
+            source = self._of_tool(changes['tool'])
+        if source is not None:
+            design(source.calibration, settings)
+            agreed(mounting_parameter(self), source.calibration, source.name)
+
+    def _of_tool(self, tool: str) -> CalibrationSource:
+        """Load the calibration of another tool, which has to be of the sensor that is in use."""
+        source = self._load(tool) if tool else self._as_configured()
         if self._source is not None:
-            design(self._source.calibration, settings)
+            now, then = self._source.calibration, source.calibration
+            if (now.sensor_frame, now.wrench_sign) != (then.sensor_frame, then.wrench_sign):
+                raise ConfigError(
+                    f'tool {tool}: {source.name} is of {then.sensor_frame!r} with sign '
+                    f'{then.wrench_sign}, in use is {now.sensor_frame!r} with {now.wrench_sign}; '
+                    'calibrate both on one sensor')
+            accelerometer_for(then, self._value('accelerometer.source'))
+        return source
 
     def _on_changed(self, parameters: list[Any]) -> None:
         self._chain.window.seconds = self._value('tare.duration')
         self._chain.fade_duration = self._value('takeover.duration')
-        if self._source is not None and any(
+        if any(parameter.name == 'tool' for parameter in parameters):
+            if self._source is not None or self._active:
+                self._take_over(self._of_tool(self._value('tool')), same_sensor=True)
+        elif self._source is not None and any(
                 parameter.name.startswith(('observer.', 'limits.', 'gravity.'))
                 for parameter in parameters):
             self._chain.take_settings(design(self._source.calibration, self._settings()))
@@ -301,15 +329,18 @@ class Observer(ManagedNode):
         return 'the filter starts anew'
 
     def _reload(self) -> str:
-        if self._value('calibration.file'):
-            source = self._load()
-        elif self._text:
-            source = self._parse()
-        else:
-            raise DataError('no calibration to reload: calibration.file is empty and nothing was '
-                            'received on sequencer/calibration')
+        tool = self._value('tool')
+        source = self._load(tool) if tool else self._as_configured()
         self._take_over(source)
         return f'calibration taken from {source.name}'
+
+    def _as_configured(self) -> CalibrationSource:
+        if self._value('calibration.file'):
+            return self._load('')
+        if self._text:
+            return self._parse()
+        raise DataError('no calibration to reload: calibration.file is empty and nothing was '
+                        'received on sequencer/calibration')
 
     # Diagnostics ----------------------------------------------------------------------------
 

@@ -31,6 +31,10 @@ PARAMETERS = (
           'its age', 'd', 0.0, 36500.0),
     Parameter('calibration.follow', True, 'Take over every calibration that the sequencer '
               'publishes while running'),
+    Parameter('tools', '', 'Folder of calibrations of one sensor with one tool each, NAME.yaml'),
+    _live('tool', '', 'Which of these is on the sensor, by its NAME; set while running, it is '
+          'faded in, and the bias of the sensor stays as it is; empty: as calibration.file or '
+          'sequencer/calibration says'),
     Parameter('accelerometer.source', 'auto', 'accelerometer/raw (volts), imu/data_raw or accel '
               '(m/s^2); auto: by the unit of the calibration',
               choices=('auto', *ACCELEROMETERS, 'none')),
