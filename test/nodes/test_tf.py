@@ -74,9 +74,15 @@ def test_tf_leads_a_motion_and_ends_it_when_a_transform_stays_away(ros_domain):
     with Live() as live:
         robot = Robot(live)
         joints = Joints(live, robot)
-        live.start('sequencer', pose__base='base', pose__frame='ft_sensor')
-        live.until(lambda: live.call('sequencer/start').success, 'start')
-        live.until(robot.moving, 'motion')
+        live.start('sequencer', pose__base='base', pose__frame='ft_sensor',
+                   watch__pause_timeout=0.5, watch__lost_timeout=2.0, watch__max_age=2.0)
+
+        def moving():
+            if live.phases[-1:] in ([], ['idle'], ['aborted']):
+                live.call('sequencer/start')
+            return robot.moving()
+
+        live.until(moving, 'motion')
         first = robot.commands[0][1]
         assert np.abs(np.subtract(first[:3], robot.pose[:3])).max() < 1e-4
         joints.lost = True
