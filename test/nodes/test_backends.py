@@ -138,10 +138,11 @@ def test_the_presets_of_a_robot_and_of_servo_run_it_after_a_preview(ros_domain):
         robot.silent.add('accelerometer/raw')
         servo = Servo(live, robot, topics['delta_twist_cmds'])
         live.start('sequencer', remap=[f'{name}:={topic}' for name, topic in topics.items()],
-                   files=map(preset_file, ('ur', 'moveit_servo')), **QUICK)
+                   files=map(preset_file, ('ur', 'moveit_servo')), pace__angular_speed=0.4,
+                   **QUICK)
         live.until(lambda: 'nothing was shown' in live.call('sequencer/start').message, 'refusal')
         assert not servo.heard
-        assert live.call('sequencer/preview').success
+        live.until(lambda: live.call('sequencer/preview').success, 'a robot at rest')
         run(live)
     off = [np.degrees(np.linalg.norm(rotation_vector(R.T @ TILTED.R_base_sensor)))
            for _, R in servo.visited]
