@@ -150,7 +150,7 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
     """Compare the wrench with the measured motion."""
     from forcecal_ros.calibration.file import dump
     from forcecal_ros.diagnose.body import body_of_calibration, body_of_rig, patched
-    from forcecal_ros.diagnose.by_motion import delay_std, diagnose_motion
+    from forcecal_ros.diagnose.by_motion import delay_std, diagnose_motion, inertia_std
     from forcecal_ros.diagnose.channels import units
     from forcecal_ros.diagnose.result import to_document
 
@@ -164,8 +164,8 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
     document['explained_by'] = 'measured motion'
     if calibration and outcome.cases:
         document['calibration'] = 'calibration_patched.yaml'
-        files[document['calibration']] = dump(patched(calibration, outcome.rig,
-                                                      delay_std(outcome)))
+        files[document['calibration']] = dump(patched(
+            calibration, outcome.rig, delay_std(outcome), inertia_std(outcome)))
     return _written(args, recording, outcome, rig, of_channels, document, files)
 
 
