@@ -6,6 +6,7 @@ from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.identify.static_readings import check_weight, Statics
 from forcecal_ros.recording.checks.frame_faults import (
     refuse_other_frame,
+    refuse_unexplained,
     refuse_weightless,
     slightly_off,
 )
@@ -38,4 +39,5 @@ def slight_misfit(poses: list[StaticPose], statics: Statics,
     refuse_other_frame(judgement, believed, settings.wrench_sign)
     check_weight(statics.gravity, settings.thresholds.condition)
     refuse_weightless(judgement)
+    refuse_unexplained(judgement)
     return slightly_off(judgement, believed)

@@ -59,6 +59,27 @@ def refuse_weightless(judgement: Judgement) -> None:
             "whether the driver publishes in the sensor's frame")
 
 
+def refuse_unexplained(judgement: Judgement) -> None:
+    """
+    Refuse forces that change for other reasons than a weight, in whatever frame.
+
+    Raises
+    ------
+    DataError
+        Says how much of them a weight explains.
+    """
+    plain = judgement.plain
+    if judgement.likely != (plain,) or plain.degrees < 1:
+        return
+    explained = 1.0 - (plain.rms / max(judgement.changes, limits.NIL)) ** 2
+    if explained < limits.EXPLAINED:
+        raise DataError(
+            f'a weight explains {explained:.0%} of how the forces of the static poses change '
+            f'(residual RMS {plain.rms:.2g} of {judgement.changes:.2g} N), in whatever frame: '
+            'orientations and wrenches are not of the same poses, or something else pulls; '
+            'compare them pose by pose')
+
+
 def slightly_off(judgement: Judgement, believed: Array = DOWN) -> str:
     """Name a turn or a tilt too small to be refused; empty: there is none."""
     fit = judgement.likely[0]
