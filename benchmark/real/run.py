@@ -19,6 +19,7 @@ from pathlib import Path
 import re
 import sys
 import tempfile
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT)]
@@ -36,7 +37,7 @@ PLACES = ((0.0, 0.0, 0.045), (0.02937, 0.02937, 0.05394), (-0.02937, 0.02937, 0.
 """Of the mass on the printed sensor, as its authors' program states them [m]."""
 
 
-def said(*arguments):
+def said(*arguments: Any) -> Any:
     """Run a command; return its JSON, or the line of its refusal."""
     out, err = io.StringIO(), io.StringIO()
     with redirect_stdout(out), redirect_stderr(err):
@@ -187,11 +188,11 @@ def printed_sensor(data, case, folder):
             for k in range(len(PLACES))]
         (folder / 'spec.yaml').write_text(yaml.safe_dump(spec))
         found = said('insitu', folder / 'spec.yaml', '-o', folder / 'out', '--json', '--quiet')
-        mass = found if isinstance(found, str) else found['sensors']['cell']['data_sets'][
+        came = found if isinstance(found, str) else found['sensors']['cell']['data_sets'][
             f'place{out}']['added_mass']
         yield (f'place {out} left out',
-               f'refused: {mass}' if isinstance(mass, str) else
-               f'{mass["value"]:.3f} +- {mass["std"]:.3f} kg',
+               f'refused: {came}' if isinstance(came, str) else
+               f'{came["value"]:.3f} +- {came["std"]:.3f} kg',
                f'{_left_out(places, out):.3f} kg')
 
 

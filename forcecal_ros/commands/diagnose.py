@@ -220,12 +220,14 @@ def _by_simulator(args: argparse.Namespace) -> Answer:
 
 
 def _level(recording: Any, calibration: Any) -> Any:
-    """Bring a recording to a base that is level."""
+    """Bring a recording to a base that is level, its wrench to the axes of the pose."""
     from forcecal_ros.recording.level import levelled
+    from forcecal_ros.recording.mount import in_axes_of_pose
 
     if recording is None or calibration is None:
         return recording
-    return levelled(recording, calibration.gravity_direction)
+    return in_axes_of_pose(levelled(recording, calibration.gravity_direction),
+                           calibration.sensor_rotation)
 
 
 def _with_model(args: argparse.Namespace, outcome: Any) -> Any:

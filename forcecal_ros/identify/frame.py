@@ -36,7 +36,7 @@ def slight_misfit(poses: list[StaticPose], statics: Statics,
     judgement = judge(Forces(
         back @ np.stack([pose.R_base_sensor for pose in poses]), statics.wrench[:, :3],
         settings.gravity * believed, noise))
-    refuse_other_frame(judgement, believed, settings.wrench_sign)
+    refuse_other_frame(judgement, believed, settings.wrench_sign, settings.sensor_rotation)
     check_weight(statics.gravity, settings.thresholds.condition)
     refuse_weightless(judgement)
     refuse_unexplained(judgement)
