@@ -162,10 +162,12 @@ def icub_foot(data, case, folder):
     table = table[(table[:, 0] > 21) & (table[:, 0] < 57)]
     x = np.column_stack([np.ones(len(table)), table[:, 7:10]])
     plain = np.linalg.lstsq(x, table[:, 1:4], rcond=None)[0][0]
-    offset = found if isinstance(found, str) else found['sensors']['foot']['offset']
-    yield ('', f'refused: {found}' if isinstance(found, str) else 'offset ' + ' '.join(
-        f'{v:.2f} +- {s:.2f}' for v, s in zip(offset['value'][:3], offset['std'][:3])) + ' N',
-        'window given: ' + ' '.join(f'{v:.2f}' for v in plain) + ' N')
+    came = f'refused: {found}'
+    if not isinstance(found, str):
+        offset = found['sensors']['foot']['offset']
+        came = 'offset ' + ' '.join(f'{value:.2f} +- {std:.2f}' for value, std in zip(
+            offset['value'][:3], offset['std'][:3])) + ' N'
+    yield '', came, 'window given: ' + ' '.join(f'{v:.2f}' for v in plain) + ' N'
 
 
 def printed_sensor(data, case, folder):

@@ -19,6 +19,10 @@ from forcecal_ros.errors import UsageError
 RIGID = 'rigid_tool.yaml'
 """Whose tolerances a calibrated tool has where no rig is named."""
 
+ASSUMED = ('nothing says what was recorded, so it is compared with the rig that this package '
+           'simulates; unless it is that one, name your tool by --calibration, your robot by '
+           '--rig (`forcecal fit-rig` makes one), or your simulator by --simulated or --simulator')
+
 FILES = ('diagnosis.json', 'report.html', 'rig_patched.yaml', 'calibration_patched.yaml')
 """All that a diagnosis may write."""
 
@@ -252,6 +256,9 @@ def _written(args: argparse.Namespace, recording: Any, outcome: Any, rig: Any,
     from forcecal_ros.report.diagnosis_view import view_of, view_without_signals
 
     diagnosis, folder = outcome.diagnosis, args.output
+    named = args.rig or args.calibration or args.simulated or args.simulator
+    assumed = () if named else (ASSUMED,)
+    document['notes'] = [*assumed, *document['notes']]
     view = (view_of(outcome, advice(diagnosis, rig), of_channels) if outcome.cases
             else view_without_signals(diagnosis))
     write_results(folder, {
@@ -259,5 +266,5 @@ def _written(args: argparse.Namespace, recording: Any, outcome: Any, rig: Any,
         'report.html': render(view), **files}, FILES)
     verdict = f'{diagnosis.verdict}: {diagnosis.reason}'
     return Answer(document, f'{verdict}\nwritten to {folder}', verdict,
-                  (*recording.notes, *diagnosis.notes),
+                  (*assumed, *recording.notes, *diagnosis.notes),
                   1 if diagnosis.verdict == 'invalid_data' else 0)
