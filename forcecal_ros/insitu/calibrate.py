@@ -62,8 +62,10 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
     if options.moving and not options.matrix:
         raise UnobservableError('in motion the offset is estimated along with the matrix; record '
                                 'several added masses, or leave `motion` off and move slowly')
-    if options.matrix and options.body:
-        require(_training_loads(data_sets), MOVING if options.moving else STATIC)
+    if options.matrix:
+        loads = _training_loads(data_sets)
+        if options.body:
+            require(loads, MOVING if options.moving else STATIC)
     reduced, found_norm = reduce(data_sets, mounting, options)
     _check_channels(data_sets, [r.moments for r in reduced], options, manufacturer_matrix)
     coarse = max(r.blocks.length for r in reduced) > COARSE

@@ -132,10 +132,11 @@ def _tables(result: SensorResult, rows: Sequence[_Rows], fitted: _Map, off: Arra
     """Tables I to III; their standard errors are the errors of the data sets left out."""
     for data_set, one in zip(result.data_sets, rows):
         found = _estimate(fitted, one)
+        nothing = data_set.load is not None and not data_set.load.mass
         place = np.sqrt(off[4:] ** 2 + (found.position * off[0]) ** 2) / abs(found.mass)
         yield replace(data_set, added_mass=Estimate(found.mass, off[0], 'kg'),
                       semi_axes=Estimate(found.semi_axes, off[1:4], 'N'),
-                      position=Estimate(found.position, place, 'm'))
+                      position=None if nothing else Estimate(found.position, place, 'm'))
 
 
 def _nonlinearity(rows: Sequence[_Rows], fitted: _Map) -> NonLinearity:
