@@ -1,6 +1,6 @@
 """From the recordings of one sensor to its calibration: the steps of [Traversaro2014] in order."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from forcecal_ros.calibration.model import Estimate
@@ -21,6 +21,7 @@ from forcecal_ros.insitu.rank import require
 from forcecal_ros.insitu.reduce import (
     AGREEING,
     DataSet,
+    LITTLE,
     Options,
     reduce,
     Reduced,
@@ -101,9 +102,19 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
             result = with_matrix(result, MatrixProblem(
                 tuple(data_sets), tuple(moments), offset, noise, covariance, options.gravity))
         except UnobservableError as error:
-            raise UnobservableError('; '.join([str(error), *misfits_of(result)])) from error
+            raise UnobservableError('; '.join([
+                str(error), *misfits_of(result), *affine_misfit(result),
+                *_cut_down(reduced)])) from error
     _require_possible(result)
     return replace(result, warnings=warnings_of(result))
+
+
+def _cut_down(reduced: Sequence[Reduced]) -> Iterator[str]:
+    """Say that screening left little."""
+    left = sum(int(r.use.sum()) for r in reduced) / sum(len(r.use) for r in reduced)
+    if left < LITTLE:
+        yield (f'{left:.0%} of the recordings is one affine map of gravity each, the rest was '
+               'cut: contact, joints that move, or a sensor that is not linear')
 
 
 def _require_possible(result: SensorResult) -> None:

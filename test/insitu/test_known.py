@@ -94,6 +94,13 @@ def test_places_on_a_line_are_refused():
         calibrate('cell', sets, Mounting(), POSES)
 
 
+def test_a_bent_sensor_with_an_unknown_body_is_refused_for_its_bend():
+    sets = [data_set(0), *(data_set(k, 2.0) for k in range(1, 5))]
+    sets[0] = replace(sets[0], load=Load(0.0))
+    with pytest.raises(UnobservableError, match='a sensor that is not linear'):
+        calibrate('cell', sets, Mounting(), Options(poses=True))
+
+
 def test_a_negative_mass_is_no_answer():
     sets = [replace(data_set(k), train=k != 1, load=LOADS[k]) for k in range(5)]
     turned = Chunk(np.arange(12) / 100, counts(-gravity(1), LOADS[1], 0.0), -gravity(1), None)
