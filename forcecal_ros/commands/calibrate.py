@@ -2,6 +2,7 @@
 
 import argparse
 from datetime import datetime, timezone
+import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
@@ -30,6 +31,9 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--gravity-direction', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
                         help="direction of gravity in the robot's base, of any length, where base "
                              'is not level (default: 0 0 -1)')
+    parser.add_argument('--sensor-rotation', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
+                        help="rotation vector of the wrench's axes, seen from the frame of the "
+                             'pose [deg], where the sensor sits turned on its flange')
     parser.add_argument('--coupling', choices=('dc', 'ac'), default='dc',
                         help='of the accelerometer; ac: it lets gravity decay (high-pass)')
     parser.add_argument('--cutoff', metavar='HZ', type=positive,
@@ -125,10 +129,12 @@ def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration
     from forcecal_ros.identify.settings import IdentificationSettings
     from forcecal_ros.observe.gains import with_kalman_gains
 
+    turn = args.sensor_rotation and [math.radians(x) for x in args.sensor_rotation]
     position, direction = args.accelerometer_position, args.gravity_direction
     calibration = identify(recording, IdentificationSettings(
         gravity=args.gravity or STANDARD_GRAVITY,
         gravity_direction=tuple(direction) if direction else None,
+        sensor_rotation=(turn[0], turn[1], turn[2]) if turn else None,
         theta=args.theta, coupling=args.coupling, cutoff=args.cutoff,
         accelerometer_position=tuple(position) if position else None,
         wrench_sign=args.wrench_sign, observer_mode=args.observer, observer_design=args.design,

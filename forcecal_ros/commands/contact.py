@@ -31,11 +31,13 @@ def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'Obse
     """
     from forcecal_ros.observe.noise import with_noise
     from forcecal_ros.observe.settings import LEARNING
+    from forcecal_ros.recording.mount import in_axes_of_pose
 
     notes: tuple[str, ...] = ()
     if (calibration.noise is None and settings.filter in LEARNING
             and settings.learning.covariances == 'measured'):
-        calibration = with_noise(calibration, recording)
+        calibration = with_noise(calibration, in_axes_of_pose(
+            recording, calibration.sensor_rotation))
         notes = ('the calibration knows no noise; taken from this recording',)
     calibration, about_delay = with_known_delay(calibration, recording)
     return calibration, (*notes, *about_delay)
@@ -46,15 +48,16 @@ def with_known_delay(calibration: 'Calibration', recording: 'Recording'
     """Find the delay between the sensors in the recording; returns as :func:`prepared` does."""
     from forcecal_ros.errors import DataError
     from forcecal_ros.identify.delay import estimate_delay, with_delay
+    from forcecal_ros.recording.mount import in_axes_of_pose
     import numpy as np
 
-    sensor = calibration.accelerometer
+    sensor, sensor_rotation = calibration.accelerometer, calibration.sensor_rotation
     if sensor is None or recording.accelerometer is None or np.isfinite(sensor.delay.std):
         return calibration, ()
     unknown = ('the calibration does not know the delay of the accelerometer; calibrate with '
                '--free-motion')
     try:
-        delay = estimate_delay(recording, calibration)
+        delay = estimate_delay(in_axes_of_pose(recording, sensor_rotation), calibration)
     except DataError as error:
         return calibration, (f'{unknown}; taken to be 0: {error}',)
     found = f'{1e3 * float(delay):.2f} +- {1e3 * float(delay.std):.2f} ms in this recording'

@@ -40,6 +40,7 @@ from forcecal_ros.recording.checks.entry import checked
 from forcecal_ros.recording.checks.units import refuse_other_unit
 from forcecal_ros.recording.kinematics import AngularMotion
 from forcecal_ros.recording.level import level_from_base, levelled
+from forcecal_ros.recording.mount import in_axes_of_pose
 from forcecal_ros.recording.stamps import with_even_stamps
 from forcecal_ros.recording.streams import Recording
 from forcecal_ros.recording.time_grid import Averager
@@ -95,6 +96,7 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
         observer=_observer(stages, noise, settings),
         gravity=settings.gravity,
         gravity_direction=_unit(settings.gravity_direction),
+        sensor_rotation=_turned(settings.sensor_rotation),
         sensor_frame=require_wrench(recording).frame or 'ft_sensor',
         wrench_sign=settings.wrench_sign,
         source={'recording': recording.source, **_recorded(recording), **settings.source})
@@ -113,6 +115,11 @@ def _unit(direction: Vector3 | None) -> Vector3 | None:
         return None
     x, y, z = np.asarray(direction) / np.linalg.norm(direction)
     return float(x), float(y), float(z)
+
+
+def _turned(rotation: Vector3 | None) -> Vector3 | None:
+    """Return a rotation vector that is not zero."""
+    return rotation if rotation is not None and any(rotation) else None
 
 
 def _recorded(recording: Recording) -> dict[str, str]:
@@ -147,6 +154,7 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     poses = static_poses(recording)
     stops = clipped(recording)
     refuse_poses_at_a_limit(recording, stops, poses)
+    recording = in_axes_of_pose(recording, settings.sensor_rotation)
     _refuse_other_unit(recording, poses, settings)
     gridded = grid_recording(recording, poses, settings)
     statics = read_statics(recording, poses, settings, gridded)

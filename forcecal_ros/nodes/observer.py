@@ -187,7 +187,8 @@ class Observer(ManagedNode):
         calibration = source.calibration
         model = design(calibration, self._settings())
         accelerometer = accelerometer_for(calibration, self._value('accelerometer.source'))
-        self._chain.take_over(model, calibration.wrench_sign, calibration.gravity_direction)
+        self._chain.take_over(model, calibration.wrench_sign, calibration.gravity_direction,
+                              calibration.sensor_rotation)
         self._source = source
         self._write = Writer(WrenchStamped, calibration.sensor_frame)
         self._subscribe_accelerometer(accelerometer)

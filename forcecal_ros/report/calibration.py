@@ -6,6 +6,7 @@ from typing import Any
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.level import levelled
+from forcecal_ros.recording.mount import in_axes_of_pose
 from forcecal_ros.recording.streams import Recording, Stream
 from forcecal_ros.report import figures
 from forcecal_ros.report.page import embedded, png, render_page
@@ -32,7 +33,8 @@ def render(recording: Recording, calibration: Calibration, contact: Stream | Non
     str
         HTML, one file without network; everything from the recording is escaped.
     """
-    recording = levelled(recording, calibration.gravity_direction)
+    recording = in_axes_of_pose(levelled(recording, calibration.gravity_direction),
+                                calibration.sensor_rotation)
     rows = table(calibration, truth)
     source = calibration.source
     with_truth = any(row.truth is not None for row in rows)
