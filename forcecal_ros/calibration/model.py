@@ -150,6 +150,11 @@ class Noise:
         ] = np.nan
     accelerometer_rate: Annotated[float, Row(
         'The same of the accelerometer', 'Hz', finite=False)] = np.nan
+    wrench_density: Annotated[Estimate | None, Entry(
+        'Spectral density of the wrench at low frequencies; white noise: covariance over rate',
+        '(N, N m)^2 s', shape=(6, 6), omit=True)] = None
+    specific_force_density: Annotated[Estimate | None, Entry(
+        'The same of the accelerometer', '(m/s^2)^2 s', shape=(3, 3), omit=True)] = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,11 +30,13 @@ from forcecal_ros.identify.result import (
     tool_of,
 )
 from forcecal_ros.identify.ringing import RingFit
+from forcecal_ros.identify.sag import Sag
 from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.identify.static_accelerometer import identify_static_accelerometer
 from forcecal_ros.identify.static_readings import gravity_spread, Statics, TurnedWrench
 from forcecal_ros.identify.statics import read_statics, ring_of, sag_of, with_ring
 from forcecal_ros.identify.tool import identify_tool, ToolFit
+from forcecal_ros.identify.unsettled import settled
 from forcecal_ros.recording.checks.clipping import clipped
 from forcecal_ros.recording.checks.entry import checked
 from forcecal_ros.recording.checks.units import refuse_other_unit
@@ -162,10 +164,10 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     if gridded is None:
         return replace(_single_samples(recording, removed, poses, statics, settings),
                        slight_misfit=slight, stops=stops)
-    weight = weigh(statics, settings.thresholds.condition)
-    sag, ring = sag_of(statics, weight.mass), None
-    if settings.tool_compliance != 'no':
-        ring = ring_of(recording, poses, statics, weight.mass, sag, gridded)
+    weight, sag, ring = _ringing(recording, poses, statics, gridded, settings)
+    if ring is not None:
+        statics = settled(statics, recording, poses, weight.mass, ring)
+        weight, sag, ring = _ringing(recording, poses, statics, gridded, settings)
     statics = with_ring(statics, weight.mass, ring, settings)
     slide = _slide(recording, gridded, weight, ring)
     tool, inertia, late = _tool(gridded, statics, weight, slide, settings)
@@ -173,6 +175,17 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     return Stages(recording, removed, poses, statics, tool, sag, ring,
                   _accelerometer(recording, gridded, tool, turn, settings), inertia, late,
                   ToolMotion(gridded, slide, turn), slight, stops)
+
+
+def _ringing(recording: Recording, poses: list[StaticPose], statics: Statics,
+             gridded: GriddedRecording, settings: IdentificationSettings
+             ) -> tuple[Weight, Sag | None, RingFit | None]:
+    """Return mass and force bias, and what static sag and ringing say of the tool's spring."""
+    weight = weigh(statics, settings.thresholds.condition)
+    sag = sag_of(statics, weight.mass)
+    if settings.tool_compliance == 'no':
+        return weight, sag, None
+    return weight, sag, ring_of(recording, poses, statics, weight.mass, sag, gridded)
 
 
 def _evened(recording: Recording) -> Recording:
