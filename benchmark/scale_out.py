@@ -63,7 +63,8 @@ def cluster(folder: Path, workers: int) -> Iterator[str]:
 def tasks_of(folder: Path, count: int, out: str) -> list[argparse.Namespace]:
     return [argparse.Namespace(
         bag=str(folder / f'bag{i}'), calibration=str(folder / 'calibration.yaml'), topic=[],
-        wrench_sign=1, filter=None, bandwidth=None, inertial_wrench=False, innovation=False,
+        wrench_sign=1, filter=None, bandwidth=None, contact_walk=None, bandwidth_min=None,
+        bandwidth_max=None, inertial_wrench=False, innovation=False,
         output=str(folder / out / f'bag{i}')) for i in range(count)]
 
 

@@ -150,6 +150,11 @@ class Noise:
         ] = np.nan
     accelerometer_rate: Annotated[float, Row(
         'The same of the accelerometer', 'Hz', finite=False)] = np.nan
+    wrench_density: Annotated[Estimate | None, Entry(
+        'Spectral density of the wrench at low frequencies; white noise: covariance over rate',
+        '(N, N m)^2 s', shape=(6, 6), omit=True)] = None
+    specific_force_density: Annotated[Estimate | None, Entry(
+        'The same of the accelerometer', '(m/s^2)^2 s', shape=(3, 3), omit=True)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,6 +192,9 @@ class Calibration:
     gravity_direction: Annotated[Vector3 | None, Row(
         'Unit vector in base that gravity points along; absent: -z', low=-1.0, high=1.0,
         omit=True)] = None
+    sensor_rotation: Annotated[Vector3 | None, Row(
+        "Rotation vector of the wire's axes, seen from the frame of the pose, into which readings "
+        'are turned; absent: the same axes', 'rad', key='sensor.rotation', omit=True)] = None
     sensor_frame: Annotated[str, Row('frame_id of the wrench', key='sensor.frame')] = 'ft_sensor'
     wrench_sign: Annotated[int, Row(
         '-1 where the driver reports tool on environment; readings were multiplied by it',

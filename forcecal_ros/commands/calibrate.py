@@ -2,10 +2,12 @@
 
 import argparse
 from datetime import datetime, timezone
+import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands.common import from_arguments, new_parser, read_checked
+from forcecal_ros.commands.contact import add_bandwidth, bandwidth_of
 from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
 from forcecal_ros.commands.numbers import angle, gravity, nearby, positive, real
@@ -30,6 +32,9 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--gravity-direction', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
                         help="direction of gravity in the robot's base, of any length, where base "
                              'is not level (default: 0 0 -1)')
+    parser.add_argument('--sensor-rotation', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
+                        help="rotation vector of the wrench's axes, seen from the frame of the "
+                             'pose [deg], where the sensor sits turned on its flange')
     parser.add_argument('--coupling', choices=('dc', 'ac'), default='dc',
                         help='of the accelerometer; ac: it lets gravity decay (high-pass)')
     parser.add_argument('--cutoff', metavar='HZ', type=positive,
@@ -49,6 +54,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--design', choices=('kalman', 'poles'), default='kalman',
                         help="how the paper's gain is designed: Riccati equation or pole "
                              'placement')
+    add_bandwidth(parser, 'default: 2.5 N/sqrt(s), 2 to 250 Hz; kept in the calibration')
     add_output(parser, '-o', '--output', kind=FILE, suffix='.yaml', metavar='FILE',
                default='calibration.yaml',
                help='calibration to write, - for standard output; one that is there is kept as '
@@ -66,6 +72,7 @@ def run(args: argparse.Namespace) -> int:
     if args.cutoff is not None and args.coupling != 'ac':
         raise UsageError('--cutoff is the corner of an ac accelerometer; give --coupling ac as '
                          'well, or leave it out')
+    bandwidth_of(args)
     return run_each(args, answer)
 
 
@@ -116,13 +123,14 @@ def _written(calibration: 'Calibration', args: argparse.Namespace, notes: tuple[
     """Write a calibration and say what is in it."""
     from forcecal_ros.calibration.document import to_document
     from forcecal_ros.calibration.file import save
-    from forcecal_ros.report.rows import as_text, residuals, table
+    from forcecal_ros.report.rows import as_text, promises, residuals, table
 
     save(calibration, args.output)
     warnings = calibration.quality.get('warnings', ())
     return Answer(
         to_document(calibration),
-        f'{as_text([*table(calibration), *residuals(calibration)])}\n\nwritten to {args.output}',
+        as_text([*table(calibration), *promises(calibration), *residuals(calibration)])
+        + f'\n\nwritten to {args.output}',
         f'mass {float(calibration.mass):.4f} +- {float(calibration.mass.std):.4f} kg, '
         f'written to {args.output}',
         (*(note for note in notes if not any(note in warning for warning in warnings)), *warnings,
@@ -135,17 +143,20 @@ def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration
     from forcecal_ros.identify.pipeline import identify
     from forcecal_ros.identify.settings import IdentificationSettings
     from forcecal_ros.observe.gains import with_kalman_gains
+    from forcecal_ros.observe.settings import ObserverSettings
 
+    turn = args.sensor_rotation and [math.radians(x) for x in args.sensor_rotation]
     position, direction = args.accelerometer_position, args.gravity_direction
     calibration = identify(recording, IdentificationSettings(
         gravity=args.gravity or STANDARD_GRAVITY,
         gravity_direction=tuple(direction) if direction else None,
+        sensor_rotation=(turn[0], turn[1], turn[2]) if turn else None,
         theta=args.theta, coupling=args.coupling, cutoff=args.cutoff,
         accelerometer_position=tuple(position) if position else None,
         wrench_sign=args.wrench_sign, observer_mode=args.observer, observer_design=args.design,
         source={'recording': args.bag,
                 'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}))
-    return with_kalman_gains(calibration)
+    return with_kalman_gains(calibration, ObserverSettings(**bandwidth_of(args)))
 
 
 def write_report(path: str, recording: 'Recording', calibration: 'Calibration') -> None:

@@ -4,6 +4,9 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any, TYPE_CHECKING
 
+from forcecal_ros.commands.numbers import positive
+from forcecal_ros.errors import UsageError
+
 if TYPE_CHECKING:
     from forcecal_ros.calibration.model import Calibration
     from forcecal_ros.observe import ContactEstimate, ObserverSettings
@@ -15,6 +18,31 @@ period of a sensor at 1 kHz [s]."""
 
 LEVELS = ('ok', 'warn', 'error')
 """As diagnostic_msgs/DiagnosticStatus counts them."""
+
+
+def add_bandwidth(parser: Any, otherwise: str) -> None:
+    """Add what filter kalman's bandwidth follows from besides the noise."""
+    parser.add_argument('--contact-walk', metavar='N/SQRT(S)', type=positive,
+                        help='how fast a contact force is expected to wander, which together with '
+                             f'the noise makes the bandwidth of filter kalman ({otherwise})')
+    for name, words in (('min', 'slowest'), ('max', 'fastest')):
+        parser.add_argument(f'--bandwidth-{name}', metavar='HZ', type=positive,
+                            help=f'{words} bandwidth that may follow ({otherwise})')
+
+
+def bandwidth_of(args: Any) -> dict[str, Any]:
+    """
+    Return these options as fields of the observer's settings.
+
+    Raises
+    ------
+    UsageError
+        The slowest is above the fastest.
+    """
+    low, high = args.bandwidth_min, args.bandwidth_max
+    if low is not None and high is not None and low > high:
+        raise UsageError(f'--bandwidth-min {low:g} is above --bandwidth-max {high:g}')
+    return {'contact_walk': args.contact_walk, 'bandwidth_min_hz': low, 'bandwidth_max_hz': high}
 
 
 def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'ObserverSettings'
@@ -29,14 +57,21 @@ def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'Obse
     notes : tuple of str
         What was assumed.
     """
+    from forcecal_ros.observe.bandwidth import UNMEASURED
     from forcecal_ros.observe.noise import with_noise
     from forcecal_ros.observe.settings import LEARNING
+    from forcecal_ros.recording.mount import in_axes_of_pose
 
     notes: tuple[str, ...] = ()
     if (calibration.noise is None and settings.filter in LEARNING
             and settings.learning.covariances == 'measured'):
-        calibration = with_noise(calibration, recording)
+        calibration = with_noise(calibration, in_axes_of_pose(
+            recording, calibration.sensor_rotation))
         notes = ('the calibration knows no noise; taken from this recording',)
+    if calibration.noise is None and settings.filter in (None, 'kalman') and (
+            settings.bandwidth_hz is None):
+        told = 'the calibration knows no noise that a bandwidth could follow from'
+        notes = (f'{told}; {UNMEASURED:g} Hz, that of the nominal rig, is taken',)
     calibration, about_delay = with_known_delay(calibration, recording)
     return calibration, (*notes, *about_delay)
 
@@ -46,15 +81,16 @@ def with_known_delay(calibration: 'Calibration', recording: 'Recording'
     """Find the delay between the sensors in the recording; returns as :func:`prepared` does."""
     from forcecal_ros.errors import DataError
     from forcecal_ros.identify.delay import estimate_delay, with_delay
+    from forcecal_ros.recording.mount import in_axes_of_pose
     import numpy as np
 
-    sensor = calibration.accelerometer
+    sensor, sensor_rotation = calibration.accelerometer, calibration.sensor_rotation
     if sensor is None or recording.accelerometer is None or np.isfinite(sensor.delay.std):
         return calibration, ()
     unknown = ('the calibration does not know the delay of the accelerometer; calibrate with '
                '--free-motion')
     try:
-        delay = estimate_delay(recording, calibration)
+        delay = estimate_delay(in_axes_of_pose(recording, sensor_rotation), calibration)
     except DataError as error:
         return calibration, (f'{unknown}; taken to be 0: {error}',)
     found = f'{1e3 * float(delay):.2f} +- {1e3 * float(delay.std):.2f} ms in this recording'

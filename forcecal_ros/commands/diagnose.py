@@ -22,6 +22,10 @@ from forcecal_ros.errors import UsageError
 RIGID = 'rigid_tool.yaml'
 """Whose tolerances a calibrated tool has where no rig is named."""
 
+ASSUMED = ('nothing says what was recorded, so it is compared with the rig that this package '
+           'simulates; unless it is that one, name your tool by --calibration, your robot by '
+           '--rig (`forcecal fit-rig` makes one), or your simulator by --simulated or --simulator')
+
 FILES = ('diagnosis.json', 'report.html', 'rig_patched.yaml', 'calibration_patched.yaml')
 """All that a diagnosis may write."""
 
@@ -157,7 +161,7 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
     """Compare the wrench with the measured motion."""
     from forcecal_ros.calibration.file import dump
     from forcecal_ros.diagnose.body import body_of_calibration, body_of_rig, patched
-    from forcecal_ros.diagnose.by_motion import delay_std, diagnose_motion
+    from forcecal_ros.diagnose.by_motion import delay_std, diagnose_motion, inertia_std
     from forcecal_ros.diagnose.channels import units
     from forcecal_ros.diagnose.result import to_document
 
@@ -171,8 +175,8 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
     document['explained_by'] = 'measured motion'
     if calibration and outcome.cases:
         document['calibration'] = 'calibration_patched.yaml'
-        files[document['calibration']] = dump(patched(calibration, outcome.rig,
-                                                      delay_std(outcome)))
+        files[document['calibration']] = dump(patched(
+            calibration, outcome.rig, delay_std(outcome), inertia_std(outcome)))
     return _written(args, recording, outcome, rig, of_channels, document, files)
 
 
@@ -224,14 +228,16 @@ def _by_simulator(args: argparse.Namespace) -> Answer:
 
 
 def _as_calibrated(args: argparse.Namespace, recording: Any, calibration: Any) -> Any:
-    """Bring poses to ft_sensor, in a base that is level, as the calibration says."""
+    """Bring poses to ft_sensor, base to level and readings to their axes, as calibrated."""
     from forcecal_ros.observe.mounting import taken_as_calibrated
     from forcecal_ros.recording.level import levelled
+    from forcecal_ros.recording.mount import in_axes_of_pose
 
     if recording is None or calibration is None:
         return recording
-    return levelled(taken_as_calibrated(recording, calibration, args.calibration),
-                    calibration.gravity_direction)
+    taken = taken_as_calibrated(recording, calibration, args.calibration)
+    return in_axes_of_pose(levelled(taken, calibration.gravity_direction),
+                           calibration.sensor_rotation)
 
 
 def _with_model(args: argparse.Namespace, outcome: Any) -> Any:
@@ -256,6 +262,9 @@ def _written(args: argparse.Namespace, recording: Any, outcome: Any, rig: Any,
     from forcecal_ros.report.diagnosis_view import view_of, view_without_signals
 
     diagnosis, folder = outcome.diagnosis, args.output
+    named = args.rig or args.calibration or args.simulated or args.simulator
+    assumed = () if named else (ASSUMED,)
+    document['notes'] = [*assumed, *document['notes']]
     view = (view_of(outcome, advice(diagnosis, rig), of_channels) if outcome.cases
             else view_without_signals(diagnosis))
     write_results(folder, {
@@ -263,5 +272,5 @@ def _written(args: argparse.Namespace, recording: Any, outcome: Any, rig: Any,
         'report.html': render(view), **files}, FILES)
     verdict = f'{diagnosis.verdict}: {diagnosis.reason}'
     return Answer(document, f'{verdict}\nwritten to {folder}', verdict,
-                  (*recording.notes, *diagnosis.notes),
+                  (*assumed, *recording.notes, *diagnosis.notes),
                   1 if diagnosis.verdict == 'invalid_data' else 0)

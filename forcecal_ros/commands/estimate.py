@@ -3,6 +3,7 @@
 import argparse
 from typing import Any
 
+from forcecal_ros.commands import contact
 from forcecal_ros.commands.common import new_parser, read_checked, say_if_compiling
 from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
@@ -25,6 +26,7 @@ def add_parser(subparsers: Any) -> None:
                         help='last stage of the observer (default: as the calibration says)')
     parser.add_argument('--bandwidth', metavar='HZ', type=positive,
                         help='of the contact wrench with filter kalman (default: from the noise)')
+    contact.add_bandwidth(parser, 'default: as the calibration says')
     parser.add_argument('--inertial-wrench', action='store_true',
                         help="write the wrench of the tool's weight and inertia as well")
     parser.add_argument('--innovation', action='store_true',
@@ -37,21 +39,27 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    if args.bandwidth is not None and args.filter not in (None, 'kalman'):
-        raise UsageError(f'--bandwidth is that of filter kalman, not of {args.filter}; leave it '
-                         'out')
+    said = {'--bandwidth': args.bandwidth, '--contact-walk': args.contact_walk,
+            '--bandwidth-min': args.bandwidth_min, '--bandwidth-max': args.bandwidth_max}
+    of_kalman = [option for option, value in said.items() if value is not None]
+    if of_kalman and args.filter not in (None, 'kalman'):
+        raise UsageError(f'{of_kalman[0]} is that of filter kalman, not of {args.filter}; leave '
+                         'it out')
+    if args.bandwidth is not None and len(of_kalman) > 1:
+        raise UsageError(f'--bandwidth says it all; leave {of_kalman[1]} out')
+    contact.bandwidth_of(args)
     return run_each(args, answer)
 
 
 def answer(args: argparse.Namespace) -> Answer:
     """Estimate over one recording."""
     from forcecal_ros.calibration.file import load
-    from forcecal_ros.commands import contact
     from forcecal_ros.observe import ObserverSettings, replay
     from forcecal_ros.observe.batch import waits_for_compiler
     from forcecal_ros.observe.mounting import taken_as_calibrated
 
-    settings = ObserverSettings(filter=args.filter, bandwidth_hz=args.bandwidth)
+    settings = ObserverSettings(filter=args.filter, bandwidth_hz=args.bandwidth,
+                                **contact.bandwidth_of(args))
     calibration = load(args.calibration)
     recording = taken_as_calibrated(
         read_checked(args, args.bag, raw_wrench=calibration.matrix is not None), calibration,

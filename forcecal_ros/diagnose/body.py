@@ -132,9 +132,10 @@ def as_specific_force(recording: Recording, accelerometer: Accelerometer | None)
                    accelerometer_unit='m/s^2')
 
 
-def patched(calibration: Calibration, body: Body, delay_std: float | None) -> Calibration:
+def patched(calibration: Calibration, body: Body, delay_std: float | None,
+            inertia_std: tuple[float, float, float] | None = None) -> Calibration:
     """
-    Give a calibration what was found: biases, mass, centre of mass, delay.
+    Give a calibration what was found: biases, mass, centre of mass, inertia, delay.
 
     Parameters
     ----------
@@ -142,6 +143,8 @@ def patched(calibration: Calibration, body: Body, delay_std: float | None) -> Ca
         With what was recalibrated, and the effects.
     delay_std : float or None
         Standard error of the delay between the sensors [s]; None where nothing told it.
+    inertia_std : tuple of 3 float or None
+        The same of the inertia about each axis [kg m^2].
     """
     c, a, found = calibration, calibration.accelerometer, physical_rig(body)
     named = named_effects(body.effects)
@@ -155,7 +158,11 @@ def patched(calibration: Calibration, body: Body, delay_std: float | None) -> Ca
                                       's'),
                     offset=Estimate(a.offset.value + a.matrix @ off, a.offset.std,
                                     a.offset.unit))
+    inertia = c.inertia
+    if inertia_std is not None:
+        std = np.array(inertia_std)
+        inertia = Estimate(found.tool.inertia, np.sqrt(np.outer(std, std)), 'kg m^2')
     return replace(
-        c, mass=Estimate(found.tool.mass, c.mass.std, 'kg'),
+        c, inertia=inertia, mass=Estimate(found.tool.mass, c.mass.std, 'kg'),
         com=Estimate(found.tool.com, c.com.std, 'm'), accelerometer=a,
         wrench_bias=Estimate(body.wrench_sensor.bias, c.wrench_bias.std, c.wrench_bias.unit))

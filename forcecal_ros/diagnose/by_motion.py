@@ -79,6 +79,16 @@ def delay_std(outcome: Outcome) -> float | None:
     return delay[1] if 0.0 < delay[1] < TOLD * outcome.rig.spreads.accel_behind else None
 
 
+def inertia_std(outcome: Outcome) -> tuple[float, float, float] | None:
+    """Return the standard errors of the tool's inertia, where all of it is told [kg m^2]."""
+    stds = [outcome.recalibrations.get(f'tool.inertia.{axis}', (0.0, 0.0))[1] for axis in 'xyz']
+    if not isinstance(outcome.rig, Body):
+        return None
+    most = TOLD * outcome.rig.spreads.own_inertia
+    x, y, z = stds
+    return (x, y, z) if all(0.0 < std < most for std in stds) else None
+
+
 def _in(unit: str, effect: Found) -> Found:
     """Name the unit that the accelerometer speaks."""
     return replace(effect, parameters={

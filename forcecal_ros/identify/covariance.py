@@ -19,8 +19,10 @@ Eq. 7 gives.
 
 from typing import NamedTuple
 
+from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.poses import StaticPose
+from forcecal_ros.recording.noise.autocovariance import noise_of_windows
 from forcecal_ros.recording.streams import PoseStream, Stream
 from forcecal_ros.recording.time_grid import Averager
 import numpy as np
@@ -78,6 +80,20 @@ def stream_covariance(stream: Stream, poses: list[StaticPose]) -> SampleCovarian
     """Covariance of a stream's samples in the static poses."""
     return sample_covariance([np.asarray(stream.between(p.start, p.end).values) for p in poses],
                              stream.rate)
+
+
+def slow_density(stream: Stream, poses: list[StaticPose]) -> Array | None:
+    """
+    Spectral density at low frequencies of a stream's noise in the static poses, shape (k, k).
+
+    The long-run covariance over the rate: that of white noise where no lag stands out. None where
+    no pose was held long enough.
+    """
+    windows = [np.asarray(stream.between(p.start, p.end).values) for p in poses]
+    try:
+        return noise_of_windows(windows).at_least_white / stream.rate
+    except DataError:
+        return None
 
 
 def measurement_covariance(poses: list[StaticPose], pose: PoseStream, optidrive: Stream | None,

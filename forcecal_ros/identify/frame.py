@@ -6,6 +6,7 @@ from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.identify.static_readings import check_weight, Statics
 from forcecal_ros.recording.checks.frame_faults import (
     refuse_other_frame,
+    refuse_unexplained,
     refuse_weightless,
     slightly_off,
 )
@@ -35,7 +36,8 @@ def slight_misfit(poses: list[StaticPose], statics: Statics,
     judgement = judge(Forces(
         back @ np.stack([pose.R_base_sensor for pose in poses]), statics.wrench[:, :3],
         settings.gravity * believed, noise))
-    refuse_other_frame(judgement, believed, settings.wrench_sign)
+    refuse_other_frame(judgement, believed, settings.wrench_sign, settings.sensor_rotation)
     check_weight(statics.gravity, settings.thresholds.condition)
     refuse_weightless(judgement)
+    refuse_unexplained(judgement)
     return slightly_off(judgement, believed)

@@ -83,7 +83,7 @@ def weigh(statics: Statics, condition: float = 100.0) -> Weight:
     check_weight(statics.gravity, condition)
     n = len(statics.gravity)
     design = np.zeros((n, 3, 4))
-    design[:, :, 0] = statics.gravity
+    design[:, :, 0] = statics.carried
     design[:, :, 1:] = np.eye(3)
     noise = block_diag(*statics.covariance[:, :3, :3])
     weight = 1 / np.diag(noise)

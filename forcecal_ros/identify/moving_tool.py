@@ -111,7 +111,7 @@ def _tool_fit(weight: Weight, statics: Statics, theta: Array, covariance: Array,
     full[np.ix_(order, order)] = covariance[:6, :6]
     full[np.ix_(order, range(4))] = by_bias[:6] @ weight.covariance[1:]
     full[:4, 4:] = full[4:, :4].T
-    load = weight.mass * statics.gravity
+    load = weight.mass * statics.carried
     slide = statics.slide if statics.slide is not None else np.zeros(len(load))
     lever = theta[3:6] + slide[:, None] * X_HAT
     residuals = statics.wrench - np.concatenate(

@@ -30,16 +30,19 @@ from forcecal_ros.identify.result import (
     tool_of,
 )
 from forcecal_ros.identify.ringing import RingFit
+from forcecal_ros.identify.sag import Sag
 from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.identify.static_accelerometer import identify_static_accelerometer
 from forcecal_ros.identify.static_readings import gravity_spread, Statics, TurnedWrench
 from forcecal_ros.identify.statics import read_statics, ring_of, sag_of, with_ring
 from forcecal_ros.identify.tool import identify_tool, ToolFit
+from forcecal_ros.identify.unsettled import settled
 from forcecal_ros.recording.checks.clipping import clipped
 from forcecal_ros.recording.checks.entry import checked
 from forcecal_ros.recording.checks.units import refuse_other_unit
 from forcecal_ros.recording.kinematics import AngularMotion
 from forcecal_ros.recording.level import level_from_base, levelled
+from forcecal_ros.recording.mount import in_axes_of_pose
 from forcecal_ros.recording.stamps import with_even_stamps
 from forcecal_ros.recording.streams import Recording
 from forcecal_ros.recording.time_grid import Averager
@@ -95,6 +98,7 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
         observer=_observer(stages, noise, settings),
         gravity=settings.gravity,
         gravity_direction=_unit(settings.gravity_direction),
+        sensor_rotation=_turned(settings.sensor_rotation),
         sensor_frame=require_wrench(recording).frame or 'ft_sensor',
         wrench_sign=settings.wrench_sign, sensor_from_pose=recording.sensor_from_pose,
         source={'recording': recording.source, **_recorded(recording), **settings.source})
@@ -113,6 +117,11 @@ def _unit(direction: Vector3 | None) -> Vector3 | None:
         return None
     x, y, z = np.asarray(direction) / np.linalg.norm(direction)
     return float(x), float(y), float(z)
+
+
+def _turned(rotation: Vector3 | None) -> Vector3 | None:
+    """Return a rotation vector that is not zero."""
+    return rotation if rotation is not None and any(rotation) else None
 
 
 def _recorded(recording: Recording) -> dict[str, str]:
@@ -147,6 +156,7 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     poses = static_poses(recording)
     stops = clipped(recording)
     refuse_poses_at_a_limit(recording, stops, poses)
+    recording = in_axes_of_pose(recording, settings.sensor_rotation)
     _refuse_other_unit(recording, poses, settings)
     gridded = grid_recording(recording, poses, settings)
     statics = read_statics(recording, poses, settings, gridded)
@@ -154,10 +164,10 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     if gridded is None:
         return replace(_single_samples(recording, removed, poses, statics, settings),
                        slight_misfit=slight, stops=stops)
-    weight = weigh(statics, settings.thresholds.condition)
-    sag, ring = sag_of(statics, weight.mass), None
-    if settings.tool_compliance != 'no':
-        ring = ring_of(recording, poses, statics, weight.mass, sag, gridded)
+    weight, sag, ring = _ringing(recording, poses, statics, gridded, settings)
+    if ring is not None:
+        statics = settled(statics, recording, poses, weight.mass, ring)
+        weight, sag, ring = _ringing(recording, poses, statics, gridded, settings)
     statics = with_ring(statics, weight.mass, ring, settings)
     slide = _slide(recording, gridded, weight, ring)
     tool, inertia, late = _tool(gridded, statics, weight, slide, settings)
@@ -165,6 +175,17 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     return Stages(recording, removed, poses, statics, tool, sag, ring,
                   _accelerometer(recording, gridded, tool, turn, settings), inertia, late,
                   ToolMotion(gridded, slide, turn), slight, stops)
+
+
+def _ringing(recording: Recording, poses: list[StaticPose], statics: Statics,
+             gridded: GriddedRecording, settings: IdentificationSettings
+             ) -> tuple[Weight, Sag | None, RingFit | None]:
+    """Return mass and force bias, and what static sag and ringing say of the tool's spring."""
+    weight = weigh(statics, settings.thresholds.condition)
+    sag = sag_of(statics, weight.mass)
+    if settings.tool_compliance == 'no':
+        return weight, sag, None
+    return weight, sag, ring_of(recording, poses, statics, weight.mass, sag, gridded)
 
 
 def _evened(recording: Recording) -> Recording:

@@ -16,6 +16,7 @@ from forcecal_ros.identify.axes import split_matrix
 from forcecal_ros.identify.covariance import (
     measurement_covariance,
     process_covariance,
+    slow_density,
     stream_covariance,
 )
 from forcecal_ros.identify.estimating import jacobian
@@ -145,6 +146,7 @@ def noise_of(stages: Stages, coupling: str) -> Noise | None:
     if wrench is None or specific is None or measured is None:
         return None
     mass, variance = stages.tool.mass, float(wrench.value[0, 0])
+    densities = [slow_density(stream, stages.poses) for stream in (recording.wrench, force)]
     Q = process_covariance(variance, wrench.rate, mass)
     relative = wrench.std[0, 0] / variance
     return Noise(
@@ -152,7 +154,9 @@ def noise_of(stages: Stages, coupling: str) -> Noise | None:
         Estimate(measured.density, measured.density_std, '(m, m/s, m/s^2)^2 s'),
         Estimate(wrench.value, wrench.std, '(N, N m)^2'),
         Estimate(specific.value, specific.std, '(m/s^2)^2'),
-        wrench.rate, specific.rate)
+        wrench.rate, specific.rate,
+        *(None if density is None else Estimate(density, np.nan, unit) for density, unit in zip(
+            densities, ('(N, N m)^2 s', '(m/s^2)^2 s'))))
 
 
 def observer_of(noise: Noise, mass: float, settings: IdentificationSettings) -> ObserverGain:

@@ -45,12 +45,13 @@ def stiffness_from_sag(statics: Statics, mass: float) -> Sag | None:
     DataError
         The tool slides against its load.
     """
-    assert statics.slide is not None
+    slide = statics.slide_at_rest
+    assert slide is not None
     weight = mass * statics.gravity[:, 0]
     rows = np.stack([weight, np.ones(len(weight))], axis=1)
     if np.ptp(weight) < 0.05 * mass * np.linalg.norm(statics.gravity[0]):
         return None
-    (compliance, zero), *_ = np.linalg.lstsq(rows, statics.slide, rcond=None)
+    (compliance, zero), *_ = np.linalg.lstsq(rows, slide, rcond=None)
     bread = np.linalg.inv(rows.T @ rows)
     slope = (bread @ (rows.T * statics.slide_variance) @ rows @ bread)[0, 0]
     if compliance**2 < 25 * slope:

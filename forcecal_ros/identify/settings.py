@@ -63,6 +63,9 @@ class IdentificationSettings(Section, name=''):
         'Magnitude at the robot', 'm/s^2', above=0.0)] = STANDARD_GRAVITY
     gravity_direction: Annotated[Vector3 | None, Row(
         'In base, of any length; None: along -z')] = None
+    sensor_rotation: Annotated[Vector3 | None, Row(
+        "Rotation vector of the wrench's axes, seen from the frame of the pose; None: the same",
+        'rad')] = None
     theta: Annotated[float, Row(
         "The paper's angle in Eq. 9 and 12; only the plain Eq. 16 uses it", 'rad')] = 0.0
     coupling: Annotated[str, Row(

@@ -26,6 +26,9 @@ class Statics(NamedTuple):
         Of these means [m^2].
     sag : tuple of float or None
         m^2 / k and its variance where the stiffness is known otherwise [kg^2 m/N].
+    ringing : ndarray, shape (n, 2), or None
+        Mean of what the tool still rings along x: displacement, which is a share of ``slide``,
+        and acceleration [m, m/s^2]; None: not known.
     """
 
     gravity: Array
@@ -34,6 +37,21 @@ class Statics(NamedTuple):
     slide: Array | None
     slide_variance: Array
     sag: tuple[float, float] | None = None
+    ringing: Array | None = None
+
+    @property
+    def carried(self) -> Array:
+        """Gravity less the tool's own acceleration: the sensor's load over mass, (n, 3)."""
+        if self.ringing is None:
+            return self.gravity
+        return np.asarray(self.gravity - self.ringing[:, 1:] * [1.0, 0.0, 0.0])
+
+    @property
+    def slide_at_rest(self) -> Array | None:
+        """Displacement that the weight alone gives, shape (n,) [m]."""
+        if self.slide is None or self.ringing is None:
+            return self.slide
+        return np.asarray(self.slide - self.ringing[:, 0])
 
 
 def gravity_spread(gravity: Array) -> tuple[Array, Array]:

@@ -30,7 +30,7 @@ def read_statics(recording: Recording, poses: list[StaticPose], settings: Identi
     spans = np.array([p.end - p.start for p in poses])
     covariance = None
     if gridded is not None:
-        covariance = gridded.noise.long_run * (gridded.grid.length / spans)[:, None, None]
+        covariance = gridded.noise.at_least_white * (gridded.grid.length / spans)[:, None, None]
     rigid = np.zeros(len(poses))
     if settings.tool_compliance == 'no' or optidrive is None or not len(optidrive):
         return Statics(gravity, means, covariance, rigid, rigid)
@@ -38,7 +38,8 @@ def read_statics(recording: Recording, poses: list[StaticPose], settings: Identi
     variance = rigid
     if gridded is not None:
         blocks = windows_of(Averager(optidrive.t, optidrive.values), gridded.grid)
-        variance = float(noise_of_windows(blocks).long_run[0, 0]) * gridded.grid.length / spans
+        density = noise_of_windows(blocks).at_least_white[0, 0] * gridded.grid.length
+        variance = float(density) / spans
     return Statics(gravity, means, covariance, slide, variance)
 
 
@@ -66,7 +67,7 @@ def ring_of(recording: Recording, poses: list[StaticPose], statics: Statics, mas
     ringing = rings(phase_spans(recording.phases, ('step',)), require_wrench(recording), optidrive,
                     recording.pose, recording.target)
     return stiffness_and_damping(
-        ringing, mass, gridded.noise.long_run[0, 0] * gridded.grid.length, density,
+        ringing, mass, gridded.noise.at_least_white[0, 0] * gridded.grid.length, density,
         (sag.stiffness, sag.variance) if sag else None)
 
 

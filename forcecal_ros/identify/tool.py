@@ -116,7 +116,7 @@ def _design(statics: Statics) -> tuple[Array, Array]:
     n = len(statics.wrench)
     unobserved = statics.slide is None
     design = np.zeros((n, 6, 11 if unobserved else 10))
-    g = statics.gravity
+    g = statics.carried
     lever = np.cross(X_HAT, g)
     design[:, :3, 0] = g
     design[:, :3, 1:4] = design[:, 3:, 7:10] = np.eye(3)

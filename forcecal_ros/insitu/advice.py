@@ -13,6 +13,9 @@ MOVES = 0.1
 DISAGREES = 5.0
 """A data set whose own offset is more standard errors from the shared one is warned of."""
 
+LIMITS = 0.02
+"""Share of the range by which the linear model may be off unnamed: that of a poor sensor."""
+
 OFF_GRAVITY = 0.005
 """Share by which measured |g| may differ from the stated one without a warning."""
 
@@ -63,13 +66,48 @@ def _subspace(result: SensorResult) -> Iterator[str]:
         yield (f'the raw measurements leave their three-dimensional subspace in {len(leaving)} of '
                f'{len(result.data_sets)} data sets, most in {worst.name}: {_times(worst):.1f} '
                'times the noise of a block')
+    yield from misfits_of(result)
+    yield from affine_misfit(result)
+
+
+def affine_misfit(result: SensorResult) -> Iterator[str]:
+    """Name a misfit of the linear model that is large against what the sensor shows."""
+    found = result.nonlinearity
+    if found is not None and found.share > LIMITS:
+        more = 'squares of the channels would make them smaller' if found.squares else \
+            'squares of the channels do not make them smaller for data sets left out'
+        yield (f'wrenches are off the linear map by {found.share:.0%} of their range (RMS): the '
+               'sensor is not linear, or has hysteresis; this, not noise, limits the '
+               f'calibration, and the standard errors hold it; {more}')
+    if found is not None:
+        return
+    shares = {d.name: _off_affine(d) for d in result.data_sets}
+    worst = max(shares, key=lambda name: shares[name])
+    if shares[worst] > LIMITS:
+        yield (f'{worst}: the raw channels are off an affine map of gravity by '
+               f'{shares[worst]:.0%} of their range (RMS): a sensor that is not linear, '
+               'hysteresis or a bend; this, not noise, limits the calibration; where nothing '
+               'hangs there but the added mass, `body: none` asks less of it')
+
+
+def _off_affine(data_set: DataSetResult) -> float:
+    """RMS of the residual of a data set's own affine map over the range, worst channel."""
+    x = np.column_stack([np.ones(len(data_set.raw)), data_set.gravity])
+    off = data_set.raw - x @ np.linalg.lstsq(x, data_set.raw, rcond=None)[0]
+    freedom = max(len(x) - x.shape[1], 1)
+    rms = np.sqrt((off ** 2).sum(axis=0) / freedom)
+    return float((rms / np.maximum(np.ptp(data_set.raw, axis=0), 1e-12)).max())
+
+
+def misfits_of(result: SensorResult) -> Iterator[str]:
+    """Say what beside noise keeps raw measurements from an affine map of gravity, and how much."""
     if result.causes is None:
         return
     bending, hysteresis = result.causes.bending, result.causes.hysteresis
     if bending.significant:
         yield (f'{_size(result, bending)} leave the subspace with the square of gravity: '
                'something bends under load, a joint (lock the knee) or the mount of sensor or '
-               'accelerometer; the standard errors do not hold what it biases')
+               'accelerometer; the standard errors are widened by what an affine fit hides of it')
     if hysteresis.significant:
         done = 'taken off' if result.compensated else 'left in, as one recording may just drift'
         yield (f'{_size(result, hysteresis)} depend on where the sensor comes from: hysteresis; '

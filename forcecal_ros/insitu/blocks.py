@@ -23,7 +23,10 @@ GAP = 5.0
 """A step of the stamps longer than this many median periods is a gap."""
 TINY = 1e-200
 FLOOR = 1e-4
-"""No channel is taken to be less noisy than this share of its span over the recording."""
+"""
+No channel is taken to be less noisy than this share of its span over the recording, and not less
+than rounding makes it, the step of its counts over the root of 12.
+"""
 IN_STEPS = 0.05
 """A channel comes in steps if that share of its samples repeats the one before."""
 BEFORE = 4096
@@ -119,7 +122,8 @@ class _Tally(NamedTuple):
     still: Values
 
 
-def to_blocks(pieces: Iterable[Prepared], window: tuple[float, float] | None = None) -> Blocks:
+def to_blocks(pieces: Iterable[Prepared], window: tuple[float, float] | None = None,
+              poses: bool = False) -> Blocks:
     """
     Reduce a recording to blocks in one pass and constant memory.
 
@@ -128,6 +132,8 @@ def to_blocks(pieces: Iterable[Prepared], window: tuple[float, float] | None = N
     pieces : iterable of Prepared
     window : (float, float) or None
         In which no channel may stick [s]; None: anywhere.
+    poses : bool
+        Every sample is a block of its own.
 
     Raises
     ------
@@ -147,13 +153,13 @@ def to_blocks(pieces: Iterable[Prepared], window: tuple[float, float] | None = N
             if len(held.t) < 3:
                 continue
             period = float(np.median(np.diff(held.t[:100_000])))
-            samples = max(1, round(BLOCK / period))
+            samples = 1 if poses else max(1, round(BLOCK / period))
         whole = len(held.t) // samples
         if whole:
             piece = held.take(slice(whole * samples))
             tally, differences = _tally(piece, samples)
             tallies.append(tally)
-            if (tally.low == tally.high).any():
+            if samples > 1 and (tally.low == tally.high).any():
                 _refuse_stuck(before, piece, window)
             before = piece.take(slice(-BEFORE, None))
             if loudness is None:
@@ -273,8 +279,9 @@ def _finish(tally: _Tally, samples: int, period: float, correlation: Array) -> B
 
 def _noise(tally: _Tally, samples: int, n: int, correlation: Array) -> tuple[Array, Array]:
     """Return the noise covariance of raw and gravity, and the roughness of each block."""
-    span = np.append(np.ptp(np.concatenate([tally.low, tally.high]), axis=0), np.zeros(3))
-    floor = (FLOOR * span) ** 2
+    extremes = np.concatenate([tally.low, tally.high])
+    floor = np.append(np.maximum((FLOOR * np.ptp(extremes, axis=0)) ** 2,
+                                 [_step(column) ** 2 / 12 for column in extremes.T]), np.zeros(3))
     power = tally.differences.astype(float) / max(1, difference_gain(3) * (samples - 3))
     level = np.maximum(power, floor)
     typical = np.maximum(np.median(level, axis=0), TINY)
@@ -285,13 +292,19 @@ def _noise(tally: _Tally, samples: int, n: int, correlation: Array) -> tuple[Arr
     return correlation * np.outer(size / scale, size / scale) + np.diag(floor), roughness
 
 
+def _step(values: Array) -> float:
+    """Smallest step between values: that of the counts, or next to nothing where there is none."""
+    steps = np.diff(np.unique(values))
+    return float(steps.min()) if len(steps) else 0.0
+
+
 def _clipped(tally: _Tally, samples: int) -> Mask:
     """
     Find where channels stop at a limit.
 
     One whose neighbouring samples are alike in most blocks repeats its extreme as any other value.
     """
-    alike = np.median(tally.still, axis=0) / (samples - 1)
+    alike = np.median(tally.still, axis=0) / max(1, samples - 1)
     least = np.where(alike > IN_STEPS, limits.CLIPPED_IN_STEPS, limits.CLIPPED)
     clipped = np.zeros(tally.low.shape, dtype=bool)
     for extreme, count, again, end in (

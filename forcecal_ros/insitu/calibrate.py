@@ -1,22 +1,32 @@
 """From the recordings of one sensor to its calibration: the steps of [Traversaro2014] in order."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import Array
-from forcecal_ros.insitu.advice import warnings_of
+from forcecal_ros.insitu.advice import affine_misfit, misfits_of, warnings_of
 from forcecal_ros.insitu.departure import causes
 from forcecal_ros.insitu.excitation import excitation
+from forcecal_ros.insitu.known import with_known_wrenches
 from forcecal_ros.insitu.matrix import Load
+from forcecal_ros.insitu.misfit import hidden_covariance
 from forcecal_ros.insitu.moments import Moments
 from forcecal_ros.insitu.motion import MOVING, STATIC
 from forcecal_ros.insitu.offset import offset_of, shared_offset
 from forcecal_ros.insitu.prepare import Mounting
 from forcecal_ros.insitu.problem import MatrixProblem, with_matrix
 from forcecal_ros.insitu.rank import require
-from forcecal_ros.insitu.reduce import DataSet, Options, reduce, Reduced, without_hysteresis
+from forcecal_ros.insitu.reduce import (
+    AGREEING,
+    DataSet,
+    LITTLE,
+    Options,
+    reduce,
+    Reduced,
+    without_hysteresis,
+)
 from forcecal_ros.insitu.result import DataSetResult, SensorResult
 from forcecal_ros.insitu.uncertainty import (
     doubt_covariance,
@@ -26,11 +36,11 @@ from forcecal_ros.insitu.uncertainty import (
 )
 import numpy as np
 
+FORBIDDEN = 4.0
+"""Standard errors below zero from which on a mass is refused: once in 30 000 by chance."""
+
 COARSE = 1.0
 """Longer blocks, as recordings of many hours have, do not tell why they leave the subspace [s]."""
-
-AGREEING = 3
-"""Data sets from which on a common hysteresis is taken off: drift or touch is not common."""
 
 
 def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, options: Options,
@@ -54,13 +64,16 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
         raise UnobservableError('in motion the offset is estimated along with the matrix; record '
                                 'several added masses, or leave `motion` off and move slowly')
     if options.matrix:
-        require(_training_loads(data_sets), MOVING if options.moving else STATIC)
+        loads = _training_loads(data_sets)
+        if options.body:
+            require(loads, MOVING if options.moving else STATIC)
     reduced, found_norm = reduce(data_sets, mounting, options)
     _check_channels(data_sets, [r.moments for r in reduced], options, manufacturer_matrix)
     coarse = max(r.blocks.length for r in reduced) > COARSE
     found_causes = None if options.moving or coarse else causes(
         [(r.blocks, r.use) for r in reduced])
-    compensate = options.compensate_hysteresis and len(data_sets) >= AGREEING
+    compensate = (options.compensate_hysteresis and options.body
+                  and len(data_sets) >= AGREEING)
     if found_causes and compensate:
         reduced = without_hysteresis(reduced, found_causes.lags)
     moments = [r.moments for r in reduced]
@@ -70,6 +83,8 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
     held_out = residuals(used)
     covariance = _covariance(moments, held_out) + doubt_covariance(
         used, [r.screening.doubts for r in reduced])
+    hidden = hidden_covariance(moments, found_causes)
+    covariance = covariance if hidden is None else covariance + hidden
     offset_covariance = covariance[:len(offset), :len(offset)]
     result = SensorResult(
         name=name, options=options, excitation=excited, norm=found_norm,
@@ -79,11 +94,40 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
         causes=found_causes, compensated=compensate,
         data_sets=tuple(_data_set(d, r, options) for d, r in zip(data_sets, reduced)),
         manufacturer_matrix=manufacturer_matrix)
-    if options.matrix:
+    if options.matrix and not options.body:
+        result = with_known_wrenches(result, data_sets, reduced)
+    elif options.matrix:
         noise = np.mean([one.long_run for one in held_out], axis=0)
-        result = with_matrix(result, MatrixProblem(
-            tuple(data_sets), tuple(moments), offset, noise, covariance, options.gravity))
+        try:
+            result = with_matrix(result, MatrixProblem(
+                tuple(data_sets), tuple(moments), offset, noise, covariance, options.gravity))
+        except UnobservableError as error:
+            raise UnobservableError('; '.join([
+                str(error), *misfits_of(result), *affine_misfit(result),
+                *_cut_down(reduced)])) from error
+    _require_possible(result)
     return replace(result, warnings=warnings_of(result))
+
+
+def _cut_down(reduced: Sequence[Reduced]) -> Iterator[str]:
+    """Say that screening left little."""
+    left = sum(int(r.use.sum()) for r in reduced) / sum(len(r.use) for r in reduced)
+    if left < LITTLE:
+        yield (f'{left:.0%} of the recordings is one affine map of gravity each, the rest was '
+               'cut: contact, joints that move, or a sensor that is not linear')
+
+
+def _require_possible(result: SensorResult) -> None:
+    """Refuse what nature forbids: masses below zero beyond their standard errors."""
+    masses = [('the body', result.mass), *(
+        (f'what was added in {d.name}', d.added_mass) for d in result.data_sets)]
+    for name, mass in masses:
+        if mass is not None and float(mass.value) < -FORBIDDEN * float(mass.std):
+            raise DataError(
+                f'{name} has a mass of {float(mass.value):.3g} +- {float(mass.std):.2g} kg, which '
+                'nature forbids: stated masses, places or the direction of gravity are wrong, or '
+                + '; '.join([*misfits_of(result), *affine_misfit(result)]
+                            or ['the sensor is not linear']))
 
 
 def _training_loads(data_sets: Sequence[DataSet]) -> list[Load]:

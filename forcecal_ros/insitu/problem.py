@@ -154,7 +154,7 @@ class MatrixProblem:
         report = data_rank([r @ channels for r in train.raw], train.gravity, train.loads)
         if set(report.undetermined) - {'inertia of the body'}:
             raise UnobservableError(
-                f'the data give rank {report.rank} of {report.unknowns} beyond noise: '
+                f'the data give rank {report.rank} of {report.unknowns} beyond noise and misfit: '
                 f'{", ".join(report.undetermined)} not determined; add a data set with a '
                 'heavier mass off the line of the others, tilted further')
         return report

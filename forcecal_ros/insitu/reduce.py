@@ -7,15 +7,31 @@ from dataclasses import dataclass, replace
 from forcecal_ros.errors import DataError, ForcecalError
 from forcecal_ros.geometry import Array, STANDARD_GRAVITY
 from forcecal_ros.insitu.blocks import Blocks, Mask, to_blocks
-from forcecal_ros.insitu.departure import Departure, departure
+from forcecal_ros.insitu.departure import causes, Departure, departure
 from forcecal_ros.insitu.excitation import Norm, norm
 from forcecal_ros.insitu.matrix import Load
 from forcecal_ros.insitu.moments import accumulate, Moments
 from forcecal_ros.insitu.prepare import Mounting, prepare, Source
-from forcecal_ros.insitu.screen import given_window, screen, Screening, whole
+from forcecal_ros.insitu.screen import (
+    given_window,
+    MOST_LIMIT,
+    screen,
+    Screening,
+    untouched,
+    whole,
+)
 from forcecal_ros.insitu.smoothing import PAPER_ORDER, PAPER_WINDOW, window_samples
 from forcecal_ros.recording.checks.repeats import REMEDY
 import numpy as np
+
+AGREEING = 3
+"""Data sets from which on a common hysteresis is taken off: drift or touch is not common."""
+
+LITTLE = 0.5
+"""Screening that leaves less than this share of all data sets is asked whether all bend alike."""
+
+MOSTLY = 0.75
+"""Share of the misfit that a bending and a hysteresis common to all must explain: half its RMS."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +50,12 @@ class Options:
         Use the gyro.
     screening : bool
         Find and cut what is no free-hanging rigid body.
+    poses : bool
+        Every sample is the mean of one pose at rest: neither filtered nor screened.
     matrix : bool
         Estimate the matrix, not the offset alone.
+    body : bool
+        Something unknown hangs there beside the added masses.
     level_accelerometer : bool
         Take off the accelerometer's offset where |g| shows it (at rest only).
     compensate_hysteresis : bool
@@ -50,7 +70,9 @@ class Options:
     filter_order: int = PAPER_ORDER
     moving: bool = False
     screening: bool = True
+    poses: bool = False
     matrix: bool = True
+    body: bool = True
     level_accelerometer: bool = True
     compensate_hysteresis: bool = True
     accelerometer_noise: float | None = None
@@ -124,16 +146,17 @@ def reduce(data_sets: Sequence[DataSet], mounting: Mounting, options: Options
     DataError
         A recording holds nothing usable; the message names it.
     """
-    screened = []
+    found_blocks = []
     for data_set in data_sets:
         with _named(data_set):
             blocks = to_blocks(prepare(data_set.source(), mounting, options.moving),
-                               data_set.window)
+                               data_set.window, options.poses)
             _require_signal(blocks)
             if options.accelerometer_noise is not None:
                 known = options.accelerometer_noise ** 2 * np.eye(3)
                 blocks = replace(blocks, gravity_noise=known)
-            screened.append((blocks, _screen(blocks, data_set, options)))
+            found_blocks.append(blocks)
+    screened = list(zip(found_blocks, _screen_all(found_blocks, data_sets, options)))
     found = None if options.moving else norm(
         [(blocks, screening.use) for blocks, screening in screened], options.gravity)
     if found and found.usable and options.level_accelerometer:
@@ -145,7 +168,8 @@ def reduce(data_sets: Sequence[DataSet], mounting: Mounting, options: Options
             scatter = float(blocks.gravity_norm[screening.use].std())
             if not options.moving:
                 blocks = blocks.of_magnitude(options.gravity)
-            window = window_samples(options.filter_window, options.filter_order, 1 / blocks.period)
+            seconds = 0.0 if options.poses else options.filter_window
+            window = window_samples(seconds, options.filter_order, 1 / blocks.period)
             reduced.append(Reduced(blocks, screening, accumulate(
                 prepare(data_set.source(), mounting, options.moving), screening.kept, window,
                 options.filter_order, blocks.raw_noise, blocks.gravity_noise,
@@ -185,10 +209,44 @@ def _require_signal(blocks: Blocks) -> None:
         raise DataError(f'{named} (the right columns?); {REMEDY}')
 
 
+def _screen_all(all_blocks: Sequence[Blocks], data_sets: Sequence[DataSet], options: Options
+                ) -> list[Screening]:
+    """Screen each data set by itself, or none where all bend and lag in the same way."""
+    screenings: list[Screening] = []
+    try:
+        for blocks, data_set in zip(all_blocks, data_sets):
+            with _named(data_set):
+                screenings.append(_screen(blocks, data_set, options))
+    except DataError:
+        if not _alike(all_blocks, data_sets, options):
+            raise
+        return [untouched(blocks) for blocks in all_blocks]
+    used = sum(int(screening.use.sum()) for screening in screenings)
+    if used < LITTLE * sum(map(len, all_blocks)) and _alike(all_blocks, data_sets, options):
+        return [untouched(blocks) for blocks in all_blocks]
+    return screenings
+
+
+def _alike(all_blocks: Sequence[Blocks], data_sets: Sequence[DataSet], options: Options) -> bool:
+    """
+    Whether what screening would cut is no contact but the sensor.
+
+    One bending and one hysteresis, common to all, explain it; or every wrench is known, and then
+    the errors of data sets left out hold it.
+    """
+    if (options.moving or options.poses or not options.screening or len(data_sets) < AGREEING
+            or any(data_set.window for data_set in data_sets)):
+        return False
+    if not options.body:
+        return True
+    found = causes([(blocks, untouched(blocks).use) for blocks in all_blocks])
+    return found is not None and found.explained > MOSTLY and found.left < MOST_LIMIT
+
+
 def _screen(blocks: Blocks, data_set: DataSet, options: Options) -> Screening:
     if data_set.window is not None:
         return given_window(blocks, *data_set.window)
-    return screen(blocks) if options.screening else whole(blocks)
+    return screen(blocks) if options.screening and not options.poses else whole(blocks)
 
 
 @contextmanager

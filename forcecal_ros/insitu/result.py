@@ -1,6 +1,7 @@
 """What an in-situ calibration yields for one sensor."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.geometry import Array
@@ -11,6 +12,18 @@ from forcecal_ros.insitu.rank import RankReport
 from forcecal_ros.insitu.reduce import Options
 from forcecal_ros.insitu.screen import Cut
 from forcecal_ros.insitu.validate import LoadEstimate
+
+
+class NonLinearity(NamedTuple):
+    """
+    What a linear map leaves where every wrench is known.
+
+    ``share`` RMS of the wrench's error over its range, of the worst axis; ``squares`` whether
+    squares of the channels make errors of data sets left out smaller, by two standard errors.
+    """
+
+    share: float
+    squares: bool
 
 
 @dataclass(frozen=True)
@@ -86,6 +99,8 @@ class SensorResult:
         motion [kg m^2].
     rank : RankReport or None
         Of the unknowns, on the data.
+    nonlinearity : NonLinearity or None
+        Where nothing hangs there but the added masses.
     """
 
     name: str
@@ -104,4 +119,5 @@ class SensorResult:
     com: Estimate | None = None
     inertia: Estimate | None = None
     rank: RankReport | None = None
+    nonlinearity: NonLinearity | None = None
     warnings: tuple[str, ...] = ()

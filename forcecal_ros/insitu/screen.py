@@ -141,6 +141,13 @@ def whole(blocks: Blocks) -> Screening:
     return Screening(((-np.inf, np.inf),), (), np.ones(len(blocks), dtype=bool))
 
 
+def untouched(blocks: Blocks) -> Screening:
+    """Use what is neither clipped nor shaken nor has gaps, however far from affine it is."""
+    fit = _Fit(blocks)
+    use = ~fit.bad
+    return Screening(tuple(_stretches(blocks, use)), tuple(_cuts(fit, use)), use)
+
+
 class _Fit:
     """Affine model of whitened raw means on the regressors, over any choice of blocks."""
 
@@ -302,9 +309,14 @@ def _refusal(fit: _Fit) -> str:
     blocks = fit.blocks
     length = blocks.end[-1] - blocks.start[0]
     usable = ~fit.bad
-    why = f'{int(fit.bad.sum())} of {len(blocks)} blocks are clipped, shaken or have gaps'
+    counted = ((blocks.clipped.any(axis=1), 'clipped'), (blocks.gap, 'with gaps'),
+               (blocks.roughness > ROUGH_LIMIT, 'shaken'))
+    why = f'of {len(blocks)} blocks ' + ', '.join(
+        f'{int(found.sum())} {word}' for found, word in counted if found.any())
+    why = why if fit.bad.any() else f'none of {len(blocks)} blocks clipped, shaken or with gaps'
     if usable.sum() > fit.x.shape[1]:
         out = fit.out(usable)[usable].mean()
         why = f'{out:.0%} of it leaves the affine image of gravity ({why})'
     return (f'no {SHORTEST:g} s of the {length:.0f} s show one rigid body that hangs free: {why}; '
-            'keep the body off the ground, lock its joints, and check the accelerometer')
+            'keep the body off the ground, lock its joints, and check the accelerometer; a sensor '
+            'that is not linear does the same: with one mean a pose, `rows: poses`')

@@ -216,6 +216,11 @@ class Spec(Section, name=''):
     motion: Annotated[bool, Row('Whether it moves fast, so that the gyro is used')] = False
     screening: Annotated[bool, Row(
         'Whether what is no free-hanging rigid body is found and cut')] = True
+    rows: Annotated[str, Row(
+        'Of tables: samples, or the mean of one pose at rest each', words=('samples', 'poses'))
+        ] = 'samples'
+    body: Annotated[str, Row(
+        'What hangs there beside the added masses', words=('unknown', 'none'))] = 'unknown'
     time: Time | None = None
     rate: Annotated[float | None, Row('Rows a second of tables without time', 'Hz', above=0.0)
                     ] = None
@@ -238,6 +243,10 @@ class Spec(Section, name=''):
             if not name.replace('_', '').replace('-', '').isalnum():
                 raise Mismatch('sensors', name, 'names of letters, digits, - and _: files get '
                                                 'them')
+        if self.motion and self.rows == 'poses':
+            raise Mismatch('motion', True, 'off, where rows are poses at rest')
+        if self.motion and self.body == 'none':
+            raise Mismatch('motion', True, 'off, where body is none')
         self._check_gyro()
         self._check_data_sets()
 
@@ -258,6 +267,12 @@ class Spec(Section, name=''):
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise Mismatch('data_sets', twice, 'no name twice; give names')
         for one in self.data_sets:
+            if one.window is not None and self.rows == 'poses':
+                raise Mismatch(f'data_sets[{one.name}].window', one.window,
+                               'none, where rows are poses')
+            if self.body == 'none' and one.train and one.added_mass is None:
+                raise Mismatch(f'data_sets[{one.name}].added_mass', None,
+                               'the added mass, as body is none')
             if isinstance(one.position, Mapping) and set(one.position) != set(self.sensors):
                 raise Mismatch(f'data_sets[{one.name}].position', list(one.position),
                                f'one of each sensor, {", ".join(self.sensors)}')
@@ -274,6 +289,7 @@ class Spec(Section, name=''):
         return Options(
             gravity=self.gravity, filter_window=self.filter.window,
             filter_order=self.filter.order, moving=self.motion, screening=self.screening,
+            poses=self.rows == 'poses', body=self.body == 'unknown',
             matrix=(self.estimate or ('matrix' if stated else 'offset')) == 'matrix',
             level_accelerometer=self.accelerometer.offset == 'estimate',
             accelerometer_noise=self.accelerometer.noise)

@@ -17,12 +17,14 @@ from forcecal_ros.nodes.observer_settings import accelerometer_for, PARAMETERS, 
 from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.pose_source import mounting_parameter, pose_source, PoseSource
 from forcecal_ros.nodes.reporting import diagnostic_array
+from forcecal_ros.nodes.results import accuracy_message
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, STEADY
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.nodes.services import answering
 from forcecal_ros.nodes.waiting import Waiting
 from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Writer
 from forcecal_ros.observe import ContactSample, design, noise_levels, ObserverSettings
+from forcecal_ros.observe.accuracy import accuracy
 from forcecal_ros.observe.frames import Frames, Placement
 from forcecal_ros.observe.live import LiveObserver, Samples, Values
 from forcecal_ros.observe.mounting import agreed, at_the_sensor
@@ -30,7 +32,7 @@ from forcecal_ros.observe.tare import with_bias
 from geometry_msgs.msg import WrenchStamped
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 
 OPTIONAL_OUTPUTS = {'inertial_wrench': 'inertial', 'innovation': 'innovation'}
@@ -109,6 +111,8 @@ class Observer(ManagedNode):
             if self._value(f'publish.{name}'):
                 self._optional.append((field, self.create_lifecycle_publisher(
                     WrenchStamped, f'observer/{name}', OUTPUT)))
+        self._accuracy = self.create_lifecycle_publisher(
+            Float64MultiArray, 'observer/accuracy', LATCHED)
         self._frames = FrameOutputs(self, frames)
         self._inputs = [
             self._subscribe('wrench', WrenchStamped, self._chain.on_wrench),
@@ -129,7 +133,9 @@ class Observer(ManagedNode):
         self._reset()
         self._active = True
         self.get_logger().info('up: answers every wrench on observer/contact_wrench')
-        return super().on_activate(state)
+        answer = super().on_activate(state)
+        self._tell_accuracy()
+        return answer
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop estimating; the calibration stays."""
@@ -159,8 +165,8 @@ class Observer(ManagedNode):
                 self._inbox.unsubscribe(subscription)
         publishers = [publisher for _, publisher in getattr(self, '_optional', ())]
         if hasattr(self, '_out'):
-            publishers.append(self._out)
-            del self._out
+            publishers += [self._out, self._accuracy]
+            del self._out, self._accuracy
         for publisher in publishers:
             self.destroy_lifecycle_publisher(publisher)
         self._inputs, self._optional, self._accelerometer = [], [], None
@@ -204,10 +210,12 @@ class Observer(ManagedNode):
             model = with_bias(model, self._chain.model.bias)
         accelerometer = accelerometer_for(calibration, self._value('accelerometer.source'))
         mounting = agreed(mounting_parameter(self), calibration, source.name)
-        self._chain.take_over(model, calibration.wrench_sign, calibration.gravity_direction)
+        self._chain.take_over(model, calibration.wrench_sign, calibration.gravity_direction,
+                              calibration.sensor_rotation)
         self._source, self._mounting = source, mounting
         self._write = Writer(WrenchStamped, calibration.sensor_frame)
         self._subscribe_accelerometer(accelerometer)
+        self._tell_accuracy()
         self.get_logger().info(f'calibration taken from {source.name}: mass '
                                f'{float(calibration.mass):.4f} kg')
 
@@ -247,6 +255,13 @@ class Observer(ManagedNode):
                 parameter.name.startswith(('observer.', 'limits.', 'gravity.'))
                 for parameter in parameters):
             self._chain.take_settings(design(self._source.calibration, self._settings()))
+            self._tell_accuracy()
+
+    def _tell_accuracy(self) -> None:
+        """Publish what is to be expected of the contact wrench, where it is estimated now."""
+        if self._active and self._source is not None and self._chain.model is not None:
+            self._accuracy.publish(accuracy_message(accuracy(
+                self._source.calibration, self._chain.model, self._settings())))
 
     def _subscribe_accelerometer(self, chosen: str) -> None:
         topic, message_type, _ = ACCELEROMETERS.get(chosen, ('', None, ''))

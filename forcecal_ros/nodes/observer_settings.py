@@ -9,7 +9,14 @@ from forcecal_ros.errors import ConfigError
 from forcecal_ros.nodes.pose_source import POSE_PARAMETERS, SENSOR_FROM_POSE
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
-from forcecal_ros.observe.settings import FILTERS, MODES, ObserverSettings, OFFSETS
+from forcecal_ros.observe.settings import (
+    BANDWIDTH_LIMITS,
+    CONTACT_WALK,
+    FILTERS,
+    MODES,
+    ObserverSettings,
+    OFFSETS,
+)
 from forcecal_ros.schema import Parameter
 
 _DEFAULT = ObserverSettings()
@@ -56,10 +63,13 @@ PARAMETERS = (
               'one after the other; none for the last if it is the frame of current_pose'),
     _live('observer.mode', '', 'Observer whose estimate is published; empty: as the calibration '
           'says', choices=('', *MODES)),
-    _live('observer.bandwidth', 0.0, 'Bandwidth of the contact wrench in mode kalman; 0: balances '
-          'noise and response', 'Hz', 0.0, 1000.0),
-    _live('observer.contact_walk', _DEFAULT.contact_walk, 'How fast a contact force is expected '
-          'to wander', 'N/sqrt(s)', 1e-3, 1e4),
+    _live('observer.bandwidth', 0.0, 'Bandwidth of the contact wrench in mode kalman; 0: follows '
+          'from the noise and the three below', 'Hz', 0.0, 1000.0),
+    _live('observer.contact_walk', 0.0, 'How fast a contact force is expected to wander; 0, as '
+          f'for the two below: as the calibration says, or {CONTACT_WALK:g} N/sqrt(s), '
+          f'{BANDWIDTH_LIMITS[0]:g} and {BANDWIDTH_LIMITS[1]:g} Hz', 'N/sqrt(s)', 0.0, 1e4),
+    _live('observer.bandwidth_min', 0.0, 'Slowest bandwidth that may follow', 'Hz', 0.0, 1000.0),
+    _live('observer.bandwidth_max', 0.0, 'Fastest bandwidth that may follow', 'Hz', 0.0, 1000.0),
     _live('observer.offset', _DEFAULT.offset, 'Whether the accelerometer offset is tracked',
           choices=OFFSETS),
     _live('observer.accelerometer_timeout', _DEFAULT.accelerometer_timeout, 'Pause after which '
@@ -99,7 +109,9 @@ def settings_of(value: Mapping[str, Any]) -> ObserverSettings:
     return ObserverSettings(
         filter=value['observer.mode'] or None if name == 'none' else name,
         bandwidth_hz=value['observer.bandwidth'] or None,
-        contact_walk=value['observer.contact_walk'], offset=value['observer.offset'],
+        contact_walk=value['observer.contact_walk'] or None,
+        bandwidth_min_hz=value['observer.bandwidth_min'] or None,
+        bandwidth_max_hz=value['observer.bandwidth_max'] or None, offset=value['observer.offset'],
         accelerometer_timeout=value['observer.accelerometer_timeout'],
         pose_timeout=value['observer.pose_timeout'], skew=value['observer.skew'],
         wrench_limit=((force or inf,) * 3 + (torque or inf,) * 3 if force or torque else None),

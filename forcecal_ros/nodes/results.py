@@ -4,7 +4,9 @@ from math import nan
 
 from forcecal_ros.calibration.file import dump
 from forcecal_ros.calibration.model import Calibration
+from forcecal_ros.observe.accuracy import Accuracy
 from geometry_msgs.msg import InertiaStamped
+import numpy as np
 from rclpy.time import Time
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
@@ -22,6 +24,16 @@ def gain_message(calibration: Calibration) -> Float64MultiArray:
     message.layout.dim = [
         MultiArrayDimension(label='state x, dx/dt', size=2, stride=6),
         MultiArrayDimension(label='output x, dx/dt, d2x/dt2', size=3, stride=3)]
+    return message
+
+
+def accuracy_message(found: Accuracy | None) -> Float64MultiArray:
+    """Return the covariance of the contact wrench's error, NaN where it is not known."""
+    covariance = np.full((6, 6), nan) if found is None else found.covariance
+    message = Float64MultiArray(data=covariance.ravel().tolist())
+    message.layout.dim = [
+        MultiArrayDimension(label='force x, y, z [N], torque x, y, z [N m]', size=6, stride=n)
+        for n in (36, 6)]
     return message
 
 

@@ -99,6 +99,8 @@ PARAMETERS = (
           'm/s^2', 9.7, 9.9),
     _live('identify.gravity_direction', [0.0, 0.0, -1.0],
           'Direction of gravity in base, of any length'),
+    _live('identify.sensor_rotation', [0.0, 0.0, 0.0],
+          "Rotation vector of the wrench's axes, seen from the frame of current_pose", 'rad'),
     _live('identify.tool_compliance', 'auto', 'Whether the tool slides along x of ft_sensor',
           choices=COMPLIANCES),
     _live('observer.mode', 'kalman', 'Observer that publishes the contact wrench', choices=MODES),
@@ -164,6 +166,7 @@ def _identification(value: Mapping[str, Any]) -> IdentificationSettings:
     return IdentificationSettings(
         gravity=value['identify.gravity'],
         gravity_direction=tuple(value['identify.gravity_direction']),
+        sensor_rotation=tuple(value['identify.sensor_rotation']),
         coupling=value['accelerometer.coupling'],
         cutoff=value['accelerometer.cutoff'] or None,
         tool_compliance=value['identify.tool_compliance'], wrench_sign=sign,

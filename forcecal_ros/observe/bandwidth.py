@@ -1,6 +1,7 @@
-"""Gains from noise: how fast each filter may be, by Riccati equation, response and quiet."""
+"""Gains from noise: how fast each filter may be, by Riccati equation and the user's limits."""
 
-from math import atan, inf, log, tau
+from dataclasses import replace
+from math import inf, log, tau
 from typing import NamedTuple
 
 from forcecal_ros.calibration.model import Calibration, Noise
@@ -8,17 +9,13 @@ from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array
 from forcecal_ros.observe.inertial import Load
 from forcecal_ros.observe.riccati import stationary_filter, StationaryFilter
-from forcecal_ros.observe.settings import ObserverSettings
+from forcecal_ros.observe.settings import BANDWIDTH_LIMITS, CONTACT_WALK, ObserverSettings
 from forcecal_ros.observe.tracking import Poles
 import numpy as np
 
-RISE_TIME = 0.015
-"""Longest 10-90 % rise of a contact force that the default bandwidth may have, which is the bar
-of benchmark/observer_response.py [s]."""
-
-QUIET_BAND = (50.0, 200.0)
-"""Band in which the default bandwidth takes 12 dB off white noise: there the same benchmark wants
-10 dB [Hz]."""
+UNMEASURED = 24.7
+"""Bandwidth where a calibration holds no noise that one could follow from: that of the nominal
+rig's noise [Hz]."""
 
 STATES = ('position', 'velocity', 'accelerometer offset', 'contact force')
 
@@ -77,6 +74,48 @@ def noise_levels(noise: Noise | None) -> NoiseLevels:
                        max(f, _QUIETEST), noise.wrench_rate, f_rate)
 
 
+def slow_levels(noise: Noise | None) -> NoiseLevels:
+    """
+    Return the same with the densities that coloured noise has at low frequencies.
+
+    They are what passes a filter of tens of hertz: those of the lag-window estimate where the
+    calibration holds them, of white noise where it is older. Raises as :func:`noise_levels`.
+    """
+    levels = noise_levels(noise)
+    if noise is None or noise.wrench_density is None:
+        return levels
+    wrench, f = np.diag(noise.wrench_density.value), levels.specific_force
+    if noise.specific_force_density is not None:
+        f = float(np.diag(noise.specific_force_density.value).mean())
+    return levels._replace(
+        force=max(float(wrench[:3].mean()), _QUIETEST), specific_force=max(f, _QUIETEST),
+        torque=max(float(wrench[3:].mean()), _QUIETEST))
+
+
+def as_calibrated(settings: ObserverSettings, calibration: Calibration) -> ObserverSettings:
+    """
+    Fill in what the settings leave to the calibration: walk and limits of the bandwidth.
+
+    A calibration that names a bandwidth and no walk, as older ones do, keeps that bandwidth,
+    unless the settings say one of the three.
+
+    Raises
+    ------
+    ConfigError
+        The slowest corner is above the fastest.
+    """
+    kept = {} if calibration.observer is None else calibration.observer.kalman
+    said = (settings.contact_walk, settings.bandwidth_min_hz, settings.bandwidth_max_hz)
+    if ('bandwidth' in kept and 'contact_walk' not in kept
+            and (settings.bandwidth_hz, *said) == (None,) * 4):
+        return replace(settings, bandwidth_hz=float(kept['bandwidth']))
+    walk, low, high = (
+        float(kept[name]) if one is None and name in kept else usual if one is None else one
+        for name, one, usual in zip(('contact_walk', 'bandwidth_min', 'bandwidth_max'), said,
+                                    (CONTACT_WALK, *BANDWIDTH_LIMITS)))
+    return replace(settings, contact_walk=walk, bandwidth_min_hz=low, bandwidth_max_hz=high)
+
+
 def joint_model(
         levels: NoiseLevels, mass: float, settings: ObserverSettings, dt: float, position: bool,
 ) -> tuple[Array, Array, Array, Array, Array]:
@@ -95,13 +134,17 @@ def joint_model(
     drive = np.array([dt * dt / 2, dt, 0.0, 0.0])
     Q = f * np.outer(drive, drive)
     Q[2, 2] += settings.offset_walk ** 2 * dt
-    Q[3, 3] += settings.contact_walk ** 2 * dt
+    Q[3, 3] += _walk(settings) ** 2 * dt
     C = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, mass, 1.0]])
     p_variance = settings.pose_position_std ** 2 / settings.pose_rate / dt
     R = np.diag([p_variance, levels.force / dt + mass ** 2 * f])
     S = np.stack([np.zeros(4), mass * f * drive], axis=1)
     rows = [0, 1] if position else [1]
     return A, C[rows], Q, R[np.ix_(rows, rows)], S[:, rows]
+
+
+def _walk(settings: ObserverSettings) -> float:
+    return CONTACT_WALK if settings.contact_walk is None else settings.contact_walk
 
 
 def design_joint(
@@ -143,31 +186,27 @@ def offset_poles(levels: NoiseLevels, settings: ObserverSettings, position_std: 
 
 def contact_bandwidth(levels: NoiseLevels, mass: float, settings: ObserverSettings) -> float:
     """
-    Choose the bandwidth of the contact wrench by noise against response.
+    Choose the bandwidth of the contact wrench by the noise that was measured.
 
-    The Riccati equation of the random walk balances ``contact_walk`` against the measured noise
-    of u - m a: quiet sensors make it fast, noisy ones slow. Two limits stand on its sides: never
-    slower than a rise in 14.6 ms (24 Hz), never so fast that less than 12 dB come off white noise
-    between 50 and 200 Hz (26 Hz). ``bandwidth_hz`` overrides all three [Hz].
+    The Riccati equation of the random walk balances ``contact_walk`` against the noise of
+    u - m a: quiet sensors make it fast, noisy ones slow, between ``bandwidth_min_hz`` and
+    ``bandwidth_max_hz``; ``bandwidth_hz`` overrides all three [Hz].
     """
     if settings.bandwidth_hz is not None:
         return settings.bandwidth_hz
     dt = 1 / levels.rate
     one = np.eye(1)
     noise = (levels.force + mass ** 2 * levels.specific_force) / dt
-    walk = settings.contact_walk ** 2 * dt
+    walk = _walk(settings) ** 2 * dt
     k = float(stationary_filter(one, one, walk * one, noise * one, STATES[3:]).gain[0, 0])
-    slowest = log(9.0) / (0.975 * RISE_TIME * tau)
-    return min(max(-log(1 - k) / dt / tau, slowest), _quiet_bandwidth(12.0))
+    return within_limits(-log(1 - k) / dt / tau if k < 1 else inf, settings)
 
 
-def _quiet_bandwidth(decibels: float) -> float:
-    """Corner of the first-order filter that takes so much off white noise in QUIET_BAND [Hz]."""
-    low, high = QUIET_BAND
-    corner = low
-    for _ in range(50):
-        corner = 10 ** (-decibels / 10) * (high - low) / (atan(high / corner) - atan(low / corner))
-    return corner
+def within_limits(bandwidth: float, settings: ObserverSettings) -> float:
+    """Return the bandwidth nearest to this one that the settings allow [Hz]."""
+    low, high = (usual if said is None else said for said, usual in zip(
+        (settings.bandwidth_min_hz, settings.bandwidth_max_hz), BANDWIDTH_LIMITS))
+    return min(max(bandwidth, low), high)
 
 
 def rotation_corner(

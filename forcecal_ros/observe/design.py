@@ -7,12 +7,16 @@ from forcecal_ros.calibration.model import Accelerometer, Calibration
 from forcecal_ros.calibration.sensor_matrix import six_axis, SixAxis
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.observe.bandwidth import (
+    as_calibrated,
     contact_bandwidth,
     design_joint,
     motion_corner,
     noise_levels,
     offset_poles,
     rotation_corner,
+    slow_levels,
+    UNMEASURED,
+    within_limits,
 )
 from forcecal_ros.observe.filters.bias_model import bias_model, BiasModel
 from forcecal_ros.observe.filters.memory import KALMAN, NEWTON, UNFILTERED
@@ -168,6 +172,12 @@ def _bias_filter(calibration: Calibration, name: str, rotation_corner: float,
                       sqrt(density * rotation_corner ** 5 / 3))
 
 
+def _bandwidth(calibration: Calibration, mass: float, settings: ObserverSettings) -> float:
+    if calibration.noise is None:
+        return settings.bandwidth_hz or within_limits(UNMEASURED, settings)
+    return contact_bandwidth(slow_levels(calibration.noise), mass, settings)
+
+
 def design(calibration: Calibration, settings: ObserverSettings = ObserverSettings()) -> Model:
     """
     Turn a calibration into the model of the running chain.
@@ -175,16 +185,18 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
     Raises
     ------
     ConfigError
-        The calibration does not hold what the filter needs.
+        The calibration does not hold what the filter needs, or the slowest bandwidth is above the
+        fastest.
     UnobservableError
         The offset was asked for (``offset: on``) where nothing makes it detectable.
     """
     load, levels = _load(calibration), noise_levels(calibration.noise)
+    settings = as_calibrated(settings, calibration)
     name, accelerometer = _filter(calibration, settings), calibration.accelerometer
     track = settings.offset == 'on' or (settings.offset == 'auto' and settings.position)
     if track:
         design_joint(levels, load.m, settings, 1 / levels.rate, settings.position)
-    rate = tau * contact_bandwidth(levels, load.m, settings)
+    rate = tau * _bandwidth(calibration, load.m, settings)
     tool = calibration.tool
     stiffness = float(tool.stiffness) if tool is not None else 0.0
     damping = float(tool.damping) if tool is not None else 0.0

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.geometry import quaternion_of
+from forcecal_ros.geometry import Array, quaternion_of
 from forcecal_ros.observe.bandwidth import NoiseLevels
 from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.fade import begin_fade, Fade, faded, rebased
@@ -20,6 +20,7 @@ from forcecal_ros.observe.tare import Tare, tare, with_bias, without_learned_bia
 from forcecal_ros.observe.tracking import product, Quaternion, rotate
 from forcecal_ros.observe.window import Window
 from forcecal_ros.recording.level import level_from_base
+from forcecal_ros.recording.mount import pose_from_wire
 
 Values = tuple[float, ...]
 Samples = tuple[ContactSample, ...]
@@ -51,6 +52,8 @@ class LiveObserver:
         self.window, self.fade_duration = Window(tare_duration), fade_duration
         self._negative = False
         self._direction: Values | None = None
+        self._rotation: Values | None = None
+        self._turn: Array | None = None
         self._level: Quaternion | None = None
         self.reset()
 
@@ -70,7 +73,8 @@ class LiveObserver:
         self.reset()
 
     def take_over(self, model: Model, wrench_sign: int = 1,
-                  gravity_direction: Values | None = None) -> None:
+                  gravity_direction: Values | None = None,
+                  sensor_rotation: Values | None = None) -> None:
         """
         Run by another model from the next wrench on.
 
@@ -81,25 +85,33 @@ class LiveObserver:
             -1: the readings are of the tool on its environment.
         gravity_direction : tuple of 3 float or None
             In base; None: along -z.
+        sensor_rotation : tuple of 3 float or None
+            Rotation vector of the wire's axes, seen from the frame of the pose [rad].
         """
         self._changed = self.model is not None and self._last is not None
         self.model, self._negative = model, wrench_sign < 0
         self._direction = gravity_direction
         R = level_from_base(gravity_direction)
         self._level = None if R is None else quaternion_of(R)
+        self._rotation = sensor_rotation
+        self._turn = pose_from_wire(sensor_rotation)
         self._state = without_learned_bias(self._state)
 
     def take_settings(self, model: Model) -> None:
         """Do the same for a model of the same calibration, whose bias may have been tared."""
         if self.model is not None:
             model = with_bias(model, self.model.bias)
-        self.take_over(model, -1 if self._negative else 1, self._direction)
+        self.take_over(model, -1 if self._negative else 1, self._direction,
+                       self._rotation)
 
     def on_wrench(self, t: float, values: Values) -> Samples:
         """Take in a wrench; ``t`` in seconds since any fixed instant, as for the others."""
         if self._negative:
             a, b, c, d, e, f = values
             values = (-a, -b, -c, -d, -e, -f)
+        if self._turn is not None:
+            force, torque = self._turn @ values[:3], self._turn @ values[3:]
+            values = (*force.tolist(), *torque.tolist())
         return self._answer(on_wrench(self._state, t, values, self.model))  # type: ignore[arg-type]
 
     def on_accelerometer(self, t: float, values: Values) -> Samples:

@@ -32,6 +32,7 @@ from forcecal_ros.observe.step import (
     State,
 )
 from forcecal_ros.recording.level import levelled
+from forcecal_ros.recording.mount import in_axes_of_pose
 from forcecal_ros.recording.streams import Recording, Stream
 import numpy as np
 
@@ -65,7 +66,8 @@ def replay(recording: Recording, calibration: Calibration,
     ConfigError
         The calibration does not hold what the settings need.
     """
-    recording = levelled(recording, calibration.gravity_direction)
+    recording = in_axes_of_pose(levelled(recording, calibration.gravity_direction),
+                                calibration.sensor_rotation)
     name = recording.source or 'the recording'
     wrench, wanted = recording.wrench, calibration.accelerometer
     if wrench is None or not len(wrench):

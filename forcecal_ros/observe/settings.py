@@ -62,6 +62,17 @@ class FilterSettings(Section, name='gravity'):
     scaling: Scaling = PAPER_SCALING
 
 
+CONTACT_WALK = 2.5
+"""Wander of a contact force that is expected where nobody says another: with the noise of the
+nominal rig it makes a force rise in 14 ms, within the 15 ms of benchmark/observer_response.py
+[N/sqrt(s)]."""
+
+BANDWIDTH_LIMITS = (2.0, 250.0)
+"""Corners beyond which that expectation is not followed where nobody says others, a rise in 175 ms
+and in 1.4 ms: between them noise from a tenth to ten times the nominal rig's finds its corner,
+247 and 2.5 Hz [Hz]."""
+
+
 @dataclass(frozen=True)
 class ObserverSettings(Section, name='observer'):
     """
@@ -74,11 +85,15 @@ class ObserverSettings(Section, name='observer'):
 
     filter: Annotated[str | None, Row('None: as the calibration says', words=FILTERS)] = None
     bandwidth_hz: Annotated[float | None, Row(
-        'Corner of the contact wrench in filter kalman; None: from noise against response, see '
-        'observe.bandwidth', 'Hz', above=0.0)] = None
-    contact_walk: Annotated[float, Row(
-        'How fast a contact force is expected to wander, as a random walk', 'N/sqrt(s)', above=0.0)
-        ] = 2.5
+        'Corner of the contact wrench in filter kalman; None: by the next three and the noise, '
+        'see observe.bandwidth', 'Hz', above=0.0)] = None
+    contact_walk: Annotated[float | None, Row(
+        'How fast a contact force is expected to wander, as a random walk; None, as for the two '
+        'below: as the calibration says, or CONTACT_WALK', 'N/sqrt(s)', above=0.0)] = None
+    bandwidth_min_hz: Annotated[float | None, Row(
+        'Slowest corner that may follow from walk and noise', 'Hz', above=0.0)] = None
+    bandwidth_max_hz: Annotated[float | None, Row(
+        'Fastest corner that may follow', 'Hz', above=0.0)] = None
     offset: Annotated[str, Row(
         'Whether the accelerometer offset is a state; on: an error where the streams do not make '
         'it detectable; auto: where they do', words=OFFSETS)] = 'auto'
@@ -102,3 +117,9 @@ class ObserverSettings(Section, name='observer'):
     accelerometer_limit: Annotated[float | None, Row(
         "End of the accelerometer's range about zero, in its own unit", above=0.0)] = None
     learning: FilterSettings = FilterSettings()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        low, high = self.bandwidth_min_hz, self.bandwidth_max_hz
+        if low is not None and high is not None and low > high:
+            raise self.wrong('bandwidth_min_hz', f'at most bandwidth_max_hz, {high:g}')

@@ -6,10 +6,11 @@ from typing import Any
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.level import levelled
+from forcecal_ros.recording.mount import in_axes_of_pose
 from forcecal_ros.recording.streams import Recording, Stream
 from forcecal_ros.report import figures
 from forcecal_ros.report.page import embedded, png, render_page
-from forcecal_ros.report.rows import interval, Row, table, value
+from forcecal_ros.report.rows import interval, promises, Row, table, value
 from matplotlib.figure import Figure
 
 
@@ -32,8 +33,9 @@ def render(recording: Recording, calibration: Calibration, contact: Stream | Non
     str
         HTML, one file without network; everything from the recording is escaped.
     """
-    recording = levelled(recording, calibration.gravity_direction)
-    rows = table(calibration, truth)
+    recording = in_axes_of_pose(levelled(recording, calibration.gravity_direction),
+                                calibration.sensor_rotation)
+    rows = [*table(calibration, truth), *promises(calibration)]
     source = calibration.source
     with_truth = any(row.truth is not None for row in rows)
     return render_page(
@@ -71,6 +73,8 @@ def _pictures(recording: Recording, calibration: Calibration,
             ('Spectra', 'How the observer filters the noise of sensor and accelerometer.',
              figures.spectra(recording, calibration, contact)),
         ]
+    words = 'What filter kalman leaves of the noise of a steady contact, and what another would.'
+    drawn.append(('Noise against response', words, figures.noise_against_rise(calibration)))
     for title, words, figure in drawn:
         if figure is not None:
             yield {'title': title, 'words': words, 'png': embedded(png(figure, dpi=130))}

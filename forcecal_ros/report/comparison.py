@@ -109,6 +109,7 @@ def _all(c: Calibration) -> Iterator[tuple[str, str, Estimate, tuple[str, ...]]]
 def _settings(c: Calibration) -> dict[str, Any]:
     """Return what was chosen, not estimated."""
     return {'gravity': c.gravity, 'gravity_direction': c.gravity_direction,
+            'sensor.rotation': c.sensor_rotation,
             'sensor.frame': c.sensor_frame, 'sensor.sign': c.wrench_sign,
             'accelerometer.coupling': c.accelerometer and c.accelerometer.coupling,
             'observer.mode': c.observer and c.observer.mode}

@@ -4,6 +4,8 @@ from typing import Any
 
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.geometry import Array
+from forcecal_ros.observe.accuracy import noise_of_force, rise_time
+from forcecal_ros.observe.settings import BANDWIDTH_LIMITS
 from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
 from matplotlib.figure import Figure
 import numpy as np
@@ -130,6 +132,31 @@ def observer_output(recording: Recording, calibration: Calibration, contact: Str
         axes.plot(truth.t[::every], truth.values[::every, 0], '--', color=TRUE, linewidth=1,
                   label='true contact force')
     axes.set(title='Force along x of the sensor', xlabel='time [s]', ylabel='force [N]')
+    axes.legend(fontsize=8)
+    return figure
+
+
+def noise_against_rise(calibration: Calibration) -> Figure | None:
+    """Draw the noise of a steady contact force over the rise time, and what was chosen."""
+    observer = calibration.observer
+    if observer is None or 'bandwidth' not in observer.kalman:
+        return None
+    chosen = np.array([float(observer.kalman['bandwidth'])])
+    limits = [float(observer.kalman[name]) if name in observer.kalman else usual for name, usual
+              in zip(('bandwidth_min', 'bandwidth_max'), BANDWIDTH_LIMITS)]
+    bandwidths = np.geomspace(min(*limits, *chosen) / 1.5, 1.5 * max(*limits, *chosen), 60)
+    noise, marks = (noise_of_force(calibration, one) for one in (bandwidths, chosen))
+    if noise is None or marks is None:
+        return None
+    figure, (axes,) = axes_grid(1, 1, height=3.4)
+    for axis, colour in enumerate((MEASURED, ESTIMATED, TRUE)):
+        axes.loglog(1e3 * rise_time(bandwidths), noise[:, axis], color=colour, linewidth=1,
+                    label='xyz'[axis])
+        axes.plot(1e3 * rise_time(chosen), marks[:, axis], 'o', color=colour)
+    for limit in limits:
+        axes.axvline(1e3 * rise_time(limit), color=TRUE, linestyle=':', linewidth=0.8)
+    axes.set(title='Filter kalman: noise against response, dotted the limits',
+             xlabel='10-90 % rise [ms]', ylabel='noise of the force [N]')
     axes.legend(fontsize=8)
     return figure
 

@@ -95,6 +95,18 @@ def rows(found: Iterable[tuple[str, str, Estimate, tuple[str, ...]]],
     return out
 
 
+def promises(calibration: Calibration) -> list[Row]:
+    """Return how quick and how sure filter kalman is to be; files without them none."""
+    kalman = {} if calibration.observer is None else calibration.observer.kalman
+    return [Row(f'{words} {label}'.strip(), f'observer.kalman.{key}', kalman[key].unit_of(i),
+                float(f'{value:.3g}'), float('nan'))
+            for key, words, labels in (
+                ('bandwidth', 'contact wrench: -3 dB at', ('',)),
+                ('rise_time', 'contact wrench: 10-90 % rise', ('',)),
+                ('std', 'contact wrench: std of', WRENCH_AXES)) if key in kalman
+            for i, (label, value) in enumerate(zip(labels, kalman[key].value.ravel()))]
+
+
 def residuals(calibration: Calibration) -> list[Row]:
     """Return the RMS of what the static poses leave over, one row a channel; older files none."""
     rms = calibration.quality.get('residual_rms', ())

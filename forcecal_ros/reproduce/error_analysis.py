@@ -29,28 +29,30 @@ def mass_from_weight(R_h: Array, R_v: Array, weight_h: Array, weight_v: Array,
     return (x_of(R_h, weight_h) - x_of(R_v, weight_v)) / gravity
 
 
-def gain_error(u: float, u_assumed: float, a: float, a_assumed: float, offset: float,
-               mass: float, offset_error: float, mass_error: float) -> float:
+def gain_error(volts: float, offset: float, u: float, u_assumed: float, mass: float,
+               offset_error: float, mass_error: float) -> float:
     """
-    Error of the gain, [Gamez2005] Eq. 25.
+    Error of the gain, [Gamez2005] Eq. 25, its dimensions put right.
+
+    Printed is (R u - V_o m) / (R a m), newtons less volts times kilograms, over newtons. What
+    steps 5 to 8 compute, by Eq. 2 and a = R u / m, is (V - V_o) m / (R u), of which the error is
+    taken here.
 
     Parameters
     ----------
+    volts, offset : float
+        V and V_o [V].
     u, u_assumed : float
         Force along x by the real and by the assumed orientation, R u in the paper [N].
-    a, a_assumed : float
-        Acceleration likewise, R a.
-    offset, mass : float
-        V_o and m.
+    mass : float
+        [kg]
     offset_error, mass_error : float
         e_v, which is the paper's e_o, and e_m.
 
     Returns
     -------
     float
-        Zero where both orientations are as assumed and both errors are zero.
+        [V/(m/s^2)]; zero where both orientations are as assumed and both errors are zero.
     """
-    true = (u - offset * mass) / (a * mass)
-    found_mass = mass + mass_error
-    found = (u_assumed - (offset + offset_error) * found_mass) / (a_assumed * found_mass)
-    return true - found
+    found = (volts - offset - offset_error) * (mass + mass_error) / u_assumed
+    return (volts - offset) * mass / u - found

@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 import json
+import re
 
 from forcecal_ros.calibration.file import load
 from forcecal_ros.cli import main
 from forcecal_ros.geometry import rotation_from_vector
-from forcecal_ros.recording.bags import write_recording
+from forcecal_ros.recording.bags import read_recording, write_recording
 from forcecal_ros.recording.streams import Stream
 import numpy as np
 import pytest
@@ -16,6 +17,9 @@ from static_sets import static_set
 ON_FLANGE = Rotation.from_euler('z', 30, degrees=True)
 FROM_POSE = ['--sensor-from-pose', '0', '0', '0.1', *map(str, ON_FLANGE.as_quat())]
 TILT = rotation_from_vector([np.pi / 2, 0.0, 0.0])
+
+TURN = rotation_from_vector(np.radians([10.0, -20.0, 35.0]))
+"""From the axes of the wire to those of the pose."""
 
 
 @pytest.fixture(scope='module')
@@ -28,6 +32,8 @@ def bags(tmp_path_factory):
     write_recording(folder / 'sound', replace(sound, pose=pose))
     write_recording(folder / 'swapped', replace(
         sound, pose=pose, wrench=Stream(wrench.t, wrench.values[:, [1, 0, 2, 4, 3, 5]])))
+    write_recording(folder / 'turned', replace(
+        sound, pose=pose, wrench=Stream(wrench.t, wrench.values @ np.kron(np.eye(2), TURN))))
     write_recording(folder / 'wall', replace(
         sound, pose=replace(pose, R_base_sensor=TILT @ pose.R_base_sensor)))
     R = pose.R_base_sensor @ ON_FLANGE.as_matrix().T
@@ -59,6 +65,36 @@ def test_an_arm_on_a_wall_is_calibrated_with_the_direction_stated(bags, tmp_path
     assert json.loads(capsys.readouterr().out)['gravity_direction'] == [0.0, 1.0, 0.0]
     assert main(['calibrate', str(bags / 'sound'), '-o', str(tmp_path / 'level.yaml')]) == 0
     assert float(load(path).mass) == pytest.approx(float(load(tmp_path / 'level.yaml').mass))
+
+
+def test_a_turned_sensor_is_calibrated_once_its_rotation_is_stated(bags, tmp_path, capsys):
+    assert main(['calibrate', str(bags / 'turned'), '-o', str(tmp_path / 'no.yaml')]) == 1
+    said = capsys.readouterr().err
+    stated = re.search(r'--sensor-rotation (\S+) (\S+) (\S+)', said).groups()
+    np.testing.assert_allclose(np.array(stated, dtype=float), [10.0, -20.0, 35.0], atol=0.5)
+    turned, sound = tmp_path / 'turned.yaml', tmp_path / 'sound.yaml'
+    assert main(['calibrate', str(bags / 'turned'), '--sensor-rotation', '10', '-20', '35',
+                 '-o', str(turned)]) == 0
+    assert main(['calibrate', str(bags / 'sound'), '-o', str(sound)]) == 0
+    found, wanted = load(turned), load(sound)
+    np.testing.assert_allclose(found.wrench_bias.value, wanted.wrench_bias.value, atol=1e-6)
+    assert float(found.mass) == pytest.approx(float(wanted.mass))
+    for bag, known in (('turned', turned), ('sound', sound)):
+        assert main(['estimate', str(bags / bag), '--calibration', str(known),
+                     '-o', str(tmp_path / bag)]) == 0
+    contact = [read_recording(tmp_path / bag, {'wrench': '/observer/contact_wrench'}).wrench.values
+               for bag in ('turned', 'sound')]
+    np.testing.assert_allclose(contact[0], contact[1], atol=1e-6)
+
+
+def test_an_export_that_cannot_turn_readings_is_refused(bags, tmp_path, capsys):
+    known = tmp_path / 'turned.yaml'
+    assert main(['calibrate', str(bags / 'turned'), '--sensor-rotation', '10', '-20', '35',
+                 '-o', str(known)]) == 0
+    capsys.readouterr()
+    assert main(['export', str(known), '--for', 'broadcaster',
+                 '-o', str(tmp_path / 'b.yaml')]) == 1
+    assert 'sensor.rotation' in capsys.readouterr().err
 
 
 def test_poses_of_a_flange_want_the_transform_and_the_calibration_keeps_it(

@@ -71,6 +71,9 @@ def test_the_patched_calibration_leaves_what_was_claimed(kuka, found):
     assert again.diagnosis.gap.nominal < 0.2 * found['gap']['nominal']
     delay, std = again.recalibrations['accelerometer.delay']
     assert abs(delay) < 3.0 * std
+    for axis in 'xyz':
+        more, std = again.recalibrations[f'tool.inertia.{axis}']
+        assert abs(more) < 3.0 * std
 
 
 def test_the_patched_calibration_knows_the_delay_as_well_as_it_was_found(kuka, found, capsys):

@@ -32,6 +32,11 @@ def diagnosed(tmp_path_factory):
     return folder
 
 
+def test_who_names_no_robot_is_told_what_it_was_compared_with(diagnosed):
+    document = json.loads((diagnosed / 'out' / 'diagnosis.json').read_text())
+    assert 'the rig that this package simulates' in document['notes'][0]
+
+
 def gap_rms(measured: Recording, simulated: np.ndarray, held: np.ndarray, noise: np.ndarray):
     """RMS of the wrench's gap on held-out samples, in its noise."""
     rest = measured.wrench.values[held] - simulated[held]

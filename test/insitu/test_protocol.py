@@ -52,6 +52,23 @@ def test_with_bias_hysteresis_and_flex_errors_stay_small(real):
     assert axes < 0.02
 
 
+def well_covered(z):
+    off = np.abs(z)
+    return (off < 2).mean() >= 0.9 and np.median(off) >= 0.4
+
+
+def test_with_bias_hysteresis_and_flex_standard_errors_hold(real):
+    assert well_covered(sigmas(real, REAL))
+
+
+def test_ten_times_as_much_is_no_contact_and_standard_errors_hold():
+    leg = replace(REAL, accelerometer_bias=tuple(10 * np.array(REAL.accelerometer_bias)),
+                  hysteresis=10 * REAL.hysteresis, flex=10 * REAL.flex)
+    result = calibrated(leg, 1)
+    assert not any(found.cuts for found in result.data_sets)
+    assert well_covered(sigmas(result, leg))
+
+
 def test_the_flex_is_reported_as_what_leaves_the_subspace(real):
     assert any('bends under load' in warning and 'leave the subspace' in warning
                for warning in real.warnings)

@@ -23,7 +23,7 @@ from live import Live
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Float64MultiArray, String
 
 START = 1_700_000_000_000_000_000
 HOME = nominal_poses()['v']
@@ -233,8 +233,18 @@ def check_takeover(live, player, recording):
     before = player.array(player.play(recording, 2.2, 2.25, shift=5.0))
     publisher.publish(String(data='mass: a riddle'))
     live.until(lambda: 'not taken over: sequencer/calibration' in live.said('observer'), 'refusal')
-    publisher.publish(String(data=dump(nominal(mass=8.0))))
+    noise = Noise(Estimate(np.eye(2), 0.0, '(m, m/s)^2 s'),
+                  Estimate(np.eye(3), 0.0, '(m, m/s, m/s^2)^2 s'),
+                  Estimate(np.diag([0.0625] * 3 + [4e-4] * 3), 0.0, '(N, N m)^2'),
+                  wrench_rate=1000.0)
+    heard = live.latched(Float64MultiArray, 'observer/accuracy')
+    live.until(lambda: heard, 'accuracy')
+    assert np.isnan(heard[-1].data).all()  # without noise nothing can be promised
+    publisher.publish(String(data=dump(replace(nominal(mass=8.0), noise=noise))))
     live.until(lambda: 'taken from sequencer/calibration' in live.said('observer'), 'takeover')
+    live.until(lambda: np.isfinite(heard[-1].data).all(), 'a promise')
+    assert [dim.size for dim in heard[-1].layout.dim] == [6, 6]
+    assert 0.05 < heard[-1].data[0] ** 0.5 < 0.25
     stamps = player.play(recording, 2.25, 2.5, shift=5.0)
     after = player.array(stamps)
     steps = np.abs(np.diff(np.concatenate([before, after])[:, :3], axis=0)).max(axis=0)
@@ -281,6 +291,9 @@ def check_settings(live, player, recording):
     after = player.array(player.play(recording, 2.0, 2.5, origin=START + 10**9, shift=5.0))
     steps = np.abs(np.diff(np.concatenate([before[-20:], after])[:, :3], axis=0)).max(axis=0)
     assert (steps < 0.5).all(), steps
+    assert live.set('observer', observer__bandwidth_max=20.0)[0].successful
+    (answer,) = live.set('observer', observer__bandwidth_min=50.0)
+    assert not answer.successful and 'at most bandwidth_max_hz, 20' in answer.reason
     (answer,) = live.set('observer', observer__bandwidth=-1.0)
     assert not answer.successful
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from forcecal_ros.errors import ConfigError
 from forcecal_ros.observe import noise_levels, ObserverSettings, replay
 from forcecal_ros.observe.bandwidth import contact_bandwidth
 from forcecal_ros.recording.bags import read_recording
@@ -66,15 +67,26 @@ def test_the_bandwidth_is_what_the_user_says():
     assert rise_time(t, y) == pytest.approx(np.log(9) / (2 * np.pi * 10.0), rel=0.03)
 
 
-def test_noise_chooses_the_bandwidth_between_response_and_quiet():
-    quiet, nominal, loud = (
-        contact_bandwidth(noise_levels(calibration(noise=n).noise), 13.0, ObserverSettings())
-        for n in (0.1, 1.0, 10.0))
-    assert 23.3 < loud < 25.0  # [Hz]: from 10 to 90 % in 15 ms, 0.35 / 0.015 s and little more
-    assert loud < nominal < quiet
-    wide = calibration(noise=0.1)
-    estimate = replay(record(8.0, seed=4, noise=0.1), wide)
-    assert power(estimate.t, estimate.contact)[0] < 0.1 * power(estimate.t, estimate.measured)[0]
+def bandwidth(noise, **choices):
+    """Return the bandwidth [Hz] that follows from ``noise`` times the rig's."""
+    return contact_bandwidth(
+        noise_levels(calibration(noise=noise).noise), 13.0, ObserverSettings(**choices))
+
+
+def test_the_bandwidth_follows_the_noise():
+    """The corner of a random walk in white noise: the root of the two densities' ratio."""
+    for noise in (1.0, 10.0):
+        density = (0.25 ** 2 + (13.0 * 0.01 / 0.2937) ** 2) * noise ** 2 / 1000.0
+        assert bandwidth(noise) == pytest.approx(2.5 / density ** 0.5 / (2 * np.pi), rel=0.01)
+    assert bandwidth(1.0, contact_walk=5.0) == pytest.approx(2 * bandwidth(1.0), rel=0.01)
+
+
+def test_the_bandwidth_stays_within_the_limits():
+    assert bandwidth(10.0, bandwidth_min_hz=20.0) == 20.0
+    assert bandwidth(0.1, bandwidth_max_hz=30.0) == 30.0
+    assert bandwidth(1e-3) == 250.0 and bandwidth(1e3) == 2.0
+    with pytest.raises(ConfigError, match='bandwidth_min_hz is 30.*at most bandwidth_max_hz, 20'):
+        ObserverSettings(bandwidth_min_hz=30.0, bandwidth_max_hz=20.0)
 
 
 def oscillation(accelerometer):

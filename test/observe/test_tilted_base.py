@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 TILT = rotation_from_vector([1.2, -0.4, 0.7])
 DOWN = tuple(TILT @ [0.0, 0.0, -1.0])
+TURNED = (0.2, -0.3, 0.6)
 
 
 @pytest.fixture(scope='module')
@@ -40,10 +41,25 @@ def test_a_replay_is_that_on_a_level_base(level, tilted, filter_):
     assert np.abs(replay(tilted, c, settings).contact - wanted).max() > 1.0
 
 
-def test_the_live_observer_says_the_same_as_the_replay(tilted):
-    c = replace(calibration(), gravity_direction=DOWN)
+@pytest.fixture(scope='module')
+def turned(tilted):
+    """Return the same from a sensor that is turned on its flange, too."""
+    R = np.kron(np.eye(2), rotation_from_vector(TURNED))
+    return replace(tilted, wrench=replace(tilted.wrench, values=tilted.wrench.values @ R))
+
+
+def test_a_replay_of_a_turned_sensor_is_that_of_one_that_is_not(level, turned):
+    c = replace(calibration(), gravity_direction=DOWN, sensor_rotation=TURNED)
+    np.testing.assert_allclose(replay(turned, c).contact, replay(level, calibration()).contact,
+                               atol=1e-6)
+
+
+@pytest.mark.parametrize('rotation', [None, TURNED])
+def test_the_live_observer_says_the_same_as_the_replay(tilted, turned, rotation):
+    c = replace(calibration(), gravity_direction=DOWN, sensor_rotation=rotation)
     live, found = LiveObserver(1.0, 0.0), []
-    live.take_over(design(c), c.wrench_sign, c.gravity_direction)
+    live.take_over(design(c), c.wrench_sign, c.gravity_direction, c.sensor_rotation)
+    tilted = tilted if rotation is None else turned
     take = {'wrench': live.on_wrench, 'pose': live.on_pose,
             'accelerometer': live.on_accelerometer, 'displacement': live.on_displacement}
     for t, kind, values in events(tilted):

@@ -4,6 +4,7 @@ from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.recording.checks.frame_faults import (
     refuse_other_frame,
+    refuse_unexplained,
     refuse_weightless,
     slightly_off,
 )
@@ -44,6 +45,7 @@ def test_sound_forces_are_taken_as_they_are(n, known):
         assert names(judgement) == ['plain']
         refuse_other_frame(judgement)
         refuse_weightless(judgement)
+        refuse_unexplained(judgement)
         assert not slightly_off(judgement)
 
 
@@ -122,6 +124,13 @@ def test_two_poses_say_nothing():
 def test_a_force_without_weight_is_no_tool():
     with pytest.raises(UnobservableError, match='show no weight'):
         refuse_weightless(judge(forces(1, mass=0.0)))
+
+
+def test_wrenches_of_other_poses_are_no_tool():
+    one = forces(1, 24)
+    half = one._replace(wire=np.vstack([one.wire[:12], one.wire[12:][::-1]]))
+    with pytest.raises(DataError, match='not of the same poses'):
+        refuse_unexplained(judge(half))
 
 
 def test_a_tared_wrench_in_base_says_so():

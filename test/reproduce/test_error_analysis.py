@@ -1,6 +1,7 @@
 """The equations of the error analysis that no calibration is judged by."""
 
 from forcecal_ros.identify.poses import orientation_h, orientation_v
+from forcecal_ros.identify.step_gain import step_gain
 from forcecal_ros.reproduce.error_analysis import gain_error, mass_from_weight
 import numpy as np
 import pytest
@@ -14,11 +15,17 @@ def test_mass_from_weight_is_the_mass():
         == pytest.approx(13.0)
 
 
-def test_gain_error_vanishes_with_its_causes():
-    arguments = {'u': 20.0, 'u_assumed': 20.0, 'a': 1.5, 'a_assumed': 1.5, 'offset': 5.0,
-                 'mass': 13.0, 'offset_error': 0.0, 'mass_error': 0.0}
-    assert gain_error(**arguments) == 0
-    assert gain_error(**{**arguments, 'mass_error': 0.1}) != 0
-    # (u - V0 m) / (a m) with another mass is u / a (1/m - 1/m')
-    assert gain_error(**{**arguments, 'mass_error': 0.1}) == pytest.approx(
-        20 / 1.5 * (1 / 13 - 1 / 13.1))
+def test_gain_error_vanishes_with_its_causes_and_is_that_of_the_step_else():
+    """A step of 20 N as steps 5 to 8 take it, with another mass and another offset."""
+    true = {'offset': 5.0, 'mass': 13.0}
+    u = np.linspace(-20.0, 20.0, 41)
+    volts = true['offset'] - 0.2937 * u / true['mass']
+    wrong = {'offset_error': 0.0, 'mass_error': 0.1}
+    found = step_gain(volts - true['offset'], u / 13.1)
+    assert gain_error(volts[-1], u=20.0, u_assumed=20.0, **true, **wrong) == pytest.approx(
+        -0.2937 - found)
+    same = {'offset_error': 0.0, 'mass_error': 0.0}
+    assert gain_error(volts[-1], u=20.0, u_assumed=20.0, **true, **same) == 0
+    off = {'offset_error': 0.01, 'mass_error': 0.0}
+    assert gain_error(volts[-1], u=20.0, u_assumed=20.0, **true, **off) == pytest.approx(
+        0.01 * 13.0 / 20.0)

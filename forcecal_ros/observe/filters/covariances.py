@@ -68,6 +68,20 @@ def gain_of(rise_time: float, period: float) -> float:
     return 1 - exp(-log(9.0) * period / rise_time)
 
 
+def load_maps(calibration: Calibration) -> tuple[Array, Array]:
+    """Return what specific force and angular acceleration do to the load, two of shape (6, 3)."""
+    m, c = float(calibration.mass), calibration.com.value
+    by_force = -m * np.vstack([np.eye(3), skew(c)])
+    accelerometer = calibration.accelerometer
+    d = np.zeros(3)
+    if accelerometer is not None and accelerometer.position is not None:
+        d = c - accelerometer.position.value
+    by_alpha = by_force @ -skew(d)
+    if calibration.inertia is not None:
+        by_alpha[3:] -= calibration.inertia.value
+    return by_force, by_alpha
+
+
 def load_noise(calibration: Calibration, alpha_std: float) -> Array:
     """
     Noise that the load brings: the accelerometer's, and that of the angular acceleration.
@@ -75,16 +89,8 @@ def load_noise(calibration: Calibration, alpha_std: float) -> Array:
     The load is -m [1; c x] f_c and -I alpha, f_c = f + alpha x d at d from the accelerometer;
     ``alpha_std`` is per axis [rad/s^2]. Covariance of shape (6, 6).
     """
-    m, c = float(calibration.mass), calibration.com.value
-    by_force = -m * np.vstack([np.eye(3), skew(c)])
-    accelerometer, noise = calibration.accelerometer, calibration.noise
-    d = np.zeros(3)
-    if accelerometer is not None and accelerometer.position is not None:
-        d = c - accelerometer.position.value
-    by_alpha = by_force @ -skew(d)
-    if calibration.inertia is not None:
-        by_alpha[3:] -= calibration.inertia.value
-    cov = alpha_std ** 2 * by_alpha @ by_alpha.T
+    by_force, by_alpha = load_maps(calibration)
+    cov, noise = alpha_std ** 2 * by_alpha @ by_alpha.T, calibration.noise
     if noise is not None and noise.specific_force is not None:
         cov += by_force @ noise.specific_force.value @ by_force.T
     return np.asarray(cov)

@@ -1,17 +1,18 @@
 """What is said of a wrench in another frame, and of a base that is not level: cause and remedy."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import Array, rotation_vector
 from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.frames import Fit, Judgement
 from forcecal_ros.recording.level import DOWN
+from forcecal_ros.recording.mount import pose_from_wire
 import numpy as np
 
 
-def refuse_other_frame(judgement: Judgement, believed: Array = DOWN, wrench_sign: int = 1
-                       ) -> None:
+def refuse_other_frame(judgement: Judgement, believed: Array = DOWN, wrench_sign: int = 1,
+                       sensor_rotation: Sequence[float] | None = None) -> None:
     """
     Refuse forces that fit another frame, other axes or another way down.
 
@@ -21,6 +22,8 @@ def refuse_other_frame(judgement: Judgement, believed: Array = DOWN, wrench_sign
         Unit vector of gravity in base that the judgement was made with.
     wrench_sign : int
         What the readings were multiplied by.
+    sensor_rotation : sequence of 3 float or None
+        What they were turned by [rad].
 
     Raises
     ------
@@ -30,7 +33,8 @@ def refuse_other_frame(judgement: Judgement, believed: Array = DOWN, wrench_sign
     plain, likely = judgement.plain, judgement.likely
     if likely == (plain,):
         return
-    told = [one for fit in sorted(likely, key=_oddness) if (one := _gross(fit, believed))]
+    told = [one for fit in sorted(likely, key=_oddness)
+            if (one := _gross(fit, believed, sensor_rotation))]
     if len(told) == len(likely):
         causes = ', or '.join(cause for cause, _ in told)
         remedies = ', or '.join(remedy for _, remedy in told)
@@ -59,6 +63,27 @@ def refuse_weightless(judgement: Judgement) -> None:
             "whether the driver publishes in the sensor's frame")
 
 
+def refuse_unexplained(judgement: Judgement) -> None:
+    """
+    Refuse forces that change for other reasons than a weight, in whatever frame.
+
+    Raises
+    ------
+    DataError
+        Says how much of them a weight explains.
+    """
+    plain = judgement.plain
+    if judgement.likely != (plain,) or plain.degrees < 1:
+        return
+    explained = 1.0 - (plain.rms / max(judgement.changes, limits.NIL)) ** 2
+    if explained < limits.EXPLAINED:
+        raise DataError(
+            f'a weight explains {explained:.0%} of how the forces of the static poses change '
+            f'(residual RMS {plain.rms:.2g} of {judgement.changes:.2g} N), in whatever frame: '
+            'orientations and wrenches are not of the same poses, or something else pulls; '
+            'compare them pose by pose')
+
+
 def slightly_off(judgement: Judgement, believed: Array = DOWN) -> str:
     """Name a turn or a tilt too small to be refused; empty: there is none."""
     fit = judgement.likely[0]
@@ -78,7 +103,8 @@ def _oddness(fit: Fit) -> tuple[bool, bool]:
     return not _order(fit.Q), fit.name == 'mirrored'
 
 
-def _gross(fit: Fit, believed: Array) -> tuple[str, str] | None:
+def _gross(fit: Fit, believed: Array, stated: Sequence[float] | None
+           ) -> tuple[str, str] | None:
     """Cause and remedy of what no tolerance of a mount explains; None: it may be tolerance."""
     tilt, mirrored = _tilt(fit, believed), np.linalg.det(fit.Q) < 0.0
     if fit.name == 'base':
@@ -91,12 +117,13 @@ def _gross(fit: Fit, believed: Array) -> tuple[str, str] | None:
         return ('it has the opposite sign, or the robot hangs upside down',
                 'set wrench.sign to SIGN (--wrench-sign SIGN), or state '
                 + _option(-believed))
-    found = [*_axes(Q, mirrored, fit.turn_std), *(() if flipped else _tilted(fit, tilt))]
+    found = [*_axes(Q, mirrored, fit.turn_std, stated), *(() if flipped else _tilted(fit, tilt))]
     return (' and '.join(cause for cause, _ in found),
             ' and '.join(remedy for _, remedy in found)) if found else None
 
 
-def _axes(Q: Array, mirrored: bool, std: float) -> Iterator[tuple[str, str]]:
+def _axes(Q: Array, mirrored: bool, std: float, stated: Sequence[float] | None
+          ) -> Iterator[tuple[str, str]]:
     """Cause and remedy of axes that are turned, swapped or mirrored."""
     order = _order(Q)
     if mirrored:
@@ -104,7 +131,15 @@ def _axes(Q: Array, mirrored: bool, std: float) -> Iterator[tuple[str, str]]:
                'correct the order and the signs of its axes in the driver')
     elif _angle(Q) > limits.TURNED_OFF:
         yield (f"its axes are turned by {_turn(Q, std)} against the sensor's pose{order}",
-               'correct the transform from flange to sensor, your own or --sensor-from-pose')
+               'correct the transform from flange to sensor, your own or --sensor-from-pose, or '
+               'state ' + _rotation(Q, stated))
+
+
+def _rotation(Q: Array, stated: Sequence[float] | None) -> str:
+    """Say the option that states how the wire's axes are turned against the pose, in all."""
+    before = pose_from_wire(stated)
+    vector = rotation_vector(Q.T if before is None else Q.T @ before)
+    return f'--sensor-rotation {_numbers(np.degrees(vector))}'
 
 
 def _tilted(fit: Fit, tilt: float) -> Iterator[tuple[str, str]]:

@@ -115,11 +115,14 @@ class Judgement(NamedTuple):
         The hypotheses that hold, the best first; the plain one where no other is clearly better.
     mean : ndarray, shape (3,)
         Of the forces on the wire [N].
+    changes : float
+        RMS of the forces about it [N].
     """
 
     plain: Fit
     likely: tuple[Fit, ...]
     mean: Array
+    changes: float
 
 
 def judge(forces: Forces) -> Judgement:
@@ -132,21 +135,22 @@ def judge(forces: Forces) -> Judgement:
         Of poses whose directions of gravity differ.
     """
     plain, mean = _plain(forces), forces.wire.mean(axis=0)
+    changes = float((forces.wire - mean).std())
     fits = [fit for fit in (plain, *_others(forces, plain)) if fit.mass > 0.0 and fit.degrees > 0]
     if not fits or not np.ptp(forces.wire, axis=0).any():
-        return Judgement(plain, (plain,), mean)
+        return Judgement(plain, (plain,), mean, changes)
     variance = max(1.0, min(fit.chi_square / fit.degrees for fit in fits))
     best = min(fits, key=lambda fit: fit.chi_square / variance
                + fit.unknowns * np.log(forces.wire.size))
     reference = plain if plain.mass > 0.0 else _weightless(forces)
     if best is plain or _chance(best, reference, forces) > limits.BY_CHANCE:
-        return Judgement(plain, (plain,), mean)
+        return Judgement(plain, (plain,), mean, changes)
     holds = [fit for fit in fits if fit.unknowns <= best.unknowns
              and _chance(best, fit, forces) >= 1.0 / limits.ODDS]
     # one more unknown is no simpler: a turn has one more than a tilt
     simplest = min(fit.unknowns for fit in holds) + 1
     return Judgement(plain, tuple(sorted((fit for fit in holds if fit.unknowns <= simplest),
-                                         key=lambda fit: fit.chi_square)), mean)
+                                         key=lambda fit: fit.chi_square)), mean, changes)
 
 
 def _chance(best: Fit, other: Fit, forces: Forces) -> float:

@@ -165,6 +165,10 @@ to 1. Less takes 0.2 % off the mass, and is named in a note."""
 SURE_WEIGHT = 3.0
 """A mass of fewer standard errors is none."""
 
+EXPLAINED = 0.5
+"""Share of the changes of forces at rest that a weight explains at least, in sum of squares: of
+sound recordings it explains 0.98 or more, of wrenches laid to the wrong poses 0.3 or less."""
+
 OTHER_UNIT = 2.0
 """An accelerometer that at rest shows gravity wrong by this factor is in another unit: offsets of
 those that are not calibrated are 1 m/s^2, gains 10 % off at most."""
