@@ -195,8 +195,12 @@ def test_a_preview_shows_the_path_and_a_start_may_require_it(ready):
     try:
         live.until(lambda: 'nothing was shown yet' in live.call('sequencer/start').message, 'no')
         shown = []
-        live.until(lambda: shown.append(live.call('sequencer/preview')) or shown[-1].success,
-                   'a robot at rest')
+
+        def previewed():
+            shown.append(live.call('sequencer/preview'))
+            return shown[-1].success
+
+        live.until(previewed, 'a robot at rest')
         assert re.match(
             r'calibrate: 6 moves in .* at most 0.18[78] m/s and 1.45 rad/s; ft_sensor stays '
             r'within 1.000 -?0.000 1.000 to 1.010 0.000 1.000 m, the tip within ',
