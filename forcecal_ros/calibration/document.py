@@ -42,6 +42,9 @@ def _check(c: Calibration) -> None:
             raise Mismatch('accelerometer.cutoff', None, 'the corner [Hz] of an ac sensor')
     if c.gravity_direction is not None and abs(np.linalg.norm(c.gravity_direction) - 1.0) > 1e-3:
         raise Mismatch('gravity_direction', list(c.gravity_direction), 'a unit vector')
+    mounting = c.sensor_from_pose
+    if mounting is not None and abs(np.linalg.norm(mounting[3:]) - 1.0) > 1e-3:
+        raise Mismatch('sensor.from_pose', list(mounting), 'a unit quaternion at its end')
     if c.matrix is not None:
         channels = c.matrix.value.shape[1]
         if c.matrix_offset is None or len(c.matrix_offset.value) != channels:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 from forcecal_ros.geometry import Array, STANDARD_GRAVITY
-from forcecal_ros.schema import Mismatch, path, plain, Row, Vector3
+from forcecal_ros.schema import Mismatch, path, plain, Row, Vector3, Vector7
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -199,6 +199,9 @@ class Calibration:
     wrench_sign: Annotated[int, Row(
         '-1 where the driver reports tool on environment; readings were multiplied by it',
         words=(1, -1), key='sensor.sign')] = 1
+    sensor_from_pose: Annotated[Vector7 | None, Row(
+        'x y z [m] qx qy qz qw of ft_sensor in the frame whose pose was read; absent: the pose '
+        'was that of ft_sensor', key='sensor.from_pose', omit=True)] = None
     accelerometer: Accelerometer | None = None
     tool: Tool | None = None
     noise: Noise | None = None

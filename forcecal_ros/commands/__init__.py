@@ -46,6 +46,7 @@ COMMANDS = {
         'commands'),
     'start': Command('service', 'let the sequencer, or the impedance node, begin its motion'),
     'abort': Command('service', 'stop that motion'),
+    'preview': Command('service', 'say what the sequencer would do, without moving'),
     'save': Command('service', 'let the sequencer write its calibration to save.path'),
     'tare': Command('service', 'take the present reading of the observer, at rest, for no load'),
     'status': Command('status', 'show in a line each how the running nodes are'),

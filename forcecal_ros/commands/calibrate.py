@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.commands.common import new_parser, read_checked
+from forcecal_ros.commands.common import from_arguments, new_parser, read_checked
 from forcecal_ros.commands.contact import add_bandwidth, bandwidth_of
 from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
@@ -87,7 +87,7 @@ def answer(args: argparse.Namespace) -> Answer:
     from forcecal_ros.identify.delay import estimate_delay, with_delay
 
     if Path(args.bag).suffix in ('.yaml', '.yml'):
-        return _written(load(args.bag), args, ())
+        return _written(_with_mounting(load(args.bag), args), args, ())
     matrix = load(args.matrix) if args.matrix else None
     recording = read_checked(args, args.bag, ['wrench', 'pose'], raw_wrench=matrix is not None)
     if matrix:
@@ -105,6 +105,17 @@ def answer(args: argparse.Namespace) -> Answer:
     if matrix:
         calibration = with_matrix_of(calibration, matrix)
     return _written(calibration, args, recording.notes)
+
+
+def _with_mounting(calibration: 'Calibration', args: argparse.Namespace) -> 'Calibration':
+    """Keep in a calibration that was read by which transform its poses are to be taken."""
+    from dataclasses import replace
+
+    from forcecal_ros.observe.mounting import agreed, mounting_of, numbers_of
+
+    with from_arguments():
+        given = mounting_of(args.sensor_from_pose or (), '--sensor-from-pose')
+    return replace(calibration, sensor_from_pose=numbers_of(agreed(given, calibration, args.bag)))
 
 
 def _written(calibration: 'Calibration', args: argparse.Namespace, notes: tuple[str, ...]

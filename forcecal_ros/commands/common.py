@@ -47,6 +47,7 @@ def add_bag(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
     else:
         parser.add_argument('bag', metavar='BAG', help='rosbag2 folder or file (mcap, sqlite3)')
     add_topics(parser)
+    add_sensor_pose(parser)
     parser.add_argument(
         '--wrench-sign', type=int, choices=(1, -1), default=1,
         help='-1 for a driver that reports the wrench of the tool on its environment')
@@ -83,6 +84,18 @@ def add_topics(parser: argparse.ArgumentParser, option: str = '--topic', of: str
         option, metavar='ROLE=NAME', action='append', default=[], type=_role_and_name,
         help=f'name of a topic{of} by its role, e.g. wrench=/ft/data; may be repeated; '
              'pose=tf:BASE:SENSOR takes the pose from /tf')
+
+
+def add_sensor_pose(parser: argparse.ArgumentParser, option: str = '--sensor-from-pose',
+                    of: str = '') -> None:
+    """Add the transform from the frame whose pose was recorded to ft_sensor."""
+    from forcecal_ros.commands.numbers import real
+
+    parser.add_argument(
+        option, metavar=('X', 'Y', 'Z', 'QX', 'QY', 'QZ', 'QW'), nargs=7, type=real,
+        help=f'where ft_sensor is in the frame whose pose{of} was recorded and commanded, a '
+             'flange or a TCP [m] (default: the pose is that of ft_sensor, or as a calibration '
+             'says)')
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
@@ -129,6 +142,29 @@ def topic_names(args: argparse.Namespace, option: str = '--topic') -> dict[str, 
     return names
 
 
+def read_poses_of_sensor(
+        args: argparse.Namespace, bag: str, option: str = '--sensor-from-pose',
+        topics: str = '--topic', wrench_sign: int | None = None) -> 'Recording':
+    """
+    Read a recording as the arguments say, its poses taken to ft_sensor where they say how.
+
+    Parameters
+    ----------
+    option, topics : str
+        Those of :func:`add_sensor_pose` and :func:`add_topics`.
+    wrench_sign : int, optional
+        By default that of ``--wrench-sign``, or 1 where there is no such option.
+    """
+    from forcecal_ros.observe.mounting import mounting_of, taken_to_sensor
+    from forcecal_ros.recording.bags import read_recording
+
+    with from_arguments():
+        mounting = mounting_of(getattr(args, option.strip('-').replace('-', '_')) or (), option)
+    sign = getattr(args, 'wrench_sign', 1) if wrench_sign is None else wrench_sign
+    return taken_to_sensor(
+        read_recording(bag, topics=topic_names(args, topics), wrench_sign=sign), mounting)
+
+
 def read_checked(args: argparse.Namespace, bag: str, wanted: Collection[str] = ('wrench',), *,
                  raw_wrench: bool = False) -> 'Recording':
     """
@@ -149,11 +185,10 @@ def read_checked(args: argparse.Namespace, bag: str, wanted: Collection[str] = (
     DataError
         It cannot be read, or something is wrong with it.
     """
-    from forcecal_ros.recording.bags import read_recording, require
+    from forcecal_ros.recording.bags import require
     from forcecal_ros.recording.checks.entry import checked
 
-    recording = checked(read_recording(
-        bag, topics=topic_names(args), wrench_sign=args.wrench_sign), raw_wrench).recording
+    recording = checked(read_poses_of_sensor(args, bag), raw_wrench).recording
     require(recording, wanted)
     return recording
 

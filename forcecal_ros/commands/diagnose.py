@@ -5,8 +5,10 @@ import os
 from typing import Any
 
 from forcecal_ros.commands.common import (
+    add_sensor_pose,
     add_topics,
     new_parser,
+    read_poses_of_sensor,
     say_if_compiling,
     topic_names,
 )
@@ -52,6 +54,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--simulated-wrench-sign', type=int, choices=(1, -1), default=1,
                         help="-1: the simulator's wrench points the other way, as MuJoCo's")
     add_topics(parser, '--simulated-topic', " of the simulator's")
+    add_sensor_pose(parser, '--simulated-sensor-from-pose', ' in the simulator')
     parser.add_argument('--simulator', metavar='MODULE:FACTORY',
                         help='your own simulator, which is run with the recorded commands: a '
                              'function without arguments that returns an object with '
@@ -81,8 +84,9 @@ def run(args: argparse.Namespace) -> int:
     elif args.heldout_simulated:
         raise UsageError('--heldout-simulated wants --simulated, too: what the simulator recorded '
                          'of the first commands')
-    elif args.simulated_topic:
-        raise UsageError('--simulated-topic wants --simulated, too')
+    elif args.simulated_topic or args.simulated_sensor_from_pose:
+        raise UsageError('--simulated-topic and --simulated-sensor-from-pose want --simulated, '
+                         'too')
     return run_each(args, answer)
 
 
@@ -116,7 +120,6 @@ def _check_pairs(args: argparse.Namespace) -> None:
 def answer(args: argparse.Namespace) -> Answer:
     """Diagnose one recording."""
     from forcecal_ros.calibration.file import load
-    from forcecal_ros.recording.bags import read_recording
     from forcecal_ros.simulators.rig.file import load_rig
 
     if args.simulator or args.mujoco:
@@ -128,7 +131,7 @@ def answer(args: argparse.Namespace) -> Answer:
     with stages(args) as stage:
         stage(f'reading {args.bag}')
         recording, *more = (
-            read_recording(bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
+            read_poses_of_sensor(args, bag)
             for bag in (args.bag, args.heldout) if bag is not None)
         heldout = more[0] if more else None
         if calibration or not recording.target:
@@ -164,8 +167,8 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
 
     body = body_of_calibration(calibration, rig) if calibration else body_of_rig(rig)
     outcome = _with_model(args, diagnose_motion(
-        _level(recording, calibration), _level(heldout, calibration), body, calibration,
-        args.accelerometer))
+        _as_calibrated(args, recording, calibration), _as_calibrated(args, heldout, calibration),
+        body, calibration, args.accelerometer))
     of_channels = units(body.accelerometer_unit)
     files = {}
     document = to_document(outcome.diagnosis, of_channels, None)
@@ -182,16 +185,15 @@ def _by_simulated(args: argparse.Namespace) -> Answer:
     from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair
     from forcecal_ros.diagnose.channels import units
     from forcecal_ros.diagnose.result import to_document
-    from forcecal_ros.recording.bags import read_recording
     from forcecal_ros.simulators.rig.file import load_rig
 
     with stages(args) as stage:
-        def read(bag: str, option: str, sign: int) -> Any:
+        def read(bag: str, of: str, sign: int) -> Any:
             stage(f'reading {bag}')
-            return read_recording(bag, topics=topic_names(args, option), wrench_sign=sign)
+            return read_poses_of_sensor(args, bag, f'--{of}sensor-from-pose', f'--{of}topic', sign)
 
-        pairs = [Pair(read(real, '--topic', args.wrench_sign),
-                      read(simulated, '--simulated-topic', args.simulated_wrench_sign))
+        pairs = [Pair(read(real, '', args.wrench_sign),
+                      read(simulated, 'simulated-', args.simulated_wrench_sign))
                  for real, simulated in ((args.bag, args.simulated),
                                          (args.heldout, args.heldout_simulated)) if real]
         stage('comparing the wrench with the simulated')
@@ -207,14 +209,13 @@ def _by_simulator(args: argparse.Namespace) -> Answer:
     from forcecal_ros.diagnose.by_simulator import diagnose_rerun
     from forcecal_ros.diagnose.channels import units
     from forcecal_ros.diagnose.result import to_document
-    from forcecal_ros.recording.bags import read_recording
     from forcecal_ros.simulators.rig.file import load_rig
 
     with stages(args) as stage:
         simulator = simulator_of(args)
         stage(f'reading {args.bag}')
         real, *more = (
-            read_recording(bag, topics=topic_names(args), wrench_sign=args.wrench_sign)
+            read_poses_of_sensor(args, bag)
             for bag in (args.bag, args.heldout) if bag is not None)
         stage(f'running {simulator.name} with {len(simulator.parameters)} parameters')
         rig, of_channels = load_rig(RIGID), units('m/s^2')
@@ -226,14 +227,16 @@ def _by_simulator(args: argparse.Namespace) -> Answer:
         return answer._replace(text='\n'.join([answer.text, *told]))
 
 
-def _level(recording: Any, calibration: Any) -> Any:
-    """Bring a recording to a base that is level, its wrench to the axes of the pose."""
+def _as_calibrated(args: argparse.Namespace, recording: Any, calibration: Any) -> Any:
+    """Bring poses to ft_sensor, base to level and readings to their axes, as calibrated."""
+    from forcecal_ros.observe.mounting import taken_as_calibrated
     from forcecal_ros.recording.level import levelled
     from forcecal_ros.recording.mount import in_axes_of_pose
 
     if recording is None or calibration is None:
         return recording
-    return in_axes_of_pose(levelled(recording, calibration.gravity_direction),
+    taken = taken_as_calibrated(recording, calibration, args.calibration)
+    return in_axes_of_pose(levelled(taken, calibration.gravity_direction),
                            calibration.sensor_rotation)
 
 

@@ -56,11 +56,14 @@ def answer(args: argparse.Namespace) -> Answer:
     from forcecal_ros.calibration.file import load
     from forcecal_ros.observe import ObserverSettings, replay
     from forcecal_ros.observe.batch import waits_for_compiler
+    from forcecal_ros.observe.mounting import taken_as_calibrated
 
     settings = ObserverSettings(filter=args.filter, bandwidth_hz=args.bandwidth,
                                 **contact.bandwidth_of(args))
     calibration = load(args.calibration)
-    recording = read_checked(args, args.bag, raw_wrench=calibration.matrix is not None)
+    recording = taken_as_calibrated(
+        read_checked(args, args.bag, raw_wrench=calibration.matrix is not None), calibration,
+        args.calibration)
     calibration, about = contact.prepared(calibration, recording, settings)
     say_if_compiling(waits_for_compiler(), 'the observer')
     estimate = replay(recording, calibration, settings)

@@ -69,6 +69,7 @@ def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     from forcecal_ros.calibration.file import load
     from forcecal_ros.commands import contact
+    from forcecal_ros.observe.mounting import taken_as_calibrated
 
     refuse_unused(args)
     settings = settings_of(args)
@@ -76,6 +77,7 @@ def run(args: argparse.Namespace) -> int:
     recording = read_checked(args, args.bag, raw_wrench=raw)
     by_imu = needs_imu(args, recording)
     calibration, source = calibration_for(args, recording)
+    recording = taken_as_calibrated(recording, calibration, args.calibration or args.bag)
     calibration, about = contact.prepared(calibration, recording, settings)
     with bar(args, total=len(recording.wrench or ()), unit=' samples') as done:
         estimate = estimated(recording, calibration, settings,

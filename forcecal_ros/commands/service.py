@@ -1,4 +1,4 @@
-"""``forcecal start``, ``abort``, ``save``, ``tare``: a service of a running node, by its verb."""
+"""``forcecal start``, ``abort``, ``preview``, ``save``, ``tare``: a service of a running node."""
 
 import argparse
 from typing import Any
@@ -6,8 +6,8 @@ from typing import Any
 from forcecal_ros.commands.common import add_json, needs_ros, new_parser, print_json, say
 from forcecal_ros.commands.numbers import positive
 
-SERVICES = {'start': '{}/start', 'abort': '{}/abort', 'save': 'sequencer/save_calibration',
-            'tare': 'observer/tare'}
+SERVICES = {'start': '{}/start', 'abort': '{}/abort', 'preview': 'sequencer/preview',
+            'save': 'sequencer/save_calibration', 'tare': 'observer/tare'}
 """Service of each command; where a brace stands, of the node that moves the robot."""
 
 

@@ -5,12 +5,13 @@ from typing import Any
 
 from forcecal_ros.commands.common import (
     add_json,
+    add_sensor_pose,
     add_topics,
     new_parser,
     print_json,
+    read_poses_of_sensor,
     say,
     say_if_compiling,
-    topic_names,
 )
 from forcecal_ros.commands.numbers import whole
 from forcecal_ros.commands.outputs import add_output, RECORDING
@@ -33,6 +34,7 @@ def add_parser(subparsers: Any) -> None:
     add_output(parser, '-o', '--output', kind=RECORDING, metavar='OUT_BAG', required=True,
                help='recording to write; one that is there is kept as OUT_BAG~')
     add_topics(parser)
+    add_sensor_pose(parser)
     add_json(parser)
     parser.set_defaults(run=run, inputs=('commands', 'rig'))
 
@@ -41,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     from dataclasses import replace
 
-    from forcecal_ros.recording.bags import read_recording, require, write_recording
+    from forcecal_ros.recording.bags import require, write_recording
     from forcecal_ros.recording.checks.entry import checked
     from forcecal_ros.recording.streams import Recording
     from forcecal_ros.simulators.rig.file import load_rig
@@ -49,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.simulators.rig.simulator import waits_for_compiler
 
     rig = load_rig(args.rig)
-    commands = read_recording(args.commands, topics=topic_names(args))
+    commands = read_poses_of_sensor(args, args.commands)
     require(commands, ['target'])
     commands = checked(replace(Recording(), target=commands.target, phases=commands.phases,
                                start_ns=commands.start_ns)).recording

@@ -100,7 +100,7 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
         gravity_direction=_unit(settings.gravity_direction),
         sensor_rotation=_turned(settings.sensor_rotation),
         sensor_frame=require_wrench(recording).frame or 'ft_sensor',
-        wrench_sign=settings.wrench_sign,
+        wrench_sign=settings.wrench_sign, sensor_from_pose=recording.sensor_from_pose,
         source={'recording': recording.source, **_recorded(recording), **settings.source})
     refuse_unnatural(calibration)
     if no_body := unnatural_inertia(calibration):

@@ -11,9 +11,11 @@ from forcecal_ros.motion.joints import JointSetpoint
 from forcecal_ros.motion.plan import Goal
 from forcecal_ros.motion.profiles import Pose, Setpoint, twist_towards
 from forcecal_ros.nodes.inbox import Inbox
+from forcecal_ros.nodes.pose_source import mounting_parameter
 from forcecal_ros.nodes.runtime import OUTPUT, SENSOR
 from forcecal_ros.nodes.sensors import Sensors
 from forcecal_ros.nodes.wire import Writer
+from forcecal_ros.observe.mounting import from_the_sensor
 from geometry_msgs.msg import PoseStamped, TwistStamped
 import numpy as np
 from rclpy.node import Node
@@ -90,12 +92,13 @@ class Backend(ABC, Generic[CommandT]):
 
 
 class CartesianBackend(Backend[Setpoint]):
-    """Commands of the sensor's pose, in the frame of the measured poses."""
+    """Commands of the frame whose pose is measured, in the frame that this pose is in."""
 
-    def __init__(self, node: Node, inbox: Inbox, sensors: Sensors, topic: str, message_type: Any,
-                 frame: str) -> None:
+    def __init__(self, node: Node, inbox: Inbox, sensors: Sensors, topic: str, message_type: Any
+                 ) -> None:
         super().__init__(node, inbox, sensors, topic, message_type)
-        self._message_type, self._frame = message_type, frame
+        self._message_type, self._frame = message_type, node.get_parameter('motion.frame').value
+        self._mounting = mounting_parameter(node)
 
     def prepare(self, period_ns: int) -> None:
         """Choose the frame of commands: that of the measured poses, unless another is set."""
@@ -117,17 +120,17 @@ class CartesianBackend(Backend[Setpoint]):
 
     @abstractmethod
     def _numbers(self, command: Setpoint, pose: tuple[float, ...]) -> tuple[float, ...]:
-        """Return the numbers of the message; ``pose`` is the command's x y z qx qy qz qw."""
+        """Return the numbers of the message; ``pose`` is that of ft_sensor, x y z qx qy qz qw."""
 
 
 class TargetFrame(CartesianBackend):
     """Poses for cartesian_controllers: PoseStamped in the robot's base, in small steps."""
 
-    def __init__(self, node: Node, inbox: Inbox, sensors: Sensors, frame: str) -> None:
-        super().__init__(node, inbox, sensors, 'target_frame', PoseStamped, frame)
+    def __init__(self, node: Node, inbox: Inbox, sensors: Sensors) -> None:
+        super().__init__(node, inbox, sensors, 'target_frame', PoseStamped)
 
     def _numbers(self, command: Setpoint, pose: tuple[float, ...]) -> tuple[float, ...]:
-        return pose
+        return pose if self._mounting is None else from_the_sensor(self._mounting, pose)
 
 
 class TwistCommands(CartesianBackend):
@@ -140,9 +143,8 @@ class TwistCommands(CartesianBackend):
         Of the pose error, in the velocity [1/s].
     """
 
-    def __init__(self, node: Node, inbox: Inbox, sensors: Sensors, frame: str, gain: float
-                 ) -> None:
-        super().__init__(node, inbox, sensors, 'delta_twist_cmds', TwistStamped, frame)
+    def __init__(self, node: Node, inbox: Inbox, sensors: Sensors, gain: float) -> None:
+        super().__init__(node, inbox, sensors, 'delta_twist_cmds', TwistStamped)
         self._gain = gain
 
     def _numbers(self, command: Setpoint, pose: tuple[float, ...]) -> tuple[float, ...]:
@@ -150,6 +152,9 @@ class TwistCommands(CartesianBackend):
         velocity, spin = twist_towards(
             command, Pose(np.array(measured[:3]), matrix_from_quaternion(measured[3:])),
             self._gain)
+        if self._mounting is not None:  # the velocity of that frame's origin, not of ft_sensor's
+            origin = from_the_sensor(self._mounting, measured)[:3]
+            velocity = velocity + np.cross(spin, np.subtract(origin, measured[:3]))
         return (*velocity.tolist(), *spin.tolist())
 
 
@@ -239,7 +244,6 @@ def backend_of(node: Node, inbox: Inbox, sensors: Sensors) -> Backend[Any]:
     kind = value('motion.backend')
     if kind == 'joint_trajectory':
         return JointTrajectories(node, inbox, sensors, value('joints.names'))
-    frame = value('motion.frame')
     if kind == 'delta_twist_cmds':
-        return TwistCommands(node, inbox, sensors, frame, value('motion.twist_gain'))
-    return TargetFrame(node, inbox, sensors, frame)
+        return TwistCommands(node, inbox, sensors, value('motion.twist_gain'))
+    return TargetFrame(node, inbox, sensors)

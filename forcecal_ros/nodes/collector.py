@@ -5,6 +5,7 @@ from typing import TypeAlias
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, matrix_from_quaternion
 from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
+from forcecal_ros.schema import Vector7
 import numpy as np
 
 CHANNELS = ('wrench', 'accelerometer', 'pose', 'target', 'optidrive')
@@ -23,6 +24,8 @@ class Collector:
         ``V`` or ``m/s^2``.
     wrench_sign : int
         -1 where the driver reports the wrench of the tool on its environment.
+    sensor_from_pose : tuple of 7 float or None
+        By which the poses that are added were taken to ft_sensor.
 
     Attributes
     ----------
@@ -30,9 +33,11 @@ class Collector:
         frame_id by channel.
     """
 
-    def __init__(self, accelerometer_unit: str, wrench_sign: int) -> None:
+    def __init__(self, accelerometer_unit: str, wrench_sign: int,
+                 sensor_from_pose: Vector7 | None = None) -> None:
         self._unit = accelerometer_unit
         self._sign = wrench_sign
+        self._sensor_from_pose = sensor_from_pose
         self.frames: dict[str, str] = {}
         self.clear()
 
@@ -85,7 +90,8 @@ class Collector:
             pose=self._poses('pose', streams),
             target=self._poses('target', streams),
             optidrive=self._stream('optidrive', streams),
-            phases=self._closed_phases(start), start_ns=start, source='live')
+            phases=self._closed_phases(start), start_ns=start, source='live',
+            sensor_from_pose=self._sensor_from_pose)
 
     def _sorted(self, name: str, start: int) -> Sorted:
         stamps = np.array(self._stamps[name], dtype=np.int64)

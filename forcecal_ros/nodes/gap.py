@@ -11,6 +11,12 @@ from forcecal_ros.errors import ConfigError, ForcecalError
 from forcecal_ros.nodes.collector import Collector
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.parameters import declare
+from forcecal_ros.nodes.pose_source import (
+    at_sensor,
+    mounting_parameter,
+    POSE_PARAMETERS,
+    pose_source,
+)
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.runtime import EXECUTOR, OUTPUT, run, SECOND, STEADY
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
@@ -33,13 +39,11 @@ PARAMETERS = (
               'accelerometer/raw in volts, imu/data_raw or accel in m/s^2',
               choices=(*ACCELEROMETERS, 'none')),
     Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool'),
+    *POSE_PARAMETERS,
     Parameter('wrench.sign', 1, '-1 for a driver that reports the wrench of the tool on its '
               'environment', low=-1, high=1),
     Parameter('delay', 0.3, 'Greatest delay with which samples arrive', 's', low=0.05, high=5.0),
 )
-
-NEEDED = {'wrench': 'wrench', 'pose': 'current_pose'}
-"""Channels without which nothing can be compared, and their topics."""
 
 KEPT = 2 * SECOND
 """Samples are kept for that long before a first command, and after their comparison [ns]."""
@@ -62,8 +66,11 @@ class Gap(Node):
         self._collector = Collector(unit, value['wrench.sign'])
         self._inbox = Inbox(self)
         self._collect('wrench', 'wrench', WrenchStamped, Reader(WrenchStamped))
-        self._collect('pose', 'current_pose', PoseStamped, Reader(PoseStamped))
-        self._collect('target', 'target_frame', PoseStamped, Reader(PoseStamped))
+        mounting, poses = mounting_parameter(self), pose_source(self)
+        self._needed = {'wrench': 'wrench', 'pose': poses.name}
+        self._collect('pose', poses.topic, poses.message_type, at_sensor(poses.read, mounting))
+        self._collect('target', 'target_frame', PoseStamped,
+                      at_sensor(Reader(PoseStamped), mounting))
         if source in ACCELEROMETERS:
             self._collect('accelerometer', topic, kind, Reader(kind))
         if self._rig.optidrive:
@@ -114,7 +121,7 @@ class Gap(Node):
             self._collector.forget(self._collector.newest('wrench') - KEPT)
             return
         try:
-            found = self._judgement(min(map(self._collector.newest, NEEDED)))
+            found = self._judgement(min(map(self._collector.newest, self._needed)))
         except ForcecalError as error:
             self._report('error', str(error), {})
             self._restart()
@@ -123,7 +130,7 @@ class Gap(Node):
 
     def _missing(self) -> str:
         """Return which topics a comparison waits for; empty: none."""
-        missing = [topic for channel, topic in NEEDED.items()
+        missing = [topic for channel, topic in self._needed.items()
                    if not self._collector.newest(channel)]
         if not missing and not (self._live or self._collector.newest('target')):
             missing = ['target_frame']

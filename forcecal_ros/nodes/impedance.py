@@ -14,10 +14,11 @@ from forcecal_ros.nodes.backends import TargetFrame
 from forcecal_ros.nodes.deadman import Deadman
 from forcecal_ros.nodes.impedance_settings import ImpedanceSettings, PARAMETERS, settings_of
 from forcecal_ros.nodes.motion_node import MotionNode
+from forcecal_ros.nodes.pose_source import at_sensor, mounting_parameter, pose_source
 from forcecal_ros.nodes.runtime import run, SECOND
 from forcecal_ros.nodes.sensors import Input, Sensors
 from forcecal_ros.nodes.wire import JointReader, Reader
-from geometry_msgs.msg import PoseStamped, WrenchStamped
+from geometry_msgs.msg import WrenchStamped
 import numpy as np
 from sensor_msgs.msg import JointState
 
@@ -31,14 +32,14 @@ class Impedance(MotionNode[ImpedanceSettings]):
         self._law = design(self._plant, self._settings.wanted, self._settings.design).law
         self._session = Session(self._law.period)
         sensors = self._listen()
-        frame = self.get_parameter('motion.frame').value
-        self._serve(self._session, sensors, TargetFrame(self, self._inbox, sensors, frame),
+        self._serve(self._session, sensors, TargetFrame(self, self._inbox, sensors),
                     round(SECOND * self._law.period))
 
     def _listen(self) -> Sensors:
+        poses = pose_source(self)
         inputs = [
             Input('wrench', 'observer/contact_wrench', WrenchStamped, Reader(WrenchStamped)),
-            Input('pose', 'current_pose', PoseStamped, Reader(PoseStamped)),
+            Input.of_pose(poses._replace(read=at_sensor(poses.read, mounting_parameter(self)))),
             # a sensor that is stuck shows here only: the estimate of the observer goes on changing
             Input('sensor', 'wrench', WrenchStamped, Reader(WrenchStamped))]
         if joint := self.get_parameter('optidrive.joint').value:

@@ -8,6 +8,7 @@ from forcecal_ros.impedance.session import Bounds
 from forcecal_ros.impedance.settings import DesignSettings, Wanted
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import WatchSettings
+from forcecal_ros.nodes.pose_source import POSE_PARAMETERS
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.schema import Parameter, parameters_of, section_of
 
@@ -77,6 +78,7 @@ PARAMETERS = (
           'is late; 0: not checked, for clocks that are not synchronised', 's', 0.0, 10.0),
     _live('watch.clock_timeout', WATCH.clock_timeout, 'With use_sim_time, a clock that stands '
           'still for longer stops', 's', 0.02, 60.0),
+    *POSE_PARAMETERS,
     Parameter('motion.frame', '', 'frame_id of commands: the robot base link; empty: that of '
               'current_pose, from which it may not differ'),
     Parameter('motion.deadman_timeout', 0.0, 'Silence of the topic deadman that stops a motion; '

@@ -2,9 +2,11 @@
 
 from collections.abc import Sequence
 
-from launch import LaunchDescriptionEntity
+from forcecal_ros.nodes.presets import CONTROLLERS, preset_file, ROBOTS, topic_of
+from launch import LaunchContext, LaunchDescriptionEntity
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
+from launch.substitution import Substitution
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
@@ -18,13 +20,27 @@ TOPICS = {
     'imu': ('imu/data_raw', 'Imu, specific force'),
     'accel': ('accel', 'AccelStamped, specific force'),
     'optidrive': ('optidrive', 'JointState of a compliant tool'),
+    'joint_states': ('joint_states', 'JointState of the robot'),
+    'joint_trajectory': ('joint_trajectory', 'JointTrajectory that the robot follows'),
+    'delta_twist_cmds': ('delta_twist_cmds', 'TwistStamped that the robot follows'),
+    'contact_wrench': ('observer/contact_wrench', 'WrenchStamped that the observer says'),
 }
 """Launch argument: the name of the topic in the node, and its message."""
 
 
+def preset_arguments() -> list[LaunchDescriptionEntity]:
+    """Return the arguments that name presets, which others default to."""
+    return [
+        DeclareLaunchArgument('robot', default_value='', choices=['', *ROBOTS],
+                              description='preset of topics and parameters, see docs/robots.md'),
+        DeclareLaunchArgument('controller', default_value='', choices=['', *CONTROLLERS],
+                              description='preset besides, of what moves the robot')]
+
+
 def common_arguments() -> list[LaunchDescriptionEntity]:
     """Return the arguments of every launch file: topics, namespace, clock, simulated rig."""
-    topics = [DeclareLaunchArgument(name, default_value=topic, description=f'topic: {what}')
+    topics = [DeclareLaunchArgument(name, default_value=PresetTopic(name, topic),
+                                    description=f'topic: {what}')
               for name, (topic, what) in TOPICS.items()]
     return [
         *topics,
@@ -39,12 +55,49 @@ def common_arguments() -> list[LaunchDescriptionEntity]:
     ]
 
 
+class PresetTopic(Substitution):  # type: ignore[misc]
+    """The name of a topic: that of the presets of robot and controller, or the usual one."""
+
+    def __init__(self, argument: str, usual: str) -> None:
+        super().__init__()
+        self._argument, self._usual = argument, usual
+
+    def describe(self) -> str:
+        """Return what ``--show-args`` shows."""
+        return f"'{self._usual}', or as robot and controller say"
+
+    def perform(self, context: LaunchContext) -> str:
+        """Return the name."""
+        given = context.launch_configurations
+        return topic_of(self._argument, self._usual, given['robot'], given['controller'])
+
+
+class PresetFile(Substitution):  # type: ignore[misc]
+    """The parameter file of the first preset that is named, or that of a node's defaults."""
+
+    def __init__(self, node: str, *arguments: str) -> None:
+        super().__init__()
+        self._defaults = PathJoinSubstitution(
+            [FindPackageShare(PACKAGE), 'config', f'{node}.yaml'])
+        self._arguments = arguments
+
+    def describe(self) -> str:
+        """Return what ``--show-args`` shows."""
+        return f'that of {" or ".join(self._arguments)}, or {self._defaults.describe()}'
+
+    def perform(self, context: LaunchContext) -> str:
+        """Return the path."""
+        named = filter(None, map(context.launch_configurations.__getitem__, self._arguments))
+        name = next(named, '')
+        return str(preset_file(name) if name else self._defaults.perform(context))
+
+
 def parameters_argument(node: str) -> DeclareLaunchArgument:
     """Return the argument that names a node's parameter file."""
     return DeclareLaunchArgument(
         f'{node}_params',
-        default_value=PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', f'{node}.yaml']),
-        description=f'parameter file of {node}')
+        default_value=PresetFile(node, 'controller', 'robot'),
+        description=f'parameter file of {node}; what it says counts, then controller, then robot')
 
 
 def node(name: str, *parameters: dict[str, object], only_if: str = '') -> Node:
@@ -62,7 +115,8 @@ def node(name: str, *parameters: dict[str, object], only_if: str = '') -> Node:
     """
     return Node(
         package=PACKAGE, executable=name, namespace=LaunchConfiguration('namespace'),
-        parameters=[LaunchConfiguration(f'{name}_params'),
+        parameters=[PresetFile(name, 'robot'), PresetFile(name, 'controller', 'robot'),
+                    LaunchConfiguration(f'{name}_params'),
                     {'use_sim_time': LaunchConfiguration('use_sim_time')}, *parameters],
         remappings=[(topic, LaunchConfiguration(argument))
                     for argument, (topic, _) in TOPICS.items()],
@@ -74,4 +128,5 @@ def describe(nodes: Sequence[Node], arguments: Sequence[LaunchDescriptionEntity]
              ) -> list[LaunchDescriptionEntity]:
     """Combine own and common arguments, the simulated rig and other nodes."""
     clock = {'clock.publish': LaunchConfiguration('use_sim_time')}
-    return [*arguments, *common_arguments(), node('sim', clock, only_if='sim'), *nodes]
+    return [*preset_arguments(), *arguments, *common_arguments(),
+            node('sim', clock, only_if='sim'), *nodes]

@@ -190,6 +190,26 @@ class MotionNode(Node, Generic[SettingsT]):
         self.get_logger().warning(f'not started: {why}', throttle_duration_sec=1.0)
 
     def _start(self) -> str:
+        self._make_ready()
+        answer = self._begin()
+        self._begin_stream()
+        return self._with_caveat(answer)
+
+    def _with_caveat(self, answer: str) -> str:
+        if self._backend.caveat:
+            self.get_logger().warning(self._backend.caveat)
+            return f'{answer}; {self._backend.caveat}'
+        return answer
+
+    def _make_ready(self) -> None:
+        """
+        Take the settings over, and learn how sensors and robot are at rest; nothing moves.
+
+        Raises
+        ------
+        ForcecalError
+            A motion is under way, or must not begin.
+        """
         if self._source.running or self._source.streaming or self._busy():
             raise MotionError(f'a motion is under way already ({self._headline()}); abort it '
                               'first')
@@ -206,12 +226,6 @@ class MotionNode(Node, Generic[SettingsT]):
         if others := self._guard.others():
             raise MotionError(others)
         self._backend.prepare(self._period_ns)
-        answer = self._begin()
-        self._begin_stream()
-        if self._backend.caveat:
-            self.get_logger().warning(self._backend.caveat)
-            return f'{answer}; {self._backend.caveat}'
-        return answer
 
     def _begin_stream(self) -> None:
         """Begin the command stream, and its timer, in phase with the measured poses."""

@@ -15,6 +15,7 @@ from forcecal_ros.nodes.managed import ManagedNode
 from forcecal_ros.nodes.observer_health import health, LastMessage
 from forcecal_ros.nodes.observer_settings import accelerometer_for, PARAMETERS, settings_of
 from forcecal_ros.nodes.parameters import declare
+from forcecal_ros.nodes.pose_source import mounting_parameter, pose_source, PoseSource
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.results import accuracy_message
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, STEADY
@@ -24,9 +25,11 @@ from forcecal_ros.nodes.waiting import Waiting
 from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Writer
 from forcecal_ros.observe import ContactSample, design, noise_levels, ObserverSettings
 from forcecal_ros.observe.accuracy import accuracy
-from forcecal_ros.observe.frames import Frames
+from forcecal_ros.observe.frames import Frames, Placement
 from forcecal_ros.observe.live import LiveObserver, Samples, Values
-from geometry_msgs.msg import PoseStamped, WrenchStamped
+from forcecal_ros.observe.mounting import agreed, at_the_sensor
+from forcecal_ros.observe.tare import with_bias
+from geometry_msgs.msg import WrenchStamped
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
@@ -55,6 +58,8 @@ class Observer(ManagedNode):
         self._failure = ''
         self._active = False
         self._accelerometer: Any = None
+        self._mounting: Placement | None = None
+        self._pose = 'current_pose'
         self._frames: FrameOutputs | None = None
         self._heard: dict[str, LastMessage] = {}
         self._inbox = Inbox(self, polled=self._value('poll_rate') > 0)
@@ -91,9 +96,10 @@ class Observer(ManagedNode):
         """Load the calibration where a file is given; create publishers and subscriptions."""
         self._failure = ''
         try:
+            self._mounting, poses = mounting_parameter(self), pose_source(self)
             frames = Frames(self._value('publish.frames'), self._value('publish.frame_poses'))
-            if self._value('calibration.file'):
-                self._take_over(self._load())
+            if self._value('calibration.file') or self._value('tool'):
+                self._take_over(self._load(self._value('tool')))
         except ForcecalError as error:
             self._failure = str(error)
             self.get_logger().error(self._failure)
@@ -110,7 +116,10 @@ class Observer(ManagedNode):
         self._frames = FrameOutputs(self, frames)
         self._inputs = [
             self._subscribe('wrench', WrenchStamped, self._chain.on_wrench),
-            self._subscribe('current_pose', PoseStamped, self._on_pose)]
+            self._subscribe(poses.topic, poses.message_type, self._on_pose, poses)]
+        self._pose = poses.topic
+        if poses.static is not None:
+            self._inputs.append(poses.static)
         if self._value('optidrive.joint'):
             self._inputs.append(self._subscribe(
                 'optidrive', JointState, self._chain.on_displacement))
@@ -169,8 +178,13 @@ class Observer(ManagedNode):
 
     # Calibration ----------------------------------------------------------------------------
 
-    def _load(self) -> CalibrationSource:
+    def _load(self, tool: str) -> CalibrationSource:
         path = Path(self._value('calibration.file')).expanduser()
+        if tool:
+            if not self._value('tools') or Path(tool).name != tool:
+                raise ConfigError(f'tool {tool}: name the folder of calibrations in tools, and '
+                                  'one of its files in tool, without .yaml')
+            path = Path(self._value('tools')).expanduser() / f'{tool}.yaml'
         calibration = load(path)
         if self._value('calibration.max_age') > 0:
             refuse_old(calibration, self._value('calibration.max_age') * DAY,
@@ -188,14 +202,17 @@ class Observer(ManagedNode):
         except ForcecalError as error:
             self.get_logger().error(f'not taken over: {error}')
 
-    def _take_over(self, source: CalibrationSource) -> None:
-        """Use another calibration, faded in where one is in use."""
+    def _take_over(self, source: CalibrationSource, same_sensor: bool = False) -> None:
+        """Use another calibration, faded in where one is in use; the same sensor keeps a bias."""
         calibration = source.calibration
         model = design(calibration, self._settings())
+        if same_sensor and self._chain.model is not None:
+            model = with_bias(model, self._chain.model.bias)
         accelerometer = accelerometer_for(calibration, self._value('accelerometer.source'))
+        mounting = agreed(mounting_parameter(self), calibration, source.name)
         self._chain.take_over(model, calibration.wrench_sign, calibration.gravity_direction,
                               calibration.sensor_rotation)
-        self._source = source
+        self._source, self._mounting = source, mounting
         self._write = Writer(WrenchStamped, calibration.sensor_frame)
         self._subscribe_accelerometer(accelerometer)
         self._tell_accuracy()
@@ -208,13 +225,33 @@ class Observer(ManagedNode):
 
     def _check_changes(self, changes: dict[str, Any]) -> None:
         settings = self._settings(changes)
+        source = self._source
+        if 'tool' in changes and changes['tool'] != self._value('tool'):
+            source = self._of_tool(changes['tool'])
+        if source is not None:
+            design(source.calibration, settings)
+            agreed(mounting_parameter(self), source.calibration, source.name)
+
+    def _of_tool(self, tool: str) -> CalibrationSource:
+        """Load the calibration of another tool, which has to be of the sensor that is in use."""
+        source = self._load(tool) if tool else self._as_configured()
         if self._source is not None:
-            design(self._source.calibration, settings)
+            now, then = self._source.calibration, source.calibration
+            if (now.sensor_frame, now.wrench_sign) != (then.sensor_frame, then.wrench_sign):
+                raise ConfigError(
+                    f'tool {tool}: {source.name} is of {then.sensor_frame!r} with sign '
+                    f'{then.wrench_sign}, in use is {now.sensor_frame!r} with {now.wrench_sign}; '
+                    'calibrate both on one sensor')
+            accelerometer_for(then, self._value('accelerometer.source'))
+        return source
 
     def _on_changed(self, parameters: list[Any]) -> None:
         self._chain.window.seconds = self._value('tare.duration')
         self._chain.fade_duration = self._value('takeover.duration')
-        if self._source is not None and any(
+        if any(parameter.name == 'tool' for parameter in parameters):
+            if self._source is not None or self._active:
+                self._take_over(self._of_tool(self._value('tool')), same_sensor=True)
+        elif self._source is not None and any(
                 parameter.name.startswith(('observer.', 'limits.', 'gravity.'))
                 for parameter in parameters):
             self._chain.take_settings(design(self._source.calibration, self._settings()))
@@ -239,13 +276,17 @@ class Observer(ManagedNode):
 
     # Samples --------------------------------------------------------------------------------
 
-    def _subscribe(self, topic: str, message_type: Any, take: Callable[[float, Values], Samples]
-                   ) -> Any:
+    def _subscribe(self, topic: str, message_type: Any, take: Callable[[float, Values], Samples],
+                   poses: PoseSource | None = None) -> Any:
         """Pass the samples of a topic to the chain, and publish the estimates they complete."""
-        if message_type is JointState:
-            read: Any = JointReader(self._value('optidrive.joint'))
+        if poses is not None:
+            read: Any = poses.read
+        elif message_type is JointState:
+            read = JointReader(self._value('optidrive.joint'))
         else:
             read = Reader(message_type)
+
+        find_frame = frame_of if poses is None else poses.frame_of
 
         def on_message(raw: bytes) -> None:
             if not self._active or self._chain.model is None:
@@ -257,7 +298,7 @@ class Observer(ManagedNode):
             if message is None:
                 return
             stamp_ns, values = message
-            frame = self._heard[topic].frame if topic in self._heard else frame_of(raw)
+            frame = self._heard[topic].frame if topic in self._heard else find_frame(raw)
             self._heard[topic] = LastMessage(STEADY.now().nanoseconds, frame)
             if self._origin is None:
                 self._origin = stamp_ns
@@ -268,7 +309,9 @@ class Observer(ManagedNode):
 
     def _on_pose(self, t: float, values: Values) -> Samples:
         assert self._frames is not None
-        self._frames.on_pose(t, values, self._heard['current_pose'].frame)
+        if self._mounting is not None:
+            values = at_the_sensor(self._mounting, values)
+        self._frames.on_pose(t, values, self._heard[self._pose].frame)
         return self._chain.on_pose(t, values)
 
     def _publish(self, sample: ContactSample) -> None:
@@ -301,15 +344,18 @@ class Observer(ManagedNode):
         return 'the filter starts anew'
 
     def _reload(self) -> str:
-        if self._value('calibration.file'):
-            source = self._load()
-        elif self._text:
-            source = self._parse()
-        else:
-            raise DataError('no calibration to reload: calibration.file is empty and nothing was '
-                            'received on sequencer/calibration')
+        tool = self._value('tool')
+        source = self._load(tool) if tool else self._as_configured()
         self._take_over(source)
         return f'calibration taken from {source.name}'
+
+    def _as_configured(self) -> CalibrationSource:
+        if self._value('calibration.file'):
+            return self._load('')
+        if self._text:
+            return self._parse()
+        raise DataError('no calibration to reload: calibration.file is empty and nothing was '
+                        'received on sequencer/calibration')
 
     # Diagnostics ----------------------------------------------------------------------------
 
@@ -320,7 +366,7 @@ class Observer(ManagedNode):
         if self._source is None:
             return 'a calibration, from calibration.file or sequencer/calibration'
         silent = self._silent()
-        return ' and '.join(topic for topic in ('wrench', 'current_pose')
+        return ' and '.join(topic for topic in ('wrench', self._pose)
                             if topic in silent or topic not in self._heard)
 
     def _silent(self) -> list[str]:

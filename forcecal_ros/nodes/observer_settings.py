@@ -6,6 +6,7 @@ from typing import Any
 
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import ConfigError
+from forcecal_ros.nodes.pose_source import POSE_PARAMETERS, SENSOR_FROM_POSE
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.observe.settings import (
@@ -37,9 +38,17 @@ PARAMETERS = (
           'its age', 'd', 0.0, 36500.0),
     Parameter('calibration.follow', True, 'Take over every calibration that the sequencer '
               'publishes while running'),
+    Parameter('tools', '', 'Folder of calibrations of one sensor with one tool each, NAME.yaml'),
+    _live('tool', '', 'Which of these is on the sensor, by its NAME; set while running, it is '
+          'faded in, and the bias of the sensor stays as it is; empty: as calibration.file or '
+          'sequencer/calibration says'),
     Parameter('accelerometer.source', 'auto', 'accelerometer/raw (volts), imu/data_raw or accel '
               '(m/s^2); auto: by the unit of the calibration',
               choices=('auto', *ACCELEROMETERS, 'none')),
+    *POSE_PARAMETERS[:-1],
+    SENSOR_FROM_POSE._replace(description='x y z [m] qx qy qz qw of ft_sensor in the frame whose '
+                              'pose is measured, a flange or a TCP; one number: as the '
+                              'calibration says, from which it may not differ'),
     Parameter('poll_rate', 0.0, 'How often the topics are polled, which halves the load of the '
               'node and adds half a period to the latency; 0: every message is taken at once',
               'Hz', 0.0, 2000.0),

@@ -11,7 +11,8 @@ from forcecal_ros.motion.monitor import Monitor, WatchSettings
 from forcecal_ros.motion.profiles import Pose
 from forcecal_ros.nodes.deadman import Deadman
 from forcecal_ros.nodes.inbox import Inbox
-from forcecal_ros.nodes.wire import frame_of, Sample, stamp_of
+from forcecal_ros.nodes.pose_source import PoseSource
+from forcecal_ros.nodes.wire import frame_of, Sample
 from geometry_msgs.msg import AccelStamped, Vector3Stamped
 from sensor_msgs.msg import Imu
 
@@ -27,13 +28,32 @@ Record: TypeAlias = Callable[[str, int, tuple[float, ...]], None]
 
 
 class Input(NamedTuple):
-    """One topic; ``watched``: its silence and its readings may end a motion."""
+    """
+    One topic.
+
+    Attributes
+    ----------
+    watched : bool
+        Whether its silence and its readings may end a motion.
+    name : str
+        What messages call it; empty: its topic.
+    frame_of : callable
+        Returns the frame of its readings, of a serialised message.
+    """
 
     channel: str
     topic: str
     message_type: Any
     read: Callable[[bytes], Sample | None]
     watched: bool = True
+    name: str = ''
+    frame_of: Callable[[bytes], str] = frame_of
+
+    @classmethod
+    def of_pose(cls, source: PoseSource) -> 'Input':
+        """Return the topic of the pose."""
+        return cls('pose', source.topic, source.message_type, source.read, name=source.name,
+                   frame_of=source.frame_of)
 
 
 class Sensors:
@@ -43,15 +63,18 @@ class Sensors:
                  watch: WatchSettings, limits: Limits, record: Record | None = None) -> None:
         inputs = tuple(inputs)
         self.deadman = deadman
-        self.monitor = Monitor(watch, limits,
-                               {one.channel: one.topic for one in inputs if one.watched})
+        self.monitor = Monitor(watch, limits, {
+            one.channel: one.name or one.topic for one in inputs if one.watched})
         self._record = record
         self._raw: dict[str, bytes] = {}
+        self._stamps: dict[str, int] = {}
+        self._frame_of = {one.channel: one.frame_of for one in inputs}
         for one in inputs:
             inbox.subscribe(one.message_type, one.topic, self._taker(one))
 
     def _taker(self, one: Input) -> Callable[[bytes], None]:
         channel, read, record, newest = one.channel, one.read, self._record, self._raw
+        stamps = self._stamps
         watch = self._watch_of(channel) if one.watched else None
 
         def take(raw: bytes) -> None:
@@ -62,7 +85,7 @@ class Sensors:
             if sample is None:
                 return
             stamp_ns, values = sample
-            newest[channel] = raw
+            newest[channel], stamps[channel] = raw, stamp_ns
             if watch is not None:
                 watch(stamp_ns * 1e-9, values)
             if record is not None:
@@ -93,9 +116,9 @@ class Sensors:
     @property
     def pose_stamp_ns(self) -> int:
         """Header stamp of the newest pose [ns]."""
-        return stamp_of(self._raw['pose'])
+        return self._stamps['pose']
 
     @property
     def frames(self) -> dict[str, str]:
         """The frame_id of the newest message, by channel."""
-        return {channel: frame_of(raw) for channel, raw in self._raw.items()}
+        return {channel: self._frame_of[channel](raw) for channel, raw in self._raw.items()}

@@ -1,14 +1,15 @@
 """The sequencer: moves the robot, records its sensors, identifies and publishes a calibration."""
 
 from collections.abc import Sequence
-from pathlib import Path
+from pathlib import Path as FilePath
 
 from forcecal_ros.calibration.file import load, save
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.calibration.sensor_matrix import corrected, required_six_axis, SixAxis
 from forcecal_ros.errors import ConfigError, DataError, ForcecalError
 from forcecal_ros.motion.monitor import Stillness
-from forcecal_ros.motion.plan import check_wrench, prepare
+from forcecal_ros.motion.plan import check_wrench, Goal, PlannedSegment, prepare
+from forcecal_ros.motion.preview import in_words, outline
 from forcecal_ros.motion.programs import SEQUENCES
 from forcecal_ros.motion.sequence import Command, MotionSequence
 from forcecal_ros.nodes.backends import backend_of
@@ -17,13 +18,17 @@ from forcecal_ros.nodes.deadman import Deadman
 from forcecal_ros.nodes.guard import Fault
 from forcecal_ros.nodes.identification import Identification
 from forcecal_ros.nodes.motion_node import MotionNode
+from forcecal_ros.nodes.pose_source import at_sensor, mounting_parameter, pose_source
+from forcecal_ros.nodes.preview import path_message, Preview
 from forcecal_ros.nodes.results import calibration_message, gain_message, inertia_message
 from forcecal_ros.nodes.runtime import LATCHED, run, SECOND
 from forcecal_ros.nodes.sensors import ACCELEROMETERS, Input, Sensors
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, SequencerSettings, settings_of
 from forcecal_ros.nodes.services import answering
 from forcecal_ros.nodes.wire import JointReader, Reader, Sample
-from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
+from forcecal_ros.observe.mounting import numbers_of
+from geometry_msgs.msg import InertiaStamped, WrenchStamped
+from nav_msgs.msg import Path
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
@@ -63,13 +68,14 @@ class Sequencer(MotionNode[SequencerSettings]):
         value = self._values()
         source = value['accelerometer.source']
         topic, kind, unit = ACCELEROMETERS.get(source, ACCELEROMETERS['raw'])
-        self._collector = Collector(unit, value['wrench.sign'])
+        mounting, poses = mounting_parameter(self), pose_source(self)
+        self._collector = Collector(unit, value['wrench.sign'], numbers_of(mounting))
         matrix, part = self._load_matrix()
         self._identification = Identification(matrix)
         inputs = [
             Input('wrench', 'wrench', WrenchStamped,
                   Reader(WrenchStamped) if part is None else WrenchReader(part)),
-            Input('pose', 'current_pose', PoseStamped, Reader(PoseStamped)),
+            Input.of_pose(poses._replace(read=at_sensor(poses.read, mounting))),
             Input('optidrive', 'optidrive', JointState, JointReader(value['optidrive.joint']),
                   watched=False)]
         if source in ACCELEROMETERS:
@@ -85,7 +91,7 @@ class Sequencer(MotionNode[SequencerSettings]):
         if self.get_parameter('wrench.sign').value != 1:
             raise ConfigError('wrench.matrix_file gives wrenches of the right sign already; '
                               'set wrench.sign to 1')
-        source = load(Path(name).expanduser())
+        source = load(FilePath(name).expanduser())
         return source, required_six_axis(source, name)
 
     def _record(self, channel: str, stamp_ns: int, values: tuple[float, ...]) -> None:
@@ -99,18 +105,38 @@ class Sequencer(MotionNode[SequencerSettings]):
 
     def _begin(self) -> str:
         settings, start = self._settings, self._backend.measured()
-        goals, away = settings.goals(start)
-        program = SEQUENCES[settings.sequence]
-        plan = program.plan(goals, away, settings.timing)
-        parts = prepare(plan, start, settings.pace, settings.limits)
-        check_wrench(parts, self._sensors.monitor.mean('wrench'), settings.limits)
+        if self.get_parameter('motion.require_preview').value:
+            self._preview.refuse_other(self._values(), settings.poses, start)
+        parts = self._plan(start)
         self.get_logger().info(f'{settings.sequence} starts, with poses '
                                f'{", ".join(settings.poses)}')
         self._collector.clear()
         self._collector.frames.update(self._sensors.frames)
         self._sequence.settings = settings.stream
-        self._sequence.start(parts, start, 'identification' if program.identifies else '')
+        self._sequence.start(parts, start, 'identification' if SEQUENCES[
+            settings.sequence].identifies else '')
         return f'{settings.sequence} started'
+
+    def _plan(self, start: Goal) -> tuple[PlannedSegment, ...]:
+        """Plan from where the robot stands, checked against all limits."""
+        settings = self._settings
+        goals, away = settings.goals(start)
+        plan = SEQUENCES[settings.sequence].plan(goals, away, settings.timing)
+        parts = prepare(plan, start, settings.pace, settings.limits)
+        check_wrench(parts, self._sensors.monitor.mean('wrench'), settings.limits)
+        return parts
+
+    def _show(self) -> str:
+        """Say what a start would do, and publish its path; nothing moves."""
+        self._make_ready()
+        start = self._backend.measured()
+        parts = self._plan(start)
+        self._path_out.publish(path_message(
+            parts, self._sensors.frames['pose'] or self.get_parameter('motion.frame').value,
+            self.get_clock().now()))
+        self._preview.note(self._values(), self._settings.poses, start)
+        found = in_words(outline(parts, self._settings.limits.tip))
+        return self._with_caveat(f'{self._settings.sequence}: {found}')
 
     def _command(self) -> Command | None:
         return self._sequence.step(self._judge())
@@ -144,7 +170,10 @@ class Sequencer(MotionNode[SequencerSettings]):
             Float64MultiArray, 'sequencer/observer_gain', LATCHED)
         self._inertia_out = self.create_publisher(
             InertiaStamped, 'sequencer/tool_inertia', LATCHED)
+        self._path_out = self.create_publisher(Path, 'sequencer/planned_path', LATCHED)
+        self._preview = Preview()
         self.create_service(Trigger, 'sequencer/save_calibration', answering(self._save))
+        self.create_service(Trigger, 'sequencer/preview', answering(self._show))
 
     def _after(self) -> None:
         if self._identification.under_way:
@@ -181,7 +210,7 @@ class Sequencer(MotionNode[SequencerSettings]):
     def _save(self) -> str:
         if self._calibration is None:
             raise DataError('there is no calibration yet; call sequencer/start')
-        path = Path(self.get_parameter('save.path').value).expanduser().absolute()
+        path = FilePath(self.get_parameter('save.path').value).expanduser().absolute()
         save(self._calibration, path)
         return f'written to {path}'
 

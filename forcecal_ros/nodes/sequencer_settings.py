@@ -28,6 +28,7 @@ from forcecal_ros.motion.poses import (
 from forcecal_ros.motion.profiles import Pace, Pose
 from forcecal_ros.motion.programs import SEQUENCES
 from forcecal_ros.motion.sequence import StreamSettings
+from forcecal_ros.nodes.pose_source import POSE_PARAMETERS
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.safe_yaml import LARGEST, load_yaml
@@ -73,12 +74,15 @@ PARAMETERS = (
               'current_pose, from which it may not differ'),
     Parameter('motion.deadman_timeout', 0.0, 'Silence of the topic deadman that stops a motion; '
               '0: no dead-man switch', 's', 0.0, 10.0),
+    _live('motion.require_preview', False, 'Refuse a start unless sequencer/preview has shown '
+          'what it does, with these parameters and the robot where it is'),
     Parameter('motion.twist_gain', 5.0, 'delta_twist_cmds: gain from the pose error to the '
               'velocity', '1/s', 0.0, 50.0),
     Parameter('joints.names', [''], 'joint_trajectory: names of all joints of the controller'),
     _live('joints.values', [0.0], 'joint_trajectory: joint vectors of the poses, one after the '
           'other', 'rad'),
     _live('joints.away', [0.0], 'joint_trajectory: joint vector at the end of the step', 'rad'),
+    *POSE_PARAMETERS,
     Parameter('wrench.sign', 1, '-1 for a driver that reports the wrench of the tool on its '
               'environment', low=-1, high=1),
     Parameter('wrench.matrix_file', '', 'calibration.yaml of forcecal insitu whose matrix turns '

@@ -159,9 +159,3 @@ class JointWriter:
         """Write one message of header stamp [ns] and position [rad] or [m]."""
         return self._pack(b'\0\1\0\0', stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000,
                           self._head, position, 0, 0)
-
-
-def stamp_of(raw: bytes) -> int:
-    """Return the header stamp of a serialised message that begins with a header [ns]."""
-    sec, nanosec = unpack_from('<iI' if raw[1] == 1 else '>iI', raw, 4)
-    return int(sec) * 1_000_000_000 + int(nanosec)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
+from forcecal_ros.schema import Vector7
 import numpy as np
 
 PHASES = (
@@ -137,12 +138,15 @@ class PoseStream:
         Maps sensor coordinates to base coordinates.
     frame : str
         frame_id of the messages.
+    of : str
+        The frame whose pose it is, where the recording says so; a PoseStamped does not.
     """
 
     t: Array
     position: Array
     R_base_sensor: Array
     frame: str = 'base'
+    of: str = ''
 
     def __post_init__(self) -> None:
         t, p, R = _frozen(self.t), _frozen(self.position), _frozen(self.R_base_sensor)
@@ -211,6 +215,9 @@ class Recording:
         Where it came from, for messages to the user.
     notes : tuple of str
         What reading had to leave out or mend, one plain sentence each.
+    sensor_from_pose : tuple of 7 float or None
+        By which the poses were taken from another frame to ft_sensor: x y z [m] qx qy qz qw of
+        ft_sensor in that frame.
     """
 
     wrench: Stream | None = None
@@ -226,6 +233,7 @@ class Recording:
     start_ns: int = 0
     source: str = ''
     notes: tuple[str, ...] = field(default=())
+    sensor_from_pose: Vector7 | None = None
 
 
 def phase_spans(phases: tuple[Phase, ...], names: tuple[str, ...]) -> list[tuple[float, float]]:

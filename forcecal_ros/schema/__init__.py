@@ -32,9 +32,11 @@ from forcecal_ros.schema.row import (
     Vector3,
     Vector4,
     Vector6,
+    Vector7,
 )
 from forcecal_ros.schema.sections import columns, instead, path, read, Section, UNKNOWN
 
 __all__ = ['columns', 'instead', 'load', 'Matrix3', 'Mismatch', 'Parameter', 'parameter_file',
            'parameters_of', 'path', 'plain', 'read', 'Row', 'Section', 'section_of', 'Shape',
-           'shown', 'TEXT', 'UNKNOWN', 'Vector3', 'Vector4', 'Vector6', 'yaml_value']
+           'shown', 'TEXT', 'UNKNOWN', 'Vector3', 'Vector4', 'Vector6', 'Vector7',
+           'yaml_value']

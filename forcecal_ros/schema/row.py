@@ -14,6 +14,7 @@ import numpy as np
 Vector3 = tuple[float, float, float]
 Vector4 = tuple[float, float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
+Vector7 = tuple[float, float, float, float, float, float, float]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
 TEXT = '.+'
 """Pattern of a text that must not be empty."""

@@ -11,8 +11,11 @@ from forcecal_ros.recording.bags import read_recording, write_recording
 from forcecal_ros.recording.streams import Stream
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from static_sets import static_set
 
+ON_FLANGE = Rotation.from_euler('z', 30, degrees=True)
+FROM_POSE = ['--sensor-from-pose', '0', '0', '0.1', *map(str, ON_FLANGE.as_quat())]
 TILT = rotation_from_vector([np.pi / 2, 0.0, 0.0])
 
 TURN = rotation_from_vector(np.radians([10.0, -20.0, 35.0]))
@@ -33,6 +36,9 @@ def bags(tmp_path_factory):
         sound, pose=pose, wrench=Stream(wrench.t, wrench.values @ np.kron(np.eye(2), TURN))))
     write_recording(folder / 'wall', replace(
         sound, pose=replace(pose, R_base_sensor=TILT @ pose.R_base_sensor)))
+    R = pose.R_base_sensor @ ON_FLANGE.as_matrix().T
+    write_recording(folder / 'flange', replace(
+        sound, pose=replace(pose, R_base_sensor=R, position=-R @ [0.0, 0.0, 0.1])))
     return folder
 
 
@@ -89,3 +95,22 @@ def test_an_export_that_cannot_turn_readings_is_refused(bags, tmp_path, capsys):
     assert main(['export', str(known), '--for', 'broadcaster',
                  '-o', str(tmp_path / 'b.yaml')]) == 1
     assert 'sensor.rotation' in capsys.readouterr().err
+
+
+def test_poses_of_a_flange_want_the_transform_and_the_calibration_keeps_it(
+        bags, tmp_path, capsys):
+    flange, path, out = str(bags / 'flange'), tmp_path / 'c.yaml', str(tmp_path / 'out')
+    assert main(['calibrate', flange, '-o', str(path)]) == 1
+    assert '--sensor-from-pose' in capsys.readouterr().err
+    assert main(['calibrate', flange, *FROM_POSE, '-o', str(path)]) == 0
+    assert main(['calibrate', str(bags / 'sound'), '-o', str(tmp_path / 'sound.yaml')]) == 0
+    np.testing.assert_allclose(load(path).com.value, load(tmp_path / 'sound.yaml').com.value,
+                               atol=1e-9)
+    estimate = ['estimate', flange, '--calibration', str(path), '--filter', 'static', '-o', out]
+    assert main([*estimate, '--json']) == 0
+    said = capsys.readouterr().out
+    found = json.loads(said[said.index('{'):])
+    assert f'poses are taken to ft_sensor by sensor.from_pose of {path}' in found['notes']
+    np.testing.assert_allclose(found['mean'][:3], 0.0, atol=0.05)
+    assert main([*estimate, *FROM_POSE[:3], '0.12', *FROM_POSE[4:]]) == 1
+    assert 'was made with sensor.from_pose 0 0 0.1' in capsys.readouterr().err

@@ -72,10 +72,11 @@ class Live:
         self.node.destroy_node()
         self.context.try_shutdown()
 
-    def start(self, module, name=None, remap=(), **parameters):
+    def start(self, module, name=None, remap=(), files=(), **parameters):
         """Start a node, under a name of its own if it has one; ``a__b=1`` sets ``a.b``."""
         name = name or module
-        arguments = [part for key, value in parameters.items()
+        arguments = [part for file in files for part in ('--params-file', str(file))]
+        arguments += [part for key, value in parameters.items()
                      for part in ('-p', f'{key.replace("__", ".")}:={value}')]
         arguments += [part for rule in remap for part in ('-r', rule)]
         self.output[name] = tempfile.TemporaryFile()  # noqa: SIM115 - outlives this call
@@ -189,7 +190,8 @@ class Robot:
     TOPICS = {'wrench': WrenchStamped, 'accelerometer/raw': Vector3Stamped,
               'current_pose': PoseStamped}
 
-    def __init__(self, live, commands=True, now=None, frame='base'):
+    def __init__(self, live, commands=True, now=None, frame='base', names=None, qos=OUTPUT,
+                 period=0.004):
         self.live = live
         self.now = now or (lambda: live.node.get_clock().now().nanoseconds)
         self.commands = []
@@ -201,12 +203,13 @@ class Robot:
         home = nominal_poses()['v']
         self.pose = (*home.position.tolist(),
                      *quaternion_from_matrix(home.R_base_sensor).tolist())
-        self.publishers = {topic: live.node.create_publisher(kind, topic, OUTPUT)
-                           for topic, kind in self.TOPICS.items()}
+        self.publishers = {
+            topic: live.node.create_publisher(kind, (names or {}).get(topic, topic), qos)
+            for topic, kind in self.TOPICS.items()}
         self.writers = {topic: Writer(kind, frame) for topic, kind in self.TOPICS.items()}
         if commands:
             live.hear(PoseStamped, 'target_frame', self._on_command)
-        live.node.create_timer(0.004, self._tick)
+        live.node.create_timer(period, self._tick)
 
     def _on_command(self, stamp, values):
         if not stamp:

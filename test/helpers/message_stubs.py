@@ -14,7 +14,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 STUBS = ROOT / 'stubs'
 SEARCHED = ('benchmark', 'forcecal_ros', 'launch', 'test')
-INTERFACES = re.compile(r'(?!launch)\w+\.(msg|srv)')
+INTERFACES = re.compile(r'(?!launch|tf2_msgs)\w+\.(msg|srv)')
 SEQUENCE = re.compile(r'sequence<([\w/]+)(?:, \d+)?>')
 ARRAY = re.compile(r'([\w/]+)\[\d+\]')
 SCALARS = {'boolean': 'bool', 'double': 'float', 'float': 'float', 'octet': 'bytes',

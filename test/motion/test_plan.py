@@ -14,9 +14,9 @@ from forcecal_ros.errors import MotionError
 from forcecal_ros.motion.diagnosis_plan import diagnosis_plan
 from forcecal_ros.motion.joints import JointMove
 from forcecal_ros.motion.limits import Limits
-from forcecal_ros.motion.plan import prepare, Timing
+from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
 from forcecal_ros.motion.poses import nominal_poses, step_goal
-from forcecal_ros.motion.preview import preview
+from forcecal_ros.motion.preview import in_words, outline, path_of, preview
 from forcecal_ros.motion.profiles import Pace
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
 from forcecal_ros.simulators.rig.file import load_rig
@@ -38,6 +38,28 @@ def parts(timing, limits):
 def test_every_kind_of_motion_is_within_the_default_limits():
     phases = {part.segment.phase for part in parts(Timing(), Limits())}
     assert phases == {'move', 'settle', 'measure', 'step', 'sweep', 'reverse'}
+
+
+def test_an_outline_holds_what_the_stream_of_commands_does():
+    plan, tip = parts(Timing(), Limits()), Limits().tip
+    found, (stream, _) = outline(plan, tip), preview(plan, 250.0, 0.0)
+    speed = np.linalg.norm(np.diff(stream.position, axis=0), axis=1) * 250.0
+    assert 0.99 * found.speed < speed.max() <= found.speed
+    reached = stream.position + stream.R_base_sensor @ tip
+    # quarter of a path's step at 0.16 m/s and 0.3 m of lever at 1.45 rad/s lies between two poses
+    np.testing.assert_allclose(reached.min(axis=0), found.tip.lower, atol=3e-3)
+    np.testing.assert_allclose(stream.position.max(axis=0), found.sensor.upper, atol=3e-3)
+    assert found.duration == pytest.approx(stream.t[-1], abs=0.5)
+    assert f'{found.moves} moves in {found.duration:.1f} s' in in_words(found)
+
+
+def test_of_joints_an_outline_says_their_speed_and_no_box():
+    home, away = np.zeros(6), np.full(6, 0.01)
+    plan = prepare(calibration_plan({'a': home, 'b': home + 0.6}, away, Timing()), home, Pace(),
+                   Limits())
+    said = in_words(outline(plan, Limits().tip))
+    assert 'at most 1.45 rad/s of a joint' in said and 'within' not in said
+    assert not len(path_of(plan)[0])
 
 
 def test_contact_is_refused_where_the_box_does_not_reach_the_wall():

@@ -4,15 +4,19 @@ from forcecal_ros.geometry import (
     matrix_from_quaternion,
     quaternion_from_matrix,
     rotation_from_vector,
+    rotation_vector,
 )
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.poses import flatten_poses, nominal_poses
 from forcecal_ros.motion.profiles import Pose
+from forcecal_ros.nodes.presets import preset_file, read_preset
 from forcecal_ros.nodes.runtime import OUTPUT
 from geometry_msgs.msg import TwistStamped
 from live import Live, Robot
 import numpy as np
+from rclpy.qos import qos_profile_system_default
 from rclpy.time import Time
+from scipy.spatial.transform import RigidTransform, Rotation
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
@@ -22,6 +26,18 @@ QUICK = {'watch__pause_timeout': 2.0, 'watch__lost_timeout': 5.0, 'timing__measu
          'timing__ring': 0.2, 'settle__window': 0.1,
          'poses__names': '[v, tilted]',
          'poses__values': flatten_poses({'v': HOME, 'tilted': TILTED})}
+
+
+FROM_POSE = [0.03, -0.02, 0.1, 0.1, 0.7, -0.1, 0.7]
+FROM_POSE[3:] = (np.array(FROM_POSE[3:]) / np.linalg.norm(FROM_POSE[3:])).tolist()
+FLANGE = RigidTransform.from_components(FROM_POSE[:3], Rotation.from_quat(FROM_POSE[3:])).inv()
+
+
+def flange_of(pose):
+    """Return where the flange is, x y z qx qy qz qw, where the sensor has a pose."""
+    flange = RigidTransform.from_components(
+        pose.position, Rotation.from_matrix(pose.R_base_sensor)) * FLANGE
+    return np.array([*flange.translation, *flange.rotation.as_quat()])
 
 
 def run(live):
@@ -37,13 +53,13 @@ def run(live):
 class Servo:
     """MoveIt Servo: turns fresh velocities into motion, and stands when they are stale."""
 
-    def __init__(self, live, robot):
+    def __init__(self, live, robot, topic='delta_twist_cmds'):
         self.robot = robot
         self.live = live
         self.heard = []
         self.visited = []
         self.twist = np.zeros(6)
-        live.hear(TwistStamped, 'delta_twist_cmds', self._on_twist)
+        live.hear(TwistStamped, topic, self._on_twist)
         self.before = live.node.get_clock().now()
         live.node.create_timer(0.004, self._move)
 
@@ -62,7 +78,7 @@ class Servo:
         position = np.array(self.robot.pose[:3]) + self.twist[:3] * dt
         R = rotation_from_vector(self.twist[3:] * dt) @ matrix_from_quaternion(self.robot.pose[3:])
         self.robot.pose = (*position, *quaternion_from_matrix(R))
-        self.visited.append(R)
+        self.visited.append((position, R))
 
 
 STALE = Time(nanoseconds=500_000_000) - Time()
@@ -72,11 +88,27 @@ LONGEST_STEP = 0.02
 """A test that was kept waiting goes on where it was: a robot does not jump [s]."""
 
 
+def test_a_controller_of_the_flange_is_commanded_and_heard_as_such(ros_domain):
+    with Live() as live:
+        robot = Robot(live)
+        robot.pose = start = flange_of(HOME)
+        live.start('sequencer', sensor__from_pose=FROM_POSE, **QUICK)
+        run(live)
+    commanded = np.array([values for _, values in robot.commands])
+    assert np.abs(commanded[0] - start).max() < 1e-4  # as noisy as the pose that is measured
+    for pose in (HOME, TILTED):
+        goal = flange_of(pose)
+        same = goal * np.sign(commanded[:, 3:] @ goal[3:])[:, None] ** [0, 0, 0, 1, 1, 1, 1]
+        assert np.abs(commanded - same).max(axis=1).min() < 1e-9
+
+
 def test_servo_gets_fresh_velocities_that_lead_to_the_poses_and_zeros_at_the_end(ros_domain):
     with Live() as live:
         robot = Robot(live, commands=False)
+        robot.pose = flange_of(HOME)
         servo = Servo(live, robot)
-        live.start('sequencer', motion__backend='delta_twist_cmds', **QUICK)
+        live.start('sequencer', motion__backend='delta_twist_cmds', sensor__from_pose=FROM_POSE,
+                   **QUICK)
         run(live)
         assert not live.node.get_publishers_info_by_topic('/target_frame')
     ages = np.array([age for _, age, _ in servo.heard])
@@ -87,11 +119,34 @@ def test_servo_gets_fresh_velocities_that_lead_to_the_poses_and_zeros_at_the_end
     limits = Limits()
     assert np.linalg.norm(twists[:, :3], axis=1).max() < 1.5 * limits.speed
     assert np.linalg.norm(twists[:, 3:], axis=1).max() < 1.5 * limits.angular_speed
+    positions, turns = (np.array(each) for each in zip(*servo.visited))
+    aside = (positions + turns @ FROM_POSE[:3] - HOME.position) @ HOME.R_base_sensor[:, 1:]
+    assert np.linalg.norm(aside, axis=1).max() < 2e-3  # the step is along x
     for pose in (HOME, TILTED):
-        off = [np.degrees(np.arccos(min(1, (np.trace(R.T @ pose.R_base_sensor) - 1) / 2)))
-               for R in servo.visited]
-        assert min(off) < 1.0
-    np.testing.assert_allclose(robot.pose[:3], HOME.position, atol=2e-3)
+        goal = Rotation.from_quat(flange_of(pose)[3:])
+        off = (goal.inv() * Rotation.from_matrix(turns)).magnitude()
+        assert np.degrees(off.min()) < 1.0
+    np.testing.assert_allclose(robot.pose[:3], flange_of(HOME)[:3], atol=2e-3)
+
+
+def test_the_presets_of_a_robot_and_of_servo_run_it_after_a_preview(ros_domain):
+    """UR: TCP and flange-sensor at 500 Hz with the QoS of ros2_control's broadcasters."""
+    topics = {**read_preset('ur')['topics'], **read_preset('moveit_servo')['topics']}
+    with Live() as live:
+        robot = Robot(live, commands=False, names=topics, qos=qos_profile_system_default,
+                      period=0.002)
+        robot.silent.add('accelerometer/raw')
+        servo = Servo(live, robot, topics['delta_twist_cmds'])
+        live.start('sequencer', remap=[f'{name}:={topic}' for name, topic in topics.items()],
+                   files=map(preset_file, ('ur', 'moveit_servo')), pace__angular_speed=0.4,
+                   **QUICK)
+        live.until(lambda: 'nothing was shown' in live.call('sequencer/start').message, 'refusal')
+        assert not servo.heard
+        live.until(lambda: live.call('sequencer/preview').success, 'a robot at rest')
+        run(live)
+    off = [np.degrees(np.linalg.norm(rotation_vector(R.T @ TILTED.R_base_sensor)))
+           for _, R in servo.visited]
+    assert min(off) < 1.0
 
 
 def test_the_trajectory_controller_gets_every_joint_and_rest_at_each_end(ros_domain):

@@ -42,11 +42,12 @@ def test_every_node_is_an_executable_with_a_parameter_file(path):
 
 def test_every_remapped_topic_is_one_that_nodes_ask_for():
     from forcecal_ros.recording.topics import ROLES
-    known = {role.topic for role in ROLES.values()}
+    commands = {'joint_trajectory', 'delta_twist_cmds', 'joint_states'}
+    known = {role.topic for role in ROLES.values()} | commands
     table = next(node.value for node in ast.parse(SHARED.read_text()).body
                  if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'TOPICS')
     topics = [topic for topic, _ in ast.literal_eval(table).values()]
-    assert len(topics) == 7
+    assert len(topics) == 11
     assert set(topics) <= known
 
 
@@ -77,3 +78,28 @@ def test_it_describes_its_nodes_and_arguments(path):
                  if isinstance(entity, DeclareLaunchArgument)}
     assert {'wrench', 'current_pose', 'namespace', 'use_sim_time', 'sim'} <= set(arguments)
     assert all(arguments.values())
+
+
+def test_presets_give_topics_and_parameter_files_and_the_users_file_counts_last():
+    pytest.importorskip('launch_ros', reason="ROS 2's launch is not on PyPI")
+    from forcecal_ros.nodes import launching
+    from forcecal_ros.nodes.presets import preset_file
+    from launch import LaunchContext
+    from launch.actions import DeclareLaunchArgument
+
+    def resolved(**given):
+        context = LaunchContext()
+        context.launch_configurations.update(given)
+        for one in launching.describe([], [launching.parameters_argument('sequencer')]):
+            if isinstance(one, DeclareLaunchArgument):
+                one.execute(context)
+        return context.launch_configurations
+
+    found = resolved(robot='ur', controller='moveit_servo', current_pose='/mine')
+    assert found['wrench'] == '/force_torque_sensor_broadcaster/wrench'
+    assert found['delta_twist_cmds'] == '/servo_node/delta_twist_cmds'
+    assert found['current_pose'] == '/mine' and found['target_frame'] == 'target_frame'
+    assert found['sequencer_params'] == str(preset_file('moveit_servo'))
+    assert resolved(robot='ur')['sequencer_params'] == str(preset_file('ur'))
+    assert resolved(robot='ur', sequencer_params='/a.yaml')['sequencer_params'] == '/a.yaml'
+    assert launching.node('sequencer') is not None

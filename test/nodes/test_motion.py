@@ -1,11 +1,13 @@
 """Motion safety over DDS: the sequencer as a process, the robot and its faults played here."""
 
+import re
 import signal
 
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.nodes.runtime import OUTPUT
 from geometry_msgs.msg import PoseStamped
 from live import Live, Robot
+from nav_msgs.msg import Path
 import numpy as np
 import pytest
 from rosgraph_msgs.msg import Clock
@@ -184,6 +186,45 @@ def test_limits_are_checked_on_the_plan_and_refused_with_the_number(ready):
     finally:
         live.set('sequencer', limits__speed=0.25)
     assert not robot.commands
+
+
+def test_a_preview_shows_the_path_and_a_start_may_require_it(ready):
+    live, robot = ready
+    paths = live.latched(Path, 'sequencer/planned_path')
+    assert live.set('sequencer', motion__require_preview=True)[0].successful
+    try:
+        live.until(lambda: 'nothing was shown yet' in live.call('sequencer/start').message, 'no')
+        shown = []
+
+        def previewed():
+            shown.append(live.call('sequencer/preview'))
+            return shown[-1].success
+
+        live.until(previewed, 'a robot at rest')
+        assert re.match(
+            r'calibrate: 6 moves in .* at most 0.18[78] m/s and 1.45 rad/s; ft_sensor stays '
+            r'within 1.000 -?0.000 1.000 to 1.010 0.000 1.000 m, the tip within ',
+            shown[-1].message)
+        live.until(lambda: paths, 'the path')
+        places = np.array([[getattr(pose.pose.position, axis) for axis in 'xyz']
+                           for pose in paths[-1].poses])
+        assert paths[-1].header.frame_id == 'base' and len(places) > 100
+        assert not (robot.commands or live.phases[-1:] not in ([], ['idle'], ['aborted']))
+        live.set('sequencer', pace__speed=0.1)
+        refused = live.call('sequencer/start').message
+        assert refused.startswith('pace.speed changed since the preview')
+        live.set('sequencer', pace__speed=0.2)
+        robot.pose = (*np.add(robot.pose[:3], [0.0, 0.002, 0.0]), *robot.pose[3:])
+        live.spin(0.5)  # until the sequencer has heard of it
+        live.until(lambda: 'the robot has moved by 0.002 m since the preview' in live.call(
+            'sequencer/start').message, 'refusal')
+        live.until(lambda: live.call('sequencer/preview').success, 'another preview')
+        assert live.call('sequencer/start').success
+        live.until(robot.moving, 'motion')
+        live.call('sequencer/abort')
+        live.until(lambda: live.phases[-1] == 'aborted', 'the end')
+    finally:
+        live.set('sequencer', motion__require_preview=False, pace__speed=0.2)
 
 
 @pytest.mark.parametrize('change, reason', [

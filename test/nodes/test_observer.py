@@ -185,7 +185,7 @@ def test_lifecycle_tare_and_takeover(ros_domain, tmp_path, recording):
     path = tmp_path / 'calibration.yaml'
     with Live() as live:
         player = Player(live)
-        live.start('observer', autostart='false', calibration__file=path)
+        live.start('observer', autostart='false', calibration__file=path, tools=tmp_path)
         assert state(live) == 'unconfigured'
         assert not transition(live, Transition.TRANSITION_CONFIGURE)
         assert state(live) == 'unconfigured' and str(path) in live.said('observer')
@@ -215,6 +215,7 @@ def test_lifecycle_tare_and_takeover(ros_domain, tmp_path, recording):
 
         check_takeover(live, player, recording)
         check_settings(live, player, recording)
+        check_tools(live, player, recording, tmp_path)
         assert live.call('observer/reload_calibration').success
         assert live.call('observer/reset').success
         assert transition(live, Transition.TRANSITION_DEACTIVATE)
@@ -249,6 +250,34 @@ def check_takeover(live, player, recording):
     steps = np.abs(np.diff(np.concatenate([before, after])[:, :3], axis=0)).max(axis=0)
     assert (steps < 0.5).all()
     assert abs(after[-1, 2] - before[-1, 2]) > 5
+
+
+def check_tools(live, player, recording, folder):
+    """Take up a tool 1 kg heavier, and put it down again: nothing jumps, and the tare stays."""
+    save(nominal(mass=14.0), folder / 'gripper.yaml')
+    save(replace(nominal(), sensor_frame='other'), folder / 'other.yaml')
+    for name, why in (('other', "is of 'other' with sign 1"), ('none', 'cannot be read'),
+                      ('../gripper', 'name the folder')):
+        (answer,) = live.set('observer', tool=name)
+        assert not answer.successful and why in answer.reason
+    origin = START + 15 * 10**8
+    player.play(recording, 2.0, 2.5, origin=origin, shift=5.0)
+    tared = live.call('observer/tare')
+    assert tared.success, tared.message
+    origin += 5 * 10**8
+    before = player.array(player.play(recording, 2.0, 2.5, origin=origin, shift=5.0))[-100:]
+    assert np.abs(before[:, :3].mean(axis=0)).max() < 0.2
+    for name, kilograms in (('gripper', 6.0), ('', -1.0)):
+        assert live.set('observer', tool=name)[0].successful
+        heard = before
+        for _ in range(2):
+            origin += 5 * 10**8
+            stamps = player.play(recording, 2.0, 2.5, origin=origin, shift=5.0)
+            heard = np.concatenate([heard, player.array(stamps)])
+        assert np.abs(np.diff(heard[:, :3], axis=0)).max() < 0.5
+        moved = np.linalg.norm(heard[-100:, :3].mean(axis=0) - before[-50:, :3].mean(axis=0))
+        assert moved == pytest.approx(abs(kilograms) * 9.80665, abs=0.2)
+        before = heard[-100:]
 
 
 def check_settings(live, player, recording):

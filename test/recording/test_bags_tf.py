@@ -2,10 +2,11 @@
 
 from forcecal_ros.cli import main
 from forcecal_ros.errors import DataError
+from forcecal_ros.observe.transforms import TransformPose
 from forcecal_ros.recording.bags import read_recording
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from scipy.spatial.transform import Rotation
 
@@ -89,6 +90,43 @@ def test_the_pose_of_the_wrench_frame_is_found_by_itself(bag):
     # links are linear between samples 10 ms apart: a(t) (10 ms)^2 / 8 of what turns at 2.5 rad/s
     np.testing.assert_allclose(pose.position, p, atol=2e-4)
     np.testing.assert_allclose(pose.R_base_sensor, R, atol=2e-4)
+
+
+def test_live_the_same_transforms_make_the_same_poses(bag):
+    offline, live = read_recording(bag), TransformPose('base_link', 'tool0')
+    with Reader(bag) as reader:
+        for connection, _, raw in reader.messages():
+            if connection.topic == '/tf_static':
+                live.take_static(raw)
+        found = {pose.stamp_ns: pose.values for connection, _, raw in reader.messages()
+                 if connection.topic == '/tf' and (pose := live.take(raw))}
+    stamps = offline.start_ns + np.round(1e9 * offline.pose.t).astype(int)
+    both = [k for k, stamp in enumerate(stamps) if stamp in found]
+    assert len(found) > 1.9 * len(T) and len(both) > 0.9 * len(T)
+    poses = np.array([found[stamp] for stamp in stamps[both]])
+    # orientations lie on a chord instead of an arc of 25 mrad: 25e-3^3 / 64 off at most
+    np.testing.assert_allclose(poses[:, :3], offline.pose.position[both], atol=1e-6)
+    np.testing.assert_allclose(Rotation.from_quat(poses[:, 3:]).as_matrix(),
+                               offline.pose.R_base_sensor[both], atol=1e-6)
+
+
+def tf_message(*transforms):
+    kind = STORE.types['tf2_msgs/msg/TFMessage']
+    return bytes(STORE.serialize_cdr(kind(list(transforms)), 'tf2_msgs/msg/TFMessage'))
+
+
+def test_a_transform_that_stays_away_ends_the_live_poses():
+    live, here = TransformPose('base', 'tool'), (Rotation.identity(), np.zeros(3))
+    assert live.take(tf_message(transform(10, 'base', 'arm', *here))) is None
+    assert "no frame 'tool' in /tf; frames are arm, base" in live.why_not
+    live.take_static(tf_message(transform(0, 'arm', 'tool', *FIXED)))
+    live.take(tf_message(transform(20, 'base', 'arm', *here)))
+    found = live.take(tf_message(transform(30, 'base', 'arm', *here)))
+    np.testing.assert_allclose(found.values[:3], FIXED[1])
+    assert live.take(tf_message(transform(40, 'base', 'camera', *here))) is None
+    assert live.take(tf_message(transform(30, 'base', 'arm', *here))) is None, 'twice'
+    went_back = live.take(tf_message(transform(-10**10, 'base', 'arm', *here)))
+    assert went_back.stamp_ns == -10**10
 
 
 def test_frames_can_be_named_also_where_both_move(bag):

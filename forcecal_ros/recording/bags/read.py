@@ -11,9 +11,10 @@ from forcecal_ros.recording.bags.batch import Notes
 from forcecal_ros.recording.bags.collect import Collector, frozen, Series
 from forcecal_ros.recording.bags.fields import FIELDS, JOINT_NAMES, JOINTS
 from forcecal_ros.recording.bags.storage import Bag
-from forcecal_ros.recording.bags.transforms import pose_series, PREFIX, TF
+from forcecal_ros.recording.bags.transforms import pose_series, PREFIX
 from forcecal_ros.recording.streams import JointStream, Phase, PoseStream, Recording, Stream
 from forcecal_ros.recording.topics import find_topics, IMU, ROLES, Topic, VECTOR3
+from forcecal_ros.recording.transforms import TF
 import numpy as np
 
 _STREAMS = ('wrench', 'accelerometer', 'imu', 'accel', 'pose', 'target', 'optidrive',
@@ -65,21 +66,24 @@ def read_recording(
         if chain:
             found.pop('pose', None)
         series = _read_series(bag, found)
+        pose_of = ''
         if 'pose' not in found:
-            _pose_of_transforms(bag, chain, found, series)
-        return _recording(bag, found, series, wrench_sign)
+            pose_of = _pose_of_transforms(bag, chain, found, series)
+        return _recording(bag, found, series, wrench_sign, pose_of)
 
 
 def _pose_of_transforms(bag: Bag, chain: str, found: dict[str, Topic],
-                        series: dict[Topic, Series]) -> None:
-    """Find the pose in /tf, where the frames are named or it is that of the wrench."""
+                        series: dict[Topic, Series]) -> str:
+    """Find a pose in /tf, of frames named or of the wrench's; return the frame that it is of."""
     wrench = series.get(found['wrench']) if 'wrench' in found else None
     if not chain and (wrench is None or not wrench.frame):
-        return
-    pose = pose_series(bag, chain, wrench.frame if wrench else '')
-    if pose is not None:
-        found['pose'] = Topic('/tf', TF)
-        series[found['pose']] = pose
+        return ''
+    answer = pose_series(bag, chain, wrench.frame if wrench else '')
+    if answer is None:
+        return ''
+    found['pose'] = Topic('/tf', TF)
+    series[found['pose']], pose_of = answer
+    return pose_of
 
 
 def _choose_accelerometer(
@@ -134,7 +138,7 @@ def _of_one_clock(series: dict[Topic, Series], notes: Notes) -> dict[Topic, Seri
 
 
 def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Series],
-               wrench_sign: int) -> Recording:
+               wrench_sign: int, pose_of: str) -> Recording:
     heard = [one.stamp_ns for one in series.values() if len(one.stamp_ns)]
     if not heard:
         raise DataError(
@@ -153,12 +157,12 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
             values = frozen(values * scale)
         return Stream(one.seconds(start_ns), values, one.frame)
 
-    def poses(role: str) -> PoseStream | None:
+    def poses(role: str, of: str = '') -> PoseStream | None:
         one = series.get(found[role]) if role in found else None
         if one is None:
             return None
         return PoseStream(one.seconds(start_ns), one.values[:, :3],
-                          frozen(_rotations(one.values[:, 3:])), one.frame)
+                          frozen(_rotations(one.values[:, 3:])), one.frame, of)
 
     def joints() -> JointStream | None:
         told = stream('joint_commands')
@@ -170,7 +174,7 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
         wrench=stream('wrench', scale=wrench_sign),
         accelerometer=stream('accelerometer', slice(3)),
         accelerometer_unit='V' if in_volts else 'm/s^2',
-        pose=poses('pose'), target=poses('target'), optidrive=stream('optidrive'),
+        pose=poses('pose', pose_of), target=poses('target'), optidrive=stream('optidrive'),
         contact_truth=stream('contact_truth'), angular_velocity=stream('imu', slice(3, 6)),
         joint_commands=joints(),
         phases=_phases(series.get(found['phase']) if 'phase' in found else None, start_ns, end),

@@ -131,7 +131,7 @@ def _axes(Q: Array, mirrored: bool, std: float, stated: Sequence[float] | None
                'correct the order and the signs of its axes in the driver')
     elif _angle(Q) > limits.TURNED_OFF:
         yield (f"its axes are turned by {_turn(Q, std)} against the sensor's pose{order}",
-               'correct the transform from flange to sensor that current_pose is made with, or '
+               'correct the transform from flange to sensor, your own or --sensor-from-pose, or '
                'state ' + _rotation(Q, stated))
 
 

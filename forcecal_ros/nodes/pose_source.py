@@ -1,0 +1,137 @@
+"""Where the pose of ft_sensor comes from: a topic or /tf, of itself or of what it is fixed to."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from struct import error as StructError
+from typing import Any, NamedTuple
+
+from forcecal_ros.errors import ConfigError
+from forcecal_ros.nodes.wire import frame_of, Reader, Sample
+from forcecal_ros.observe.frames import Placement
+from forcecal_ros.observe.mounting import at_the_sensor, mounting_of
+from forcecal_ros.observe.transforms import TransformPose
+from forcecal_ros.schema import Parameter
+from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+
+SENSOR_FROM_POSE = Parameter(
+    'sensor.from_pose', [0.0], 'x y z [m] qx qy qz qw of ft_sensor in the frame whose pose is '
+    'measured and commanded, a flange or a TCP; one number: both are of ft_sensor')
+
+POSE_PARAMETERS = (
+    Parameter('pose.base', '', 'Frame of /tf that poses are given in; with pose.frame: poses are '
+              'taken from /tf; both empty: from current_pose'),
+    Parameter('pose.frame', '', 'Frame of /tf whose pose is taken, as often as the slowest moving '
+              'transform between the two comes; see sensor.from_pose where it is not ft_sensor'),
+    SENSOR_FROM_POSE)
+
+STATIC = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE,
+                    durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""QoS of /tf_static: as many transforms as a robot has fixed joints and broadcasters."""
+
+REMIND = 5.0
+"""Time between two warnings that the frames are not there, or not connected [s]."""
+
+Read = Callable[[bytes], Sample | None]
+
+
+class PoseSource(NamedTuple):
+    """
+    A topic, and how poses are read from it.
+
+    Attributes
+    ----------
+    name : str
+        What messages to the user call it.
+    read : callable
+        Returns stamp and pose of a serialised message; None where it completes no pose.
+    frame_of : callable
+        Returns the frame_id of poses, of a serialised message.
+    static : Subscription or None
+        Besides, which ends with the node.
+    """
+
+    topic: str
+    name: str
+    message_type: Any
+    read: Read
+    frame_of: Callable[[bytes], str]
+    static: Subscription | None = None
+
+
+def pose_source(node: Node) -> PoseSource:
+    """
+    Return where a node that has ``pose.base`` and ``pose.frame`` takes poses from.
+
+    Raises
+    ------
+    ConfigError
+        One of the two is missing, or tf2_msgs is.
+    """
+    base, frame = (str(node.get_parameter(f'pose.{name}').value) for name in ('base', 'frame'))
+    if not (base or frame):
+        return PoseSource('current_pose', 'current_pose', PoseStamped, Reader(PoseStamped),
+                          frame_of)
+    if not (base and frame):
+        raise ConfigError(f'pose.{"base" if frame else "frame"} is empty, and pose.'
+                          f'{"frame" if frame else "base"} is {frame or base!r}; name both frames '
+                          'of /tf, or neither to take poses from current_pose')
+    message_type = _message_type()
+    poses = TransformPose(base, frame)
+
+    def read(raw: bytes) -> Sample | None:
+        found = poses.take(raw)
+        if found is None and poses.why_not:
+            node.get_logger().warning(f'/tf: {poses.why_not}', throttle_duration_sec=REMIND,
+                                      skip_first=True)
+        return None if found is None else Sample(*found)
+
+    def take_static(raw: bytes) -> None:
+        with suppress(StructError):
+            poses.take_static(raw)
+
+    static = node.create_subscription(message_type, '/tf_static', take_static, STATIC, raw=True)
+    return PoseSource('/tf', f'/tf ({base} to {frame})', message_type, read, lambda raw: base,
+                      static)
+
+
+def _message_type() -> Any:
+    """Return the type of /tf, which no package index has: the one place that wants tf2_msgs."""
+    try:
+        from tf2_msgs.msg import TFMessage
+    except ImportError as error:
+        raise ConfigError(
+            'pose.base and pose.frame take poses from /tf, which wants the package tf2_msgs: '
+            'apt install ros-jazzy-tf2-msgs, or have a PoseStamped published on current_pose'
+        ) from error
+    return TFMessage
+
+
+def mounting_parameter(node: Node) -> Placement | None:
+    """
+    Return what ``sensor.from_pose`` says.
+
+    Raises
+    ------
+    ConfigError
+        It is no pose.
+    """
+    name = SENSOR_FROM_POSE.name
+    numbers: Any = node.get_parameter(name).value
+    return mounting_of(numbers, f'parameter {name}')
+
+
+def at_sensor(read: Read, mounting: Placement | None) -> Read:
+    """Return a reader of poses that makes them those of ft_sensor."""
+    if mounting is None:
+        return read
+
+    def of_sensor(raw: bytes) -> Sample | None:
+        sample = read(raw)
+        if sample is None:
+            return None
+        return Sample(sample.stamp_ns, at_the_sensor(mounting, sample.values))
+
+    return of_sensor

@@ -1,0 +1,32 @@
+"""Presets: topics and parameters that fit the packages of a robot or of a controller."""
+
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from forcecal_ros.safe_yaml import load_yaml
+
+ROBOTS = ('broadcaster', 'franka', 'kuka_fri', 'ur')
+CONTROLLERS = ('admittance_controller', 'cartesian_controllers', 'joint_trajectory_controller',
+               'moveit_servo')
+
+
+def preset_file(name: str) -> Path:
+    """Return the parameter file of a preset, which nodes take as it is."""
+    return Path(str(files('forcecal_ros') / 'config' / 'presets' / f'{name}.yaml'))
+
+
+def read_preset(name: str) -> Mapping[str, dict[str, Any]]:
+    """Return parameters by node; besides ``topics``, names of topics by launch argument."""
+    document = load_yaml(preset_file(name).read_text(), name)
+    return {node.removeprefix('/**/'): parameters['ros__parameters']
+            for node, parameters in document.items()}
+
+
+def topic_of(argument: str, usual: str, *presets: str) -> str:
+    """Return the name of a topic by its launch argument; of several presets the last counts."""
+    for name in reversed(presets):
+        if name and argument in (topics := read_preset(name)['topics']):
+            return str(topics[argument])
+    return usual

@@ -1,0 +1,181 @@
+"""The pose of one frame of /tf in another, as its transforms come."""
+
+from collections import deque
+from math import isfinite, sqrt
+from typing import NamedTuple
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.observe.frames import Placement
+from forcecal_ros.observe.tracking import product, rotate, Vector, ZERO
+from forcecal_ros.recording.transforms import Route, route, Transform, TransformReader
+from forcecal_ros.schema import Vector7
+
+KEPT = 1000
+"""Transforms that are kept of each frame, to interpolate between: one second at 1 kHz. One that is
+later than that against the others counts as lost."""
+
+CLOCK_WENT_BACK = 1_000_000_000
+"""Stamps that go back by more are of a clock that was set, or of a recording that begins again;
+by less, of messages that overtook each other [ns]."""
+
+NEVER = -2**63
+"""Before any stamp [ns]."""
+
+HERE = Placement(ZERO, (0.0, 0.0, 0.0, 1.0))
+
+
+class StampedPose(NamedTuple):
+    """A pose, x y z [m] qx qy qz qw, at a stamp [ns]."""
+
+    stamp_ns: int
+    values: Vector7
+
+
+class TransformPose:
+    """
+    Poses of a frame in a base, each at the newest instant that all transforms between them know.
+
+    As often as the slowest moving transform between the two comes; transforms that come more often
+    are interpolated to its stamp.
+
+    Attributes
+    ----------
+    why_not : str
+        Why there is no pose yet, where frames are unknown or not connected.
+    """
+
+    def __init__(self, base: str, frame: str) -> None:
+        self._base, self._frame = base, frame
+        self._read = TransformReader()
+        self._parents: dict[str, str] = {}
+        self._fixed: dict[str, Placement] = {}
+        self._moving: dict[str, deque[tuple[int, Placement]]] = {}
+        self._route: Route | None = None
+        self._wanted: set[str] = set()
+        self._last = NEVER
+        self.why_not = 'no message'
+
+    def take_static(self, raw: bytes) -> None:
+        """
+        Take a serialised message of /tf_static.
+
+        Raises
+        ------
+        struct.error
+            It is shorter than it says.
+        """
+        for one in self._read(raw):
+            if (place := _placement(one.numbers)) is not None:
+                self._fixed[one.child] = place
+                self._moving.pop(one.child, None)
+                self._attach(one)
+
+    def take(self, raw: bytes) -> StampedPose | None:
+        """
+        Take a serialised message of /tf; return the pose that it completes, if it does.
+
+        Raises
+        ------
+        struct.error
+            It is shorter than it says.
+        """
+        found = self._read(raw)
+        for one in found:
+            if self._parents.get(one.child) != one.parent:
+                self._attach(one)
+        for _, child, stamp, numbers in found:
+            if child in self._wanted and (place := _placement(numbers)) is not None:
+                self._keep(child, stamp, place)
+        return self._newest()
+
+    def _keep(self, child: str, stamp: int, place: Placement) -> None:
+        kept = self._moving.get(child)
+        if kept is None:
+            self._fixed.pop(child, None)
+            kept = self._moving[child] = deque(maxlen=KEPT)
+        elif stamp <= kept[-1][0]:
+            if kept[-1][0] - stamp < CLOCK_WENT_BACK:
+                return
+            self._forget()
+            kept = self._moving[child] = deque(maxlen=KEPT)
+        kept.append((stamp, place))
+
+    def _attach(self, one: Transform) -> None:
+        self._parents[one.child] = one.parent
+        self._find_route()
+
+    def _find_route(self) -> None:
+        try:
+            self._route = route(self._parents, self._base, self._frame, 'pose')
+            self._wanted, self.why_not = {*self._route.up, *self._route.down}, ''
+        except DataError as error:
+            self._route, self._wanted, self.why_not = None, set(), str(error)
+
+    def _forget(self) -> None:
+        self._moving = {}
+        self._last = NEVER
+
+    def _newest(self) -> StampedPose | None:
+        found = self._route
+        if found is None:
+            return None
+        moving = [self._moving.get(frame) for frame in (*found.up, *found.down)
+                  if frame not in self._fixed]
+        if not moving or not all(moving):
+            return None
+        stamp = min(kept[-1][0] for kept in moving if kept)
+        if stamp <= self._last:
+            return None
+        sensor, base = self._along(found.up, stamp), self._along(found.down, stamp)
+        if sensor is None or base is None:
+            return None
+        self._last = stamp
+        i, j, k, r = base.q
+        back = (-i, -j, -k, r)
+        x, y, z = (a - b for a, b in zip(sensor.position, base.position))
+        return StampedPose(stamp, (*rotate(back, (x, y, z)), *product(back, sensor.q)))
+
+    def _along(self, chain: tuple[str, ...], stamp: int) -> Placement | None:
+        """Return where the first frame of a chain is in the parent of the last."""
+        x, y, z = ZERO
+        q = HERE.q
+        for frame in chain:
+            link = self._fixed.get(frame) or _at(self._moving[frame], stamp)
+            if link is None:
+                return None
+            u, v, w = rotate(link.q, (x, y, z))
+            a, b, c = link.position
+            x, y, z, q = u + a, v + b, w + c, product(link.q, q)
+        return Placement((x, y, z), q)
+
+
+def _placement(numbers: tuple[float, ...]) -> Placement | None:
+    """Return what a transform says; None: it is no number, or turns by none."""
+    x, y, z, a, b, c, d = numbers
+    n = a * a + b * b + c * c + d * d
+    if not (n > 0.0 and isfinite(n + x + y + z)):
+        return None
+    k = 1 / sqrt(n)
+    return Placement((x, y, z), (a * k, b * k, c * k, d * k))
+
+
+def _at(kept: deque[tuple[int, Placement]], stamp: int) -> Placement | None:
+    """Return a transform at a stamp that is no later than its newest; None: it was forgotten."""
+    after_ns, after = kept[-1]
+    if after_ns == stamp:
+        return after
+    for before_ns, before in reversed(kept):
+        if before_ns <= stamp:
+            return _between(before, after, (stamp - before_ns) / (after_ns - before_ns))
+        after_ns, after = before_ns, before
+    return None
+
+
+def _between(a: Placement, b: Placement, share: float) -> Placement:
+    """Interpolate position and, along the chord that it is for so small a turn, orientation."""
+    sign = share if sum(m * n for m, n in zip(a.q, b.q)) >= 0 else -share
+    i, j, k, r = (m * (1 - share) + n * sign for m, n in zip(a.q, b.q))
+    n = 1 / sqrt(i * i + j * j + k * k + r * r)
+    x, y, z = (m * (1 - share) + n * share for m, n in zip(a.position, b.position))
+    position: Vector = (x, y, z)
+    return Placement(position, (i * n, j * n, k * n, r * n))
