@@ -172,7 +172,8 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remai
     doubtful = dict(candidates).get(UNKNOWN, 0.0) > 0.5
     beside = allowed and not doubtful
     if not beside and left and (closed < NAMED or doubtful):
-        closest = f'{listed} comes closest and {done}; unexplained: ' if closed > 0.0 else ''
+        closest = (f'{listed} comes closest and would explain {100.0 * closed:.0f} % of the '
+                   'misfit, too little to be named; unexplained: ') if closed > 0.0 else ''
         return 'unknown', (f'no effect of the library explains the gap: {closest}'
                            f'{remains.words}')
     rest = f'; {"what remains" if beside else "unexplained"}: {remains.words}' if left else ''

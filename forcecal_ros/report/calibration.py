@@ -9,8 +9,8 @@ from forcecal_ros.recording.level import levelled
 from forcecal_ros.recording.mount import in_axes_of_pose
 from forcecal_ros.recording.streams import Recording, Stream
 from forcecal_ros.report import figures
-from forcecal_ros.report.page import embedded, png, render_page
-from forcecal_ros.report.rows import interval, promises, Row, table, value
+from forcecal_ros.report.page import picture, render_page
+from forcecal_ros.report.rows import interval, Row, table, value
 from matplotlib.figure import Figure
 
 
@@ -77,7 +77,7 @@ def _pictures(recording: Recording, calibration: Calibration,
     drawn.append(('Noise against response', words, figures.noise_against_rise(calibration)))
     for title, words, figure in drawn:
         if figure is not None:
-            yield {'title': title, 'words': words, 'png': embedded(png(figure, dpi=130))}
+            yield picture(title, words, figure, dpi=130)
 
 
 def _flat(quality: Mapping[str, Any], prefix: str = '') -> Any:

@@ -14,6 +14,14 @@ from forcecal_ros.recording.streams import Phase
 import numpy as np
 from numpy.typing import NDArray
 
+SEEN = 4.0
+"""Standard deviations above which a time-frequency bin is coloured."""
+
+FAINT = 0.05
+"""Excess, in noise RMS, below which a bin is not worth looking at however sure it is."""
+
+_INDEX = {c.name: i for i, c in enumerate(CHANNELS)}
+
 
 @dataclass(frozen=True)
 class View:
@@ -50,13 +58,37 @@ class View:
     explained: Array
     cells: tuple[Cell, ...]
 
+    def focus(self) -> Cell | None:
+        """Return the place that the verdict speaks of, the strongest; None where all is noise."""
+        for w in self.diagnosis.where:
+            if any(p.name == w.phase for p in self.phases):
+                return Cell(_INDEX[w.channel], w.phase, w.band_hz, w.excess, SEEN)
+        if self.diagnosis.verdict == 'no_gap':
+            return None
+        return max((c for c in self.cells if c.z > SEEN and c.excess > FAINT),
+                   key=lambda c: c.z, default=None)
+
+    def span(self) -> Phase | None:
+        """Return the phase of the focus, of several the one with most of the misfit."""
+        place = self.focus()
+        if place is None:
+            return None
+        square = np.where(self.present[:, place.channel],
+                          self.recalibrated[:, place.channel] ** 2, 0.0)
+
+        def misfit(phase: Phase) -> float:
+            rows = (self.times >= phase.start) & (self.times < phase.end)
+            return float(square[rows].sum())
+
+        return max((p for p in self.phases if p.name == place.phase), key=misfit, default=None)
+
     def channels(self, count: int) -> list[int]:
         """Return the channels that changed most or, where none did, the first ones."""
-        index = {c.name: i for i, c in enumerate(CHANNELS)}
-        listed = list(dict.fromkeys(index[w.channel] for w in self.diagnosis.where))
-        listed += [i for i in range(len(CHANNELS))
-                   if self.present[:, i].mean() > 0.5 and i not in listed]
-        return listed[:count]
+        place = self.focus()
+        listed = [] if place is None else [place.channel]
+        listed += [_INDEX[w.channel] for w in self.diagnosis.where]
+        listed += [i for i in range(len(CHANNELS)) if self.present[:, i].mean() > 0.5]
+        return list(dict.fromkeys(listed))[:count]
 
 
 def view_without_signals(diagnosis: Diagnosis) -> View:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.report import impedance_figures as drawn
-from forcecal_ros.report.page import embedded, png, render_page
+from forcecal_ros.report.page import picture, png, render_page
 from forcecal_ros.report.text import aligned
 from forcecal_ros.reproduce.assess import Figures
 from forcecal_ros.reproduce.experiment import Experiment
@@ -105,8 +105,7 @@ def render(experiment: Experiment, images: Mapping[str, bytes], origin: str) -> 
     for name, image in images.items():
         _, number, accelerometer = name.removesuffix('.png').split('_')
         title, words = WORDS[number]
-        figures.append({'title': f'{title} ({PAPER[accelerometer]})', 'words': words,
-                        'png': embedded(image)})
+        figures.append(picture(f'{title} ({PAPER[accelerometer]})', words, image))
     return render_page('impedance.html.j2', 'Contact experiment', origin=origin,
                        tables=list(tables(experiment)), figures=figures)
 

@@ -7,7 +7,7 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.insitu import SensorResult
 from forcecal_ros.insitu.result import DataSetResult
 from forcecal_ros.report.insitu_figures import force_clouds, singular_values, subspace_clouds
-from forcecal_ros.report.page import embedded, png, render_page
+from forcecal_ros.report.page import picture, png, render_page
 from forcecal_ros.report.text import aligned
 import numpy as np
 
@@ -44,8 +44,8 @@ def render(results: Sequence[SensorResult], drawn: Mapping[str, Mapping[str, byt
     """
     sensors = [{
         'name': r.name, 'warnings': r.warnings, 'tables': list(tables(r)),
-        'figures': [{'title': title.replace('_', ' ').capitalize(), 'words': WORDS[title],
-                     'png': embedded(image)} for title, image in drawn[r.name].items()],
+        'figures': [picture(title.replace('_', ' ').capitalize(), WORDS[title], image)
+                    for title, image in drawn[r.name].items()],
     } for r in results]
     return render_page('insitu.html.j2', 'In-situ calibration', origin=origin, sensors=sensors)
 
