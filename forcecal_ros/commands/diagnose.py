@@ -268,7 +268,8 @@ def _written(args: argparse.Namespace, recordings: list[Any], outcome: Any, rig:
     from forcecal_ros.diagnose.advice import advice
     from forcecal_ros.report.diagnosis import render
     from forcecal_ros.report.diagnosis_view import view_of, view_without_signals
-    from forcecal_ros.report.diagnosis_words import headline, next_step, origin
+    from forcecal_ros.report.diagnosis_words import headline, next_step
+    from forcecal_ros.report.origin import origin
 
     diagnosis, folder = outcome.diagnosis, args.output
     named = args.rig or args.calibration or args.simulated or args.simulator
@@ -284,7 +285,7 @@ def _written(args: argparse.Namespace, recordings: list[Any], outcome: Any, rig:
         **files}, FILES)
     verdict = f'{diagnosis.verdict}: {diagnosis.reason}'
     said = headline(diagnosis)
-    text = '\n'.join((verdict, *(() if diagnosis.reason in said else (said,)),
+    text = '\n'.join((verdict, *((said,) if diagnosis.effects else ()),
                       f'next: {step.words} {step.command}'.rstrip(), f'written to {folder}'))
     return Answer(document, text, verdict, (*recordings[0].notes, *diagnosis.notes),
                   1 if diagnosis.verdict == 'invalid_data' else 0)

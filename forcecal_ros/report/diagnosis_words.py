@@ -1,22 +1,17 @@
 """The first screen of a diagnosis: what, how large, how sure, where, when, and what to do next."""
 
 from collections.abc import Iterator, Sequence
-from datetime import datetime, timezone
 import shlex
-from typing import NamedTuple
 
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.recording.streams import Recording
 from forcecal_ros.report.diagnosis_view import View
 from forcecal_ros.report.effect_words import phrase, sentence
 from forcecal_ros.report.quantity import percent, size
+from forcecal_ros.report.words import Fact, Step
 
 NAMED = ('identified', 'ambiguous', 'partial')
 """Verdicts that name effects: of these alone a share of the misfit is said."""
-
-DATED = 10 ** 18
-"""Stamps before this, of 2001, are of a clock that began with the simulation [ns]."""
 
 HEADS = {
     'no_gap': 'The simulation explains this recording down to its noise.',
@@ -28,21 +23,6 @@ HEADS = {
 
 
 _CHANNELS = {c.name for c in CHANNELS}
-
-
-class Step(NamedTuple):
-    """What to do next: a sentence, and the command that does it where there is one."""
-
-    words: str
-    command: str = ''
-
-
-class Fact(NamedTuple):
-    """One line of the first screen."""
-
-    label: str
-    words: str
-    command: str = ''
 
 
 def headline(d: Diagnosis) -> str:
@@ -93,7 +73,8 @@ def facts(view: View, step: Step) -> list[Fact]:
 
 def _begun(words: str) -> str:
     """Begin a sentence with a capital, unless it begins with the name of a channel."""
-    return words if words.partition(' ')[0] in _CHANNELS else words[:1].upper() + words[1:]
+    first = words.partition(' ')[0]
+    return words if first in _CHANNELS or '_' in first else words[:1].upper() + words[1:]
 
 
 def _in_full(d: Diagnosis) -> str:
@@ -131,25 +112,6 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str]) -> Step
                             'forcecal plan -o plan.yaml'),
         'invalid_data': Step('Mend what is named above, and diagnose again.'),
     }.get(d.verdict, Step('Give the simulation what was found, and compare again.'))
-
-
-def origin(recordings: Sequence[Recording]) -> list[str]:
-    """Say of each recording which one it is, when it was made and how long it is."""
-    return [' · '.join(part for part in (one.source, _made(one), _lasting(one)) if part)
-            for one in recordings]
-
-
-def _made(recording: Recording) -> str:
-    if recording.start_ns < DATED:
-        return 'on simulated time'
-    return datetime.fromtimestamp(recording.start_ns / 1e9, timezone.utc).strftime(
-        '%Y-%m-%d %H:%M:%S UTC')
-
-
-def _lasting(recording: Recording) -> str:
-    ends = [s.t[-1] for s in (recording.wrench, recording.pose, recording.target)
-            if s is not None and len(s)]
-    return f'{max(ends):.0f} s' if ends else ''
 
 
 def _how_large(view: View) -> str:

@@ -43,9 +43,28 @@ def tables(experiment: Experiment) -> Iterator[Table]:
     yield _gains(experiment)
 
 
+def conclusions(experiment: Experiment) -> Iterator[tuple[str, str]]:
+    """Yield each accelerometer and a sentence on what its observer is worth."""
+    for name in experiment.calibrations:
+        found = {row.feedback: row.figures for row in experiment.rows
+                 if row.accelerometer == name}
+        if 'kalman' in found and 'raw' in found:
+            yield PAPER[name], f'{_with("kalman", found)} {_with("raw", found)}'
+
+
+def _with(feedback: str, found: Mapping[str, Figures]) -> str:
+    f = found[feedback]
+    by = {'kalman': 'With the observer’s force', 'raw': 'With the raw sensor’s'}[feedback]
+    if not f.phantom_peak < RUNAWAY:
+        return f'{by} the loop runs away before it touches anything.'
+    settles = (f'settles in {f.settling:.2f} s' if f.settling == f.settling else 'never settles')
+    return (f'{by} free motion feels like {f.phantom_rms:.2g} N of contact (RMS), and contact '
+            f'{settles}, {f.force_error:.2g} N off.')
+
+
 def text(experiment: Experiment) -> str:
-    """Return the tables for a terminal."""
-    parts = []
+    """Return conclusions and tables for a terminal."""
+    parts = [*(f'{name}: {said}' for name, said in conclusions(experiment)), '']
     for title, head, rows, notes in tables(experiment):
         parts += [title, *('  ' + line for line in aligned([head, *rows])), *notes, '']
     return '\n'.join(parts)
@@ -107,6 +126,7 @@ def render(experiment: Experiment, images: Mapping[str, bytes], origin: str) -> 
         title, words = WORDS[number]
         figures.append(picture(f'{title} ({PAPER[accelerometer]})', words, image))
     return render_page('impedance.html.j2', 'Contact experiment', origin=origin,
+                       headlines=list(conclusions(experiment)),
                        tables=list(tables(experiment)), figures=figures)
 
 

@@ -15,10 +15,12 @@ from forcecal_ros.report import diagnosis_figures as figures
 from forcecal_ros.report import page as pages
 from forcecal_ros.report.diagnosis import render, TONES
 from forcecal_ros.report.diagnosis_view import View, view_without_signals
-from forcecal_ros.report.diagnosis_words import facts, headline, next_step, origin, Step
+from forcecal_ros.report.diagnosis_words import facts, headline, next_step
 from forcecal_ros.report.effect_words import sentence, WORDS
+from forcecal_ros.report.origin import origin
 from forcecal_ros.report.panels import between, Line, live, MOST_POINTS
 from forcecal_ros.report.quantity import beside, percent, quantity, rounded
+from forcecal_ros.report.words import Step
 import numpy as np
 import pytest
 
