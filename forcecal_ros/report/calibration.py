@@ -126,11 +126,10 @@ def _cells(row: Row, with_truth: bool) -> list[str]:
     return cells
 
 
-def _before_and_after(recording: Recording, c: Calibration, contact: Stream | None
-                      ) -> Iterator[Picture]:
+def forces(recording: Recording, c: Calibration, contact: Stream) -> Shown:
+    """Show the force of sensor and observer, and the true one where a simulator says it."""
     wrench, truth = recording.wrench, recording.contact_truth
-    if wrench is None or contact is None or not len(contact):
-        return
+    assert wrench is not None
     panels = tuple(Panel(f'force {axis}', 'N', (
         Line('sensor, bias removed', 'simulated', wrench.t,
              wrench.values[:, i] - c.wrench_bias.value[i]),
@@ -138,10 +137,16 @@ def _before_and_after(recording: Recording, c: Calibration, contact: Stream | No
             Line('true contact force', 'other', truth.t, truth.values[:, i]),)),
         Line('contact force', 'explained', contact.t, contact.values[:, i])))
         for i, axis in enumerate('xyz'))
+    return Shown(panels, recording.phases, float(wrench.t[0]), float(wrench.t[-1]))
+
+
+def _before_and_after(recording: Recording, c: Calibration, contact: Stream | None
+                      ) -> Iterator[Picture]:
+    if recording.wrench is None or contact is None or not len(contact):
+        return
     yield picture('Force before and after', (
         'What the sensor shows without its bias, and the contact force that the observer makes of '
-        'it: weight and inertia of the tool are gone.'),
-        Shown(panels, recording.phases, float(wrench.t[0]), float(wrench.t[-1])))
+        'it: weight and inertia of the tool are gone.'), forces(recording, c, contact))
 
 
 def _pictures(recording: Recording, calibration: Calibration, contact: Stream | None

@@ -21,7 +21,7 @@ EXCITING, STANDING = ('step', 'sweep', 'reverse'), ('measure', 'settle', 'idle',
 MOST_POINTS = 2400
 """Most points of a line: more than two for each dot across a page."""
 
-LABELLED = 0.06
+LABELLED = 0.05
 """Share of the time shown from which a phase has room for its name."""
 
 WIDTH, HEIGHT = 9.0, 1.9

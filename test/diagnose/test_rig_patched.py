@@ -70,7 +70,7 @@ def test_the_patched_rig_shrinks_the_gap_as_claimed(diagnosed):
 
 def test_the_report_is_one_file_with_all_parts(diagnosed):
     page = (diagnosed / 'out' / 'report.html').read_text()
-    assert 'wrench_delay explains' in page
+    assert 'The wrench comes ' in page and ' ms late (' in page
     for part in ('Where it shows most', 'How far', 'Where else', 'Signals', 'What is left',
                  'Spectra', 'What it may be', 'Its numbers'):
         assert f'<h2>{part}' in page

@@ -20,6 +20,10 @@ def test_every_link_leads_somewhere(page):
         assert target.startswith('http') or (page.parent / target).exists(), target
 
 
+def test_the_readme_is_read_in_four_minutes():
+    assert len((ROOT / 'README.md').read_text().split()) <= 900
+
+
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
 def test_every_command_named_exists_with_its_options(page):
     text = page.read_text().replace('\\\n', ' ')
