@@ -46,6 +46,8 @@ setup(
         'scale': SCALE,
         # pictures of reports that zoom; rosdep has no key for it, and pages do without
         'plots': PLOTS,
+        # the pages of docs/ as a site: sphinx-build -W -c docs . build/site
+        'docs': ['furo>=2024.1', 'myst-parser>=3.0', 'sphinx>=7.2'],
         # for machines without a ROS 2 distribution; colcon and rosdep never ask for it
         'ros': [
             'ros-jazzy-common-interfaces==5.3.6',
