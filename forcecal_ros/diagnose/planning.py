@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from forcecal_ros.diagnose.excitation import Excitation, excitation
 from forcecal_ros.effects.rig import Rig
@@ -23,10 +24,9 @@ SETTLE = 0.5
 """How long the tool is expected to settle [s]."""
 
 
-@dataclass(frozen=True)
-class Planned:
+class Motion(NamedTuple):
     """
-    A sequence and what it shows.
+    A sequence as it will be commanded.
 
     Attributes
     ----------
@@ -35,10 +35,19 @@ class Planned:
     limits : Limits
         Those of the sequencer, as far out in X as contact needs.
     target : PoseStream
-        As it will be commanded.
     phases : tuple of Phase
-    excitation : Excitation
     """
+
+    poses: Mapping[str, Pose]
+    timing: Timing
+    limits: Limits
+    target: PoseStream
+    phases: tuple[Phase, ...]
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A sequence as :class:`Motion` has it, and what it shows."""
 
     poses: Mapping[str, Pose]
     timing: Timing
@@ -49,8 +58,14 @@ class Planned:
 
 
 def plan_for(rig: Rig, *, contact: bool) -> Planned:
+    """Plan a recording for a rig, as :func:`motion_for` does, and say what it shows."""
+    motion = motion_for(rig, contact=contact)
+    return Planned(*motion, excitation(rig, motion.target, motion.phases))
+
+
+def motion_for(rig: Rig, *, contact: bool) -> Motion:
     """
-    Plan a recording for a rig.
+    Plan the motion that shows a diagnosis what it needs.
 
     Parameters
     ----------
@@ -61,7 +76,7 @@ def plan_for(rig: Rig, *, contact: bool) -> Planned:
 
     Returns
     -------
-    Planned
+    Motion
 
     Raises
     ------
@@ -85,7 +100,7 @@ def plan_for(rig: Rig, *, contact: bool) -> Planned:
     segments = diagnosis_plan(poses, step_goal(home, timing.contact_distance), timing)
     parts = prepare(segments, home, Pace(), limits)
     target, phases = preview(parts, 1.0 / rig.robot.period, SETTLE)
-    return Planned(poses, timing, limits, target, phases, excitation(rig, target, phases))
+    return Motion(poses, timing, limits, target, phases)
 
 
 def poses_of(rig: Rig) -> dict[str, Pose]:

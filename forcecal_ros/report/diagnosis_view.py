@@ -11,6 +11,7 @@ from forcecal_ros.diagnose.simulation import Signals
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.autoregression import fit_autoregression
 from forcecal_ros.recording.streams import Phase
+from forcecal_ros.report.panels import joined
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +20,9 @@ SEEN = 4.0
 
 FAINT = 0.05
 """Excess, in noise RMS, below which a bin is not worth looking at however sure it is."""
+
+LOOKED_AT = 2.0
+"""What is shown at most of a phase that is twice as long [s]: some 500 block means."""
 
 _INDEX = {c.name: i for i, c in enumerate(CHANNELS)}
 
@@ -69,18 +73,21 @@ class View:
                    key=lambda c: c.z, default=None)
 
     def span(self) -> Phase | None:
-        """Return the phase of the focus, of several the one with most of the misfit."""
+        """Return when the misfit of the focus is largest: a phase, or the worst part of it."""
         place = self.focus()
         if place is None:
             return None
         square = np.where(self.present[:, place.channel],
                           self.recalibrated[:, place.channel] ** 2, 0.0)
+        total = np.concatenate([[0.0], np.cumsum(square)])
 
-        def misfit(phase: Phase) -> float:
-            rows = (self.times >= phase.start) & (self.times < phase.end)
-            return float(square[rows].sum())
+        def misfit(part: Phase) -> float:
+            first, last = np.searchsorted(self.times, [part.start, part.end])
+            return float(total[last] - total[first])
 
-        return max((p for p in self.phases if p.name == place.phase), key=misfit, default=None)
+        parts = [part for phase in joined(self.phases) if phase.name == place.phase
+                 for part in _parts(phase)]
+        return max(parts, key=misfit, default=None)
 
     def channels(self, count: int) -> list[int]:
         """Return the channels that changed most or, where none did, the first ones."""
@@ -89,6 +96,15 @@ class View:
         listed += [_INDEX[w.channel] for w in self.diagnosis.where]
         listed += [i for i in range(len(CHANNELS)) if self.present[:, i].mean() > 0.5]
         return list(dict.fromkeys(listed))[:count]
+
+
+def _parts(phase: Phase) -> list[Phase]:
+    """Cut a phase that is too long to look at into parts that overlap by half."""
+    halves = int((phase.end - phase.start) / (0.5 * LOOKED_AT))
+    if halves < 4:
+        return [phase]
+    starts = np.linspace(phase.start, phase.end - LOOKED_AT, halves)
+    return [Phase(phase.name, float(start), float(start) + LOOKED_AT) for start in starts]
 
 
 def view_without_signals(diagnosis: Diagnosis) -> View:

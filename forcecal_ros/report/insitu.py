@@ -8,7 +8,7 @@ from forcecal_ros.insitu import SensorResult
 from forcecal_ros.insitu.result import DataSetResult
 from forcecal_ros.report.insitu_figures import force_clouds, singular_values, subspace_clouds
 from forcecal_ros.report.page import picture, png, render_page
-from forcecal_ros.report.quantity import rounded, size
+from forcecal_ros.report.quantity import rounded
 from forcecal_ros.report.text import aligned
 import numpy as np
 
@@ -65,12 +65,17 @@ def conclusion(result: SensorResult) -> str:
                 'to check them.')
     d, stated, found = max(judged, key=lambda one: abs(one[2] / one[1] - 1.0))
     said = (f'Matrix and offset are calibrated. Masses that they never saw come out within '
-            f'{size(abs(found / stated - 1.0), "1", 2)} ({d.name}: {rounded(found, 4)} for '
+            f'{_share(found / stated)} ({d.name}: {rounded(found, 4)} for '
             f'{stated:g} kg)')
     maker = [abs(d.by_manufacturer.mass / stated - 1.0) for d, stated, _ in judged
              if d.by_manufacturer is not None]
-    return f'{said}; by the manufacturer’s matrix, {size(max(maker), "1", 2)}.' if (
+    return f'{said}; by the manufacturer’s matrix, {_share(1.0 + max(maker))}.' if (
         maker) else f'{said}.'
+
+
+def _share(ratio: float) -> str:
+    """Say how far a ratio is from one."""
+    return f'{rounded(100.0 * abs(ratio - 1.0), 2)} %'
 
 
 def text(result: SensorResult) -> str:

@@ -1,6 +1,7 @@
 """Signals over time, one panel above the other: as a picture, and as a plot that zooms."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from forcecal_ros.geometry import Array
@@ -70,6 +71,17 @@ class Shown(NamedTuple):
     instants: tuple[float, ...] = ()
 
 
+def joined(phases: Iterable[Phase]) -> tuple[Phase, ...]:
+    """Join phases of one name that follow each other: a sweep is a hundred moves."""
+    out: list[Phase] = []
+    for phase in phases:
+        if out and out[-1].name == phase.name and phase.start - out[-1].end < 1e-6:
+            out[-1] = replace(out[-1], end=phase.end)
+        else:
+            out.append(phase)
+    return tuple(out)
+
+
 def kind(phase: str) -> str:
     """Say which tint a phase has; empty: none."""
     if phase in STANDING:
@@ -134,7 +146,7 @@ def _shade(axes: Axes, shown: Shown, named: bool) -> None:
 
 
 def _visible(shown: Shown) -> Iterator[tuple[str, float, float]]:
-    for phase in shown.phases:
+    for phase in joined(shown.phases):
         start, end = max(phase.start, shown.start), min(phase.end, shown.end)
         if end > start:
             yield phase.name, start, end
