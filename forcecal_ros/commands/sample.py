@@ -48,7 +48,7 @@ def _rig(args: argparse.Namespace) -> int:
     rig, folder = load_rig(), Path(args.output)
     say_if_compiling(waits_for_compiler(), 'the simulator')
     make_folder(folder)
-    moved = motion_for(rig, contact=True)
+    moved = motion_for(rig, contact=True, brief=True)
     for i, (name, effects) in enumerate((('sound', {}), ('late', LATE))):
         recording = simulate(with_effects(rig, effects) if effects else rig, moved.target,
                              seed=args.seed + i)

@@ -63,7 +63,7 @@ def plan_for(rig: Rig, *, contact: bool) -> Planned:
     return Planned(*motion, excitation(rig, motion.target, motion.phases))
 
 
-def motion_for(rig: Rig, *, contact: bool) -> Motion:
+def motion_for(rig: Rig, *, contact: bool, brief: bool = False) -> Motion:
     """
     Plan the motion that shows a diagnosis what it needs.
 
@@ -73,6 +73,8 @@ def motion_for(rig: Rig, *, contact: bool) -> Motion:
         From whose home it starts.
     contact : bool
         Whether the wall is to be touched.
+    brief : bool
+        Without slow reversals and turns, and with one touch instead of two.
 
     Returns
     -------
@@ -94,10 +96,12 @@ def motion_for(rig: Rig, *, contact: bool) -> Motion:
         if not 0.0 < way < 0.5 or home.R_base_sensor[0, 0] < 0.9:
             raise DataError(f'the wall at X = {rig.wall.position:g} m is not in front of the tip '
                             f'at X = {reach[0]:.3f} m; plan without contact, or mend home')
-        timing = replace(timing, contact_distance=round(way, 4), contacts=2)
+        timing = replace(timing, contact_distance=round(way, 4), contacts=2 - brief)
         far = np.maximum(limits.workspace_max, [reach[0] + way + 0.004, 0.0, 0.0])
         limits = replace(limits, workspace_max=far)
-    segments = diagnosis_plan(poses, step_goal(home, timing.contact_distance), timing)
+    segments = tuple(
+        one for one in diagnosis_plan(poses, step_goal(home, timing.contact_distance), timing)
+        if not (brief and (one.phase == 'reverse' or one.label.startswith('about'))))
     parts = prepare(segments, home, Pace(), limits)
     target, phases = preview(parts, 1.0 / rig.robot.period, SETTLE)
     return Motion(poses, timing, limits, target, phases)

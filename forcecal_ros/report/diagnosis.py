@@ -3,13 +3,14 @@
 from collections.abc import Iterator
 
 from forcecal_ros.diagnose.result import Diagnosis
+from forcecal_ros.diagnose.verdict import percent
 from forcecal_ros.report import diagnosis_figures as figures
 from forcecal_ros.report.diagnosis_view import View
 from forcecal_ros.report.diagnosis_words import explained, facts, headline, NAMED
 from forcecal_ros.report.effect_words import phrase
 from forcecal_ros.report.page import Picture, picture, render_page
 from forcecal_ros.report.panels import Shown
-from forcecal_ros.report.quantity import beside, percent, rounded
+from forcecal_ros.report.quantity import beside, rounded
 from forcecal_ros.report.words import Step
 from matplotlib.figure import Figure
 

@@ -5,9 +5,10 @@ import shlex
 
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.result import Diagnosis
+from forcecal_ros.diagnose.verdict import percent
 from forcecal_ros.report.diagnosis_view import View
 from forcecal_ros.report.effect_words import phrase, sentence
-from forcecal_ros.report.quantity import percent, size
+from forcecal_ros.report.quantity import size
 from forcecal_ros.report.words import Fact, Step
 
 NAMED = ('identified', 'ambiguous', 'partial')

@@ -57,14 +57,6 @@ def beside(values: Sequence[float], unit: str) -> tuple[str, list[str]]:
     return shown, [f'{value * factor:.{decimals}f}' for value in values]
 
 
-def percent(share: float) -> str:
-    """Write a share; what is not all is never called 100 %, what is not nothing never 0 %."""
-    whole = round(100.0 * share)
-    if whole == 100 and share < 1.0:
-        return 'over 99 %'
-    return 'under 1 %' if whole == 0 and share > 0.0 else f'{whole} %'
-
-
 def rounded(value: float, digits: int = 3) -> str:
     """Write a number in so many significant digits, without an exponent where it is readable."""
     if not isfinite(value) or value == 0.0:

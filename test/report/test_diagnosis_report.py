@@ -8,6 +8,7 @@ import sys
 from forcecal_ros.diagnose.channels import CHANNELS, units
 from forcecal_ros.diagnose.gap import Gap
 from forcecal_ros.diagnose.result import Diagnosis, Found, Parameter
+from forcecal_ros.diagnose.verdict import percent
 from forcecal_ros.diagnose.where import Place
 from forcecal_ros.effects.library import EFFECTS
 from forcecal_ros.recording.streams import Phase, Recording, Stream
@@ -19,7 +20,7 @@ from forcecal_ros.report.diagnosis_words import facts, headline, next_step
 from forcecal_ros.report.effect_words import sentence, WORDS
 from forcecal_ros.report.origin import origin
 from forcecal_ros.report.panels import between, Line, live, MOST_POINTS
-from forcecal_ros.report.quantity import beside, percent, quantity, rounded
+from forcecal_ros.report.quantity import beside, quantity, rounded
 from forcecal_ros.report.words import Step
 import numpy as np
 import pytest
