@@ -224,7 +224,7 @@ def _by_simulator(args: argparse.Namespace) -> Answer:
         found = diagnose_rerun(real, more[0] if more else None, simulator, rig)
         document = to_document(found.outcome.diagnosis, of_channels, None)
         document |= {'explained_by': simulator.name, **found.document()}
-        answer = _written(args, real, found.outcome, rig, of_channels, document, {})
+        answer = _written(args, [real, *more], found.outcome, rig, of_channels, document, {})
         told = [f'change {one}' for one in found.changed]
         return answer._replace(text='\n'.join([answer.text, *told]))
 
@@ -253,6 +253,8 @@ def _with_model(args: argparse.Namespace, outcome: Any) -> Any:
 
 def _compared(args: argparse.Namespace) -> str:
     """Say what a recording was compared with."""
+    if args.simulator or args.mujoco:
+        return str(args.simulator or args.mujoco)
     if args.simulated:
         return ' and '.join(filter(None, (args.simulated, args.heldout_simulated)))
     return ' and '.join(filter(None, (args.calibration, args.rig))) or (

@@ -104,17 +104,19 @@ WORDS = {
     'unknown': Words('something that is none of the known effects',
                      'It is none of the known effects'),
 }
-"""By name of the effect; one whose words are missing is called by its name."""
+"""By name of the effect; all others are parameters of somebody's simulator."""
 
 
 def phrase(name: str) -> str:
     """Say what an effect is, without numbers."""
-    return WORDS[name].phrase if name in WORDS else name.replace('_', ' ')
+    return WORDS[name].phrase if name in WORDS else f'{name} is not what the simulator has'
 
 
 def sentence(effect: Found) -> str:
     """Say what was found and how large it is, without the full stop."""
-    said = WORDS[effect.name].sentence if effect.name in WORDS else f'{phrase(effect.name)}: {ALL}'
+    if effect.name not in WORDS:  # a parameter of somebody's simulator
+        return f'{effect.name} should be {sizes(effect).removeprefix("value ")}'
+    said = WORDS[effect.name].sentence
     for name, p in effect.parameters.items():
         said = said.replace(f'{{{name}}}', number(effect.name, name, p))
     return said.replace(ALL, sizes(effect))
@@ -130,11 +132,12 @@ def sizes(effect: Found) -> str:
 
 
 def number(effect: str, name: str, p: Parameter) -> str:
-    """Write one number of an effect; a relative one that only shapes it stays a number."""
-    unit = '' if p.unit == '1' and _shapes(effect, name) else p.unit
+    """Write one number of an effect; one that only shapes it, or is no change, has no percent."""
+    plain = _shapes(effect, name) or effect not in WORDS
     known = _quantities(effect).get(name)
     signed = known is None or known.low < 0.0 <= known.high
-    return quantity(p.value, p.std, unit, signed=signed and not _shapes(effect, name)).strip()
+    return quantity(p.value, p.std, '' if p.unit == '1' and plain else p.unit,
+                    signed=signed and not plain).strip()
 
 
 def _called(name: str) -> str:

@@ -84,6 +84,11 @@ def test_a_sentence_leaves_out_what_is_chance():
     assert sentence(limit).endswith('ends: limit 60.0 ± 0.5 N')
 
 
+def test_a_number_of_somebodys_simulator_is_called_by_its_name():
+    friction = Found('friction', {'value': Parameter(0.4213, 0.004, '1')}, 0.9)
+    assert sentence(friction) == 'friction should be 0.421 ± 0.004'
+
+
 def test_the_first_sentence_says_what_how_large_how_sure_and_how_much_it_explains():
     assert headline(IDENTIFIED) == ('The wrench comes 4.00 ± 0.14 ms late (97 %). Adding it '
                                     'explains 98 % of the misfit (95 %: 97 to 99 %).')
