@@ -22,6 +22,8 @@ HEADS = {
 }
 """First sentence of the verdicts that name no effect; the reason follows a colon."""
 
+SHARE = ' of the misfit'
+"""A verdict of effects that show in stamps and values alone says no share, nor does its page."""
 
 _CHANNELS = {c.name for c in CHANNELS}
 
@@ -45,7 +47,7 @@ def headline(d: Diagnosis) -> str:
 
 def explained(d: Diagnosis) -> str:
     """Say which share of the misfit the named effects explain; empty where that is not known."""
-    if d.verdict not in NAMED or d.gap is None or not d.gap.closed > 0.0:
+    if d.verdict not in NAMED or d.gap is None or SHARE not in d.reason:
         return ''
     low, high = d.gap.closed_ci95
     them = 'it' if len(d.effects) == 1 else 'them'
@@ -80,7 +82,7 @@ def _begun(words: str) -> str:
 
 def _in_full(d: Diagnosis) -> str:
     """Return the verdict's own sentence where it says more than what stands above."""
-    if HEADS.get(d.verdict, '').endswith(' ') or d.reason.endswith('% of the misfit'):
+    if HEADS.get(d.verdict, '').endswith(' ') or d.reason.endswith(SHARE):
         return ''
     return f'{d.reason}.'
 

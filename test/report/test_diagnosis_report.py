@@ -121,6 +121,12 @@ def test_a_verdict_that_names_nothing_says_no_share(verdict):
     assert NO_REASON in page.lower()
 
 
+def test_an_effect_that_shows_in_stamps_alone_explains_no_share():
+    lost = replace(IDENTIFIED, reason='dropouts shows in stamps and values', effects=(
+        Found('dropouts', {'wrench': Parameter(0.02, 0.001, '1')}, 0.99),))
+    assert headline(lost) == 'Messages get lost: wrench 2.00 ± 0.10 % (99 %).'
+
+
 def test_every_share_on_the_page_is_the_same_one():
     page = render(view_without_signals(IDENTIFIED), ['bag'], NEXT)
     assert set(re.findall(r'explains ([\w ]+ %)', page)) == {'98 %'}
