@@ -28,7 +28,7 @@ class Picture(NamedTuple):
     png : str
         The picture as text; it is printed, and shown where nothing can zoom.
     live : dict or None
-        The same as a plot that zooms.
+        The same as a plot that zooms; empty where plotly is missing.
     """
 
     title: str
@@ -42,13 +42,14 @@ def picture(title: str, words: str, what: Figure | Shown | bytes, dpi: int = 110
     if isinstance(what, bytes):
         return Picture(title, words, _embedded(what))
     if isinstance(what, Shown):
-        return Picture(title, words, _embedded(png(drawn(what), dpi)), live(what))
+        return Picture(title, words, _embedded(png(drawn(what), dpi)),
+                       live(what) if _plotly() else {})
     return Picture(title, words, _embedded(png(what, dpi)))
 
 
 def render_page(template: str, title: str, **context: Any) -> str:
     """Fill in a template of this folder; everything that is given is escaped."""
-    zooms = any(one.live for one in _pictures(context))
+    zooms = any(one.live is not None for one in _pictures(context))
     return PAGES.get_template(template).render(
         title=title, version=__version__, zooms=zooms, plotly=_plotly() if zooms else None,
         **context)
