@@ -17,8 +17,7 @@ BEGUN = 1_700_000_000 * 10 ** 9
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(subparsers, 'sample', example='forcecal sample rig -o sample\n'
-                        '  forcecal diagnose sample/late -o diagnosis')
+    parser = new_parser(subparsers, 'sample', example='forcecal sample rig -o sample')
     parser.add_argument('kind', choices=('rig', 'insitu'),
                         help='rig: the simulated rig in the planned motion, sound, and with a '
                              'wrench that comes 4 ms late; insitu: tables of a limb with added '

@@ -167,10 +167,10 @@ def live(shown: Shown) -> dict[str, Any]:
         'height': FRAME + TALL * n, 'margin': {'l': 56, 'r': 8, 't': 44, 'b': 40},
         'autosize': True, 'hovermode': 'x unified', 'dragmode': 'zoom', 'uirevision': 'kept',
         'paper_bgcolor': 'rgba(0,0,0,0)', 'plot_bgcolor': 'rgba(0,0,0,0)',
-        'font': {'color': 'var(--ink)', 'size': 12},
-        'modebar': {'bgcolor': 'rgba(0,0,0,0)', 'color': 'var(--quiet)',
-                    'activecolor': 'var(--ink)'},
-        'hoverlabel': {'bgcolor': 'var(--paper)', 'font': {'color': 'var(--ink)'}},
+        'font': {'color': 'var(ink)', 'size': 12},
+        'modebar': {'bgcolor': 'rgba(0,0,0,0)', 'color': 'var(quiet)',
+                    'activecolor': 'var(ink)'},
+        'hoverlabel': {'bgcolor': 'var(paper)', 'font': {'color': 'var(ink)'}},
         'legend': {'orientation': 'h', 'x': 0, 'y': 1.02 + 0.1 / n, 'yanchor': 'bottom'},
         'xaxis': {'title': {'text': 'time [s]'}, 'range': [shown.start, shown.end],
                   'anchor': f'y{n if n > 1 else ""}', **_axis()},
@@ -187,7 +187,7 @@ def live(shown: Shown) -> dict[str, Any]:
 
 
 def _axis() -> dict[str, Any]:
-    return {'gridcolor': 'var(--line)', 'zerolinecolor': 'var(--line)', 'automargin': True}
+    return {'gridcolor': 'var(line)', 'zerolinecolor': 'var(line)', 'automargin': True}
 
 
 def _trace(line: Line, panel: Panel, shown: Shown, suffix: str, first: bool) -> dict[str, Any]:
@@ -196,7 +196,7 @@ def _trace(line: Line, panel: Panel, shown: Shown, suffix: str, first: bool) -> 
         'type': 'scatter', 'mode': 'lines', 'name': line.name, 'legendgroup': line.name,
         'showlegend': first, 'yaxis': f'y{suffix}', 'xaxis': 'x',
         'visible': 'legendonly' if line.hidden else True,
-        'line': {'color': f'var(--{line.role})', 'width': 1.2},
+        'line': {'color': f'var({line.role})', 'width': 1.2},
         'hovertemplate': f'%{{y:.4g}} {panel.unit}',
         'x': [round(float(x), 4) for x in cut.t],
         'y': [float(f'{y:.5g}') if np.isfinite(y) else None for y in cut.values]}
@@ -206,11 +206,11 @@ def _shapes(shown: Shown) -> Iterator[dict[str, Any]]:
     for phase, start, end in _visible(shown):
         if kind(phase):
             yield {'type': 'rect', 'xref': 'x', 'yref': 'paper', 'x0': start, 'x1': end, 'y0': 0,
-                   'y1': 1, 'fillcolor': f'var(--{kind(phase)})', 'opacity': 0.16,
+                   'y1': 1, 'fillcolor': f'var({kind(phase)})', 'opacity': 0.16,
                    'line': {'width': 0}, 'layer': 'below'}
     for at in shown.instants:
         yield {'type': 'line', 'xref': 'x', 'yref': 'paper', 'x0': at, 'x1': at, 'y0': 0,
-               'y1': 1, 'line': {'color': 'var(--bad)', 'width': 1.5, 'dash': 'dash'}}
+               'y1': 1, 'line': {'color': 'var(bad)', 'width': 1.5, 'dash': 'dash'}}
 
 
 def _labels(shown: Shown) -> Iterator[dict[str, Any]]:
@@ -218,4 +218,4 @@ def _labels(shown: Shown) -> Iterator[dict[str, Any]]:
         if end - start > LABELLED * (shown.end - shown.start):
             yield {'x': 0.5 * (start + end), 'xref': 'x', 'y': 1, 'yref': 'paper', 'text': phase,
                    'showarrow': False, 'yanchor': 'bottom', 'font': {'size': 10,
-                                                                     'color': 'var(--quiet)'}}
+                                                                     'color': 'var(quiet)'}}

@@ -166,7 +166,7 @@ def test_the_plot_that_zooms_shows_the_phase_and_channel_of_the_verdict():
             if key.startswith('yaxis')] == ['force.y [N]', 'force.y left [N]']
     assert {one['name'] for one in plot['data'] if one['visible'] is True} >= {
         'measured', 'simulated', 'explained'}
-    step, = (one for one in plot['layout']['shapes'] if one['fillcolor'] == 'var(--exciting)')
+    step, = (one for one in plot['layout']['shapes'] if one['fillcolor'] == 'var(exciting)')
     assert (step['x0'], step['x1']) == (10.0, 12.0)
 
 
