@@ -173,8 +173,8 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
     document['explained_by'] = 'measured motion'
     if calibration and outcome.cases:
         document['calibration'] = 'calibration_patched.yaml'
-        files[document['calibration']] = dump(patched(calibration, outcome.rig,
-                                                      delay_std(outcome)))
+        files[document['calibration']] = dump(patched(
+            calibration, outcome.rig, delay_std(outcome), inertia_std(outcome)))
     return _written(args, [one for one in (recording, heldout) if one is not None], outcome, rig,
                     of_channels, document, files)
 
@@ -274,7 +274,7 @@ def _written(args: argparse.Namespace, recordings: list[Any], outcome: Any, rig:
     from forcecal_ros.report.origin import origin
 
     diagnosis, folder = outcome.diagnosis, args.output
-    named = args.rig or args.calibration or args.simulated or args.simulator
+    named = args.rig or args.calibration or args.simulated or args.simulator or args.mujoco
     assumed = () if named else (ASSUMED,)
     document['notes'] = [*assumed, *document['notes']]
     view = (view_of(outcome, advice(diagnosis, rig), of_channels) if outcome.cases
@@ -289,5 +289,6 @@ def _written(args: argparse.Namespace, recordings: list[Any], outcome: Any, rig:
     said = headline(diagnosis)
     text = '\n'.join((verdict, *((said,) if diagnosis.effects else ()),
                       f'next: {step.words} {step.command}'.rstrip(), f'written to {folder}'))
-    return Answer(document, text, verdict, (*recordings[0].notes, *diagnosis.notes),
+    return Answer(document, text, verdict,
+                  (*assumed, *recordings[0].notes, *diagnosis.notes),
                   1 if diagnosis.verdict == 'invalid_data' else 0)
