@@ -14,7 +14,7 @@ from forcecal_ros.report.page import Picture, picture, render_page
 from forcecal_ros.report.panels import Line, Panel, Shown
 from forcecal_ros.report.quality_words import in_words
 from forcecal_ros.report.quantity import quantity, size
-from forcecal_ros.report.rows import interval, Row, table, value
+from forcecal_ros.report.rows import interval, promises, Row, table, value
 from forcecal_ros.report.words import Fact
 from matplotlib.figure import Figure
 import numpy as np
@@ -49,7 +49,7 @@ def render(recording: Recording, calibration: Calibration, contact: Stream | Non
     """
     recording = in_axes_of_pose(levelled(recording, calibration.gravity_direction),
                                 calibration.sensor_rotation)
-    rows = table(calibration, truth)
+    rows = [*table(calibration, truth), *promises(calibration)]
     warnings = list(calibration.quality.get('warnings', ()))
     with_truth = any(row.truth is not None for row in rows)
     free = free_motion(recording, calibration, contact)
@@ -163,6 +163,8 @@ def _pictures(recording: Recording, calibration: Calibration, contact: Stream | 
     if contact is not None:
         drawn.append(('Spectra', 'How the observer filters the noise of sensor and accelerometer.',
                       figures.spectra(recording, calibration, contact)))
+    words = 'What filter kalman leaves of the noise of a steady contact, and what another would.'
+    drawn.append(('Noise against response', words, figures.noise_against_rise(calibration)))
     for title, words, figure in drawn:
         if figure is not None:
             yield picture(title, words, figure, dpi=130)

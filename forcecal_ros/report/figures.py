@@ -115,6 +115,31 @@ def accelerometer_regression(recording: Recording, calibration: Calibration) -> 
     return figure
 
 
+def noise_against_rise(calibration: Calibration) -> Figure | None:
+    """Draw the noise of a steady contact force over the rise time, and what was chosen."""
+    observer = calibration.observer
+    if observer is None or 'bandwidth' not in observer.kalman:
+        return None
+    chosen = np.array([float(observer.kalman['bandwidth'])])
+    limits = [float(observer.kalman[name]) if name in observer.kalman else usual for name, usual
+              in zip(('bandwidth_min', 'bandwidth_max'), BANDWIDTH_LIMITS)]
+    bandwidths = np.geomspace(min(*limits, *chosen) / 1.5, 1.5 * max(*limits, *chosen), 60)
+    noise, marks = (noise_of_force(calibration, one) for one in (bandwidths, chosen))
+    if noise is None or marks is None:
+        return None
+    figure, (axes,) = axes_grid(1, 1, height=3.4)
+    for axis, colour in enumerate((MEASURED, ESTIMATED, TRUE)):
+        axes.loglog(1e3 * rise_time(bandwidths), noise[:, axis], color=colour, linewidth=1,
+                    label='xyz'[axis])
+        axes.plot(1e3 * rise_time(chosen), marks[:, axis], 'o', color=colour)
+    for limit in limits:
+        axes.axvline(1e3 * rise_time(limit), color=TRUE, linestyle=':', linewidth=0.8)
+    axes.set(title='Filter kalman: noise against response, dotted the limits',
+             xlabel='10-90 % rise [ms]', ylabel='noise of the force [N]')
+    axes.legend(fontsize=8)
+    return figure
+
+
 def spectra(recording: Recording, calibration: Calibration, contact: Stream) -> Figure | None:
     """Draw the power spectra of u - m a and of the observer, as [Gamez2005] Fig. 6."""
     f = specific_force(recording, calibration)
