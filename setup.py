@@ -4,6 +4,7 @@ from setuptools import find_packages, setup
 
 PACKAGE = 'forcecal_ros'
 MUJOCO = ["mujoco>=3.11,!=4.0.0; python_version >= '3.11'"]
+PLOTS = ['plotly>=5.15']
 SCALE = ['distributed>=2024.1', 'joblib>=1.4']
 
 setup(
@@ -44,6 +45,10 @@ setup(
         'mujoco': MUJOCO,
         # many recordings on many cores or machines: --jobs, --dask
         'scale': SCALE,
+        # pictures of reports that zoom; rosdep has no key for it, and pages do without
+        'plots': PLOTS,
+        # the pages of docs/ as a site: sphinx-build -W -c docs . build/site
+        'docs': ['furo>=2024.1', 'myst-parser>=3.0', 'sphinx>=7.2'],
         # for machines without a ROS 2 distribution; colcon and rosdep never ask for it
         'ros': [
             'ros-jazzy-common-interfaces==5.3.6',
@@ -57,6 +62,7 @@ setup(
             'pytest-xdist>=3.7',  # orders groups by their place, not their number
             'hypothesis>=6.98',
             *MUJOCO,
+            *PLOTS,
             *SCALE,
             'colcon-common-extensions>=0.3.0',
             'mypy>=2.4,<2.5',

@@ -13,6 +13,7 @@ class Command(NamedTuple):
 COMMANDS = {
     'demo': Command(
         'demo', 'calibrate a simulated rig over ROS 2 and estimate a contact, end to end'),
+    'sample': Command('sample', 'make recordings to try the other commands on'),
     'calibrate': Command(
         'calibrate', 'identify tool, accelerometer and noise from a recording, design the '
         'observer'),

@@ -150,10 +150,11 @@ def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any, rig: An
     from forcecal_ros.simulators.rig.simulator import waits_for_compiler
 
     say_if_compiling(waits_for_compiler(), 'the simulator')
+    given = [one for one in (recording, heldout) if one is not None]
     outcome = _with_model(args, diagnose(recording, heldout, rig, args.accelerometer))
     files = {'rig_patched.yaml': dump_rig(outcome.rig)} if outcome.cases else {}
     document = to_document(outcome.diagnosis, units(), next(iter(files), None))
-    return _written(args, recording, outcome, rig, units(), document, files)
+    return _written(args, given, outcome, rig, units(), document, files)
 
 
 def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
@@ -177,7 +178,8 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
         document['calibration'] = 'calibration_patched.yaml'
         files[document['calibration']] = dump(patched(
             calibration, outcome.rig, delay_std(outcome), inertia_std(outcome)))
-    return _written(args, recording, outcome, rig, of_channels, document, files)
+    return _written(args, [one for one in (recording, heldout) if one is not None], outcome, rig,
+                    of_channels, document, files)
 
 
 def _by_simulated(args: argparse.Namespace) -> Answer:
@@ -201,7 +203,8 @@ def _by_simulated(args: argparse.Namespace) -> Answer:
         found = diagnose_simulated(pairs[0], pairs[1] if len(pairs) > 1 else None, rig)
         document = to_document(found.outcome.diagnosis, units(), None)
         document |= {'explained_by': 'simulated recording', **found.document()}
-        return _written(args, pairs[0].real, found.outcome, rig, units(), document, {})
+        return _written(args, [pair.real for pair in pairs], found.outcome, rig, units(),
+                        document, {})
 
 
 def _by_simulator(args: argparse.Namespace) -> Answer:
@@ -222,7 +225,7 @@ def _by_simulator(args: argparse.Namespace) -> Answer:
         found = diagnose_rerun(real, more[0] if more else None, simulator, rig)
         document = to_document(found.outcome.diagnosis, of_channels, None)
         document |= {'explained_by': simulator.name, **found.document()}
-        answer = _written(args, real, found.outcome, rig, of_channels, document, {})
+        answer = _written(args, [real, *more], found.outcome, rig, of_channels, document, {})
         told = [f'change {one}' for one in found.changed]
         return answer._replace(text='\n'.join([answer.text, *told]))
 
@@ -251,7 +254,17 @@ def _with_model(args: argparse.Namespace, outcome: Any) -> Any:
          'was given'), *outcome.diagnosis.notes)))
 
 
-def _written(args: argparse.Namespace, recording: Any, outcome: Any, rig: Any,
+def _compared(args: argparse.Namespace) -> str:
+    """Say what a recording was compared with."""
+    if args.simulator or args.mujoco:
+        return str(args.simulator or args.mujoco)
+    if args.simulated:
+        return ' and '.join(filter(None, (args.simulated, args.heldout_simulated)))
+    return ' and '.join(filter(None, (args.calibration, args.rig))) or (
+        "this package's rig.yaml, nominal")
+
+
+def _written(args: argparse.Namespace, recordings: list[Any], outcome: Any, rig: Any,
              of_channels: dict[str, str], document: dict[str, Any], files: dict[str, str]
              ) -> Answer:
     """Write what was found, a report of it, and other files."""
@@ -260,17 +273,25 @@ def _written(args: argparse.Namespace, recording: Any, outcome: Any, rig: Any,
     from forcecal_ros.diagnose.advice import advice
     from forcecal_ros.report.diagnosis import render
     from forcecal_ros.report.diagnosis_view import view_of, view_without_signals
+    from forcecal_ros.report.diagnosis_words import headline, next_step
+    from forcecal_ros.report.origin import origin
 
     diagnosis, folder = outcome.diagnosis, args.output
-    named = args.rig or args.calibration or args.simulated or args.simulator
+    named = args.rig or args.calibration or args.simulated or args.simulator or args.mujoco
     assumed = () if named else (ASSUMED,)
     document['notes'] = [*assumed, *document['notes']]
     view = (view_of(outcome, advice(diagnosis, rig), of_channels) if outcome.cases
             else view_without_signals(diagnosis))
+    step = next_step(diagnosis, args.bag, folder, tuple(files))
     write_results(folder, {
         'diagnosis.json': json.dumps(document, indent=2, allow_nan=False) + '\n',
-        'report.html': render(view), **files}, FILES)
+        'report.html': render(
+            view, [*origin(recordings), f'compared with {_compared(args)}'], step),
+        **files}, FILES)
     verdict = f'{diagnosis.verdict}: {diagnosis.reason}'
-    return Answer(document, f'{verdict}\nwritten to {folder}', verdict,
-                  (*assumed, *recording.notes, *diagnosis.notes),
+    said = headline(diagnosis)
+    text = '\n'.join((verdict, *((said,) if diagnosis.effects else ()),
+                      f'next: {step.words} {step.command}'.rstrip(), f'written to {folder}'))
+    return Answer(document, text, verdict,
+                  (*assumed, *recordings[0].notes, *diagnosis.notes),
                   1 if diagnosis.verdict == 'invalid_data' else 0)

@@ -2,19 +2,13 @@
 
 from collections.abc import Sequence
 
-from forcecal_ros.diagnose.planning import poses_of, SETTLE
+from forcecal_ros.diagnose.planning import motion_for
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import ForcecalError
 from forcecal_ros.geometry import Array
-from forcecal_ros.motion.diagnosis_plan import diagnosis_plan
-from forcecal_ros.motion.limits import Limits
-from forcecal_ros.motion.plan import prepare, Timing
-from forcecal_ros.motion.poses import step_goal
-from forcecal_ros.motion.preview import preview
-from forcecal_ros.motion.profiles import Pace
-from forcecal_ros.recording.streams import Phase, PoseStream, Recording
+from forcecal_ros.recording.streams import Recording
 from forcecal_ros.simulators.rig.offline import simulate
 import numpy as np
 
@@ -94,7 +88,8 @@ def separating(rig: Rig, one: str, other: str) -> list[tuple[str, float]]:
         Phase and whitened energy of what the one does beyond the other's best imitation, best
         first.
     """
-    target, phases = _planned(rig)
+    motion = motion_for(rig, contact=False)
+    target, phases = motion.target, motion.phases
     sound = simulate(rig, target, noise=False)
     deltas = [_difference(simulate(_with(rig, name), target, noise=False), sound, rig)
               for name in (one, other)]
@@ -109,14 +104,6 @@ def separating(rig: Rig, one: str, other: str) -> list[tuple[str, float]]:
             rows = (t >= phase.start) & (t < phase.end)
             energy[phase.name] = energy.get(phase.name, 0.0) + float(rest[rows].sum())
     return sorted(energy.items(), key=lambda pair: -pair[1])
-
-
-def _planned(rig: Rig) -> tuple[PoseStream, tuple[Phase, ...]]:
-    poses, timing = poses_of(rig), Timing()
-    home = next(iter(poses.values()))
-    segments = diagnosis_plan(poses, step_goal(home, timing.contact_distance), timing)
-    parts = prepare(segments, home, Pace(), Limits(tip=np.array(rig.tool.tip)))
-    return preview(parts, 1.0 / rig.robot.period, SETTLE)
 
 
 def _with(rig: Rig, name: str) -> Rig:

@@ -209,14 +209,14 @@ def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: '_Che
                for a in selection.accepted]
     effects += [*stepped, *(Found(n, v, CHECKED) for n, v in checks.effects.items())]
     where = _where(final, selection, left.ceiling, checks)
-    if word == 'unknown':
-        effects = [Found('unknown', {}, dict(candidates).get('unknown', 0.9))]
+    if word in ('unknown', 'not_excited'):
         # what is not named is not added to the rig; a gap without a name looks like noise
         final = replace(p, noise=[at_standstill(b, n) for b, n in zip(p.blocks, p.noise)])
         selection = Selection(final, (), (), {}, selection.screened)
         measured, noise = _measured(first, selection, look(final), observed)
-    elif word == 'not_excited':
-        effects = []
+        effects = [Found('unknown', {}, dict(candidates).get('unknown', 0.9))]
+    if word == 'not_excited':
+        effects, candidates = [], []
     diagnosis = Diagnosis(
         word, sentence, tuple(effects), tuple(candidates), where, measured,
         tuple(not_excited(p, found)), (*checks.notes, *left.notes),

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from forcecal_ros.diagnose.excitation import Excitation, excitation
 from forcecal_ros.effects.rig import Rig
@@ -23,10 +24,9 @@ SETTLE = 0.5
 """How long the tool is expected to settle [s]."""
 
 
-@dataclass(frozen=True)
-class Planned:
+class Motion(NamedTuple):
     """
-    A sequence and what it shows.
+    A sequence as it will be commanded.
 
     Attributes
     ----------
@@ -35,10 +35,19 @@ class Planned:
     limits : Limits
         Those of the sequencer, as far out in X as contact needs.
     target : PoseStream
-        As it will be commanded.
     phases : tuple of Phase
-    excitation : Excitation
     """
+
+    poses: Mapping[str, Pose]
+    timing: Timing
+    limits: Limits
+    target: PoseStream
+    phases: tuple[Phase, ...]
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A sequence as :class:`Motion` has it, and what it shows."""
 
     poses: Mapping[str, Pose]
     timing: Timing
@@ -49,8 +58,14 @@ class Planned:
 
 
 def plan_for(rig: Rig, *, contact: bool) -> Planned:
+    """Plan a recording for a rig, as :func:`motion_for` does, and say what it shows."""
+    motion = motion_for(rig, contact=contact)
+    return Planned(*motion, excitation(rig, motion.target, motion.phases))
+
+
+def motion_for(rig: Rig, *, contact: bool, brief: bool = False) -> Motion:
     """
-    Plan a recording for a rig.
+    Plan the motion that shows a diagnosis what it needs.
 
     Parameters
     ----------
@@ -58,10 +73,12 @@ def plan_for(rig: Rig, *, contact: bool) -> Planned:
         From whose home it starts.
     contact : bool
         Whether the wall is to be touched.
+    brief : bool
+        Without slow reversals and turns, and with one touch instead of two.
 
     Returns
     -------
-    Planned
+    Motion
 
     Raises
     ------
@@ -79,13 +96,15 @@ def plan_for(rig: Rig, *, contact: bool) -> Planned:
         if not 0.0 < way < 0.5 or home.R_base_sensor[0, 0] < 0.9:
             raise DataError(f'the wall at X = {rig.wall.position:g} m is not in front of the tip '
                             f'at X = {reach[0]:.3f} m; plan without contact, or mend home')
-        timing = replace(timing, contact_distance=round(way, 4), contacts=2)
+        timing = replace(timing, contact_distance=round(way, 4), contacts=2 - brief)
         far = np.maximum(limits.workspace_max, [reach[0] + way + 0.004, 0.0, 0.0])
         limits = replace(limits, workspace_max=far)
-    segments = diagnosis_plan(poses, step_goal(home, timing.contact_distance), timing)
+    segments = tuple(
+        one for one in diagnosis_plan(poses, step_goal(home, timing.contact_distance), timing)
+        if not (brief and (one.phase == 'reverse' or one.label.startswith('about'))))
     parts = prepare(segments, home, Pace(), limits)
     target, phases = preview(parts, 1.0 / rig.robot.period, SETTLE)
-    return Planned(poses, timing, limits, target, phases, excitation(rig, target, phases))
+    return Motion(poses, timing, limits, target, phases)
 
 
 def poses_of(rig: Rig) -> dict[str, Pose]:

@@ -130,6 +130,14 @@ def _sigmoid(log_odds: float) -> float:
     return 1.0 / (1.0 + math.exp(-log_odds))
 
 
+def percent(share: float) -> str:
+    """Write a share; what is not all is never called 100 %, what is not nothing never 0 %."""
+    whole = round(100.0 * share)
+    if whole == 100 and share < 1.0:
+        return 'over 99 %'
+    return 'under 1 %' if whole == 0 and share > 0.0 else f'{whole} %'
+
+
 def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remains: Remains,
             closed: float | None, excited: bool, whole: bool = True, allowed: bool = False
             ) -> tuple[str, str]:
@@ -166,13 +174,14 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]], remai
                                f'{remains.words}')
         what = 'the recording' if whole else 'what could be looked at'
         return 'no_gap', f'the recalibrated rig explains {what} down to its noise'
-    done = f'explains {100.0 * (closed or 0.0):.0f} % of the misfit'
+    done = f'explains {percent(closed or 0.0)} of the misfit'
     if closed is None:
         done, closed = 'shows in stamps and values', 1.0
     doubtful = dict(candidates).get(UNKNOWN, 0.0) > 0.5
     beside = allowed and not doubtful
     if not beside and left and (closed < NAMED or doubtful):
-        closest = f'{listed} comes closest and {done}; unexplained: ' if closed > 0.0 else ''
+        closest = (f'{listed} comes closest and would explain {percent(closed)} of the misfit'
+                   ', too little to be named; unexplained: ') if closed > 0.0 else ''
         return 'unknown', (f'no effect of the library explains the gap: {closest}'
                            f'{remains.words}')
     rest = f'; {"what remains" if beside else "unexplained"}: {remains.words}' if left else ''

@@ -1,23 +1,37 @@
 """The report of a calibration as one HTML page."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
 
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.level import levelled
 from forcecal_ros.recording.mount import in_axes_of_pose
-from forcecal_ros.recording.streams import Recording, Stream
+from forcecal_ros.recording.streams import FREE, Recording, STILL, Stream
 from forcecal_ros.report import figures
-from forcecal_ros.report.page import embedded, png, render_page
+from forcecal_ros.report.origin import origin
+from forcecal_ros.report.page import Picture, picture, render_page
+from forcecal_ros.report.panels import Line, Panel, Shown
+from forcecal_ros.report.quality_words import in_words
+from forcecal_ros.report.quantity import quantity, size
 from forcecal_ros.report.rows import interval, promises, Row, table, value
+from forcecal_ros.report.words import Fact
 from matplotlib.figure import Figure
+import numpy as np
+
+
+class Free(NamedTuple):
+    """Force where nothing touches: RMS of sensor less bias and of the observer [N], samples."""
+
+    sensor: float
+    observer: float
+    samples: int
 
 
 def render(recording: Recording, calibration: Calibration, contact: Stream | None = None,
            truth: Mapping[str, Array] | None = None) -> str:
     """
-    Return a calibration report: warnings first, then numbers, then pictures.
+    Return a calibration report: what it is worth first, then numbers, then details.
 
     Parameters
     ----------
@@ -36,16 +50,73 @@ def render(recording: Recording, calibration: Calibration, contact: Stream | Non
     recording = in_axes_of_pose(levelled(recording, calibration.gravity_direction),
                                 calibration.sensor_rotation)
     rows = [*table(calibration, truth), *promises(calibration)]
-    source = calibration.source
+    warnings = list(calibration.quality.get('warnings', ()))
     with_truth = any(row.truth is not None for row in rows)
+    free = free_motion(recording, calibration, contact)
     return render_page(
-        'calibration.html.j2', 'Calibration report',
-        origin=' · '.join(str(source[k]) for k in ('recording', 'created') if k in source),
-        warnings=calibration.quality.get('warnings', ()),
+        'calibration.html.j2', 'Calibration report', origin=_origin(recording, calibration),
+        tone='doubt' if warnings else 'good',
+        word=f'calibrated, {len(warnings)} to look at' if warnings else 'calibrated',
+        headline=_headline(calibration, free), facts=_facts(calibration, free, warnings),
+        warnings=warnings,
         head=['estimate', 'value', '95 % interval', 'unit'] + ['truth', 'off by'] * with_truth,
         rows=[_cells(row, with_truth) for row in rows],
+        first=list(_before_and_after(recording, calibration, contact)),
         figures=list(_pictures(recording, calibration, contact)),
-        quality=sorted(_flat(calibration.quality)))
+        quality=list(in_words(calibration.quality)))
+
+
+def free_motion(recording: Recording, calibration: Calibration, contact: Stream | None
+                ) -> Free | None:
+    """Compare sensor and observer where the phases say that nothing touches the tool."""
+    wrench = recording.wrench
+    if wrench is None or contact is None or not len(contact):
+        return None
+    t = wrench.t
+    rows = np.zeros(len(t), dtype=bool)
+    for phase in recording.phases:
+        if phase.name in FREE + STILL:
+            rows |= (t >= phase.start) & (t < phase.end)
+    estimated = contact.at(t)[:, :3]
+    rows &= (t >= contact.t[0]) & (t <= contact.t[-1]) & np.isfinite(estimated).all(axis=1)
+    if not rows.any():
+        return None
+    sensor = wrench.values[:, :3] - calibration.wrench_bias.value[:3]
+    before, after = (float(np.sqrt(np.mean(np.sum(f[rows] ** 2, axis=1))))
+                     for f in (sensor, estimated))
+    return Free(before, after, int(rows.sum()))
+
+
+def _headline(c: Calibration, free: Free | None) -> str:
+    tool = f'The tool weighs {quantity(float(c.mass), float(c.mass.std), "kg")}.'
+    if free is None:
+        return tool
+    return (f'{tool} Where nothing touches it, {size(free.sensor, "N")} of weight and inertia '
+            f'become {size(free.observer, "N", 2)} of contact force.')
+
+
+def _facts(c: Calibration, free: Free | None, warnings: list[str]) -> list[Fact]:
+    com = ', '.join(f'{axis} {quantity(float(v), float(s), "m")}'
+                    for axis, v, s in zip('xyz', c.com.value, c.com.std))
+    facts = [Fact('Tool', f'Centre of mass {com} from the sensor.')]
+    if free is not None:
+        facts.append(Fact('Contact force', (
+            f'{size(free.observer, "N", 2)} RMS of error in free motion, of '
+            f'{size(free.sensor, "N")} that the sensor shows without its bias '
+            f'({free.samples:,} samples).')))
+    if c.accelerometer is not None and float(c.accelerometer.delay.std) > 0.0:
+        delay = c.accelerometer.delay
+        facts.append(Fact('Accelerometer', (
+            f'{quantity(float(delay), float(delay.std), "s", signed=True)} behind the wrench.')))
+    checks = ('Every estimate passed its checks.' if not warnings else
+              f'{len(warnings)} did not pass; see below.')
+    return [*facts, Fact('Checks', checks)]
+
+
+def _origin(recording: Recording, c: Calibration) -> list[str]:
+    lines = origin([recording]) if recording.source else [str(c.source.get('recording', ''))]
+    created = str(c.source.get('created', '')).replace('T', ' ').replace('+00:00', ' UTC')
+    return [line for line in (*lines, f'calibrated {created}' if created else '') if line]
 
 
 def _cells(row: Row, with_truth: bool) -> list[str]:
@@ -56,8 +127,31 @@ def _cells(row: Row, with_truth: bool) -> list[str]:
     return cells
 
 
-def _pictures(recording: Recording, calibration: Calibration,
-              contact: Stream | None) -> Any:
+def forces(recording: Recording, c: Calibration, contact: Stream) -> Shown:
+    """Show the force of sensor and observer, and the true one where a simulator says it."""
+    wrench, truth = recording.wrench, recording.contact_truth
+    assert wrench is not None
+    panels = tuple(Panel(f'force {axis}', 'N', (
+        Line('sensor, bias removed', 'simulated', wrench.t,
+             wrench.values[:, i] - c.wrench_bias.value[i]),
+        *(() if truth is None else (
+            Line('true contact force', 'other', truth.t, truth.values[:, i]),)),
+        Line('contact force', 'explained', contact.t, contact.values[:, i])))
+        for i, axis in enumerate('xyz'))
+    return Shown(panels, recording.phases, float(wrench.t[0]), float(wrench.t[-1]))
+
+
+def _before_and_after(recording: Recording, c: Calibration, contact: Stream | None
+                      ) -> Iterator[Picture]:
+    if recording.wrench is None or contact is None or not len(contact):
+        return
+    yield picture('Force before and after', (
+        'What the sensor shows without its bias, and the contact force that the observer makes of '
+        'it: weight and inertia of the tool are gone.'), forces(recording, c, contact))
+
+
+def _pictures(recording: Recording, calibration: Calibration, contact: Stream | None
+              ) -> Iterator[Picture]:
     drawn: list[tuple[str, str, Figure | None]] = [
         ('Poses', 'The weight of the tool in each orientation, and the residuals.',
          figures.pose_means(recording, calibration)),
@@ -67,33 +161,10 @@ def _pictures(recording: Recording, calibration: Calibration,
          figures.accelerometer_regression(recording, calibration)),
     ]
     if contact is not None:
-        drawn += [
-            ('Observer', 'Weight and inertia are gone from the contact force.',
-             figures.observer_output(recording, calibration, contact)),
-            ('Spectra', 'How the observer filters the noise of sensor and accelerometer.',
-             figures.spectra(recording, calibration, contact)),
-        ]
+        drawn.append(('Spectra', 'How the observer filters the noise of sensor and accelerometer.',
+                      figures.spectra(recording, calibration, contact)))
     words = 'What filter kalman leaves of the noise of a steady contact, and what another would.'
     drawn.append(('Noise against response', words, figures.noise_against_rise(calibration)))
     for title, words, figure in drawn:
         if figure is not None:
-            yield {'title': title, 'words': words, 'png': embedded(png(figure, dpi=130))}
-
-
-def _flat(quality: Mapping[str, Any], prefix: str = '') -> Any:
-    for key, one in quality.items():
-        if isinstance(one, Mapping):
-            yield from _flat(one, f'{prefix}{key}.')
-        elif key != 'warnings':
-            yield f'{prefix}{key}', _short(one)
-
-
-def _short(one: Any) -> str:
-    """Write a figure, or a list of them, in a few digits."""
-    if isinstance(one, float):
-        return f'{one:.4g}'
-    if isinstance(one, (list, tuple)):
-        return '[' + ', '.join(map(_short, one)) + ']'
-    if isinstance(one, Mapping):
-        return ', '.join(f'{key} {_short(item)}' for key, item in one.items())
-    return str(one)
+            yield picture(title, words, figure, dpi=130)

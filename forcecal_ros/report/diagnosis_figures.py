@@ -3,28 +3,24 @@
 from forcecal_ros.diagnose.channels import CHANNELS, STAGES
 from forcecal_ros.diagnose.remainder import BANDS, RATE
 from forcecal_ros.geometry import Array
-from forcecal_ros.report.diagnosis_view import View
+from forcecal_ros.report.diagnosis_view import FAINT, SEEN, View
+from forcecal_ros.report.panels import COLOURS, Line, Panel, Shown
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 import numpy as np
 from scipy import signal
 
-MEASURED, BEFORE, AFTER, NOISE = '#222222', '#D55E00', '#0072B2', '#999999'
-
-SEEN = 4.0
-"""Standard deviations above which a time-frequency bin is coloured."""
-
 SHOWN = 4
 """Number of channels that are drawn."""
 
-MOST_POINTS = 3000
-"""Most points of a line; more would not be visible."""
+AROUND = 0.25
+"""Part of the plainest phase that is shown before and after it."""
 
 
 def heat_map(view: View) -> Figure | None:
     """Draw the excess of every channel, phase and octave over the noise, by stage."""
-    found = [c for c in view.cells if c.z > SEEN and c.excess > 0.05]
+    found = [c for c in view.cells if c.z > SEEN and c.excess > FAINT]
     if not found:
         return None
     there = {c.channel for c in view.cells}
@@ -41,7 +37,7 @@ def heat_map(view: View) -> Figure | None:
     axes = figure.subplots()
     axes.set_facecolor('#f2f2f2')
     image = axes.imshow(table, aspect='auto', cmap='viridis', interpolation='none',
-                        norm=LogNorm(0.05, max(1.0, float(np.nanmax(table)))))
+                        norm=LogNorm(FAINT, max(1.0, float(np.nanmax(table)))))
     for i in range(1, len(phases)):
         axes.axvline(i * len(bands) - 0.5, color='white', linewidth=2)
     axes.set_xticks([(i + 0.5) * len(bands) - 0.5 for i in range(len(phases))], phases)
@@ -53,53 +49,90 @@ def heat_map(view: View) -> Figure | None:
     return figure
 
 
-def overlays(view: View) -> Figure:
-    """Draw measured, nominal and explained signals over each other, and the residuals."""
-    chosen = view.channels(SHOWN)
-    figure = Figure(figsize=(10.0, 2.3 * len(chosen)), layout='constrained')
-    grid = np.atleast_2d(figure.subplots(len(chosen), 2, sharex=True))
-    thin = max(1, len(view.times) // MOST_POINTS)
-    t = view.times[::thin]
-    for (left, right), c in zip(grid, chosen):
-        name = CHANNELS[c].name
-        measured = view.measured[:, c]
-        for residual, color, label in ((None, MEASURED, 'measured'),
-                                       (view.nominal, BEFORE, 'nominal'),
-                                       (view.explained, AFTER, 'explained')):
-            line = measured if residual is None else measured - residual[:, c]
-            left.plot(t, line[::thin], color=color, linewidth=0.8, label=label)
-        for residual, color, label in ((view.recalibrated, BEFORE, 'recalibrated'),
-                                       (view.explained, AFTER, 'explained')):
-            line = np.where(view.present[:, c], residual[:, c], np.nan)
-            right.plot(t, line[::thin], color=color, linewidth=0.5, label=label)
-        left.set_ylabel(f'{name} [{view.units[name]}]')
-    grid[0, 0].set_title('signals')
-    grid[0, 1].set_title('measured less simulated')
-    for axes in grid[0]:
-        axes.legend(fontsize=7, ncols=3, loc='upper right')
-    for axes in grid[-1]:
-        axes.set_xlabel('time [s]')
-    return figure
+def closest(view: View) -> Shown | None:
+    """Show the channel and the time that the verdict speaks of; None where all is noise."""
+    span, place = view.span(), view.focus()
+    if span is None or place is None:
+        return None
+    margin = AROUND * (span.end - span.start)
+    start, end = span.start - margin, span.end + margin
+    for at in begun(view):
+        start, end = min(start, at - margin), max(end, at + margin)
+    return Shown((_signals(view, place.channel), _residuals(view, place.channel)), view.phases,
+                 max(start, float(view.times[0])), min(end, float(view.times[-1])), begun(view))
+
+
+def signals(view: View) -> Shown:
+    """Show measured, simulated and explained signals over each other."""
+    return _whole(view, tuple(_signals(view, c) for c in view.channels(SHOWN)))
+
+
+def residuals(view: View) -> Shown:
+    """Show what is left of the measured signals before and after the effects."""
+    return _whole(view, tuple(_residuals(view, c) for c in view.channels(SHOWN)))
+
+
+def begun(view: View) -> tuple[float, ...]:
+    """Return the instants at which effects began."""
+    return tuple(e.begin for e in view.diagnosis.effects if e.begin is not None)
+
+
+def _whole(view: View, panels: tuple[Panel, ...]) -> Shown:
+    return Shown(panels, view.phases, float(view.times[0]), float(view.times[-1]), begun(view))
+
+
+def _signals(view: View, channel: int) -> Panel:
+    measured = view.measured[:, channel]
+    return _panel(view, channel, (
+        ('measured', 'measured', measured, False),
+        ('simulated', 'simulated', measured - view.recalibrated[:, channel], False),
+        ('as the file has it', 'other', measured - view.nominal[:, channel], True),
+        ('explained', 'explained', measured - view.explained[:, channel], False)))
+
+
+def _residuals(view: View, channel: int) -> Panel:
+    there = view.present[:, channel]
+    name = f'{CHANNELS[channel].name} left'
+    return _panel(view, channel, tuple(
+        (name, role, np.where(there, values[:, channel], np.nan), False)
+        for name, role, values in (('less simulated', 'simulated', view.recalibrated),
+                                   ('less explained', 'explained', view.explained))), name)
+
+
+def _panel(view: View, channel: int, lines: tuple[tuple[str, str, Array, bool], ...],
+           title: str = '') -> Panel:
+    """Leave out what is explained where no effect is named."""
+    name = CHANNELS[channel].name
+    return Panel(title or name, view.units[name], tuple(
+        Line(called, role, view.times, values, hidden)
+        for called, role, values, hidden in lines
+        if role != 'explained' or named(view)))
+
+
+def named(view: View) -> bool:
+    """Tell whether effects change what is simulated."""
+    return not np.array_equal(view.explained, view.recalibrated)
 
 
 def spectra(view: View) -> Figure:
     """Draw the spectra of the residual before and after against those at standstill."""
     chosen = view.channels(SHOWN)
-    figure = Figure(figsize=(10.0, 2.8), layout='constrained')
+    figure = Figure(figsize=(10.0, 3.0), layout='constrained')
     axes = np.atleast_1d(figure.subplots(1, len(chosen)))
     for ax, c in zip(axes, chosen):
         there = view.present[:, c]
-        for rows, color, label in (
-                (view.recalibrated[there & (view.groups > 0), c], BEFORE, 'recalibrated'),
-                (view.explained[there & (view.groups > 0), c], AFTER, 'explained'),
-                (view.explained[there & (view.groups == 0), c], NOISE, 'at standstill')):
-            if len(rows) > 64:
-                _spectrum(ax, rows, color, label)
+        for rows, role, label in (
+                (view.recalibrated[there & (view.groups > 0), c], 'simulated', 'less simulated'),
+                (view.explained[there & (view.groups > 0), c], 'explained', 'less explained'),
+                (view.explained[there & (view.groups == 0), c], 'other', 'at rest')):
+            if len(rows) > 64 and (role != 'explained' or named(view)):
+                _spectrum(ax, rows, COLOURS[role], label)
         name = CHANNELS[c].name
         ax.set(xlabel='frequency [Hz]')
         ax.set_title(f'{name} [({view.units[name]})²/Hz]', fontsize=9)
     axes[0].set_ylabel('power density')
-    axes[0].legend(fontsize=7)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc='outside upper left', ncols=3,
+                  frameon=False, fontsize=9)
     return figure
 
 

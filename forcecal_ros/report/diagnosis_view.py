@@ -11,8 +11,20 @@ from forcecal_ros.diagnose.simulation import Signals
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.autoregression import fit_autoregression
 from forcecal_ros.recording.streams import Phase
+from forcecal_ros.report.panels import joined
 import numpy as np
 from numpy.typing import NDArray
+
+SEEN = 4.0
+"""Standard deviations above which a time-frequency bin is coloured."""
+
+FAINT = 0.05
+"""Excess, in noise RMS, below which a bin is not worth looking at however sure it is."""
+
+LOOKED_AT = 2.0
+"""What is shown at most of a phase that is twice as long [s]: some 500 block means."""
+
+_INDEX = {c.name: i for i, c in enumerate(CHANNELS)}
 
 
 @dataclass(frozen=True)
@@ -50,13 +62,49 @@ class View:
     explained: Array
     cells: tuple[Cell, ...]
 
+    def focus(self) -> Cell | None:
+        """Return the place that the verdict speaks of, the strongest; None where all is noise."""
+        for w in self.diagnosis.where:
+            if any(p.name == w.phase for p in self.phases):
+                return Cell(_INDEX[w.channel], w.phase, w.band_hz, w.excess, SEEN)
+        if self.diagnosis.verdict == 'no_gap':
+            return None
+        return max((c for c in self.cells if c.z > SEEN and c.excess > FAINT),
+                   key=lambda c: c.z, default=None)
+
+    def span(self) -> Phase | None:
+        """Return when the misfit of the focus is largest: a phase, or the worst part of it."""
+        place = self.focus()
+        if place is None:
+            return None
+        square = np.where(self.present[:, place.channel],
+                          self.recalibrated[:, place.channel] ** 2, 0.0)
+        total = np.concatenate([[0.0], np.cumsum(square)])
+
+        def misfit(part: Phase) -> float:
+            first, last = np.searchsorted(self.times, [part.start, part.end])
+            return float(total[last] - total[first])
+
+        parts = [part for phase in joined(self.phases) if phase.name == place.phase
+                 for part in _parts(phase)]
+        return max(parts, key=misfit, default=None)
+
     def channels(self, count: int) -> list[int]:
         """Return the channels that changed most or, where none did, the first ones."""
-        index = {c.name: i for i, c in enumerate(CHANNELS)}
-        listed = list(dict.fromkeys(index[w.channel] for w in self.diagnosis.where))
-        listed += [i for i in range(len(CHANNELS))
-                   if self.present[:, i].mean() > 0.5 and i not in listed]
-        return listed[:count]
+        place = self.focus()
+        listed = [] if place is None else [place.channel]
+        listed += [_INDEX[w.channel] for w in self.diagnosis.where]
+        listed += [i for i in range(len(CHANNELS)) if self.present[:, i].mean() > 0.5]
+        return list(dict.fromkeys(listed))[:count]
+
+
+def _parts(phase: Phase) -> list[Phase]:
+    """Cut a phase that is too long to look at into parts that overlap by half."""
+    halves = int((phase.end - phase.start) / (0.5 * LOOKED_AT))
+    if halves < 4:
+        return [phase]
+    starts = np.linspace(phase.start, phase.end - LOOKED_AT, halves)
+    return [Phase(phase.name, float(start), float(start) + LOOKED_AT) for start in starts]
 
 
 def view_without_signals(diagnosis: Diagnosis) -> View:

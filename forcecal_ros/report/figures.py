@@ -7,6 +7,7 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.observe.accuracy import noise_of_force, rise_time
 from forcecal_ros.observe.settings import BANDWIDTH_LIMITS
 from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 from scipy import signal
@@ -58,12 +59,12 @@ def pose_means(recording: Recording, calibration: Calibration) -> Figure | None:
         right.plot(x, residual[:, axis], mark, label='xyz'[axis])
     left.plot(x, np.array(predicted), '_', color=TRUE, markersize=14,
               label=['predicted', None, None])
-    left.set(title='Mean force at rest', xlabel='pose', ylabel='force [N]')
-    right.set(title='Measured less predicted', xlabel='pose', ylabel='force [N]')
+    left.set(xlabel='pose', ylabel='force [N]')
+    right.set(xlabel='pose', ylabel='force [N]')
     right.axhline(0, color=TRUE, linewidth=0.8)
-    for axes in (left, right):
+    for axes, title in ((left, 'Mean force at rest'), (right, 'Measured less predicted')):
         axes.set_xticks(x)
-        axes.legend(fontsize=7, ncols=2)
+        headed(axes, title, 2)
     return figure
 
 
@@ -83,8 +84,8 @@ def step_fit(recording: Recording, calibration: Calibration) -> Figure | None:
     t = part.t - span.start
     top.plot(t, measured, color=MEASURED, linewidth=1, label='sensor, bias removed')
     top.plot(t, predicted + offset, color=ESTIMATED, linewidth=1, label='mass x acceleration')
-    top.set(title='Step along x', ylabel='force [N]')
-    top.legend(fontsize=8)
+    top.set(ylabel='force [N]')
+    headed(top, 'Step along x')
     bottom.plot(t, measured - predicted - offset, color=TRUE, linewidth=0.7)
     bottom.set(xlabel='time since the step [s]', ylabel='residual [N]')
     return figure
@@ -109,30 +110,8 @@ def accelerometer_regression(recording: Recording, calibration: Calibration) -> 
     slope = sensor.matrix[axis, 0]
     middle = part.values[:, axis].mean() - slope * f.mean()
     axes.plot(line, middle + slope * line, color=ESTIMATED, label=f'gain {slope:.4f}')
-    axes.set(title='Accelerometer against force over mass, during the step',
-             xlabel='specific force from the wrench [m/s²]', ylabel=f'reading [{sensor.unit}]')
-    axes.legend(fontsize=8)
-    return figure
-
-
-def observer_output(recording: Recording, calibration: Calibration, contact: Stream
-                    ) -> Figure | None:
-    """Draw sensor and observer along x over the whole recording, as [Gamez2005] Fig. 5."""
-    if recording.wrench is None:
-        return None
-    figure, (axes,) = axes_grid(1, 1, height=3.6)
-    every = max(1, len(recording.wrench) // 6000)
-    sensor = recording.wrench.values[::every, 0] - calibration.wrench_bias.value[0]
-    axes.plot(recording.wrench.t[::every], sensor, color=MEASURED, linewidth=0.8,
-              label='sensor, bias removed')
-    axes.plot(contact.t[::every], contact.values[::every, 0], color=ESTIMATED, linewidth=1,
-              label='observer: contact force')
-    if recording.contact_truth is not None:
-        truth = recording.contact_truth
-        axes.plot(truth.t[::every], truth.values[::every, 0], '--', color=TRUE, linewidth=1,
-                  label='true contact force')
-    axes.set(title='Force along x of the sensor', xlabel='time [s]', ylabel='force [N]')
-    axes.legend(fontsize=8)
+    axes.set(xlabel='specific force from the wrench [m/s²]', ylabel=f'reading [{sensor.unit}]')
+    headed(axes, 'Accelerometer against force over mass, during the step')
     return figure
 
 
@@ -178,10 +157,17 @@ def spectra(recording: Recording, calibration: Calibration, contact: Stream) -> 
             (output.values[:, 0], output.rate, ESTIMATED, 'observer')):
         frequency, power = signal.welch(values, rate, nperseg=min(512, len(values)))
         axes.semilogy(frequency[1:], power[1:], color=colour, linewidth=1, label=label)
-    axes.set(title='Power spectra during the step', xlabel='frequency [Hz]',
-             ylabel='power [N²/Hz]')
-    axes.legend(fontsize=8)
+    axes.set(xlabel='frequency [Hz]', ylabel='power [N²/Hz]')
+    headed(axes, 'Power spectra during the step')
     return figure
+
+
+def headed(axes: Axes, title: str, columns: int = 3) -> None:
+    """Put title and legend above the curves, one over the other."""
+    lines = -(-len(axes.get_legend_handles_labels()[1]) // columns)
+    axes.set_title(title, loc='left', fontsize=10, pad=6.0 + 14.0 * lines)
+    axes.legend(fontsize=8, ncols=columns, frameon=False, loc='lower left',
+                bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
 
 
 def axes_grid(rows: int, columns: int, *, height: float, sharex: bool = False,

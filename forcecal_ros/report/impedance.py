@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.report import impedance_figures as drawn
-from forcecal_ros.report.page import embedded, png, render_page
+from forcecal_ros.report.page import picture, png, render_page
 from forcecal_ros.report.text import aligned
 from forcecal_ros.reproduce.assess import Figures
 from forcecal_ros.reproduce.experiment import Experiment
@@ -43,9 +43,28 @@ def tables(experiment: Experiment) -> Iterator[Table]:
     yield _gains(experiment)
 
 
+def conclusions(experiment: Experiment) -> Iterator[tuple[str, str]]:
+    """Yield each accelerometer and a sentence on what its observer is worth."""
+    for name in experiment.calibrations:
+        found = {row.feedback: row.figures for row in experiment.rows
+                 if row.accelerometer == name}
+        if 'kalman' in found and 'raw' in found:
+            yield PAPER[name], f'{_with("kalman", found)} {_with("raw", found)}'
+
+
+def _with(feedback: str, found: Mapping[str, Figures]) -> str:
+    f = found[feedback]
+    by = {'kalman': 'With the observer’s force', 'raw': 'With the raw sensor’s'}[feedback]
+    if not f.phantom_peak < RUNAWAY:
+        return f'{by} the loop runs away before it touches anything.'
+    settles = (f'settles in {f.settling:.2f} s' if f.settling == f.settling else 'never settles')
+    return (f'{by} free motion feels like {f.phantom_rms:.2g} N of contact (RMS), and contact '
+            f'{settles}, {f.force_error:.2g} N off.')
+
+
 def text(experiment: Experiment) -> str:
-    """Return the tables for a terminal."""
-    parts = []
+    """Return conclusions and tables for a terminal."""
+    parts = [*(f'{name}: {said}' for name, said in conclusions(experiment)), '']
     for title, head, rows, notes in tables(experiment):
         parts += [title, *('  ' + line for line in aligned([head, *rows])), *notes, '']
     return '\n'.join(parts)
@@ -105,9 +124,9 @@ def render(experiment: Experiment, images: Mapping[str, bytes], origin: str) -> 
     for name, image in images.items():
         _, number, accelerometer = name.removesuffix('.png').split('_')
         title, words = WORDS[number]
-        figures.append({'title': f'{title} ({PAPER[accelerometer]})', 'words': words,
-                        'png': embedded(image)})
+        figures.append(picture(f'{title} ({PAPER[accelerometer]})', words, image))
     return render_page('impedance.html.j2', 'Contact experiment', origin=origin,
+                       headlines=list(conclusions(experiment)),
                        tables=list(tables(experiment)), figures=figures)
 
 

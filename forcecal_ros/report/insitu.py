@@ -7,7 +7,8 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.insitu import SensorResult
 from forcecal_ros.insitu.result import DataSetResult
 from forcecal_ros.report.insitu_figures import force_clouds, singular_values, subspace_clouds
-from forcecal_ros.report.page import embedded, png, render_page
+from forcecal_ros.report.page import picture, png, render_page
+from forcecal_ros.report.quantity import rounded
 from forcecal_ros.report.text import aligned
 import numpy as np
 
@@ -43,16 +44,43 @@ def render(results: Sequence[SensorResult], drawn: Mapping[str, Mapping[str, byt
         What it was made from.
     """
     sensors = [{
-        'name': r.name, 'warnings': r.warnings, 'tables': list(tables(r)),
-        'figures': [{'title': title.replace('_', ' ').capitalize(), 'words': WORDS[title],
-                     'png': embedded(image)} for title, image in drawn[r.name].items()],
+        'name': r.name, 'warnings': r.warnings, 'headline': conclusion(r),
+        'tone': 'doubt' if r.warnings else 'good', 'tables': list(tables(r)),
+        'figures': [picture(title.replace('_', ' ').capitalize(), WORDS[title], image)
+                    for title, image in drawn[r.name].items()],
     } for r in results]
     return render_page('insitu.html.j2', 'In-situ calibration', origin=origin, sensors=sensors)
 
 
+def conclusion(result: SensorResult) -> str:
+    """Say in a sentence or two what was calibrated, and how well it does on what it never saw."""
+    if result.matrix is None:
+        return (f'The offset of {len(result.offset.value)} channels is known; the matrix is not, '
+                'for want of stated added masses.')
+    judged = [(d, d.load.mass, float(d.added_mass)) for d in result.data_sets
+              if not d.train and d.load is not None and d.added_mass is not None
+              and d.load.mass > 0.0]
+    if not judged:
+        return ('Matrix and offset are calibrated. No recording with an added mass was kept back '
+                'to check them.')
+    d, stated, found = max(judged, key=lambda one: abs(one[2] / one[1] - 1.0))
+    said = (f'Matrix and offset are calibrated. Masses that they never saw come out within '
+            f'{_share(found / stated)} ({d.name}: {rounded(found, 4)} for '
+            f'{stated:g} kg)')
+    maker = [abs(d.by_manufacturer.mass / stated - 1.0) for d, stated, _ in judged
+             if d.by_manufacturer is not None]
+    return f'{said}; by the manufacturer’s matrix, {_share(1.0 + max(maker))}.' if (
+        maker) else f'{said}.'
+
+
+def _share(ratio: float) -> str:
+    """Say how far a ratio is from one."""
+    return f'{rounded(100.0 * abs(ratio - 1.0), 2)} %'
+
+
 def text(result: SensorResult) -> str:
-    """Return the tables of one sensor for a terminal."""
-    parts = [f'sensor {result.name}']
+    """Return the conclusion and the tables of one sensor for a terminal."""
+    parts = [f'sensor {result.name}', conclusion(result)]
     for title, head, rows in tables(result):
         lines = aligned([head, *rows], left=range(len(head)))
         parts += ['', title, *('  ' + line for line in lines)]

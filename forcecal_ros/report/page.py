@@ -1,21 +1,58 @@
 """Reports as pages: one HTML file each without network, everything in it escaped."""
 
 import base64
+from collections.abc import Iterator
+from functools import cache
+import gzip
 from io import BytesIO
-from typing import Any
+from typing import Any, NamedTuple
 
+from forcecal_ros import __version__
+from forcecal_ros.report.panels import drawn, live, Shown
 import jinja2
 from matplotlib.figure import Figure
 
 PAGES = jinja2.Environment(
     loader=jinja2.PackageLoader('forcecal_ros', 'report'), autoescape=True, trim_blocks=True,
-    undefined=jinja2.StrictUndefined)
+    lstrip_blocks=True, undefined=jinja2.StrictUndefined)
 """The templates of this folder, all of them in the frame of ``page.html.j2``."""
+
+
+class Picture(NamedTuple):
+    """
+    One picture of a page.
+
+    Attributes
+    ----------
+    title, words : str
+    png : str
+        The picture as text; it is printed, and shown where nothing can zoom.
+    live : dict or None
+        The same as a plot that zooms; empty where plotly is missing.
+    """
+
+    title: str
+    words: str
+    png: str
+    live: dict[str, Any] | None = None
+
+
+def picture(title: str, words: str, what: Figure | Shown | bytes, dpi: int = 110) -> Picture:
+    """Make a picture of a figure, of what is shown over time, or of a PNG."""
+    if isinstance(what, bytes):
+        return Picture(title, words, _embedded(what))
+    if isinstance(what, Shown):
+        return Picture(title, words, _embedded(png(drawn(what), dpi)),
+                       live(what) if _plotly() else {})
+    return Picture(title, words, _embedded(png(what, dpi)))
 
 
 def render_page(template: str, title: str, **context: Any) -> str:
     """Fill in a template of this folder; everything that is given is escaped."""
-    return PAGES.get_template(template).render(title=title, **context)
+    zooms = any(one.live is not None for one in _pictures(context))
+    return PAGES.get_template(template).render(
+        title=title, version=__version__, zooms=zooms, plotly=_plotly() if zooms else None,
+        **context)
 
 
 def png(figure: Figure, dpi: int = 110) -> bytes:
@@ -25,6 +62,26 @@ def png(figure: Figure, dpi: int = 110) -> bytes:
     return buffer.getvalue()
 
 
-def embedded(image: bytes) -> str:
+def _pictures(context: Any) -> Iterator[Picture]:
+    if isinstance(context, Picture):
+        yield context
+    elif isinstance(context, dict):
+        yield from _pictures(list(context.values()))
+    elif isinstance(context, list):
+        for one in context:
+            yield from _pictures(one)
+
+
+@cache
+def _plotly() -> str | None:
+    """Return plotly.js, packed as text; None where it is not installed."""
+    try:
+        from plotly.offline import get_plotlyjs
+    except ImportError:
+        return None
+    return base64.b64encode(gzip.compress(get_plotlyjs().encode(), 9, mtime=0)).decode()
+
+
+def _embedded(image: bytes) -> str:
     """Return a PNG as the text that a page shows it by."""
     return base64.b64encode(image).decode()

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 import json
+import re
 
 from bag_samples import START_NS
 from forcecal_ros.cli import main
@@ -69,8 +70,10 @@ def test_the_patched_rig_shrinks_the_gap_as_claimed(diagnosed):
 
 def test_the_report_is_one_file_with_all_parts(diagnosed):
     page = (diagnosed / 'out' / 'report.html').read_text()
-    assert 'wrench_delay explains' in page
-    for part in ('Which effect', 'How far', 'Where', 'Signals', 'Spectra', 'What to record next'):
-        assert f'<h2>{part}</h2>' in page
-    assert page.count('src="data:image/png;base64,') == 3
-    assert 'http' not in page
+    assert 'The wrench comes ' in page and ' ms late (' in page
+    for part in ('Where it shows most', 'How far', 'Where else', 'Signals', 'What is left',
+                 'Spectra', 'What it may be', 'Its numbers'):
+        assert f'<h2>{part}' in page
+    assert page.index('come late (wrench_delay)') < page.index('forcecal simulate --rig')
+    assert page.count('src="data:image/png;base64,') == 5
+    assert not re.search(r'(?:src|href)="(?!data:)', page)

@@ -16,7 +16,7 @@ from std_msgs.msg import String
 TABLES = {'sim': 'sim', 'sequencer': 'sequencer_settings', 'observer': 'observer_settings',
           'gap': 'gap', 'impedance': 'impedance_settings'}
 NOT_OURS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
-README = Path(__file__).parents[2] / 'README.md'
+PAGE = Path(__file__).parents[2] / 'docs/robot.md'
 NUMBERS = (ParameterType.PARAMETER_INTEGER, ParameterType.PARAMETER_DOUBLE)
 
 
@@ -85,8 +85,8 @@ def test_every_bound_and_choice_is_held_when_set(described, node):
 
 
 def documented(node):
-    """Return what the README's table says that a node hears, says and serves, names in full."""
-    row = re.search(rf'^\| `{node}`.*\|$', README.read_text(), re.MULTILINE)[0]
+    """Return what the page's table says that a node hears, says and serves, names in full."""
+    row = re.search(rf'^\| `{node}`.*\|$', PAGE.read_text(), re.MULTILINE)[0]
     _, _, hears, says, services, _ = row.split('|')
     hears, says, services = (re.findall('`(.+?)`', cell) for cell in (hears, says, services))
     prefix = services[0].partition('/')[0] if services else ''
@@ -94,7 +94,7 @@ def documented(node):
 
 
 @pytest.mark.parametrize('node', TABLES)
-def test_the_readme_names_every_topic_and_service(described, node):
+def test_the_page_names_every_topic_and_service(described, node):
     live, _ = described
     hears, says, services = documented(node)
     graph = live.node

@@ -8,7 +8,9 @@ import re
 from forcecal_ros.cli import build_parser
 from forcecal_ros.commands import COMMANDS
 from forcecal_ros.effects.library import EFFECTS
+from forcecal_ros.recording.bags import write_recording
 import pytest
+from rig_recordings import FREE, own_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').glob('*.md'))]
@@ -18,6 +20,28 @@ PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').g
 def test_every_link_leads_somewhere(page):
     for target in re.findall(r'\]\(([^)#]+)', page.read_text()):
         assert target.startswith('http') or (page.parent / target).exists(), target
+
+
+def test_every_page_is_in_the_contents_of_the_site():
+    index = ROOT / 'docs/index.md'
+    listed = {(index.parent / f'{line}.md').resolve()
+              for block in re.findall(r'```{toctree}\n(.*?)```', index.read_text(), re.DOTALL)
+              for line in block.splitlines() if line and not line.startswith(':')}
+    assert listed >= {*PAGES} - {index} and all(page.is_file() for page in listed)
+
+
+@pytest.mark.long
+def test_the_example_from_python_runs(tmp_path, monkeypatch, capsys):
+    block, = re.findall(r'```python\n(.*?)```', (ROOT / 'docs/api.md').read_text(), re.DOTALL)
+    write_recording(tmp_path / 'my_bag', own_recording(1, FREE))
+    monkeypatch.chdir(tmp_path)
+    exec(block, {})  # noqa: S102  a page of ours
+    assert 'nan' not in capsys.readouterr().out
+    assert (tmp_path / 'calibration.yaml').is_file()
+
+
+def test_the_readme_is_read_in_four_minutes():
+    assert len((ROOT / 'README.md').read_text().split()) <= 900
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)

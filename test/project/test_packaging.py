@@ -28,7 +28,9 @@ PIP_NAMES = {'yaml': 'pyyaml', 'backports': 'backports-zstd'}
 BROUGHT_BY_ROSBAGS = {'backports', 'lz4'}
 """Imports that rosdep has no key for: rosbags, which rosdep installs with pip, requires them."""
 
-OPTIONAL = {'distributed', 'joblib', 'mujoco'}
+OPTIONAL = {'scale': {'distributed', 'joblib'}, 'plots': {'plotly'},
+            'mujoco': {'mujoco'}}
+"""Extra -> what it brings."""
 
 
 def _run(*arguments, cwd=ROOT, **options):
@@ -55,7 +57,8 @@ def _imported():
                 names.update(alias.name.split('.')[0] for alias in node.names)
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
                 names.add(node.module.split('.')[0])
-    return names - set(sys.stdlib_module_names) - {PACKAGE, 'compression'} - OPTIONAL
+    return names - set(sys.stdlib_module_names) - {PACKAGE, 'compression'} - set().union(
+        *OPTIONAL.values())
 
 
 def _names(requirements):
@@ -66,10 +69,10 @@ def _required_by(distribution):
     return _names(line for line in requires(distribution) or [] if 'extra ==' not in line)
 
 
-def _install_requires():
+def _asked_of_pip(what):
     """Return what setup.py asks pip for, read from this tree and not from what is installed."""
     ask = ('import setuptools; from distutils.core import run_setup; '
-           'print(*run_setup("setup.py", stop_after="init").install_requires, sep="\\n")')
+           f'print(*run_setup("setup.py", stop_after="init").{what}, sep="\\n")')
     return _names(_run(sys.executable, '-c', ask).splitlines())
 
 
@@ -107,13 +110,12 @@ def test_every_import_is_declared_to_rosdep():
 def test_every_import_is_declared_to_pip():
     imported = {PIP_NAMES.get(name, name) for name in _imported()
                 if name in ROSDEP_KEYS or name in BROUGHT_BY_ROSBAGS}
-    assert _install_requires() == imported
+    assert _asked_of_pip('install_requires') == imported
 
 
-def test_what_is_optional_is_declared_as_such():
-    extra = {re.match(r'\w+', line)[0] for line in requires(PACKAGE)
-             if re.search(r"extra == '(scale|mujoco)'", line.replace('"', "'"))}
-    assert extra == OPTIONAL
+@pytest.mark.parametrize('extra', OPTIONAL)
+def test_what_is_optional_is_declared_as_such(extra):
+    assert _asked_of_pip(f'extras_require["{extra}"]') == OPTIONAL[extra]
 
 
 def test_every_command_resolves_to_a_function():

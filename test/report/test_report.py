@@ -1,11 +1,13 @@
 """The report shows the numbers, escapes what it was given, and needs no network."""
 
+from dataclasses import replace
 import re
 
 from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
 from forcecal_ros.report.calibration import render
 from forcecal_ros.report.impedance import _cells
+from forcecal_ros.report.quality_words import in_words
 from forcecal_ros.report.rows import as_text, table
 from forcecal_ros.reproduce.assess import Figures, rms
 import numpy as np
@@ -66,8 +68,30 @@ def test_one_file_without_network(calibration, recording):
     page = render(recording, calibration, contact)
     assert re.findall(r'(?:src|href)="(?!data:)', page) == []
     assert page.count('<img') == 2
+    assert page.index('<h2>Force before and after') < page.index('<h2>Estimates') < page.index(
+        '<details>')
+
+
+def test_the_first_sentence_says_what_becomes_of_weight_and_inertia(calibration, recording):
+    still = replace(recording, wrench=replace(recording.wrench, values=np.tile(
+        [4.0, -3.0, 108.0, 0.0, 0.0, 0.0], (400, 1))))
+    contact = Stream(still.wrench.t, np.tile([0.3, 0.0, 0.4, 0.0, 0.0, 0.0], (400, 1)))
+    assert ('Where nothing touches it, 100 N of weight and inertia become 0.50 N of contact force'
+            in render(still, calibration, contact))
+    touching = replace(still, phases=(Phase('contact', 0.0, 4.0),))
+    assert 'Where nothing touches' not in render(touching, calibration, contact)
+
+
+def test_quality_is_said_in_words():
+    said = dict(in_words({'condition': 1.7361, 'residual_rms': [0.0036, 0.0055, 0.0039, 3e-4] + [
+        6e-5, 1e-4], 'chi_square': {'value': 3.789, 'degrees': 8, 'probability': 0.0012},
+        'notes': ['x points along +x'], 'questions': []}))
+    assert said['Left over at rest'].startswith('0.0036, 0.0055, 0.0039 N and 0.00030,')
+    assert said['Fit of the poses'] == ('They do not fit one rigid tool: chi-square 3.79 for 8 '
+                                        'degrees of freedom (probability 0.0012).')
+    assert said['Note'] == 'X points along +x.' and not dict(in_words({}))
 
 
 def test_warnings_come_before_the_numbers(calibration, recording):
     page = render(recording, calibration)
-    assert page.index('class="warning"') < page.index('<table')
+    assert page.index('bad warning"') < page.index('<table')

@@ -1,0 +1,29 @@
+"""Draw the README's picture from the demo: ``forcecal demo --out first`` makes what it reads.
+
+``python docs/before_after.py first``
+"""
+
+from pathlib import Path
+import sys
+
+from forcecal_ros.calibration.file import load
+from forcecal_ros.observe import replay
+from forcecal_ros.recording.bags import read_recording
+from forcecal_ros.recording.streams import Stream
+from forcecal_ros.report.calibration import forces
+from forcecal_ros.report.page import png
+from forcecal_ros.report.panels import drawn
+
+PICTURE = Path(__file__).with_suffix('.png')
+
+
+def main(demo: Path) -> None:
+    """Draw the force along x, in which weight, inertia and contact come one after the other."""
+    calibration, recording = load(demo / 'calibration.yaml'), read_recording(demo / 'bag')
+    estimate = replay(recording, calibration)
+    shown = forces(recording, calibration, Stream(estimate.t, estimate.contact))
+    PICTURE.write_bytes(png(drawn(shown._replace(panels=shown.panels[:1])), dpi=110))
+
+
+if __name__ == '__main__':
+    main(Path(sys.argv[1]))

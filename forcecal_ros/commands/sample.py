@@ -1,0 +1,88 @@
+"""``forcecal sample``: recordings to try the other commands on."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from forcecal_ros.commands.common import new_parser, say, say_if_compiling
+from forcecal_ros.commands.numbers import whole
+from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
+
+LATE = {'wrench_delay': {'delay': 0.004}}
+"""In what the robot of the second recording differs from the rig file."""
+
+BEGUN = 1_700_000_000 * 10 ** 9
+"""Stamp at which simulated recordings begin [ns], of a day like any other."""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(subparsers, 'sample', example='forcecal sample rig -o sample')
+    parser.add_argument('kind', choices=('rig', 'insitu'),
+                        help='rig: the simulated rig in the planned motion, sound, and with a '
+                             'wrench that comes 4 ms late; insitu: tables of a limb with added '
+                             'masses, and the SPEC.yaml that describes them')
+    add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
+               help='folder for them; what is there of these names is kept as NAME~')
+    parser.add_argument('--seed', type=whole, default=0, help='of the sensor noise')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    return _rig(args) if args.kind == 'rig' else _insitu(args)
+
+
+def _rig(args: argparse.Namespace) -> int:
+    from dataclasses import replace
+
+    from forcecal_ros.atomic_files import make_folder
+    from forcecal_ros.diagnose.planning import motion_for
+    from forcecal_ros.effects import with_effects
+    from forcecal_ros.recording.bags import write_recording
+    from forcecal_ros.simulators.rig.file import load_rig
+    from forcecal_ros.simulators.rig.offline import simulate
+    from forcecal_ros.simulators.rig.simulator import waits_for_compiler
+
+    rig, folder = load_rig(), Path(args.output)
+    say_if_compiling(waits_for_compiler(), 'the simulator')
+    make_folder(folder)
+    moved = motion_for(rig, contact=True, brief=True)
+    for i, (name, effects) in enumerate((('sound', {}), ('late', LATE))):
+        recording = simulate(with_effects(rig, effects) if effects else rig, moved.target,
+                             seed=args.seed + i)
+        write_recording(folder / name, replace(
+            recording, phases=moved.phases, contact_truth=None, start_ns=BEGUN))
+    say(f'written to {folder}: sound, late ({moved.target.t[-1]:.0f} s each)')
+    say(f'try: forcecal calibrate {folder}/sound -o calibration.yaml')
+    say(f'try: forcecal diagnose {folder}/late -o diagnosis')
+    return 0
+
+
+def _insitu(args: argparse.Namespace) -> int:
+    from io import StringIO
+
+    from forcecal_ros.simulators.limb import LOADS, logs
+    import numpy as np
+    import yaml
+
+    folder, columns = Path(args.output), ('t', *(f'raw{k}' for k in range(6)), 'ax', 'ay', 'az')
+    files = {}
+    for name, log in logs(args.seed).items():
+        table = StringIO()
+        np.savetxt(table, np.column_stack([log.t, log.raw, log.accel]), fmt='%.6g',
+                   delimiter=',', header=','.join(columns), comments='')
+        files[f'{name}.csv'] = table.getvalue()
+    document = {
+        'format': 'forcecal-insitu/1', 'time': {'column': 't', 'unit': 's'},
+        'accelerometer': {'columns': ['ax', 'ay', 'az']},
+        'sensors': {'limb': {'columns': list(columns[1:7]), 'unit': 'counts',
+                             'frame': 'limb_ft'}},
+        'data_sets': [{'file': f'{name}.csv', 'use': load.use, 'added_mass': load.mass,
+                       **({'position': list(load.position)} if load.mass else {})}
+                      for name, load in LOADS.items()]}
+    files['spec.yaml'] = yaml.safe_dump(document, sort_keys=False)
+    write_results(folder, files)
+    say(f'written to {folder}: {", ".join(files)}')
+    say(f'try: forcecal insitu {folder}/spec.yaml -o limb')
+    return 0

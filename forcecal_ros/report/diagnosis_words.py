@@ -1,0 +1,176 @@
+"""The first screen of a diagnosis: what, how large, how sure, where, when, and what to do next."""
+
+from collections.abc import Iterator, Sequence
+import shlex
+
+from forcecal_ros.diagnose.channels import CHANNELS
+from forcecal_ros.diagnose.result import Diagnosis
+from forcecal_ros.diagnose.verdict import percent
+from forcecal_ros.report.diagnosis_view import View
+from forcecal_ros.report.effect_words import phrase, sentence
+from forcecal_ros.report.quantity import size
+from forcecal_ros.report.words import Fact, Step
+
+NAMED = ('identified', 'ambiguous', 'partial')
+"""Verdicts that name effects: of these alone a share of the misfit is said."""
+
+HEADS = {
+    'no_gap': 'The simulation explains this recording down to its noise.',
+    'unknown': 'Recording and simulation differ, and no known effect explains it.',
+    'not_excited': 'This recording cannot tell: ',
+    'invalid_data': 'This recording cannot be used: ',
+}
+"""First sentence of the verdicts that name no effect; the reason follows a colon."""
+
+SHARE = ' of the misfit'
+"""A verdict of effects that show in stamps and values alone says no share, nor does its page."""
+
+_CHANNELS = {c.name for c in CHANNELS}
+
+
+def headline(d: Diagnosis) -> str:
+    """
+    Say what was found, how large it is, how sure that is, and how much it explains.
+
+    Returns
+    -------
+    str
+        ``The wrench comes 4.000 ± 0.014 ms late (92 %). Adding it explains 94 % of the misfit
+        (95 %: 87 to 98 %).``
+    """
+    if d.verdict not in NAMED:
+        head = HEADS[d.verdict]
+        return f'{head}{d.reason}.' if head.endswith(' ') else head
+    found = ' '.join(f'{sentence(e)} ({percent(e.probability)}).' for e in d.effects)
+    return ' '.join(part for part in (found, explained(d), *_but(d)) if part)
+
+
+def explained(d: Diagnosis) -> str:
+    """Say which share of the misfit the named effects explain; empty where that is not known."""
+    if d.verdict not in NAMED or d.gap is None or SHARE not in d.reason:
+        return ''
+    low, high = d.gap.closed_ci95
+    them = 'it' if len(d.effects) == 1 else 'them'
+    return (f'Adding {them} explains {percent(d.gap.closed)} of the misfit (95 %: '
+            f'{max(0.0, 100.0 * low):.0f} to {100.0 * high:.0f} %).')
+
+
+def _but(d: Diagnosis) -> Iterator[str]:
+    others = [n for n, _ in d.candidates if n not in {e.name for e in d.effects} | {'unknown'}]
+    if d.verdict == 'ambiguous' and others:
+        yield f'But this would explain it about as well: {_listed(others)}.'
+    if d.verdict == 'partial':
+        yield 'Part of the misfit is something else.'
+
+
+def facts(view: View, step: Step) -> list[Fact]:
+    """Return the lines below the first sentence."""
+    d = view.diagnosis
+    what = '; '.join(f'{phrase(e.name)} ({e.name})' for e in d.effects if e.name != 'unknown')
+    return [one for one in (
+        Fact('What', _begun(what)), Fact('How large', _begun(_how_large(view))),
+        Fact('How sure', _how_sure(d)), Fact('Where', _begun(_where(view))),
+        Fact('When', _begun(_when(view))), Fact('In full', _begun(_in_full(d))),
+        Fact('Next', step.words, step.command)) if one.words]
+
+
+def _begun(words: str) -> str:
+    """Begin a sentence with a capital, unless it begins with the name of a channel."""
+    first = words.partition(' ')[0]
+    return words if first in _CHANNELS or '_' in first else words[:1].upper() + words[1:]
+
+
+def _in_full(d: Diagnosis) -> str:
+    """Return the verdict's own sentence where it says more than what stands above."""
+    if HEADS.get(d.verdict, '').endswith(' ') or d.reason.endswith(SHARE):
+        return ''
+    return f'{d.reason}.'
+
+
+def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str]) -> Step:
+    """
+    Say what to do with a diagnosis.
+
+    Parameters
+    ----------
+    bag, folder : str
+        The recording that was diagnosed, and where the results are.
+    files : sequence of str
+        What lies there beside the report.
+    """
+    rig, calibration = (
+        next((f'{folder.rstrip("/")}/{f}' for f in files if f.startswith(kind)), '')
+        for kind in ('rig', 'calibration_patched'))
+    if d.verdict in NAMED and rig:
+        return Step('Simulate the same commands with what was found, and compare:', shlex.join(
+            ('forcecal', 'simulate', '--rig', rig, '--commands', bag, '-o', 'corrected')))
+    if d.verdict in NAMED and calibration:
+        return Step('Estimate the contact force with what was found:', shlex.join(
+            ('forcecal', 'estimate', bag, '--calibration', calibration, '-o', 'contact')))
+    return {
+        'no_gap': Step('Nothing has to be changed.'),
+        'unknown': Step('Record the same motion again: what comes again belongs to the rig or '
+                        'its model, what does not was chance. Nothing was added to the rig.'),
+        'not_excited': Step('Record a motion that shows what a diagnosis needs:',
+                            'forcecal plan -o plan.yaml'),
+        'invalid_data': Step('Mend what is named above, and diagnose again.'),
+    }.get(d.verdict, Step('Give the simulation what was found, and compare again.'))
+
+
+def _how_large(view: View) -> str:
+    d, parts = view.diagnosis, []
+    if d.gap is None or d.verdict == 'not_excited':
+        return ''
+    _, before, after = d.gap.contact_force
+    if d.verdict == 'no_gap':
+        return f'{size(before, "N", 2)} RMS above the noise in the contact force.' if (
+            before) else ''
+    place = view.focus()
+    if place is not None:
+        name = CHANNELS[place.channel].name
+        rms = d.gap.channels.get(name)
+        if rms is not None:
+            parts.append(f'{name} differs by {size(rms[1], view.units[name], 2)} RMS above a '
+                         f'noise of {size(rms[3], view.units[name], 2)}')
+    if before > 0.0:
+        left = f', {size(after, "N", 2)} after' if d.verdict in NAMED else ''
+        parts.append(f'the contact force by {size(before, "N", 2)}{left}')
+    return '; '.join(parts) + '.' if parts else ''
+
+
+def _how_sure(d: Diagnosis) -> str:
+    if d.verdict in ('not_excited', 'invalid_data', 'no_gap') or not d.candidates:
+        return ''
+    return ', '.join(f'{percent(p)} {_called(name)}' for name, p in d.candidates) + '.'
+
+
+def _called(name: str) -> str:
+    return 'none of the known effects' if name == 'unknown' else name
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ' or '.join(f'{phrase(n)} ({n})' for n in names)
+
+
+def _where(view: View) -> str:
+    place = view.focus()
+    if place is None:
+        return ''
+    low, high = place.band
+    band = f'below {high:g} Hz' if low <= 0.0 else f'{low:g} to {high:g} Hz'
+    more = [f'{w.channel} in {w.phase}' for w in view.diagnosis.where[1:3]]
+    then = f'; then {" and ".join(more)}' if more else ''
+    return (f'{CHANNELS[place.channel].name} in phase {place.phase}, {band}: '
+            f'{size(place.excess, "", 2).strip()} times the noise{then}.')
+
+
+def _when(view: View) -> str:
+    begun = [(e.begin, e.begin_ci95) for e in view.diagnosis.effects
+             if e.begin is not None and e.begin_ci95 is not None]
+    if begun:
+        return '; '.join(f'from {at:.2f} s on (95 %: {low:.3f} to {high:.3f} s)'
+                         for at, (low, high) in begun) + '.'
+    span = view.span()
+    if span is None:
+        return ''
+    return f'Plainest from {span.start:.2f} to {span.end:.2f} s, in phase {span.name}.'

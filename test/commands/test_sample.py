@@ -1,0 +1,34 @@
+"""What is made to try the commands on is what they say of it."""
+
+from pathlib import Path
+
+from forcecal_ros.calibration.file import load
+from forcecal_ros.cli import main
+from forcecal_ros.recording.bags import read_recording
+from forcecal_ros.simulators.limb import LOADS, MASS
+from forcecal_ros.simulators.rig.file import load_rig
+import numpy as np
+import pytest
+
+
+def test_tables_of_a_limb_come_out_with_the_masses_that_were_added(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(['sample', 'insitu', '-o', 'limb']) == 0
+    tried = capsys.readouterr().out.partition('try: forcecal ')[2].split()
+    assert {path.stem for path in Path('limb').glob('*.csv')} == set(LOADS)
+    assert main([*tried[:-1], 'found']) == 0
+    assert 'Masses that they never saw come out within 0.' in capsys.readouterr().out
+    found = load('found/calibration.yaml')
+    assert abs(float(found.mass) - MASS) < 4 * float(found.mass.std)
+
+
+@pytest.mark.long
+def test_the_recordings_of_a_rig_differ_by_what_the_second_is_late(tmp_path, capsys):
+    assert main(['sample', 'rig', '-o', str(tmp_path)]) == 0
+    sound, late = (read_recording(tmp_path / name) for name in ('sound', 'late'))
+    assert sound.phases == late.phases and 'contact' in {p.name for p in sound.phases}
+    t = np.arange(5.0, 90.0, 0.001)
+    ahead, behind = sound.wrench.at(t)[:, 0], late.wrench.at(t + 0.004)[:, 0]
+    noise = np.hypot(*2 * [load_rig().wrench_sensor.force_noise])
+    assert np.std(ahead - behind) < 1.1 * noise < np.std(ahead - late.wrench.at(t)[:, 0])
+    capsys.readouterr()

@@ -1,0 +1,188 @@
+"""The first screen of a diagnosis says what, how large, how sure, where, when and what next."""
+
+from dataclasses import replace
+import json
+import re
+import sys
+
+from forcecal_ros.diagnose.channels import CHANNELS, units
+from forcecal_ros.diagnose.gap import Gap
+from forcecal_ros.diagnose.result import Diagnosis, Found, Parameter
+from forcecal_ros.diagnose.verdict import percent
+from forcecal_ros.diagnose.where import Place
+from forcecal_ros.effects.library import EFFECTS
+from forcecal_ros.recording.streams import Phase, Recording, Stream
+from forcecal_ros.report import diagnosis_figures as figures
+from forcecal_ros.report import page as pages
+from forcecal_ros.report.diagnosis import render, TONES
+from forcecal_ros.report.diagnosis_view import View, view_without_signals
+from forcecal_ros.report.diagnosis_words import facts, headline, next_step
+from forcecal_ros.report.effect_words import sentence, WORDS
+from forcecal_ros.report.origin import origin
+from forcecal_ros.report.panels import between, Line, live, MOST_POINTS
+from forcecal_ros.report.quantity import beside, quantity, rounded
+from forcecal_ros.report.words import Step
+import numpy as np
+import pytest
+
+LATE = Found('wrench_delay', {'delay': Parameter(0.00400042, 0.000141, 's')}, 0.973)
+GAP = Gap(1.3, 1.2, 0.02, 0.9834, (0.9712, 0.9913),
+          {'force.y': (0.4, 0.38, 0.01, 0.25)}, (0.5, 0.53, 0.012))
+PLACES = (Place('wrench_sensor', 'force.y', 'step', (8.0, 16.0), 12.3, 1e-9),
+          Place('wrench_sensor', 'torque.x', 'contact', (4.0, 8.0), 3.0, 1e-9))
+IDENTIFIED = Diagnosis('identified', 'wrench_delay explains 98 % of the misfit', (LATE,),
+                       (('wrench_delay', 0.973),), PLACES, GAP)
+NEXT = Step('Simulate the same:', 'forcecal simulate')
+NO_REASON = 'nothing to see'
+
+
+def _view(diagnosis, n=6000):
+    t = 0.004 * (0.5 + np.arange(n))
+    measured = np.sin(t)[:, np.newaxis] * np.ones(len(CHANNELS))
+    residual = 0.1 * np.cos(t)[:, np.newaxis] * np.ones(len(CHANNELS))
+    residual[2600] = 9.0
+    phases = (Phase('measure', 0.0, 2.0), Phase('step', 2.0, 4.0), Phase('move', 4.0, 10.0),
+              Phase('step', 10.0, 12.0), Phase('contact', 12.0, 24.0))
+    named = 0.0 if diagnosis.effects and diagnosis.verdict == 'identified' else 1.0
+    return View(diagnosis, '', units(), t, phases, np.ones(n, int), np.ones(residual.shape, bool),
+                measured, residual, residual, named * residual, ())
+
+
+@pytest.mark.parametrize(('value', 'std', 'unit', 'said'), [
+    (0.00400042, 0.000141, 's', '4.00 ± 0.14 ms'), (0.0501693, 0.00082, '1', '5.02 ± 0.08 %'),
+    (0.03, 0.0011, 'rad', '1.72 ± 0.06 deg'),
+    (1.234e7, 2e5, 'N/m^3', '(1.234 ± 0.020) x 10^7 N/m^3'),
+    (2e-4, 1e-5, '1', '200 ± 10 ppm'), (13.0, float('nan'), 'kg', '13.0 kg'),
+    (0.0, 0.2, 'N', '0.00 ± 0.20 N'), (0.6059, 0.00785, 'N', '0.606 ± 0.008 N')])
+def test_a_number_has_the_digits_that_are_known_and_a_handy_unit(value, std, unit, said):
+    assert quantity(value, std, unit) == said
+
+
+def test_a_share_is_all_or_nothing_only_where_it_is():
+    assert [percent(x) for x in (0.0, 0.004, 0.43, 0.996, 1.0)] == [
+        '0 %', 'under 1 %', '43 %', 'over 99 %', '100 %']
+    assert rounded(0.000012345) == '1.23e-05' and rounded(12345.6) == '12300'
+    assert beside((4.1e-5, 2e-5), 'm') == ('µm', ['41.0', '20.0'])
+
+
+@pytest.mark.parametrize('name', [*EFFECTS, 'wrench_bias_step'])
+def test_every_effect_has_words_that_take_its_numbers(name):
+    quantities = EFFECTS[name].parameters if name in EFFECTS else ()
+    numbers = {q.name: Parameter(q.typical, 1e-3 * abs(q.typical), q.unit) for q in quantities
+               } or {'fy': Parameter(0.6, 0.01, 'N')}
+    said = sentence(Found(name, numbers, 0.9))
+    assert name in WORDS and '{' not in said
+    assert '±' in said and 'nan' not in said
+
+
+def test_a_sentence_leaves_out_what_is_chance():
+    gain = Found('wrench_gain', {'fx': Parameter(0.05, 0.001, '1'),
+                                 'fy': Parameter(0.001, 0.001, '1')}, 0.9)
+    assert sentence(gain).endswith('(-): fx +5.00 ± 0.10 %')
+    limit = Found('wrench_saturation', {'limit': Parameter(60.0, 0.5, 'N'),
+                                        'torque_limit': Parameter(1e3, 1.0, 'N m')}, 0.9)
+    assert sentence(limit).endswith('ends: limit 60.0 ± 0.5 N')
+
+
+def test_a_number_of_somebodys_simulator_is_called_by_its_name():
+    friction = Found('friction', {'value': Parameter(0.4213, 0.004, '1')}, 0.9)
+    assert sentence(friction) == 'friction should be 0.421 ± 0.004'
+
+
+def test_the_first_sentence_says_what_how_large_how_sure_and_how_much_it_explains():
+    assert headline(IDENTIFIED) == ('The wrench comes 4.00 ± 0.14 ms late (97 %). Adding it '
+                                    'explains 98 % of the misfit (95 %: 97 to 99 %).')
+
+
+def test_the_facts_name_place_time_and_next_command():
+    said = {one.label: one for one in facts(_view(IDENTIFIED), NEXT)}
+    assert said['What'].words == 'Force and torque come late (wrench_delay)'
+    assert said['How sure'].words == '97 % wrench_delay.'
+    assert said['Where'].words == ('force.y in phase step, 8 to 16 Hz: 12 times the noise; then '
+                                   'torque.x in contact.')
+    # of two steps the one with most of the misfit
+    assert said['When'].words == 'Plainest from 10.00 to 12.00 s, in phase step.'
+    assert said['Next'].command == 'forcecal simulate' and 'In full' not in said
+
+
+def test_an_effect_that_began_says_when():
+    begun = replace(IDENTIFIED, effects=(replace(LATE, begin=12.3005, begin_ci95=(12.29, 12.31)),))
+    said = {one.label: one.words for one in facts(_view(begun), NEXT)}
+    assert said['When'] == 'From 12.30 s on (95 %: 12.290 to 12.310 s).'
+    assert figures.closest(_view(begun)).instants == (12.3005,)
+
+
+@pytest.mark.parametrize('verdict', ['unknown', 'not_excited', 'no_gap', 'invalid_data'])
+def test_a_verdict_that_names_nothing_says_no_share(verdict):
+    d = replace(IDENTIFIED, verdict=verdict, reason=NO_REASON,
+                effects=(Found('unknown', {}, 0.9),) if verdict == 'unknown' else ())
+    page = render(view_without_signals(d), ['bag'], NEXT)
+    assert not re.search(r'explains \d+ % of the misfit|explained</th>', page)
+    assert NO_REASON in page.lower()
+
+
+def test_an_effect_that_shows_in_stamps_alone_explains_no_share():
+    lost = replace(IDENTIFIED, reason='dropouts shows in stamps and values', effects=(
+        Found('dropouts', {'wrench': Parameter(0.02, 0.001, '1')}, 0.99),))
+    assert headline(lost) == 'Messages get lost: wrench 2.00 ± 0.10 % (99 %).'
+
+
+def test_every_share_on_the_page_is_the_same_one():
+    page = render(view_without_signals(IDENTIFIED), ['bag'], NEXT)
+    assert set(re.findall(r'explains ([\w ]+ %)', page)) == {'98 %'}
+    assert 'class="said known"' in page and TONES.keys() >= {'no_gap', 'partial', 'ambiguous'}
+
+
+def test_the_next_step_is_a_command_that_a_shell_takes():
+    step = next_step(IDENTIFIED, 'my bag', 'out/', ('rig_patched.yaml',))
+    assert step.command == ("forcecal simulate --rig out/rig_patched.yaml --commands 'my bag' "
+                            '-o corrected')
+    by_motion = next_step(IDENTIFIED, 'bag', 'out', ('calibration_patched.yaml',))
+    assert by_motion.command.endswith('--calibration out/calibration_patched.yaml -o contact')
+
+
+def test_a_recording_says_which_when_and_how_long():
+    t = np.arange(100.0) / 10
+    one = Recording(wrench=Stream(t, np.zeros((100, 6))), source='a/bag',
+                    start_ns=1_700_000_000 * 10**9)
+    assert origin([one]) == ['a/bag · 2023-11-14 22:13:20 UTC · 10 s']
+    assert origin([replace(one, start_ns=5)]) == ['a/bag · on simulated time · 10 s']
+
+
+def test_a_line_of_a_day_is_thinned_without_losing_its_peak():
+    t = np.arange(10 ** 6) / 250
+    values = np.where(np.arange(10 ** 6) == 654_321, 7.0, 0.0)
+    values[:5000] = np.nan
+    line = between(Line('measured', 'measured', t, values), 0.0, t[-1])
+    assert len(line.t) <= MOST_POINTS + 2 and np.nanmax(line.values) == 7.0
+    assert (np.diff(line.t) > 0).all()
+
+
+def test_the_plot_that_zooms_shows_the_phase_and_channel_of_the_verdict():
+    shown = figures.closest(_view(IDENTIFIED))
+    assert 9.0 < shown.start < 10.0 and 12.0 < shown.end < 13.0
+    plot = json.loads(json.dumps(live(shown), allow_nan=False))
+    assert [axis['title']['text'] for key, axis in plot['layout'].items()
+            if key.startswith('yaxis')] == ['force.y [N]', 'force.y left [N]']
+    assert {one['name'] for one in plot['data'] if one['visible'] is True} >= {
+        'measured', 'simulated', 'explained'}
+    step, = (one for one in plot['layout']['shapes'] if one['fillcolor'] == 'var(exciting)')
+    assert (step['x0'], step['x1']) == (10.0, 12.0)
+
+
+def test_without_plotly_the_page_shows_pictures_and_says_how_to_get_more(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'plotly', None)
+    monkeypatch.setitem(sys.modules, 'plotly.offline', None)
+    pages._plotly.cache_clear()
+    page = render(_view(IDENTIFIED), ['bag'], NEXT)
+    pages._plotly.cache_clear()
+    assert page.count('<img') == 4 and '<script' not in page and '[plots]' in page
+    assert len(page) < 1e6
+
+
+def test_with_plotly_the_page_holds_it_once_and_needs_no_network():
+    pytest.importorskip('plotly')
+    page = render(_view(IDENTIFIED), ['bag'], NEXT)
+    assert page.count('id="plotly"') == 1 and page.count('class="live"') == 3
+    assert not re.search(r'(?:src|href)="(?!data:)', page)
+    assert len(page) < 5e6
