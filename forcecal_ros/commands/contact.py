@@ -25,8 +25,8 @@ def add_bandwidth(parser: Any, otherwise: str) -> None:
     parser.add_argument('--contact-walk', metavar='N/SQRT(S)', type=positive,
                         help='how fast a contact force is expected to wander, which together with '
                              f'the noise makes the bandwidth of filter kalman ({otherwise})')
-    for name, words in (('min', 'slowest'), ('max', 'fastest')):
-        parser.add_argument(f'--bandwidth-{name}', metavar='HZ', type=positive,
+    for name, words in (('--bandwidth-min', 'slowest'), ('--bandwidth-max', 'fastest')):
+        parser.add_argument(name, metavar='HZ', type=positive,
                             help=f'{words} bandwidth that may follow ({otherwise})')
 
 

@@ -81,7 +81,7 @@ def test_json_is_what_the_file_says(capsys, sample, tmp_path):
 def test_calibrate_writes_a_report_with_its_pictures(capsys, sample, tmp_path):
     page = tmp_path / 'report.html'
     assert run(capsys, 'calibrate', sample, '-o', tmp_path / 'c.yaml', '--report', page)[0] == 0
-    assert page.read_text().count('<img') == 5
+    assert page.read_text().count('<img') == 6
 
 
 @pytest.mark.parametrize('mode', ['kalman', 'newton'])
@@ -230,7 +230,7 @@ def test_help_shows_an_example(capsys, command):
 
 
 def test_advice_names_options_and_roles_that_there_are():
-    options = {'--ros-args', '--params-file', '--version'}.union(*(
+    options = {'--ros-args', '--params-file', '--show-args', '--version'}.union(*(
         build_parser(command).commands[command].options for command in COMMANDS))
     for file in PACKAGE.rglob('*.py'):
         text = file.read_text()

@@ -34,6 +34,7 @@ def recorded(effects, seed=6):
                    wrench=replace(out.wrench, values=values))
 
 
+@pytest.mark.long
 def test_an_effect_is_identified_beside_what_no_library_has_and_that_is_said():
     found = diagnose(recorded(EFFECT), None, load_rig()).diagnosis
     assert found.verdict == 'identified'

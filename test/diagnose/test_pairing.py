@@ -173,6 +173,7 @@ def test_a_limit_that_no_sensor_has_is_a_note_and_no_effect(recording):
     assert not effects and any('stops at 3.277e+04' in note for note in notes)
 
 
+@pytest.mark.long
 def test_a_sound_recording_with_pauses_has_no_gap(second_rig):
     sample = read_recording(second_rig / 'bag')
     for start, end in ((1.5, 3.2), (15.0, 19.0)):

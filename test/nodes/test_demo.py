@@ -60,15 +60,23 @@ def test_the_observer_takes_inertia_off_and_leaves_the_contact(demo):
     assert abs(contact['observer'] - contact['truth']) < 0.3
 
 
+def without_loss(t, published, forgets=0.5):
+    """Say when the observer has heard everything for so long: a busy machine loses messages."""
+    late = published[1:][np.diff(published) > 0.005]
+    last = np.concatenate([[published[0]], late])[np.searchsorted(late, t, side='right')]
+    return t - last > forgets
+
+
 def test_the_recording_replays_to_what_was_published(demo):
     out, _ = demo
     recording = read_recording(out / 'bag')
     published = read_contact(out / 'bag', recording.start_ns)
     again = replay(recording, load(out / 'calibration.yaml'))
     hold = next(phase for phase in recording.phases if phase.name == 'contact')
-    during = (again.t > hold.start) & (again.t < hold.end)
+    during = (again.t > hold.start) & (again.t < hold.end) & without_loss(again.t, published.t)
+    assert during.sum() > 200
     live = published.at(again.t[during])
-    assert np.sqrt(np.mean((again.contact[during] - live)[:, :3] ** 2)) < 0.2
+    assert np.sqrt(np.mean((again.contact[during] - live)[:, :3] ** 2)) < 0.05
     names = [phase.name for phase in recording.phases]
     for word in ('measure', 'move', 'settle', 'step', 'approach', 'contact', 'retract', 'done'):
         assert word in names
@@ -77,7 +85,7 @@ def test_the_recording_replays_to_what_was_published(demo):
 def test_a_report_is_left(demo):
     out, _ = demo
     page = (out / 'report.html').read_text()
-    assert 'truth' in page and page.count('<img') == 5
+    assert 'truth' in page and page.count('<img') == 6
 
 
 def plotjuggler_curves():

@@ -219,8 +219,8 @@ def test_a_preview_shows_the_path_and_a_start_may_require_it(ready):
         live.spin(0.5)  # until the sequencer has heard of it
         live.until(lambda: 'the robot has moved by 0.002 m since the preview' in live.call(
             'sequencer/start').message, 'refusal')
-        live.until(lambda: live.call('sequencer/preview').success, 'another preview')
-        assert live.call('sequencer/start').success
+        live.until(lambda: live.call('sequencer/preview').success
+                   and live.call('sequencer/start').success, 'start of what was shown')
         live.until(robot.moving, 'motion')
         live.call('sequencer/abort')
         live.until(lambda: live.phases[-1] == 'aborted', 'the end')
@@ -242,14 +242,15 @@ def test_a_setting_that_makes_no_sense_is_refused_with_a_reason(ready, change, r
     assert not answer.successful and reason in answer.reason
 
 
-def test_a_sequencer_that_is_told_to_go_stops_the_robot_first(ready):
-    """The last of those that share a sequencer, which then is gone."""
-    live, robot = ready
-    until_moving(live, robot)
-    asked = now(live)
-    assert live.end('sequencer', signal.SIGINT) == 0
-    assert_came_to_rest(live, robot, asked)
-    assert live.reasons == ['the sequencer node was told to go']
+def test_a_sequencer_that_is_told_to_go_stops_the_robot_first(ros_domain):
+    with Live() as live:
+        robot = Robot(live)
+        start(live)
+        until_moving(live, robot)
+        asked = now(live)
+        assert live.end('sequencer', signal.SIGINT) == 0
+        assert_came_to_rest(live, robot, asked)
+        assert live.reasons == ['the sequencer node was told to go']
 
 
 class Time:
