@@ -49,7 +49,6 @@ def _open(where):
     return seal.open_labels(where / 'run', where / 'labels', where / 'openings.jsonl')
 
 
-@pytest.mark.long
 def test_labels_stay_closed_until_every_result_is_there(where):
     _answer(where, 1)
     with pytest.raises(seal.SealError, match='1 of 2 results are missing'):
