@@ -16,8 +16,13 @@ from forcecal_ros.diagnose.clear_band import MOST
 from forcecal_ros.diagnose.measured_motion import EXACT
 from forcecal_ros.diagnose.nuisances import LEAST, Nuisance, of_sensors, scaled, shifted
 from forcecal_ros.diagnose.same_frames import in_base_of
-from forcecal_ros.diagnose.simulated_robot import library_of, nuisances_of, SimulatedRobot
-from forcecal_ros.diagnose.simulation import block_means, RATE, Signals
+from forcecal_ros.diagnose.simulated_robot import (
+    addable,
+    library_of,
+    nuisances_of,
+    SimulatedRobot,
+)
+from forcecal_ros.diagnose.simulation import RATE, Signals
 from forcecal_ros.effects import AccelerometerEffects, Effect, physical_rig
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import ConfigError
@@ -82,11 +87,7 @@ class Runs:
         numbers = self.simulator.nominal
         first = self._exact.pop(numbers)
         again = self.exact(numbers)
-        pairs = [(first.wrench, again.wrench), (first.accelerometer, again.accelerometer)]
-        assert first.pose is not None
-        assert again.pose is not None
-        return all(a is None or b is None or np.array_equal(a.values, b.values)
-                   for a, b in pairs) and np.array_equal(first.pose.position, again.pose.position)
+        return all(np.array_equal(a, b) for a, b in zip(_arrays(first), _arrays(again)))
 
     def try_all(self, numbers: Numbers) -> None:
         """See what each parameter does at a point: one run for each, and one for the point."""
@@ -117,6 +118,13 @@ class Runs:
             np.linalg.norm((np.array(numbers) - one) / sigma)))
         away = (np.array(numbers) - near) / sigma
         return _moved(self._exact[near], self._changes[near], away)
+
+
+def _arrays(made: Recording) -> list[Array]:
+    assert made.wrench is not None
+    assert made.pose is not None
+    felt = [] if made.accelerometer is None else [made.accelerometer.values]
+    return [made.wrench.values, made.pose.position, made.pose.R_base_sensor, *felt]
 
 
 def _change(here: Recording, there: Recording, scale: float) -> _Change:
@@ -179,15 +187,12 @@ class Rerun:
     def __init__(self, runs: Runs, start: float, n_blocks: int, body: Body) -> None:
         self.runs, self.start, self.n_blocks, self._body = runs, start, n_blocks, body
         self.accelerated = runs.exact(runs.simulator.nominal).accelerometer is not None
-        self.library: Mapping[str, Effect] = library_of(
-            runs.simulator.parameters, self.accelerated)
+        self.library: Mapping[str, Effect] = library_of(runs.simulator.parameters)
         self._carried: dict[tuple[Numbers, float], tuple[CarriedTool, Array | None]] = {}
 
     def can_show(self, effect: str, rig: Rig) -> bool:
         """Say whether an effect could be there and be seen."""
-        found = self.library[effect]
-        return found.where != 'stamps' and (found.where != 'signal' or self.accelerated
-                                            or found.stage != 'accelerometer')
+        return addable(self.library[effect], self.accelerated)
 
     def nuisances(self, rig: Rig, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """List what a sound robot may differ in: parameters, tool, mounting and sensors."""
@@ -207,11 +212,6 @@ class Rerun:
     def forget(self) -> None:
         """Let what was predicted be asked for anew, where the simulator was run meanwhile."""
         self._carried.clear()
-
-    def apart(self, recording: Recording, signals: Signals) -> Array:
-        """Return what a recorded wrench has beyond the simulated, in block means, (blocks, 6)."""
-        seen = next(iter(self._carried.values()))[0].seen(recording)
-        return block_means(seen - signals.wrench)
 
     def signals(self, rig: Rig) -> Signals:
         """

@@ -23,8 +23,8 @@ LATE = 0.001
 VISIBLE = 10.0
 """A clearly visible change of a parameter, in its sigma: beyond what a nuisance may take."""
 
-BESIDE = frozenset({'tool_mass', 'tool_com', 'base_tilt', CABLE})
-"""Effects of a rig that are added to any simulator's signals."""
+BESIDE = frozenset({'robot_delay', 'tool_mass', 'tool_com', 'base_tilt', CABLE})
+"""Effects of robot and tool that are added to any simulator's signals."""
 
 
 @dataclass(frozen=True)
@@ -53,28 +53,26 @@ def simulated_robot(body: Body, parameters: tuple[Parameter, ...]) -> SimulatedR
     return SimulatedRobot(**own, numbers=tuple(p.nominal for p in parameters))
 
 
-def library_of(parameters: tuple[Parameter, ...], accelerated: bool) -> dict[str, Effect]:
+def library_of(parameters: tuple[Parameter, ...]) -> dict[str, Effect]:
     """
     List what a robot may have beside what is simulated: parameters that are off, and effects.
 
-    Parameters
-    ----------
-    parameters : tuple of Parameter
-    accelerated : bool
-        Whether the simulator has an accelerometer.
-
-    Returns
-    -------
-    dict of str to Effect
-        A parameter's effect exceeds the nuisance of its name.
+    A parameter's effect exceeds the nuisance of its name, and takes the place of the effects that
+    it stands for.
     """
     made = {name for p in parameters for name in p.stands_for}
-    known = {name: e for name, e in EFFECTS.items() if name not in made and (
-        name in BESIDE or (e.where == 'signal' and e.stage == 'wrench_sensor')
-        or (e.where == 'signal' and e.stage == 'accelerometer' and accelerated)
-        or e.where == 'stamps' or name in UNSEEN)}
+    own = {p.name: _effect(p) for p in parameters}
     late = EFFECTS['robot_delay']._replace(nuisance='late')
-    return {**{p.name: _effect(p) for p in parameters}, late.name: late, **known}
+    known = {**EFFECTS, late.name: late}
+    return {**own, **{name: e for name, e in known.items() if name not in made | set(own)}}
+
+
+def addable(effect: Effect, accelerated: bool) -> bool:
+    """Say whether an effect is a parameter's, or can be added to a simulator's signals."""
+    if effect.nuisance == effect.name or effect.name in BESIDE:
+        return True
+    return effect.where == 'signal' and effect.name not in UNSEEN and (
+        accelerated or effect.stage != 'accelerometer')
 
 
 def _effect(p: Parameter) -> Effect:

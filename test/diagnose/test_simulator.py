@@ -8,6 +8,8 @@ import re
 
 from forcecal_ros.cli import main
 from forcecal_ros.diagnose.rerun import Runs
+from forcecal_ros.diagnose.simulated_robot import addable, library_of
+from forcecal_ros.effects import EFFECTS
 from forcecal_ros.errors import ConfigError, DataError
 from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.recording.bags import read_recording, write_recording
@@ -70,6 +72,15 @@ def test_the_commands_of_the_page_say_what_to_change(example, robot, monkeypatch
     assert document['recomputed'] > 0.5
     assert re.search(r'^change payload 1\.2 -> 1\.2[67]\d* \+- 0\.00\d+ kg$',
                      capsys.readouterr().out, re.MULTILINE)
+
+
+def test_what_checks_of_the_data_may_find_is_known_beside_any_simulator():
+    library = library_of((Parameter('payload', 1.2, 0.02, stands_for=('tool_mass',)),))
+    assert set(EFFECTS) - set(library) == {'tool_mass'}
+    added = {name for name, effect in library.items() if addable(effect, accelerated=False)}
+    assert {'payload', 'robot_delay', 'tool_com', 'wrench_gain'} <= added
+    assert added.isdisjoint({'accel_saturation', 'clock_skew', 'tool_friction'})
+    assert addable(library['accel_saturation'], accelerated=True)
 
 
 def test_between_runs_its_streams_are_those_of_a_line(robot):
