@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from forcecal_ros.diagnose.case import Case, prepare
 from forcecal_ros.diagnose.nuisances import apply_all, nuisances, spreads
-from forcecal_ros.diagnose.planning import plan_for
+from forcecal_ros.diagnose.planning import motion_for
 from forcecal_ros.diagnose.problem import noise_level, Problem
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.effects.rig import Rig
@@ -72,7 +72,7 @@ class Sized(NamedTuple):
 def trajectory(variant: int, motion: str = 'quick') -> tuple[PoseStream, tuple[Phase, ...]]:
     """Return commands and their phases: ``quick``, ``slow`` (below 0.3 Hz) or as ``planned``."""
     if motion == 'planned':
-        planned = plan_for(load_rig(), contact=False)
+        planned = motion_for(load_rig(), contact=False)
         return planned.target, planned.phases
     path = _Path(variant)
     path.hold('measure', 1.6)

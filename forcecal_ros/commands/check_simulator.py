@@ -11,7 +11,11 @@ from forcecal_ros.commands.common import (
     say,
     topic_names,
 )
-from forcecal_ros.commands.simulators import add_mujoco, check_mujoco, simulator_of
+from forcecal_ros.commands.simulators import (
+    add_simulators,
+    check_simulators,
+    simulator_of,
+)
 from forcecal_ros.errors import UsageError
 
 
@@ -21,10 +25,7 @@ def add_parser(subparsers: Any) -> None:
         subparsers, 'check-simulator',
         example='forcecal check-simulator my_bag --simulator my_robot:make')
     parser.add_argument('bag', metavar='BAG', help='recording whose commands it is run with')
-    parser.add_argument('--simulator', metavar='MODULE:FACTORY',
-                        help='a function without arguments that returns the simulator; its code '
-                             'is executed')
-    add_mujoco(parser)
+    add_simulators(parser)
     add_topics(parser)
     add_json(parser)
     parser.set_defaults(run=run)
@@ -36,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.recording.bags import read_recording
     from forcecal_ros.simulators.rig.file import load_rig
 
-    check_mujoco(args)
+    check_simulators(args)
     if not (args.simulator or args.mujoco):
         raise UsageError('name what is to be checked: --simulator MODULE:FACTORY or --mujoco '
                          'MODEL.xml')

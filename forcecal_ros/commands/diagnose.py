@@ -16,15 +16,20 @@ from forcecal_ros.commands.fleet import add_bags, Answer
 from forcecal_ros.commands.fleet import run as run_each
 from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
 from forcecal_ros.commands.progress import stages
-from forcecal_ros.commands.simulators import add_mujoco, check_mujoco, simulator_of
+from forcecal_ros.commands.simulators import add_simulators, check_simulators, simulator_of
 from forcecal_ros.errors import UsageError
 
 RIGID = 'rigid_tool.yaml'
 """Whose tolerances a calibrated tool has where no rig is named."""
 
+NOMINAL = "this package's rig.yaml, nominal"
+
 ASSUMED = ('nothing says what was recorded, so it is compared with the rig that this package '
            'simulates; unless it is that one, name your tool by --calibration, your robot by '
-           '--rig (`forcecal fit-rig` makes one), or your simulator by --simulated or --simulator')
+           '--rig, or your simulator by --simulated, --simulator or --mujoco')
+
+SIMULATORS = ('simulator', 'mujoco', 'simulated')
+"""Options that name a simulator of the user's."""
 
 FILES = ('diagnosis.json', 'report.html', 'rig_patched.yaml', 'calibration_patched.yaml')
 """All that a diagnosis may write."""
@@ -55,12 +60,7 @@ def add_parser(subparsers: Any) -> None:
                         help="-1: the simulator's wrench points the other way, as MuJoCo's")
     add_topics(parser, '--simulated-topic', " of the simulator's")
     add_sensor_pose(parser, '--simulated-sensor-from-pose', ' in the simulator')
-    parser.add_argument('--simulator', metavar='MODULE:FACTORY',
-                        help='your own simulator, which is run with the recorded commands: a '
-                             'function without arguments that returns an object with '
-                             'parameters() and simulate(inputs, parameters); its code is '
-                             'executed')
-    add_mujoco(parser)
+    add_simulators(parser)
     parser.add_argument('--accelerometer', choices=('acc1', 'acc2'),
                         help='which one is mounted (default: recognised by its volts)')
     add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
@@ -76,9 +76,8 @@ def run(args: argparse.Namespace) -> int:
     if args.heldout and os.path.realpath(args.heldout) in map(os.path.realpath, args.bag):
         raise UsageError(f'--heldout: {args.heldout} cannot judge what is fitted to it; leave it '
                          'out, and parts of every phase are held out')
-    check_mujoco(args)
-    if args.simulator or args.mujoco:
-        _check_simulator(args)
+    check_simulators(args)
+    _check_one_model(args)
     if args.simulated:
         _check_pairs(args)
     elif args.heldout_simulated:
@@ -90,24 +89,20 @@ def run(args: argparse.Namespace) -> int:
     return run_each(args, answer)
 
 
-def _check_simulator(args: argparse.Namespace) -> None:
-    mine = 'simulator' if args.simulator else 'mujoco'
-    for name in ('rig', 'calibration', 'simulated'):
-        if getattr(args, name):
-            raise UsageError(f'--{mine} and --{name} exclude each other: one model at a time')
+def _check_one_model(args: argparse.Namespace) -> None:
+    """Refuse a simulator of the user's beside another model, or with several recordings."""
+    named = [name for name in (*SIMULATORS, 'rig', 'calibration') if getattr(args, name)]
+    if not named or named[0] not in SIMULATORS:
+        return
+    if len(named) > 1:
+        raise UsageError(f'--{named[0]} and --{named[1]} exclude each other: one model at a time')
     if len(args.bag) > 1:
-        raise UsageError(f'--{mine} goes with exactly one BAG; diagnose one after the other')
+        raise UsageError(f'--{named[0]} goes with exactly one BAG; diagnose one after the other')
 
 
 def _check_pairs(args: argparse.Namespace) -> None:
     """Refuse what makes no pairs of the robot's recordings and the simulator's."""
     topic_names(args, '--simulated-topic')
-    for name in ('rig', 'calibration'):
-        if getattr(args, name):
-            raise UsageError(f'--simulated and --{name} exclude each other: the tool is that of '
-                             'the simulated recording')
-    if len(args.bag) > 1:
-        raise UsageError('--simulated goes with exactly one BAG; diagnose one after the other')
     if bool(args.heldout) != bool(args.heldout_simulated):
         raise UsageError('--heldout and --heldout-simulated go together; give both or neither')
     given = [path for path in (*args.bag, args.heldout, args.simulated, args.heldout_simulated)
@@ -130,15 +125,18 @@ def answer(args: argparse.Namespace) -> Answer:
     rig = load_rig(args.rig or (RIGID if calibration else None))
     with stages(args) as stage:
         stage(f'reading {args.bag}')
-        recording, *more = (
-            read_poses_of_sensor(args, bag)
-            for bag in (args.bag, args.heldout) if bag is not None)
-        heldout = more[0] if more else None
+        recording, heldout = _read(args)
         if calibration or not recording.target:
             stage('comparing the wrench with the measured motion')
             return _by_motion(args, recording, heldout, rig, calibration)
         stage('replaying the commands and weighing effects')
         return _by_commands(args, recording, heldout, rig)
+
+
+def _read(args: argparse.Namespace) -> tuple[Any, Any]:
+    """Return the recording, and the one to judge on if there is one."""
+    return (read_poses_of_sensor(args, args.bag),
+            read_poses_of_sensor(args, args.heldout) if args.heldout else None)
 
 
 def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any) -> Answer:
@@ -150,11 +148,10 @@ def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any, rig: An
     from forcecal_ros.simulators.rig.simulator import waits_for_compiler
 
     say_if_compiling(waits_for_compiler(), 'the simulator')
-    given = [one for one in (recording, heldout) if one is not None]
-    outcome = _with_model(args, diagnose(recording, heldout, rig, args.accelerometer))
+    outcome = diagnose(recording, heldout, rig, args.accelerometer)
     files = {'rig_patched.yaml': dump_rig(outcome.rig)} if outcome.cases else {}
     document = to_document(outcome.diagnosis, units(), next(iter(files), None))
-    return _written(args, given, outcome, rig, units(), document, files)
+    return _written(args, (recording, heldout), outcome, rig, units(), document, files)
 
 
 def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
@@ -167,9 +164,9 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
     from forcecal_ros.diagnose.result import to_document
 
     body = body_of_calibration(calibration, rig) if calibration else body_of_rig(rig)
-    outcome = _with_model(args, diagnose_motion(
+    outcome = diagnose_motion(
         _as_calibrated(args, recording, calibration), _as_calibrated(args, heldout, calibration),
-        body, calibration, args.accelerometer))
+        body, calibration, args.accelerometer)
     of_channels = units(body.accelerometer_unit)
     files = {}
     document = to_document(outcome.diagnosis, of_channels, None)
@@ -178,8 +175,7 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
         document['calibration'] = 'calibration_patched.yaml'
         files[document['calibration']] = dump(patched(
             calibration, outcome.rig, delay_std(outcome), inertia_std(outcome)))
-    return _written(args, [one for one in (recording, heldout) if one is not None], outcome, rig,
-                    of_channels, document, files)
+    return _written(args, (recording, heldout), outcome, rig, of_channels, document, files)
 
 
 def _by_simulated(args: argparse.Namespace) -> Answer:
@@ -203,7 +199,7 @@ def _by_simulated(args: argparse.Namespace) -> Answer:
         found = diagnose_simulated(pairs[0], pairs[1] if len(pairs) > 1 else None, rig)
         document = to_document(found.outcome.diagnosis, units(), None)
         document |= {'explained_by': 'simulated recording', **found.document()}
-        return _written(args, [pair.real for pair in pairs], found.outcome, rig, units(),
+        return _written(args, tuple(pair.real for pair in pairs), found.outcome, rig, units(),
                         document, {})
 
 
@@ -217,15 +213,14 @@ def _by_simulator(args: argparse.Namespace) -> Answer:
     with stages(args) as stage:
         simulator = simulator_of(args)
         stage(f'reading {args.bag}')
-        real, *more = (
-            read_poses_of_sensor(args, bag)
-            for bag in (args.bag, args.heldout) if bag is not None)
+        recording, heldout = _read(args)
         stage(f'running {simulator.name} with {len(simulator.parameters)} parameters')
         rig, of_channels = load_rig(RIGID), units('m/s^2')
-        found = diagnose_rerun(real, more[0] if more else None, simulator, rig)
+        found = diagnose_rerun(recording, heldout, simulator, rig)
         document = to_document(found.outcome.diagnosis, of_channels, None)
         document |= {'explained_by': simulator.name, **found.document()}
-        answer = _written(args, [real, *more], found.outcome, rig, of_channels, document, {})
+        answer = _written(args, (recording, heldout), found.outcome, rig, of_channels, document,
+                          {})
         told = [f'change {one}' for one in found.changed]
         return answer._replace(text='\n'.join([answer.text, *told]))
 
@@ -243,28 +238,14 @@ def _as_calibrated(args: argparse.Namespace, recording: Any, calibration: Any) -
                            calibration.sensor_rotation)
 
 
-def _with_model(args: argparse.Namespace, outcome: Any) -> Any:
-    """Say in the notes what was compared with where nobody chose it."""
-    from dataclasses import replace
-
-    if args.rig or args.calibration:
-        return outcome
-    return replace(outcome, diagnosis=replace(outcome.diagnosis, notes=(
-        ("compared with this package's simulated rig (rig.yaml), as no --rig and no --calibration "
-         'was given'), *outcome.diagnosis.notes)))
+def _named(args: argparse.Namespace) -> str:
+    """Return the models that the user named, or nothing."""
+    return ' and '.join(filter(None, (
+        args.simulator, args.mujoco, args.simulated, args.heldout_simulated, args.calibration,
+        args.rig)))
 
 
-def _compared(args: argparse.Namespace) -> str:
-    """Say what a recording was compared with."""
-    if args.simulator or args.mujoco:
-        return str(args.simulator or args.mujoco)
-    if args.simulated:
-        return ' and '.join(filter(None, (args.simulated, args.heldout_simulated)))
-    return ' and '.join(filter(None, (args.calibration, args.rig))) or (
-        "this package's rig.yaml, nominal")
-
-
-def _written(args: argparse.Namespace, recordings: list[Any], outcome: Any, rig: Any,
+def _written(args: argparse.Namespace, given: tuple[Any, ...], outcome: Any, rig: Any,
              of_channels: dict[str, str], document: dict[str, Any], files: dict[str, str]
              ) -> Answer:
     """Write what was found, a report of it, and other files."""
@@ -277,7 +258,7 @@ def _written(args: argparse.Namespace, recordings: list[Any], outcome: Any, rig:
     from forcecal_ros.report.origin import origin
 
     diagnosis, folder = outcome.diagnosis, args.output
-    named = args.rig or args.calibration or args.simulated or args.simulator or args.mujoco
+    recordings, named = [one for one in given if one is not None], _named(args)
     assumed = () if named else (ASSUMED,)
     document['notes'] = [*assumed, *document['notes']]
     view = (view_of(outcome, advice(diagnosis, rig), of_channels) if outcome.cases
@@ -286,7 +267,7 @@ def _written(args: argparse.Namespace, recordings: list[Any], outcome: Any, rig:
     write_results(folder, {
         'diagnosis.json': json.dumps(document, indent=2, allow_nan=False) + '\n',
         'report.html': render(
-            view, [*origin(recordings), f'compared with {_compared(args)}'], step),
+            view, [*origin(recordings), f'compared with {named or NOMINAL}'], step),
         **files}, FILES)
     verdict = f'{diagnosis.verdict}: {diagnosis.reason}'
     said = headline(diagnosis)

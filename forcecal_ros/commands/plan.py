@@ -51,8 +51,8 @@ def run(args: argparse.Namespace) -> int:
         print_json(to_document(planned))
     elif not stdout_is_taken(args):
         say(as_text(planned.excitation))
-        seconds = planned.target.t[-1] - planned.target.t[0]
-        say(f'the sequence takes about {seconds:.0f} s')
+        t = planned.motion.target.t
+        say(f'the sequence takes about {t[-1] - t[0]:.0f} s')
         if args.output:
             say(f'written to {args.output}')
     return 0

@@ -6,8 +6,13 @@ from typing import Any
 from forcecal_ros.errors import UsageError
 
 
-def add_mujoco(parser: Any) -> None:
-    """Declare how a model is named."""
+def add_simulators(parser: Any) -> None:
+    """Declare how one is named."""
+    parser.add_argument('--simulator', metavar='MODULE:FACTORY',
+                        help='your own simulator, which is run with the recorded commands: a '
+                             'function without arguments that returns an object with '
+                             'parameters() and simulate(inputs, parameters); its code is '
+                             'executed')
     parser.add_argument('--mujoco', metavar='MODEL.xml',
                         help='your robot as an MJCF, which MuJoCo runs with the recorded commands '
                              'of its joints')
@@ -16,7 +21,7 @@ def add_mujoco(parser: Any) -> None:
                              'force sensor)')
 
 
-def check_mujoco(args: argparse.Namespace) -> None:
+def check_simulators(args: argparse.Namespace) -> None:
     """Refuse two simulators, and a site of none."""
     if args.mujoco and args.simulator:
         raise UsageError('--mujoco and --simulator exclude each other: one model at a time')

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from forcecal_ros.diagnose.carried_tool import beyond
 from forcecal_ros.diagnose.case import Case, made_up
 from forcecal_ros.diagnose.motion_case import (
     held_out,
@@ -41,7 +42,6 @@ ROUGH = 0.1
 Misfit of the linear prediction at the parameters found, in that of the nominal ones, from which
 they are all tried again there: a tenth leaves the explained share within a hundredth.
 """
-
 
 CERTAIN = 3.0
 """Standard errors from which a recalibrated parameter is told: once in 400 by chance."""
@@ -175,7 +175,7 @@ def _prepared(recording: Recording, simulator: ThirdParty, tool: SimulatedTool |
     robot = simulated_robot(known.body, simulator.parameters)
     nominal = simulation.signals(robot)
     if tool is None:
-        known = known.zeroed(simulation.apart(real, nominal))
+        known = known.zeroed(beyond(real, nominal))
         robot = replace(robot, wrench_sensor=known.body.wrench_sensor)
         nominal = simulation.signals(robot)
     groups = kinds(nominal)
@@ -235,13 +235,15 @@ def _changes(simulator: ThirdParty, outcome: Outcome) -> tuple[Changed, ...]:
 def _recalibrated(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]:
     """Say which parameters are off by no more than they may be."""
     named = {e.name for e in outcome.diagnosis.effects}
-    moved = {p.name: outcome.recalibrations.get(p.name, (0.0, 0.0))
-             for p in simulator.parameters if p.name not in named}
-    limited = [p.name for p in simulator.parameters if p.name in moved
-               and abs(moved[p.name][0]) > 0.999 * LIMIT * p.sigma]
-    told = [str(Changed(p.name, p.unit, p.nominal, p.nominal + x, std))
-            for p in simulator.parameters if p.name in moved and p.name not in limited
-            for x, std in [moved[p.name]] if abs(x) > CERTAIN * std]
+    limited, told = [], []
+    for p in simulator.parameters:
+        x, std = outcome.recalibrations.get(p.name, (0.0, 0.0))
+        if p.name in named:
+            continue
+        if abs(x) > 0.999 * LIMIT * p.sigma:
+            limited.append(p.name)
+        elif abs(x) > CERTAIN * std:
+            told.append(str(Changed(p.name, p.unit, p.nominal, p.nominal + x, std)))
     if told:
         yield f'recalibrated, within three of their sigma: {"; ".join(told)}'
     if limited:

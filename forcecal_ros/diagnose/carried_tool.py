@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.diagnose.channels import BLOCK
 from forcecal_ros.diagnose.clear_band import clear_band, MOST
-from forcecal_ros.diagnose.simulation import RATE, UNSEEN
+from forcecal_ros.diagnose.simulation import block_means, RATE, Signals, UNSEEN
 from forcecal_ros.effects import named_effects, physical_rig, WrenchEffects
 from forcecal_ros.effects.chosen import Chosen
 from forcecal_ros.effects.rig import Rig, Tool
@@ -148,9 +148,7 @@ class CarriedTool:
 
     def seen(self, recording: Recording) -> Array:
         """Return a recorded wrench at the same instants, shape (n, 6)."""
-        assert recording.wrench is not None
-        spline = slowed(recording.wrench)
-        return np.asarray(spline(np.clip(self.t, spline.x[0], spline.x[-1])))
+        return _wrench_at(self.t, recording)
 
     def _readings(self, behind: float) -> Array:
         if behind not in self._late:
@@ -186,6 +184,18 @@ class CarriedTool:
         others = tuple(one for one in effects if one not in lag.effects)
         on_wrench = WrenchEffects(replace(body, effects=others), 1.0 / RATE)
         return np.asarray(on_wrench.after_noise(on_wrench.before_noise(wire)))
+
+
+def beyond(recording: Recording, signals: Signals) -> Array:
+    """Return what a recorded wrench has beyond a simulated, in block means, (blocks, 6)."""
+    t = signals.start + (1.0 + np.arange(len(signals.wrench))) / RATE
+    return block_means(_wrench_at(t, recording) - signals.wrench)
+
+
+def _wrench_at(t: Array, recording: Recording) -> Array:
+    assert recording.wrench is not None
+    spline = slowed(recording.wrench)
+    return np.asarray(spline(np.clip(t, spline.x[0], spline.x[-1])))
 
 
 def only(effects: Chosen, names: frozenset[str]) -> Chosen:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from forcecal_ros.diagnose.body import Body
+from forcecal_ros.diagnose.carried_tool import beyond
 from forcecal_ros.diagnose.case import Case, held_apart, in_volts, made_up, STILL
 from forcecal_ros.diagnose.channels import BLOCK
 from forcecal_ros.diagnose.measured_motion import MeasuredMotion
@@ -105,7 +106,7 @@ def prepare_simulated(recording: Recording, simulated: Recording, tool: Simulate
     simulation = RecordedSimulation(moved, made, first, n, 'acc1', known.body)
     nominal = simulation.signals(known.body)
     if tool is None:
-        known = known.zeroed(simulation.apart(moved, nominal))
+        known = known.zeroed(beyond(moved, nominal))
         nominal = simulation.signals(known.body)
     return _case(moved, simulation, nominal, None), known
 

@@ -47,7 +47,7 @@ def to_document(planned: Planned) -> dict[str, Any]:
     """
     return {
         'format': 'forcecal-plan/1',
-        'duration': float(planned.target.t[-1] - planned.target.t[0]),
+        'duration': float(planned.motion.target.t[-1] - planned.motion.target.t[0]),
         'effects': [{
             'name': s.name, 'size': s.size, 'shows': s.word, 'excited_by': list(s.excited_by),
             'energy': None if math.isnan(s.energy) else s.energy, 'weakest': s.weakest,
@@ -70,8 +70,8 @@ def to_parameters(planned: Planned) -> str:
     str
         YAML.
     """
-    timing, names = planned.timing, list(planned.poses)
-    numbers = flatten_poses(planned.poses)
+    timing, names = planned.motion.timing, list(planned.motion.poses)
+    numbers = flatten_poses(planned.motion.poses)
     rows = [', '.join(str(round(x, 12) + 0.0) for x in numbers[7 * i:7 * i + 7])
             for i in range(len(names))]
     comment = ''.join(f'# {line}'.rstrip() + '\n' for line in
@@ -83,7 +83,7 @@ def to_parameters(planned: Planned) -> str:
     if timing.contacts:
         text += (f'    timing:\n      contact_distance: {timing.contact_distance}\n'
                  f'      contacts: {timing.contacts}\n')
-    return text + wider_box(planned.limits)
+    return text + wider_box(planned.motion.limits)
 
 
 def wider_box(limits: Limits) -> str:

@@ -47,20 +47,16 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True)
 class Planned:
-    """A sequence as :class:`Motion` has it, and what it shows."""
+    """A sequence, and what it shows."""
 
-    poses: Mapping[str, Pose]
-    timing: Timing
-    limits: Limits
-    target: PoseStream
-    phases: tuple[Phase, ...]
+    motion: Motion
     excitation: Excitation
 
 
 def plan_for(rig: Rig, *, contact: bool) -> Planned:
     """Plan a recording for a rig, as :func:`motion_for` does, and say what it shows."""
     motion = motion_for(rig, contact=contact)
-    return Planned(*motion, excitation(rig, motion.target, motion.phases))
+    return Planned(motion, excitation(rig, motion.target, motion.phases))
 
 
 def motion_for(rig: Rig, *, contact: bool, brief: bool = False) -> Motion:

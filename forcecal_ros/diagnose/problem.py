@@ -176,7 +176,7 @@ class Problem:
         """Return the discrepancy beside the noise; an empty one where none is set up."""
         if self.discrepancy is None:
             rows = tuple(np.zeros((0, len(c.groups)), dtype=np.float32) for c in self.cases)
-            self.discrepancy = Discrepancy(Basis(rows, np.zeros(0)), np.ones(len(CHANNELS)),
+            self.discrepancy = Discrepancy(Basis(rows, np.zeros(0)), _signal(self),
                                            [c.train for c in self.cases])
         return self.discrepancy.beside(self.noise)
 
@@ -217,7 +217,8 @@ class Problem:
     def refit_noise(self, x: Array) -> None:
         """Fit the noise of what a step of the nuisances, and any discrepancy, leave."""
         rest = [b - combined(columns, x, len(b)) for b, columns in zip(self.blocks, self.columns)]
-        floor = QUIETEST * _signal(self)
+        signal = _signal(self) if self.discrepancy is None else self.discrepancy.signal
+        floor = QUIETEST * signal
         if not self.noise and self.cases[0].simulation.starts_white:
             self.noise = [_no_less(white(r, c.measured.present, c.groups), floor)
                           for r, c in zip(rest, self.cases)]

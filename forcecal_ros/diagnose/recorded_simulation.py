@@ -12,8 +12,6 @@ from forcecal_ros.diagnose.body import Body
 from forcecal_ros.diagnose.carried_tool import CarriedTool
 from forcecal_ros.diagnose.measured_motion import MeasuredMotion
 from forcecal_ros.diagnose.merged_motion import merged
-from forcecal_ros.diagnose.simulation import block_means, Signals
-from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import Recording
 
 
@@ -45,7 +43,3 @@ class RecordedSimulation(MeasuredMotion):
                          accelerometer, body)
         own = CarriedTool(simulated, start, n_blocks, accelerometer)
         self._full.beyond = self._clear.beyond = own.seen(simulated) - own.wire(body)
-
-    def apart(self, recording: Recording, signals: Signals) -> Array:
-        """Return what a recorded wrench has beyond the simulated, in block means, (blocks, 6)."""
-        return block_means(self._full.seen(recording) - signals.wrench)
