@@ -158,7 +158,7 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
                calibration: Any) -> Answer:
     """Compare the wrench with the measured motion."""
     from forcecal_ros.calibration.file import dump
-    from forcecal_ros.diagnose.body import body_of_calibration, body_of_rig, patched
+    from forcecal_ros.diagnose.body import Body, body_of_calibration, body_of_rig, patched
     from forcecal_ros.diagnose.by_motion import delay_std, diagnose_motion, inertia_std
     from forcecal_ros.diagnose.channels import units
     from forcecal_ros.diagnose.result import to_document
@@ -172,6 +172,7 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
     document = to_document(outcome.diagnosis, of_channels, None)
     document['explained_by'] = 'measured motion'
     if calibration and outcome.cases:
+        assert isinstance(outcome.rig, Body)
         document['calibration'] = 'calibration_patched.yaml'
         files[document['calibration']] = dump(patched(
             calibration, outcome.rig, delay_std(outcome), inertia_std(outcome)))

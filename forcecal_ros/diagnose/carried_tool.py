@@ -188,7 +188,7 @@ class CarriedTool:
 
 def beyond(recording: Recording, signals: Signals) -> Array:
     """Return what a recorded wrench has beyond a simulated, in block means, (blocks, 6)."""
-    t = signals.start + (1.0 + np.arange(len(signals.wrench))) / RATE
+    t: Array = signals.start + (1.0 + np.arange(len(signals.wrench), dtype=np.float64)) / RATE
     return block_means(_wrench_at(t, recording) - signals.wrench)
 
 

@@ -11,7 +11,7 @@ from forcecal_ros.impedance.withdraw import LineMotion, to_rest, Withdrawal
 from forcecal_ros.schema import Row
 
 WITHDRAWING = 0.25
-"""Duration of the slow withdrawal after a stop, while the tool still presses [s]."""
+"""Duration of each slow withdrawal after a stop, while the tool still presses [s]."""
 
 COMPRESSED = 5e-4
 """Displacement beyond which the tool counts as pressed in, whatever the force says [m]."""
@@ -45,7 +45,8 @@ class Bounds:
         'Distance by which a stop at the wall takes the tool back within that time',
         'm', 0.0005, 0.1)] = 0.005
     withdraw: Annotated[float, Row(
-        'Distance by which it goes on from there, slowly, where the tool still presses',
+        'Distance by which it goes on from there, slowly, and again as long as the tool presses, '
+        'to where the task began at most',
         'm', 0.0005, 0.5)] = 0.015
     closing: Annotated[float, Row(
         'Duration of the commands at rest that end the stream', 's')] = 0.1
@@ -141,7 +142,8 @@ class Session:
         self._controller, self._bounds = controller, bounds
         self._motion, self._stop, self._time = LineMotion(0.0), None, 0.0
         self._closing, self._streaming, self._paused = 0, True, False
-        self._touched, self._pressed, self._withdrawn, self._force = False, False, False, 0.0
+        self._touched, self._pressed, self._force = False, False, 0.0
+        self._withdrawn: Measurement | None = None
         self.status = TaskStatus(program.at(0.0).phase)
 
     def abort(self, reason: str, *, at_once: bool = False) -> bool:
@@ -206,17 +208,27 @@ class Session:
         return self._motion.position
 
     def _rest(self, measured: Measurement) -> None:
-        """Hold at the end of a stop, or go on, once, where the tool still presses."""
-        # a force that is gone at the end of the stop may as well be one that is late
-        pressing = (self._pressed or -measured.force > self._bounds.touch
-                    or measured.slide < -COMPRESSED)
-        if self.status.phase == 'aborted' and pressing and not self._withdrawn:
-            self._withdrawn, self._time = True, 0.0
-            self._stop = Withdrawal(self._motion, self._motion.position - self._bounds.withdraw,
-                                    WITHDRAWING)
-            return
+        """Hold at the end of a stop, or go on where the tool still presses."""
+        here = self._motion.position
+        if self.status.phase == 'aborted' and self._presses(measured):
+            # the way it came was free, as far as to where it began
+            goal = here - self._bounds.withdraw
+            if self._withdrawn is not None:
+                goal = max(goal, min(here, 0.0))
+            if goal < here:
+                self._withdrawn, self._time = measured, 0.0
+                self._stop = Withdrawal(self._motion, goal, WITHDRAWING)
+                return
         self._stop = None
         self._closing = max(2, round(self._bounds.closing / self._period))
+
+    def _presses(self, measured: Measurement) -> bool:
+        """Say whether the tool touches, or may do so by a force that comes late."""
+        touches = -measured.force > self._bounds.touch
+        if self._withdrawn is None:
+            return touches or self._pressed or measured.slide < -COMPRESSED
+        # the very same numbers again are those of sensors that fell silent
+        return touches and measured != self._withdrawn
 
     def _follow(self, measured: Measurement) -> None:
         self._time += 0.0 if self._paused else self._period

@@ -258,6 +258,11 @@ class MotionNode(Node, Generic[SettingsT]):
         self._abort(Fault(f'the {self._role} node was told to go'))
 
     @property
+    def sent_ns(self) -> int:
+        """Steady time of the last command [ns]; 0 before the first of a motion."""
+        return self._sent
+
+    @property
     def at_rest(self) -> bool:
         """Whether the command stream has ended."""
         return not self._source.streaming

@@ -29,8 +29,8 @@ SIGNAL_CHECK = 0.02
 [s]."""
 
 GRACE = 0.5
-"""Time to come to rest after the first signal: a stop of the longest ``limits.stop_duration``
-[s]."""
+"""Silence of the commands after which a node that was told to go no longer waits to come to rest:
+five times what a clock that drives the motion may stand by default [s]."""
 
 OUTPUT = QoSProfile(depth=10, history=HistoryPolicy.KEEP_LAST,
                     reliability=ReliabilityPolicy.RELIABLE)
@@ -68,6 +68,10 @@ class Stoppable(Protocol):
 
     def stop(self) -> None:
         """Begin to come to rest."""
+
+    @property
+    def sent_ns(self) -> int:
+        """Steady time of the last command [ns]."""
 
     @property
     def at_rest(self) -> bool:
@@ -200,6 +204,7 @@ def _spin(node: Node, interrupt: Interrupt) -> None:
 
 def _come_to_rest(node: Stoppable, executor: Executor, interrupt: Interrupt) -> None:
     node.stop()
-    end = STEADY.now().nanoseconds + int(GRACE * 1e9)
-    while not node.at_rest and interrupt.count < 2 and STEADY.now().nanoseconds < end:
+    told = STEADY.now().nanoseconds
+    while not node.at_rest and interrupt.count < 2 and (
+            STEADY.now().nanoseconds < max(told, node.sent_ns) + int(GRACE * 1e9)):
         executor.spin_until_future_complete(Future(), timeout_sec=SIGNAL_CHECK)

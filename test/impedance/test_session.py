@@ -161,6 +161,30 @@ def test_a_force_that_no_longer_shows_the_wall_does_not_keep_the_tool_there():
     assert commands[-1] == pytest.approx(before - BOUNDS.retract - BOUNDS.withdraw, abs=1e-3)
 
 
+@pytest.mark.parametrize('nearer, ends', [(0.05, 0.02), (1.0, 0.0)])
+def test_a_tool_that_presses_on_is_led_away_as_far_as_where_it_began(nearer, ends):
+    bench = Bench()
+    while bench.force > -14.0:
+        bench.drive(PERIOD)
+    bench.wall = bench.x - nearer  # the command ran far ahead of what was measured
+    bench.session.abort('asked to')
+    commands = bench.drive(10.0)
+    assert (np.diff(commands) <= 1e-4).all() and not bench.session.streaming
+    assert ends - 1e-9 <= commands[-1] <= max(ends, bench.wall + 1e-3) + 1e-9
+
+
+def test_a_force_that_fell_silent_leads_away_once():
+    bench = Bench()
+    while bench.force > -14.0:
+        before = bench.drive(PERIOD)[-1]
+    bench.session.abort('asked to')
+    commands = []
+    while bench.session.streaming:
+        commands.append(bench.session.step(Measurement(bench.x, 0.0, -14.0)))
+    far = before - BOUNDS.retract - BOUNDS.withdraw
+    assert commands[-1] == pytest.approx(far, abs=1e-3)
+
+
 def test_an_abort_in_free_space_stops_gently_on_its_way():
     bench = Bench()
     bench.drive(0.4)
