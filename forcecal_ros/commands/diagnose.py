@@ -31,7 +31,8 @@ ASSUMED = ('nothing says what was recorded, so it is compared with the rig that 
 SIMULATORS = ('simulator', 'mujoco', 'simulated')
 """Options that name a simulator of the user's."""
 
-FILES = ('diagnosis.json', 'report.html', 'rig_patched.yaml', 'calibration_patched.yaml')
+FILES = ('diagnosis.json', 'report.html', 'rig_patched.yaml', 'calibration_patched.yaml',
+         'model_patched.xml')
 """All that a diagnosis may write."""
 
 
@@ -65,10 +66,10 @@ def add_parser(subparsers: Any) -> None:
                         help='which one is mounted (default: recognised by its volts)')
     add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
                help='folder for diagnosis.json, report.html and rig_patched.yaml (or '
-                    'calibration_patched.yaml); results that are there are kept as NAME~; of '
-                    'several BAGs, a folder of such folders')
+                    'calibration_patched.yaml, or model_patched.xml); results that are there are '
+                    'kept as NAME~; of several BAGs, a folder of such folders')
     parser.set_defaults(run=run, inputs=('bag', 'heldout', 'rig', 'calibration', 'simulated',
-                                         'heldout_simulated', 'mujoco'))
+                                         'heldout_simulated', 'mujoco', 'priors'))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -220,8 +221,11 @@ def _by_simulator(args: argparse.Namespace) -> Answer:
         found = diagnose_rerun(recording, heldout, simulator, rig)
         document = to_document(found.outcome.diagnosis, of_channels, None)
         document |= {'explained_by': simulator.name, **found.document()}
+        text = simulator.patched(found.numbers) if found.changed else None
+        files = {} if text is None else {'model_patched.xml': text}
+        document['model'] = next(iter(files), None)
         answer = _written(args, (recording, heldout), found.outcome, rig, of_channels, document,
-                          {})
+                          files)
         told = [f'change {one}' for one in found.changed]
         return answer._replace(text='\n'.join([answer.text, *told]))
 

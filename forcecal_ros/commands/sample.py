@@ -12,16 +12,18 @@ LATE = {'wrench_delay': {'delay': 0.004}}
 """In what the robot of the second recording differs from the rig file."""
 
 BEGUN = 1_700_000_000 * 10 ** 9
-"""Stamp at which simulated recordings begin [ns], of a day like any other."""
+"""Stamp at which recordings begin [ns], of a day like any other."""
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(subparsers, 'sample', example='forcecal sample rig -o sample')
-    parser.add_argument('kind', choices=('rig', 'insitu'),
+    parser.add_argument('kind', choices=tuple(KINDS),
                         help='rig: the simulated rig in the planned motion, sound, and with a '
-                             'wrench that comes 4 ms late; insitu: tables of a limb with added '
-                             'masses, and the SPEC.yaml that describes them')
+                             'wrench that comes 4 ms late; rigid_arm: an arm with a rigid '
+                             'gripper, sound, and with a gripper that weighs 5 %% more than in '
+                             'its MuJoCo model, which lies beside; insitu: tables of a limb with '
+                             'added masses, and the SPEC.yaml that describes them')
     add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
                help='folder for them; what is there of these names is kept as NAME~')
     parser.add_argument('--seed', type=whole, default=0, help='of the sensor noise')
@@ -30,7 +32,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    return _rig(args) if args.kind == 'rig' else _insitu(args)
+    return KINDS[args.kind](args)
 
 
 def _rig(args: argparse.Namespace) -> int:
@@ -56,6 +58,30 @@ def _rig(args: argparse.Namespace) -> int:
     say(f'written to {folder}: sound, late ({moved.target.t[-1]:.0f} s each)')
     say(f'try: forcecal calibrate {folder}/sound -o calibration.yaml')
     say(f'try: forcecal diagnose {folder}/late -o diagnosis')
+    return 0
+
+
+def _rigid_arm(args: argparse.Namespace) -> int:
+    from dataclasses import replace
+    from importlib.resources import files
+
+    from forcecal_ros.atomic_files import make_folder, write_text
+    from forcecal_ros.recording.bags import write_recording
+    from forcecal_ros.simulators.mujoco import load_mujoco
+    from forcecal_ros.simulators.sample_arm import HEAVIER, recorded
+    from forcecal_ros.simulators.third_party import third_party
+
+    folder = Path(args.output)
+    source = files('forcecal_ros') / 'config' / 'examples' / 'rigid_arm.xml'
+    model = folder / source.name
+    arm = third_party(str(model), load_mujoco(str(source)))
+    make_folder(folder)
+    write_text(model, source.read_text())
+    for i, (name, factors) in enumerate((('sound', {}), ('heavier', HEAVIER))):
+        recording = recorded(arm, factors, args.seed + i)
+        write_recording(folder / name, replace(recording, start_ns=BEGUN))
+    say(f'written to {folder}: {source.name}, sound, heavier')
+    say(f'try: forcecal diagnose {folder}/heavier --mujoco {model} -o diagnosis')
     return 0
 
 
@@ -86,3 +112,6 @@ def _insitu(args: argparse.Namespace) -> int:
     say(f'written to {folder}: {", ".join(files)}')
     say(f'try: forcecal insitu {folder}/spec.yaml -o limb')
     return 0
+
+
+KINDS = {'rig': _rig, 'rigid_arm': _rigid_arm, 'insitu': _insitu}

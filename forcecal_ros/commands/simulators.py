@@ -16,6 +16,12 @@ def add_simulators(parser: Any) -> None:
     parser.add_argument('--mujoco', metavar='MODEL.xml',
                         help='your robot as an MJCF, which MuJoCo runs with the recorded commands '
                              'of its joints')
+    parser.add_argument('--imu', metavar='NAME',
+                        help="site of its accelerometer, on the tool (default: the model's is not "
+                             'compared)')
+    parser.add_argument('--priors', metavar='FILE.yaml',
+                        help='how well its parameters are known, lines of NAME: SIGMA (1 sigma, '
+                             "in the parameter's unit)")
     parser.add_argument('--ft-site', metavar='NAME',
                         help='where its force-torque sensor sits (default: the site of its only '
                              'force sensor)')
@@ -25,15 +31,21 @@ def check_simulators(args: argparse.Namespace) -> None:
     """Refuse two simulators, and a site of none."""
     if args.mujoco and args.simulator:
         raise UsageError('--mujoco and --simulator exclude each other: one model at a time')
-    if args.ft_site and not args.mujoco:
-        raise UsageError('--ft-site wants --mujoco: it names a site of that model')
+    for option, given in (('--ft-site', args.ft_site), ('--imu', args.imu)):
+        if given and not args.mujoco:
+            raise UsageError(f'{option} wants --mujoco: it names a site of that model')
+    if args.priors and not (args.mujoco or args.simulator):
+        raise UsageError('--priors wants --mujoco or --simulator, whose parameters they are of')
 
 
 def simulator_of(args: argparse.Namespace) -> Any:
     """Load the one that was named."""
     from forcecal_ros.simulators.mujoco import load_mujoco
+    from forcecal_ros.simulators.priors import with_priors
     from forcecal_ros.simulators.third_party import load_simulator, third_party
 
     if args.mujoco:
-        return third_party(args.mujoco, load_mujoco(args.mujoco, args.ft_site))
-    return load_simulator(args.simulator)
+        found = third_party(args.mujoco, load_mujoco(args.mujoco, args.ft_site, args.imu))
+    else:
+        found = load_simulator(args.simulator)
+    return with_priors(found, args.priors) if args.priors else found

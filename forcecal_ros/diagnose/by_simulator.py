@@ -81,6 +81,12 @@ class Rerunning(NamedTuple):
     runs: int = 0
     recomputed: float | None = None
 
+    @property
+    def numbers(self) -> Numbers:
+        """Values of all parameters of the simulator as they were found."""
+        assert isinstance(self.outcome.rig, SimulatedRobot)
+        return self.outcome.rig.numbers
+
     def document(self) -> dict[str, Any]:
         """Return what ``diagnosis.json`` says of it, beside the diagnosis."""
         return {'parameters': [one._asdict() for one in self.changed], 'runs': self.runs,

@@ -98,9 +98,12 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str]) -> Step
     files : sequence of str
         What lies there beside the report.
     """
-    rig, calibration = (
+    rig, calibration, model = (
         next((f'{folder.rstrip("/")}/{f}' for f in files if f.startswith(kind)), '')
-        for kind in ('rig', 'calibration_patched'))
+        for kind in ('rig', 'calibration_patched', 'model_patched'))
+    if d.verdict in NAMED and model:
+        return Step('Give the simulation what was found; the model has it, put it beside yours:',
+                    model)
     if d.verdict in NAMED and rig:
         return Step('Simulate the same commands with what was found, and compare:', shlex.join(
             ('forcecal', 'simulate', '--rig', rig, '--commands', bag, '-o', 'corrected')))

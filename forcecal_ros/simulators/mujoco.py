@@ -44,11 +44,17 @@ LEVELLED = 0.003
 """Tilt of a base that was levelled by hand, 1 sigma [rad]."""
 
 
+_Write = Callable[[Any, float], None]
+_Both = tuple[_Write, _Write]
+"""Into a model that was compiled, and into its source."""
+
+
 class _Number(NamedTuple):
-    """A parameter, and how it is written into a model."""
+    """A parameter, and how it is written."""
 
     parameter: Parameter
-    write: Callable[[Any, float], None]
+    write: _Write
+    patch: _Write
 
 
 @dataclass
@@ -58,16 +64,19 @@ class MujocoRobot:
 
     Attributes
     ----------
+    path : str
+        Of the model's source.
     model : mujoco.MjModel
-    site : str
-        Where the wrench is measured, in whose frame.
+    turned : ndarray, shape (3, 3) or None
+        From the accelerometer's axes to those of the force-torque site; None: there is none.
     numbers : tuple
     notes : tuple of str
         What the user should know of the model.
     """
 
+    path: str
     model: Any
-    site: str
+    turned: Array | None
     numbers: tuple[_Number, ...]
     notes: tuple[str, ...]
 
@@ -114,15 +123,27 @@ class MujocoRobot:
             return rows[:, int(sensor.adr[0]):int(sensor.adr[0] + sensor.dim[0])]
 
         wxyz = of('quaternion')
-        return {'wrench': (t, -np.hstack([of('force'), of('torque')])),
-                'pose': (t, np.hstack([of('position'), np.roll(wxyz, -1, axis=1)]))}
+        found = {'wrench': (t, -np.hstack([of('force'), of('torque')])),
+                 'pose': (t, np.hstack([of('position'), np.roll(wxyz, -1, axis=1)]))}
+        if self.turned is not None:
+            found['accelerometer'] = t, of('accelerometer') @ self.turned.T
+        return found
+
+    def patched(self, parameters: Mapping[str, float]) -> str:
+        """Return the source with other numbers, an MJCF whose files lie where the model's do."""
+        import mujoco
+
+        spec = mujoco.MjSpec.from_file(self.path)
+        for one in self.numbers:
+            one.patch(spec, parameters[one.parameter.name])
+        return str(spec.to_xml())
 
 
 OWN = 'forcecal_'
 """Before the names of the sensors that are added to a model."""
 
 
-def load_mujoco(path: str, ft_site: str | None = None) -> MujocoRobot:
+def load_mujoco(path: str, ft_site: str | None = None, imu: str | None = None) -> MujocoRobot:
     """
     Load a model.
 
@@ -132,12 +153,14 @@ def load_mujoco(path: str, ft_site: str | None = None) -> MujocoRobot:
         MJCF.
     ft_site : str, optional
         Where its force sensor sits; that of its only force sensor where none is named.
+    imu : str, optional
+        Site of an accelerometer, which rides on the tool; none is compared where none is named.
 
     Raises
     ------
     ConfigError
-        MuJoCo is not installed, the model cannot be read, or has no such site; the site is on a
-        link and not on a tool of its own.
+        MuJoCo is not installed, the model cannot be read, or has no such sites; the force sensor
+        is on a link and not on a tool of its own, or the accelerometer on another body.
     """
     try:
         import mujoco
@@ -153,6 +176,8 @@ def load_mujoco(path: str, ft_site: str | None = None) -> MujocoRobot:
         base = _base_of(body)
         body.name, base.name = body.name or 'tool', base.name or 'base'
         _add_sensors(mujoco, spec, site, base.name)
+        if imu:
+            _add_accelerometer(mujoco, spec, path, body, imu)
         model = spec.compile()
     except ValueError as error:
         raise ConfigError(f'--mujoco {path}: MuJoCo says {" ".join(str(error).split())}') from None
@@ -162,21 +187,27 @@ def load_mujoco(path: str, ft_site: str | None = None) -> MujocoRobot:
                           'told are positions of its joints')
     numbers = (*_of_tool(model, body.name, site), *_of_joints(mujoco, model, moved),
                *_of_base(model))
-    return MujocoRobot(model, site, numbers, tuple(_over_reading(mujoco, model, moved)))
+    turned = _axes(mujoco, model, site).T @ _axes(mujoco, model, imu) if imu else None
+    return MujocoRobot(path, model, turned, numbers, tuple(_over_reading(mujoco, model, moved)))
 
 
 def _site(mujoco: Any, spec: Any, path: str, given: str | None) -> str:
-    names = [site.name for site in spec.sites]
     if given:
-        if given not in names:
-            raise ConfigError(f'--ft-site {given}: {path} has no such site; it has '
-                              f'{", ".join(filter(None, names)) or "none"}')
+        _refuse_no_site(spec, path, '--ft-site', given)
         return given
+    names = [site.name for site in spec.sites]
     found = {one.objname for one in spec.sensors if one.type == mujoco.mjtSensor.mjSENS_FORCE}
     if len(found) != 1:
         raise ConfigError(f'--mujoco {path}: {len(found)} sites have a force sensor; say which '
                           f'with --ft-site, one of {", ".join(filter(None, names)) or "none"}')
     return str(found.pop())
+
+
+def _refuse_no_site(spec: Any, path: str, option: str, name: str) -> None:
+    names = [site.name for site in spec.sites]
+    if name not in names:
+        raise ConfigError(f'{option} {name}: {path} has no such site; it has '
+                          f'{", ".join(filter(None, names)) or "none"}')
 
 
 def _refuse_link(body: Any, path: str, site: str) -> None:
@@ -207,6 +238,23 @@ def _add_sensors(mujoco: Any, spec: Any, site: str, base: str) -> None:
                         reftype=types.mjOBJ_XBODY, refname=base)
 
 
+def _add_accelerometer(mujoco: Any, spec: Any, path: str, tool: Any, imu: str) -> None:
+    _refuse_no_site(spec, path, '--imu', imu)
+    body = spec.site(imu).parent
+    if body.name != tool.name:
+        raise ConfigError(f'--imu {imu}: the site is on body {body.name or "(no name)"}, expected '
+                          f'one on {tool.name}, the tool, whose motion it has to measure')
+    spec.add_sensor(name=OWN + 'accelerometer', type=mujoco.mjtSensor.mjSENS_ACCELEROMETER,
+                    objtype=mujoco.mjtObj.mjOBJ_SITE, objname=imu)
+
+
+def _axes(mujoco: Any, model: Any, site: str) -> Array:
+    """Return the axes of a site in its body."""
+    axes = np.empty(9)
+    mujoco.mju_quat2Mat(axes, model.site_quat[model.site(site).id])
+    return axes.reshape(3, 3)
+
+
 def _positions(mujoco: Any, model: Any, i: int) -> bool:
     """Say whether an actuator holds a joint at a position: the gain is that of its bias."""
     scalar = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
@@ -221,22 +269,38 @@ def _of_tool(model: Any, body: str, site: str) -> list[_Number]:
     mass, com = float(model.body_mass[i]), model.body_ipos[i].copy()
     if mass <= 0.0:
         raise ConfigError(f'body {body} below site {site} weighs nothing; give the tool its mass')
-    inertia = model.body_inertia[i].copy()
+    inertia, axes = model.body_inertia[i].copy(), model.body_iquat[i].copy()
 
     def weigh(to: Any, value: float) -> None:
         to.body_mass[i] = value
         to.body_inertia[i] = inertia * (value / mass)
 
-    def place(axis: int) -> Callable[[Any, float], None]:
+    def explicit(spec: Any) -> Any:
+        """Return the body with the numbers it has, be they given or those of its geoms."""
+        found = spec.site(site).parent
+        if not found.explicitinertial or found.inertia[0] <= 0.0:
+            found.explicitinertial, found.mass = True, mass
+            found.ipos, found.iquat, found.inertia = com, axes, inertia
+            found.fullinertia[0] = np.nan
+        return found
+
+    def patch_mass(spec: Any, value: float) -> None:
+        to = explicit(spec)
+        to.mass, to.inertia = value, to.inertia * (value / mass)
+
+    def place(axis: int) -> _Both:
         def write(to: Any, value: float) -> None:
             to.body_ipos[i, axis] = value
-        return write
+
+        def patch(spec: Any, value: float) -> None:
+            explicit(spec).ipos[axis] = value
+        return write, patch
 
     found = [_Number(Parameter(f'body_mass[{body}]', mass, WEIGHED * mass, 'kg', 0.05 * mass,
-                               20.0 * mass, 'tool', ('tool_mass',)), weigh)]
+                               20.0 * mass, 'tool', ('tool_mass',)), weigh, patch_mass)]
     return found + [_Number(Parameter(
         f'body_ipos[{body}].{a}', float(com[k]), PLACED, 'm', com[k] - 0.5, com[k] + 0.5, 'tool',
-        ('tool_com',)), place(k)) for k, a in enumerate('xyz')]
+        ('tool_com',)), *place(k)) for k, a in enumerate('xyz')]
 
 
 def _of_joints(mujoco: Any, model: Any, actuators: Sequence[int]) -> list[_Number]:
@@ -249,12 +313,12 @@ def _of_joints(mujoco: Any, model: Any, actuators: Sequence[int]) -> list[_Numbe
         kp, kv = float(model.actuator_gainprm[i, 0]), -float(model.actuator_biasprm[i, 2])
         found.append(_Number(Parameter(f'dof_frictionloss[{name}]', friction,
                                        RUBBED[0] * friction + RUBBED[1], unit, 0.0),
-                             _writer('dof_frictionloss', dof)))
+                             _writer('dof_frictionloss', dof), _rubbing(name)))
         found.append(_Number(Parameter(f'kp[{name}]', kp, DRIVEN[0] * kp, '1', 0.05 * kp,
-                                       20.0 * kp), _gain(i)))
+                                       20.0 * kp), *_gain(i)))
         if kv > 0.0:
             found.append(_Number(Parameter(f'kv[{name}]', kv, DRIVEN[1] * kv, '1', 0.0,
-                                           20.0 * kv), _writer('actuator_biasprm', (i, 2), -1.0)))
+                                           20.0 * kv), *_drag(i)))
     return found
 
 
@@ -263,32 +327,49 @@ def _of_base(model: Any) -> list[_Number]:
     down = model.opt.gravity.copy()
     tilt = np.zeros(2)
 
-    def write(axis: int) -> Callable[[Any, float], None]:
-        def turn(to: Any, value: float) -> None:
-            tilt[axis] = value
-            x, y = tilt
-            size = float(np.linalg.norm(down))
-            to.opt.gravity[:] = size * np.array(
-                [np.sin(y), -np.sin(x), -np.cos(x) * np.cos(y)])
-        return turn
+    def turn(option: Any, axis: int, value: float) -> None:
+        tilt[axis] = value
+        x, y = tilt
+        size = float(np.linalg.norm(down))
+        option.gravity[:] = size * np.array([np.sin(y), -np.sin(x), -np.cos(x) * np.cos(y)])
+
+    def write(axis: int) -> _Both:
+        return (lambda model, value: turn(model.opt, axis, value),
+                lambda spec, value: turn(spec.option, axis, value))
 
     if not np.allclose(down[:2], 0.0) or down[2] >= 0.0:
         return []
     return [_Number(Parameter(f'tilt.{a}', 0.0, LEVELLED, 'rad', -0.5, 0.5, 'robot',
-                              ('base_tilt',)), write(k)) for k, a in enumerate('xy')]
+                              ('base_tilt',)), *write(k)) for k, a in enumerate('xy')]
 
 
-def _writer(field: str, index: Any, sign: float = 1.0) -> Callable[[Any, float], None]:
+def _writer(field: str, index: Any, sign: float = 1.0) -> _Write:
     def write(to: Any, value: float) -> None:
         getattr(to, field)[index] = sign * value
     return write
 
 
-def _gain(i: int) -> Callable[[Any, float], None]:
+def _rubbing(joint: str) -> _Write:
+    def patch(spec: Any, value: float) -> None:
+        spec.joint(joint).frictionloss = value
+    return patch
+
+
+def _gain(i: int) -> _Both:
     def write(to: Any, value: float) -> None:
         to.actuator_gainprm[i, 0] = value
         to.actuator_biasprm[i, 1] = -value
-    return write
+
+    def patch(spec: Any, value: float) -> None:
+        spec.actuators[i].gainprm[0] = value
+        spec.actuators[i].biasprm[1] = -value
+    return write, patch
+
+
+def _drag(i: int) -> _Both:
+    def patch(spec: Any, value: float) -> None:
+        spec.actuators[i].biasprm[2] = -value
+    return _writer('actuator_biasprm', (i, 2), -1.0), patch
 
 
 def _commands(model: Any, joints: JointStream | None) -> tuple[JointStream, list[int]]:

@@ -92,6 +92,18 @@ class ThirdParty:
                          accelerometer=rows.get('accelerometer'), accelerometer_unit='m/s^2',
                          target=inputs.target, source=self.name)
 
+    def patched(self, values: Sequence[float]) -> str | None:
+        """Return the text of a model with other values; None of a simulator that writes none."""
+        write = getattr(self.simulator, 'patched', None)
+        if write is None:
+            return None
+        with _blamed(f'{self.name}: patched'):
+            text = write({p.name: float(v) for p, v in zip(self.parameters, values)})
+        if not isinstance(text, str):
+            raise ConfigError(f'{self.name}: patched returned {type(text).__name__}, expected the '
+                              'text of a model')
+        return text
+
     def _stream(self, name: str, answer: Any) -> Stream:
         where, columns = f'{self.name}: {name}', STREAMS[name]
         try:

@@ -7,6 +7,7 @@ from forcecal_ros.cli import main
 from forcecal_ros.recording.bags import read_recording
 from forcecal_ros.simulators.limb import LOADS, MASS
 from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.sample_arm import ZERO
 import numpy as np
 import pytest
 
@@ -32,3 +33,17 @@ def test_the_recordings_of_a_rig_differ_by_what_the_second_is_late(tmp_path, cap
     noise = np.hypot(*2 * [load_rig().wrench_sensor.force_noise])
     assert np.std(ahead - behind) < 1.1 * noise < np.std(ahead - late.wrench.at(t)[:, 0])
     capsys.readouterr()
+
+
+def test_the_gripper_of_the_second_arm_is_heavier_than_its_model_says(tmp_path, capsys):
+    pytest.importorskip('mujoco')
+    assert main(['sample', 'rigid_arm', '-o', str(tmp_path)]) == 0
+    assert f'--mujoco {tmp_path}/rigid_arm.xml' in capsys.readouterr().out
+    masses = []
+    for name in ('sound', 'heavier'):
+        recording = read_recording(tmp_path / name)
+        assert recording.joint_commands.names[2] == 'elbow'
+        at_rest = recording.wrench.between(0.0, 0.9).values[:, :3].mean(axis=0)
+        masses.append(np.linalg.norm(at_rest - ZERO[:3]) / 9.80665)
+    assert masses[0] == pytest.approx(1.2, abs=0.02)
+    assert masses[1] == pytest.approx(1.26, abs=0.01)

@@ -9,6 +9,7 @@ from forcecal_ros.geometry import matrix_from_quaternion, rotation_from_vector
 from forcecal_ros.recording.bags import write_recording
 from forcecal_ros.recording.streams import JointStream
 from forcecal_ros.simulators.mujoco import load_mujoco
+from forcecal_ros.simulators.priors import with_priors
 from forcecal_ros.simulators.protocol import Inputs
 from forcecal_ros.simulators.third_party import third_party
 import numpy as np
@@ -97,6 +98,59 @@ def test_each_number_acts_and_leaves_nothing_behind(model, name, value):
         np.testing.assert_array_equal(again[stream][1], before[stream][1])
 
 
+@pytest.mark.parametrize('tool', [TOOL, (
+    '<body name="gripper" pos="0.1 0 0" quat="0 0.6 0 0.8"><geom type="box" size="0.03 0.04 0.06" '
+    'pos="0.01 0 0.05" density="1500"/><site name="ft"/></body>')])
+def test_a_patched_model_does_what_it_did_with_the_numbers(model, tmp_path, tool):
+    robot = load_mujoco(model(tool=tool))
+    inputs = Inputs(0.0, 3.0, joints=told(3.0))
+    values = nominal(robot) | {
+        'body_mass[gripper]': 1.7, 'body_ipos[gripper].z': 0.07, 'dof_frictionloss[lift]': 2.0,
+        'kp[pan]': 3000.0, 'kv[twist]': 200.0, 'tilt.x': 0.01}
+    expected = robot.simulate(inputs, values)
+    robot.simulate(inputs, {**values, 'tilt.y': 0.2})  # of which nothing may stay
+    (tmp_path / 'patched.xml').write_text(robot.patched(values))
+    own = load_mujoco(str(tmp_path / 'patched.xml'))
+    found = nominal(own)
+    assert found['body_mass[gripper]'] == pytest.approx(1.7)
+    assert found['dof_frictionloss[lift]'] == 2.0
+    found = own.simulate(inputs, found)
+    for stream in ('wrench', 'pose'):
+        np.testing.assert_allclose(found[stream][1], expected[stream][1], atol=2e-3)
+
+
+def test_an_accelerometer_reads_along_the_axes_of_the_wrench(model):
+    turned = TOOL.replace('<site name="ft"/>', '<site name="ft" quat="0.8 0.6 0 0"/>'
+                          '<site name="imu" pos="0.02 0 0" quat="0.6 0 0 0.8"/>')
+    robot = load_mujoco(model(tool=turned), imu='imu')
+    streams = robot.simulate(Inputs(0.0, 1.0, joints=told(1.0, 0.0)), nominal(robot))
+    f, wrench = streams['accelerometer'][1][-1], streams['wrench'][1][-1]
+    np.testing.assert_allclose(f, -wrench[:3] / 1.5, atol=0.05)
+    assert np.linalg.norm(f) == pytest.approx(GRAVITY, abs=0.02)
+    with pytest.raises(ConfigError, match=r'--imu wrist: .+ has no such site; it has ft'):
+        load_mujoco(model(), imu='wrist')
+    on_base = turned.replace('</body>', '</body><site name="rail"/>')
+    with pytest.raises(ConfigError, match='--imu rail: the site is on body link2, expected one on '
+                                          'gripper'):
+        load_mujoco(model(tool=on_base), imu='rail')
+
+
+def test_a_file_says_how_well_numbers_are_known(model, tmp_path):
+    robot, path = third_party('arm', load_mujoco(model())), tmp_path / 'priors.yaml'
+    path.write_text('body_mass[gripper]: 0.2\nkp[pan]: 50\n')
+    known = {p.name: p.sigma for p in with_priors(robot, str(path)).parameters}
+    assert known['body_mass[gripper]'] == 0.2
+    assert known['kp[pan]'] == 50.0
+    assert known['kp[lift]'] == {p.name: p.sigma for p in robot.parameters}['kp[lift]']
+    for text, why in (('kp[pen]: 1', r'no parameter kp\[pen\]; did you mean kp\[pan\]'),
+                      ('kp[pan]: 0', r'kp\[pan\]: got 0, expected how well it is known'),
+                      ('kp[pan]: .nan', r'kp\[pan\]: got nan, expected'),
+                      ('kp[pan]', 'expected lines of NAME: SIGMA, got str')):
+        path.write_text(text)
+        with pytest.raises(ConfigError, match=why):
+            with_priors(robot, str(path))
+
+
 def test_an_implicit_integrator_is_told_to_over_read(model):
     note, = load_mujoco(model(integrator='implicitfast')).notes
     assert 'over-read accelerations, up to 1.' in note
@@ -156,7 +210,8 @@ def test_a_model_is_tried_from_the_command_line(model, tmp_path, capsys):
     assert f'{path}: keeps to the protocol and does the same again' in said
     assert 'body_mass[gripper]  0.1' in said
     assert main(['check-simulator', str(tmp_path / 'real')]) == 2
-    assert main(['check-simulator', str(tmp_path / 'real'), '--ft-site', 'ft']) == 2
+    for option in ('--ft-site', '--imu', '--priors'):
+        assert main(['check-simulator', str(tmp_path / 'real'), option, 'ft']) == 2
 
 
 @pytest.mark.long
@@ -171,3 +226,6 @@ def test_friction_of_a_joint_is_named_with_its_number(model, tmp_path, capsys):
     assert changed['after'] == pytest.approx(2.5, abs=0.1)
     assert document['recomputed'] > 0.9
     assert 'change dof_frictionloss[lift] 0.5 -> 2.5' in capsys.readouterr().out
+    own = {p.name: p.nominal
+           for p in load_mujoco(str(tmp_path / 'why' / document['model'])).parameters()}
+    assert own['dof_frictionloss[lift]'] == pytest.approx(changed['after'])
