@@ -40,7 +40,7 @@ ZERO = (3.0, -1.0, 2.0, 0.1, 0.0, -0.2)
 def commands(names: tuple[str, ...], seed: int) -> JointStream:
     """Return commands of six joints that begin and end at rest and turn the wrist widely."""
     rng = np.random.default_rng([seed, 1])
-    t = PERIOD * np.arange(round(SECONDS / PERIOD) + 1)
+    t: Array = PERIOD * np.arange(round(SECONDS / PERIOD) + 1, dtype=np.float64)
     u = np.clip(t - REST, 0.0, SECONDS - 2.0 * REST)
     x = np.clip(np.minimum(u, SECONDS - 2.0 * REST - u) / RISE, 0.0, 1.0)
     rise = x ** 3 * (10.0 - 15.0 * x + 6.0 * x ** 2)
