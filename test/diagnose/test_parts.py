@@ -8,6 +8,7 @@ from forcecal_ros.diagnose.limits import _best_limit
 from forcecal_ros.diagnose.nuisances import nuisances, spreads
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.ranking import weights
+from forcecal_ros.diagnose.selection import _near
 from forcecal_ros.diagnose.spectral_lines import Line
 from forcecal_ros.diagnose.trial import Trial
 from forcecal_ros.diagnose.verdict import probabilities, Remains, verdict
@@ -25,6 +26,14 @@ NOTHING_LEFT = Remains(0.4, '')
 def trial(name, evidence, free=1):
     return Trial(name, np.zeros(free), np.zeros(free), np.arange(free), np.zeros(0), frozenset(),
                  evidence / 2.0, evidence, Score(10.0, 100.0, 100.0), 1.0, 0.0, 1000, True)
+
+
+def test_what_has_nearly_the_evidence_of_an_effect_is_fitted_in_full_whatever_it_gains():
+    own, alike = trial('wrench_lowpass', 355.0, 2), trial('wrench_delay', 337.0)
+    trials = [own, alike._replace(gain=-28.0), trial('tool_friction', 5.0), trial('tool_mass', -3.0)]
+    assert [t.name for t in _near(trials, 'wrench_lowpass', 100)] == ['wrench_delay']
+    nothing = [own._replace(evidence=-1.0), alike._replace(evidence=-0.9, gain=-1.0)]
+    assert not _near(nothing, 'wrench_lowpass', 100)
 
 
 def test_a_bounded_fit_is_the_best_one_within_the_bounds_however_alike_the_columns_are():

@@ -73,8 +73,10 @@ def sample(second_rig):
     return read_recording(second_rig / 'bag')
 
 
-def test_a_sound_recording_by_other_code_has_no_gap(other_rig):
-    diagnosis = diagnose(read_recording(other_rig / 'bag'), None, load_rig()).diagnosis
+@pytest.mark.parametrize('by', ['second_rig', pytest.param('rig_sample', marks=pytest.mark.long)])
+def test_a_sound_recording_by_other_code_has_no_gap(by, request):
+    recording = read_recording(request.getfixturevalue(by) / 'bag')
+    diagnosis = diagnose(recording, None, load_rig()).diagnosis
     assert diagnosis.verdict == 'no_gap'
     assert not diagnosis.effects
 

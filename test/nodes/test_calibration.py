@@ -37,6 +37,7 @@ class Ears:
                          if begin <= stamp < end and stamp in self.truth])
 
 
+@pytest.mark.long
 @pytest.mark.alone
 def test_calibrates_publishes_observes_and_touches(ros_domain, tmp_path):
     path = tmp_path / 'calibration.yaml'

@@ -12,14 +12,14 @@ def bench(ros_domain_of_module):
 
 @pytest.mark.parametrize('fault, phase, reason', [
     ('wrench stuck', 'measure', 'wrench: the same reading'),
-    ('wrench garbage', 'contact', 'wrench: '),
+    pytest.param('wrench garbage', 'contact', 'wrench: ', marks=pytest.mark.long),
     ('pose delayed', 'move', 'current_pose: newest stamp is'),
-    ('pose wrong', 'contact', 'current_pose: '),
-    ('robot runaway', 'approach', 'current_pose: '),
+    pytest.param('pose wrong', 'contact', 'current_pose: ', marks=pytest.mark.long),
+    pytest.param('robot runaway', 'approach', 'current_pose: ', marks=pytest.mark.long),
     (ABORT, 'step', 'asked to by sequencer/abort'),
     ('SIGTERM to sequencer', 'approach', 'the sequencer node was told to go'),
     ('SIGKILL to sim', 'move', '/clock has stopped'),
-    ('clock back', 'approach', 'clock'),
+    pytest.param('clock back', 'approach', 'clock', marks=pytest.mark.long),
 ])
 def test_the_commands_come_to_rest_and_stay_there(bench, fault, phase, reason):
     outcome = bench.run(fault, phase)

@@ -20,7 +20,7 @@ ATTEMPTS = 3
 
 
 @pytest.mark.parametrize('effects, stage', [
-    ({}, ''),
+    pytest.param({}, '', marks=pytest.mark.long),
     ({'wrench_delay': {'delay': 0.006}}, 'wrench_sensor'),
 ])
 def test_the_first_stage_that_leaves_the_noise_is_raised(ros_domain, tmp_path, effects, stage):
