@@ -30,7 +30,8 @@ def trial(name, evidence, free=1):
 
 def test_what_has_nearly_the_evidence_of_an_effect_is_fitted_in_full_whatever_it_gains():
     own, alike = trial('wrench_lowpass', 355.0, 2), trial('wrench_delay', 337.0)
-    trials = [own, alike._replace(gain=-28.0), trial('tool_friction', 5.0), trial('tool_mass', -3.0)]
+    others = trial('tool_friction', 5.0), trial('tool_mass', -3.0)
+    trials = [own, alike._replace(gain=-28.0), *others]
     assert [t.name for t in _near(trials, 'wrench_lowpass', 100)] == ['wrench_delay']
     nothing = [own._replace(evidence=-1.0), alike._replace(evidence=-0.9, gain=-1.0)]
     assert not _near(nothing, 'wrench_lowpass', 100)
