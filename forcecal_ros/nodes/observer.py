@@ -13,7 +13,13 @@ from forcecal_ros.nodes.frame_outputs import FrameOutputs
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.managed import ManagedNode
 from forcecal_ros.nodes.observer_health import health, LastMessage
-from forcecal_ros.nodes.observer_settings import accelerometer_for, PARAMETERS, settings_of
+from forcecal_ros.nodes.observer_settings import (
+    accelerometer_for,
+    file_of,
+    PARAMETERS,
+    payload_settings_of,
+    settings_of,
+)
 from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.pose_source import mounting_parameter, pose_source, PoseSource
 from forcecal_ros.nodes.reporting import diagnostic_array
@@ -21,6 +27,7 @@ from forcecal_ros.nodes.results import accuracy_message
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, STEADY
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.nodes.services import answering
+from forcecal_ros.nodes.tool_topic import ToolOnSensor, TRACKED
 from forcecal_ros.nodes.waiting import Waiting
 from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Writer
 from forcecal_ros.observe import ContactSample, design, noise_levels, ObserverSettings
@@ -61,6 +68,7 @@ class Observer(ManagedNode):
         self._mounting: Placement | None = None
         self._pose = 'current_pose'
         self._frames: FrameOutputs | None = None
+        self._tool = ToolOnSensor(self, self._chain)
         self._heard: dict[str, LastMessage] = {}
         self._inbox = Inbox(self, polled=self._value('poll_rate') > 0)
         self._origin: int | None = None
@@ -98,8 +106,10 @@ class Observer(ManagedNode):
         try:
             self._mounting, poses = mounting_parameter(self), pose_source(self)
             frames = Frames(self._value('publish.frames'), self._value('publish.frame_poses'))
-            if self._value('calibration.file') or self._value('tool'):
-                self._take_over(self._load(self._value('tool')))
+            self._tool.configure(self._value('payload.track'))
+            self._tool.want(self._value('tool') == TRACKED)
+            if self._value('calibration.file') or file_of(self._value('tool')):
+                self._take_over(self._load(file_of(self._value('tool'))))
         except ForcecalError as error:
             self._failure = str(error)
             self.get_logger().error(self._failure)
@@ -173,6 +183,7 @@ class Observer(ManagedNode):
         if self._frames is not None:
             self._frames.destroy()
         self._source = None
+        self._tool.release()
         self._chain.let_go()
         self._origin = None
 
@@ -213,6 +224,7 @@ class Observer(ManagedNode):
         self._chain.take_over(model, calibration.wrench_sign, calibration.gravity_direction,
                               calibration.sensor_rotation)
         self._source, self._mounting = source, mounting
+        self._tool.calibrated(calibration, payload_settings_of(self._values()))
         self._write = Writer(WrenchStamped, calibration.sensor_frame)
         self._subscribe_accelerometer(accelerometer)
         self._tell_accuracy()
@@ -220,14 +232,17 @@ class Observer(ManagedNode):
                                f'{float(calibration.mass):.4f} kg')
 
     def _settings(self, changes: dict[str, Any] | None = None) -> ObserverSettings:
-        return settings_of({row.name: self._value(row.name) for row in PARAMETERS}
-                           | (changes or {}))
+        return settings_of(self._values() | (changes or {}))
+
+    def _values(self) -> dict[str, Any]:
+        return {row.name: self._value(row.name) for row in PARAMETERS}
 
     def _check_changes(self, changes: dict[str, Any]) -> None:
         settings = self._settings(changes)
         source = self._source
-        if 'tool' in changes and changes['tool'] != self._value('tool'):
-            source = self._of_tool(changes['tool'])
+        named = file_of(changes.get('tool', ''))
+        if changes.get('tool', self._value('tool')) != self._value('tool') and (named or source):
+            source = self._of_tool(named)
         if source is not None:
             design(source.calibration, settings)
             agreed(mounting_parameter(self), source.calibration, source.name)
@@ -249,12 +264,15 @@ class Observer(ManagedNode):
         self._chain.window.seconds = self._value('tare.duration')
         self._chain.fade_duration = self._value('takeover.duration')
         if any(parameter.name == 'tool' for parameter in parameters):
-            if self._source is not None or self._active:
-                self._take_over(self._of_tool(self._value('tool')), same_sensor=True)
+            self._tool.want(self._value('tool') == TRACKED)
+            named = file_of(self._value('tool'))
+            if self._source is not None or (self._active and named):
+                self._take_over(self._of_tool(named), same_sensor=True)
         elif self._source is not None and any(
                 parameter.name.startswith(('observer.', 'limits.', 'gravity.'))
                 for parameter in parameters):
             self._chain.take_settings(design(self._source.calibration, self._settings()))
+            self._tool.apply()
             self._tell_accuracy()
 
     def _tell_accuracy(self) -> None:
@@ -304,6 +322,7 @@ class Observer(ManagedNode):
                 self._origin = stamp_ns
             for sample in take((stamp_ns - self._origin) * 1e-9, values):
                 self._publish(sample)
+            self._tool.tell()
 
         return self._inbox.subscribe(message_type, topic, on_message)
 
@@ -338,13 +357,14 @@ class Observer(ManagedNode):
 
     def _reset(self) -> str:
         self._chain.reset()
+        self._tool.restart()
         if self._frames is not None:
             self._frames.forget()
         self._origin = None
         return 'the filter starts anew'
 
     def _reload(self) -> str:
-        tool = self._value('tool')
+        tool = file_of(self._value('tool'))
         source = self._load(tool) if tool else self._as_configured()
         self._take_over(source)
         return f'calibration taken from {source.name}'
@@ -383,8 +403,10 @@ class Observer(ManagedNode):
                                   self._chain.refused):
             values[f'{topic} samples not used'] = refused
         calibrated = self._source.calibration.sensor_frame if self._source else None
+        of_tool, warning = self._tool.report()
         self._diagnostics.publish(diagnostic_array(self, '', *health(
-            self._active, calibrated, self._heard, self._silent(), status), values))
+            self._active, calibrated, self._heard, self._silent(), status,
+            [warning] if warning else []), values | of_tool))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -74,7 +74,7 @@ def accuracy(calibration: Calibration, model: Model,
     noise = calibration.noise
     if noise is None or model.filter != KALMAN:
         return None
-    sample, density = _noise_of_reading(calibration, noise)
+    sample, density = noise_of_reading(calibration, noise)
     k = 1 - exp(-model.rate / noise.wrench_rate)
     R = density * noise.wrench_rate
     walk = np.diag(R) * k * k / (1 - k)
@@ -91,7 +91,7 @@ def accuracy(calibration: Calibration, model: Model,
                     np.sqrt(walk * noise.wrench_rate))
 
 
-def _noise_of_reading(calibration: Calibration, noise: Noise) -> tuple[Array, Array]:
+def noise_of_reading(calibration: Calibration, noise: Noise) -> tuple[Array, Array]:
     """Return covariance and low-frequency density of u - m a, two of shape (6, 6)."""
     by_force, _ = load_maps(calibration)
     sample, f = noise.wrench.value, noise.specific_force
@@ -133,6 +133,6 @@ def noise_of_force(calibration: Calibration, bandwidths: Array) -> Array | None:
     noise = calibration.noise
     if noise is None:
         return None
-    _, density = _noise_of_reading(calibration, noise)
+    _, density = noise_of_reading(calibration, noise)
     k = 1 - np.exp(-tau * bandwidths / noise.wrench_rate)[:, np.newaxis]
     return np.asarray(np.sqrt(np.diag(density)[:3] * noise.wrench_rate * k / (2 - k)))

@@ -6,6 +6,7 @@ from typing import NamedTuple
 from forcecal_ros.calibration.model import Accelerometer, Calibration
 from forcecal_ros.calibration.sensor_matrix import six_axis, SixAxis
 from forcecal_ros.errors import ConfigError
+from forcecal_ros.geometry import Array
 from forcecal_ros.observe.bandwidth import (
     as_calibrated,
     contact_bandwidth,
@@ -22,7 +23,7 @@ from forcecal_ros.observe.filters.bias_model import bias_model, BiasModel
 from forcecal_ros.observe.filters.memory import KALMAN, NEWTON, UNFILTERED
 from forcecal_ros.observe.inertial import Load
 from forcecal_ros.observe.settings import LEARNING, ObserverSettings
-from forcecal_ros.observe.tracking import butterworth, Poles
+from forcecal_ros.observe.tracking import butterworth, Poles, Vector
 import numpy as np
 
 Gain = tuple[float, float, float, float, float, float]
@@ -222,6 +223,27 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
         limited=settings.wrench_limit is not None,
         wrench_limit=settings.wrench_limit or (inf,) * 6,
         accelerometer_limit=(settings.accelerometer_limit or inf,) * 3))
+
+
+def with_tool(model: Model, mass: float, com: Vector, inertia: Array | None = None) -> Model:
+    """
+    Return the model with another tool on the sensor.
+
+    Parameters
+    ----------
+    model
+    mass : float
+        Of all that hangs on the sensor [kg].
+    com : tuple of 3 float
+        In ft_sensor [m].
+    inertia : ndarray, shape (3, 3), or None
+        About the centre of mass [kg m^2]; None: as it was.
+    """
+    load, J = model.load, inertia
+    turning = load[7:] if J is None else (
+        J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2])
+    numbers = (mass, *com, *(c - place for c, place in zip(com, model.place)), *turning)
+    return model._replace(load=Load(*(float(x) for x in numbers)))
 
 
 def with_reach(model: Model) -> Model:
