@@ -48,7 +48,7 @@ def read_tool(message: InertiaStamped, frame: str) -> ToolInUse:
     """
     Read what hangs on the sensor, tool and payload together.
 
-    An inertia that is NaN or zero throughout is not known.
+    An inertia with a NaN in it, or zero throughout, is not known.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def read_tool(message: InertiaStamped, frame: str) -> ToolInUse:
     J = np.empty((3, 3))
     for i, j in PAIRS:
         J[i, j] = J[j, i] = getattr(inertia, f'i{"xyz"[i]}{"xyz"[j]}')
-    if np.isnan(J).all() or not J.any():
+    if np.isnan(J).any() or not J.any():
         return ToolInUse(inertia.m, com)
     if not np.isfinite(J).all() or np.linalg.eigvalsh(J)[0] < 0:
         raise DataError(f'{TOPIC}: the inertia is none, {J.tolist()}; leave it NaN where it is '

@@ -179,7 +179,7 @@ def _follow(state: PayloadState, block: Block, dt: float, model: PayloadModel) -
     gained = float(change.states.mean[MASS] - main.states.mean[MASS])
     return PayloadState(state.t, change._replace(contact=Contact()), (), None,
                         (*state.changes, Change(
-                            state.t, gained, _tells(change.states, gained))))
+                            state.t, gained, _tells(change.states, main.states))))
 
 
 def tared(state: PayloadState, shift: Array, model: PayloadModel) -> PayloadState:
@@ -259,12 +259,13 @@ def _is_weight(change: Gaussian, main: Gaussian, model: PayloadModel) -> bool:
 def _is_inert(change: Gaussian, main: Gaussian) -> bool:
     """Whether accelerations show the mass gained, or do not tell; a push shows none of it."""
     gained, excess = (change.mean - main.mean)[[MASS, EXCESS]].tolist()
-    return not _tells(change, gained) or abs(excess) < abs(excess + gained)
+    return not _tells(change, main) or abs(excess) < abs(excess + gained)
 
 
-def _tells(change: Gaussian, gained: float) -> bool:
-    """Whether accelerations tell a payload of this mass from a push [kg]."""
-    return SURE * sqrt(change.cov[EXCESS, EXCESS]) < abs(gained)
+def _tells(change: Gaussian, main: Gaussian) -> bool:
+    """Whether accelerations tell a payload of this mass from a push."""
+    variance = change.cov[EXCESS, EXCESS] + main.cov[EXCESS, EXCESS]
+    return bool(SURE * sqrt(variance) < abs(change.mean[MASS] - main.mean[MASS]))
 
 
 _TO_TOOL = Function(lambda x: np.array([x[0], *(x[1:4] / x[0])]),

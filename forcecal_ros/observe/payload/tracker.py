@@ -25,6 +25,11 @@ SILENCE = 1.0
 of in that time [s]."""
 
 
+RETELL = 1.0
+"""A tool that is still being learned is told again after this: twice the time in which another
+is faded in [s]."""
+
+
 class Tracker:
     """
     What hangs on the sensor, followed beside a chain.
@@ -74,10 +79,11 @@ class Tracker:
         """
         Return the tool where it is known, and is another than this has returned last.
 
-        Another is one whose weight differs by more than the errors of a weight are anyway.
+        Another is one whose weight differs by more than the errors of a weight are anyway, or
+        one after a change; not more often than once in ``RETELL``.
         """
         now, model = self.estimate, self.model
-        if now.state != TRACKING:
+        if now.state != TRACKING or now.t < self.told.t + RETELL:
             return None
         more = now.mass - self.told.mass
         moment = now.mass * now.com - self.told.mass * self.told.com
