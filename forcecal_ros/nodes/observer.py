@@ -403,6 +403,9 @@ class Observer(ManagedNode):
                                   self._chain.refused):
             values[f'{topic} samples not used'] = refused
         calibrated = self._source.calibration.sensor_frame if self._source else None
+        if self._chain.bandwidth == self._chain.bandwidth:
+            values['bandwidth [Hz]'] = self._chain.bandwidth
+            values['noise over calibrated'] = self._chain.noise_level
         of_tool, warning = self._tool.report()
         self._diagnostics.publish(diagnostic_array(self, '', *health(
             self._active, calibrated, self._heard, self._silent(), status,

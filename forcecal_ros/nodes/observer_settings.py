@@ -81,6 +81,8 @@ PARAMETERS = (
           f'{BANDWIDTH_LIMITS[0]:g} and {BANDWIDTH_LIMITS[1]:g} Hz', 'N/sqrt(s)', 0.0, 1e4),
     _live('observer.bandwidth_min', 0.0, 'Slowest bandwidth that may follow', 'Hz', 0.0, 1000.0),
     _live('observer.bandwidth_max', 0.0, 'Fastest bandwidth that may follow', 'Hz', 0.0, 1000.0),
+    _live('observer.adaptive', _DEFAULT.adaptive, 'Whether mode kalman becomes slower, down to '
+          'bandwidth_min, where the wrench is noisier than calibrated'),
     _live('observer.offset', _DEFAULT.offset, 'Whether the accelerometer offset is tracked',
           choices=OFFSETS),
     _live('observer.accelerometer_timeout', _DEFAULT.accelerometer_timeout, 'Pause after which '
@@ -122,7 +124,8 @@ def settings_of(value: Mapping[str, Any]) -> ObserverSettings:
         bandwidth_hz=value['observer.bandwidth'] or None,
         contact_walk=value['observer.contact_walk'] or None,
         bandwidth_min_hz=value['observer.bandwidth_min'] or None,
-        bandwidth_max_hz=value['observer.bandwidth_max'] or None, offset=value['observer.offset'],
+        bandwidth_max_hz=value['observer.bandwidth_max'] or None,
+        adaptive=value['observer.adaptive'], offset=value['observer.offset'],
         accelerometer_timeout=value['observer.accelerometer_timeout'],
         pose_timeout=value['observer.pose_timeout'], skew=value['observer.skew'],
         wrench_limit=((force or inf,) * 3 + (torque or inf,) * 3 if force or torque else None),

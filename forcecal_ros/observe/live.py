@@ -1,11 +1,14 @@
 """The chain as a node runs it: models change without a jump, and biases can be tared."""
 
+from math import nan, tau
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array, quaternion_of
 from forcecal_ros.observe.bandwidth import NoiseLevels
 from forcecal_ros.observe.design import Model, with_tool
 from forcecal_ros.observe.fade import begin_fade, Fade, faded, rebased
+from forcecal_ros.observe.filters.memory import KALMAN, Memory
+from forcecal_ros.observe.filters.noise_level import rate_at
 from forcecal_ros.observe.payload.tracker import Tracker
 from forcecal_ros.observe.rest import refuse_motion
 from forcecal_ros.observe.sample import ContactSample, NO_WRENCH
@@ -212,6 +215,22 @@ class LiveObserver:
     def refused(self) -> tuple[int, ...]:
         """Messages that were not used: wrench, accelerometer, pose, displacement."""
         return self.state.refusals.counts
+
+    @property
+    def noise_level(self) -> float:
+        """Variance of the wrench's noise over that in the calibration, as ``kalman`` hears it."""
+        memory = self.state.filter
+        return memory.noise.level if isinstance(memory, Memory) else 1.0
+
+    @property
+    def bandwidth(self) -> float:
+        """Corner of the contact wrench in filter ``kalman`` now [Hz]; NaN in others."""
+        model = self.model
+        if model is None or model.filter != KALMAN:
+            return nan
+        if not model.adaptive:
+            return model.rate / tau
+        return rate_at(self.noise_level, model.rate, model.slowest) / tau
 
     @property
     def status(self) -> int:
