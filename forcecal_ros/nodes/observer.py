@@ -12,6 +12,7 @@ from forcecal_ros.errors import ConfigError, DataError, ForcecalError
 from forcecal_ros.nodes.frame_outputs import FrameOutputs
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.managed import ManagedNode
+from forcecal_ros.nodes.markers import ContactMarkers
 from forcecal_ros.nodes.observer_health import health, LastMessage
 from forcecal_ros.nodes.observer_settings import (
     accelerometer_for,
@@ -25,6 +26,7 @@ from forcecal_ros.nodes.pose_source import mounting_parameter, pose_source, Pose
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.results import accuracy_message
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, STEADY
+from forcecal_ros.nodes.sensor_transform import SensorTransform
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.nodes.services import answering
 from forcecal_ros.nodes.tool_topic import ToolOnSensor, TRACKED
@@ -37,6 +39,7 @@ from forcecal_ros.observe.live import LiveObserver, Samples, Values
 from forcecal_ros.observe.mounting import agreed, at_the_sensor
 from forcecal_ros.observe.tare import with_bias
 from geometry_msgs.msg import WrenchStamped
+import numpy as np
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
@@ -68,6 +71,8 @@ class Observer(ManagedNode):
         self._mounting: Placement | None = None
         self._pose = 'current_pose'
         self._frames: FrameOutputs | None = None
+        self._markers: ContactMarkers | None = None
+        self._transform: SensorTransform | None = None
         self._tool = ToolOnSensor(self, self._chain)
         self._heard: dict[str, LastMessage] = {}
         self._inbox = Inbox(self, polled=self._value('poll_rate') > 0)
@@ -105,6 +110,8 @@ class Observer(ManagedNode):
         self._failure = ''
         try:
             self._mounting, poses = mounting_parameter(self), pose_source(self)
+            if self._value('publish.transform'):
+                self._transform = SensorTransform(self, poses.topic)
             frames = Frames(self._value('publish.frames'), self._value('publish.frame_poses'))
             self._tool.configure(self._value('payload.track'))
             self._tool.want(self._value('tool') == TRACKED)
@@ -113,6 +120,7 @@ class Observer(ManagedNode):
         except ForcecalError as error:
             self._failure = str(error)
             self.get_logger().error(self._failure)
+            self._release()
             return TransitionCallbackReturn.FAILURE
         self._out = self.create_lifecycle_publisher(
             WrenchStamped, 'observer/contact_wrench', OUTPUT)
@@ -124,6 +132,8 @@ class Observer(ManagedNode):
         self._accuracy = self.create_lifecycle_publisher(
             Float64MultiArray, 'observer/accuracy', LATCHED)
         self._frames = FrameOutputs(self, frames)
+        if self._value('publish.marker_rate') > 0:
+            self._markers = ContactMarkers(self, self._value('publish.marker_rate'))
         self._inputs = [
             self._subscribe('wrench', WrenchStamped, self._chain.on_wrench),
             self._subscribe(poses.topic, poses.message_type, self._on_pose, poses)]
@@ -182,6 +192,10 @@ class Observer(ManagedNode):
         self._inputs, self._optional, self._accelerometer = [], [], None
         if self._frames is not None:
             self._frames.destroy()
+        for output in (self._markers, self._transform):
+            if output is not None:
+                output.destroy()
+        self._markers = self._transform = None
         self._source = None
         self._tool.release()
         self._chain.let_go()
@@ -278,8 +292,11 @@ class Observer(ManagedNode):
     def _tell_accuracy(self) -> None:
         """Publish what is to be expected of the contact wrench, where it is estimated now."""
         if self._active and self._source is not None and self._chain.model is not None:
-            self._accuracy.publish(accuracy_message(accuracy(
-                self._source.calibration, self._chain.model, self._settings())))
+            found = accuracy(self._source.calibration, self._chain.model, self._settings())
+            self._accuracy.publish(accuracy_message(found))
+            if self._markers is not None:
+                self._markers.covariance = (
+                    np.full((6, 6), np.nan) if found is None else found.covariance)
 
     def _subscribe_accelerometer(self, chosen: str) -> None:
         topic, message_type, _ = ACCELEROMETERS.get(chosen, ('', None, ''))
@@ -330,7 +347,11 @@ class Observer(ManagedNode):
         assert self._frames is not None
         if self._mounting is not None:
             values = at_the_sensor(self._mounting, values)
-        self._frames.on_pose(t, values, self._heard[self._pose].frame)
+        frame = self._heard[self._pose].frame
+        self._frames.on_pose(t, values, frame)
+        if self._transform is not None and self._source is not None and self._origin is not None:
+            self._transform.publish(self._origin + round(t * 1e9), values, frame,
+                                    self._source.calibration.sensor_frame)
         return self._chain.on_pose(t, values)
 
     def _publish(self, sample: ContactSample) -> None:
@@ -341,6 +362,8 @@ class Observer(ManagedNode):
         for field, publisher in self._optional:
             publisher.publish(self._write(stamp, getattr(sample, field)))
         self._frames.publish(stamp, sample.t, sample.contact, self._chain.model.pose_timeout)
+        if self._markers is not None and self._source is not None:
+            self._markers.publish(stamp, sample.contact, self._source.calibration.sensor_frame)
 
     # Services -------------------------------------------------------------------------------
 

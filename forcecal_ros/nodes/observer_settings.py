@@ -72,6 +72,11 @@ PARAMETERS = (
               'axes of each of these frames, about its origin; empty: none'),
     Parameter('publish.frame_poses', [0.0], 'x y z [m] qx qy qz qw of each of them in ft_sensor, '
               'one after the other; none for the last if it is the frame of current_pose'),
+    Parameter('publish.marker_rate', 20.0, 'How often observer/markers draws the contact force at '
+              'its point, with its uncertainty, while anybody listens; 0: never', 'Hz', 0.0,
+              100.0),
+    Parameter('publish.transform', False, 'Say on /tf where ft_sensor is, by current_pose, at up '
+              'to 50 Hz: where nobody else does; wants tf2_msgs'),
     _live('observer.mode', '', 'Observer whose estimate is published; empty: as the calibration '
           'says', choices=('', *MODES)),
     _live('observer.bandwidth', 0.0, 'Bandwidth of the contact wrench in mode kalman; 0: follows '

@@ -2,6 +2,7 @@
 
 from forcecal_ros.calibration.file import save
 from forcecal_ros.errors import DataError
+from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.nodes.tool_topic import read_tool
 from forcecal_ros.observe.payload.replay import follow
 from geometry_msgs.msg import InertiaStamped
@@ -11,6 +12,7 @@ from observing import calibration
 from payloads import on_the_rig, TURNS
 from playing import Player
 import pytest
+from visualization_msgs.msg import Marker, MarkerArray
 
 
 def tool(mass=14.0, frame='ft_sensor', inertia=0.0):
@@ -44,6 +46,8 @@ def test_a_tracked_tool_is_published_and_taken_by_those_who_want_it(ros_domain, 
     names = ('tracking', 'told')
     with Live() as live:
         heard = live.latched(InertiaStamped, 'observer/tool')
+        drawn = []
+        live.node.create_subscription(MarkerArray, 'observer/markers', drawn.append, OUTPUT)
         player = Player(live, names)
         for name in names:
             live.start('observer', name, [
@@ -67,6 +71,11 @@ def test_a_tracked_tool_is_published_and_taken_by_those_who_want_it(ros_domain, 
         assert live.node.count_subscribers('observer/tool') == 2
         assert all(result.successful for result in live.set('told', tool=''))
         live.until(lambda: taken('told')['mass taken off [kg]'] == '13', 'the calibrated tool')
+    # while the payload was not known yet its weight was a contact, drawn 20 times a second at most
+    arrows = [marker for array in drawn for marker in array.markers
+              if marker.ns == 'contact force' and marker.action == Marker.ADD]
+    assert arrows and len(drawn) < 2 * 20 * recording.wrench.t[-1]
+    assert all(arrow.header.frame_id == 'ft_sensor' for arrow in arrows)
     assert heard[0].inertia.m == 13.0 and heard[0].header.frame_id == 'ft_sensor'
     assert heard[-1].inertia.m == pytest.approx(expected.mass, rel=3e-3)
     assert heard[-1].inertia.m == pytest.approx(mass, rel=0.01)

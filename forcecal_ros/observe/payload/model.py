@@ -80,10 +80,10 @@ class PayloadSettings(Section, name='payload'):
     largest: Annotated[float | None, Row(
         "Largest payload that is expected; None: the tool's own mass", 'kg', above=0.0)] = None
     bias_prior: Annotated[_PAIR, Row(
-        'How far the biases may have moved since the calibration', 'N, N m', 0.0)] = (0.5, 0.05)
+        'How far the biases may have moved since the calibration', 'N, N m', 0.0)] = (0.3, 0.03)
     accuracy: Annotated[float, Row(
         'Relative standard error of the mass at which a change is taken over',
-        above=0.0, below=0.5)] = 0.015
+        above=0.0, below=0.5)] = 0.01
 
 
 class PayloadModel(NamedTuple):
