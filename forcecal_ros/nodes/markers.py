@@ -1,6 +1,5 @@
 """What RViz and Foxglove draw: the contact force at its point, the box and the path of a plan."""
 
-from collections.abc import Sequence
 from math import sqrt
 
 from forcecal_ros.geometry import Array, quaternion_from_matrix
@@ -9,6 +8,7 @@ from forcecal_ros.observe.point import contact_point
 from forcecal_ros.observe.sample import Wrench
 from geometry_msgs.msg import Point, Quaternion, Vector3
 import numpy as np
+from numpy.typing import ArrayLike
 from rclpy.lifecycle import LifecycleNode
 from rclpy.time import Time
 from std_msgs.msg import ColorRGBA, Header
@@ -91,7 +91,7 @@ def _ellipsoid(header: Header, namespace: str, centre: Array, covariance: Array)
 _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
 
 
-def plan_markers(low: Sequence[float], high: Sequence[float], path: Array, frame: str, stamp: Time
+def plan_markers(low: ArrayLike, high: ArrayLike, path: Array, frame: str, stamp: Time
                  ) -> MarkerArray:
     """
     Draw the workspace box by its edges, and the path (n, 3) that a start would take [m].

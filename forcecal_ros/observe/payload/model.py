@@ -257,7 +257,7 @@ def measurement(block: Block, model: PayloadModel) -> Function:
     def turning(x: Array) -> Array:
         """Torque of -c x A h about the origin; ``least`` where a hypothesis has no mass."""
         h, m = x[..., MOMENT], np.maximum(x[..., MASS], least)
-        return -_cross(h, h @ A.T) / m[..., np.newaxis]
+        return np.asarray(-_cross(h, h @ A.T) / m[..., np.newaxis])
 
     def value(x: Array) -> Array:
         y = linear_part @ x

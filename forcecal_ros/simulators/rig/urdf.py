@@ -4,7 +4,6 @@ Its root is ft_sensor, whose place the poses tell; the compliant tool slides alo
 named as in the messages, ``optidrive``.
 """
 
-from collections.abc import Sequence
 import sys
 
 from forcecal_ros.effects.rig import Rig
@@ -16,7 +15,8 @@ TRAVEL = 0.05
 """Of the joint, either way: twice what the nominal tool's weight bends its spring [m]."""
 
 
-def _visual(shape: str, centre: Sequence[float], colour: str, rpy: str = '0 0 0') -> str:
+def _visual(shape: str, centre: Array | tuple[float, ...], colour: str, rpy: str = '0 0 0'
+            ) -> str:
     x, y, z = centre
     return (f'    <visual>\n      <origin xyz="{x:g} {y:g} {z:g}" rpy="{rpy}"/>\n'
             f'      <geometry>{shape}</geometry>\n'
