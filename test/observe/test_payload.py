@@ -1,7 +1,10 @@
 """Mass and centre of mass followed along: a payload is heard of and known, a push is not one."""
 
 from dataclasses import replace
+import json
 
+from forcecal_ros.calibration.file import save
+from forcecal_ros.cli import main
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.identify.delay import estimate_delay, with_delay
 from forcecal_ros.observe import design
@@ -26,12 +29,14 @@ from forcecal_ros.observe.payload.step import (
     tared,
     TRACKING,
 )
+from forcecal_ros.recording.bags import write_recording
 import gravity_arm as arm
 from kuka import kuka_recording, static_calibration
 import numpy as np
 from observing import calibration
 from payloads import after, at_point, laid_on, on_the_rig, PUSHES, TURNS, weight
 import pytest
+from rosbags.highlevel import AnyReader
 
 HEARD, KNOWN = 1.0, 10.0
 """Within these a payload is to be heard of, and its mass known to 1 % [s]."""
@@ -170,9 +175,14 @@ def test_a_tare_that_takes_a_weight_for_a_bias_is_found_out(hand):
     assert found.state == TRACKING and found.mass == pytest.approx(arm.MASS + 0.3, rel=0.01)
 
 
-def test_on_the_rig():
+@pytest.fixture(scope='module')
+def loaded():
+    return on_the_rig(1.0, start=2.0, parts=TURNS[:5])
+
+
+def test_on_the_rig(loaded):
     rig = calibration()
-    recording, mass, com = on_the_rig(1.0, start=2.0, parts=TURNS[:5])
+    recording, mass, com = loaded
     result = follow(recording, rig)
     assert next(one.t for one in result.tools if one.state != TRACKING) < 2.0 + HEARD
     last = result.tools[-1]
@@ -184,6 +194,27 @@ def test_on_the_rig():
     assert np.abs(result.contact.contact[settled, :3].mean(axis=0)).max() < 1.4
     with pytest.raises(UnobservableError, match='no pose'):
         follow(replace(recording, pose=None), rig)
+
+
+def test_estimate_writes_the_tool_and_says_what_changed(loaded, tmp_path, capsys):
+    recording, mass, com = loaded
+    write_recording(tmp_path / 'bag', replace(recording, contact_truth=None))
+    save(calibration(), tmp_path / 'c.yaml')
+    assert main(['estimate', str(tmp_path / 'bag'), '--calibration', str(tmp_path / 'c.yaml'),
+                 '--track-tool', '--json', '-o', str(tmp_path / 'out')]) == 0
+    tool = json.loads(capsys.readouterr().out)['tool']
+    assert tool['state'] == 'tracking' and tool['mass'] == pytest.approx(mass, rel=0.01)
+    change, = tool['changes']
+    assert 2.0 < change['t'] < 2.0 + KNOWN and change['mass'] == pytest.approx(1.0, abs=0.14)
+    assert sum(tool['share'].values()) == pytest.approx(1.0)
+    with AnyReader([tmp_path / 'out']) as reader:
+        connection, = (one for one in reader.connections if one.topic == '/observer/tool')
+        told = [reader.deserialize(data, connection.msgtype)
+                for _, _, data in reader.messages([connection])]
+    assert told[0].inertia.m == 13.0 and told[-1].header.frame_id == 'ft_sensor'
+    assert told[-1].inertia.m == pytest.approx(mass, rel=0.01)
+    assert told[-1].inertia.com.x == pytest.approx(com[0], abs=2e-3)
+    assert told[-1].inertia.iyy == 0.15
 
 
 @pytest.fixture(scope='module')
