@@ -151,6 +151,7 @@ class Observer(ManagedNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to estimate and publish."""
         self._reset()
+        self._tool.restart()
         self._active = True
         self.get_logger().info('up: answers every wrench on observer/contact_wrench')
         answer = super().on_activate(state)
@@ -380,7 +381,6 @@ class Observer(ManagedNode):
 
     def _reset(self) -> str:
         self._chain.reset()
-        self._tool.restart()
         if self._frames is not None:
             self._frames.forget()
         self._origin = None

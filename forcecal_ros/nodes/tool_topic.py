@@ -9,7 +9,7 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.nodes.runtime import LATCHED
 from forcecal_ros.observe.live import LiveObserver
 from forcecal_ros.observe.payload.model import payload_model, PayloadSettings
-from forcecal_ros.observe.payload.step import FROZEN, NOT_EXCITED, ToolEstimate
+from forcecal_ros.observe.payload.step import FROZEN, NOT_EXCITED, ToolEstimate, TRACKING
 from forcecal_ros.observe.payload.tracker import Tracker
 from geometry_msgs.msg import Inertia, InertiaStamped
 import numpy as np
@@ -117,6 +117,7 @@ class ToolOnSensor:
         if tracker is not None:
             tracker.restart()
             self._told = None
+            self.apply()
 
     def apply(self) -> None:
         """Take off what is known of the tool by a model that was designed of the calibration."""
@@ -188,7 +189,7 @@ def tool_warning(found: ToolEstimate, in_use: float) -> str:
                 'kg, or something pushes; turn it to tell')
     if found.state == FROZEN and found.suspected == found.suspected:
         return 'tool: a steady force that is no weight; it is not taken for a tool'
-    if found.state != FROZEN and abs(found.mass - in_use) > max(
+    if found.state == TRACKING and abs(found.mass - in_use) > max(
             SURE * found.mass_std, 0.01 * in_use):
         return (f'tool: {found.mass:.4g} +- {found.mass_std:.2g} kg are on the sensor, '
                 f'{in_use:.4g} kg are taken off; set tool: {TRACKED}, or calibrate')

@@ -168,11 +168,10 @@ class LiveObserver:
     def _track(self, tracker: Tracker, samples: Samples) -> None:
         """Let the tracker have what the chain has made of its readings, by the same model."""
         assert self.model is not None
-        for sample in samples:
-            found = tracker.take(sample, self.state, self.model)
-            news = None if found is None else tracker.news()
-            if news is not None and self.takes_tracked:
-                self.take_tool(news.mass, news.com)
+        found = [tracker.take(sample, self.state, self.model) for sample in samples]
+        news = tracker.news() if any(found) else None
+        if news is not None and self.takes_tracked:
+            self.take_tool(news.mass, news.com)
 
     def _smooth(self, sample: ContactSample) -> ContactSample:
         """Fade over from what was published before, and keep what a tare and a report want."""

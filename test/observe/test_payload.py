@@ -11,6 +11,7 @@ from forcecal_ros.observe import design
 from forcecal_ros.observe.filters import ekf, ukf
 from forcecal_ros.observe.filters.gaussian import Gaussian
 from forcecal_ros.observe.inertial import tool_wrench
+from forcecal_ros.observe.live import LiveObserver
 from forcecal_ros.observe.payload.model import (
     Block,
     MASS,
@@ -29,6 +30,8 @@ from forcecal_ros.observe.payload.step import (
     tared,
     TRACKING,
 )
+from forcecal_ros.observe.payload.tracker import Tracker
+from forcecal_ros.observe.playback import events
 from forcecal_ros.recording.bags import write_recording
 import gravity_arm as arm
 from kuka import kuka_recording, static_calibration
@@ -173,6 +176,27 @@ def test_a_tare_that_takes_a_weight_for_a_bias_is_found_out(hand):
         state = on_block(state, block, hand)
     found = estimate(state, hand)
     assert found.state == TRACKING and found.mass == pytest.approx(arm.MASS + 0.3, rel=0.01)
+
+
+def test_readings_that_say_nothing_are_not_called_tracking():
+    known = calibration()
+    tracker = Tracker(payload_model(known))
+    assert tracker.estimate.state == FROZEN
+    recording = on_the_rig(0.0, parts=TURNS[:1])[0]
+    live = LiveObserver(0.5, 0.5)
+    live.take_over(design(known))
+    live.tracker = tracker
+    said = []
+    for t, kind, values in events(recording):
+        if kind == 'wrench':
+            live.on_wrench(t, values)
+        elif kind == 'accelerometer':
+            live.on_accelerometer(t, values)
+        elif kind == 'pose' and t < 0.8:
+            live.on_pose(t, values)
+        said.append((t, tracker.estimate.state))
+    assert {word for t, word in said if 0.2 < t < 0.8} == {TRACKING}
+    assert said[-1][1] == FROZEN and tracker.news() is None
 
 
 @pytest.fixture(scope='module')

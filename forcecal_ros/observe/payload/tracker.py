@@ -83,7 +83,7 @@ class Tracker:
         one after a change; not more often than once in ``RETELL``.
         """
         now, model = self.estimate, self.model
-        if now.state != TRACKING or now.t < self.told.t + RETELL:
+        if now.state != TRACKING or self.told.t <= now.t < self.told.t + RETELL:
             return None
         more = now.mass - self.told.mass
         moment = now.mass * now.com - self.told.mass * self.told.com
@@ -96,7 +96,7 @@ class Tracker:
     @property
     def estimate(self) -> ToolEstimate:
         """What hangs on the sensor by now; frozen where readings have ceased to tell."""
-        if self._newest - self._state.t > SILENCE:
+        if not self._newest - self._state.t <= SILENCE:
             return self.latest._replace(state=FROZEN)
         return self.latest
 
