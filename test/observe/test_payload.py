@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 import json
+from typing import Any
 
 from forcecal_ros.calibration.file import save
 from forcecal_ros.cli import main
@@ -233,8 +234,8 @@ def test_estimate_writes_the_tool_and_says_what_changed(loaded, tmp_path, capsys
     assert sum(tool['share'].values()) == pytest.approx(1.0)
     with AnyReader([tmp_path / 'out']) as reader:
         connection, = (one for one in reader.connections if one.topic == '/observer/tool')
-        told = [reader.deserialize(data, connection.msgtype)
-                for _, _, data in reader.messages([connection])]
+        told: list[Any] = [reader.deserialize(data, connection.msgtype)
+                           for _, _, data in reader.messages([connection])]
     assert told[0].inertia.m == 13.0 and told[-1].header.frame_id == 'ft_sensor'
     assert told[-1].inertia.m == pytest.approx(mass, rel=0.01)
     assert told[-1].inertia.com.x == pytest.approx(com[0], abs=2e-3)
