@@ -10,7 +10,8 @@ from forcecal_ros.errors import UsageError
 if TYPE_CHECKING:
     from forcecal_ros.calibration.model import Calibration
     from forcecal_ros.observe import ContactEstimate, ObserverSettings
-    from forcecal_ros.recording.streams import Recording
+    from forcecal_ros.observe.payload.step import ToolEstimate
+    from forcecal_ros.recording.streams import Recording, Stream
 
 DELAY_STD = 5e-4
 """A delay found in the recording itself is used where its standard error is below this: half a
@@ -100,8 +101,13 @@ def with_known_delay(calibration: 'Calibration', recording: 'Recording'
 
 
 def write_estimate(path: str, estimate: 'ContactEstimate', calibration: 'Calibration',
-                   start_ns: int, also: Sequence[str] = ()) -> None:
-    """Write a row for every wrench, what its status was, and ``also``, fields of the estimate."""
+                   start_ns: int, also: Sequence[str] = (),
+                   told: 'Sequence[ToolEstimate]' = ()) -> None:
+    """
+    Write a row for every wrench, what its status was, and ``also``, fields of the estimate.
+
+    ``told`` are the tools that were found on the sensor.
+    """
     from forcecal_ros.calibration.file import dump
     from forcecal_ros.recording.bags import write_signals
     from forcecal_ros.recording.streams import Stream
@@ -112,7 +118,18 @@ def write_estimate(path: str, estimate: 'ContactEstimate', calibration: 'Calibra
         **{f'{name}_wrench' if name == 'inertial' else name:
            Stream(estimate.t, getattr(estimate, name), frame) for name in also},
         'status': status_changes(estimate),
+        'tool': tools_stream(told, calibration) if told else None,
         'calibration': dump(calibration)}, start_ns)
+
+
+def tools_stream(told: 'Sequence[ToolEstimate]', calibration: 'Calibration') -> 'Stream':
+    """Return tools as they are published: mass, centre of mass, inertia, NaN where unknown."""
+    from forcecal_ros.recording.streams import Stream
+    import numpy as np
+
+    J = (np.full((3, 3), np.nan) if calibration.inertia is None else calibration.inertia.value)
+    rows = [[one.mass, *one.com, *J[np.triu_indices(3)]] for one in told]
+    return Stream(np.array([one.t for one in told]), np.array(rows), calibration.sensor_frame)
 
 
 def status_changes(estimate: 'ContactEstimate') -> list[Any]:

@@ -1,7 +1,7 @@
 """``forcecal estimate``: the observer over a recording, by the same step as in the node."""
 
 import argparse
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands import contact
 from forcecal_ros.commands.common import new_parser, read_checked, say_if_compiling
@@ -10,6 +10,9 @@ from forcecal_ros.commands.fleet import run as run_each
 from forcecal_ros.commands.numbers import positive
 from forcecal_ros.commands.outputs import add_output, RECORDING
 from forcecal_ros.errors import UsageError
+
+if TYPE_CHECKING:
+    from forcecal_ros.observe.payload.replay import Followed
 
 FILTERS = ('kalman', 'newton', 'ukf', 'ekf', 'static')
 
@@ -31,6 +34,9 @@ def add_parser(subparsers: Any) -> None:
                         help="write the wrench of the tool's weight and inertia as well")
     parser.add_argument('--innovation', action='store_true',
                         help='write the innovation (measured less predicted) as well')
+    parser.add_argument('--track-tool', action='store_true',
+                        help='follow mass and centre of mass of what hangs on the sensor, take '
+                             'them off, and write them as observer/tool')
     add_output(parser, '-o', '--output', kind=RECORDING, metavar='OUT_BAG', required=True,
                help='recording to write; one that is there is kept as OUT_BAG~; of several BAGs, '
                     'a folder for them')
@@ -57,6 +63,7 @@ def answer(args: argparse.Namespace) -> Answer:
     from forcecal_ros.observe import ObserverSettings, replay
     from forcecal_ros.observe.batch import waits_for_compiler
     from forcecal_ros.observe.mounting import taken_as_calibrated
+    from forcecal_ros.observe.payload.replay import follow
 
     settings = ObserverSettings(filter=args.filter, bandwidth_hz=args.bandwidth,
                                 **contact.bandwidth_of(args))
@@ -65,16 +72,62 @@ def answer(args: argparse.Namespace) -> Answer:
         read_checked(args, args.bag, raw_wrench=calibration.matrix is not None), calibration,
         args.calibration)
     calibration, about = contact.prepared(calibration, recording, settings)
-    say_if_compiling(waits_for_compiler(), 'the observer')
-    estimate = replay(recording, calibration, settings)
+    followed = None
+    if args.track_tool:
+        followed = follow(recording, calibration, settings)
+        estimate = followed.contact
+    else:
+        say_if_compiling(waits_for_compiler(), 'the observer')
+        estimate = replay(recording, calibration, settings)
     also = [name for name, asked in (
         ('inertial', args.inertial_wrench), ('innovation', args.innovation)) if asked]
-    contact.write_estimate(args.output, estimate, calibration, recording.start_ns, also)
+    contact.write_estimate(args.output, estimate, calibration, recording.start_ns, also,
+                           () if followed is None else followed.told)
     figures = contact.statistics(estimate)
     notes = (*recording.notes, *about, *contact.status_notes(estimate))
     means = 'mean [N, N m]  ' + contact.row(figures['mean'])
     count = f'{figures["samples"]} contact wrenches{contact.over_which(figures)}'
-    text = '\n'.join((f'{args.output}: {count}', means,
-                      'std  [N, N m]  ' + contact.row(figures['std'])))
+    lines = [f'{args.output}: {count}', means, 'std  [N, N m]  ' + contact.row(figures['std'])]
+    if followed is not None:
+        figures['tool'] = tool_figures(followed)
+        lines += tool_lines(figures['tool'])
+    text = '\n'.join(lines)
     return Answer({'output': args.output, 'notes': list(notes), **figures}, text,
                   f'{count}, {means}', notes)
+
+
+def tool_figures(followed: 'Followed') -> dict[str, Any]:
+    """Return what hung on the sensor at the end, how sure that is, and what changed when."""
+    from collections import Counter
+
+    from forcecal_ros.errors import DataError
+
+    if not followed.tools:
+        raise DataError('no stretch of the recording tells what hangs on the sensor: a pose and '
+                        'a wrench that is no saturated number are wanted together')
+    last = followed.tools[-1]
+    words = Counter(one.state for one in followed.tools)
+    known = last.suspected == last.suspected
+    return {
+        'state': last.state, 'mass': last.mass, 'mass_std': last.mass_std,
+        'com': last.com.tolist(), 'com_std': last.com_std.tolist(),
+        'suspected_change': last.suspected if known else None,
+        'suspected_change_std': last.suspected_std if known else None,
+        'changes': [one._asdict() for one in followed.changes],
+        'share': {word: count / len(followed.tools) for word, count in sorted(words.items())}}
+
+
+def tool_lines(tool: dict[str, Any]) -> list[str]:
+    """Say the same in words."""
+    lines = [f'tool: {tool["state"]}, {tool["mass"]:.4f} +- {tool["mass_std"]:.4f} kg, centre of '
+             'mass ' + ' '.join(f'{1e3 * x:.1f} +- {1e3 * std:.1f}' for x, std in zip(
+                 tool['com'], tool['com_std'])) + ' mm']
+    told = {True: 'weight and accelerations', False: 'weight alone: a steady push straight down '
+            'is not excluded'}
+    lines += [f'tool: {one["mass"]:+.4f} kg known at {one["t"]:.2f} s, by {told[one["inert"]]}'
+              for one in tool['changes']]
+    if tool['suspected_change'] is not None:
+        std = tool['suspected_change_std']
+        lines.append(f'tool: may have changed by {tool["suspected_change"]:.3f} +- {std:.3f} kg, '
+                     'or something pushes; turn it to tell')
+    return lines

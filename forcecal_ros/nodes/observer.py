@@ -12,15 +12,24 @@ from forcecal_ros.errors import ConfigError, DataError, ForcecalError
 from forcecal_ros.nodes.frame_outputs import FrameOutputs
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.managed import ManagedNode
+from forcecal_ros.nodes.markers import ContactMarkers
 from forcecal_ros.nodes.observer_health import health, LastMessage
-from forcecal_ros.nodes.observer_settings import accelerometer_for, PARAMETERS, settings_of
+from forcecal_ros.nodes.observer_settings import (
+    accelerometer_for,
+    file_of,
+    PARAMETERS,
+    payload_settings_of,
+    settings_of,
+)
 from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.pose_source import mounting_parameter, pose_source, PoseSource
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.results import accuracy_message
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, STEADY
+from forcecal_ros.nodes.sensor_transform import SensorTransform
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.nodes.services import answering
+from forcecal_ros.nodes.tool_topic import ToolOnSensor, TRACKED
 from forcecal_ros.nodes.waiting import Waiting
 from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Writer
 from forcecal_ros.observe import ContactSample, design, noise_levels, ObserverSettings
@@ -30,6 +39,7 @@ from forcecal_ros.observe.live import LiveObserver, Samples, Values
 from forcecal_ros.observe.mounting import agreed, at_the_sensor
 from forcecal_ros.observe.tare import with_bias
 from geometry_msgs.msg import WrenchStamped
+import numpy as np
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
@@ -61,6 +71,9 @@ class Observer(ManagedNode):
         self._mounting: Placement | None = None
         self._pose = 'current_pose'
         self._frames: FrameOutputs | None = None
+        self._markers: ContactMarkers | None = None
+        self._transform: SensorTransform | None = None
+        self._tool = ToolOnSensor(self, self._chain)
         self._heard: dict[str, LastMessage] = {}
         self._inbox = Inbox(self, polled=self._value('poll_rate') > 0)
         self._origin: int | None = None
@@ -97,12 +110,17 @@ class Observer(ManagedNode):
         self._failure = ''
         try:
             self._mounting, poses = mounting_parameter(self), pose_source(self)
+            if self._value('publish.transform'):
+                self._transform = SensorTransform(self, poses.topic)
             frames = Frames(self._value('publish.frames'), self._value('publish.frame_poses'))
-            if self._value('calibration.file') or self._value('tool'):
-                self._take_over(self._load(self._value('tool')))
+            self._tool.configure(self._value('payload.track'))
+            self._tool.want(self._value('tool') == TRACKED)
+            if self._value('calibration.file') or file_of(self._value('tool')):
+                self._take_over(self._load(file_of(self._value('tool'))))
         except ForcecalError as error:
             self._failure = str(error)
             self.get_logger().error(self._failure)
+            self._release()
             return TransitionCallbackReturn.FAILURE
         self._out = self.create_lifecycle_publisher(
             WrenchStamped, 'observer/contact_wrench', OUTPUT)
@@ -114,6 +132,8 @@ class Observer(ManagedNode):
         self._accuracy = self.create_lifecycle_publisher(
             Float64MultiArray, 'observer/accuracy', LATCHED)
         self._frames = FrameOutputs(self, frames)
+        if self._value('publish.marker_rate') > 0:
+            self._markers = ContactMarkers(self, self._value('publish.marker_rate'))
         self._inputs = [
             self._subscribe('wrench', WrenchStamped, self._chain.on_wrench),
             self._subscribe(poses.topic, poses.message_type, self._on_pose, poses)]
@@ -131,6 +151,7 @@ class Observer(ManagedNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to estimate and publish."""
         self._reset()
+        self._tool.restart()
         self._active = True
         self.get_logger().info('up: answers every wrench on observer/contact_wrench')
         answer = super().on_activate(state)
@@ -172,7 +193,12 @@ class Observer(ManagedNode):
         self._inputs, self._optional, self._accelerometer = [], [], None
         if self._frames is not None:
             self._frames.destroy()
+        for output in (self._markers, self._transform):
+            if output is not None:
+                output.destroy()
+        self._markers = self._transform = None
         self._source = None
+        self._tool.release()
         self._chain.let_go()
         self._origin = None
 
@@ -213,6 +239,7 @@ class Observer(ManagedNode):
         self._chain.take_over(model, calibration.wrench_sign, calibration.gravity_direction,
                               calibration.sensor_rotation)
         self._source, self._mounting = source, mounting
+        self._tool.calibrated(calibration, payload_settings_of(self._values()))
         self._write = Writer(WrenchStamped, calibration.sensor_frame)
         self._subscribe_accelerometer(accelerometer)
         self._tell_accuracy()
@@ -220,14 +247,17 @@ class Observer(ManagedNode):
                                f'{float(calibration.mass):.4f} kg')
 
     def _settings(self, changes: dict[str, Any] | None = None) -> ObserverSettings:
-        return settings_of({row.name: self._value(row.name) for row in PARAMETERS}
-                           | (changes or {}))
+        return settings_of(self._values() | (changes or {}))
+
+    def _values(self) -> dict[str, Any]:
+        return {row.name: self._value(row.name) for row in PARAMETERS}
 
     def _check_changes(self, changes: dict[str, Any]) -> None:
         settings = self._settings(changes)
         source = self._source
-        if 'tool' in changes and changes['tool'] != self._value('tool'):
-            source = self._of_tool(changes['tool'])
+        named = file_of(changes.get('tool', ''))
+        if changes.get('tool', self._value('tool')) != self._value('tool') and (named or source):
+            source = self._of_tool(named)
         if source is not None:
             design(source.calibration, settings)
             agreed(mounting_parameter(self), source.calibration, source.name)
@@ -249,19 +279,25 @@ class Observer(ManagedNode):
         self._chain.window.seconds = self._value('tare.duration')
         self._chain.fade_duration = self._value('takeover.duration')
         if any(parameter.name == 'tool' for parameter in parameters):
-            if self._source is not None or self._active:
-                self._take_over(self._of_tool(self._value('tool')), same_sensor=True)
+            self._tool.want(self._value('tool') == TRACKED)
+            named = file_of(self._value('tool'))
+            if self._source is not None or (self._active and named):
+                self._take_over(self._of_tool(named), same_sensor=True)
         elif self._source is not None and any(
                 parameter.name.startswith(('observer.', 'limits.', 'gravity.'))
                 for parameter in parameters):
             self._chain.take_settings(design(self._source.calibration, self._settings()))
+            self._tool.apply()
             self._tell_accuracy()
 
     def _tell_accuracy(self) -> None:
         """Publish what is to be expected of the contact wrench, where it is estimated now."""
         if self._active and self._source is not None and self._chain.model is not None:
-            self._accuracy.publish(accuracy_message(accuracy(
-                self._source.calibration, self._chain.model, self._settings())))
+            found = accuracy(self._source.calibration, self._chain.model, self._settings())
+            self._accuracy.publish(accuracy_message(found))
+            if self._markers is not None:
+                self._markers.covariance = (
+                    np.full((6, 6), np.nan) if found is None else found.covariance)
 
     def _subscribe_accelerometer(self, chosen: str) -> None:
         topic, message_type, _ = ACCELEROMETERS.get(chosen, ('', None, ''))
@@ -304,6 +340,7 @@ class Observer(ManagedNode):
                 self._origin = stamp_ns
             for sample in take((stamp_ns - self._origin) * 1e-9, values):
                 self._publish(sample)
+            self._tool.tell()
 
         return self._inbox.subscribe(message_type, topic, on_message)
 
@@ -311,7 +348,11 @@ class Observer(ManagedNode):
         assert self._frames is not None
         if self._mounting is not None:
             values = at_the_sensor(self._mounting, values)
-        self._frames.on_pose(t, values, self._heard[self._pose].frame)
+        frame = self._heard[self._pose].frame
+        self._frames.on_pose(t, values, frame)
+        if self._transform is not None and self._source is not None and self._origin is not None:
+            self._transform.publish(self._origin + round(t * 1e9), values, frame,
+                                    self._source.calibration.sensor_frame)
         return self._chain.on_pose(t, values)
 
     def _publish(self, sample: ContactSample) -> None:
@@ -322,6 +363,8 @@ class Observer(ManagedNode):
         for field, publisher in self._optional:
             publisher.publish(self._write(stamp, getattr(sample, field)))
         self._frames.publish(stamp, sample.t, sample.contact, self._chain.model.pose_timeout)
+        if self._markers is not None and self._source is not None:
+            self._markers.publish(stamp, sample.contact, self._source.calibration.sensor_frame)
 
     # Services -------------------------------------------------------------------------------
 
@@ -344,7 +387,7 @@ class Observer(ManagedNode):
         return 'the filter starts anew'
 
     def _reload(self) -> str:
-        tool = self._value('tool')
+        tool = file_of(self._value('tool'))
         source = self._load(tool) if tool else self._as_configured()
         self._take_over(source)
         return f'calibration taken from {source.name}'
@@ -383,8 +426,13 @@ class Observer(ManagedNode):
                                   self._chain.refused):
             values[f'{topic} samples not used'] = refused
         calibrated = self._source.calibration.sensor_frame if self._source else None
+        if self._chain.bandwidth == self._chain.bandwidth:
+            values['bandwidth [Hz]'] = self._chain.bandwidth
+            values['noise over calibrated'] = self._chain.noise_level
+        of_tool, warning = self._tool.report()
         self._diagnostics.publish(diagnostic_array(self, '', *health(
-            self._active, calibrated, self._heard, self._silent(), status), values))
+            self._active, calibrated, self._heard, self._silent(), status,
+            [warning] if warning else []), values | of_tool))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -14,7 +14,7 @@ class LastMessage(NamedTuple):
 
 
 def health(active: bool, calibrated: str | None, heard: Mapping[str, LastMessage],
-           silent: Sequence[str], status: int) -> tuple[str, str]:
+           silent: Sequence[str], status: int, more: Sequence[str] = ()) -> tuple[str, str]:
     """
     Return level and message for /diagnostics.
 
@@ -26,6 +26,8 @@ def health(active: bool, calibrated: str | None, heard: Mapping[str, LastMessage
         The last message by topic; the topics that have fallen silent.
     status : int
         All bits of :class:`forcecal_ros.observe.Status` since the last report.
+    more : sequence of str
+        Further warnings.
     """
     if not active:
         return 'stale', 'not active'
@@ -33,7 +35,7 @@ def health(active: bool, calibrated: str | None, heard: Mapping[str, LastMessage
         return 'warn', 'waiting for a calibration'
     if 'wrench' in silent or 'wrench' not in heard:
         return 'error', 'wrench: nothing received'
-    warnings = [f'{topic}: nothing received' for topic in silent]
+    warnings = [*(f'{topic}: nothing received' for topic in silent), *more]
     frame = heard['wrench'].frame
     if frame and frame != calibrated:
         warnings.append(f'wrench is of {frame!r}, the calibration of {calibrated!r}: is it '

@@ -9,6 +9,8 @@ from forcecal_ros.errors import ConfigError
 from forcecal_ros.nodes.pose_source import POSE_PARAMETERS, SENSOR_FROM_POSE
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
+from forcecal_ros.nodes.tool_topic import TRACKED
+from forcecal_ros.observe.payload.model import PayloadSettings
 from forcecal_ros.observe.settings import (
     BANDWIDTH_LIMITS,
     CONTACT_WALK,
@@ -41,7 +43,16 @@ PARAMETERS = (
     Parameter('tools', '', 'Folder of calibrations of one sensor with one tool each, NAME.yaml'),
     _live('tool', '', 'Which of these is on the sensor, by its NAME; set while running, it is '
           'faded in, and the bias of the sensor stays as it is; empty: as calibration.file or '
-          'sequencer/calibration says'),
+          'sequencer/calibration says; tracked: mass and centre of mass as observer/tool says, or '
+          'with payload.track as this node finds'),
+    Parameter('payload.track', False, 'Follow mass and centre of mass of what hangs on the sensor '
+              'while the robot works, and publish them latched on observer/tool'),
+    Parameter('payload.largest', 0.0, "Largest payload that is expected; 0: the tool's own mass",
+              'kg', 0.0, 1e4),
+    Parameter('payload.floor_force', PayloadSettings().floor[0], 'What weight and inertia leave '
+              'unexplained in free motion, averaged over 0.2 s', 'N', 0.0, 1e3),
+    Parameter('payload.floor_torque', PayloadSettings().floor[1], 'The same of the torque', 'N m',
+              0.0, 1e3),
     Parameter('accelerometer.source', 'auto', 'accelerometer/raw (volts), imu/data_raw or accel '
               '(m/s^2); auto: by the unit of the calibration',
               choices=('auto', *ACCELEROMETERS, 'none')),
@@ -61,6 +72,11 @@ PARAMETERS = (
               'axes of each of these frames, about its origin; empty: none'),
     Parameter('publish.frame_poses', [0.0], 'x y z [m] qx qy qz qw of each of them in ft_sensor, '
               'one after the other; none for the last if it is the frame of current_pose'),
+    Parameter('publish.marker_rate', 20.0, 'How often observer/markers draws the contact force at '
+              'its point, with its uncertainty, while anybody listens; 0: never', 'Hz', 0.0,
+              100.0),
+    Parameter('publish.transform', False, 'Say on /tf where ft_sensor is, by current_pose, at up '
+              'to 50 Hz: where nobody else does; wants tf2_msgs'),
     _live('observer.mode', '', 'Observer whose estimate is published; empty: as the calibration '
           'says', choices=('', *MODES)),
     _live('observer.bandwidth', 0.0, 'Bandwidth of the contact wrench in mode kalman; 0: follows '
@@ -70,6 +86,8 @@ PARAMETERS = (
           f'{BANDWIDTH_LIMITS[0]:g} and {BANDWIDTH_LIMITS[1]:g} Hz', 'N/sqrt(s)', 0.0, 1e4),
     _live('observer.bandwidth_min', 0.0, 'Slowest bandwidth that may follow', 'Hz', 0.0, 1000.0),
     _live('observer.bandwidth_max', 0.0, 'Fastest bandwidth that may follow', 'Hz', 0.0, 1000.0),
+    _live('observer.adaptive', _DEFAULT.adaptive, 'Whether mode kalman becomes slower, down to '
+          'bandwidth_min, where the wrench is noisier than calibrated'),
     _live('observer.offset', _DEFAULT.offset, 'Whether the accelerometer offset is tracked',
           choices=OFFSETS),
     _live('observer.accelerometer_timeout', _DEFAULT.accelerometer_timeout, 'Pause after which '
@@ -111,11 +129,24 @@ def settings_of(value: Mapping[str, Any]) -> ObserverSettings:
         bandwidth_hz=value['observer.bandwidth'] or None,
         contact_walk=value['observer.contact_walk'] or None,
         bandwidth_min_hz=value['observer.bandwidth_min'] or None,
-        bandwidth_max_hz=value['observer.bandwidth_max'] or None, offset=value['observer.offset'],
+        bandwidth_max_hz=value['observer.bandwidth_max'] or None,
+        adaptive=value['observer.adaptive'], offset=value['observer.offset'],
         accelerometer_timeout=value['observer.accelerometer_timeout'],
         pose_timeout=value['observer.pose_timeout'], skew=value['observer.skew'],
         wrench_limit=((force or inf,) * 3 + (torque or inf,) * 3 if force or torque else None),
         accelerometer_limit=value['limits.accelerometer'] or None)
+
+
+def file_of(tool: str) -> str:
+    """Return the name among ``tools`` that the parameter ``tool`` says; empty: none."""
+    return '' if tool == TRACKED else tool
+
+
+def payload_settings_of(value: Mapping[str, Any]) -> PayloadSettings:
+    """Make settings of the payload's tracking of the values of all ``PARAMETERS``, by name."""
+    return PayloadSettings(
+        floor=(value['payload.floor_force'], value['payload.floor_torque']),
+        largest=value['payload.largest'] or None)
 
 
 def accelerometer_for(calibration: Calibration, chosen: str) -> str:

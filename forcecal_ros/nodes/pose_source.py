@@ -78,7 +78,8 @@ def pose_source(node: Node) -> PoseSource:
         raise ConfigError(f'pose.{"base" if frame else "frame"} is empty, and pose.'
                           f'{"frame" if frame else "base"} is {frame or base!r}; name both frames '
                           'of /tf, or neither to take poses from current_pose')
-    message_type = _message_type()
+    message_type = transform_type('pose.base and pose.frame take poses from /tf',
+                                  ', or have a PoseStamped published on current_pose')
     poses = TransformPose(base, frame)
 
     def read(raw: bytes) -> Sample | None:
@@ -97,14 +98,20 @@ def pose_source(node: Node) -> PoseSource:
                       static)
 
 
-def _message_type() -> Any:
-    """Return the type of /tf, which no package index has: the one place that wants tf2_msgs."""
+def transform_type(why: str, otherwise: str = '') -> Any:
+    """
+    Return the type of /tf, which no package index has: the one place that wants tf2_msgs.
+
+    Raises
+    ------
+    ConfigError
+        It is missing; says ``why`` it is wanted, and what to do ``otherwise``.
+    """
     try:
         from tf2_msgs.msg import TFMessage
     except ImportError as error:
         raise ConfigError(
-            'pose.base and pose.frame take poses from /tf, which wants the package tf2_msgs: '
-            'apt install ros-jazzy-tf2-msgs, or have a PoseStamped published on current_pose'
+            f'{why}, which wants the package tf2_msgs: apt install ros-jazzy-tf2-msgs{otherwise}'
         ) from error
     return TFMessage
 

@@ -4,6 +4,7 @@ from math import nan
 
 from forcecal_ros.calibration.file import dump
 from forcecal_ros.calibration.model import Calibration
+from forcecal_ros.nodes.tool_topic import fill_inertia
 from forcecal_ros.observe.accuracy import Accuracy
 from geometry_msgs.msg import InertiaStamped
 import numpy as np
@@ -42,10 +43,6 @@ def inertia_message(calibration: Calibration, stamp: Time) -> InertiaStamped:
     message = InertiaStamped()
     message.header.stamp = stamp.to_msg()
     message.header.frame_id = calibration.sensor_frame
-    inertia = message.inertia
-    inertia.m = float(calibration.mass)
-    inertia.com.x, inertia.com.y, inertia.com.z = calibration.com.value.tolist()
-    J = None if calibration.inertia is None else calibration.inertia.value
-    for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
-        setattr(inertia, f'i{"xyz"[i]}{"xyz"[j]}', nan if J is None else float(J[i, j]))
+    fill_inertia(message.inertia, float(calibration.mass), calibration.com.value,
+                 None if calibration.inertia is None else calibration.inertia.value)
     return message

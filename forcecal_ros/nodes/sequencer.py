@@ -9,7 +9,7 @@ from forcecal_ros.calibration.sensor_matrix import corrected, required_six_axis,
 from forcecal_ros.errors import ConfigError, DataError, ForcecalError
 from forcecal_ros.motion.monitor import Stillness
 from forcecal_ros.motion.plan import check_wrench, Goal, PlannedSegment, prepare
-from forcecal_ros.motion.preview import in_words, outline
+from forcecal_ros.motion.preview import in_words, outline, path_of
 from forcecal_ros.motion.programs import SEQUENCES
 from forcecal_ros.motion.sequence import Command, MotionSequence
 from forcecal_ros.nodes.backends import backend_of
@@ -17,6 +17,7 @@ from forcecal_ros.nodes.collector import Collector
 from forcecal_ros.nodes.deadman import Deadman
 from forcecal_ros.nodes.guard import Fault
 from forcecal_ros.nodes.identification import Identification
+from forcecal_ros.nodes.markers import plan_markers
 from forcecal_ros.nodes.motion_node import MotionNode
 from forcecal_ros.nodes.pose_source import at_sensor, mounting_parameter, pose_source
 from forcecal_ros.nodes.preview import path_message, Preview
@@ -32,6 +33,7 @@ from nav_msgs.msg import Path
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
 
 STILLNESS_CHECK = 5
 """Stillness is checked once in so many commands: every 20 ms at 250 Hz, little against the 0.25 s
@@ -131,9 +133,11 @@ class Sequencer(MotionNode[SequencerSettings]):
         self._make_ready()
         start = self._backend.measured()
         parts = self._plan(start)
-        self._path_out.publish(path_message(
-            parts, self._sensors.frames['pose'] or self.get_parameter('motion.frame').value,
-            self.get_clock().now()))
+        frame = self._sensors.frames['pose'] or self.get_parameter('motion.frame').value
+        limits, now = self._settings.limits, self.get_clock().now()
+        self._path_out.publish(path_message(parts, frame, now))
+        self._markers_out.publish(plan_markers(
+            limits.workspace_min, limits.workspace_max, path_of(parts)[0], frame, now))
         self._preview.note(self._values(), self._settings.poses, start)
         found = in_words(outline(parts, self._settings.limits.tip))
         return self._with_caveat(f'{self._settings.sequence}: {found}')
@@ -171,6 +175,7 @@ class Sequencer(MotionNode[SequencerSettings]):
         self._inertia_out = self.create_publisher(
             InertiaStamped, 'sequencer/tool_inertia', LATCHED)
         self._path_out = self.create_publisher(Path, 'sequencer/planned_path', LATCHED)
+        self._markers_out = self.create_publisher(MarkerArray, 'sequencer/markers', LATCHED)
         self._preview = Preview()
         self.create_service(Trigger, 'sequencer/save_calibration', answering(self._save))
         self.create_service(Trigger, 'sequencer/preview', answering(self._show))

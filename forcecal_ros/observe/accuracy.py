@@ -3,11 +3,11 @@
 from math import exp, inf, log, pi, tau
 from typing import Any, NamedTuple
 
-from forcecal_ros.calibration.model import Calibration, Noise
+from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.geometry import Array
 from forcecal_ros.observe.bandwidth import as_calibrated
 from forcecal_ros.observe.design import Model
-from forcecal_ros.observe.filters.covariances import load_maps
+from forcecal_ros.observe.filters.covariances import load_maps, noise_of_reading
 from forcecal_ros.observe.filters.memory import KALMAN
 from forcecal_ros.observe.settings import ObserverSettings
 import numpy as np
@@ -74,7 +74,7 @@ def accuracy(calibration: Calibration, model: Model,
     noise = calibration.noise
     if noise is None or model.filter != KALMAN:
         return None
-    sample, density = _noise_of_reading(calibration, noise)
+    sample, density = noise_of_reading(calibration, noise)
     k = 1 - exp(-model.rate / noise.wrench_rate)
     R = density * noise.wrench_rate
     walk = np.diag(R) * k * k / (1 - k)
@@ -89,22 +89,6 @@ def accuracy(calibration: Calibration, model: Model,
     return Accuracy(bandwidth, rise_time(bandwidth), error + (1 - fast) * turning,
                     error + np.diag(walk) + sample + fast * turning,
                     np.sqrt(walk * noise.wrench_rate))
-
-
-def _noise_of_reading(calibration: Calibration, noise: Noise) -> tuple[Array, Array]:
-    """Return covariance and low-frequency density of u - m a, two of shape (6, 6)."""
-    by_force, _ = load_maps(calibration)
-    sample, f = noise.wrench.value, noise.specific_force
-    density = sample / noise.wrench_rate
-    if noise.wrench_density is not None:
-        density = noise.wrench_density.value
-    if f is None:
-        return sample, density
-    f_density = f.value / noise.accelerometer_rate
-    if noise.specific_force_density is not None:
-        f_density = noise.specific_force_density.value
-    return (sample + by_force @ f.value @ by_force.T,
-            density + by_force @ f_density @ by_force.T)
 
 
 def _alpha_variance(model: Model, settings: ObserverSettings) -> float:
@@ -133,6 +117,6 @@ def noise_of_force(calibration: Calibration, bandwidths: Array) -> Array | None:
     noise = calibration.noise
     if noise is None:
         return None
-    _, density = _noise_of_reading(calibration, noise)
+    _, density = noise_of_reading(calibration, noise)
     k = 1 - np.exp(-tau * bandwidths / noise.wrench_rate)[:, np.newaxis]
     return np.asarray(np.sqrt(np.diag(density)[:3] * noise.wrench_rate * k / (2 - k)))

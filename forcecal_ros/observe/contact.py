@@ -4,9 +4,10 @@ from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.filters.kalman import innovation, kalman_step
 from forcecal_ros.observe.filters.memory import KALMAN, Memory, NEWTON, STOPPED
 from forcecal_ros.observe.filters.newton import along_x
+from forcecal_ros.observe.filters.noise_level import AS_CALIBRATED, believed
 from forcecal_ros.observe.motion import MotionEstimate
 from forcecal_ros.observe.sample import ContactSample, NO_WRENCH
-from forcecal_ros.observe.status import INVALID
+from forcecal_ros.observe.status import INVALID, NOISY
 from forcecal_ros.observe.tracking import ZERO
 from forcecal_ros.observe.unload import Unloaded
 
@@ -21,10 +22,12 @@ def filtered(memory: Memory, reading: Unloaded, motion: MotionEstimate, model: M
     if model.filter == KALMAN:
         status, e = innovation(memory, reading, model)
         memory = kalman_step(memory, reading, e, model)
+        if believed(memory.noise.level) > 1.0:
+            status |= NOISY
     elif model.filter == NEWTON:
         status, e = innovation(memory, reading, model)
         memory = along_x(memory, reading, motion, model)
     else:
         e = NO_WRENCH
-        memory = Memory(t, measured, STOPPED, ZERO)
+        memory = Memory(t, measured, STOPPED, ZERO, AS_CALIBRATED)
     return memory, ContactSample(t, memory.contact, status, measured, e, inertial, None)

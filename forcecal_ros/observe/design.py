@@ -1,11 +1,12 @@
 """From a calibration to the numbers the running step needs; everything slow happens here."""
 
-from math import inf, sqrt, tau
+from math import exp, inf, sqrt, tau
 from typing import NamedTuple
 
 from forcecal_ros.calibration.model import Accelerometer, Calibration
 from forcecal_ros.calibration.sensor_matrix import six_axis, SixAxis
 from forcecal_ros.errors import ConfigError
+from forcecal_ros.geometry import Array
 from forcecal_ros.observe.bandwidth import (
     as_calibrated,
     contact_bandwidth,
@@ -19,10 +20,12 @@ from forcecal_ros.observe.bandwidth import (
     within_limits,
 )
 from forcecal_ros.observe.filters.bias_model import bias_model, BiasModel
+from forcecal_ros.observe.filters.covariances import noise_of_reading
 from forcecal_ros.observe.filters.memory import KALMAN, NEWTON, UNFILTERED
+from forcecal_ros.observe.filters.noise_level import scale_of
 from forcecal_ros.observe.inertial import Load
 from forcecal_ros.observe.settings import LEARNING, ObserverSettings
-from forcecal_ros.observe.tracking import butterworth, Poles
+from forcecal_ros.observe.tracking import butterworth, Poles, Vector, ZERO
 import numpy as np
 
 Gain = tuple[float, float, float, float, float, float]
@@ -66,6 +69,12 @@ class Model(NamedTuple):
     """Tool: stiffness over damping [1/s]; inf without damping, stiffness 0 without spring."""
     rate: float
     """Corner of the contact wrench [rad/s]."""
+    adaptive: bool
+    """Whether ``rate`` falls where the wrench is noisier than calibrated."""
+    innovation_scale: Vector
+    """See ``filters.noise_level.scale_of``."""
+    slowest: float
+    """Slowest corner then [rad/s]."""
     track_offset: bool
     rotation_poles: Poles
     offset_poles: Poles
@@ -178,6 +187,22 @@ def _bandwidth(calibration: Calibration, mass: float, settings: ObserverSettings
     return contact_bandwidth(slow_levels(calibration.noise), mass, settings)
 
 
+def _is_adaptive(calibration: Calibration, settings: ObserverSettings) -> bool:
+    """Whether the bandwidth follows the noise: not where it is said, or no noise was measured."""
+    return bool(settings.adaptive and settings.bandwidth_hz is None and calibration.noise)
+
+
+def _innovation_scale(calibration: Calibration, rate: float, settings: ObserverSettings) -> Vector:
+    if not _is_adaptive(calibration, settings) or calibration.noise is None:
+        return ZERO
+    dt = 1 / calibration.noise.wrench_rate
+    reading, density = noise_of_reading(calibration, calibration.noise)
+    k = 1 - exp(-rate * dt)
+    # of a reading, and of an estimate that balances noise and walk
+    variance = np.diag(reading) + np.diag(density) / dt * k
+    return scale_of(tuple(np.maximum(variance[:3], 1e-12).tolist()), dt)
+
+
 def design(calibration: Calibration, settings: ObserverSettings = ObserverSettings()) -> Model:
     """
     Turn a calibration into the model of the running chain.
@@ -213,7 +238,10 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
         delay=delay,
         place=(load.cx - load.dx, load.cy - load.dy, load.cz - load.dz),
         stiffness=stiffness, relaxation=stiffness / damping if damping > 0 else inf,
-        rate=rate, track_offset=track, rotation_poles=butterworth(corner),
+        rate=rate, adaptive=_is_adaptive(calibration, settings),
+        innovation_scale=_innovation_scale(calibration, rate, settings),
+        slowest=tau * within_limits(0.0, settings), track_offset=track,
+        rotation_poles=butterworth(corner),
         offset_poles=offset_poles(levels, settings, settings.pose_position_std),
         motion_poles=butterworth(motion_corner(levels, load.m, rate, settings)),
         reach_poles=offset_poles(levels, settings, _REACH), K=_gain(calibration),
@@ -222,6 +250,27 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
         limited=settings.wrench_limit is not None,
         wrench_limit=settings.wrench_limit or (inf,) * 6,
         accelerometer_limit=(settings.accelerometer_limit or inf,) * 3))
+
+
+def with_tool(model: Model, mass: float, com: Vector, inertia: Array | None = None) -> Model:
+    """
+    Return the model with another tool on the sensor.
+
+    Parameters
+    ----------
+    model
+    mass : float
+        Of all that hangs on the sensor [kg].
+    com : tuple of 3 float
+        In ft_sensor [m].
+    inertia : ndarray, shape (3, 3), or None
+        About the centre of mass [kg m^2]; None: as it was.
+    """
+    load, J = model.load, inertia
+    turning = load[7:] if J is None else (
+        J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2])
+    numbers = (mass, *com, *(c - place for c, place in zip(com, model.place)), *turning)
+    return model._replace(load=Load(*(float(x) for x in numbers)))
 
 
 def with_reach(model: Model) -> Model:

@@ -1,14 +1,19 @@
 """The chain as a node runs it: models change without a jump, and biases can be tared."""
 
+from math import nan, tau
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array, quaternion_of
 from forcecal_ros.observe.bandwidth import NoiseLevels
-from forcecal_ros.observe.design import Model
+from forcecal_ros.observe.design import Model, with_tool
 from forcecal_ros.observe.fade import begin_fade, Fade, faded, rebased
+from forcecal_ros.observe.filters.memory import KALMAN, Memory
+from forcecal_ros.observe.filters.noise_level import rate_at
+from forcecal_ros.observe.payload.tracker import Tracker
 from forcecal_ros.observe.rest import refuse_motion
 from forcecal_ros.observe.sample import ContactSample, NO_WRENCH
 from forcecal_ros.observe.step import (
+    finish,
     on_accelerometer,
     on_displacement,
     on_pose,
@@ -21,6 +26,7 @@ from forcecal_ros.observe.tracking import product, Quaternion, rotate
 from forcecal_ros.observe.window import Window
 from forcecal_ros.recording.level import level_from_base
 from forcecal_ros.recording.mount import pose_from_wire
+import numpy as np
 
 Values = tuple[float, ...]
 Samples = tuple[ContactSample, ...]
@@ -45,11 +51,19 @@ class LiveObserver:
         What is kept for a tare.
     fade_duration : float
         Over which a new model is faded in [s].
+    state : State
+        Of the chain.
+    tracker : Tracker or None
+        Follows what hangs on the sensor, where it is wanted.
+    takes_tracked : bool
+        Whether the load of that is taken off from then on.
     """
 
     def __init__(self, tare_duration: float, fade_duration: float) -> None:
         self.model: Model | None = None
         self.window, self.fade_duration = Window(tare_duration), fade_duration
+        self.tracker: Tracker | None = None
+        self.takes_tracked = False
         self._negative = False
         self._direction: Values | None = None
         self._rotation: Values | None = None
@@ -59,7 +73,7 @@ class LiveObserver:
 
     def reset(self) -> None:
         """Forget all samples."""
-        self._state = State()
+        self.state = State()
         self._last: ContactSample | None = None
         self._published = NO_WRENCH
         self._fade: Fade | None = None
@@ -95,7 +109,7 @@ class LiveObserver:
         self._level = None if R is None else quaternion_of(R)
         self._rotation = sensor_rotation
         self._turn = pose_from_wire(sensor_rotation)
-        self._state = without_learned_bias(self._state)
+        self.state = without_learned_bias(self.state)
 
     def take_settings(self, model: Model) -> None:
         """Do the same for a model of the same calibration, whose bias may have been tared."""
@@ -103,6 +117,12 @@ class LiveObserver:
             model = with_bias(model, self.model.bias)
         self.take_over(model, -1 if self._negative else 1, self._direction,
                        self._rotation)
+
+    def take_tool(self, mass: float, com: Array, inertia: Array | None = None) -> None:
+        """Take off another load from the next wrench on; see ``design.with_tool``."""
+        if self.model is not None:
+            x, y, z = np.asarray(com).tolist()
+            self.take_settings(with_tool(self.model, mass, (x, y, z), inertia))
 
     def on_wrench(self, t: float, values: Values) -> Samples:
         """Take in a wrench; ``t`` in seconds since any fixed instant, as for the others."""
@@ -112,16 +132,16 @@ class LiveObserver:
         if self._turn is not None:
             force, torque = self._turn @ values[:3], self._turn @ values[3:]
             values = (*force.tolist(), *torque.tolist())
-        return self._answer(on_wrench(self._state, t, values, self.model))  # type: ignore[arg-type]
+        return self._answer(on_wrench(self.state, t, values, self.model))  # type: ignore[arg-type]
 
     def on_accelerometer(self, t: float, values: Values) -> Samples:
         """Take in an acceleration."""
-        return self._answer(on_accelerometer(self._state, t, values, self.model))  # type: ignore[arg-type]
+        return self._answer(on_accelerometer(self.state, t, values, self.model))  # type: ignore[arg-type]
 
     def on_displacement(self, t: float, values: Values) -> Samples:
         """Take in a displacement."""
         return self._answer(on_displacement(
-            self._state, t, values[0], self.model))  # type: ignore[arg-type]
+            self.state, t, values[0], self.model))  # type: ignore[arg-type]
 
     def on_pose(self, t: float, values: Values) -> Samples:
         """Take in a pose: position, quaternion xyzw."""
@@ -130,18 +150,35 @@ class LiveObserver:
             values = (*rotate(self._level, (x, y, z)), *product(self._level, (a, b, c, d)))
         self.window.add_pose(t, values)
         return self._answer(on_pose(
-            self._state, t, values[:3], values[3:], self.model))  # type: ignore[arg-type]
+            self.state, t, values[:3], values[3:], self.model))  # type: ignore[arg-type]
+
+    def finish(self) -> Samples:
+        """Answer the wrenches still waiting."""
+        return () if self.model is None else self._answer(finish(self.state, self.model))
 
     def _answer(self, result: Result) -> Samples:
-        self._state, samples = result
-        return tuple(map(self._smooth, samples)) if samples else ()
+        self.state, samples = result
+        if not samples:
+            return ()
+        smoothed = tuple(map(self._smooth, samples))
+        if self.tracker is not None:
+            self._track(self.tracker, samples)
+        return smoothed
+
+    def _track(self, tracker: Tracker, samples: Samples) -> None:
+        """Let the tracker have what the chain has made of its readings, by the same model."""
+        assert self.model is not None
+        found = [tracker.take(sample, self.state, self.model) for sample in samples]
+        news = tracker.news() if any(found) else None
+        if news is not None and self.takes_tracked:
+            self.take_tool(news.mass, news.com)
 
     def _smooth(self, sample: ContactSample) -> ContactSample:
         """Fade over from what was published before, and keep what a tare and a report want."""
         kept = sample
         if self._changed and self._last is not None:
             self._changed = False
-            self._state, kept = rebased(self._state, self._last, sample)
+            self.state, kept = rebased(self.state, self._last, sample)
             self._fade = begin_fade(kept.t, self.fade_duration, self._published, kept.contact)
         sample = kept
         if self._fade is not None:
@@ -167,14 +204,32 @@ class LiveObserver:
         refuse_motion(self.window.poses_of_samples())
         result = tare(tuple(self.window.samples), model, levels, self.window.seconds)
         self.model = with_bias(model, result.bias)
-        self._state = without_learned_bias(self._state)
+        self.state = without_learned_bias(self.state)
         self.window.clear()
+        if self.tracker is not None:
+            self.tracker.tared(result.shift)
         return result
 
     @property
     def refused(self) -> tuple[int, ...]:
         """Messages that were not used: wrench, accelerometer, pose, displacement."""
-        return self._state.refusals.counts
+        return self.state.refusals.counts
+
+    @property
+    def noise_level(self) -> float:
+        """Variance of the wrench's noise over that in the calibration, as ``kalman`` hears it."""
+        memory = self.state.filter
+        return memory.noise.level if isinstance(memory, Memory) else 1.0
+
+    @property
+    def bandwidth(self) -> float:
+        """Corner of the contact wrench in filter ``kalman`` now [Hz]; NaN in others."""
+        model = self.model
+        if model is None or model.filter != KALMAN:
+            return nan
+        if not model.adaptive:
+            return model.rate / tau
+        return rate_at(self.noise_level, model.rate, model.slowest) / tau
 
     @property
     def status(self) -> int:

@@ -66,6 +66,33 @@ def replay(recording: Recording, calibration: Calibration,
     ConfigError
         The calibration does not hold what the settings need.
     """
+    recording, wrench = as_calibrated(recording, calibration)
+    name = recording.source or 'the recording'
+    if imu is not None:
+        return _replay_pose_free(recording, wrench, calibration, settings, imu, progress)
+    if settings.filter == 'static' and not recording.pose:
+        raise UnobservableError(f'{name} holds no pose, which filter static takes the weight '
+                                'from; name its topic by --topic pose=..., or use another filter')
+    # the node, which never replays, need not load the compiler
+    from forcecal_ros.observe.batch import estimates, in_order
+
+    model = never_late(design(calibration, settings), recording)
+    if not in_order(recording):
+        return collected(*run(recording, model))
+    if recording.pose is not None and is_slow(recording.pose, model):
+        recording = replace(recording, pose=interpolated(recording.pose, model.pose_timeout))
+    return estimates(recording, model, progress)
+
+
+def as_calibrated(recording: Recording, calibration: Calibration) -> tuple[Recording, Stream]:
+    """
+    Return the recording in the calibration's axes, and its wrench.
+
+    Raises
+    ------
+    DataError
+        See :func:`replay`.
+    """
     recording = in_axes_of_pose(levelled(recording, calibration.gravity_direction),
                                 calibration.sensor_rotation)
     name = recording.source or 'the recording'
@@ -77,20 +104,7 @@ def replay(recording: Recording, calibration: Calibration,
         raise DataError(
             f'the accelerometer is recorded in {recording.accelerometer_unit}, the calibration '
             f'is for {wanted.unit}; calibrate with the same sensor')
-    if imu is not None:
-        return _replay_pose_free(recording, wrench, calibration, settings, imu, progress)
-    if settings.filter == 'static' and not recording.pose:
-        raise UnobservableError(f'{name} holds no pose, which filter static takes the weight '
-                                'from; name its topic by --topic pose=..., or use another filter')
-    # the node, which never replays, need not load the compiler
-    from forcecal_ros.observe.batch import estimates, in_order
-
-    model = never_late(design(calibration, settings), recording)
-    if not in_order(recording):
-        return _collect(*run(recording, model))
-    if recording.pose is not None and is_slow(recording.pose, model):
-        recording = replace(recording, pose=interpolated(recording.pose, model.pose_timeout))
-    return estimates(recording, model, progress)
+    return recording, wrench
 
 
 def _replay_pose_free(recording: Recording, wrench: Stream, calibration: Calibration,
@@ -115,7 +129,7 @@ def _replay_pose_free(recording: Recording, wrench: Stream, calibration: Calibra
     by_imu = ByImu(*(np.array([getattr(sample, field) for sample in samples])
                      for field in ByImu._fields))
     dropped = (0, 0, 0 if recording.pose is None else len(recording.pose), 0)
-    return replace(_collect(None, [sample.contact for sample in samples]),
+    return replace(collected(None, [sample.contact for sample in samples]),
                    dropped=dropped, by_imu=by_imu)
 
 
@@ -184,7 +198,8 @@ def events(recording: Recording) -> Iterator[Event]:
         for kind, times, values in streams), key=itemgetter(0))
 
 
-def _collect(state: State | None, samples: list[ContactSample]) -> ContactEstimate:
+def collected(state: State | None, samples: list[ContactSample]) -> ContactEstimate:
+    """Put samples together, ``state`` the chain's last one."""
     *columns, learned = zip(*samples)
     t, contact, status, measured, innovation, inertial = (np.array(column) for column in columns)
     return ContactEstimate(

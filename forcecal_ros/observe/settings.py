@@ -94,6 +94,9 @@ class ObserverSettings(Section, name='observer'):
         'Slowest corner that may follow from walk and noise', 'Hz', above=0.0)] = None
     bandwidth_max_hz: Annotated[float | None, Row(
         'Fastest corner that may follow', 'Hz', above=0.0)] = None
+    adaptive: Annotated[bool, Row(
+        'Whether filter kalman becomes slower where innovations say that the wrench is noisier '
+        'than calibrated, down to bandwidth_min_hz')] = True
     offset: Annotated[str, Row(
         'Whether the accelerometer offset is a state; on: an error where the streams do not make '
         'it detectable; auto: where they do', words=OFFSETS)] = 'auto'

@@ -13,11 +13,12 @@ BAD_WRENCH = 64
 RESTARTED = 128
 SATURATED = 256
 NO_GYRO = 512
+NOISY = 1024
 
 INVALID = NO_GRAVITY | BAD_WRENCH
 """With one of these the contact wrench is not to be used: it repeats the last estimate."""
 
-DEGRADED = NO_ACCELEROMETER | NO_POSE | RESTARTED | SATURATED | NO_GYRO
+DEGRADED = NO_ACCELEROMETER | NO_POSE | RESTARTED | SATURATED | NO_GYRO | NOISY
 """With one of these it is less accurate than the calibration promises."""
 
 
@@ -35,6 +36,7 @@ class Status(IntFlag):
     RESTARTED = RESTARTED
     SATURATED = SATURATED
     NO_GYRO = NO_GYRO
+    NOISY = NOISY
 
 
 _TEXT = {
@@ -51,6 +53,7 @@ _TEXT = {
                'positive definite',
     SATURATED: 'a sensor is at the end of its range',
     NO_GYRO: 'no gyro: gravity is followed by the accelerometer alone',
+    NOISY: 'the wrench is noisier than calibrated: the filter is slower than designed',
 }
 
 

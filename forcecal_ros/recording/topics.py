@@ -42,6 +42,7 @@ ROLES: Mapping[str, Role] = {
     'contact_wrench': Role('observer/contact_wrench', (WRENCH,)),
     'inertial_wrench': Role('observer/inertial_wrench', (WRENCH,)),
     'innovation': Role('observer/innovation', (WRENCH,)),
+    'tool': Role('observer/tool', (INERTIA,), latched=True),
     'status': Role('observer/status', (DIAGNOSTICS,)),
     'phase': Role('sequencer/phase', (DIAGNOSTICS,)),
     'calibration': Role('sequencer/calibration', (STRING,), latched=True),

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
+from visualization_msgs.msg import MarkerArray
 
 LIMITS = Limits()
 
@@ -191,6 +192,7 @@ def test_limits_are_checked_on_the_plan_and_refused_with_the_number(ready):
 def test_a_preview_shows_the_path_and_a_start_may_require_it(ready):
     live, robot = ready
     paths = live.latched(Path, 'sequencer/planned_path')
+    drawn = live.latched(MarkerArray, 'sequencer/markers')
     assert live.set('sequencer', motion__require_preview=True)[0].successful
     try:
         live.until(lambda: 'nothing was shown yet' in live.call('sequencer/start').message, 'no')
@@ -209,6 +211,10 @@ def test_a_preview_shows_the_path_and_a_start_may_require_it(ready):
         places = np.array([[getattr(pose.pose.position, axis) for axis in 'xyz']
                            for pose in paths[-1].poses])
         assert paths[-1].header.frame_id == 'base' and len(places) > 100
+        live.until(lambda: drawn, 'the box and the path')
+        assert [(marker.ns, len(marker.points), marker.header.frame_id)
+                for marker in drawn[-1].markers] == [
+            ('workspace', 24, 'base'), ('planned path', len(places), 'base')]
         assert not (robot.commands or live.phases[-1:] not in ([], ['idle'], ['aborted']))
         live.set('sequencer', pace__speed=0.1)
         live.until(lambda: live.call('sequencer/start').message.startswith(

@@ -8,24 +8,21 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.motion.poses import nominal_poses
 from forcecal_ros.motion.profiles import Move, Pose
-from forcecal_ros.nodes.runtime import LATCHED, OUTPUT
-from forcecal_ros.nodes.wire import JointWriter, Writer
+from forcecal_ros.nodes.runtime import LATCHED
 from forcecal_ros.observe import ObserverSettings, replay
-from forcecal_ros.observe.playback import events
 from forcecal_ros.observe.rest import refuse_motion
 from forcecal_ros.recording.streams import PoseStream
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.offline import simulate
-from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
+from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from live import Live
 import numpy as np
+from playing import Player, START
 import pytest
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 
-START = 1_700_000_000_000_000_000
 HOME = nominal_poses()['v']
 IN_FRAMES = {'publish__frames': '[tool0, base]',
              'publish__frame_poses': [0.0, 0.02, -0.1, 0.0, 0.0, 0.7071067811865475,
@@ -58,52 +55,6 @@ def recording():
                         np.array([s.pose.position for s in setpoints]),
                         np.array([s.pose.R_base_sensor for s in setpoints]))
     return simulate(load_rig(), target, seed=3)
-
-
-class Player:
-    """Publishes recordings, never faster than all observers answer."""
-
-    def __init__(self, live, observers=('observer',)):
-        self.live = live
-        self.heard = {name: {} for name in observers}
-        self.answers = self.heard[observers[0]]
-        for name, answers in self.heard.items():
-            live.hear(WrenchStamped, f'{name}/contact_wrench', answers.__setitem__)
-        make = live.node.create_publisher
-        self.out = {
-            'wrench': (make(WrenchStamped, 'wrench', OUTPUT), Writer(WrenchStamped, 'ft_sensor')),
-            'accelerometer': (make(Vector3Stamped, 'accelerometer/raw', OUTPUT),
-                              Writer(Vector3Stamped, 'accelerometer')),
-            'pose': (make(PoseStamped, 'current_pose', OUTPUT), Writer(PoseStamped, 'base')),
-            'displacement': (make(JointState, 'optidrive', OUTPUT), JointWriter('optidrive'))}
-
-    def until_heard(self):
-        self.live.until(lambda: all(publisher.get_subscription_count() >= len(self.heard)
-                                    for publisher, _ in self.out.values()), 'subscriptions')
-
-    def play(self, recording, begin=0.0, end=np.inf, origin=START, shift=0.0):
-        """Play a part; returns the stamps of its wrenches."""
-        stamps = []
-        for t, kind, values in events(recording):
-            if not begin <= t < end:
-                continue
-            stamp = origin + round(t * 1e9)
-            publisher, write = self.out[kind]
-            if kind == 'wrench':
-                stamps.append(stamp)
-                values = np.array(values) + [shift, 0, 0, 0, 0, 0]
-            publisher.publish(
-                write(stamp, values[0] if kind == 'displacement' else list(values)))
-            if kind == 'wrench' and len(stamps) % 20 == 0:
-                self.live.until(  # any will do: a busy machine may lose some
-                    lambda: not stamps[20:] or all(
-                        answers.keys() & stamps[-20:] for answers in self.heard.values()),
-                    f'an answer to one of {stamps[-20:]}')
-        return stamps
-
-    def array(self, stamps, observer='observer'):
-        answers = self.heard[observer]
-        return np.array([answers[stamp] for stamp in stamps if stamp in answers])
 
 
 def transition(live, which):

@@ -20,7 +20,7 @@ Where [Ukf2025] leaves a choice open, this is ours:
 from math import exp, log
 from typing import NamedTuple
 
-from forcecal_ros.calibration.model import Calibration
+from forcecal_ros.calibration.model import Calibration, Noise
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array, skew
 import numpy as np
@@ -80,6 +80,22 @@ def load_maps(calibration: Calibration) -> tuple[Array, Array]:
     if calibration.inertia is not None:
         by_alpha[3:] -= calibration.inertia.value
     return by_force, by_alpha
+
+
+def noise_of_reading(calibration: Calibration, noise: Noise) -> tuple[Array, Array]:
+    """Return covariance and low-frequency density of u - m a, two of shape (6, 6)."""
+    by_force, _ = load_maps(calibration)
+    sample, f = noise.wrench.value, noise.specific_force
+    density = sample / noise.wrench_rate
+    if noise.wrench_density is not None:
+        density = noise.wrench_density.value
+    if f is None:
+        return sample, density
+    f_density = f.value / noise.accelerometer_rate
+    if noise.specific_force_density is not None:
+        f_density = noise.specific_force_density.value
+    return (sample + by_force @ f.value @ by_force.T,
+            density + by_force @ f_density @ by_force.T)
 
 
 def load_noise(calibration: Calibration, alpha_std: float) -> Array:

@@ -4,6 +4,7 @@ from math import exp, inf
 
 from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.filters.memory import Memory, STOPPED
+from forcecal_ros.observe.filters.noise_level import heard, rate_at
 from forcecal_ros.observe.sample import NO_WRENCH, Wrench
 from forcecal_ros.observe.status import RESTARTED
 from forcecal_ros.observe.tracking import ZERO
@@ -24,6 +25,8 @@ def kalman_step(memory: Memory, reading: Unloaded, e: Wrench, model: Model) -> M
     """
     Take in one wrench: F + K e, with the gain K = 1 - exp(-rate dt) of the stationary filter.
 
+    The rate is that of the noise as it is now, where the model is ``adaptive``.
+
     Parameters
     ----------
     memory, reading
@@ -34,10 +37,14 @@ def kalman_step(memory: Memory, reading: Unloaded, e: Wrench, model: Model) -> M
     """
     dt = reading.t - memory.t
     if dt > model.pause:
-        return Memory(reading.t, reading.measured, STOPPED, ZERO)
+        return Memory(reading.t, reading.measured, STOPPED, ZERO, memory.noise)
     c0, c1, c2, c3, c4, c5 = memory.contact
     e0, e1, e2, e3, e4, e5 = e
-    k = 1 - exp(-model.rate * dt)
+    noise, rate = memory.noise, model.rate
+    if model.adaptive:
+        noise = heard(noise, dt, (e0, e1, e2), model.innovation_scale)
+        rate = rate_at(noise.level, rate, model.slowest)
+    k = 1 - exp(-rate * dt)
     return Memory(
         reading.t, (c0 + k * e0, c1 + k * e1, c2 + k * e2, c3 + k * e3, c4 + k * e4, c5 + k * e5),
-        STOPPED, ZERO)
+        STOPPED, ZERO, noise)

@@ -3,6 +3,7 @@
 from math import inf, nan
 from typing import NamedTuple
 
+from forcecal_ros.observe.filters.noise_level import AS_CALIBRATED, NoiseLevel
 from forcecal_ros.observe.sample import NO_WRENCH, Wrench
 from forcecal_ros.observe.tracking import Vector, ZERO
 
@@ -34,9 +35,12 @@ class Memory(NamedTuple):
         NaN where it is not running.
     axis : tuple of 3 float
         x of ft_sensor in base, which ``newton`` is along.
+    noise : NoiseLevel
+        As ``kalman`` hears it.
     """
 
     t: float = -inf
     contact: Wrench = NO_WRENCH
     newton: NewtonState = STOPPED
     axis: Vector = ZERO
+    noise: NoiseLevel = AS_CALIBRATED

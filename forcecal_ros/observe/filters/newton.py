@@ -4,6 +4,7 @@ from math import inf, isfinite
 
 from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.filters.memory import Memory, NewtonState, STOPPED
+from forcecal_ros.observe.filters.noise_level import AS_CALIBRATED
 from forcecal_ros.observe.motion import gravity_in_sensor, MotionEstimate
 from forcecal_ros.observe.tracking import rotate, ZERO
 from forcecal_ros.observe.unload import Unloaded
@@ -78,7 +79,8 @@ def along_x(memory: Memory, reading: Unloaded, motion: MotionEstimate, model: Mo
     wire_x = reading.measured[0] + reading.inertial[0]
     rotation, place = motion.rotation, motion.place
     if place.t == -inf or not motion.position:
-        return Memory(reading.t, (wire_x + m * f[0], m1, m2, m3, m4, m5), STOPPED, ZERO)
+        return Memory(reading.t, (wire_x + m * f[0], m1, m2, m3, m4, m5), STOPPED, ZERO,
+                      AS_CALIBRATED)
     g = gravity_in_sensor(rotation.q, model.gravity)[0]
     nx, ny, nz = axis = rotate(rotation.q, (1.0, 0.0, 0.0))
     v = nx * place.v[0] + ny * place.v[1] + nz * place.v[2]
@@ -93,4 +95,4 @@ def along_x(memory: Memory, reading: Unloaded, motion: MotionEstimate, model: Mo
         state = NewtonState(state.x + dx * px + dy * py + dz * pz,
                             state.v + dx * vx + dy * vy + dz * vz)
     state, force = newton_step(state, dt, -wire_x + m * g, f[0] + g, x, v, m, model.K)
-    return Memory(reading.t, (-force, m1, m2, m3, m4, m5), state, axis)
+    return Memory(reading.t, (-force, m1, m2, m3, m4, m5), state, axis, AS_CALIBRATED)

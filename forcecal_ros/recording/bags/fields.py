@@ -6,6 +6,7 @@ from forcecal_ros.recording.topics import (
     ACCEL,
     CONTROLLER_STATE,
     IMU,
+    INERTIA,
     JOINT_STATE,
     MULTI_ARRAY,
     POSE,
@@ -22,6 +23,8 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
     POSE: (*(f'pose.position.{axis}' for axis in 'xyz'),
            *(f'pose.orientation.{axis}' for axis in 'xyzw')),
     JOINT_STATE: ('position[optidrive]',),
+    INERTIA: ('inertia.m', *(f'inertia.com.{axis}' for axis in 'xyz'),
+              *(f'inertia.i{pair}' for pair in ('xx', 'xy', 'xz', 'yy', 'yz', 'zz'))),
 }
 
 JOINTS: Mapping[str, str] = {

@@ -5,6 +5,15 @@ from numpy.typing import NDArray
 import geometry_msgs.msg
 import std_msgs.msg
 
+class CompressedImage:
+    header: std_msgs.msg.Header
+    format: str
+    @property
+    def data(self) -> array[int]: ...
+    @data.setter
+    def data(self, value: Sequence[int]) -> None: ...
+    def __init__(self, *, header: std_msgs.msg.Header = ..., format: str = ..., data: Sequence[int] = ...) -> None: ...
+
 class Imu:
     header: std_msgs.msg.Header
     orientation: geometry_msgs.msg.Quaternion

@@ -2,6 +2,13 @@ from array import array
 from collections.abc import Sequence
 import builtin_interfaces.msg
 
+class ColorRGBA:
+    r: float
+    g: float
+    b: float
+    a: float
+    def __init__(self, *, r: float = ..., g: float = ..., b: float = ..., a: float = ...) -> None: ...
+
 class Float64MultiArray:
     layout: MultiArrayLayout
     @property
