@@ -50,6 +50,8 @@ COMMANDS = {
     'preview': Command('service', 'say what the sequencer would do, without moving'),
     'save': Command('service', 'let the sequencer write its calibration to save.path'),
     'tare': Command('service', 'take the present reading of the observer, at rest, for no load'),
+    'live': Command('live', 'show wrenches, states, phases and gap of running nodes on a page of '
+                    'this machine'),
     'status': Command('status', 'show in a line each how the running nodes are'),
 }
 """By the word on the command line."""
