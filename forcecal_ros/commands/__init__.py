@@ -22,7 +22,9 @@ COMMANDS = {
         'export', 'write a calibration in the format of another package, with its keys and '
         'signs'),
     'compare': Command(
-        'compare', 'show what changed between two calibrations, in standard errors'),
+        'compare', 'show what changed between two calibrations or diagnoses, in standard errors'),
+    'fleet': Command(
+        'fleet', 'show what drifted, and what first, of many robots over many nights'),
     'simulate': Command(
         'simulate', 'simulate the rig under recorded commands and write every sensor topic'),
     'check-simulator': Command(

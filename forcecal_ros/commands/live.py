@@ -22,12 +22,11 @@ PERIOD = 0.05
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(subparsers, 'live', example='forcecal live')
-    which = parser.add_mutually_exclusive_group()
-    which.add_argument('--robot', action='store_true',
-                       help='show the robot, and wait where it says nothing yet (default: where '
-                            'none is heard, a simulated rig is started, with all that it needs)')
-    which.add_argument('--sim', action='store_true', help='start a simulated rig anyhow, apart '
-                       'from any robot')
+    parser.add_argument('--robot', action='store_true',
+                        help='show the robot, and wait where it says nothing yet (default: where '
+                             'none is heard, a simulated rig is started, with all that it needs)')
+    parser.add_argument('--sim', action='store_true',
+                        help='start a simulated rig anyhow, apart from any robot')
     parser.add_argument('--rig', metavar='RIG.yaml',
                         help='rig to simulate; the gap is what sets it apart from the nominal one')
     add_namespace(parser)
@@ -40,8 +39,8 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    if args.robot and args.rig:
-        raise UsageError('--rig names what is simulated, --robot simulates nothing; leave one out')
+    if args.robot and (args.sim or args.rig):
+        raise UsageError('--robot simulates nothing, --sim and --rig do; leave either out')
     with needs_ros():
         from forcecal_ros.nodes.live_page import LivePage
     from forcecal_ros.simulators.rig.file import load_rig
