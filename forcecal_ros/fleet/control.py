@@ -117,7 +117,7 @@ def _run(values: Sequence[float], weights: Sequence[float], h: float, begin: int
     """Follow a series from one estimate on until it changes."""
     base, most = _Base(known), LONE * h + SLACK
     up = down = 0.0
-    levels, odd = [], []
+    levels, odd = list[float](), list[int]()
     for i in range(begin, len(values)):
         score = base.score(values[i], weights[i])
         up = max(0.0, up + min(score, most) - SLACK)

@@ -2,20 +2,15 @@
 
 from collections.abc import Mapping
 from datetime import datetime, timezone
-import json
 from math import isfinite, nan
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from forcecal_ros.calibration.file import load
 from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.errors import DataError
 from forcecal_ros.report.rows import table
 
 CALIBRATION, DIAGNOSIS, BAG = 'calibration', 'diagnosis', 'bag'
-
-HALF = 1.96
-"""Standard errors from the middle of a 95 % interval to its end."""
 
 
 class Number(NamedTuple):
@@ -94,48 +89,17 @@ def read_diagnosis(path: str, folder: str) -> Entry:
     Raises
     ------
     DataError
-        It is none.
+        It is none, or damaged.
     """
-    document = load_diagnosis(path)
+    from forcecal_ros.diagnose.result import load as load_diagnosis  # with all that diagnoses
+    from forcecal_ros.report.comparison import gap_rows
+
+    diagnosis, document = load_diagnosis(path)
     source = document.get('source', {})
     return Entry(str(source.get('robot') or folder), DIAGNOSIS, path, _time(source, path),
-                 said=document['verdict'], numbers=tuple(_gap(document)))
-
-
-def load_diagnosis(path: str) -> dict[str, Any]:
-    """
-    Read the document of a diagnosis.
-
-    Raises
-    ------
-    DataError
-        It is none.
-    """
-    from forcecal_ros.diagnose.result import FORMAT  # loads what diagnoses
-
-    try:
-        document = json.loads(Path(path).read_text())
-    except OSError as error:
-        raise DataError(f'{path}: cannot be read ({error.strerror}); name a diagnosis.json of '
-                        '`forcecal diagnose`') from error
-    except ValueError as error:
-        raise DataError(f'{path}: is damaged ({error}); diagnose again') from error
-    if not isinstance(document, dict) or document.get('format') != FORMAT:
-        raise DataError(f'{path}: is no diagnosis of this version ({FORMAT}); diagnose again')
-    return document
-
-
-def _gap(document: Mapping[str, Any]) -> list[Number]:
-    gap = document.get('gap')
-    if not gap:
-        return []
-    low, high = gap['closed_ci95']
-    found = [Number('gap.nominal', 'gap as the model is', 'noise RMS', gap['nominal'], nan),
-             Number('gap.recalibrated', 'gap, recalibrated', 'noise RMS', gap['recalibrated'],
-                    nan),
-             Number('gap.closed', 'share of the gap explained', '1', gap['closed'],
-                    (high - low) / (2.0 * HALF))]
-    return [one for one in found if isfinite(one.value)]
+                 said=diagnosis.verdict, numbers=tuple(
+                     Number(row.key, row.name, row.unit, row.value, row.std)
+                     for row in gap_rows(diagnosis) if isfinite(row.value)))
 
 
 def _time(source: Mapping[str, Any], path: str) -> float:

@@ -7,10 +7,11 @@ from io import StringIO
 from math import isfinite
 from typing import Any
 
-from forcecal_ros.fleet.entries import DIAGNOSIS, Entry, HALF, Number
+from forcecal_ros.fleet.entries import DIAGNOSIS, Entry, Number
 from forcecal_ros.fleet.history import Robot, Series
 from forcecal_ros.report.page import render_page
 from forcecal_ros.report.quantity import quantity
+from forcecal_ros.report.rows import HALF
 
 COLUMNS = ('robot', 'time', 'kind', 'path', 'said', 'error', 'key', 'unit', 'value', 'std', 'low',
            'high', 'cusum', 'change')

@@ -8,6 +8,9 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.report.text import aligned
 import numpy as np
 
+HALF = 1.96
+"""Standard errors from the middle of a 95 % interval to its end."""
+
 AXES = ('x', 'y', 'z')
 WRENCH_AXES = ('force x', 'force y', 'force z', 'torque x', 'torque y', 'torque z')
 
@@ -142,7 +145,7 @@ def interval(row: Row) -> str:
     """Return the 95 % interval as text, or a dash where the standard error is not known."""
     if not row.std > 0:
         return '-'
-    half = 1.96 * row.std
+    half = HALF * row.std
     return f'{number(row.value - half, row.std)} … {number(row.value + half, row.std)}'
 
 

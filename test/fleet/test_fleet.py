@@ -9,6 +9,8 @@ import os
 from forcecal_ros.calibration.file import dump
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.cli import main
+from forcecal_ros.diagnose.gap import Gap
+from forcecal_ros.diagnose.result import Diagnosis, to_document
 from forcecal_ros.fleet.page import COLUMNS
 import numpy as np
 import pytest
@@ -37,9 +39,8 @@ def fleet(tmp_path):
     damaged.parent.mkdir()
     damaged.write_bytes(b'no bag')
     (tmp_path / 'nights/left/diagnosis.json').write_text(json.dumps({
-        'format': 'forcecal-diagnosis/1', 'verdict': 'partial', 'gap': {
-            'nominal': 3.0, 'recalibrated': 2.0, 'closed': 0.8, 'closed_ci95': [0.7, 0.9]},
-        'source': {'recorded': DAY.isoformat()}}))
+        **to_document(Diagnosis('partial', '', gap=Gap(3.0, 2.0, 0.4, 0.8, (0.7, 0.9), {})), {},
+                      None), 'source': {'recorded': DAY.isoformat()}}))
     return tmp_path
 
 
