@@ -99,7 +99,8 @@ def main(seconds=60.0, accelerometer='acc1'):
     with tempfile.TemporaryDirectory() as folder, own_domain() as environment:
         path = Path(folder) / 'calibration.yaml'
         save(rehearse(load_rig(), accelerometer, 1), path)
-        with rclpy.init(args=[]), Processes(environment) as nodes:
+        rclpy.init(args=[])
+        with Processes(environment) as nodes:
             heard = Listener()
             nodes.start('sim', {'accelerometer': accelerometer, 'seed': 3})
             nodes.start('observer', {'calibration.file': path})

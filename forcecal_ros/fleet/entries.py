@@ -74,7 +74,8 @@ def plain(entry: Entry) -> dict[str, Any]:
 def again(document: Mapping[str, Any]) -> Entry:
     """Return the entry that :func:`plain` made a document of."""
     return Entry(**{**document, 'numbers': tuple(
-        Number(*one[:-1], nan if one[-1] is None else one[-1]) for one in document['numbers'])})
+        Number(key, name, unit, value, nan if std is None else std)
+        for key, name, unit, value, std in document['numbers'])})
 
 
 def read_calibration(path: str, folder: str) -> Entry:
