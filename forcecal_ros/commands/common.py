@@ -61,15 +61,16 @@ class Listed(argparse.Action):
         """Put what is named, and what is listed, into the arguments."""
         named = [line for word in values
                  for line in (self._listed(word[1:]) if word.startswith('@') else [word])]
-        bags = [bag for bag in named if bag and not bag.startswith('#')]
-        if not bags:
+        if not named or '' in named:
+            what = 'an empty name' if named else 'nothing'
             raise argparse.ArgumentError(
-                self, f'no {self.metavar} is named; give one, or @FILE with one a line')
-        setattr(namespace, self.dest, bags)
+                self, f'{what} is given; name a {self.metavar}, or @FILE with one a line')
+        setattr(namespace, self.dest, named)
 
     def _listed(self, file: str) -> list[str]:
         try:
-            return Path(file).read_text().splitlines()
+            lines = Path(file).read_text().splitlines()
+            return [line for line in lines if line and not line.startswith('#')]
         except OSError as error:
             why = error.strerror
         except UnicodeDecodeError:

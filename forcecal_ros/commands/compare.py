@@ -30,8 +30,8 @@ def run(args: argparse.Namespace) -> int:
 
     kinds = [_is_diagnosis(path) for path in (args.first, args.second)]
     if any(kinds) != all(kinds):
-        raise UsageError(f'{args.first} and {args.second} are a calibration and a diagnosis; name '
-                         'two of a kind')
+        one, other = sorted((args.first, args.second), key=_is_diagnosis, reverse=True)
+        raise UsageError(f'{one} is a diagnosis, {other} is none; name two of a kind')
     comparison = (_of_diagnoses if all(kinds) else _of_calibrations)(args.first, args.second)
     if args.json:
         print_json({'first': args.first, 'second': args.second, **to_document(comparison)})

@@ -98,19 +98,20 @@ def _mark(args: argparse.Namespace, one: Any) -> str:
 
 
 def _kept(args: argparse.Namespace) -> dict[str, Any]:
-    """Return what a run before has read, by path; nothing where that is damaged."""
+    """Return what a run before has read, mark and entry by path; nothing where it is damaged."""
     from pathlib import Path
+
+    from forcecal_ros.fleet.entries import again
 
     try:
         document = json.loads((Path(args.output) / 'fleet.json').read_text())
-        return dict(document['read'])
-    except (OSError, ValueError, KeyError, TypeError):
+        return {path: (mark, again(entry)) for path, (mark, entry) in document['read'].items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return {}
 
 
 def _read(args: argparse.Namespace, found: list[Any], kept: dict[str, Any]) -> list[Any]:
     """Read what is new, and take the rest as it was read before."""
-    from forcecal_ros.fleet.entries import again
     from forcecal_ros.parallel import each
 
     entries: list[Any] = [None] * len(found)
@@ -118,7 +119,7 @@ def _read(args: argparse.Namespace, found: list[Any], kept: dict[str, Any]) -> l
     for i, one in enumerate(found):
         mark, before = kept.get(one.path, ('', None))
         if mark == _mark(args, one):
-            entries[i] = again(before)
+            entries[i] = before
         else:
             new.append(i)
     work = partial(read_one, argparse.Namespace(**{

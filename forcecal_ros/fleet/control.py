@@ -9,6 +9,7 @@ the third estimate on; what they add up to is compared with a limit.
 
 from collections.abc import Sequence
 from math import copysign, exp, inf, isfinite, sqrt
+from statistics import median
 from typing import NamedTuple
 
 from scipy.optimize import brentq
@@ -20,6 +21,9 @@ soonest ([Page1954])."""
 
 LONE = 0.7
 """Share of the limit that a single estimate may fill: one bad recording is no change, two are."""
+
+HEAVIEST = 1e6
+"""Weight of one estimate beside the usual: a standard error of a thousandth is a slip."""
 
 LEAST = 3
 """Estimates before the first score: two tell no scatter."""
@@ -88,7 +92,10 @@ def limit(run_length: float) -> float:
 
 def chart(values: Sequence[float], stds: Sequence[float], h: float) -> Chart:
     """
-    Follow a series; after a change it begins anew from where that began.
+    Follow a series; after a change it begins anew.
+
+    With what came after the change was noticed: what made it noticed is far off by selection, and
+    what is compared with that returns to the mean.
 
     Parameters
     ----------
@@ -99,23 +106,23 @@ def chart(values: Sequence[float], stds: Sequence[float], h: float) -> Chart:
     h : float
         Of :func:`limit`.
     """
-    known = all(isfinite(s) and s > 0.0 for s in stds)
-    weights = [1.0 / s ** 2 if known else 1.0 for s in stds]
-    levels, odd, changes = list[float](), set[int](), list[Change]()
-    begin: int | None = 0
-    while begin is not None:
-        run = _run(values, weights, h, begin, known)
-        levels += run.level[len(levels) - begin:]
-        odd.update(run.odd)
+    known = len(stds) > 0 and all(isfinite(s) and s > 0.0 for s in stds)
+    usual = median(stds) if known else 0.0
+    weights = [min(max((usual / s) * (usual / s), 1.0 / HEAVIEST), HEAVIEST) if known else 1.0
+               for s in stds]
+    levels, odd, changes = list[float](), list[int](), list[Change]()
+    while len(levels) < len(values):
+        run = _run(values, weights, h, len(levels), usual)
+        levels += run.level
+        odd += run.odd
         changes += run.changes
-        begin = run.changes[0].onset if run.changes else None
-    return Chart(tuple(levels), tuple(sorted(odd)), tuple(changes))
+    return Chart(tuple(levels), tuple(odd), tuple(changes))
 
 
-def _run(values: Sequence[float], weights: Sequence[float], h: float, begin: int, known: bool
+def _run(values: Sequence[float], weights: Sequence[float], h: float, begin: int, usual: float
          ) -> Chart:
     """Follow a series from one estimate on until it changes."""
-    base, most = _Base(known), LONE * h + SLACK
+    base, most = _Base(usual), LONE * h + SLACK
     up = down = 0.0
     levels, odd = list[float](), list[int]()
     for i in range(begin, len(values)):
@@ -160,15 +167,15 @@ def _mean(values: Sequence[float], weights: Sequence[float]) -> tuple[float, flo
 class _Base:
     """Weighted mean and scatter of what came before, one estimate after the other ([West1979])."""
 
-    def __init__(self, known: bool) -> None:
-        self._known = known
+    def __init__(self, usual: float) -> None:
+        self._usual = usual
         self._n, self._weight, self._mean, self._squares = 0, 0.0, 0.0, 0.0
 
     @property
     def scale(self) -> float:
-        """By which factor estimates scatter more than their standard errors say; 1 if not."""
+        """Standard deviation of an estimate of weight 1; where none scattered, as they say."""
         scatter = sqrt(self._squares / (self._n - 1)) if self._n > 1 else 0.0
-        return scatter or float(self._known)
+        return scatter or self._usual
 
     def score(self, value: float, weight: float) -> float:
         """Return how far an estimate is off, as a standard normal number."""

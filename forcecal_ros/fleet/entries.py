@@ -96,7 +96,8 @@ def read_diagnosis(path: str, folder: str) -> Entry:
     from forcecal_ros.report.comparison import gap_rows
 
     diagnosis, document = load_diagnosis(path)
-    source = document.get('source', {})
+    given = document.get('source')
+    source = given if isinstance(given, dict) else {}
     return Entry(str(source.get('robot') or folder), DIAGNOSIS, path, _time(source, path),
                  said=diagnosis.verdict, numbers=tuple(
                      Number(row.key, row.name, row.unit, row.value, row.std)

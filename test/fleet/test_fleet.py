@@ -84,6 +84,23 @@ def test_only_what_is_new_or_changed_is_read_again(fleet, capsys):
     assert (status, found['new'], found['read'], err) == (0, 0, 2 * NIGHTS + 1, '')
 
 
+def test_no_file_ends_the_run_and_none_reaches_the_page_as_markup(fleet, capsys):
+    good = (fleet / 'nights/left/n00/calibration.yaml').read_text()
+    for name, text in (('cut.yaml', good[:700]), ('edited.yaml', good.replace('13.0', '14.0', 1)),
+                       ('diagnosis.json', '{"format": "forcecal-diagnosis/1"}')):
+        (fleet / 'nights' / name).write_text(text)
+    (fleet / 'nights/odd.yaml').write_text(dump(replace(
+        WHOLE, mass=Estimate(1e-300, 1e-200, 'kg'),
+        source={'robot': '<script>alert(1)</script>', 'recorded': [1], 'created': 'some day'})))
+    (fleet / 'out').mkdir()
+    (fleet / 'out/fleet.json').write_text('{"read": {"a": 1}}')
+    status, found, err = run(fleet, capsys, '--no-bags')
+    assert status == 1 and err.count('\n') == 3 == len(found['unreadable'])
+    assert found['robots']['<script>alert(1)</script>']['entries'] == 1
+    page = (fleet / 'out/fleet.html').read_text()
+    assert '<script>alert' not in page and '&lt;script&gt;alert' in page
+
+
 def test_a_recording_is_calibrated_and_counts_once(rig_run, tmp_path, capsys):
     nights = tmp_path / 'nights'
     nights.mkdir()
