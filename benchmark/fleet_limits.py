@@ -38,7 +38,7 @@ def main():
     print(f'false alarms: {false_alarms(rng)}, stated {SERIES * LENGTH / RUN_LENGTH:.0f}')
     for shift in (1, 2, 4, 6, 10):
         nights = noticed(rng, shift)
-        print(f'shift of {shift} standard deviations: noticed after {np.median(nights):.0f} nights '
+        print(f'shift of {shift} standard deviations: after {np.median(nights):.0f} nights '
               f'(90 %: {np.percentile(nights, 90):.0f}), {ROBOTS - len(nights)} of {ROBOTS} not '
               f'within {NIGHTS_AFTER}')
 

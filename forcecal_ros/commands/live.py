@@ -128,5 +128,5 @@ def _show(page: Any, ros: Any, view: Any, robot: str, check: Any) -> int:
                 ros.spin(PERIOD)
     finally:
         view.close()
-    warn('ended, and all that was started with it')
+    warn('ended' + ', and all that was started with it' * view.simulated)
     return 0

@@ -34,8 +34,8 @@ KEPT = 750
 """Bins that a page may ask for: half a minute, as long as a person remembers what it looked
 like."""
 
-SILENT = 3.0
-"""A node that speaks once a second and has not for so long is silent [s]."""
+SILENT = 5.0
+"""A node that speaks once a second and has not for so long is silent [s], not just late."""
 
 SEQUENCES = ('calibrate', 'contact', 'diagnose')
 
@@ -96,7 +96,7 @@ class LiveView:
             now = STEADY.now().nanoseconds
             nodes = [{'name': name, 'level': WORDS[status.level], 'message': status.message}
                      if now - at < SILENT * SECOND else
-                     {'name': name, 'level': 'stale', 'message': 'has fallen silent'}
+                     {'name': name, 'level': 'stale', 'message': f'{name} has fallen silent'}
                      for name, (at, status) in self._said.items()]
             return {'rows': [row for row in self._rows if row[0] > since], 'count': self._count,
                     'phase': self._phase, 'reason': self._reason, 'answer': self._answer,
