@@ -15,7 +15,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.calibration.file import save
 from forcecal_ros.impedance.program import Task
-from forcecal_ros.nodes.demo import own_domain
+from forcecal_ros.nodes.loopback import own_domain
 from forcecal_ros.nodes.processes import Processes
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.nodes.wire import Reader
@@ -99,6 +99,7 @@ def main(seconds=60.0, accelerometer='acc1'):
     with tempfile.TemporaryDirectory() as folder, own_domain() as environment:
         path = Path(folder) / 'calibration.yaml'
         save(rehearse(load_rig(), accelerometer, 1), path)
+        rclpy.init(args=[])
         with Processes(environment) as nodes:
             heard = Listener()
             nodes.start('sim', {'accelerometer': accelerometer, 'seed': 3})

@@ -29,6 +29,7 @@ HOLDS = {
     'commands': 'the command line:\none module a command',
     'diagnose': 'where and why simulation\nand recording differ',
     'effects': 'ways in which a rig\ndiffers from its model',
+    'fleet': 'many robots over time:\nwhat drifted first',
     'identify': 'tool, sensors and noise\n[Gamez2005]',
     'impedance': 'plant and law\n[Gamez2005] V',
     'insitu': 'six-axis matrix\n[Traversaro2014]',

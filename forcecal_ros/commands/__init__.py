@@ -22,7 +22,9 @@ COMMANDS = {
         'export', 'write a calibration in the format of another package, with its keys and '
         'signs'),
     'compare': Command(
-        'compare', 'show what changed between two calibrations, in standard errors'),
+        'compare', 'show what changed between two calibrations or diagnoses, in standard errors'),
+    'fleet': Command(
+        'fleet', 'show what drifted, and what first, of many robots over many nights'),
     'simulate': Command(
         'simulate', 'simulate the rig under recorded commands and write every sensor topic'),
     'check-simulator': Command(
@@ -50,6 +52,8 @@ COMMANDS = {
     'preview': Command('service', 'say what the sequencer would do, without moving'),
     'save': Command('service', 'let the sequencer write its calibration to save.path'),
     'tare': Command('service', 'take the present reading of the observer, at rest, for no load'),
+    'live': Command('live', 'show wrenches, states, phases and gap of running nodes on a page of '
+                    'this machine'),
     'status': Command('status', 'show in a line each how the running nodes are'),
 }
 """By the word on the command line."""

@@ -8,8 +8,8 @@ from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands.common import from_arguments, new_parser, read_checked
 from forcecal_ros.commands.contact import add_bandwidth, bandwidth_of
-from forcecal_ros.commands.fleet import add_bags, Answer
-from forcecal_ros.commands.fleet import run as run_each
+from forcecal_ros.commands.each_recording import add_bags, Answer
+from forcecal_ros.commands.each_recording import run as run_each
 from forcecal_ros.commands.numbers import angle, gravity, nearby, positive, real
 from forcecal_ros.commands.outputs import add_output, FILE
 from forcecal_ros.errors import UsageError
@@ -27,6 +27,24 @@ def add_parser(subparsers: Any) -> None:
                 '  forcecal calibrate ft_calib_data.yaml   # a file of force_torque_tools or '
                 'ft_tools')
     add_bags(parser)
+    add_identification(parser)
+    parser.add_argument('--free-motion', metavar='BAG2',
+                        help='recording of motion without contact from which the delay between '
+                             'the sensors is estimated, where BAG holds static poses only')
+    parser.add_argument('--matrix', metavar='C.yaml',
+                        help='calibration.yaml of forcecal insitu whose matrix turns the raw '
+                             'channels of the wrench topic into a wrench')
+    add_output(parser, '-o', '--output', kind=FILE, suffix='.yaml', metavar='FILE',
+               default='calibration.yaml',
+               help='calibration to write, - for standard output; one that is there is kept as '
+                    'FILE~; of several BAGs, a folder for them')
+    add_output(parser, '--report', kind=FILE, suffix='.html', metavar='FILE',
+               help='write an HTML report as well; of several BAGs, a folder for them')
+    parser.set_defaults(run=run, inputs=('bag', 'free_motion', 'matrix'))
+
+
+def add_identification(parser: argparse.ArgumentParser) -> None:
+    """Add how a recording is calibrated."""
     parser.add_argument('--gravity', metavar='M/S^2', type=gravity,
                         help='magnitude of gravity where the robot stands (default: 9.80665)')
     parser.add_argument('--gravity-direction', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
@@ -43,29 +61,18 @@ def add_parser(subparsers: Any) -> None:
                         help='of the accelerometer in ft_sensor [m] (default: estimated)')
     parser.add_argument('--theta', metavar='RAD', type=angle, default=0.0,
                         help="the paper's angle of the two poses about z")
-    parser.add_argument('--free-motion', metavar='BAG2',
-                        help='recording of motion without contact from which the delay between '
-                             'the sensors is estimated, where BAG holds static poses only')
-    parser.add_argument('--matrix', metavar='C.yaml',
-                        help='calibration.yaml of forcecal insitu whose matrix turns the raw '
-                             'channels of the wrench topic into a wrench')
     parser.add_argument('--observer', choices=('kalman', 'newton'), default='kalman',
                         help='which observer the calibration asks for')
     parser.add_argument('--design', choices=('kalman', 'poles'), default='kalman',
                         help="how the paper's gain is designed: Riccati equation or pole "
                              'placement')
     add_bandwidth(parser, 'default: 2.5 N/sqrt(s), 2 to 250 Hz; kept in the calibration')
-    add_output(parser, '-o', '--output', kind=FILE, suffix='.yaml', metavar='FILE',
-               default='calibration.yaml',
-               help='calibration to write, - for standard output; one that is there is kept as '
-                    'FILE~; of several BAGs, a folder for them')
-    add_output(parser, '--report', kind=FILE, suffix='.html', metavar='FILE',
-               help='write an HTML report as well; of several BAGs, a folder for them')
-    parser.set_defaults(run=run, inputs=('bag', 'free_motion', 'matrix'))
+    parser.add_argument('--robot', metavar='NAME',
+                        help='whose sensor it is, kept in the calibration for forcecal fleet')
 
 
-def run(args: argparse.Namespace) -> int:
-    """Carry it out."""
+def check_identification(args: argparse.Namespace) -> None:
+    """Refuse what does not go together."""
     if args.gravity_direction is not None and not any(args.gravity_direction):
         raise UsageError('--gravity-direction 0 0 0 is no direction; 0 0 -1 is down in a level '
                          'base')
@@ -73,6 +80,11 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError('--cutoff is the corner of an ac accelerometer; give --coupling ac as '
                          'well, or leave it out')
     bandwidth_of(args)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    check_identification(args)
     return run_each(args, answer)
 
 
@@ -154,7 +166,7 @@ def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration
         theta=args.theta, coupling=args.coupling, cutoff=args.cutoff,
         accelerometer_position=tuple(position) if position else None,
         wrench_sign=args.wrench_sign, observer_mode=args.observer, observer_design=args.design,
-        source={'recording': args.bag,
+        source={'recording': recording.source, **({'robot': args.robot} if args.robot else {}),
                 'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}))
     return with_kalman_gains(calibration, ObserverSettings(**bandwidth_of(args)))
 

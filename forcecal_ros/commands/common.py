@@ -41,7 +41,7 @@ def new_parser(subparsers: Any, name: str, *, example: str) -> argparse.Argument
 def add_bag(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
     """Add the recording to read, how its topics are called, and the sign of its wrench."""
     if several:
-        parser.add_argument('bag', metavar='BAG', nargs='+', action=_Recordings,
+        parser.add_argument('bag', metavar='BAG', nargs='+', action=Listed,
                             help='rosbag2 folder or file (mcap, sqlite3); several, or @FILE with '
                                  'one a line: each by itself')
     else:
@@ -53,29 +53,30 @@ def add_bag(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
         help='-1 for a driver that reports the wrench of the tool on its environment')
 
 
-class _Recordings(argparse.Action):
-    """Takes @FILE for the recordings that it lists, one a line, besides comments."""
+class Listed(argparse.Action):
+    """Takes @FILE for what it lists, one a line, besides comments."""
 
     def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace,
                  values: Any, option_string: str | None = None) -> None:
+        """Put what is named, and what is listed, into the arguments."""
         named = [line for word in values
                  for line in (self._listed(word[1:]) if word.startswith('@') else [word])]
-        bags = [bag for bag in named if bag and not bag.startswith('#')]
-        if not bags:
+        if not named or '' in named:
+            what = 'an empty name' if named else 'nothing'
             raise argparse.ArgumentError(
-                self, 'no recording is named; give one, or @FILE with one a line')
-        setattr(namespace, self.dest, bags)
+                self, f'{what} is given; name a {self.metavar}, or @FILE with one a line')
+        setattr(namespace, self.dest, named)
 
     def _listed(self, file: str) -> list[str]:
         try:
-            return Path(file).read_text().splitlines()
+            lines = Path(file).read_text().splitlines()
+            return [line for line in lines if line and not line.startswith('#')]
         except OSError as error:
             why = error.strerror
         except UnicodeDecodeError:
             why = 'it is no text'
         raise argparse.ArgumentError(
-            self, f'@{file}: cannot be read ({why}); name a file that lists recordings, one a '
-            'line')
+            self, f'@{file}: cannot be read ({why}); name a file with one {self.metavar} a line')
 
 
 def add_topics(parser: argparse.ArgumentParser, option: str = '--topic', of: str = '') -> None:

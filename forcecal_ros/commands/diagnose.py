@@ -12,8 +12,8 @@ from forcecal_ros.commands.common import (
     say_if_compiling,
     topic_names,
 )
-from forcecal_ros.commands.fleet import add_bags, Answer
-from forcecal_ros.commands.fleet import run as run_each
+from forcecal_ros.commands.each_recording import add_bags, Answer
+from forcecal_ros.commands.each_recording import run as run_each
 from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
 from forcecal_ros.commands.progress import stages
 from forcecal_ros.commands.simulators import add_simulators, check_simulators, simulator_of
@@ -64,6 +64,8 @@ def add_parser(subparsers: Any) -> None:
     add_simulators(parser)
     parser.add_argument('--accelerometer', choices=('acc1', 'acc2'),
                         help='which one is mounted (default: recognised by its volts)')
+    parser.add_argument('--robot', metavar='NAME',
+                        help='whose recording it is, kept in diagnosis.json for forcecal fleet')
     add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
                help='folder for diagnosis.json, report.html and rig_patched.yaml (or '
                     'calibration_patched.yaml, or model_patched.xml); results that are there are '
@@ -250,6 +252,16 @@ def _named(args: argparse.Namespace) -> str:
         args.rig)))
 
 
+def _source(args: argparse.Namespace, recording: Any) -> dict[str, str]:
+    """Say whose recording it was, and when it was made and diagnosed."""
+    from datetime import datetime, timezone
+
+    made = {} if recording.start_ns <= 0 else {'recorded': datetime.fromtimestamp(
+        recording.start_ns // 10**9, timezone.utc).isoformat()}
+    return {'recording': recording.source, **({'robot': args.robot} if args.robot else {}), **made,
+            'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}
+
+
 def _written(args: argparse.Namespace, given: tuple[Any, ...], outcome: Any, rig: Any,
              of_channels: dict[str, str], document: dict[str, Any], files: dict[str, str]
              ) -> Answer:
@@ -266,6 +278,7 @@ def _written(args: argparse.Namespace, given: tuple[Any, ...], outcome: Any, rig
     recordings, named = [one for one in given if one is not None], _named(args)
     assumed = () if named else (ASSUMED,)
     document['notes'] = [*assumed, *document['notes']]
+    document['source'] = _source(args, recordings[0])
     view = (view_of(outcome, advice(diagnosis, rig), of_channels) if outcome.cases
             else view_without_signals(diagnosis))
     step = next_step(diagnosis, args.bag, folder, tuple(files))

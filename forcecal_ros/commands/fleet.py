@@ -1,192 +1,158 @@
-"""One command over one recording or many: here, on several cores, or on a Dask cluster."""
+"""``forcecal fleet``: what drifted, of many robots over many nights."""
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 import json
-import os
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from forcecal_ros.commands.common import add_bag, add_json, print_json, say, warn
-from forcecal_ros.commands.names import address
-from forcecal_ros.commands.numbers import at_least_one
-from forcecal_ros.commands.outputs import (
-    of_many,
-    Output,
-    refuse_inputs,
-    RESULTS,
-    stdout_is_taken,
+from forcecal_ros.commands.calibrate import add_identification, calibrated, check_identification
+from forcecal_ros.commands.common import (
+    add_json,
+    add_sensor_pose,
+    add_topics,
+    Listed,
+    new_parser,
+    print_json,
+    read_checked,
+    say,
+    warn,
 )
+from forcecal_ros.commands.each_recording import add_workers, check_workers
+from forcecal_ros.commands.numbers import positive
+from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
 from forcecal_ros.commands.progress import add_quiet, bar
-from forcecal_ros.errors import ConfigError, DataError, UsageError
-from forcecal_ros.places import blamed
+
+FILES = ('fleet.html', 'fleet.csv', 'fleet.json')
+"""All that a run writes; the last one keeps what was read, for the next run."""
+
+HOW = ('topic', 'sensor_from_pose', 'wrench_sign', 'gravity', 'gravity_direction',
+       'sensor_rotation', 'coupling', 'cutoff', 'accelerometer_position', 'theta', 'observer',
+       'design', 'contact_walk', 'bandwidth_min', 'bandwidth_max', 'robot')
+"""Arguments that the calibration of a recording depends on."""
 
 
-class Answer(NamedTuple):
-    """
-    What a command has to say about one recording.
-
-    Attributes
-    ----------
-    document : mapping
-        What ``--json`` prints.
-    text : str
-        The same to read.
-    headline : str
-        One line of it, for many recordings.
-    notes : tuple of str
-        What the user should know of.
-    status : int
-        Exit status.
-    """
-
-    document: Mapping[str, Any]
-    text: str
-    headline: str
-    notes: tuple[str, ...] = ()
-    status: int = 0
-
-
-def add_bags(parser: argparse.ArgumentParser) -> None:
-    """Add the recordings, what :func:`add_bag` adds, ``--jobs``, ``--dask`` and ``--json``."""
-    add_bag(parser, several=True)
-    parser.add_argument('--jobs', metavar='N', type=at_least_one, default=1,
-                        help='how many recordings are worked on at once')
-    parser.add_argument('--dask', metavar='ADDRESS', type=address,
-                        help='scheduler of a Dask cluster to work there, as tcp://host:8786; its '
-                             'workers need this package and the same files in the same places')
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(subparsers, 'fleet', example='forcecal fleet nights/ -o fleet')
+    parser.add_argument('places', metavar='DIR', nargs='+', action=Listed,
+                        help='folder with calibrations, diagnoses and recordings of robots, which '
+                             'is searched, or one of them; several, or @FILE with one a line')
+    add_output(parser, '-o', '--output', kind=RESULTS, metavar='OUT', required=True,
+               help='folder for fleet.html, fleet.csv and fleet.json, by which the next run knows '
+                    'what it has read')
+    parser.add_argument('--no-bags', action='store_true',
+                        help='leave recordings out, which are calibrated by themselves')
+    parser.add_argument('--run-length', metavar='N', type=positive, default=1000.0,
+                        help='calibrations of a robot between two false alarms, on average, over '
+                             'all its numbers')
+    add_topics(parser)
+    add_sensor_pose(parser)
+    parser.add_argument('--wrench-sign', type=int, choices=(1, -1), default=1,
+                        help='-1 for drivers that report the wrench of the tool on its '
+                             'environment')
+    add_identification(parser)
+    add_workers(parser)
     add_quiet(parser)
     add_json(parser)
+    parser.set_defaults(run=run)
 
 
-def run(args: argparse.Namespace, answer: Callable[[argparse.Namespace], Answer]) -> int:
-    """
-    Answer for every recording and print each answer as soon as it is there.
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    from forcecal_ros.fleet.entries import plain
+    from forcecal_ros.fleet.find import find
+    from forcecal_ros.fleet.history import histories, once
+    from forcecal_ros.fleet.page import as_csv, headline, render, to_document
 
-    One recording is written to what ``--output`` names. Of many, or where ``--output`` ends with
-    a slash, that is a folder which holds the results under the names of the recordings, below
-    what their paths have in common.
-
-    Parameters
-    ----------
-    args : argparse.Namespace
-        Of a parser with :func:`add_bags` and ``--output``.
-    answer : callable
-        Of a module of this package; takes the same arguments with one ``bag``.
-
-    Returns
-    -------
-    int
-        Exit status: 1 where any recording has no answer.
-    """
-    if args.dask and args.jobs > 1:
-        raise UsageError('--jobs counts processes of this machine, --dask works elsewhere; '
-                         'leave --jobs out')
-    many = of_many(args)
-    tasks = _tasks(args, args.bag) if many else [_with(args, bag=args.bag[0])]
-    if many or args.dask:
-        return _show_each(tasks, answer, args, many)
-    return _show(answer(tasks[0]), args)
-
-
-def _with(args: argparse.Namespace, **changes: Any) -> argparse.Namespace:
-    return argparse.Namespace(**{**vars(args), **changes})
+    check_workers(args)
+    check_identification(args)
+    found = find(args.places, args.output, not args.no_bags)
+    kept = _kept(args)
+    entries = _read(args, found, kept)
+    fresh = sum(one.path not in kept or kept[one.path][0] != _mark(args, one) for one in found)
+    counted = once(entries)
+    robots = histories(counted, args.run_length)
+    memory = {one.path: [_mark(args, one), plain(entry)] for one, entry in zip(found, entries)}
+    write_results(args.output, {
+        'fleet.html': render(counted, robots, args.run_length),
+        'fleet.csv': as_csv(counted, robots),
+        'fleet.json': json.dumps({'format': 'forcecal-fleet/1', 'read': memory}) + '\n'}, FILES)
+    failed = [entry for entry in entries if entry.error]
+    for entry in failed:
+        warn(f'{entry.path}: {entry.error}')
+    if args.json:
+        print_json({'read': len(entries) - len(failed), 'new': fresh,
+                    **to_document(counted, robots)})
+    else:
+        say(f'{headline(robots)}\n{len(entries) - len(failed)} of {len(entries)} could be read, '
+            f'{fresh} of them new; written to {args.output}')
+    return 1 if failed else 0
 
 
-def _tasks(args: argparse.Namespace, bags: Sequence[str]) -> list[argparse.Namespace]:
-    """Return the arguments for each recording alone, which any working directory will do for."""
-    paths = [Path(bag).absolute() for bag in bags]
-    common = Path(os.path.commonpath([path.parent for path in paths]))
-    shared = {name: str(Path(value).absolute()) for name in args.inputs
-              if name != 'bag' and (value := getattr(args, name)) and Path(value).exists()}
-    tasks, owner = [], dict[Path, Path]()
-    for path in paths:
-        inside = path.relative_to(common)
-        name = inside.with_suffix('') if path.suffix in ('.mcap', '.db3') else inside
-        if path in owner.values():
-            raise UsageError(f'{path} is named twice; name each recording once')
-        if name in owner:
-            raise UsageError(f'{owner[name]} and {path} would both be written to {name}; '
-                              'give each its own command')
-        owner[name] = path
-        written = {one.name: str(Path(value).absolute() / f'{name}{one.suffix}')
-                   for one in args.outputs if (value := getattr(args, one.name))}
-        tasks.append(_with(args, bag=str(path), quiet=True, **shared, **written))
-    for task in tasks:
-        for one in args.outputs:
-            if place := getattr(task, one.name):
-                _make_room(place, one, bags)
-    return tasks
+def _mark(args: argparse.Namespace, one: Any) -> str:
+    """Say what an entry depends on: the file, and how a recording is calibrated."""
+    from forcecal_ros import __version__
+
+    how = {name: getattr(args, name) for name in HOW} if one.kind == 'bag' else {}
+    return json.dumps([__version__, one.folder, one.mark, how])
 
 
-def _make_room(place: str, output: Output, bags: Sequence[str]) -> None:
-    """Make the folder of one of many results, none of which takes the place of a recording."""
-    if output.kind != RESULTS:
-        try:
-            refuse_inputs(place, output.kind, bags)
-        except ConfigError as error:
-            raise UsageError(f'{output.option}: {error}') from error
-    with blamed(Path(place)):
-        Path(place).parent.mkdir(parents=True, exist_ok=True)
+def _kept(args: argparse.Namespace) -> dict[str, Any]:
+    """Return what a run before has read, mark and entry by path; nothing where it is damaged."""
+    from pathlib import Path
+
+    from forcecal_ros.fleet.entries import again
+
+    try:
+        document = json.loads((Path(args.output) / 'fleet.json').read_text())
+        return {path: (mark, again(entry)) for path, (mark, entry) in document['read'].items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
 
 
-def _set_aside(task: argparse.Namespace) -> None:
-    """Rename what an earlier run found in a recording that has no answer now."""
-    from forcecal_ros.atomic_files import set_aside
-
-    for one in task.outputs:
-        place = getattr(task, one.name)
-        if place and os.path.lexists(place):
-            set_aside(Path(place))
-
-
-def _show_each(tasks: Sequence[argparse.Namespace],
-               answer: Callable[[argparse.Namespace], Answer], args: argparse.Namespace,
-               many: bool) -> int:
+def _read(args: argparse.Namespace, found: list[Any], kept: dict[str, Any]) -> list[Any]:
+    """Read what is new, and take the rest as it was read before."""
     from forcecal_ros.parallel import each
 
-    answered = 0
-    with bar(args, total=len(tasks), unit=' recordings') as done:
-        for outcome in each(answer, tasks, jobs=args.jobs, dask=args.dask or ''):
-            done.clear()
-            if not many and outcome.error:
-                raise DataError(outcome.error)
-            if not many and outcome.value is not None:
-                return _show(outcome.value, args)
-            if outcome.error:
-                _set_aside(tasks[outcome.index])
-            answered += _show_one_of_many(
-                tasks[outcome.index].bag, outcome.value, outcome.error, args.json)
+    entries: list[Any] = [None] * len(found)
+    new = []
+    for i, one in enumerate(found):
+        mark, before = kept.get(one.path, ('', None))
+        if mark == _mark(args, one):
+            entries[i] = before
+        else:
+            new.append(i)
+    work = partial(read_one, argparse.Namespace(**{
+        name: value for name, value in vars(args).items() if name in HOW}))
+    with bar(args, total=len(new), unit=' files') as done:
+        for outcome in each(work, [found[i] for i in new], jobs=args.jobs, dask=args.dask or ''):
+            i = new[outcome.index]
+            entries[i] = outcome.value or _unreadable(found[i], outcome.error)
             done.update()
-    if not args.json:
-        say(f'{answered} of {len(tasks)} recordings have an answer, in {args.output}')
-    return 0 if answered == len(tasks) else 1
+    return entries
 
 
-def _show(answer: Answer, args: argparse.Namespace) -> int:
-    if args.json:
-        print_json(answer.document)
-    else:
-        for note in answer.notes:
-            warn(note)
-        if not stdout_is_taken(args):
-            say(answer.text)
-    if answer.status:
-        warn(answer.headline)
-    return answer.status
+def _unreadable(one: Any, error: str) -> Any:
+    """Return the entry of what could not be read; its path is not said twice."""
+    from pathlib import Path
+
+    from forcecal_ros.fleet.entries import Entry
+
+    why = error.removeprefix(one.path).removeprefix(':').strip()
+    return Entry(one.folder, one.kind, one.path, Path(one.path).stat().st_mtime, error=why)
 
 
-def _show_one_of_many(bag: str, answer: Answer | None, error: str, as_json: bool) -> bool:
-    """Print one line, with ``--json`` one document; tell whether there is an answer."""
-    if answer is None:
-        warn(f'{bag}: {error}')
-        if as_json:
-            say(json.dumps({'recording': bag, 'error': error}))
-        return False
-    if as_json:
-        say(json.dumps({'recording': bag, **answer.document}, allow_nan=False))
-    else:
-        for note in answer.notes:
-            warn(f'{bag}: {note}')
-        say(f'{bag}: {answer.headline}')
-    return answer.status == 0
+def read_one(args: argparse.Namespace, one: Any) -> Any:
+    """Read one file, or calibrate one recording."""
+    from forcecal_ros.fleet.entries import (
+        BAG,
+        DIAGNOSIS,
+        of_calibration,
+        read_calibration,
+        read_diagnosis,
+    )
+
+    if one.kind == BAG:
+        return of_calibration(calibrated(read_checked(args, one.path, ['wrench', 'pose']), args),
+                              BAG, one.path, one.folder)
+    return (read_diagnosis if one.kind == DIAGNOSIS else read_calibration)(one.path, one.folder)

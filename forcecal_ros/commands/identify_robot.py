@@ -4,8 +4,8 @@ import argparse
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands.common import new_parser, read_checked
-from forcecal_ros.commands.fleet import add_bags, Answer
-from forcecal_ros.commands.fleet import run as run_each
+from forcecal_ros.commands.each_recording import add_bags, Answer
+from forcecal_ros.commands.each_recording import run as run_each
 from forcecal_ros.commands.outputs import add_output, FILE
 
 if TYPE_CHECKING:

@@ -11,6 +11,9 @@ FARTHEST = 1.0
 """A sensor on a wrist sits no farther from the force sensor along any axis [m]; 30 or 120 is
 meant in millimetres."""
 
+LAST_PORT = 65535
+"""Of TCP."""
+
 LARGEST_SEED = 2 ** 63 - 1
 """As an integer parameter of a node can hold."""
 
@@ -56,6 +59,14 @@ def whole(text: str) -> int:
 def at_least_one(text: str) -> int:
     """Read a whole number from 1."""
     return _whole(text, 1)
+
+
+def port(text: str) -> int:
+    """Read the number of a port; 0: any."""
+    number = _whole(text, 0)
+    if number > LAST_PORT:
+        raise ArgumentTypeError(f'{text} is not the number of a port, 0 to {LAST_PORT}')
+    return number
 
 
 def _whole(text: str, least: int) -> int:

@@ -4,6 +4,7 @@ import argparse
 from typing import Any
 
 from forcecal_ros.commands.common import add_json, needs_ros, new_parser, print_json, say
+from forcecal_ros.commands.names import namespace
 from forcecal_ros.commands.numbers import positive
 
 SERVICES = {'start': '{}/start', 'abort': '{}/abort', 'preview': 'sequencer/preview',
@@ -27,7 +28,7 @@ def add_parser(subparsers: Any) -> None:
 
 def add_namespace(parser: argparse.ArgumentParser) -> None:
     """Add ``--namespace``."""
-    parser.add_argument('--namespace', metavar='NAME', default='',
+    parser.add_argument('--namespace', metavar='NAME', type=namespace, default='',
                         help='namespace of the nodes, e.g. /left')
 
 

@@ -1,10 +1,14 @@
 """The diagnosis as data, and as the document ``diagnosis.json``."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+import json
+from pathlib import Path
 from typing import Any
 
 from forcecal_ros.diagnose.gap import Gap
 from forcecal_ros.diagnose.where import Place
+from forcecal_ros.errors import DataError
 
 FORMAT = 'forcecal-diagnosis/1'
 
@@ -130,3 +134,61 @@ def _when(effect: Found) -> dict[str, Any]:
         return {}
     return {'from': effect.begin, 'from_ci95': list(effect.begin_ci95),
             'recording': effect.recording}
+
+
+def load(path: Path | str) -> tuple[Diagnosis, dict[str, Any]]:
+    """
+    Read ``diagnosis.json``, or that of a folder of results.
+
+    Returns
+    -------
+    diagnosis : Diagnosis
+        Without what the file does not hold.
+    document : dict
+        The whole file.
+
+    Raises
+    ------
+    DataError
+        It cannot be read, or is none.
+    """
+    path = Path(path)
+    path = path / 'diagnosis.json' if path.is_dir() else path
+    try:
+        document = json.loads(path.read_text())
+    except OSError as error:
+        raise DataError(f'{path}: cannot be read ({error.strerror}); name a diagnosis.json of '
+                        '`forcecal diagnose`') from error
+    except ValueError as error:
+        raise DataError(f'{path}: is damaged ({error}); diagnose again') from error
+    if not isinstance(document, dict) or document.get('format') != FORMAT:
+        raise DataError(f'{path}: is no diagnosis of this version ({FORMAT}); diagnose again')
+    try:
+        return _from_document(document), document
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise DataError(f'{path}: is damaged ({type(error).__name__} {error}); diagnose again'
+                        ) from error
+
+
+def _from_document(d: Mapping[str, Any]) -> Diagnosis:
+    """Turn what :func:`to_document` returns into a diagnosis again."""
+    return Diagnosis(
+        str(d['verdict']), str(d['reason']),
+        effects=tuple(Found(
+            str(e['name']), {key: Parameter(float(p['value']), float(p['std']), str(p['unit']))
+                             for key, p in e['parameters'].items()}, float(e['probability']),
+            e.get('from')) for e in d['effects']),
+        candidates=tuple((str(c['name']), float(c['probability'])) for c in d['candidates']),
+        where=tuple(Place(w['stage'], w['channel'], w['phase'], tuple(w['band_hz']),
+                          float(w['excess']), float(w['p'])) for w in d['where']),
+        gap=_gap(d['gap']) if d.get('gap') else None,
+        not_excited=tuple(d['not_excited']), notes=tuple(d['notes']))
+
+
+def _gap(g: Mapping[str, Any]) -> Gap:
+    low, high = g['closed_ci95']
+    return Gap(
+        float(g['nominal']), float(g['recalibrated']), float(g['explained']), float(g['closed']),
+        (float(low), float(high)),
+        {name: (float(v['nominal_rms']), float(v['recalibrated_rms']), float(v['explained_rms']),
+                float(v['noise_rms'])) for name, v in g['per_channel'].items()})

@@ -3,15 +3,13 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-import os
 from pathlib import Path
-import random
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.errors import DataError, MotionError
-from forcecal_ros.nodes.loopback import only_this_machine
+from forcecal_ros.nodes.loopback import own_domain
 from forcecal_ros.nodes.processes import Processes
 from forcecal_ros.nodes.recorder import Recorder
 from forcecal_ros.nodes.runtime import Interrupt, LATCHED, OUTPUT, SIGNAL_CHECK, starting
@@ -39,8 +37,11 @@ READY_TIMEOUT = 30.0
 """Time in which a start has to be accepted: the sequencer first wants samples of every sensor
 [s]."""
 
-COMMAND_WAIT = 0.5
-"""Time for which the rig waits for a command, so that a busy computer makes none late [s]."""
+ON_TIME = {'clock.publish': True, 'clock.wait': 0.5}
+"""
+Rig parameters: the others go by its clock, which waits for commands, so that a busy computer makes
+none late.
+"""
 
 PATIENCE = 30.0
 """Time without progress after which the demo fails: on a slow computer progress is slow [s]."""
@@ -196,59 +197,40 @@ def run_demo(accelerometer: str, out: Path, seed: int, progress: Progress) -> De
         A node ended or did not answer, or a sequence was aborted.
     """
     coupling = 'ac' if accelerometer == 'acc2' else 'dc'
-    with own_domain() as environment, Processes(environment) as nodes:
-        demo = DemoNode()
+    with own_domain() as environment, _node() as demo, Processes(environment) as nodes:
         began = time.monotonic()
 
         def each() -> None:
             nodes.check()
             progress(demo.phase or 'starting', time.monotonic() - began)
 
-        try:
-            nodes.start('sim', {'accelerometer': accelerometer, 'seed': seed,
-                                'clock.publish': True, 'clock.wait': COMMAND_WAIT})
-            nodes.start('observer', {'use_sim_time': True})
-            nodes.start('sequencer', {'accelerometer.coupling': coupling, **FOR_SIMULATION})
-            demo.wait(lambda: demo.recorder.counts['pose'] > 0, START_TIMEOUT,
-                           'a first pose of the simulated rig', each)
-            duration = demo.run_sequence('calibrate', each)
-            demo.wait(lambda: bool(demo.calibration), PATIENCE, 'the calibration', each)
-            heard = demo.recorder.counts['contact_wrench']
-            demo.wait(lambda: demo.recorder.counts['contact_wrench'] > heard + 500,
-                           PATIENCE, 'the observer taking over the calibration', each)
-            demo.run_sequence('contact', each)
-            demo.recorder.write(out / 'bag')
-            return DemoResult(demo.calibration, duration)
-        finally:
-            demo.close()
+        nodes.start('sim', {'accelerometer': accelerometer, 'seed': seed, **ON_TIME})
+        nodes.start('observer', {'use_sim_time': True})
+        nodes.start('sequencer', {'accelerometer.coupling': coupling, **FOR_SIMULATION})
+        demo.wait(lambda: demo.recorder.counts['pose'] > 0, START_TIMEOUT,
+                  'a first pose of the simulated rig', each)
+        duration = demo.run_sequence('calibrate', each)
+        demo.wait(lambda: bool(demo.calibration), PATIENCE, 'the calibration', each)
+        heard = demo.recorder.counts['contact_wrench']
+        demo.wait(lambda: demo.recorder.counts['contact_wrench'] > heard + 500,
+                  PATIENCE, 'the observer taking over the calibration', each)
+        demo.run_sequence('contact', each)
+        demo.recorder.write(out / 'bag')
+        return DemoResult(demo.calibration, duration)
 
 
 @contextmanager
-def own_domain() -> Iterator[dict[str, str]]:
-    """
-    Join a DDS domain of this machine only, where no robot listens.
-
-    A ROS_DOMAIN_ID of the user is kept.
-
-    Yields
-    ------
-    dict
-        Environment variables for child processes.
-    """
-    domain = os.environ.get('ROS_DOMAIN_ID') or str(random.randint(1, 101))
-    environment = {'ROS_DOMAIN_ID': domain, **only_this_machine()}
-    before = {name: os.environ.get(name) for name in environment}
-    os.environ.update(environment)
+def _node() -> Iterator[DemoNode]:
+    """Run the demo's node within this context; signals end it, and not ROS alone."""
     interrupt = Interrupt()  # rclpy's own handler would leave the other nodes running
     try:
         with starting('forcecal'):
             rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        yield environment
+        demo = DemoNode()
+        try:
+            yield demo
+        finally:
+            demo.close()
     finally:
         rclpy.try_shutdown()
         interrupt.restore()
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value

@@ -80,7 +80,9 @@ class Stoppable(Protocol):
 
 class Interrupt:
     """
-    Counts SIGINT and SIGTERM, whose usual handlers would destroy the node's publishers at once.
+    Counts SIGINT, SIGTERM, SIGHUP, whose usual handlers would end the node's publishers at once.
+
+    A SIGHUP that is ignored, as under nohup, stays so.
 
     Attributes
     ----------
@@ -91,7 +93,9 @@ class Interrupt:
     def __init__(self) -> None:
         self.count, self.running = 0, False
         self._before = {number: signal.signal(number, self._note)
-                        for number in (signal.SIGINT, signal.SIGTERM)}
+                        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+                        if number != signal.SIGHUP
+                        or signal.getsignal(number) is not signal.SIG_IGN}
 
     def restore(self) -> None:
         """Restore the handlers of before."""

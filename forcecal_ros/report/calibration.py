@@ -13,7 +13,7 @@ from forcecal_ros.report.origin import origin
 from forcecal_ros.report.page import Picture, picture, render_page
 from forcecal_ros.report.panels import Line, Panel, Shown
 from forcecal_ros.report.quality_words import in_words
-from forcecal_ros.report.quantity import quantity, size
+from forcecal_ros.report.quantity import handy, quantity, size
 from forcecal_ros.report.rows import interval, promises, Row, table, value
 from forcecal_ros.report.words import Fact
 from matplotlib.figure import Figure
@@ -60,7 +60,7 @@ def render(recording: Recording, calibration: Calibration, contact: Stream | Non
         headline=_headline(calibration, free), facts=_facts(calibration, free, warnings),
         warnings=warnings,
         head=['estimate', 'value', '95 % interval', 'unit'] + ['truth', 'off by'] * with_truth,
-        rows=[_cells(row, with_truth) for row in rows],
+        rows=[_cells(handy(row), with_truth) for row in rows],
         first=list(_before_and_after(recording, calibration, contact)),
         figures=list(_pictures(recording, calibration, contact)),
         quality=list(in_words(calibration.quality)))

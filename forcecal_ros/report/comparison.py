@@ -1,14 +1,26 @@
-"""Two calibrations beside each other: what changed, by how many standard errors."""
+"""Two calibrations or diagnoses beside each other: what changed, by how many standard errors."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from math import hypot, isfinite
-from typing import Any
+from math import hypot, isfinite, nan
+from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.calibration.model import Calibration, Estimate
-from forcecal_ros.report.rows import AXES, estimates, number, Row, rows, value, WRENCH_AXES
+from forcecal_ros.report.rows import (
+    AXES,
+    estimates,
+    HALF,
+    number,
+    Row,
+    rows,
+    value,
+    WRENCH_AXES,
+)
 from forcecal_ros.report.text import aligned
 from forcecal_ros.schema import plain
+
+if TYPE_CHECKING:
+    from forcecal_ros.diagnose.result import Diagnosis
 
 FORMAT = 'forcecal-comparison/1'
 
@@ -50,7 +62,7 @@ class Change:
 @dataclass(frozen=True)
 class Comparison:
     """
-    What two calibrations have in common, and what not.
+    What two calibrations, or two diagnoses, have in common, and what not.
 
     Attributes
     ----------
@@ -76,17 +88,58 @@ class Comparison:
 
 def compare(first: Calibration, second: Calibration) -> Comparison:
     """Compare two calibrations number by number."""
-    one, other = ({row.key: row for row in rows(_all(c))} for c in (first, second))
-    units = {key: (one[key].unit, other[key].unit) for key in one
-             if key in other and one[key].unit != other[key].unit}
-    said, says = _settings(first), _settings(second)
+    return _compare(rows(_all(first)), rows(_all(second)), _settings(first), _settings(second))
+
+
+def compare_diagnoses(first: 'Diagnosis', second: 'Diagnosis') -> Comparison:
+    """Compare two diagnoses: verdicts, parameters of the effects, and the gap."""
+    return _compare((*effect_rows(first), *gap_rows(first)),
+                    (*effect_rows(second), *gap_rows(second)), _verdict(first), _verdict(second))
+
+
+def _compare(one: Iterable[Row], other: Iterable[Row], said: Mapping[str, Any],
+             says: Mapping[str, Any]) -> Comparison:
+    before, after = ({row.key: row for row in found} for found in (one, other))
+    units = {key: (before[key].unit, after[key].unit) for key in before
+             if key in after and before[key].unit != after[key].unit}
     return Comparison(
-        tuple(Change(row, other[key]) for key, row in one.items()
-              if key in other and key not in units),
+        tuple(Change(row, after[key]) for key, row in before.items()
+              if key in after and key not in units),
         {**{key: (said[key], says[key]) for key in said if said[key] != says[key]},
          **{f'{key}.unit': both for key, both in units.items()}},
-        tuple(key for key in one if key not in other),
-        tuple(key for key in other if key not in one))
+        tuple(key for key in before if key not in after),
+        tuple(key for key in after if key not in before))
+
+
+def effect_rows(d: 'Diagnosis') -> Iterator[Row]:
+    """Yield every parameter of the effects that a diagnosis names."""
+    for effect in d.effects:
+        for key, p in effect.parameters.items():
+            yield Row(f'{effect.name} {key}', f'effects.{effect.name}.{key}', p.unit, p.value,
+                      p.std)
+
+
+def gap_rows(d: 'Diagnosis') -> Iterator[Row]:
+    """Yield how far recording and simulation are apart; only the share has a standard error."""
+    if d.gap is None:
+        return
+    for key, words in (('nominal', 'gap as the model is'), ('recalibrated', 'gap, recalibrated'),
+                       ('explained', 'gap after the effects')):
+        yield Row(words, f'gap.{key}', 'noise RMS', getattr(d.gap, key), nan)
+    low, high = d.gap.closed_ci95
+    yield Row('share explained', 'gap.closed', '1', d.gap.closed, (high - low) / (2.0 * HALF))
+    for name, (_, recalibrated, _, noise) in d.gap.channels.items():
+        if noise > 0.0:
+            yield Row(f'gap of {name}', f'gap.{name}', 'noise RMS', recalibrated / noise, nan)
+
+
+def _verdict(d: 'Diagnosis') -> dict[str, Any]:
+    """Return what a diagnosis says besides numbers."""
+    place = d.where[0] if d.where else None
+    return {'verdict': d.verdict, 'effects': [effect.name for effect in d.effects] or None,
+            'candidates': [name for name, _ in d.candidates] or None,
+            'first place': place and f'{place.channel} in {place.phase} ({place.stage})',
+            'not excited': sorted(d.not_excited) or None}
 
 
 def _all(c: Calibration) -> Iterator[tuple[str, str, Estimate, tuple[str, ...]]]:
@@ -154,4 +207,6 @@ def to_document(comparison: Comparison) -> dict[str, Any]:
 
 
 def _word(said: Any) -> str:
+    if isinstance(said, list):
+        return ', '.join(map(str, said))
     return 'not stated' if said is None else str(said)

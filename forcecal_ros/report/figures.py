@@ -134,9 +134,8 @@ def noise_against_rise(calibration: Calibration) -> Figure | None:
         axes.plot(1e3 * rise_time(chosen), marks[:, axis], 'o', color=colour)
     for limit in limits:
         axes.axvline(1e3 * rise_time(limit), color=TRUE, linestyle=':', linewidth=0.8)
-    axes.set(title='Filter kalman: noise against response, dotted the limits',
-             xlabel='10-90 % rise [ms]', ylabel='noise of the force [N]')
-    axes.legend(fontsize=8)
+    axes.set(xlabel='10-90 % rise [ms]', ylabel='noise of the force [N]')
+    headed(axes, 'Filter kalman: noise against response, dotted the limits')
     return figure
 
 

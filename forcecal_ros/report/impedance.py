@@ -54,11 +54,11 @@ def conclusions(experiment: Experiment) -> Iterator[tuple[str, str]]:
 
 def _with(feedback: str, found: Mapping[str, Figures]) -> str:
     f = found[feedback]
-    by = {'kalman': 'With the observer’s force', 'raw': 'With the raw sensor’s'}[feedback]
+    by = {'kalman': 'With the observer’s force fed back', 'raw': 'With the raw sensor’s'}[feedback]
     if not f.phantom_peak < RUNAWAY:
-        return f'{by} the loop runs away before it touches anything.'
+        return f'{by}, the loop runs away before it touches anything.'
     settles = (f'settles in {f.settling:.2f} s' if f.settling == f.settling else 'never settles')
-    return (f'{by} free motion feels like {f.phantom_rms:.2g} N of contact (RMS), and contact '
+    return (f'{by}, free motion feels like {f.phantom_rms:.2g} N of contact (RMS), and contact '
             f'{settles}, {f.force_error:.2g} N off.')
 
 

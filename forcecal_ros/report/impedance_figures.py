@@ -11,7 +11,14 @@ from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.geometry import Array
 from forcecal_ros.observe import ContactEstimate, ObserverSettings, replay
 from forcecal_ros.recording.streams import Stream
-from forcecal_ros.report.figures import axes_grid, ESTIMATED, MEASURED, specific_force, TRUE
+from forcecal_ros.report.figures import (
+    axes_grid,
+    ESTIMATED,
+    headed,
+    MEASURED,
+    specific_force,
+    TRUE,
+)
 from forcecal_ros.reproduce.closed_loop import ClosedLoopRun
 from matplotlib.figure import Figure
 from scipy import signal
@@ -72,7 +79,7 @@ def sensor_and_observer(run: Seen) -> Figure:
               label='Observer output')
     axes.set(xlabel='t (s)', ylabel='F (N)', xlim=(0, run.sensor.t[-1]))
     _paper_forces(axes, run)
-    axes.legend(fontsize=8)
+    headed(axes, 'Sensor and observer')
     return figure
 
 
@@ -84,11 +91,10 @@ def power_spectra(run: Seen) -> Figure:
     _spectrum(left, composed, run.sensor.rate, MEASURED, 'u - m a')
     _spectrum(right, newton, run.sensor.rate, TRUE, 'observer, newton')
     _spectrum(right, kalman, run.sensor.rate, ESTIMATED, 'observer, kalman')
-    left.set(title='composed signal u - m a', ylabel='power spectral density (N²/Hz)')
-    right.set(title='observer')
-    for axes in (left, right):
+    left.set(ylabel='power spectral density (N²/Hz)')
+    for axes, title in ((left, 'Composed signal u - m a'), (right, 'Observer')):
         axes.set(xlabel='f (Hz)', xlim=(0, run.sensor.rate / 2))
-        axes.legend(fontsize=8)
+        headed(axes, title)
     return figure
 
 

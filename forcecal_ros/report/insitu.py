@@ -15,8 +15,9 @@ import numpy as np
 Rows = list[list[str]]
 
 WORDS = {
-    'forces': 'Forces by the estimated matrix and by the manufacturer’s. Weight is constant, so '
-              'that a good matrix makes a sphere ([Traversaro2014] Fig. 6).',
+    'forces': 'Forces by the estimated matrix, and by the manufacturer’s where there is one. '
+              'Weight is constant, so that a good matrix makes a sphere ([Traversaro2014] '
+              'Fig. 6).',
     'subspace': 'Raw measurements in the three dimensions they span, and the ellipsoid that '
                 'gravity draws about the offset ([Traversaro2014] Fig. 5).',
     'singular_values': 'Three singular values stand out where one rigid body hangs free '
@@ -64,8 +65,8 @@ def conclusion(result: SensorResult) -> str:
         return ('Matrix and offset are calibrated. No recording with an added mass was kept back '
                 'to check them.')
     d, stated, found = max(judged, key=lambda one: abs(one[2] / one[1] - 1.0))
-    said = (f'Matrix and offset are calibrated. Masses that they never saw come out within '
-            f'{_share(found / stated)} ({d.name}: {rounded(found, 4)} for '
+    said = (f'Matrix and offset are calibrated. Added masses that were kept back come out '
+            f'within {_share(found / stated)} (data set {d.name}: {rounded(found, 4)} kg of '
             f'{stated:g} kg)')
     maker = [abs(d.by_manufacturer.mass / stated - 1.0) for d, stated, _ in judged
              if d.by_manufacturer is not None]

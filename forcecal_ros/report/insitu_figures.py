@@ -7,6 +7,7 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.insitu import SensorResult
 from forcecal_ros.insitu.result import DataSetResult
 from forcecal_ros.insitu.subspace import principal_directions, Subspace, to_coordinates
+from forcecal_ros.report.figures import headed
 from matplotlib.figure import Figure
 import numpy as np
 
@@ -16,6 +17,9 @@ POINTS = 600
 
 COLUMNS = 4
 """Most pictures side by side."""
+
+HEAD = 0.7
+"""Of a picture, for title and legend [in]."""
 
 
 def subspace_clouds(result: SensorResult) -> Figure:
@@ -32,9 +36,8 @@ def subspace_clouds(result: SensorResult) -> Figure:
         one.scatter(*centre[:, None], color=TRUE, s=20, label='offset')
         one.set_title(data_set.name, fontsize=8)
         one.set_aspect('equal')
-    axes[0].legend(fontsize=7, loc='upper left')
-    figure.suptitle(f'{result.name}: raw measurements in their three dimensions '
-                    f'[{result.options.raw_unit}]', fontsize=10)
+    _head(figure, axes[0], f'{result.name}: raw measurements in their three dimensions '
+          f'[{result.options.raw_unit}]')
     return figure
 
 
@@ -57,9 +60,7 @@ def force_clouds(result: SensorResult) -> Figure | None:
         one.set(xlabel='x', ylabel='y', zlabel='z')
         one.set_title(data_set.name, fontsize=8)
         one.set_aspect('equal')
-    axes[0].legend(fontsize=7, loc='upper left')
-    figure.suptitle(f'{result.name}: measured force; gravity makes a sphere of it [N]',
-                    fontsize=10)
+    _head(figure, axes[0], f'{result.name}: measured force; gravity makes a sphere of it [N]')
     return figure
 
 
@@ -72,27 +73,34 @@ def singular_values(result: SensorResult) -> Figure:
         axes.semilogy(np.arange(1, len(values) + 1), values, 'o-', linewidth=0.7, markersize=4,
                       label=data_set.name)
     axes.axvline(3.5, color=TRUE, linewidth=0.8, linestyle='--')
-    axes.set(xlabel='singular value', ylabel=f'over sqrt(N) [{result.options.raw_unit}]',
-             title=f'{result.name}: dimensions of the raw measurements')
+    axes.set(xlabel='singular value', ylabel=f'over sqrt(N) [{result.options.raw_unit}]')
     axes.set_xticks(np.arange(1, len(result.offset.value) + 1))
     axes.grid(alpha=0.25)
     axes.spines[['top', 'right']].set_visible(False)
-    axes.legend(fontsize=7, ncols=2)
+    headed(axes, f'{result.name}: dimensions of the raw measurements', COLUMNS)
     return figure
 
 
 def _grid(data_sets: Sequence[DataSetResult]) -> tuple[Figure, list[Any]]:
     columns = min(len(data_sets), COLUMNS)
     rows = -(-len(data_sets) // columns)
-    height = 2.7 * rows + 0.5
-    figure = Figure(figsize=(max(2.6 * columns, 4.0), height))
-    figure.subplots_adjust(0.02, 0.02, 0.96, 1 - 0.7 / height, 0.2, 0.12)
+    height = 2.7 * rows + HEAD
+    figure = Figure(figsize=(max(2.6 * columns, 4.5), height))
+    figure.subplots_adjust(0.02, 0.02, 0.92, 1 - (HEAD + 0.2) / height, 0.2, 0.12)
     axes = [figure.add_subplot(rows, columns, k + 1, projection='3d')
             for k in range(len(data_sets))]
     for one in axes:
         one.tick_params(labelsize=5, pad=-2)
         one.locator_params(nbins=4)
     return figure, axes
+
+
+def _head(figure: Figure, axes: Any, title: str) -> None:
+    """Put title and legend above all clouds."""
+    figure.suptitle(title, fontsize=10, x=0.02, ha='left', y=1.0 - 0.08 / figure.get_figheight(),
+                    va='top')
+    figure.legend(*axes.get_legend_handles_labels(), loc='upper left', frameon=False, fontsize=8,
+                  ncols=COLUMNS, bbox_to_anchor=(0.0, 1.0 - 0.25 / figure.get_figheight()))
 
 
 def _map(gravity: Array, values: Array) -> Array:

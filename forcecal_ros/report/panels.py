@@ -25,6 +25,9 @@ MOST_POINTS = 2400
 LABELLED = 0.05
 """Share of the time shown from which a phase has room for its name."""
 
+ON_A_PHONE = 0.2
+"""The same on a page of 400 px: the longest name, approach, is a fifth of the picture there."""
+
 WIDTH, HEIGHT = 9.0, 1.9
 """Of a picture, and of each panel in it [in]."""
 
@@ -215,7 +218,9 @@ def _shapes(shown: Shown) -> Iterator[dict[str, Any]]:
 
 def _labels(shown: Shown) -> Iterator[dict[str, Any]]:
     for phase, start, end in _visible(shown):
-        if end - start > LABELLED * (shown.end - shown.start):
-            yield {'x': 0.5 * (start + end), 'xref': 'x', 'y': 1, 'yref': 'paper', 'text': phase,
-                   'showarrow': False, 'yanchor': 'bottom', 'font': {'size': 10,
-                                                                     'color': 'var(quiet)'}}
+        share = (end - start) / (shown.end - shown.start)
+        if share > LABELLED:
+            yield {'name': phase if share > ON_A_PHONE else '', 'text': phase,
+                   'x': 0.5 * (start + end), 'xref': 'x', 'y': 1, 'yref': 'paper',
+                   'showarrow': False, 'yanchor': 'bottom',
+                   'font': {'size': 10, 'color': 'var(quiet)'}}

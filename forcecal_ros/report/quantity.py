@@ -1,7 +1,10 @@
 """Numbers as a person writes them: as many digits as are known, in units of a handy size."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import floor, isfinite, log10
+
+from forcecal_ros.report.rows import Row
 
 SCALES = {
     's': ((1e-3, 'µs', 1e6), (0.5, 'ms', 1e3), (float('inf'), 's', 1.0)),
@@ -47,6 +50,15 @@ def size(value: float, unit: str, digits: int = 3) -> str:
     """Write a number of unknown error and its unit, in a few digits."""
     shown, factor = _scale(value, unit)
     return f'{rounded(value * factor, digits)} {shown}'
+
+
+def handy(row: Row) -> Row:
+    """Return a row in a unit of a handy size; shares stay as they are."""
+    if row.unit == '1':
+        return row
+    shown, factor = _scale(row.value, row.unit)
+    return replace(row, unit=shown, value=row.value * factor, std=row.std * factor,
+                   truth=None if row.truth is None else row.truth * factor)
 
 
 def beside(values: Sequence[float], unit: str) -> tuple[str, list[str]]:

@@ -8,6 +8,13 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.report.text import aligned
 import numpy as np
 
+HALF = 1.96
+"""Standard errors from the middle of a 95 % interval to its end."""
+
+MOST_DECIMALS = 7
+"""Of a number in a table: the part of a unit vector along its axis would have ten, which nobody
+knows."""
+
 AXES = ('x', 'y', 'z')
 WRENCH_AXES = ('force x', 'force y', 'force z', 'torque x', 'torque y', 'torque z')
 
@@ -142,7 +149,7 @@ def interval(row: Row) -> str:
     """Return the 95 % interval as text, or a dash where the standard error is not known."""
     if not row.std > 0:
         return '-'
-    half = 1.96 * row.std
+    half = HALF * row.std
     return f'{number(row.value - half, row.std)} … {number(row.value + half, row.std)}'
 
 
@@ -160,5 +167,5 @@ def number(x: float, std: float) -> str:
     """Return a number as text, to the digits that a standard error warrants."""
     if not std > 0:
         return f'{x:.6g}'
-    decimals = max(0, 1 - int(np.floor(np.log10(std))))
+    decimals = min(MOST_DECIMALS, max(0, 1 - int(np.floor(np.log10(std)))))
     return f'{x:.{decimals}f}'

@@ -115,9 +115,10 @@ def exceptions(figures: Mapping[str, Figures]) -> Iterator[str]:
         yield (f'{words}: kalman {observed:.3g}, {best} {rival:.3g}; with the true force '
                f'{perfect:.3g}. ' + _why(perfect, rival, others[best], ideal))
     if even:
-        yield (f'Within {EVEN:.0%} of the best of the others: {"; ".join(even)}. There the tool '
-               'on its spring decides, and what the law does with position and displacement, '
-               'more than the force.')
+        yield (f'Kalman is within {100.0 * EVEN:g} % of the best of the others in: '
+               f'{", ".join(word.partition(" [")[0].lower() for word in even)}. There the tool on '
+               'its spring decides, and what the law does with position and displacement, more '
+               'than the force.')
 
 
 def _rank(value: float) -> float:

@@ -23,7 +23,7 @@ NUMERICS = (
 LAYERS = (
     *NUMERICS,
     ('recording.bags', 'parallel', 'report'),
-    ('nodes',),
+    ('fleet', 'nodes'),
     ('commands',),
 )
 """From the ground up: a module may import from its own line and from those above it."""

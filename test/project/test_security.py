@@ -18,6 +18,8 @@ FORBIDDEN_MODULES = {'pickle', 'marshal', 'shelve', 'dill', 'joblib.numpy_pickle
 FORBIDDEN_CALLS = {('os', 'system'), ('os', 'popen'), ('yaml', 'safe_load'), ('yaml', 'full_load'),
                    ('yaml', 'unsafe_load')}
 LOADER = 'safe_yaml.py'
+LISTENING = {('nodes/live_page.py', 'http.server')}
+"""Tested by a browser, in ``test_live.py``."""
 
 
 def nodes():
@@ -47,10 +49,10 @@ def offences(node):
 
 def test_nothing_is_evaluated_unpickled_or_given_to_a_shell():
     assert not [f'{path}:{node.lineno} {what}' for path, node in nodes()
-                for what in offences(node)]
+                for what in offences(node) if (str(path), what) not in LISTENING]
 
 
-def test_only_one_module_loads_yaml_and_nothing_listens_but_dds():
+def test_only_one_module_loads_yaml_and_only_the_live_page_listens_besides_dds():
     loading = {str(path) for path, node in nodes() if isinstance(node, ast.Call)
                and isinstance(node.func, ast.Attribute) and isinstance(node.func.value, ast.Name)
                and (node.func.value.id, node.func.attr) == ('yaml', 'load')}

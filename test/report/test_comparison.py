@@ -6,6 +6,11 @@ import json
 from forcecal_ros.calibration.file import save
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.cli import main
+from forcecal_ros.diagnose.channels import units
+from forcecal_ros.diagnose.gap import Gap
+from forcecal_ros.diagnose.result import Diagnosis, Found, load, Parameter
+from forcecal_ros.diagnose.result import to_document as diagnosis_document
+from forcecal_ros.diagnose.where import Place
 from forcecal_ros.report.comparison import as_text, compare, to_document
 import numpy as np
 import pytest
@@ -62,3 +67,50 @@ def test_the_command_prints_what_was_found_and_ends_with_0(capsys, tmp_path):
     assert to_document(compare(WHOLE, WHOLE))['changed'] == []
     assert main(['compare', before, str(tmp_path)]) == 1
     assert capsys.readouterr().err.count('\n') == 1
+
+
+def late(delay, closed, verdict='identified', **more):
+    return Diagnosis(
+        verdict, 'because', effects=(Found('wrench_delay', {
+            'delay': Parameter(delay, 1e-4, 's')}, 0.97),),
+        candidates=(('wrench_delay', 0.97), ('unknown', 0.03)),
+        where=(Place('wrench_sensor', 'force.x', 'step', (16.0, 32.0), 4.0, 1e-6),),
+        gap=Gap(2.0, 1.5, 0.1, closed, (closed - 0.05, closed + 0.05),
+                {'force.x': (0.4, 0.3, 0.1, 0.1)}), **more)
+
+
+def test_two_diagnoses_are_told_apart_likewise(capsys, tmp_path):
+    first, second = tmp_path / 'first', tmp_path / 'second'
+    for folder, one in ((first, late(0.004, 0.9)),
+                        (second, late(0.006, 0.88, 'partial', not_excited=('friction',)))):
+        folder.mkdir()
+        (folder / 'diagnosis.json').write_text(json.dumps(diagnosis_document(one, units(), None)))
+    assert load(first)[0] == late(0.004, 0.9)
+    assert main(['compare', str(first), str(second / 'diagnosis.json')]) == 0
+    out = capsys.readouterr().out
+    assert 'verdict: identified, then partial' in out
+    assert 'not excited: not stated, then friction' in out
+    # 2 ms of 0.1 * sqrt(2) ms; the share changed by less than its interval
+    assert '1 of 2 numbers changed' in out and 'wrench_delay delay most (+14.1)' in out
+    assert main(['compare', str(first), str(second), '--json']) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document['changed'] == ['effects.wrench_delay.delay']
+    assert document['estimates']['gap.closed']['sigmas'] == pytest.approx(
+        -0.02 / (0.05 / 1.96 * 2 ** 0.5))
+    assert document['estimates']['gap.force.x']['first'] == pytest.approx(3.0)
+
+
+def test_what_is_no_diagnosis_or_of_another_kind_is_one_line(capsys, tmp_path):
+    good, calibration = tmp_path / 'good.json', tmp_path / 'c.yaml'
+    document = diagnosis_document(late(0.004, 0.9), units(), None)
+    good.write_text(json.dumps(document))
+    save(WHOLE, str(calibration))
+    assert main(['compare', str(good), str(calibration)]) == 2
+    assert 'two of a kind' in capsys.readouterr().err
+    for text in ('{', '[]', json.dumps({**document, 'effects': [{}]}),
+                 json.dumps({**document, 'gap': {'closed_ci95': 1}})):
+        bad = tmp_path / 'bad.json'
+        bad.write_text(text)
+        assert main(['compare', str(good), str(bad)]) == 1
+        err = capsys.readouterr().err
+        assert err.count('\n') == 1 and str(bad) in err and 'diagnose again' in err
