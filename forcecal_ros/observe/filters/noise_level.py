@@ -21,6 +21,10 @@ SMOOTHING = 0.004
 """A third of the rise of a contact by the nominal rig's noise, and more than half a period of
 vibrations above 100 Hz [s]."""
 
+LONGEST = 2 * SMOOTHING
+"""From one reading to the next, up to which a contact's own motion is told from noise by that
+mean: slower readings tell nothing of their noise [s]."""
+
 MEMORY = 0.5
 """Time constant: a level of ten is reached in half a second, and left in 1.2 s, both within two
 [s]."""
