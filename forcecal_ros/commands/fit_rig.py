@@ -32,8 +32,8 @@ def add_parser(subparsers: Any) -> None:
                 '  forcecal diagnose a_third_bag --rig my_rig.yaml -o diagnosis')
     add_bag(parser, several=True)
     parser.add_argument('--heldout', metavar='BAG',
-                        help='recording that chooses the order and judges the model (default: the '
-                             'last third of each)')
+                        help='recording that chooses the order and judges the model (default: '
+                             'every third second)')
     parser.add_argument('--gravity', metavar='M/S^2', type=gravity,
                         help='magnitude of gravity where the robot stands (default: 9.80665)')
     parser.add_argument('--gravity-direction', metavar=('X', 'Y', 'Z'), nargs=3, type=real,

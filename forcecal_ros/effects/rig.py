@@ -43,6 +43,10 @@ def _check_equation(where: str, feedback: Vector3, feedforward: Vector3) -> None
                           'the robot rests where it is told to')
 
 
+Directions = tuple[Vector6, Vector6, Vector6, Vector6, Vector6]
+"""Of six numbers of which one follows from the others."""
+
+
 @dataclass(frozen=True)
 class Axis(Section, name='robot'):
     """How position along one axis of base follows; commands are delayed, then filtered."""
@@ -50,6 +54,8 @@ class Axis(Section, name='robot'):
     delay: Annotated[float, Row('of the commands', 's', 0.0, 1.0)]
     feedback: Annotated[Vector3, Row('of y at k-1, k-2, k-3', '1')]
     feedforward: Annotated[Vector3, Row('of the delayed command at k, k-1, k-2', '1')]
+    tolerance: Annotated[Directions | None, Row(
+        'changes of these six, each 1 sigma and independent', '1', omit=True)] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -103,6 +109,8 @@ class Servo(Section):
         'of that second order, 1 where it is absent', '1', above=0.0, omit=True)] = None
     orientation_delay: Annotated[float | None, Row(
         'of the commanded orientations, 0 where it is absent', 's', 0.0, 1.0, omit=True)] = None
+    orientation_tolerance: Annotated[Matrix3 | None, Row(
+        'changes of bandwidth, damping, delay, each 1 sigma and independent', omit=True)] = None
 
 
 @dataclass(frozen=True)

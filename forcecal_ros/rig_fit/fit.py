@@ -20,8 +20,7 @@ from forcecal_ros.rig_fit.sensors import (
     rate_beside,
 )
 from forcecal_ros.rig_fit.tool import fit_tool
-from forcecal_ros.rig_fit.translation import AxisFit, fit_translation
-from forcecal_ros.simulators.rig.plant import Plant
+from forcecal_ros.rig_fit.translation import at_ends, AxisFit, fit_translation
 import numpy as np
 from scipy.signal import welch
 
@@ -80,7 +79,7 @@ def fit_rig(recordings: Sequence[Recording], heldout: Recording | None, base: Ri
     recordings : sequence of Recording
         With commands, measured poses and wrench.
     heldout : Recording or None
-        To choose the order by and to judge on; the last third of each where none is given.
+        To choose the order by and to judge on; every third second where none is given.
     base : Rig
         Gives what recordings do not tell: tolerances, the accelerometer where none was recorded.
     settings : IdentificationSettings
@@ -176,10 +175,7 @@ def _left(rig: Rig, ready: Sequence[Followed]) -> tuple[Unexplained, float, floa
     for one in ready:
         if not one.held.any():
             continue
-        plant = Plant(rig)
-        plant.rest(one.position[0], one.xyzw[0])
-        every = 2 * plant.steps
-        made = plant.move(one.position, one.xyzw).position[every::every]
+        made = at_ends(rig, one).position
         apart.append(_centred((one.reached - made)[one.held]))
         turned.append(_centred(turned_apart(rig, one)[one.held]))
         moved.append(_centred(one.reached[one.held]))

@@ -18,8 +18,11 @@ SETTLING = 0.5
 SHORTEST = 10.0
 """Commands and poses that a robot is fitted to, at least [s]: some ten of its slowest motions."""
 
-HELD_OUT = 1.0 / 3.0
-"""Last share of each recording that is not fitted, where none is given to judge on."""
+EVERY = 3
+"""
+Second that is not fitted, where no recording is given to judge on: programs move one axis after
+the other, and each has to be in both parts.
+"""
 
 
 class Followed(NamedTuple):
@@ -76,7 +79,7 @@ def followed(recording: Recording, period: float) -> Followed:
     free = seen & (starts > max(start, float(pose.t[0])) + SETTLING)
     for begin, end in phase_spans(recording.phases, TOUCHING):
         free &= (starts + period < begin) | (starts >= end)
-    late = np.arange(m) >= m * (1.0 - HELD_OUT)
+    late = np.floor(starts - start).astype(int) % EVERY == EVERY - 1
     return Followed(start, target.position[held], target.R_base_sensor[held], reached, R,
                     free & ~late, free & late)
 

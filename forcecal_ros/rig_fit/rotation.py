@@ -1,4 +1,4 @@
-"""How orientation follows commands: a delay, a bandwidth and a damping on SO(3)."""
+"""How orientation follows commands: a delay of whole periods, a bandwidth and a damping on SO(3)."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,10 +7,10 @@ from typing import NamedTuple
 from forcecal_ros.effects.rig import Rig, Servo
 from forcecal_ros.geometry import Array, rotation_vector
 from forcecal_ros.rig_fit.grid import Followed
-from forcecal_ros.rig_fit.translation import MOST_DELAY
-from forcecal_ros.simulators.rig.plant import common_samples, Plant
+from forcecal_ros.rig_fit.translation import at_ends, MOST_DELAY
+from forcecal_ros.schema import Matrix3
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, OptimizeResult
 
 TURNED = 0.01
 """Turn of the commands from which orientation counts as moved [rad]: ten times a pose's noise."""
@@ -18,11 +18,11 @@ TURNED = 0.01
 LIMITS = ((2.0, 0.3), (500.0, 3.0))
 """Bandwidth [rad/s] and damping that are tried: the integration is right within them."""
 
-SHARES = (0.1, 0.5)
-"""Of the lag that the search begins with as delay."""
+PATIENCE = 2
+"""Longer delays, each worse than the best, that end the search for it."""
 
-COARSE = 0.001
-"""Longest integration step while fitting [s]: half the fastest bandwidth times it is exact."""
+COARSE = 0.002
+"""Longest integration step while fitting [s]; it is halved, and times 500 rad/s 1 at most."""
 
 
 class RotationFit(NamedTuple):
@@ -60,31 +60,52 @@ def fit_rotation(rig: Rig, followed: Sequence[Followed], lag: float) -> Rotation
         return RotationFit(servo, False, lag)
     late = _shift(followed, round(MOST_DELAY / rig.robot.period)) * rig.robot.period
     late = max(late, rig.robot.period)
-    best = min((_searched(rig, followed, share * late, (1.0 - share) * late)
-                for share in SHARES), key=lambda one: float(one.cost))
-    servo = _servo(rig, best.x)
-    w, damping, delay = best.x
+    delay, best = _best(rig, followed, late)
+    servo = replace(_servo(rig, best.x, delay), orientation_tolerance=_directions(best))
+    w, damping = best.x
     return RotationFit(servo, True, float(delay + 2.0 * damping / w))
 
 
-def _searched(rig: Rig, followed: Sequence[Followed], delay: float, rest: float) -> 'any':
+def _best(rig: Rig, followed: Sequence[Followed], late: float) -> tuple[float, OptimizeResult]:
+    """Search bandwidth and damping for each delay, in whole periods, as long as it gets better."""
+    period, found = rig.robot.period, []
+    start = [2.0 / late, 1.0]
+    for k in range(1 + round(MOST_DELAY / period)):
+        found.append((k * period, _searched(rig, followed, k * period, start)))
+        start = found[-1][1].x.tolist()
+        costs = [float(one.cost) for _, one in found]
+        if len(costs) - 1 - int(np.argmin(costs)) >= PATIENCE:
+            break
+    return min(found, key=lambda one: float(one[1].cost))
+
+
+def _directions(best: OptimizeResult) -> Matrix3:
+    """Return independent changes of bandwidth and damping, each 1 sigma; the delay's are 0."""
+    scale = np.maximum(np.linalg.norm(best.jac, axis=0), 1e-12)
+    variance = 2.0 * float(best.cost) / max(1, len(best.fun) - 2)
+    inverse = np.linalg.pinv(best.jac / scale) / scale[:, np.newaxis]
+    values, vectors = np.linalg.eigh(inverse @ inverse.T * variance)
+    (a, b), (c, d) = ((vectors * np.sqrt(np.maximum(values, 0.0))).T).tolist()
+    return (a, b, 0.0), (c, d, 0.0), (0.0, 0.0, 0.0)
+
+
+def _searched(rig: Rig, followed: Sequence[Followed], delay: float, start: list[float]
+              ) -> OptimizeResult:
     used = [one for one in followed if one.used.any()]
 
     def residual(x: Array) -> Array:
-        changed = replace(rig, servo=_servo(rig, x))
+        changed = replace(rig, servo=_servo(rig, x, delay))
         return np.concatenate([_centred(turned_apart(changed, one)[one.used]).ravel()
                                for one in used])
 
-    (low_w, low_d), (high_w, high_d) = LIMITS
-    start = [float(np.clip(2.0 / rest, low_w, high_w)), 1.0, delay]
-    return least_squares(residual, start, bounds=([low_w, low_d, 0.0],
-                                                  [high_w, high_d, MOST_DELAY]),
-                         x_scale=[max(1.0, 0.1 * start[0]), 0.1, 0.002], diff_step=1e-3,
-                         ftol=1e-7, xtol=1e-6, max_nfev=25)
+    low, high = np.array(LIMITS)
+    inside = np.clip(start, low + 0.01 * (high - low), high - 0.01 * (high - low))
+    return least_squares(residual, inside, bounds=(low, high), x_scale=0.1 * inside,
+                         diff_step=1e-3, ftol=1e-6, xtol=1e-5, max_nfev=20)
 
 
-def _servo(rig: Rig, x: Array) -> Servo:
-    w, damping, delay = x.tolist()
+def _servo(rig: Rig, x: Array, delay: float) -> Servo:
+    w, damping = x.tolist()
     servo: Servo = replace(rig.servo, orientation_bandwidth=w, orientation_damping=damping,
                            orientation_delay=delay)
     return servo
@@ -92,11 +113,7 @@ def _servo(rig: Rig, x: Array) -> Servo:
 
 def turned_apart(rig: Rig, one: Followed) -> Array:
     """Return the rotation from simulated to measured at each period's end, in S, shape (m, 3)."""
-    common = common_samples(rig)
-    plant = Plant(rig, steps=common * -(-int(np.ceil(rig.robot.period / COARSE)) // common))
-    plant.rest(one.position[0], one.xyzw[0])
-    every = 2 * plant.steps
-    R = plant.move(one.position, one.xyzw).R_base_sensor[every::every]
+    R = at_ends(rig, one, int(np.ceil(rig.robot.period / COARSE))).R_base_sensor
     return rotation_vector(np.swapaxes(R, 1, 2) @ one.R_reached)
 
 

@@ -1,15 +1,17 @@
 """How position follows commands: a delay and a difference equation for each axis of base."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
-from forcecal_ros.effects.rig import Axis, Rig
+from forcecal_ros.effects.rig import Axis, Directions, Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.impedance.plant.output_error import fit_output_error, OutputError
-from forcecal_ros.impedance.plant.robot_fit import Candidate, judged, smallest_of_the_best
+from forcecal_ros.impedance.plant.robot_fit import Candidate, judged
 from forcecal_ros.rig_fit.grid import Followed
 from forcecal_ros.simulators.rig.plant import Plant
+from forcecal_ros.simulators.rig.robot import Motion
 import numpy as np
 
 ORDERS = (1, 2, 3)
@@ -62,7 +64,8 @@ def fit_translation(rig: Rig, followed: Sequence[Followed]) -> list[AxisFit]:
     DataError
         No axis moved, or the motion does not tell a lag.
     """
-    strokes = np.max([np.ptp(one.position, axis=0) for one in followed], axis=0)
+    strokes = np.max([np.ptp(one.position[one.used], axis=0) for one in followed
+                      if one.used.any()], axis=0)
     if strokes.max() < MOVED:
         raise DataError(f'target_frame: the commands move by {1e3 * strokes.max():.2g} mm, '
                         f'expected {1e3 * MOVED:g} mm at least along one axis; record a motion')
@@ -75,10 +78,19 @@ def fit_translation(rig: Rig, followed: Sequence[Followed]) -> list[AxisFit]:
 
 def through_servo(rig: Rig, one: Followed) -> Array:
     """Return where a robot without equation would be at the end of each period, shape (m, 3)."""
-    plant = Plant(rig)
+    return at_ends(rig, one).position
+
+
+def at_ends(rig: Rig, one: Followed, steps: int = 1) -> Motion:
+    """Return how a rig's robot moves, at the end of each period; position is exact at any steps."""
+    rate = 1.0 / rig.robot.period
+    bare = replace(rig, optidrive=None, **{name: replace(getattr(rig, name), rate=rate)
+                                           for name in ('wrench_sensor', 'accelerometer',
+                                                        'pose_sensor')})
+    plant = Plant(bare, steps=steps)
     plant.rest(one.position[0], one.xyzw[0])
-    every = 2 * plant.steps
-    return plant.move(one.position, one.xyzw).position[every::every]
+    every = 2 * steps
+    return Motion(*(part[every::every] for part in plant.move(one.position, one.xyzw)))
 
 
 def _fit_axis(rig: Rig, followed: Sequence[Followed], smooth: Sequence[Array], axis: int
@@ -102,7 +114,9 @@ def _fit_axis(rig: Rig, followed: Sequence[Followed], smooth: Sequence[Array], a
                 if 0 <= delay <= most + 1:
                     _try(tried, order, delay, command, position, used, held)
         candidates.append(min(tried.values(), key=lambda one: one.error))
-    chosen = smallest_of_the_best(candidates, float(np.mean(position ** 2)))
+    # not the smallest that is hardly worse: what it leaves would be in the forces, and what the
+    # greater one does not know of itself is in its tolerance
+    chosen = min(candidates, key=lambda one: one.error)
     lag, std = _lag(chosen.model)
     if not std < SURE:
         raise DataError(f'target_frame: the lag of axis {"xyz"[axis]} is not told by its motion '
@@ -130,7 +144,20 @@ def _axis(model: OutputError, period: float) -> Axis:
                              for c in (model.feedback, model.feedforward))
     a, b, c = feedback.tolist()
     d, e, f = feedforward.tolist()
-    return Axis(model.delay * period, (a, b, c), (d, e, f))
+    return Axis(model.delay * period, (a, b, c), (d, e, f), _directions(model))
+
+
+def _directions(model: OutputError) -> Directions:
+    """Return the principal changes of the six coefficients, the static gain kept."""
+    order = len(model.feedback)
+    values, vectors = np.linalg.eigh(model.covariance)
+    rows = np.zeros((5, 6))
+    for i, k in enumerate(np.argsort(values)[::-1][:2 * order - 1]):
+        step = np.sqrt(max(0.0, values[k])) * vectors[:, k]
+        rows[i, :order], rows[i, 3:3 + order] = step[:order], step[order:]
+    rows[:, 3] -= rows.sum(axis=1)  # rounding
+    a, b, c, d, e = (tuple(row) for row in rows.tolist())
+    return a, b, c, d, e
 
 
 def _lag(model: OutputError) -> tuple[float, float]:

@@ -125,7 +125,7 @@ def identify_robot(command: Array, position: Array, period: float, *,
     candidates = [min((judged(
         fit_output_error(command, position, order, delay, used), order, command, position,
         held_out) for delay in delays), key=lambda one: one.error) for order in orders]
-    chosen = smallest_of_the_best(candidates, float(np.mean(position**2)))
+    chosen = _smallest_of_the_best(candidates, float(np.mean(position**2)))
     model, order = chosen.model, chosen.order
     std = np.sqrt(np.diag(model.covariance))
     robot = Robot(period, model.delay, Estimate(model.feedback, std[:order], '1'),
@@ -143,7 +143,7 @@ def judged(model: OutputError, order: int, command: Array, position: Array, held
     return Candidate(order, model, (position - model.predict(command))[held_out]**2)
 
 
-def smallest_of_the_best(candidates: Sequence[Candidate], power: float) -> Candidate:
+def _smallest_of_the_best(candidates: Sequence[Candidate], power: float) -> Candidate:
     """
     Return the smallest order that is no worse than the best as far as standard errors tell.
 
