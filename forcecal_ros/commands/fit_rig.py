@@ -99,7 +99,8 @@ def as_text(fit: 'RigFit') -> str:
               f'{1e3 * fit.noise[1]:.2g} mrad',
               f'the model of the robot leaves {1e6 * left.position:.2g} um and '
               f'{1e3 * left.orientation:.2g} mrad RMS of motion that it was not fitted to, beyond '
-              'noise; ' + _reach(fit)]
+              f'noise, and rests {1e6 * left.position_offset:.2g} um and '
+              f'{1e3 * left.orientation_offset:.2g} mrad from the commands; ' + _reach(fit)]
     if fit.poor:
         lines.append('that is more than noise: a diagnosis takes the measured motion, and '
                      'compares the robot by what it leaves')

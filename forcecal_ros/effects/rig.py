@@ -68,11 +68,13 @@ class Unexplained(Section):
 
     position: Annotated[float, Row('RMS', 'm', 0.0)]
     orientation: Annotated[float, Row('RMS', 'rad', 0.0)]
+    position_offset: Annotated[float, Row('mean, beside that RMS', 'm', 0.0)] = 0.0
+    orientation_offset: Annotated[float, Row('mean, beside that RMS', 'rad', 0.0)] = 0.0
 
     def beyond(self, sensor: 'PoseSensor') -> bool:
         """Whether that shows in single poses: half of their noise is a quarter of its power."""
-        return (self.position > 0.5 * sensor.position_noise
-                or self.orientation > 0.5 * sensor.orientation_noise)
+        return (max(self.position, self.position_offset) > 0.5 * sensor.position_noise or
+                max(self.orientation, self.orientation_offset) > 0.5 * sensor.orientation_noise)
 
 
 @dataclass(frozen=True)

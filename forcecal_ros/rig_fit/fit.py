@@ -176,12 +176,15 @@ def _left(rig: Rig, ready: Sequence[Followed]) -> tuple[Unexplained, float, floa
         if not one.held.any():
             continue
         made = at_ends(rig, one).position
-        apart.append(_centred((one.reached - made)[one.held]))
-        turned.append(_centred(turned_apart(rig, one)[one.held]))
+        apart.append((one.reached - made)[one.held])
+        turned.append(turned_apart(rig, one)[one.held])
         moved.append(_centred(one.reached[one.held]))
     position, orientation = (np.concatenate(rows) for rows in (apart, turned))
-    good, up_to = _good_up_to(position, np.concatenate(moved), rig.robot.period)
-    return Unexplained(_beyond_noise(position), _beyond_noise(orientation)), good, up_to
+    good, up_to = _good_up_to(_centred(position), np.concatenate(moved), rig.robot.period)
+    return Unexplained(
+        _beyond_noise(_centred(position)), _beyond_noise(_centred(orientation)),
+        *(float(np.linalg.norm(rows.mean(axis=0))) for rows in (position, orientation))
+    ), good, up_to
 
 
 def _beyond_noise(rows: Array) -> float:
@@ -216,5 +219,7 @@ def document(fit: RigFit, path: str) -> dict[str, Any]:
                  for name, a in zip('xyz', fit.axes)},
         'orientation': {'told': fit.rotation.told, 'lag': fit.rotation.lag},
         'unexplained': {'position': left.position, 'orientation': left.orientation,
+                        'position_offset': left.position_offset,
+                        'orientation_offset': left.orientation_offset,
                         'from_hz': fit.good_up_to if np.isfinite(fit.good_up_to) else None},
         'poor': fit.poor, 'notes': list(fit.notes)}

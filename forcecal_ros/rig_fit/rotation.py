@@ -35,7 +35,7 @@ class RotationFit(NamedTuple):
     told : bool
         Whether it turned.
     lag : float
-        From a slow command to the orientation [s].
+        From the stamp of a slow command to the orientation [s].
     """
 
     servo: Servo
@@ -56,14 +56,15 @@ def fit_rotation(rig: Rig, followed: Sequence[Followed], lag: float) -> Rotation
     """
     turn = max(float(np.linalg.norm(_away(one), axis=1).max()) for one in followed)
     if turn < TURNED:
-        servo = replace(rig.servo, orientation_bandwidth=2.0 / max(lag, 2.0 * COARSE))
+        rest = max(lag - rig.robot.period, 2.0 * COARSE)
+        servo = replace(rig.servo, orientation_bandwidth=2.0 / rest)
         return RotationFit(servo, False, lag)
     late = _shift(followed, round(MOST_DELAY / rig.robot.period)) * rig.robot.period
     late = max(late, rig.robot.period)
     delay, best = _best(rig, followed, late)
     servo = replace(_servo(rig, best.x, delay), orientation_tolerance=_directions(best))
     w, damping = best.x
-    return RotationFit(servo, True, float(delay + 2.0 * damping / w))
+    return RotationFit(servo, True, float(rig.robot.period + delay + 2.0 * damping / w))
 
 
 def _best(rig: Rig, followed: Sequence[Followed], late: float) -> tuple[float, OptimizeResult]:

@@ -40,7 +40,7 @@ class AxisFit(NamedTuple):
     order : int
         0 where the axis did not move and has another one's model.
     lag, lag_std : float
-        From a slow command to the position, servo included [s].
+        From the stamp of a slow command to the position [s].
     """
 
     model: Axis
@@ -116,13 +116,16 @@ def _fit_axis(rig: Rig, followed: Sequence[Followed], smooth: Sequence[Array], a
         candidates.append(min(tried.values(), key=lambda one: one.error))
     # not the smallest that is hardly worse: what it leaves would be in the forces, and what the
     # greater one does not know of itself is in its tolerance
-    chosen = min(candidates, key=lambda one: one.error)
-    lag, std = _lag(chosen.model)
-    if not std < SURE:
+    told = [one for one in candidates if _lag(one.model)[1] < SURE]
+    if not told:
+        best = min(_lag(one.model)[1] for one in candidates)
         raise DataError(f'target_frame: the lag of axis {"xyz"[axis]} is not told by its motion '
-                        f'(known to {std:.2g} periods, expected {SURE:g}); move it faster or '
+                        f'(known to {best:.2g} periods, expected {SURE:g}); move it faster or '
                         'farther')
-    servo = 3.0 / rig.servo.position_bandwidth
+    chosen = min(told, key=lambda one: one.error)
+    lag, std = _lag(chosen.model)
+    # a command is reached at the end of its period, without servo and equation
+    servo = 3.0 / rig.servo.position_bandwidth + period
     return AxisFit(_axis(chosen.model, period), chosen.order, lag * period + servo, std * period)
 
 
