@@ -11,8 +11,8 @@ and the noise of a UR's wrench (0.15 N, 6 mN m) and of poses (0.1 mm, 0.2 mrad).
 joints moves the arm otherwise and is no departure of the wrench from the motion: there, no effect
 is the right answer of two bags, and the difference of the motions tells it. With --rerun the
 simulation is run again with other numbers, and what is in the joints has a name. With --fit-rig
-there is no simulation: a rig is fitted to a recording of the robot without an effect, and others of
-the same robot and day are compared with that.
+there is no simulation: a rig is fitted to a recording of the robot without an effect, and others
+of the same robot and day are compared with that.
 """
 
 import os

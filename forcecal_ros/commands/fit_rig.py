@@ -88,15 +88,15 @@ def as_text(fit: 'RigFit') -> str:
     lines = [f'commands every {1e3 * rig.robot.period:.3g} ms']
     lines += [f'{name}: order {a.order or "of another axis"}, lag {1e3 * a.lag:.1f} +- '
               f'{1e3 * a.lag_std:.1g} ms' for name, a in zip('xyz', fit.axes)]
-    lines += [f'orientation: lag {1e3 * turn.lag:.1f} ms, delay '
+    lines += [(f'orientation: lag {1e3 * turn.lag:.1f} ms, delay '
               f'{1e3 * (rig.servo.orientation_delay or 0.0):.1f} ms, bandwidth '
-              f'{rig.servo.orientation_bandwidth:.3g} rad/s',
+              f'{rig.servo.orientation_bandwidth:.3g} rad/s'),
               f'tool: {tool.mass:.4g} kg, '
               + ('rigid' if rig.optidrive is None else
                  f'on a spring of {rig.optidrive.stiffness:.4g} N/m'),
-              f'noise: {rig.wrench_sensor.force_noise:.2g} N, '
+              (f'noise: {rig.wrench_sensor.force_noise:.2g} N, '
               f'{rig.wrench_sensor.torque_noise:.2g} N m, {1e6 * fit.noise[0]:.2g} um, '
-              f'{1e3 * fit.noise[1]:.2g} mrad',
+              f'{1e3 * fit.noise[1]:.2g} mrad'),
               f'the model of the robot leaves {1e6 * left.position:.2g} um and '
               f'{1e3 * left.orientation:.2g} mrad RMS of motion that it was not fitted to, beyond '
               f'noise, and rests {1e6 * left.position_offset:.2g} um and '

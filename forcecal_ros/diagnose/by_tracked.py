@@ -73,8 +73,8 @@ def diagnose_tracked(recording: Recording, heldout: Recording | None, rig: Rig,
     own = {f.name: getattr(outcome.rig, f.name) for f in fields(Rig)}
     reason = (f'{d.reason}; the motion itself is {1e3 * apart.translation.rms:.2g} mm and '
               f'{1e3 * apart.rotation.rms:.2g} mrad (RMS) from the simulated')
-    notes = [*d.notes, 'the model of the robot leaves more than the noise of the poses, so the '
-             'tool is carried along the measured motion']
+    notes = [*d.notes, ('the model of the robot leaves more than the noise of the poses, so the '
+             'tool is carried along the measured motion')]
     for _, one in moved:
         notes += _about(one, rig)
     return replace(outcome, rig=Rig(**{**own, 'spreads': rig.spreads}),

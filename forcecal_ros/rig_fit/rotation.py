@@ -1,4 +1,4 @@
-"""How orientation follows commands: a delay of whole periods, a bandwidth and a damping on SO(3)."""
+"""How orientation follows commands: whole periods of delay, bandwidth and damping on SO(3)."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,14 +15,14 @@ from scipy.optimize import least_squares, OptimizeResult
 TURNED = 0.01
 """Turn of the commands from which orientation counts as moved [rad]: ten times a pose's noise."""
 
-LIMITS = ((2.0, 0.3), (500.0, 3.0))
+LIMITS = ((2.0, 0.3), (300.0, 3.0))
 """Bandwidth [rad/s] and damping that are tried: the integration is right within them."""
 
 PATIENCE = 2
 """Longer delays, each worse than the best, that end the search for it."""
 
 COARSE = 0.002
-"""Longest integration step while fitting [s]; it is halved, and times 500 rad/s 1 at most."""
+"""Longest integration step while fitting [s]; half of it, times 1800 rad/s, is stable."""
 
 
 class RotationFit(NamedTuple):

@@ -110,8 +110,8 @@ def _with_accelerometer(rig: Rig, a: CalibratedAccelerometer, notes: tuple[str, 
             'along the sensor; record it in that frame, or leave it out of the recording')
     position = rig.tool.com
     if a.position is None:
-        notes = (*notes, 'nothing tells where the accelerometer sits; it is put into the centre '
-                 'of mass')
+        notes = (*notes, ('nothing tells where the accelerometer sits; it is put into the centre '
+                 'of mass'))
     else:
         x, y, z = a.position.value.tolist()
         position = (x, y, z)
@@ -147,5 +147,5 @@ def _by_motion(rig: Rig, recording: Recording, why: str) -> ToolFit:
     return ToolFit(
         replace(rig, tool=replace(tool, tip=tool.com), spreads=spreads,
                 wrench_sensor=replace(rig.wrench_sensor, bias=tuple(bias.tolist()))),
-        (f'the tool is told by the motion, which leaves {force:.2g} N and {torque:.2g} N m RMS; '
-         f'static poses would tell it better ({why})',))
+        ((f'the tool is told by the motion, which leaves {force:.2g} N and {torque:.2g} N m RMS; '
+         f'static poses would tell it better ({why})'),))

@@ -10,6 +10,7 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.impedance.plant.output_error import fit_output_error, OutputError
 from forcecal_ros.impedance.plant.robot_fit import Candidate, judged
 from forcecal_ros.rig_fit.grid import Followed
+from forcecal_ros.schema import Vector6
 from forcecal_ros.simulators.rig.plant import Plant
 from forcecal_ros.simulators.rig.robot import Motion
 import numpy as np
@@ -21,7 +22,7 @@ MOST_DELAY = 0.25
 """From command to position, at most [s]; robots' controllers take 10 to 100 ms."""
 
 MOVED = 1e-3
-"""Stroke of the commands from which an axis counts as moved [m]: ten times what a pose resolves."""
+"""Stroke of the commands from which an axis counts as moved [m]: ten times a pose's noise."""
 
 PAUSE = 0.5
 """Rest that is put between recordings, in which one's motion dies away [s]."""
@@ -82,7 +83,7 @@ def through_servo(rig: Rig, one: Followed) -> Array:
 
 
 def at_ends(rig: Rig, one: Followed, steps: int = 1) -> Motion:
-    """Return how a rig's robot moves, at the end of each period; position is exact at any steps."""
+    """Return how a rig's robot moves, at each period's end; position is exact at any steps."""
     rate = 1.0 / rig.robot.period
     bare = replace(rig, optidrive=None, **{name: replace(getattr(rig, name), rate=rate)
                                            for name in ('wrench_sensor', 'accelerometer',
@@ -118,9 +119,9 @@ def _fit_axis(rig: Rig, followed: Sequence[Followed], smooth: Sequence[Array], a
     # greater one does not know of itself is in its tolerance
     told = [one for one in candidates if _lag(one.model)[1] < SURE]
     if not told:
-        best = min(_lag(one.model)[1] for one in candidates)
+        surest = min(_lag(one.model)[1] for one in candidates)
         raise DataError(f'target_frame: the lag of axis {"xyz"[axis]} is not told by its motion '
-                        f'(known to {best:.2g} periods, expected {SURE:g}); move it faster or '
+                        f'(known to {surest:.2g} periods, expected {SURE:g}); move it faster or '
                         'farther')
     chosen = min(told, key=lambda one: one.error)
     lag, std = _lag(chosen.model)
@@ -159,8 +160,13 @@ def _directions(model: OutputError) -> Directions:
         step = np.sqrt(max(0.0, values[k])) * vectors[:, k]
         rows[i, :order], rows[i, 3:3 + order] = step[:order], step[order:]
     rows[:, 3] -= rows.sum(axis=1)  # rounding
-    a, b, c, d, e = (tuple(row) for row in rows.tolist())
+    a, b, c, d, e = (_six(row) for row in rows)
     return a, b, c, d, e
+
+
+def _six(row: Array) -> Vector6:
+    a, b, c, d, e, f = row.tolist()
+    return a, b, c, d, e, f
 
 
 def _lag(model: OutputError) -> tuple[float, float]:

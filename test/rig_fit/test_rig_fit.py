@@ -30,7 +30,7 @@ MASS, BIAS = 2.0, np.array([3.0, -2.0, 5.0, 0.1, 0.2, -0.1])
 
 
 def followed(t, told, at, derivative=0):
-    """What the robot makes of commands, interpolated: late, and through two equal poles."""
+    """Return what the robot makes of commands, interpolated: late, through two equal poles."""
     fine = np.arange(0.0, t[-1] + PERIOD, 0.0005)
     held = np.interp(fine - DELAY - PERIOD, t, told)
     _, y, _ = lsim(TransferFunction([W ** 2], [1.0, 2.0 * W, W ** 2]), held - told[0], fine)
@@ -42,7 +42,7 @@ def followed(t, told, at, derivative=0):
 
 @cache
 def recording(axes=(0, 1, 2), seed=0):
-    """A robot that is told poses every 8 ms, and says its own every 10 ms with noise."""
+    """Record a robot told poses every 8 ms, which says its own every 10 ms with noise."""
     rng = np.random.default_rng(seed)
     t = PERIOD * np.arange(round(SECONDS / PERIOD))
     rise = np.clip(np.minimum(t - 1.0, SECONDS - 1.0 - t), 0.0, 1.0)

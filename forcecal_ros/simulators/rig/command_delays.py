@@ -1,4 +1,4 @@
-"""Commands that take effect late: each Cartesian axis, and the orientation, by a time of its own."""
+"""Commands that take effect late: each axis, and the orientation, by a time of its own."""
 
 import math
 

@@ -136,7 +136,9 @@ def enough_steps(rig: Rig) -> int:
         and a whole number of them lies between the samples of each sensor.
     """
     common, rig = common_samples(rig), physical_rig(rig)
-    rates = [FASTEST / LONGEST_STEP, rig.servo.orientation_bandwidth, *slide_rates(rig)]
+    damping = max(1.0, rig.servo.orientation_damping or 1.0)
+    turning = rig.servo.orientation_bandwidth * (damping + math.sqrt(damping ** 2 - 1.0))
+    rates = [FASTEST / LONGEST_STEP, turning, *slide_rates(rig)]
     if rig.optidrive:
         rates += [
             math.sqrt((rig.optidrive.stiffness + rig.wall.stiffness) / rig.tool.mass),
