@@ -1,7 +1,8 @@
 """A robot against somebody else's simulation of it: what two bags of the same commands tell.
 
     pip install mujoco
-    python benchmark/any_simulator.py --out any_simulator.jsonl [--rerun] [--jobs N] [--clean N]
+    python benchmark/any_simulator.py --out any_simulator.jsonl [--rerun | --fit-rig] [--jobs N]
+        [--clean N] [--seeds N]
 
 An arm in MuJoCo stands for the robot: integrated four times as finely as its simulation (by Euler,
 too: MuJoCo's RK4 is 0.1 to 0.3 N from it on this arm at any step, which is a gap of its own), with
@@ -9,7 +10,9 @@ every number off by 0.5 to 2 %, with one effect or none, a sensor that nobody ze
 and the noise of a UR's wrench (0.15 N, 6 mN m) and of poses (0.1 mm, 0.2 mrad). What is in the
 joints moves the arm otherwise and is no departure of the wrench from the motion: there, no effect
 is the right answer of two bags, and the difference of the motions tells it. With --rerun the
-simulation is run again with other numbers, and what is in the joints has a name.
+simulation is run again with other numbers, and what is in the joints has a name. With --fit-rig
+there is no simulation: a rig is fitted to a recording of the robot without an effect, and others
+of the same robot and day are compared with that.
 """
 
 import os
@@ -27,9 +30,12 @@ sys.path.insert(0, str(ROOT))
 
 from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair
 from forcecal_ros.diagnose.by_simulator import diagnose_rerun
+from forcecal_ros.diagnose.by_tracked import diagnose_tracked, is_tracked
 from forcecal_ros.diagnose.one_clock import shifted
+from forcecal_ros.diagnose.pipeline import diagnose
 from forcecal_ros.geometry import rotation_from_vector
-from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.rig_fit.fit import fit_rig
+from forcecal_ros.simulators.rig.file import dump_rig, load_rig
 from forcecal_ros.simulators.third_party import third_party
 from mujoco_arm import Arm, ArmSimulator, commands, run, varied
 import numpy as np
@@ -94,10 +100,15 @@ SENSORS = {'delay': (late, 'wrench_delay'), 'crosstalk': (crosstalk, 'wrench_cro
            'gain': (gain, 'wrench_gain'), 'drift': (drift, 'wrench_bias_drift')}
 
 
-def measured(recording, effect, rng):
+def zero(rng):
+    """Return what a sensor reads that nobody zeroed."""
+    return rng.uniform(-1.0, 1.0, 6) * [10.0, 10.0, 10.0, 0.5, 0.5, 0.5]
+
+
+def measured(recording, effect, rng, of_sensor=None):
     """Give a recording what a sensor adds."""
     wrench, pose = recording.wrench, recording.pose
-    values = wrench.values + rng.uniform(-1.0, 1.0, 6) * [10.0, 10.0, 10.0, 0.5, 0.5, 0.5]
+    values = wrench.values + (zero(rng) if of_sensor is None else of_sensor)
     if effect in SENSORS:
         values = SENSORS[effect][0](wrench.t, values)
     values = values + rng.normal(size=values.shape) * NOISE
@@ -110,6 +121,8 @@ def measured(recording, effect, rng):
 def answer(case):
     """Diagnose one case."""
     effect, seed = case['effect'], case['seed']
+    if case.get('fit'):
+        return {**case, **_fitted(effect, seed, Path(case['fit']))}
     rng = np.random.default_rng([seed, *effect.encode()])
     joints = commands(seed, SECONDS)
     robot = varied(Arm(step=0.00025), rng)
@@ -117,6 +130,23 @@ def answer(case):
         robot = ARMS[effect][0](robot)
     real = measured(run(robot, joints, every=0.004), effect, rng)
     return {**case, **(_rerun if case['rerun'] else _compared)(real, joints)}
+
+
+def _fitted(effect, seed, folder):
+    rng = np.random.default_rng([seed, 1])
+    robot, of_sensor = varied(Arm(step=0.00025), rng), zero(rng)
+
+    def recorded(arm, effect, motion):
+        return measured(run(arm, commands(motion, SECONDS), every=0.004), effect,
+                        np.random.default_rng([motion, *effect.encode()]), of_sensor)
+
+    file = folder / f'robot{seed}.yaml'
+    if not file.exists():
+        fit = fit_rig([recorded(robot, 'none', 5000 + seed)], None, load_rig('rigid_tool.yaml'))
+        file.write_text(dump_rig(fit.rig))
+    rig = load_rig(file)
+    real = recorded(ARMS[effect][0](robot) if effect in ARMS else robot, effect, 6000 + seed)
+    return _said((diagnose_tracked if is_tracked(rig) else diagnose)(real, None, rig).diagnosis)
 
 
 def _compared(real, joints):
@@ -145,7 +175,7 @@ def _said(d):
 
 
 def same(case, result):
-    return all(case[k] == result[k] for k in ('effect', 'seed', 'rerun'))
+    return all(case.get(k) == result.get(k) for k in ('effect', 'seed', 'rerun', 'fit'))
 
 
 def table(results):
@@ -178,6 +208,8 @@ def main():
     parser.add_argument('--out', type=Path, required=True)
     parser.add_argument('--rerun', action='store_true',
                         help='run the simulation again with other numbers')
+    parser.add_argument('--fit-rig', action='store_true',
+                        help='compare with a rig that is fitted to another recording')
     parser.add_argument('--jobs', type=int, default=1)
     parser.add_argument('--clean', type=int, default=20, help='recordings without an effect')
     parser.add_argument('--seeds', type=int, default=2, help='recordings of each effect')
@@ -185,6 +217,10 @@ def main():
     wanted = [{'effect': 'none', 'seed': 100 + i, 'rerun': args.rerun} for i in range(args.clean)]
     wanted += [{'effect': name, 'seed': i, 'rerun': args.rerun} for name in (*ARMS, *SENSORS)
                for i in range(args.seeds)]
+    if args.fit_rig:
+        folder = args.out.with_suffix('')
+        folder.mkdir(exist_ok=True)
+        wanted = [{**one, 'fit': str(folder)} for one in wanted]
     table(resumed(answer, wanted, args.out, args.jobs, same))
 
 

@@ -40,6 +40,7 @@ HOLDS = {
     'recording.bags': 'the only readers\nof bags',
     'report': 'tables, pictures,\nHTML pages',
     'reproduce': "the papers' own\nexperiments",
+    'rig_fit': "a rig of somebody's\nrobot",
     'simulators': 'the rig; shares no\nphysics with identify',
 }
 """What each room is for, in the words of the picture."""

@@ -27,6 +27,9 @@ COMMANDS = {
         'fleet', 'show what drifted, and what first, of many robots over many nights'),
     'simulate': Command(
         'simulate', 'simulate the rig under recorded commands and write every sensor topic'),
+    'fit-rig': Command(
+        'fit_rig', 'make a rig of your robot from recordings of it, to simulate and to diagnose '
+        'by'),
     'check-simulator': Command(
         'check_simulator', 'try whether your own simulator can be compared with a robot'),
     'identify-robot': Command(

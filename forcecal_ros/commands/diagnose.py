@@ -26,7 +26,8 @@ NOMINAL = "this package's rig.yaml, nominal"
 
 ASSUMED = ('nothing says what was recorded, so it is compared with the rig that this package '
            'simulates; unless it is that one, name your tool by --calibration, your robot by '
-           '--rig, or your simulator by --simulated, --simulator or --mujoco')
+           '--rig (forcecal fit-rig makes one), or your simulator by --simulated, --simulator or '
+           '--mujoco')
 
 SIMULATORS = ('simulator', 'mujoco', 'simulated')
 """Options that name a simulator of the user's."""
@@ -144,6 +145,7 @@ def _read(args: argparse.Namespace) -> tuple[Any, Any]:
 
 def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any) -> Answer:
     """Replay the commands through the rig."""
+    from forcecal_ros.diagnose.by_tracked import diagnose_tracked, is_tracked
     from forcecal_ros.diagnose.channels import units
     from forcecal_ros.diagnose.pipeline import diagnose
     from forcecal_ros.diagnose.result import to_document
@@ -151,7 +153,8 @@ def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any, rig: An
     from forcecal_ros.simulators.rig.simulator import waits_for_compiler
 
     say_if_compiling(waits_for_compiler(), 'the simulator')
-    outcome = diagnose(recording, heldout, rig, args.accelerometer)
+    by = diagnose_tracked if is_tracked(rig) else diagnose
+    outcome = by(recording, heldout, rig, args.accelerometer)
     files = {'rig_patched.yaml': dump_rig(outcome.rig)} if outcome.cases else {}
     document = to_document(outcome.diagnosis, units(), next(iter(files), None))
     return _written(args, (recording, heldout), outcome, rig, units(), document, files)

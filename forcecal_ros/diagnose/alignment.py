@@ -10,6 +10,9 @@ import numpy as np
 ON_GRID = 2e-5
 """Commands stamped this close to the pose's grid hold from their stamp on [s]."""
 
+GATHERED = 0.3
+"""Mean of unit vectors, one a stamp, below which stamps keep no grid; even ones give 1, or 0."""
+
 SETTLING = 20.0
 """Most of a recording that is replayed to choose among whole periods [s]."""
 
@@ -47,11 +50,28 @@ def start_of(recording: Recording, rig: Rig, accelerometer: str) -> float:
     if pose is None or len(pose) < 50 or not pose.has_position:
         return first
     grid = min(period, float(np.median(np.diff(pose.t))))
-    shift = (_phase(pose.t, grid) - _phase(target.t, grid)) % grid
-    if min(shift, grid - shift) < ON_GRID:
+    shift = shift_of(target.t, pose.t, period)
+    if not shift:
         return first
     starts = [first + shift + k * grid for k in range(-1, 1 + round(period / grid))]
     return min(starts, key=lambda start: _pose_error(rig, target, pose, start, accelerometer))
+
+
+def shift_of(commands: Array, poses: Array, period: float) -> float:
+    """
+    Return how long after a command's stamp the grid of the poses has a point [s].
+
+    0 where both are on one grid, or where one has none.
+    """
+    grid = min(period, float(np.median(np.diff(poses))))
+    if min(_concentration(commands, grid), _concentration(poses, grid)) < GATHERED:
+        return 0.0
+    shift = (_phase(poses, grid) - _phase(commands, grid)) % grid
+    return 0.0 if min(shift, grid - shift) < ON_GRID else shift
+
+
+def _concentration(t: Array, period: float) -> float:
+    return float(np.abs(np.mean(np.exp(2j * np.pi * (t - t[0]) / period))))
 
 
 def _phase(t: Array, period: float) -> float:

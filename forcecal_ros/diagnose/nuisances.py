@@ -136,7 +136,7 @@ def nuisances(rig: Rig, accelerometer: str, streams: tuple[str, ...]) -> tuple[N
     -------
     tuple of Nuisance
     """
-    found: list[Nuisance] = []
+    found = _of_robot(rig)
     if 'wrench' in streams:
         found += [Nuisance('tool.mass', 'mass', scaled('tool', 'mass'), least=LEAST)]
         found += [Nuisance(f'tool.com.{a}', 'com', shifted('tool', 'com', i))
@@ -150,6 +150,42 @@ def nuisances(rig: Rig, accelerometer: str, streams: tuple[str, ...]) -> tuple[N
               *(Nuisance(f'wall.{n}', f'wall_{n}', scaled('wall', n), least=LEAST)
                 for n in ('stiffness', 'damping'))]
     return (*found, *of_sensors(accelerometer, streams))
+
+
+def _of_robot(rig: Rig) -> list[Nuisance]:
+    """List how else the robot may follow, where its model was fitted to recordings."""
+    found = [Nuisance(f'robot.{name}.{i}', 'robot', _followed_otherwise(name, i), spread=1.0)
+             for name, axis in zip('xyz', rig.robot.axes) if axis is not None and axis.tolerance
+             for i, row in enumerate(axis.tolerance) if any(row)]
+    found += [Nuisance(f'robot.turn.{i}', 'robot', _turned_otherwise(i), spread=1.0)
+              for i, row in enumerate(rig.servo.orientation_tolerance or ()) if any(row)]
+    return found
+
+
+def _followed_otherwise(name: str, direction: int) -> Callable[[Rig, float], Rig]:
+    def apply(rig: Rig, x: float) -> Rig:
+        axis = getattr(rig.robot, name)
+        step = x * np.array(axis.tolerance[direction])
+        feedback, feedforward = np.array(axis.feedback), np.array(axis.feedforward)
+        while np.abs(np.roots([1.0, *-(feedback + step[:3])])).max(initial=0.0) >= 1.0:
+            step = 0.5 * step  # as far as the robot stays stable
+        changed = replace(axis, feedback=tuple((feedback + step[:3]).tolist()),
+                          feedforward=tuple((feedforward + step[3:]).tolist()))
+        return replace(rig, robot=replace(rig.robot, **{name: changed}))
+    return apply
+
+
+def _turned_otherwise(direction: int) -> Callable[[Rig, float], Rig]:
+    def apply(rig: Rig, x: float) -> Rig:
+        servo = rig.servo
+        assert servo.orientation_tolerance is not None
+        w, damping, delay = x * np.array(servo.orientation_tolerance[direction])
+        return replace(rig, servo=replace(
+            servo, orientation_bandwidth=max(0.5 * servo.orientation_bandwidth,
+                                             servo.orientation_bandwidth + w),
+            orientation_damping=max(0.1, (servo.orientation_damping or 1.0) + damping),
+            orientation_delay=max(0.0, (servo.orientation_delay or 0.0) + delay)))
+    return apply
 
 
 def of_sensors(accelerometer: str, streams: tuple[str, ...]) -> list[Nuisance]:

@@ -5,6 +5,7 @@ from fractions import Fraction
 from math import inf, lcm
 
 from forcecal_ros.diagnose.channels import BLOCK
+from forcecal_ros.diagnose.measured_motion import EXACT
 from forcecal_ros.diagnose.nuisances import Nuisance, nuisances
 from forcecal_ros.diagnose.simulation import RATE, Signals, SMALL, UNSEEN
 from forcecal_ros.effects import AccelerometerEffects, applicable, EFFECTS, WrenchEffects
@@ -45,6 +46,8 @@ class Replay:
     def __init__(self, rig: Rig, target: PoseStream, start: float, end: float,
                  accelerometer: str) -> None:
         period = rig.robot.period
+        if rig.robot.unexplained is not None:  # fitted to recordings, as inexact as their motion
+            self.exact = EXACT
         self.start, self.accelerometer = start, accelerometer
         self.n_blocks = max(1, int(np.floor((end - start) / BLOCK + 1e-6)))
         # the last block may end within a period

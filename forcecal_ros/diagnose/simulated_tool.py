@@ -7,7 +7,7 @@ from forcecal_ros.diagnose.body import Body, body_of_rig, GYRATION
 from forcecal_ros.diagnose.carried_tool import CarriedTool
 from forcecal_ros.diagnose.channels import BLOCK
 from forcecal_ros.diagnose.nuisances import possible, rows_of
-from forcecal_ros.diagnose.simulation import block_means
+from forcecal_ros.diagnose.simulation import block_means, RATE
 from forcecal_ros.effects.rig import Rig, Spreads, Tool
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, skew
@@ -86,8 +86,48 @@ def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig) 
         The wrench holds no weight, or that of a tool that falls up.
     """
     motion = CarriedTool(simulated, start, n_blocks, 'acc1')
-    rows, wrench = _rows(motion, rig), block_means(motion.seen(simulated))
-    free = _free(simulated, start, n_blocks)
+    tool, bias, left = tool_along(motion, simulated, rig)
+    if tool[0] < -LIGHTEST:
+        raise DataError("the simulated wrench has the other sign: at rest it must be the tool's "
+                        f'weight, pointing down, and shows {tool[0]:.2f} kg; give '
+                        '--simulated-wrench-sign -1')
+    if tool[0] < LIGHTEST:
+        raise DataError(f'the simulated wrench holds no weight of a tool ({tool[0]:.3f} kg); let '
+                        'the simulator publish the wrench without compensation')
+    body = body_of_rig(replace(
+        rig, tool=with_moments(rig.tool, tool), effects=(), optidrive=None,
+        wrench_sensor=replace(rig.wrench_sensor, gain=(1.0,) * 6, bias=tuple(bias.tolist())),
+        spreads=_of_a_drawing(rig.spreads)))
+    spreads = replace(body.spreads, own_inertia=float(tool[0]) * GYRATION ** 2)
+    force, torque = (float(np.sqrt(np.mean(left[:, part] ** 2)))
+                     for part in (slice(0, 3), slice(3, 6)))
+    return SimulatedTool(replace(body, spreads=spreads), (force, torque))
+
+
+def tool_along(motion: CarriedTool, recording: Recording, rig: Rig
+               ) -> tuple[Array, Array, Array]:
+    """
+    Fit a tool to the wrench along a motion, robustly.
+
+    Parameters
+    ----------
+    motion : CarriedTool
+        Of the recording.
+    rig : Rig
+        Gives gravity.
+
+    Returns
+    -------
+    tool : ndarray, shape (10,)
+        Mass [kg], first moments [kg m], six elements of the inertia about the origin [kg m^2].
+    bias : ndarray, shape (6,)
+    left : ndarray, shape (n, 6)
+        Of the wrench in free motion.
+    """
+    n_blocks = len(motion.t) // round(BLOCK * RATE)
+    start = float(motion.t[0]) - 1.0 / RATE
+    rows, wrench = _rows(motion, rig), block_means(motion.seen(recording))
+    free = _free(recording, start, n_blocks)
     scale = np.array([1.0] * 3 + [0.1] * 3)  # a newton counts as much as a tenth of a newton metre
     a = (rows / scale[:, np.newaxis])[free].reshape(-1, rows.shape[2])
     b = (wrench / scale)[free].ravel()
@@ -95,28 +135,18 @@ def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig) 
     spread = float(np.median(np.abs(b - a @ theta))) / 0.6745
     theta = least_squares(lambda x: a @ x - b, theta, lambda x: a, loss='huber',
                           f_scale=OUTLIER * max(spread, 1e-6)).x
-    mass = float(theta[0])
-    if mass < -LIGHTEST:
-        raise DataError("the simulated wrench has the other sign: at rest it must be the tool's "
-                        f'weight, pointing down, and shows {mass:.2f} kg; give '
-                        '--simulated-wrench-sign -1')
-    if mass < LIGHTEST:
-        raise DataError(f'the simulated wrench holds no weight of a tool ({mass:.3f} kg); let the '
-                        'simulator publish the wrench without compensation')
-    com = theta[1:4] / mass
+    return theta[:10], theta[10:], (wrench - rows @ theta)[free]
+
+
+def with_moments(tool: Tool, moments: Array) -> Tool:
+    """Give a tool the mass, first and second moments of :func:`tool_along`."""
+    mass = float(moments[0])
+    com = moments[1:4] / mass
     W = skew(com)
-    inertia = symmetric(theta[4:10]) + mass * W @ W
-    left = (wrench - rows @ theta)[free]
-    force, torque = (float(np.sqrt(np.mean(left[:, part] ** 2)))
-                     for part in (slice(0, 3), slice(3, 6)))
-    tool: Tool = replace(rig.tool, mass=mass, com=tuple(com.tolist()),
-                         inertia=rows_of(possible(inertia)))
-    body = body_of_rig(replace(
-        rig, tool=tool, effects=(), optidrive=None,
-        wrench_sensor=replace(rig.wrench_sensor, gain=(1.0,) * 6, bias=tuple(theta[10:].tolist())),
-        spreads=_of_a_drawing(rig.spreads)))
-    spreads = replace(body.spreads, own_inertia=mass * GYRATION ** 2)
-    return SimulatedTool(replace(body, spreads=spreads), (force, torque))
+    inertia = symmetric(moments[4:10]) + mass * W @ W
+    changed: Tool = replace(tool, mass=mass, com=tuple(com.tolist()),
+                            inertia=rows_of(possible(inertia)))
+    return changed
 
 
 def _of_a_drawing(spreads: Spreads) -> Spreads:

@@ -31,6 +31,52 @@ class _Effects(Row):
         return chosen_effects(value)
 
 
+def _check_equation(where: str, feedback: Vector3, feedforward: Vector3) -> None:
+    """Refuse a difference equation that is unstable or rests elsewhere than told to."""
+    poles = np.roots([1.0, *(-c for c in feedback)])
+    if np.abs(poles).max(initial=0.0) >= 1.0:
+        raise ConfigError(f'{where}.feedback: unstable, a pole of magnitude '
+                          f'{np.abs(poles).max():.4f}; all must lie below 1')
+    gain = sum(feedforward) / (1.0 - sum(feedback))
+    if abs(gain - 1.0) > _GAIN_TOLERANCE:
+        raise ConfigError(f'{where}.feedforward: static gain {gain:.6f}; it must be 1, so that '
+                          'the robot rests where it is told to')
+
+
+Directions = tuple[Vector6, Vector6, Vector6, Vector6, Vector6]
+"""Of six numbers of which one follows from the others."""
+
+
+@dataclass(frozen=True)
+class Axis(Section, name='robot'):
+    """How position along one axis of base follows; commands are delayed, then filtered."""
+
+    delay: Annotated[float, Row('of the commands', 's', 0.0, 1.0)]
+    feedback: Annotated[Vector3, Row('of y at k-1, k-2, k-3', '1')]
+    feedforward: Annotated[Vector3, Row('of the delayed command at k, k-1, k-2', '1')]
+    tolerance: Annotated[Directions | None, Row(
+        'changes of these six, each 1 sigma and independent', '1', omit=True)] = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_equation(self.section, self.feedback, self.feedforward)
+
+
+@dataclass(frozen=True)
+class Unexplained(Section):
+    """What the model of the robot leaves of a motion that it was not fitted to, beyond noise."""
+
+    position: Annotated[float, Row('RMS', 'm', 0.0)]
+    orientation: Annotated[float, Row('RMS', 'rad', 0.0)]
+    position_offset: Annotated[float, Row('mean, beside that RMS', 'm', 0.0)] = 0.0
+    orientation_offset: Annotated[float, Row('mean, beside that RMS', 'rad', 0.0)] = 0.0
+
+    def beyond(self, sensor: 'PoseSensor') -> bool:
+        """Whether that shows in single poses: half of their noise is a quarter of its power."""
+        return (max(self.position, self.position_offset) > 0.5 * sensor.position_noise or
+                max(self.orientation, self.orientation_offset) > 0.5 * sensor.orientation_noise)
+
+
 @dataclass(frozen=True)
 class Robot(Section):
     """One model per Cartesian axis, [Gamez2005] Eq. 28 as difference equation."""
@@ -38,17 +84,20 @@ class Robot(Section):
     period: Annotated[float, Row('of Eq. 28 and of the commands', 's', above=0.0)]
     feedback: Annotated[Vector3, Row('of y at k-1, k-2, k-3', '1')]
     feedforward: Annotated[Vector3, Row('of the command at k-1, k-2, k-3', '1')]
+    x: Annotated[Axis | None, Row('in place of Eq. 28', omit=True)] = None
+    y: Annotated[Axis | None, Row('in place of Eq. 28', omit=True)] = None
+    z: Annotated[Axis | None, Row('in place of Eq. 28', omit=True)] = None
+    unexplained: Annotated[Unexplained | None, Row(
+        'RMS of measured less simulated motion, noise taken off', omit=True)] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        poles = np.roots([1.0, *(-c for c in self.feedback)])
-        if np.abs(poles).max() >= 1.0:
-            raise ConfigError(f'robot.feedback: unstable, a pole of magnitude '
-                              f'{np.abs(poles).max():.4f}; all must lie below 1')
-        gain = sum(self.feedforward) / (1.0 - sum(self.feedback))
-        if abs(gain - 1.0) > _GAIN_TOLERANCE:
-            raise ConfigError(f'robot.feedforward: static gain {gain:.6f}; it must be 1, so that '
-                              'the robot rests where it is told to')
+        _check_equation('robot', self.feedback, self.feedforward)
+
+    @property
+    def axes(self) -> tuple[Axis | None, Axis | None, Axis | None]:
+        """Models of the axes that have one of their own."""
+        return self.x, self.y, self.z
 
 
 @dataclass(frozen=True)
@@ -58,6 +107,12 @@ class Servo(Section):
     position_bandwidth: Annotated[float, Row('third order, critically damped', 'rad/s', above=0.0)]
     orientation_bandwidth: Annotated[float, Row(
         'second order on SO(3), critically damped', 'rad/s', above=0.0)]
+    orientation_damping: Annotated[float | None, Row(
+        'of that second order, 1 where it is absent', '1', above=0.0, omit=True)] = None
+    orientation_delay: Annotated[float | None, Row(
+        'of the commanded orientations, 0 where it is absent', 's', 0.0, 1.0, omit=True)] = None
+    orientation_tolerance: Annotated[Matrix3 | None, Row(
+        'changes of bandwidth, damping, delay, each 1 sigma and independent', omit=True)] = None
 
 
 @dataclass(frozen=True)

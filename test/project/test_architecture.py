@@ -18,7 +18,7 @@ NUMERICS = (
     ('calibration',),
     ('effects', 'identify', 'insitu', 'motion', 'observe', 'simulators'),
     ('diagnose', 'impedance'),
-    ('reproduce',),
+    ('reproduce', 'rig_fit'),
 )
 LAYERS = (
     *NUMERICS,

@@ -1,6 +1,6 @@
 """Output-error models of one order: the position as a response to the command alone."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
@@ -61,8 +61,8 @@ class OutputError(NamedTuple):
         return _respond(self.feedback, self.feedforward, self.delay, command) + self.offset
 
 
-def fit_output_error(command: Array, position: Array, order: int, delay: int, used: slice
-                     ) -> OutputError:
+def fit_output_error(command: Array, position: Array, order: int, delay: int, used: Any,
+                     unit_gain: bool = False) -> OutputError:
     """
     Fit a model whose error is that of the measured position, [Gamez2005] Eq. 28.
 
@@ -74,8 +74,10 @@ def fit_output_error(command: Array, position: Array, order: int, delay: int, us
         Number of poles, and of numbers in the numerator.
     delay : int
         Periods from a command to the first position that it changes.
-    used : slice
+    used : slice, or ndarray of bool, shape (n,)
         Samples whose errors count.
+    unit_gain : bool
+        Whether the model comes to rest at the command.
 
     Raises
     ------
@@ -83,11 +85,16 @@ def fit_output_error(command: Array, position: Array, order: int, delay: int, us
         No stable model of this order fits.
     """
     theta = _weighted_least_squares(command, position, order, delay, used)
-    theta, jacobian, residual = _gauss_newton(theta, command, position, order, delay, used)
-    degrees = max(1, len(residual) - len(theta))
+    free = np.eye(len(theta))
+    if unit_gain:  # the last number of the numerator makes up for the others
+        theta[2 * order - 1] = 1.0 - theta[:2 * order - 1].sum()
+        free[2 * order - 1, :-1] = -1.0
+        free = np.delete(free, 2 * order - 1, axis=1)
+    theta, jacobian, residual = _gauss_newton(theta, command, position, order, delay, used, free)
+    degrees = max(1, len(residual) - free.shape[1])
     scale = np.linalg.norm(jacobian, axis=0)
-    inverse = np.linalg.pinv(jacobian / scale)
-    covariance = inverse @ inverse.T / np.outer(scale, scale) * (residual @ residual / degrees)
+    inverse = free @ (np.linalg.pinv(jacobian / scale) / scale[:, np.newaxis])
+    covariance = inverse @ inverse.T * (residual @ residual / degrees)
     return OutputError(delay, theta[:order], theta[order:-1], float(theta[-1]),
                        covariance[:-1, :-1])
 
@@ -104,7 +111,7 @@ def _delayed(signal: Array, first: int, count: int) -> Array:
 
 
 def _weighted_least_squares(command: Array, position: Array, order: int, delay: int,
-                            used: slice) -> Array:
+                            used: Any) -> Array:
     """Start: least squares of the equation error, filtered by the denominator found before."""
     feedback, theta, best = np.zeros(order), np.zeros(2 * order + 1), np.inf
     for _ in range(_WEIGHTED_ROUNDS):
@@ -150,14 +157,14 @@ def _residual(theta: Array, command: Array, position: Array, order: int, delay: 
 
 
 def _gauss_newton(theta: Array, command: Array, position: Array, order: int, delay: int,
-                  used: slice) -> tuple[Array, Array, Array]:
-    """Return the best parameters, and jacobian of the model and residual there."""
+                  used: Any, free: Array) -> tuple[Array, Array, Array]:
+    """Return the best parameters, and residual and its jacobian, by what is free, there."""
     residual = _residual(theta, command, position, order, delay)[used]
     if not np.isfinite(residual).all():
         raise DataError(f'no stable model of order {order} fits; move more')
     for _ in range(_NEWTON_ROUNDS):
-        jacobian = _jacobian(theta, command, order, delay)[used]
-        change = _solved(jacobian, residual)
+        jacobian = _jacobian(theta, command, order, delay)[used] @ free
+        change = free @ _solved(jacobian, residual)
         cost = float(residual @ residual)
         for step in _STEPS:
             trial = theta + step * change
@@ -167,7 +174,7 @@ def _gauss_newton(theta: Array, command: Array, position: Array, order: int, del
                 break
         if cost - residual @ residual <= _CONVERGED * cost:
             break
-    return theta, _jacobian(theta, command, order, delay)[used], residual
+    return theta, _jacobian(theta, command, order, delay)[used] @ free, residual
 
 
 def _is_stable(feedback: Array) -> bool:

@@ -1,7 +1,7 @@
 """The robot's model from commands and positions, its order chosen on held-out data."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.errors import DataError
@@ -81,10 +81,17 @@ class RobotFit(NamedTuple):
     pairs: tuple[Pair, ...]
 
 
-class _Candidate(NamedTuple):
+class Candidate(NamedTuple):
+    """The best model of one order, and its squared errors on what was held out [m^2]."""
+
     order: int
     model: OutputError
     squares: Array
+
+    @property
+    def error(self) -> float:
+        """RMS on what was held out [m]."""
+        return float(np.sqrt(self.squares.mean()))
 
 
 def identify_robot(command: Array, position: Array, period: float, *,
@@ -115,26 +122,37 @@ def identify_robot(command: Array, position: Array, period: float, *,
                         f"tell the robot's model; record {FEWEST} or more that move it")
     held_out = slice(round(n * (1.0 - HELD_OUT)), n)
     used = slice(round(SETTLING / period), held_out.start)
-    candidates = []
-    for order in orders:
-        models = [fit_output_error(command, position, order, delay, used) for delay in delays]
-        candidates.append(min(
-            (_Candidate(order, model, (position - model.predict(command))[held_out]**2)
-             for model in models), key=lambda one: float(one.squares.mean())))
+    candidates = [min((judged(
+        fit_output_error(command, position, order, delay, used), order, command, position,
+        held_out) for delay in delays), key=lambda one: one.error) for order in orders]
     chosen = _smallest_of_the_best(candidates, float(np.mean(position**2)))
     model, order = chosen.model, chosen.order
     std = np.sqrt(np.diag(model.covariance))
     robot = Robot(period, model.delay, Estimate(model.feedback, std[:order], '1'),
                   Estimate(model.feedforward, std[order:], '1'))
-    error = float(np.sqrt(chosen.squares.mean()))
+    error = chosen.error
     return RobotFit(
         robot, model.offset, 1.0 - error / float(np.std(position[held_out])), error,
-        tuple(Order(c.order, c.model.delay, float(np.sqrt(c.squares.mean()))) for c in candidates),
+        tuple(Order(c.order, c.model.delay, c.error) for c in candidates),
         cancelling_pairs(robot))
 
 
-def _smallest_of_the_best(candidates: Sequence[_Candidate], power: float) -> _Candidate:
-    best = min(candidates, key=lambda one: float(one.squares.mean()))
+def judged(model: OutputError, order: int, command: Array, position: Array, held_out: Any
+           ) -> Candidate:
+    """Judge a model on what was held out, a slice or an ndarray of bool."""
+    return Candidate(order, model, (position - model.predict(command))[held_out]**2)
+
+
+def _smallest_of_the_best(candidates: Sequence[Candidate], power: float) -> Candidate:
+    """
+    Return the smallest order that is no worse than the best as far as standard errors tell.
+
+    Parameters
+    ----------
+    power : float
+        Mean square of the position [m^2], whose rounding does not count.
+    """
+    best = min(candidates, key=lambda one: one.error)
     for candidate in candidates:
         worse = candidate.squares - best.squares
         chance = float(np.std(worse)) / np.sqrt(len(worse)) + _ROUNDING**2 * power

@@ -68,6 +68,8 @@ def _lines(section: Section, indent: str) -> Iterator[str]:
         value, row, start = getattr(section, column.name), column.row, indent + column.key
         if column.name == 'effects':
             yield from _effect_lines(value)
+        elif value is None and row.omit:
+            continue
         elif column.holds_sections:
             note = row.meaning or column.kind.__doc__.split('\n')[0].rstrip('.')
             yield from [] if indent else ['']

@@ -10,10 +10,12 @@ import numpy as np
 
 PARAMETERS = np.dtype([
     ('period', 'f8'),                     # [s]
-    ('feedback', 'f8', 3),                # [1]
-    ('feedforward', 'f8', 3),             # [1]
+    ('feedback', 'f8', (3, 3)),           # [1] axis, k-1 to k-3
+    ('feedforward', 'f8', (3, 3)),        # [1] the same of the commands
+    ('direct', 'f8', 3),                  # 1: those are of k to k-2
     ('position_bandwidth', 'f8'),         # [rad/s]
     ('orientation_bandwidth', 'f8'),      # [rad/s]
+    ('orientation_damping', 'f8'),        # [1]
     ('gravity', 'f8', 3),                 # [m/s^2] in base
     ('mass', 'f8'),                       # [kg]
     ('com', 'f8', 3),                     # [m] in S, tool undisplaced
@@ -49,9 +51,13 @@ def kernel_parameters(rig: Rig, accelerometer: str | None = None) -> Array:
     rig = physical_rig(rig)
     slides = rig.optidrive
     model = rig.accelerometer.model(accelerometer)
+    robot, damping = rig.robot, rig.servo.orientation_damping
     return np.array((
-        rig.robot.period, rig.robot.feedback, rig.robot.feedforward,
+        robot.period, [(axis or robot).feedback for axis in robot.axes],
+        [(axis or robot).feedforward for axis in robot.axes],
+        [0.0 if axis is None else 1.0 for axis in robot.axes],
         rig.servo.position_bandwidth, rig.servo.orientation_bandwidth,
+        1.0 if damping is None else damping,
         rig.gravity,
         rig.tool.mass, rig.tool.com, rig.tool.inertia,
         0.0 if slides else 1.0,

@@ -6,6 +6,7 @@ from forcecal_ros.effects.numbers import physical_rig
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array, matrix_from_quaternion
+from forcecal_ros.simulators.rig.command_delays import CommandDelays
 from forcecal_ros.simulators.rig.parameters import kernel_parameters
 from forcecal_ros.simulators.rig.robot import Motion, move, robot_at_rest
 from forcecal_ros.simulators.rig.robot_effects import MotionEffects
@@ -63,6 +64,7 @@ class Plant:
         """
         R_base_sensor = matrix_from_quaternion(xyzw)
         self._effects = MotionEffects(self._rig, self._step / 2.0)
+        self._delays = CommandDelays(self._rig, position, xyzw)
         self._robot = robot_at_rest(position, xyzw)[0]
         self._tool = tool_at_rest(self._p, position, R_base_sensor)[0]
         self._highpass = highpass_settled(self._p, R_base_sensor)[0]
@@ -83,6 +85,7 @@ class Plant:
             At 2 steps m + 1 nodes.
         """
         motion = Motion.empty(2 * self.steps * len(positions) + 1)
+        positions, xyzw = self._delays(positions, xyzw)
         # copies: read-only arrays would be another type, and compiled anew
         move(self._p, self._robot, np.array(positions, dtype=float),
              np.array(xyzw, dtype=float), self.steps, motion)
@@ -133,7 +136,9 @@ def enough_steps(rig: Rig) -> int:
         and a whole number of them lies between the samples of each sensor.
     """
     common, rig = common_samples(rig), physical_rig(rig)
-    rates = [FASTEST / LONGEST_STEP, rig.servo.orientation_bandwidth, *slide_rates(rig)]
+    damping = max(1.0, rig.servo.orientation_damping or 1.0)
+    turning = rig.servo.orientation_bandwidth * (damping + math.sqrt(damping ** 2 - 1.0))
+    rates = [FASTEST / LONGEST_STEP, turning, *slide_rates(rig)]
     if rig.optidrive:
         rates += [
             math.sqrt((rig.optidrive.stiffness + rig.wall.stiffness) / rig.tool.mass),

@@ -105,8 +105,10 @@ def _follow_position(p: Record, state: Record, axis: int, command: float, first:
                      nodes: int, motion: Motion) -> None:
     r, y = state.commands, state.outputs
     previous, output = y[0, axis], 0.0
+    if p.direct[axis] > 0.0:
+        _shift(r, axis, command)
     for i in range(3):  # [Gamez2005] Eq. 28
-        output += p.feedback[i] * y[i, axis] + p.feedforward[i] * r[i, axis]
+        output += p.feedback[axis, i] * y[i, axis] + p.feedforward[axis, i] * r[i, axis]
     # (d/dt + w)^3 x = w^3 u for u = previous + slope t: x = u - 3 slope / w + q(t) exp(-w t)
     w, slope = p.position_bandwidth, (output - previous) / p.period
     start = previous - 3.0 * slope / w
@@ -128,15 +130,20 @@ def _follow_position(p: Record, state: Record, axis: int, command: float, first:
     state.position[axis] = motion.position[last, axis]
     state.velocity[axis] = motion.velocity[last, axis]
     state.acceleration[axis] = motion.acceleration[last, axis]
-    for i in range(2, 0, -1):
-        r[i, axis], y[i, axis] = r[i - 1, axis], y[i - 1, axis]
-    r[0, axis], y[0, axis] = command, output
+    _shift(y, axis, output)
+    if p.direct[axis] <= 0.0:
+        _shift(r, axis, command)
+
+
+@compiled
+def _shift(past: Array, axis: int, newest: float) -> None:
+    past[2, axis], past[1, axis], past[0, axis] = past[1, axis], past[0, axis], newest
 
 
 @compiled
 def _follow_orientation(p: Record, state: Record, command: Array, first: int, nodes: int,
                         motion: Motion) -> None:
-    w, h = p.orientation_bandwidth, p.period / nodes
+    w, drag, h = p.orientation_bandwidth, 2.0 * p.orientation_damping, p.period / nodes
     z, trial, k = np.empty(7), np.empty(7), np.empty((4, 7))
     previous, goal, goal_middle, goal_end = np.empty(4), np.empty(4), np.empty(4), np.empty(4)
     geodesic, relative = np.empty(3), np.empty(4)
@@ -147,7 +154,7 @@ def _follow_orientation(p: Record, state: Record, command: Array, first: int, no
     _relative(previous, command, relative)
     _log(relative, geodesic)
     for j in range(nodes + 1):
-        _turn_rate(w, z, goal, relative, k[0])
+        _turn_rate(w, drag, z, goal, relative, k[0])
         _write_turn(z, k[0], first + j, motion)
         if j == nodes:
             break
@@ -158,13 +165,13 @@ def _follow_orientation(p: Record, state: Record, command: Array, first: int, no
                 goal_end[i] = command[i]
         for i in range(7):
             trial[i] = z[i] + 0.5 * h * k[0, i]
-        _turn_rate(w, trial, goal_middle, relative, k[1])
+        _turn_rate(w, drag, trial, goal_middle, relative, k[1])
         for i in range(7):
             trial[i] = z[i] + 0.5 * h * k[1, i]
-        _turn_rate(w, trial, goal_middle, relative, k[2])
+        _turn_rate(w, drag, trial, goal_middle, relative, k[2])
         for i in range(7):
             trial[i] = z[i] + h * k[2, i]
-        _turn_rate(w, trial, goal_end, relative, k[3])
+        _turn_rate(w, drag, trial, goal_end, relative, k[3])
         for i in range(7):
             z[i] += h / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])
         norm = math.sqrt(z[0] ** 2 + z[1] ** 2 + z[2] ** 2 + z[3] ** 2)
@@ -178,8 +185,12 @@ def _follow_orientation(p: Record, state: Record, command: Array, first: int, no
 
 
 @compiled
-def _turn_rate(w: float, z: Array, goal: Array, relative: Array, rate: Array) -> None:
-    """Give d/dt of (R, omega): dR/dt = R [omega], d omega/dt = w^2 log(R^T goal) - 2 w omega."""
+def _turn_rate(w: float, drag: float, z: Array, goal: Array, relative: Array, rate: Array) -> None:
+    """
+    Give d/dt of (R, omega).
+
+    dR/dt = R [omega], d omega/dt = w^2 log(R^T goal) - drag w omega, drag twice the damping.
+    """
     qx, qy, qz, qw = z[0], z[1], z[2], z[3]
     ox, oy, oz = z[4], z[5], z[6]
     rate[0] = 0.5 * (qw * ox + qy * oz - qz * oy)
@@ -189,7 +200,7 @@ def _turn_rate(w: float, z: Array, goal: Array, relative: Array, rate: Array) ->
     _relative(z, goal, relative)
     _log(relative, rate[4:])
     for i in range(4, 7):
-        rate[i] = w * w * rate[i] - 2.0 * w * z[i]
+        rate[i] = w * w * rate[i] - drag * w * z[i]
 
 
 @compiled

@@ -1,0 +1,113 @@
+"""``forcecal fit-rig``: a rig of somebody's robot from recordings of it."""
+
+import argparse
+from typing import Any, TYPE_CHECKING
+
+from forcecal_ros.commands.common import (
+    add_bag,
+    add_json,
+    new_parser,
+    print_json,
+    read_poses_of_sensor,
+    say,
+    say_if_compiling,
+    warn,
+)
+from forcecal_ros.commands.numbers import gravity, real
+from forcecal_ros.commands.outputs import add_output, FILE
+from forcecal_ros.errors import UsageError
+
+if TYPE_CHECKING:
+    from forcecal_ros.rig_fit.fit import RigFit
+
+RIGID = 'rigid_tool.yaml'
+"""Gives the tolerances, and what recordings do not tell."""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(
+        subparsers, 'fit-rig',
+        example='forcecal fit-rig my_bag --heldout another_bag -o my_rig.yaml\n'
+                '  forcecal diagnose a_third_bag --rig my_rig.yaml -o diagnosis')
+    add_bag(parser, several=True)
+    parser.add_argument('--heldout', metavar='BAG',
+                        help='recording that chooses the order and judges the model (default: '
+                             'every third second)')
+    parser.add_argument('--gravity', metavar='M/S^2', type=gravity,
+                        help='magnitude of gravity where the robot stands (default: 9.80665)')
+    parser.add_argument('--gravity-direction', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
+                        help="direction of gravity in the robot's base, of any length, where base "
+                             'is not level (default: 0 0 -1)')
+    add_output(parser, '-o', '--output', kind=FILE, suffix='.yaml', metavar='RIG.yaml',
+               default='my_rig.yaml',
+               help='rig to write; a file that is there is kept as RIG.yaml~')
+    add_json(parser)
+    parser.set_defaults(run=run, inputs=('bag', 'heldout'))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    from forcecal_ros.atomic_files import write_text
+    from forcecal_ros.geometry import STANDARD_GRAVITY
+    from forcecal_ros.identify.settings import IdentificationSettings
+    from forcecal_ros.recording.checks.entry import checked
+    from forcecal_ros.rig_fit.fit import document, fit_rig
+    from forcecal_ros.simulators.rig.file import dump_rig, load_rig
+    from forcecal_ros.simulators.rig.simulator import waits_for_compiler
+
+    direction = args.gravity_direction
+    if direction is not None and not any(direction):
+        raise UsageError('--gravity-direction 0 0 0 is no direction; 0 0 -1 is down in a level '
+                         'base')
+    settings = IdentificationSettings(
+        gravity=args.gravity or STANDARD_GRAVITY, wrench_sign=args.wrench_sign,
+        gravity_direction=tuple(direction) if direction else None)
+    recordings = [checked(read_poses_of_sensor(args, bag)).recording for bag in args.bag]
+    heldout = checked(read_poses_of_sensor(args, args.heldout)).recording if args.heldout else None
+    say_if_compiling(waits_for_compiler(), 'the simulator')
+    fit = fit_rig(recordings, heldout, load_rig(RIGID), settings)
+    heading = '\n'.join(f'# {line}' for line in (
+        f'Fitted by forcecal fit-rig to {", ".join(args.bag)}. SI units throughout.', '',
+        *as_text(fit).splitlines()))
+    write_text(args.output, dump_rig(fit.rig, heading + '\n'))
+    for note in (*(n for one in recordings for n in one.notes), *fit.notes):
+        warn(note)
+    if args.json:
+        print_json(document(fit, args.output))
+    else:
+        say(f'{as_text(fit)}\n\nwritten to {args.output}')
+    return 0
+
+
+def as_text(fit: 'RigFit') -> str:
+    """Say how the robot follows, what hangs on it, and what the model leaves."""
+    rig, turn = fit.rig, fit.rotation
+    left, tool = rig.robot.unexplained, rig.tool
+    assert left is not None
+    lines = [f'commands every {1e3 * rig.robot.period:.3g} ms']
+    lines += [f'{name}: order {a.order or "of another axis"}, lag {1e3 * a.lag:.1f} +- '
+              f'{1e3 * a.lag_std:.1g} ms' for name, a in zip('xyz', fit.axes)]
+    lines += [(f'orientation: lag {1e3 * turn.lag:.1f} ms, delay '
+              f'{1e3 * (rig.servo.orientation_delay or 0.0):.1f} ms, bandwidth '
+              f'{rig.servo.orientation_bandwidth:.3g} rad/s'),
+              f'tool: {tool.mass:.4g} kg, '
+              + ('rigid' if rig.optidrive is None else
+                 f'on a spring of {rig.optidrive.stiffness:.4g} N/m'),
+              (f'noise: {rig.wrench_sensor.force_noise:.2g} N, '
+              f'{rig.wrench_sensor.torque_noise:.2g} N m, {1e6 * fit.noise[0]:.2g} um, '
+              f'{1e3 * fit.noise[1]:.2g} mrad'),
+              f'the model of the robot leaves {1e6 * left.position:.2g} um and '
+              f'{1e3 * left.orientation:.2g} mrad RMS of motion that it was not fitted to, beyond '
+              f'noise, and rests {1e6 * left.position_offset:.2g} um and '
+              f'{1e3 * left.orientation_offset:.2g} mrad from the commands; ' + _reach(fit)]
+    if fit.poor:
+        lines.append('that is more than noise: a diagnosis takes the measured motion, and '
+                     'compares the robot by what it leaves')
+    return '\n'.join(lines)
+
+
+def _reach(fit: 'RigFit') -> str:
+    if fit.good_up_to < fit.moved_up_to:
+        return f'from {fit.good_up_to:.1f} Hz on that is a tenth of the motion or more'
+    return f'below a tenth of the motion as far as it moved, {fit.moved_up_to:.1f} Hz'

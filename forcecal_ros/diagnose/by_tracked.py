@@ -1,0 +1,124 @@
+"""A robot that its rig's model does not follow within the noise of the poses.
+
+What such a model leaves of the motion would look like a gap of the wrench. So the tool is carried
+along the motion as measured and simulated poses together tell it, and the robot is judged by how
+far the two are apart, against what the rig states.
+"""
+
+from collections.abc import Iterator
+from dataclasses import fields, replace
+
+from forcecal_ros.diagnose.alignment import start_of
+from forcecal_ros.diagnose.body import body_of_rig
+from forcecal_ros.diagnose.by_motion import diagnose_motion
+from forcecal_ros.diagnose.case import mounted
+from forcecal_ros.diagnose.merged_motion import merged
+from forcecal_ros.diagnose.motion_case import require_wrench_and_pose, SHORTEST
+from forcecal_ros.diagnose.pairing import require_overlap
+from forcecal_ros.diagnose.pipeline import Outcome
+from forcecal_ros.diagnose.replay import Replay
+from forcecal_ros.diagnose.result import Diagnosis
+from forcecal_ros.diagnose.simulation import RATE
+from forcecal_ros.diagnose.stamps import evened
+from forcecal_ros.diagnose.tracking import Difference, Tracking, tracking
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.errors import DataError
+from forcecal_ros.recording.streams import PoseStream, Recording
+import numpy as np
+
+LATER = 3.0
+"""
+Times what a rig states, from which its robot follows otherwise than when it was fitted: in other
+places a linear model leaves twice as much.
+"""
+
+
+def is_tracked(rig: Rig) -> bool:
+    """Whether a rig states that its robot's model leaves more than the noise of the poses."""
+    left = rig.robot.unexplained
+    return left is not None and left.beyond(rig.pose_sensor)
+
+
+def diagnose_tracked(recording: Recording, heldout: Recording | None, rig: Rig,
+                     accelerometer: str | None = None) -> Outcome:
+    """
+    Find out why a wrench is not what the motion says, and how far the robot is from its model.
+
+    Parameters
+    ----------
+    recording : Recording
+        To fit on.
+    heldout : Recording or None
+        To judge on; every other second of ``recording`` where none is given.
+    rig : Rig
+        Of :func:`is_tracked`.
+    accelerometer : str, optional
+        ``acc1`` or ``acc2``; recognised where none is given.
+
+    Returns
+    -------
+    Outcome
+        Data that cannot answer come out as such, with the reason.
+    """
+    given = [one for one in (recording, heldout) if one is not None]
+    try:
+        moved = [_merged(one, rig, accelerometer) for one in given]
+    except DataError as error:
+        return Outcome(Diagnosis('invalid_data', str(error)), rig)
+    outcome = diagnose_motion(moved[0][0], moved[1][0] if heldout is not None else None,
+                              body_of_rig(rig), None, accelerometer)
+    d, apart = outcome.diagnosis, moved[0][1]
+    if d.verdict == 'invalid_data':
+        return replace(outcome, rig=rig)
+    own = {f.name: getattr(outcome.rig, f.name) for f in fields(Rig)}
+    reason = (f'{d.reason}; the motion itself is {1e3 * apart.translation.rms:.2g} mm and '
+              f'{1e3 * apart.rotation.rms:.2g} mrad (RMS) from the simulated')
+    notes = [*d.notes, ('the model of the robot leaves more than the noise of the poses, so the '
+             'tool is carried along the measured motion')]
+    for _, one in moved:
+        notes += _about(one, rig)
+    return replace(outcome, rig=Rig(**{**own, 'spreads': rig.spreads}),
+                   diagnosis=replace(d, reason=reason, notes=tuple(notes)))
+
+
+def _merged(recording: Recording, rig: Rig, accelerometer: str | None
+            ) -> tuple[Recording, Tracking]:
+    require_wrench_and_pose(recording, 'the recording lacks wrench or measured pose, and the rig '
+                            'states that its model of the robot does not replace that; record '
+                            'current_pose')
+    ready = evened(recording).recording
+    require_overlap(ready, 'pose', SHORTEST)
+    target, pose = ready.target, ready.pose
+    assert target is not None
+    assert pose is not None
+    name = accelerometer or mounted(ready, rig)
+    start = start_of(ready, rig, name)
+    end = min(float(target.t[-1]) + rig.robot.period, float(pose.t[-1]))
+    signals = Replay(rig, target, start, end, name).signals(rig)
+    t = start + (1.0 + np.arange(float(len(signals.position)))) / RATE
+    simulated = PoseStream(t, signals.position, signals.R_base_sensor, pose.frame)
+    return replace(ready, pose=merged(pose, simulated)), tracking(pose, simulated, True)
+
+
+def _about(apart: Tracking, rig: Rig) -> Iterator[str]:
+    left = rig.robot.unexplained
+    assert left is not None
+    for name, one, stated, noise, unit in (
+            ('translation', apart.translation, left.position, rig.pose_sensor.position_noise,
+             'mm'),
+            ('rotation', apart.rotation, left.orientation, rig.pose_sensor.orientation_noise,
+             'mrad')):
+        yield _one(name, one, stated, noise, unit, rig.robot.period)
+
+
+def _one(name: str, one: Difference, stated: float, noise: float, unit: str, period: float
+         ) -> str:
+    words = (f'{name}: {1e3 * one.rms:.2g} {unit} from the simulated, the rig states '
+             f'{1e3 * stated:.2g} {unit}')
+    if np.isfinite(one.delay):
+        words += (f'; the robot is {1e3 * one.delay:.1f} +- {1e3 * one.delay_std:.1f} ms later, '
+                  f'which leaves {1e3 * one.left:.2g} {unit}')
+    late = np.isfinite(one.delay) and abs(one.delay) > max(3.0 * one.delay_std, 0.5 * period)
+    if late or one.left > LATER * float(np.hypot(stated, noise)):
+        words += '; it follows otherwise than when the rig was fitted: fit it anew'
+    return words

@@ -1,0 +1,151 @@
+"""Tool and sensors of a recording as sections of a rig, by the same estimates as a calibration."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from forcecal_ros.calibration.model import Accelerometer as CalibratedAccelerometer
+from forcecal_ros.calibration.model import Calibration, Estimate
+from forcecal_ros.diagnose.body import GYRATION
+from forcecal_ros.diagnose.carried_tool import CarriedTool
+from forcecal_ros.diagnose.motion_case import span
+from forcecal_ros.diagnose.nuisances import possible, rows_of
+from forcecal_ros.diagnose.simulated_tool import DRAWN, LIGHTEST, tool_along, with_moments
+from forcecal_ros.effects.rig import Accelerometer, AccelerometerModel, Optidrive, Rig, Spreads
+from forcecal_ros.errors import DataError, UnobservableError
+from forcecal_ros.geometry import rotation_vector
+from forcecal_ros.identify.pipeline import identify
+from forcecal_ros.identify.settings import IdentificationSettings
+from forcecal_ros.recording.streams import Recording
+from forcecal_ros.rig_fit.sensors import noise_of, rate_beside
+import numpy as np
+
+MOST_TURNED = 0.02
+"""Of an accelerometer against ft_sensor [rad]: that reads 2 % of gravity on another axis."""
+
+UNKNOWN_INERTIA = 1.0
+"""Relative tolerance of an inertia that nothing tells."""
+
+
+class ToolFit(NamedTuple):
+    """A rig with tool and sensors as they are, and what is to be known of them."""
+
+    rig: Rig
+    notes: tuple[str, ...]
+
+
+def fit_tool(rig: Rig, recordings: Sequence[Recording], settings: IdentificationSettings
+             ) -> ToolFit:
+    """
+    Give a rig the tool and the sensors of a robot.
+
+    Static poses tell them as in a calibration; without enough of them, the motion tells the tool.
+
+    Raises
+    ------
+    DataError
+        The wrench holds no weight, or the accelerometer sits turned.
+    """
+    for one in recordings:
+        try:
+            return _calibrated(rig, one, identify(one, settings))
+        except UnobservableError as error:
+            why = str(error)
+        except DataError as error:
+            why = str(error)
+    return _by_motion(rig, recordings[0], why)
+
+
+def _calibrated(rig: Rig, recording: Recording, c: Calibration) -> ToolFit:
+    mass, usual, notes = float(c.mass), rig.spreads, []
+    inertia, relative = mass * GYRATION ** 2 * np.eye(3), UNKNOWN_INERTIA
+    if c.inertia is None:
+        notes.append(f'nothing tells the inertia of the tool; that of a gripper of {mass:.3g} kg '
+                     'is taken')
+    else:
+        inertia = possible(c.inertia.value)
+        known = np.diag(_std(c.inertia)) / np.maximum(np.diag(inertia), 1e-9)
+        relative = min(UNKNOWN_INERTIA, float(known.max()))
+    com = tuple(c.com.value.tolist())
+    rig = replace(
+        rig, tool=replace(rig.tool, mass=mass, com=com, inertia=rows_of(inertia), tip=com),
+        wrench_sensor=replace(rig.wrench_sensor, bias=tuple(c.wrench_bias.value.tolist())),
+        optidrive=_slide(rig, recording, c),
+        spreads=_no_surer(usual, mass=_std(c.mass).max() / mass, com=_std(c.com).max(),
+                          inertia=relative, force_bias=_std(c.wrench_bias)[:3].max(),
+                          torque_bias=_std(c.wrench_bias)[3:].max()))
+    if c.tool is not None and rig.optidrive is None:
+        notes.append('the tool gives, and no Optidrive says how far; it is taken as rigid')
+    if c.accelerometer is None:
+        return ToolFit(rig, (*notes, 'no accelerometer was recorded; the rig has the nominal one'))
+    return _with_accelerometer(rig, c.accelerometer, tuple(notes))
+
+
+def _std(estimate: Estimate) -> Any:
+    return np.nan_to_num(np.atleast_1d(estimate.std))
+
+
+def _no_surer(usual: Spreads, **known: float) -> Spreads:
+    """Add what an estimate does not know to how far a healthy rig departs from its file."""
+    spreads: Spreads = replace(usual, **{
+        name: float(np.hypot(getattr(usual, name), std)) for name, std in known.items()})
+    return spreads
+
+
+def _slide(rig: Rig, recording: Recording, c: Calibration) -> Optidrive | None:
+    stream, tool = recording.optidrive, c.tool
+    if tool is None or stream is None or len(stream) < 2:
+        return None
+    return Optidrive(float(tool.stiffness), max(0.0, float(tool.damping)),
+                     rate_beside(stream.t, rig.robot.period), noise_of(stream.values))
+
+
+def _with_accelerometer(rig: Rig, a: CalibratedAccelerometer, notes: tuple[str, ...]) -> ToolFit:
+    """Mount it; one in m/s^2 keeps a gain of 1, and what it is off counts as tolerance."""
+    turned = float(np.linalg.norm(rotation_vector(a.map.value)))
+    if turned > MOST_TURNED:
+        raise DataError(
+            f'accelerometer: its axes are turned by {np.degrees(turned):.1f} deg against '
+            f'ft_sensor, expected {np.degrees(MOST_TURNED):.1f} deg at most, as a rig mounts it '
+            'along the sensor; record it in that frame, or leave it out of the recording')
+    position = rig.tool.com
+    if a.position is None:
+        notes = (*notes, ('nothing tells where the accelerometer sits; it is put into the centre '
+                 'of mass'))
+    else:
+        x, y, z = a.position.value.tolist()
+        position = (x, y, z)
+    gain, offset = a.gain.value, a.offset.value
+    of_gain = float(np.max(_std(a.gain) / np.abs(gain)))
+    if a.unit != 'V':
+        of_gain = float(np.hypot(of_gain, np.abs(gain - 1.0).max()))
+        gain = np.ones(3)
+    ac = a.coupling == 'ac' and a.cutoff is not None
+    model = AccelerometerModel(tuple(gain.tolist()), tuple(offset.tolist()),
+                               float(a.cutoff) if ac and a.cutoff is not None else 0.0)
+    mounted: Accelerometer = replace(rig.accelerometer, mounted='acc1', acc1=model,
+                                     position=position)
+    spreads = _no_surer(rig.spreads, accelerometer_gain=of_gain,
+                        accelerometer_offset=_std(a.offset).max())
+    return ToolFit(replace(rig, accelerometer=mounted, spreads=spreads), notes)
+
+
+def _by_motion(rig: Rig, recording: Recording, why: str) -> ToolFit:
+    """Take the tool that explains the wrench along the measured motion best."""
+    first, n = span(replace(recording, accelerometer=None))
+    motion = CarriedTool(replace(recording, accelerometer=None), first, n, 'acc1', clear=True)
+    moments, bias, left = tool_along(motion, recording, rig)
+    mass = float(moments[0])
+    if mass < LIGHTEST:
+        raise DataError(f'wrench: it shows a tool of {mass:.2f} kg, expected its weight, pointing '
+                        'down, at rest; ' + ('give --wrench-sign -1' if mass < -LIGHTEST else
+                                             'record it without compensation'))
+    tool = with_moments(rig.tool, moments)
+    spreads = _no_surer(rig.spreads, mass=DRAWN[0], com=DRAWN[1], inertia=UNKNOWN_INERTIA)
+    force, torque = (float(np.sqrt(np.mean(left[:, part] ** 2)))
+                     for part in (slice(0, 3), slice(3, 6)))
+    return ToolFit(
+        replace(rig, tool=replace(tool, tip=tool.com), spreads=spreads,
+                wrench_sensor=replace(rig.wrench_sensor, bias=tuple(bias.tolist()))),
+        ((f'the tool is told by the motion, which leaves {force:.2g} N and {torque:.2g} N m RMS; '
+         f'static poses would tell it better ({why})'),))

@@ -1,0 +1,184 @@
+"""How position follows commands: a delay and a difference equation for each axis of base."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from forcecal_ros.effects.rig import Axis, Directions, Rig
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array
+from forcecal_ros.impedance.plant.output_error import fit_output_error, OutputError
+from forcecal_ros.impedance.plant.robot_fit import Candidate, judged
+from forcecal_ros.rig_fit.grid import Followed
+from forcecal_ros.schema import Vector6
+from forcecal_ros.simulators.rig.plant import Plant
+from forcecal_ros.simulators.rig.robot import Motion
+import numpy as np
+
+ORDERS = (1, 2, 3)
+"""Of the difference equation that are tried: a rig holds three."""
+
+MOST_DELAY = 0.25
+"""From command to position, at most [s]; robots' controllers take 10 to 100 ms."""
+
+MOVED = 1e-3
+"""Stroke of the commands from which an axis counts as moved [m]: ten times a pose's noise."""
+
+PAUSE = 0.5
+"""Rest that is put between recordings, in which one's motion dies away [s]."""
+
+SURE = 1.0
+"""Standard error of an axis's lag, in periods, up to which its delay is told."""
+
+
+class AxisFit(NamedTuple):
+    """
+    One axis.
+
+    Attributes
+    ----------
+    model : Axis
+    order : int
+        0 where the axis did not move and has another one's model.
+    lag, lag_std : float
+        From the stamp of a slow command to the position [s].
+    """
+
+    model: Axis
+    order: int
+    lag: float
+    lag_std: float
+
+
+def fit_translation(rig: Rig, followed: Sequence[Followed]) -> list[AxisFit]:
+    """
+    Fit the axes.
+
+    Parameters
+    ----------
+    rig : Rig
+        Its period and servo count.
+    followed : sequence of Followed
+
+    Raises
+    ------
+    DataError
+        No axis moved, or the motion does not tell a lag.
+    """
+    strokes = np.max([np.ptp(one.position[one.used], axis=0) for one in followed
+                      if one.used.any()], axis=0)
+    if strokes.max() < MOVED:
+        raise DataError(f'target_frame: the commands move by {1e3 * strokes.max():.2g} mm, '
+                        f'expected {1e3 * MOVED:g} mm at least along one axis; record a motion')
+    smooth = [through_servo(rig, one) for one in followed]
+    found = {axis: _fit_axis(rig, followed, smooth, axis)
+             for axis in range(3) if strokes[axis] >= MOVED}
+    leading = found[max(found, key=lambda axis: float(strokes[axis]))]
+    return [found.get(axis, leading._replace(order=0)) for axis in range(3)]
+
+
+def through_servo(rig: Rig, one: Followed) -> Array:
+    """Return where a robot without equation would be at the end of each period, shape (m, 3)."""
+    return at_ends(rig, one).position
+
+
+def at_ends(rig: Rig, one: Followed, steps: int = 1) -> Motion:
+    """Return how a rig's robot moves, at each period's end; position is exact at any steps."""
+    rate = 1.0 / rig.robot.period
+    bare = replace(rig, optidrive=None, **{name: replace(getattr(rig, name), rate=rate)
+                                           for name in ('wrench_sensor', 'accelerometer',
+                                                        'pose_sensor')})
+    plant = Plant(bare, steps=steps)
+    plant.rest(one.position[0], one.xyzw[0])
+    every = 2 * steps
+    return Motion(*(part[every::every] for part in plant.move(one.position, one.xyzw)))
+
+
+def _fit_axis(rig: Rig, followed: Sequence[Followed], smooth: Sequence[Array], axis: int
+              ) -> AxisFit:
+    period = rig.robot.period
+    gap = np.zeros(round(PAUSE / period))
+    command = np.concatenate([np.append(s[:, axis] - s[0, axis], gap) for s in smooth])
+    position = np.concatenate([np.append(one.reached[:, axis] - one.reached[0, axis], gap)
+                               for one in followed])
+    used, held = (np.concatenate([np.append(getattr(one, name), gap > 0.0) for one in followed])
+                  for name in ('used', 'held'))
+    most = _shift(command, position, used, round(MOST_DELAY / period))
+    candidates = []
+    for order in ORDERS:
+        tried: dict[int, Candidate] = {}
+        for delay in sorted({0, most // 3, 2 * most // 3, most}):
+            _try(tried, order, delay, command, position, used, held)
+        for _ in range(2):
+            best = min(tried.values(), key=lambda one: one.error).model.delay
+            for delay in {best - 2, best - 1, best + 1, best + 2} - set(tried):
+                if 0 <= delay <= most + 1:
+                    _try(tried, order, delay, command, position, used, held)
+        candidates.append(min(tried.values(), key=lambda one: one.error))
+    # not the smallest that is hardly worse: what it leaves would be in the forces, and what the
+    # greater one does not know of itself is in its tolerance
+    told = [one for one in candidates if _lag(one.model)[1] < SURE]
+    if not told:
+        surest = min(_lag(one.model)[1] for one in candidates)
+        raise DataError(f'target_frame: the lag of axis {"xyz"[axis]} is not told by its motion '
+                        f'(known to {surest:.2g} periods, expected {SURE:g}); move it faster or '
+                        'farther')
+    chosen = min(told, key=lambda one: one.error)
+    lag, std = _lag(chosen.model)
+    # a command is reached at the end of its period, without servo and equation
+    servo = 3.0 / rig.servo.position_bandwidth + period
+    return AxisFit(_axis(chosen.model, period), chosen.order, lag * period + servo, std * period)
+
+
+def _try(tried: dict[int, Candidate], order: int, delay: int, command: Array, position: Array,
+         used: Array, held: Array) -> None:
+    tried[delay] = judged(fit_output_error(command, position, order, delay, used, unit_gain=True),
+                          order, command, position, held)
+
+
+def _shift(command: Array, position: Array, used: Array, most: int) -> int:
+    """Return by how many periods a command has to be shifted to be nearest to the position."""
+    def apart(k: int) -> float:
+        return float(np.std((position[k:] - command[:len(command) - k])[used[k:]]))
+    return min(range(most + 1), key=apart)
+
+
+def _axis(model: OutputError, period: float) -> Axis:
+    feedback, feedforward = (np.append(c, np.zeros(3 - len(c)))
+                             for c in (model.feedback, model.feedforward))
+    a, b, c = feedback.tolist()
+    d, e, f = feedforward.tolist()
+    return Axis(model.delay * period, (a, b, c), (d, e, f), _directions(model))
+
+
+def _directions(model: OutputError) -> Directions:
+    """Return the principal changes of the six coefficients, the static gain kept."""
+    order = len(model.feedback)
+    values, vectors = np.linalg.eigh(model.covariance)
+    rows = np.zeros((5, 6))
+    for i, k in enumerate(np.argsort(values)[::-1][:2 * order - 1]):
+        step = np.sqrt(max(0.0, values[k])) * vectors[:, k]
+        rows[i, :order], rows[i, 3:3 + order] = step[:order], step[order:]
+    rows[:, 3] -= rows.sum(axis=1)  # rounding
+    a, b, c, d, e = (_six(row) for row in rows)
+    return a, b, c, d, e
+
+
+def _six(row: Array) -> Vector6:
+    a, b, c, d, e, f = row.tolist()
+    return a, b, c, d, e, f
+
+
+def _lag(model: OutputError) -> tuple[float, float]:
+    """Return the lag of slow commands, and its standard error [periods]."""
+    order = len(model.feedback)
+    theta = np.append(model.feedback, model.feedforward)
+
+    def lag(x: Array) -> float:
+        a, b, i = x[:order], x[order:], np.arange(order)
+        return float((b @ i + a @ (i + 1.0)) / (1.0 - a.sum()))
+
+    step = 1e-6
+    slope = np.array([(lag(theta + step * e) - lag(theta - step * e)) / (2.0 * step)
+                      for e in np.eye(2 * order)])
+    return model.delay + lag(theta), float(np.sqrt(max(0.0, slope @ model.covariance @ slope)))
