@@ -20,6 +20,9 @@ from forcecal_ros.errors import UsageError
 if TYPE_CHECKING:
     from forcecal_ros.rig_fit.fit import RigFit
 
+WALL = ('the recording touches something, and no wall was fitted: what comes of a touch would be '
+        'unknown to a diagnosis; write the wall into the rig, or diagnose recordings without one')
+
 RIGID = 'rigid_tool.yaml'
 """Gives the tolerances, and what recordings do not tell."""
 
@@ -52,6 +55,7 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.geometry import STANDARD_GRAVITY
     from forcecal_ros.identify.settings import IdentificationSettings
     from forcecal_ros.recording.checks.entry import checked
+    from forcecal_ros.recording.streams import TOUCHING
     from forcecal_ros.rig_fit.fit import document, fit_rig
     from forcecal_ros.simulators.rig.file import dump_rig, load_rig
     from forcecal_ros.simulators.rig.simulator import waits_for_compiler
@@ -73,6 +77,8 @@ def run(args: argparse.Namespace) -> int:
     write_text(args.output, dump_rig(fit.rig, heading + '\n'))
     for note in (*(n for one in recordings for n in one.notes), *fit.notes):
         warn(note)
+    if any(phase.name in TOUCHING for one in recordings for phase in one.phases):
+        warn(WALL)
     if args.json:
         print_json(document(fit, args.output))
     else:
