@@ -20,8 +20,8 @@ from forcecal_ros.errors import UsageError
 if TYPE_CHECKING:
     from forcecal_ros.rig_fit.fit import RigFit
 
-WALL = ('the recording touches something, and no wall was fitted: what comes of a touch would be '
-        'unknown to a diagnosis; write the wall into the rig, or diagnose recordings without one')
+WALL = ('the recording touches something, and no wall is fitted: a diagnosis with this rig leaves '
+        'out phases of contact, until its wall is written into the file')
 
 RIGID = 'rigid_tool.yaml'
 """Gives the tolerances, and what recordings do not tell."""
@@ -31,8 +31,7 @@ def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'fit-rig',
-        example='forcecal fit-rig my_bag --heldout another_bag -o my_rig.yaml\n'
-                '  forcecal diagnose a_third_bag --rig my_rig.yaml -o diagnosis')
+        example='forcecal fit-rig my_bag --heldout another_bag -o my_rig.yaml')
     add_bag(parser, several=True)
     parser.add_argument('--heldout', metavar='BAG',
                         help='recording that chooses the order and judges the model (default: '

@@ -8,12 +8,16 @@ from forcecal_ros.diagnose.channels import BLOCK
 from forcecal_ros.diagnose.replay import Replay
 from forcecal_ros.diagnose.residual import Measured
 from forcecal_ros.diagnose.simulation import Signals, Simulation
+from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
-from forcecal_ros.recording.streams import Phase, Recording
+from forcecal_ros.recording.streams import Phase, Recording, TOUCHING
 import numpy as np
 from numpy.typing import NDArray
+
+FARTHEST = EFFECTS['wall_position'].parameters[0].high
+"""By which a wall may be nearer than in a rig's file: as an effect may shift it [m]."""
 
 MARGIN = 25
 """Blocks around contact that count as contact."""
@@ -67,6 +71,18 @@ class Case:
             rows = (t >= phase.start) & (t < phase.end)
             found[phase.name] = found.get(phase.name, np.zeros(len(t), dtype=bool)) | rows
         return {name: rows for name, rows in found.items() if rows.any()}
+
+
+def without_touches(case: Case, rig: Rig) -> bool:
+    """Leave out phases that touch what a rig has no wall for; say whether there are any."""
+    signals = case.nominal
+    tip = signals.position + signals.R_base_sensor @ np.array(rig.tool.tip)
+    if tip[:, 0].max() + FARTHEST > rig.wall.position:
+        return False
+    touching = [rows for phase, rows in case.phase_rows().items() if phase in TOUCHING]
+    for rows in touching:
+        case.measured.present[rows] = False
+    return bool(touching)
 
 
 def mounted(recording: Recording, rig: Rig) -> str:

@@ -4,7 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from forcecal_ros.diagnose import steps
-from forcecal_ros.diagnose.case import Case, held_apart, in_volts, prepare, SHORTEST, split
+from forcecal_ros.diagnose.case import (
+    Case,
+    held_apart,
+    in_volts,
+    prepare,
+    SHORTEST,
+    split,
+    without_touches,
+)
 from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.discrepancy import NONE
 from forcecal_ros.diagnose.gap import Gap
@@ -56,6 +64,9 @@ CHECKED = 0.99
 
 FAINT = 1e-3
 """Probability below which an effect that a discrepancy may only look like is not listed."""
+
+NO_WALL = ('phases that touch something are left out, as the rig has no wall within reach; write '
+           'where it is into the rig to have them compared')
 
 LINES = 2
 """Lines that a discrepancy may have: mains and a motor."""
@@ -119,8 +130,13 @@ def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
         cases = [prepare(s.recording, rig, accelerometer) for s in stamps]
     except DataError as error:
         return Outcome(Diagnosis('invalid_data', str(error)), rig)
+    left_out = [without_touches(case, rig) for case in cases]
     ready = held_apart(*cases) if len(cases) > 1 else (split(cases[0]),)
-    return answered(rig, ready, stamps, given)
+    outcome = answered(rig, ready, stamps, given)
+    if not any(left_out):
+        return outcome
+    return replace(outcome, diagnosis=replace(
+        outcome.diagnosis, notes=(NO_WALL, *outcome.diagnosis.notes)))
 
 
 def answered(rig: Rig, cases: tuple[Case, ...], stamps: Sequence[Corrected],
