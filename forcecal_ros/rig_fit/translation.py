@@ -7,8 +7,9 @@ from typing import NamedTuple
 from forcecal_ros.effects.rig import Axis, Directions, Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
-from forcecal_ros.impedance.plant.output_error import fit_output_error, OutputError
+from forcecal_ros.impedance.plant.output_error import OutputError
 from forcecal_ros.impedance.plant.robot_fit import Candidate, judged
+from forcecal_ros.rig_fit.damped import fit_damped
 from forcecal_ros.rig_fit.grid import Followed
 from forcecal_ros.schema import Vector6
 from forcecal_ros.simulators.rig.plant import Plant
@@ -132,7 +133,7 @@ def _fit_axis(rig: Rig, followed: Sequence[Followed], smooth: Sequence[Array], a
 
 def _try(tried: dict[int, Candidate], order: int, delay: int, command: Array, position: Array,
          used: Array, held: Array) -> None:
-    tried[delay] = judged(fit_output_error(command, position, order, delay, used, unit_gain=True),
+    tried[delay] = judged(fit_damped(command, position, order, delay, used),
                           order, command, position, held)
 
 

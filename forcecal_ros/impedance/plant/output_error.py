@@ -61,8 +61,8 @@ class OutputError(NamedTuple):
         return _respond(self.feedback, self.feedforward, self.delay, command) + self.offset
 
 
-def fit_output_error(command: Array, position: Array, order: int, delay: int, used: Any,
-                     unit_gain: bool = False) -> OutputError:
+def fit_output_error(command: Array, position: Array, order: int, delay: int, used: Any
+                     ) -> OutputError:
     """
     Fit a model whose error is that of the measured position, [Gamez2005] Eq. 28.
 
@@ -76,8 +76,6 @@ def fit_output_error(command: Array, position: Array, order: int, delay: int, us
         Periods from a command to the first position that it changes.
     used : slice, or ndarray of bool, shape (n,)
         Samples whose errors count.
-    unit_gain : bool
-        Whether the model comes to rest at the command.
 
     Raises
     ------
@@ -85,12 +83,35 @@ def fit_output_error(command: Array, position: Array, order: int, delay: int, us
         No stable model of this order fits.
     """
     theta = _weighted_least_squares(command, position, order, delay, used)
+    theta = _gauss_newton(theta, command, position, order, delay, used)
+    return with_covariance(theta, command, position, delay, used)
+
+
+def with_covariance(theta: Array, command: Array, position: Array, delay: int, used: Any,
+                    unit_gain: bool = False) -> OutputError:
+    """
+    Return a model of given numbers, with the covariance that its error gives them.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (2 n + 1,)
+        Feedback, feedforward, offset.
+    command, position : ndarray, shape (n,)
+        One sample a period, from rest at 0 [m].
+    delay : int
+        [periods]
+    used : slice, or ndarray of bool, shape (n,)
+        Samples whose errors count.
+    unit_gain : bool
+        Whether every model comes to rest at the command.
+    """
+    order = len(theta) // 2
     free = np.eye(len(theta))
     if unit_gain:  # the last number of the numerator makes up for the others
-        theta[2 * order - 1] = 1.0 - theta[:2 * order - 1].sum()
         free[2 * order - 1, :-1] = -1.0
         free = np.delete(free, 2 * order - 1, axis=1)
-    theta, jacobian, residual = _gauss_newton(theta, command, position, order, delay, used, free)
+    residual = _residual(theta, command, position, order, delay)[used]
+    jacobian = _jacobian(theta, command, order, delay)[used] @ free
     degrees = max(1, len(residual) - free.shape[1])
     scale = np.linalg.norm(jacobian, axis=0)
     inverse = free @ (np.linalg.pinv(jacobian / scale) / scale[:, np.newaxis])
@@ -104,7 +125,7 @@ def _respond(feedback: Array, feedforward: Array, delay: int, command: Array) ->
     return np.asarray(lfilter(above, np.append(1.0, -feedback), command))
 
 
-def _delayed(signal: Array, first: int, count: int) -> Array:
+def delayed(signal: Array, first: int, count: int) -> Array:
     """Return columns of the signal delayed by first, first + 1, ... samples."""
     return np.stack([np.append(np.zeros(k), signal[:len(signal) - k])
                      for k in range(first, first + count)], axis=1)
@@ -118,7 +139,7 @@ def _weighted_least_squares(command: Array, position: Array, order: int, delay: 
         below = np.append(1.0, -feedback)
         y, r, one = (lfilter([1.0], below, signal)
                      for signal in (position, command, np.ones(len(position))))
-        columns = np.column_stack([_delayed(y, 1, order), _delayed(r, delay, order), one])
+        columns = np.column_stack([delayed(y, 1, order), delayed(r, delay, order), one])
         found = _solved(columns[used], y[used])
         feedback = _stabilised(found[:order])
         found[-1] /= 1.0 - feedback.sum()
@@ -157,14 +178,13 @@ def _residual(theta: Array, command: Array, position: Array, order: int, delay: 
 
 
 def _gauss_newton(theta: Array, command: Array, position: Array, order: int, delay: int,
-                  used: Any, free: Array) -> tuple[Array, Array, Array]:
-    """Return the best parameters, and residual and its jacobian, by what is free, there."""
+                  used: Any) -> Array:
+    """Return the best parameters."""
     residual = _residual(theta, command, position, order, delay)[used]
     if not np.isfinite(residual).all():
         raise DataError(f'no stable model of order {order} fits; move more')
     for _ in range(_NEWTON_ROUNDS):
-        jacobian = _jacobian(theta, command, order, delay)[used] @ free
-        change = free @ _solved(jacobian, residual)
+        change = _solved(_jacobian(theta, command, order, delay)[used], residual)
         cost = float(residual @ residual)
         for step in _STEPS:
             trial = theta + step * change
@@ -174,7 +194,7 @@ def _gauss_newton(theta: Array, command: Array, position: Array, order: int, del
                 break
         if cost - residual @ residual <= _CONVERGED * cost:
             break
-    return theta, _jacobian(theta, command, order, delay)[used] @ free, residual
+    return theta
 
 
 def _is_stable(feedback: Array) -> bool:
@@ -186,5 +206,5 @@ def _jacobian(theta: Array, command: Array, order: int, delay: int) -> Array:
     below = np.append(1.0, -theta[:order])
     r = lfilter([1.0], below, command)
     y = lfilter([1.0], below, _respond(theta[:order], theta[order:-1], delay, command))
-    return np.column_stack([_delayed(y, 1, order), _delayed(r, delay, order),
+    return np.column_stack([delayed(y, 1, order), delayed(r, delay, order),
                             np.ones(len(command))])
