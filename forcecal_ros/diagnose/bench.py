@@ -113,6 +113,11 @@ class Bench:
         return _Level(sizes, train, held, null, fit(train + held, self.null_prior).log_evidence)
 
     @property
+    def excess(self) -> float:
+        """Held-out whitened energy above the noise, without a discrepancy."""
+        return next(level.excess for level in self.levels if level.sizes == NONE)
+
+    @property
     def unnamed(self) -> float:
         """Log-likelihood of a discrepancy against none, and what is left beyond it."""
         every, found = self._all

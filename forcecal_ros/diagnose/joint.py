@@ -102,7 +102,7 @@ def joint(problem: Problem, accepted: Sequence[Accepted], step: Array | None = N
         if fraction <= SHORTEST \
                 or (step[m:].max(initial=0.0) < 1e-3 and step[:m].max(initial=0.0) < 0.1):
             break
-        if released and step[:m].max() > FAR:
+        if (released and step[:m].max() > FAR) or out.is_far(step[:m]):
             out.linearise()
     return out, now, tangents
 

@@ -11,6 +11,8 @@ import numpy as np
 LIMIT = 3.0
 """Spreads that a nuisance may take up; an effect of its name is what lies beyond."""
 
+ROBOT = 'robot'
+"""Key of how a robot follows otherwise than fitted: poles move motion in no straight line."""
 
 LEAST = -0.95
 """Relative departure of what cannot be negative."""
@@ -154,10 +156,10 @@ def nuisances(rig: Rig, accelerometer: str, streams: tuple[str, ...]) -> tuple[N
 
 def _of_robot(rig: Rig) -> list[Nuisance]:
     """List how else the robot may follow, where its model was fitted to recordings."""
-    found = [Nuisance(f'robot.{name}.{i}', 'robot', _followed_otherwise(name, i), spread=1.0)
+    found = [Nuisance(f'robot.{name}.{i}', ROBOT, _followed_otherwise(name, i), spread=1.0)
              for name, axis in zip('xyz', rig.robot.axes) if axis is not None and axis.tolerance
              for i, row in enumerate(axis.tolerance) if any(row)]
-    found += [Nuisance(f'robot.turn.{i}', 'robot', _turned_otherwise(i), spread=1.0)
+    found += [Nuisance(f'robot.turn.{i}', ROBOT, _turned_otherwise(i), spread=1.0)
               for i, row in enumerate(rig.servo.orientation_tolerance or ()) if any(row)]
     return found
 

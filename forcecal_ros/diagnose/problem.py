@@ -9,7 +9,7 @@ from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.columns import Column, column, combined, nuisance_column
 from forcecal_ros.diagnose.discrepancy import Beside, Discrepancy, NONE, Products, Sizes
 from forcecal_ros.diagnose.evidence import Fit, fit, Gram, Prior
-from forcecal_ros.diagnose.nuisances import apply_all, LIMIT, Nuisance, spreads
+from forcecal_ros.diagnose.nuisances import apply_all, LIMIT, Nuisance, ROBOT, spreads
 from forcecal_ros.diagnose.simulation import block_means, Signals
 from forcecal_ros.effects import Effect, with_effects
 from forcecal_ros.effects.rig import Rig
@@ -42,6 +42,12 @@ hundredth of that. With less a recording is computed, not measured.
 
 CONVERGED = 0.05
 """Step of the nuisances, in spreads, that ends it."""
+
+FAR = 2.0
+"""Step of nuisances, in spreads, after which columns are taken anew where they are curved."""
+
+FRACTIONS = (1.0, 0.5, 0.25, 0.1)
+"""Of a step along curved nuisances that are tried in turn."""
 
 Values = Mapping[str, Mapping[str, float]]
 """Effect -> parameter -> value."""
@@ -233,11 +239,32 @@ class Problem:
         self.refit_noise(self.fit_nuisances().x)
         for _ in range(MOST_ROUNDS):
             step = self.fit_nuisances().x
-            self.centre = self.moved(step)
-            self.settle()
+            self._approach(step)
             self.refit_noise(np.zeros(len(self.nuisances)))
             if np.abs(step).max(initial=0.0) < CONVERGED:
                 break
+
+    def is_far(self, step: Array) -> bool:
+        """Say whether a step of the nuisances leaves where their columns hold."""
+        return any(abs(x) > FAR for x, n in zip(step, self.nuisances) if n.key == ROBOT)
+
+    def _approach(self, step: Array) -> None:
+        """Take a step of the nuisances, where it may mislead as far as it makes things better."""
+        if not self.is_far(step):
+            self.centre = self.moved(step)
+            self.settle()
+            return
+        before = self.standing()
+        for fraction in FRACTIONS:
+            tried = replace(self, centre=self.moved(fraction * step))
+            try:
+                tried.settle()
+            except Diverged:
+                continue
+            if tried.standing() > before:
+                self.centre = tried.centre
+                break
+        self.linearise()
 
     def difference(self, effects: Values) -> list[Column]:
         """Return what other effects do to each recording, as columns."""

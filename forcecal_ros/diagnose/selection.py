@@ -10,9 +10,11 @@ from forcecal_ros.diagnose.channels import CHANNELS
 from forcecal_ros.diagnose.hypotheses import Hypothesis
 from forcecal_ros.diagnose.joint import Accepted, joint, joint_if_finite, without
 from forcecal_ros.diagnose.memory import slow_gain
+from forcecal_ros.diagnose.nuisances import LIMIT, ROBOT
 from forcecal_ros.diagnose.problem import Problem
 from forcecal_ros.diagnose.ranking import (
     acceptable,
+    LEAST_FRACTION,
     LEAST_GAIN,
     PARSIMONY,
     ranked,
@@ -123,6 +125,7 @@ def select(problem: Problem, found: Sequence[Hypothesis], bare: Problem) -> Sele
                 break
             out.add(best.name)
             fitted = None
+        fitted = fitted or _in_full(problem, accepted, tangents, trials, out)
         if fitted is None:
             break
         problem, accepted, tangents = _settled(*_shaped(*fitted))
@@ -135,6 +138,31 @@ def select(problem: Problem, found: Sequence[Hypothesis], bare: Problem) -> Sele
     doubtful = {name: lead for name, lead in leads.items() if name not in sure}
     return Selection(problem, tuple(accepted), tuple(tangents), rivals, first, sure,
                      last.unnamed, last.wanting, doubtful)
+
+
+def _in_full(problem: Problem, accepted: list[Accepted], tangents: list[Tangent],
+             trials: Sequence[Trial], out: set[str]
+             ) -> tuple[Problem, list[Accepted], list[Tangent]] | None:
+    """
+    Fit the likeliest effect in full where the robot's own nuisances stand in for it.
+
+    These have gone so far that what their columns say of it holds no more: its evidence shows,
+    but neither what it brings on held-out data nor its share.
+    """
+    standing_in = any(n.key == ROBOT and abs(x) > 0.9 * LIMIT
+                      for n, x in zip(problem.nuisances, problem.centre))
+    best = max((t for t in trials if t.name not in out), key=lambda t: t.evidence, default=None)
+    if best is None or not standing_in or best.evidence < LEAST_GAIN:
+        return None
+    before = Bench(problem, tangents)
+    fitted = joint_if_finite(replace(problem, allowed=best.discrepancy),
+                             [*accepted, Accepted.of(best)], best.nuisances)
+    if fitted is None:
+        return None
+    after = Bench(fitted[0], fitted[2])
+    explained = 1.0 - after.excess / before.excess
+    return fitted if (after.null_predictive > before.null_predictive + LEAST_GAIN
+                      and explained > LEAST_FRACTION) else None
 
 
 def _certain(start: Problem, problem: Problem, accepted: list[Accepted],
