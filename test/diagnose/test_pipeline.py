@@ -101,7 +101,7 @@ def test_a_turned_accelerometer_is_identified_with_its_angle(sample):
 
 
 def test_what_no_effect_explains_is_unknown_and_stays_out_of_the_rig(sample):
-    rig, sample = load_rig(), free_part(sample)
+    rig = load_rig()
     pose, wrench = sample.pose, sample.wrench
     place = np.interp(wrench.t, pose.t, pose.position[:, 0])
     cogging = 1.5 * np.sin(2.0 * np.pi * (place - place[0]) / 0.0025)
