@@ -6,6 +6,7 @@ follows from two others is left out, and so are the tools, which every room may 
 
 import ast
 from collections.abc import Iterable, Mapping
+from functools import cache
 from importlib.util import resolve_name
 from itertools import pairwise
 from pathlib import Path
@@ -55,14 +56,20 @@ def module_name(path: Path) -> str:
 
 
 PATHS = {module_name(path): path for path in sorted(SOURCE.rglob('*.py'))}
-TREES = {name: ast.parse(path.read_text()) for name, path in PATHS.items()}
 
 
-def imported_by(name: str) -> set[str]:
+@cache
+def tree(name: str) -> ast.Module:
+    """Return the source of a module, parsed."""
+    return ast.parse(PATHS[name].read_text())
+
+
+@cache
+def imported_by(name: str) -> frozenset[str]:
     """Return every module that is named in an import of this one, wherever in its text."""
     found = set()
     package = name if PATHS[name].name == '__init__.py' else name.rpartition('.')[0]
-    for node in ast.walk(TREES[name]):
+    for node in ast.walk(tree(name)):
         if isinstance(node, ast.Import):
             found.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -70,10 +77,7 @@ def imported_by(name: str) -> set[str]:
             for alias in node.names:
                 submodule = f'{base}.{alias.name}'
                 found.add(submodule if submodule in PATHS else base)
-    return found
-
-
-IMPORTS = {name: imported_by(name) for name in PATHS}
+    return frozenset(found)
 
 
 def room(name: str) -> str:
@@ -86,9 +90,9 @@ def room(name: str) -> str:
 def rooms() -> Graph:
     """Return which rooms each room imports, tools left out."""
     graph: dict[str, set[str]] = {}
-    for name, targets in IMPORTS.items():
+    for name in PATHS:
         graph.setdefault(room(name), set()).update(
-            room(target) for target in targets if target in PATHS)
+            room(target) for target in imported_by(name) if target in PATHS)
     left_out = {'', *TOOLS}
     return {one: frozenset(targets - left_out - {one}) for one, targets in sorted(graph.items())
             if one not in left_out}
@@ -179,8 +183,8 @@ KINDS = {ROS: 'knows ROS', EDGE: 'reads recordings, draws, talks to the user',
 
 def colour(name: str) -> str:
     """Return the colour of a room by what its modules import from elsewhere."""
-    outside = {target.split('.')[0] for module, targets in IMPORTS.items()
-               if room(module) == name for target in targets}
+    outside = {target.split('.')[0] for module in PATHS
+               if room(module) == name for target in imported_by(module)}
     if 'rclpy' in outside:
         return ROS
     return EDGE if outside & {'argparse', 'matplotlib', 'rosbags'} else NUMERICS

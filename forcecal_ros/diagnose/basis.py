@@ -9,7 +9,6 @@ from forcecal_ros.diagnose.simulation import block_means, RATE, Signals
 from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 BUMPS = 7
 """Radial bumps along each axis of the workspace: a fifth of a robot's cell between two."""
@@ -162,5 +161,7 @@ def _turning_over(rates: Array) -> list[Array]:
 
 def _remembered(row: Array, memory: float) -> Array:
     """Return a signal behind a first-order lag, in equilibrium at the beginning."""
+    from scipy.signal import lfilter  # takes a second, which a node does not start with
+
     a = float(np.exp(-BLOCK / memory))
     return np.asarray(lfilter([1.0 - a], [1.0, -a], row, zi=[a * row[0]])[0])

@@ -13,7 +13,6 @@ from forcecal_ros.geometry import Array, rotation_vector, skew
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation, RotationSpline
 
 ORDER = 4
@@ -209,6 +208,8 @@ def _rate_of(rows: Array) -> Array:
 
 def slow(rows: Array, rate: float, band: float = MOST) -> Array:
     """Leave out what is faster than a band; where samples are few, nothing is."""
+    from scipy.signal import butter, sosfiltfilt  # takes a second, see clear_band
+
     if rate <= 2.0 * band or len(rows) < rate:
         return rows
     return np.asarray(sosfiltfilt(

@@ -2,7 +2,6 @@
 
 from forcecal_ros.geometry import Array
 import numpy as np
-from scipy.signal import welch
 
 LEAST, MOST = 1.0, 12.5
 """That band, at least and at most [Hz]: above, arm and gripper ring, and no tool is rigid."""
@@ -33,6 +32,8 @@ def clear_band(rows: Array, rate: float) -> float:
     float
         [Hz]
     """
+    from scipy.signal import welch  # takes a second, which a node does not start with
+
     if rate < 5.0 * MOST or len(rows) < WINDOW * rate:
         return MOST  # no floor to be seen
     frequency, power = welch(rows, rate, nperseg=int(WINDOW * rate), axis=0)

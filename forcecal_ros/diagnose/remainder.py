@@ -11,7 +11,7 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.autoregression import Autoregression
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtr
 
 PREDICTABLE = 5.5
 """Sigmas of a channel's prediction from which something is left."""
@@ -75,7 +75,7 @@ class Cell(NamedTuple):
     @property
     def p(self) -> float:
         """One-sided probability by chance."""
-        return float(norm.sf(self.z))
+        return float(ndtr(-self.z))
 
 
 def features(s: Signals) -> Array:

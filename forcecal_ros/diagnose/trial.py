@@ -7,7 +7,7 @@ from forcecal_ros.diagnose.evidence import Score
 from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtr
 
 
 class Trial(NamedTuple):
@@ -60,7 +60,7 @@ class Trial(NamedTuple):
     @property
     def p(self) -> float:
         """One-sided probability of such a score by chance."""
-        return float(norm.sf(self.score.z))
+        return float(ndtr(-self.score.z))
 
     @property
     def degrees(self) -> int:

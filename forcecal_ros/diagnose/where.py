@@ -10,7 +10,7 @@ from forcecal_ros.diagnose.remainder import BANDS, RATE
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.autoregression import Autoregression
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
 DISCOVERY = 0.01
 """False discovery rate (Benjamini and Hochberg)."""
@@ -106,7 +106,7 @@ def places(cases: Sequence[Blocked], noise: list[Autoregression], residual: list
                 there = own.present[rows, c]
                 bands[key] = bands.get(key, np.zeros(len(BANDS))) + _bands(
                     w[1, there], RATE / own.spacing(c))
-    tested = sorted(((norm.sf(s[0] / np.sqrt(s[1])), key) for key, s in sums.items()
+    tested = sorted(((ndtr(-s[0] / np.sqrt(s[1])), key) for key, s in sums.items()
                      if s[1] > 1e-9), key=lambda one: one[0])
     kept = 0
     for i, (p, _) in enumerate(tested):

@@ -6,7 +6,6 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.recording.streams import Stream
 import numpy as np
-from scipy.signal import lfilter
 
 
 def lowpassed(f: Array, length: float, cutoff: float) -> Array:
@@ -29,6 +28,8 @@ def lowpassed(f: Array, length: float, cutoff: float) -> Array:
     -------
     ndarray, shape (n, ...)
     """
+    from scipy.signal import lfilter  # takes a second, which a node does not start with
+
     x = 2 * np.pi * cutoff * length
     keep = np.exp(-x)
     at_start = lfilter([0.0, 1 - keep], [1.0, -keep], f, axis=0)

@@ -21,7 +21,7 @@ from forcecal_ros.identify.single_samples import farthest, scatters
 from forcecal_ros.recording.noise.autocovariance import noise_of_windows
 from forcecal_ros.recording.streams import CHANNELS, Recording
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 STANDSTILL = ('mass', 'com', 'wrench_bias')
 """Keys of calibration.yaml that are estimated from the static poses."""
@@ -198,7 +198,7 @@ def accelerometer_disagrees(stages: Stages, settings: IdentificationSettings) ->
     fit = stages.accelerometer
     if fit is None or not np.isfinite(fit.chi_square):
         return
-    probability = float(chi2.sf(fit.chi_square, max(fit.degrees, 1)))
+    probability = float(chdtrc(max(fit.degrees, 1), fit.chi_square))
     if probability < settings.thresholds.probability and fit.misfit > _small_volts(
             fit.matrix, settings):
         yield Finding(

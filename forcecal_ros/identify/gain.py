@@ -21,7 +21,6 @@ from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
 import numpy as np
 from scipy.linalg import solve_continuous_are
-from scipy.signal import place_poles
 
 A = np.array([[0.0, 1.0], [0.0, 0.0]])
 C = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
@@ -160,6 +159,8 @@ def pole_gain(A: Array, C: Array, poles: tuple[float, ...]) -> Array:
     ndarray, shape (2, 3)
         Its third column is zero: that one moves no pole.
     """
+    from scipy.signal import place_poles  # takes a second, and the other way needs none of it
+
     K = np.zeros((len(A), len(C)))
     seen = np.abs(C).any(axis=1)
     K[:, seen] = place_poles(A.T, C[seen].T, poles).gain_matrix.T

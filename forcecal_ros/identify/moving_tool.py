@@ -19,7 +19,7 @@ from forcecal_ros.recording.kinematics import AngularMotion, smoothed
 from forcecal_ros.recording.noise.autocovariance import noise_of_windows
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 
 def identify_moving_tool(
@@ -119,5 +119,5 @@ def _tool_fit(weight: Weight, statics: Statics, theta: Array, covariance: Array,
     spread, _ = gravity_spread(statics.gravity)
     return ToolFit(
         weight.mass, weight.force_bias, theta[3:6], theta[:3], full, residuals,
-        weight.chi_square, float(chi2.sf(weight.chi_square, weight.degrees)), weight.degrees,
+        weight.chi_square, float(chdtrc(weight.degrees, weight.chi_square)), weight.degrees,
         spread, float(spread[0] / max(spread[1], 1e-12)))

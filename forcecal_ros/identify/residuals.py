@@ -5,7 +5,7 @@ from typing import NamedTuple
 from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student_t
+from scipy.special import stdtrit
 
 CHANCE = 1e-3
 """A sound recording is doubted by one look at its residuals so rarely: of 300 recordings with
@@ -75,7 +75,7 @@ class Deviation(NamedTuple):
     @property
     def is_chance(self) -> bool:
         """Whether noise alone deviates that far somewhere."""
-        return self.sigmas < float(student_t.isf(CHANCE / (2 * self.tests), _DEGREES))
+        return self.sigmas < -float(stdtrit(_DEGREES, CHANCE / (2 * self.tests)))
 
 
 def largest_deviation(residuals: Residuals, shortest: int = 1) -> Deviation:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
 import numpy as np
-from scipy.stats import t as t_distribution
+from scipy.special import stdtr
 
 _SHARE = 0.05
 """Scatter about one tool, as a share of the span of the forces, from which it is no sensor's:
@@ -72,5 +72,5 @@ def farthest(residuals: Array) -> Outlier | None:
     G = np.abs(residuals) / np.maximum(spread, 1e-300)
     i, j = (int(k) for k in np.unravel_index(np.argmax(G), G.shape))
     square = n * (n - 2) * G[i, j]**2 / max((n - 1)**2 - n * G[i, j]**2, 1e-300)
-    chance = 2 * residuals.size * t_distribution.sf(np.sqrt(square), n - 2)
+    chance = 2 * residuals.size * stdtr(n - 2, -np.sqrt(square))
     return Outlier(i, j, float(residuals[i, j]), float(min(1.0, chance)))

@@ -21,7 +21,7 @@ from forcecal_ros.identify.static_readings import (
 )
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 X_HAT = np.array([1.0, 0.0, 0.0])
 
@@ -103,7 +103,7 @@ def identify_tool(statics: Statics, condition: float = 100.0, probability: float
     to_com = np.eye(10)
     to_com[4:7, 4:7] /= mass
     to_com[4:7, 0] = -com / mass
-    chance = float(chi2.sf(chi_square, degrees)) if degrees > 0 else np.nan
+    chance = float(chdtrc(degrees, chi_square)) if degrees > 0 else np.nan
     if chance < probability:
         covariance = covariance * (chi_square / degrees)
     return ToolFit(

@@ -10,7 +10,6 @@ Steady force and reference are exact by the choice of c and l_r.
 
 from typing import NamedTuple
 
-import control
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array
 from forcecal_ros.impedance.law import Law
@@ -19,6 +18,7 @@ from forcecal_ros.impedance.plant.process import Process, process, Wall
 from forcecal_ros.impedance.settings import DesignSettings, Wanted
 from forcecal_ros.impedance.stability import Loop, loop, Margins, margins
 import numpy as np
+from scipy.linalg import solve, solve_discrete_are
 
 STIFFEST = 1e6
 """Stiffest wall for which stability is checked beyond the stated range [N/m]."""
@@ -59,6 +59,15 @@ class Design(NamedTuple):
     disagreement: float
 
 
+class _Stable(NamedTuple):
+    """A law that is known to be stable, the process without a wall, and the loop of both."""
+
+    law: Law
+    free: Process
+    without: Loop
+    unstable_from: float
+
+
 def design(plant: Plant, wanted: Wanted = Wanted(), settings: DesignSettings = DesignSettings()
            ) -> Design:
     """
@@ -67,9 +76,29 @@ def design(plant: Plant, wanted: Wanted = Wanted(), settings: DesignSettings = D
     Raises
     ------
     ConfigError
+        See :func:`stable_law`.
+    """
+    law, free, without, unstable_from = _stable(plant, wanted, settings)
+    touched = [margins(_against(law, plant, settings, k), law.period, k)
+               for k in settings.wall_stiffness]
+    return Design(law, (margins(without, law.period), *touched), unstable_from,
+                  _disagreement(law, free, wanted, settings))
+
+
+def stable_law(plant: Plant, wanted: Wanted, settings: DesignSettings) -> Law:
+    """
+    Return the law of :func:`design` without its margins, which take seconds.
+
+    Raises
+    ------
+    ConfigError
         The loop is unstable without contact or against a wall of the stated range, or has no
         optimal gain.
     """
+    return _stable(plant, wanted, settings).law
+
+
+def _stable(plant: Plant, wanted: Wanted, settings: DesignSettings) -> _Stable:
     free = process(plant, settings.latency)
     law = _law(plant, free, wanted, settings)
     without = loop(law, free, settings.force_lag)
@@ -83,9 +112,7 @@ def design(plant: Plant, wanted: Wanted = Wanted(), settings: DesignSettings = D
         raise ConfigError(
             f'the impedance loop is unstable against a wall of {unstable_from:.0f} N/m, within '
             f'the stated range of {low:.0f} to {high:.0f} N/m; {_remedy(settings)}')
-    touched = [margins(_against(law, plant, settings, k), law.period, k) for k in (low, high)]
-    return Design(law, (margins(without, law.period), *touched), unstable_from,
-                  _disagreement(law, free, wanted, settings))
+    return _Stable(law, free, without, unstable_from)
 
 
 def _remedy(settings: DesignSettings) -> str:
@@ -133,11 +160,10 @@ def _law(plant: Plant, free: Process, wanted: Wanted, settings: DesignSettings) 
     e = relation(free, wanted, plant.robot.period)
     C = np.array([free.robot, free.tool - free.robot])
     try:
-        L, _, _ = control.dlqr(
-            free.A, free.B[:, np.newaxis], np.outer(e.C, e.C),
-            [[e.D**2 + settings.effort**2]], e.D * e.C[:, np.newaxis])
+        L = _optimal_gain(free.A, free.B[:, np.newaxis], np.outer(e.C, e.C),
+                          np.array([[e.D**2 + settings.effort**2]]), e.D * e.C[:, np.newaxis])
         K = _kalman_gain(free, C, settings)
-    except (ValueError, np.linalg.LinAlgError, control.ControlArgument) as error:
+    except ValueError as error:  # LinAlgError is one
         raise ConfigError(f'no optimal gain for this impedance: {error}; change design.effort '
                           'or the noise levels of design') from error
     L = np.ravel(L)
@@ -153,14 +179,22 @@ def _law(plant: Plant, free: Process, wanted: Wanted, settings: DesignSettings) 
                wanted.damping / wanted.stiffness)
 
 
+def _optimal_gain(A: Array, B: Array, Q: Array, R: Array, S: Array | None = None) -> Array:
+    """Return the gain K of u = -K x with the least sum of x'Qx + u'Ru + 2 x'Su."""
+    X = solve_discrete_are(A, B, Q, R, s=S)
+    crossed = B.T @ X @ A if S is None else B.T @ X @ A + S.T
+    return np.asarray(solve(B.T @ X @ B + R, crossed))
+
+
 def _kalman_gain(free: Process, C: Array, settings: DesignSettings) -> Array:
     """Return the gain of the steady-state Kalman filter; its inputs and outputs scaled to 1."""
     noise = np.column_stack([free.F * settings.force_std, free.B * settings.command_std])
     scale = np.array([settings.position_std, settings.slide_std])
     size = settings.position_std
-    K, _, _ = control.dlqe(free.A, noise / size, C * (size / scale)[:, np.newaxis],
-                           np.eye(2), np.eye(2))
-    return np.asarray(K) * (size / scale)
+    G = noise / size
+    K = _optimal_gain(free.A.T, (C * (size / scale)[:, np.newaxis]).T, G @ np.eye(2) @ G.T,
+                      np.eye(2)).T
+    return K * (size / scale)
 
 
 def _steady_gains(free: Process, e: Relation, L: Array) -> tuple[float, float]:

@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-import control
 from forcecal_ros.geometry import Array
 from forcecal_ros.impedance.law import Law
 from forcecal_ros.impedance.plant.process import Process
@@ -93,6 +92,8 @@ def margins(open_loop: Loop, period: float, wall_stiffness: float = 0.0) -> Marg
     wall_stiffness : float
         Of the wall in contact, for the record [N/m].
     """
+    import control  # loads matplotlib too: seconds, which a node does not start with
+
     frequency = np.geomspace(0.1, 0.999 * np.pi / period, _FREQUENCIES)
     z = np.exp(1j * frequency * period)[:, np.newaxis, np.newaxis]
     states = np.linalg.solve(z * np.eye(len(open_loop.B)) - open_loop.A,

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from forcecal_ros.geometry import Array
-from forcecal_ros.impedance.design import design
+from forcecal_ros.impedance.design import stable_law
 from forcecal_ros.impedance.law import Measurement
 from forcecal_ros.impedance.plant.file import load_plant
 from forcecal_ros.impedance.regulator import Regulator
@@ -29,7 +29,7 @@ class Impedance(MotionNode[ImpedanceSettings]):
     def __init__(self) -> None:
         super().__init__('impedance', PARAMETERS, settings_of)
         self._plant = load_plant(self.get_parameter('plant').value or None)
-        self._law = design(self._plant, self._settings.wanted, self._settings.design).law
+        self._law = stable_law(self._plant, self._settings.wanted, self._settings.design)
         self._session = Session(self._law.period)
         sensors = self._listen()
         self._serve(self._session, sensors, TargetFrame(self, self._inbox, sensors),
@@ -50,7 +50,7 @@ class Impedance(MotionNode[ImpedanceSettings]):
     def _new_settings(self) -> ImpedanceSettings:
         before, settings = self._settings, super()._new_settings()
         if (settings.wanted, settings.design) != (before.wanted, before.design):
-            self._law = design(self._plant, settings.wanted, settings.design).law
+            self._law = stable_law(self._plant, settings.wanted, settings.design)
         return settings
 
     def _begin(self) -> str:

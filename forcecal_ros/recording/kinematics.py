@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import convolve1d, maximum_filter1d
 from scipy.spatial.transform import Rotation, RotationSpline
-from scipy.stats import binom
+from scipy.special import comb
 
 CHANCE = 3.0
 """Times the median at rest: the norm of three normal numbers passes it once in 10^5."""
@@ -142,4 +142,4 @@ def smoothed(rows: Array) -> Array:
     next to nothing where the motion is. Weighing by smoothed rows, not by the rows themselves,
     keeps that noise from meeting itself in the normal equations.
     """
-    return np.asarray(convolve1d(rows, binom.pmf(np.arange(9), 8, 0.5), axis=0, mode='nearest'))
+    return np.asarray(convolve1d(rows, comb(8, np.arange(9)) / 2**8, axis=0, mode='nearest'))

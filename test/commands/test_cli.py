@@ -136,7 +136,9 @@ def test_raw_channels_are_calibrated_and_observed_through_their_matrix(
     np.testing.assert_allclose(outs[0].wrench.values, outs[1].wrench.values, atol=1e-4)
 
 
-@pytest.mark.parametrize('storage', StoragePlugin, ids=lambda storage: storage.name)
+@pytest.mark.parametrize('storage', [
+    pytest.param(StoragePlugin.SQLITE3, marks=pytest.mark.long), StoragePlugin.MCAP],
+    ids=lambda storage: storage.name)
 def test_a_recording_in_several_files_says_the_same(
         capsys, sample, calibration, tmp_path, storage):
     split = split_bag(sample, tmp_path / 'split', storage)

@@ -28,8 +28,8 @@ def commands():
 @pytest.mark.parametrize('effects, stage', [
     ({}, ''),
     ({'robot_delay': {'delay': 0.004}}, 'robot'),
-    ({'tool_stiffness': {'change': 0.1}}, 'tool'),
-    ({'contact_stiffness': {'change': 0.5}}, 'environment'),
+    pytest.param({'tool_stiffness': {'change': 0.1}}, 'tool', marks=pytest.mark.long),
+    pytest.param({'contact_stiffness': {'change': 0.5}}, 'environment', marks=pytest.mark.long),
     ({'wrench_gain': {'fz': 0.05}}, 'wrench_sensor'),
     ({'accel_delay': {'delay': 0.006}}, 'accelerometer'),
 ])

@@ -64,6 +64,7 @@ def test_an_arm_to_which_nothing_was_done_is_not_given_an_effect_for_sure(found)
     assert all(e['probability'] < 0.9 for e in found['effects'])
 
 
+@pytest.mark.long
 def test_the_patched_calibration_leaves_what_was_claimed(kuka, found):
     patched = load(kuka / 'out' / 'calibration_patched.yaml')
     again = diagnose_motion(read_recording(kuka / 'baseline'), None,

@@ -44,7 +44,7 @@ def _commanded(every, effects=None):
     return rig, replace(recording, phases=phases)
 
 
-@pytest.mark.parametrize('every', [2, 5])
+@pytest.mark.parametrize('every', [pytest.param(2, marks=pytest.mark.long), 5])
 def test_all_of_a_recording_counts_whatever_the_period_of_the_commands(every):
     rig, recording = _commanded(every)
     diagnosis = diagnose(recording, None, rig).diagnosis
@@ -63,7 +63,8 @@ def test_commands_of_1_ms_make_blocks_of_4_ms():
     assert (replay.n_blocks, len(replay.signals(rig).wrench)) == (250, 1000)
 
 
-@pytest.mark.parametrize('rate, parts', [(125, FREE), (20, MOTION)], ids=['125', '20'])
+@pytest.mark.parametrize('rate, parts', [
+    pytest.param(125, FREE, id='125'), pytest.param(20, MOTION, id='20', marks=pytest.mark.long)])
 def test_slow_sensors_are_looked_at(rate, parts):
     diagnosis = diagnose(_slower(own_recording(20, parts), rate), None, load_rig()).diagnosis
     assert diagnosis.verdict == 'no_gap', diagnosis.reason

@@ -67,7 +67,7 @@ def test_the_robots_delay_is_told_by_the_commands(clean):
 
 
 @pytest.mark.parametrize('effect, name, value', [
-    ({'tool_mass': {'change': 0.05}}, 'change', 0.05),
+    pytest.param({'tool_mass': {'change': 0.05}}, 'change', 0.05, marks=pytest.mark.long),
     pytest.param({'cable_force': {'x': 1.0, 'y': 0.5, 'z': 0.0, 'stiffness': 20.0}}, 'stiffness',
                  20.0, marks=pytest.mark.long)])
 def test_what_the_robot_has_beside_its_simulation_is_named_with_its_size(effect, name, value):
@@ -153,7 +153,10 @@ def test_the_commands_of_the_page_write_what_was_found(tmp_path, monkeypatch, ca
     assert main(alone.split()) == 0
     document = json.loads((tmp_path / 'gap' / 'diagnosis.json').read_text())
     assert document['explained_by'] == 'simulated recording'
-    assert [e['name'] for e in document['effects']] == ['wrench_crosstalk']
+    effect, = document['effects']
+    assert effect['name'] == 'wrench_crosstalk'
+    found = effect['parameters']['fy_of_fx']
+    assert found['value'] == pytest.approx(0.03, abs=max(3.0 * found['std'], 0.05 * 0.03))
     assert document['tracking'][0]['aligned_by'] == 'target'
     assert document['simulated_tool']['mass'] == pytest.approx(1.2, rel=1e-3)
     assert (tmp_path / 'gap' / 'report.html').is_file()

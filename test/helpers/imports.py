@@ -9,5 +9,5 @@ assert _spec is not None and _spec.loader is not None
 architecture = module_from_spec(_spec)
 _spec.loader.exec_module(architecture)
 
-PACKAGE, PATHS, TREES = architecture.PACKAGE, architecture.PATHS, architecture.TREES
-IMPORTS, room = architecture.IMPORTS, architecture.room
+PACKAGE, PATHS, room = architecture.PACKAGE, architecture.PATHS, architecture.room
+imported_by, tree = architecture.imported_by, architecture.tree

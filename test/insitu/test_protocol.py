@@ -61,6 +61,7 @@ def test_with_bias_hysteresis_and_flex_standard_errors_hold(real):
     assert well_covered(sigmas(real, REAL))
 
 
+@pytest.mark.long
 def test_ten_times_as_much_is_no_contact_and_standard_errors_hold():
     leg = replace(REAL, accelerometer_bias=tuple(10 * np.array(REAL.accelerometer_bias)),
                   hysteresis=10 * REAL.hysteresis, flex=10 * REAL.flex)
@@ -97,14 +98,14 @@ def test_hysteresis_that_is_taken_off_leaves_smaller_errors():
     assert (compensated < 0.7 * without).all()
 
 
-def test_standard_errors_cover_with_the_filter_and_without():
+@pytest.mark.parametrize('window', [3.01, pytest.param(0.0, marks=pytest.mark.long)])
+def test_standard_errors_cover_with_the_filter_and_without(window):
     leg = Leg(duration=30.0)
-    for window in (3.01, 0.0):
-        z = np.concatenate([
-            sigmas(calibrated(leg, 30 + seed, Options(filter_window=window)), leg)
-            for seed in range(6)])
-        assert 0.75 < np.sqrt((z ** 2).mean()) < 1.2
-        assert (np.abs(z) < 1.96).mean() > 0.91
+    z = np.concatenate([
+        sigmas(calibrated(leg, 30 + seed, Options(filter_window=window)), leg)
+        for seed in range(6)])
+    assert 0.75 < np.sqrt((z ** 2).mean()) < 1.2
+    assert (np.abs(z) < 1.96).mean() > 0.91
 
 
 def test_standard_errors_cover_when_the_noise_is_correlated_over_seconds(monkeypatch):

@@ -11,14 +11,15 @@ def bench(ros_domain_of_module):
 
 
 @pytest.mark.parametrize('fault, phase, reason', [
-    ('wrench stuck', 'measure', 'wrench: the same reading'),
+    pytest.param('wrench stuck', 'measure', 'wrench: the same reading', marks=pytest.mark.long),
     pytest.param('wrench garbage', 'contact', 'wrench: ', marks=pytest.mark.long),
     ('pose delayed', 'move', 'current_pose: newest stamp is'),
     pytest.param('pose wrong', 'contact', 'current_pose: ', marks=pytest.mark.long),
     pytest.param('robot runaway', 'approach', 'current_pose: ', marks=pytest.mark.long),
-    (ABORT, 'step', 'asked to by sequencer/abort'),
-    ('SIGTERM to sequencer', 'approach', 'the sequencer node was told to go'),
-    ('SIGKILL to sim', 'move', '/clock has stopped'),
+    pytest.param(ABORT, 'step', 'asked to by sequencer/abort', marks=pytest.mark.long),
+    pytest.param('SIGTERM to sequencer', 'approach', 'the sequencer node was told to go',
+                 marks=pytest.mark.long),
+    pytest.param('SIGKILL to sim', 'move', '/clock has stopped', marks=pytest.mark.long),
     pytest.param('clock back', 'approach', 'clock', marks=pytest.mark.long),
 ])
 def test_the_commands_come_to_rest_and_stay_there(bench, fault, phase, reason):

@@ -99,7 +99,7 @@ def assert_led_away(bench):
     assert x[0] - 1e-4 < x[-1] < x[turned] - 0.01
 
 
-def test_nothing_moves_before_start_and_a_task_ends_as_it_began(ros_domain, calibration):
+def test_a_task_ends_as_it_began_or_before_it_does_harm(ros_domain, calibration):
     with Live() as live:
         bench = Bench(live, calibration, **WATCH, **QUICK)
         live.until(lambda: 'impedance' in live.diagnostics and bench.phases, 'the node')
@@ -114,8 +114,22 @@ def test_nothing_moves_before_start_and_a_task_ends_as_it_began(ros_domain, cali
         assert max(bench.force) > 10.0
         live.spin(0.3)
         assert abs(bench.commands[-1][1] - bench.commands[0][1]) < 1e-3
+        # a force sensor that sticks: the end, before the wall
+        answers = live.set('impedance', task__approach=3.0, watch__frozen_timeout=0.4)
+        assert all(answer.successful for answer in answers)
+        bench.start()
+        live.until(lambda: bench.phases[-1] == 'approach', 'the approach')
+        live.set('sim', fault__wrench='stuck')
+        del bench.force[:-1]
+        bench.until_ended()
+        bench.until_still()
+        assert bench.phases[-1] == 'aborted'
+        assert bench.reason.startswith('wrench: the same reading')
+        assert max(bench.force) == 0.0
+        live.set('sim', fault__wrench='none')
         # a wall where none was expected: the same one, said to be farther away
-        live.set('impedance', task__clearance=0.14)
+        live.set('impedance', task__clearance=0.14, watch__frozen_timeout=1.0,
+                 task__approach=1.0)
         bench.start()
         bench.until_ended()
         assert bench.phases[-1] == 'aborted'
@@ -159,20 +173,6 @@ def test_a_lost_observer_ends_it_in_time_away_from_the_wall(ros_domain, calibrat
         assert turned < lost + lost_timeout + 0.1
         assert_led_away(bench)
         assert live.said('impedance').count('[ERROR]') == 1
-
-
-def test_a_force_sensor_that_sticks_ends_it_before_the_wall(ros_domain, calibration):
-    with Live() as live:
-        bench = Bench(live, calibration, **{**WATCH, 'watch__frozen_timeout': 0.4},
-                      **{**QUICK, 'task__approach': 3.0})
-        bench.start()
-        live.until(lambda: bench.phases[-1] == 'approach', 'the approach')
-        live.set('sim', fault__wrench='stuck')
-        bench.until_ended()
-        bench.until_still()
-        assert bench.phases[-1] == 'aborted'
-        assert bench.reason.startswith('wrench: the same reading')
-        assert max(bench.force) == 0.0
 
 
 def test_by_default_silence_frozen_readings_and_old_stamps_end_at_rest_within_100_ms():

@@ -4,7 +4,7 @@ import ast
 from graphlib import CycleError, TopologicalSorter
 import re
 
-from imports import IMPORTS, PACKAGE, PATHS, room, TREES
+from imports import imported_by, PACKAGE, PATHS, room, tree
 import pytest
 
 ROS = re.compile(
@@ -36,7 +36,7 @@ def _loaded_by(name):
         module = waiting.pop()
         if module in PATHS and module not in loaded:
             loaded.add(module)
-            waiting.extend(IMPORTS[module])
+            waiting.extend(imported_by(module))
             waiting.append(module.rpartition('.')[0])
     return loaded
 
@@ -47,7 +47,7 @@ def _of(units):
 
 def _foreign(name):
     """Return the top-level names of what a module imports from elsewhere."""
-    return {module.split('.')[0] for module in IMPORTS[name]} - {PACKAGE}
+    return {module.split('.')[0] for module in imported_by(name)} - {PACKAGE}
 
 
 NUMERIC_MODULES = _of([unit for layer in NUMERICS for unit in layer])
@@ -61,7 +61,7 @@ def test_every_module_has_its_layer():
 @pytest.mark.parametrize('layer', range(len(LAYERS)), ids=lambda n: LAYERS[n][0])
 def test_imports_never_point_down_the_layers(layer):
     below = {unit for line in LAYERS[layer + 1:] for unit in line}
-    wrong = [f'{name} -> {target}' for name in _of(LAYERS[layer]) for target in IMPORTS[name]
+    wrong = [f'{name} -> {target}' for name in _of(LAYERS[layer]) for target in imported_by(name)
              if target in PATHS and room(target) in below]
     assert not wrong
 
@@ -69,8 +69,8 @@ def test_imports_never_point_down_the_layers(layer):
 @pytest.mark.parametrize('grain', [room, str], ids=['parts', 'modules'])
 def test_imports_make_no_circle(grain):
     graph = {}
-    for name, targets in IMPORTS.items():
-        inside = {grain(target) for target in targets if target in PATHS}
+    for name in PATHS:
+        inside = {grain(target) for target in imported_by(name) if target in PATHS}
         graph.setdefault(grain(name), set()).update(inside - {grain(name)})
     try:
         TopologicalSorter(graph).prepare()
@@ -102,7 +102,7 @@ def test_numerics_load_neither_ros_nor_bags():
 
 def test_numerics_neither_log_nor_print():
     printing = {f'{name}:{node.lineno}' for name in NUMERIC_MODULES
-                for node in ast.walk(TREES[name]) if isinstance(node, ast.Call)
+                for node in ast.walk(tree(name)) if isinstance(node, ast.Call)
                 and isinstance(node.func, ast.Name) and node.func.id == 'print'}
     assert not printing
     logging = {name for name in NUMERIC_MODULES if _foreign(name) & {'logging', 'tqdm'}}

@@ -4,7 +4,7 @@ import ast
 from pathlib import Path
 import re
 
-from imports import architecture, PACKAGE, PATHS, TREES
+from imports import architecture, PACKAGE, PATHS, tree
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -58,7 +58,7 @@ def test_every_module_and_function_named_is_there(name):
     if module not in PATHS:
         module, _, attribute = module.rpartition('.')
     assert module in PATHS, name
-    assert not attribute or attribute in _defined(TREES[module])
+    assert not attribute or attribute in _defined(tree(module))
 
 
 def _defined(tree):

@@ -12,7 +12,6 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = 'forcecal_ros'
-NODES = ('impedance', 'observer', 'sequencer', 'sim')
 START_SECONDS = 300.0
 
 pytestmark = pytest.mark.workspace
@@ -77,10 +76,15 @@ def heard(ros_domain_of_module):
 
 @pytest.fixture(scope='module')
 def running(workspace, heard):
-    """Start all nodes at once; the simulator is slow to, where numba has nothing cached."""
-    processes = {name: _start(workspace, name) for name in NODES}
-    yield processes
-    for process in processes.values():
+    """Return a function that starts a node, and kill those that are left."""
+    processes = []
+
+    def start(name):
+        processes.append(_start(workspace, name))
+        return processes[-1]
+
+    yield start
+    for process in processes:
         process.kill()
         process.wait()
 
@@ -100,9 +104,11 @@ def test_workspace_uses_its_own_copy(workspace):
     assert Path(out.strip()).is_relative_to(workspace / 'install')
 
 
-@pytest.mark.parametrize('name', NODES)
+@pytest.mark.parametrize('name', [
+    'impedance', 'observer', 'sequencer',
+    pytest.param('sim', marks=pytest.mark.long)])  # compiles what numba has not cached there
 def test_node_starts_and_ends_cleanly_when_interrupted(running, heard, name):
-    process, end = running[name], time.monotonic() + START_SECONDS
+    process, end = running(name), time.monotonic() + START_SECONDS
     while name not in heard():
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < end, f'{name} says nothing after {START_SECONDS} s'

@@ -25,10 +25,13 @@ def test_source_follows_the_rules_of_ament():
 
 
 @pytest.mark.lint
-def test_types_are_strict():
+@pytest.mark.parametrize('folders', [
+    ('forcecal_ros', 'blind'),
+    pytest.param((), id='all, with tests and benchmarks', marks=pytest.mark.long)])
+def test_types_are_strict(folders):
     pytest.importorskip('numpy', minversion='2.2', reason='older ones have types of their own')
     pytest.importorskip('rclpy', reason='without ROS the types of the nodes are not known')
-    _check('mypy')
+    _check('mypy', *folders)
 
 
 @pytest.mark.lint

@@ -2,19 +2,21 @@
 
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.atomic_files import write_text
-from forcecal_ros.impedance.plant.fit import PlantFit
 from forcecal_ros.impedance.plant.model import Plant
 from forcecal_ros.impedance.plant.state_space import state_space
 from forcecal_ros.schema import load, plain
 import yaml
 
+if TYPE_CHECKING:  # a node that reads a plant does not load how one is identified
+    from forcecal_ros.impedance.plant.fit import PlantFit
+
 FORMAT = 'forcecal-plant/1'
 
 
-def to_document(fit: PlantFit) -> dict[str, Any]:
+def to_document(fit: 'PlantFit') -> dict[str, Any]:
     """Return the content of ``plant.yaml``, which ``--json`` prints too."""
     found = fit.robot
     continuous = state_space(fit.plant)
@@ -39,7 +41,7 @@ def _complex(number: complex) -> list[float]:
     return [number.real, number.imag]
 
 
-def save_plant(fit: PlantFit, path: Path | str) -> None:
+def save_plant(fit: 'PlantFit', path: Path | str) -> None:
     """
     Write ``plant.yaml``; an existing one is kept as ``plant.yaml~``.
 

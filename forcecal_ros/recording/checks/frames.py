@@ -20,7 +20,7 @@ from forcecal_ros.recording.checks import limits
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2, f
+from scipy.special import chdtrc, fdtrc
 
 _QUARTER_TURNS = Rotation.create_group('O').as_matrix()
 """The 24 ways to put a cube down: the best of them is where a fit of turn and tilt begins."""
@@ -157,10 +157,10 @@ def _chance(best: Fit, other: Fit, forces: Forces) -> float:
     """How probable it is that a hypothesis fits so much better than another that holds."""
     more = max(1, best.unknowns - other.unknowns)
     gain = max(0.0, other.chi_square - best.chi_square)
-    if forces.noise is not None and chi2.sf(best.chi_square, best.degrees) > 1.0 / limits.ODDS:
-        return float(chi2.sf(gain, more))
+    if forces.noise is not None and chdtrc(best.degrees, best.chi_square) > 1.0 / limits.ODDS:
+        return float(chdtrc(more, gain))
     variance = max(1.0, best.chi_square / best.degrees)
-    return float(f.sf(gain / variance / more, more, best.degrees))
+    return float(fdtrc(more, best.degrees, gain / variance / more))
 
 
 def _others(forces: Forces, plain: Fit) -> Iterator[Fit]:

@@ -98,16 +98,26 @@ def _longest(steps: IntArray) -> float:
 @compiled
 def _whiten(columns: Array, coefficients: Array, scale: Array, groups: IntArray,
             rows: BoolArray, out: Array) -> None:
-    order = coefficients.shape[1]
-    for i in range(len(columns)):
-        for t in range(columns.shape[1]):
-            out[i, t] = 0.0
-            if rows[t]:
-                g = groups[t]
-                value = columns[i, t]
-                for j in range(order):
-                    value -= coefficients[g, j] * columns[i, t - 1 - j]
-                out[i, t] = value * scale[g]
+    order, n, end = coefficients.shape[1], columns.shape[1], 0
+    out[:] = 0.0
+    while end < n:
+        begin = end
+        end += 1
+        if not rows[begin]:
+            continue
+        g = groups[begin]
+        # stretches of one model, short enough for the processor's cache, many samples at a time
+        while end < n and end - begin < 512 and rows[end] and groups[end] == g:
+            end += 1
+        for i in range(len(columns)):
+            white = out[i, begin:end]
+            white[:] = columns[i, begin:end]
+            for j in range(order):
+                before = columns[i, begin - 1 - j:end - 1 - j]
+                for t in range(len(white)):
+                    white[t] -= coefficients[g, j] * before[t]
+            for t in range(len(white)):
+                white[t] *= scale[g]
 
 
 def _stationary(a: Array, sigma: float) -> float:

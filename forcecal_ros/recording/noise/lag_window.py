@@ -7,7 +7,7 @@ variance, from being mostly that.
 
 from forcecal_ros.geometry import Array
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 BANDWIDTH = 2.3
 """Factor of Andrews' rule, twice his: recordings hold few periods of their slowest motion."""
@@ -66,7 +66,7 @@ def last_correlated_lag(lags: Array, samples: int) -> int:
     """
     variance = np.diagonal(lags[0]).copy()
     variance[variance == 0] = 1.0
-    chance = norm.isf(ACCIDENT / (2 * _QUIET_RUN * len(variance)))
+    chance = -ndtri(ACCIDENT / (2 * _QUIET_RUN * len(variance)))
     stands_out = np.abs(np.diagonal(lags, axis1=1, axis2=2) / variance).max(axis=1) \
         > max(chance, 2 * np.sqrt(np.log10(max(samples, 10)))) / np.sqrt(samples)
     most = (len(lags) - 1) // 2
