@@ -6,10 +6,11 @@ from typing import Any, NamedTuple
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.clipping import clipped
-from forcecal_ros.recording.checks.clocks import refuse_clocks_apart
+from forcecal_ros.recording.checks.clocks import refuse_clocks_apart, refuse_offset
 from forcecal_ros.recording.checks.motion import refuse_frozen_pose, refuse_silent_pose
 from forcecal_ros.recording.checks.pauses import silences
 from forcecal_ros.recording.checks.repeats import refuse_dead, refuse_stuck
+from forcecal_ros.recording.checks.units import refuse_other_length
 from forcecal_ros.recording.checks.values import Mask, readable
 from forcecal_ros.recording.streams import CHANNELS, PoseStream, Recording, Stream
 import numpy as np
@@ -57,6 +58,7 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
                         'record again')
     recording, removed = _readable(_without_absent(recording), raw_wrench)
     refuse_clocks_apart(recording)
+    refuse_other_length(recording.pose)
     for name in SENSORS:
         stream = getattr(recording, name)
         if stream is not None:
@@ -64,6 +66,8 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
             refuse_stuck(stream, name, CHANNELS[name], recording.pose or recording.target)
     refuse_frozen_pose(recording)
     refuse_silent_pose(recording)
+    if not raw_wrench:
+        refuse_offset(recording)
     notes = (*silences(recording), *(str(one) for one in clipped(recording)))
     fresh = [note for note in notes if note not in recording.notes]
     return Checked(replace(recording, notes=(*recording.notes, *fresh)), removed)

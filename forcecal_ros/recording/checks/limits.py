@@ -91,6 +91,21 @@ LOST = 5e-4
 JITTER = 0.15
 """Scatter of the stamps about their line, in periods, that counts."""
 
+OFFSET_SPAN, OFFSET_STEP = 30.0, 0.05
+"""Clocks are looked for so far apart, by means over so long: clocks that nobody set differ by
+seconds, those of other days do not overlap [s]."""
+
+OFFSET = 0.1
+"""Stamps that differ by less may be a slow filter's or a driver's delay, not another clock [s]."""
+
+OFFSET_EXPLAINS, OFFSET_TIMES = 0.8, 3.0
+"""Share of a sensor's changes that gravity explains over the other clock, and how many times as
+much is unexplained over that of the stamps: of sound recordings, pushed now and then or not, the
+second is below 1.2."""
+
+OFFSET_TURNED = 0.1
+"""Spread of gravity's direction from which its turning times a recording, gravity taken as 1."""
+
 # Poses that repeat, motion -----------------------------------------------------------------------
 
 FROZEN = 0.3
@@ -186,6 +201,10 @@ and what weighs up to 2.4 kg is lighter in kgf, up to 1.1 kg in lbf."""
 VERTICAL = 0.1
 """A mean force this close to the vertical of base may be a weight [rad]; a bias points so by
 chance once in four hundred times."""
+
+FASTEST = 30.0
+"""A hand that goes faster for a tenth of its motion is not in metres [m/s]: the fastest arms do
+10, and the slowest motions, of 50 mm/s, come out as 50."""
 
 # Live, sample by sample --------------------------------------------------------------------------
 

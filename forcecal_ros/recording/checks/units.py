@@ -3,6 +3,7 @@
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, STANDARD_GRAVITY
 from forcecal_ros.recording.checks import limits
+from forcecal_ros.recording.streams import PoseStream
 import numpy as np
 
 _POUND_FORCE = 4.4482216152605
@@ -42,6 +43,29 @@ def refuse_other_unit(at_rest: Array, gravity: float) -> None:
         raise DataError(f'{said}: the driver takes gravity off; publish specific force (REP-145), '
                         'or state --coupling ac for a sensor that lets it decay')
     raise DataError(f'{said}: its unit or its gain is another; set it right in the driver')
+
+
+def refuse_other_length(pose: PoseStream | None) -> None:
+    """
+    Refuse positions that move as fast as no arm does in metres.
+
+    Raises
+    ------
+    DataError
+        Names the speed and the unit that it tells of.
+    """
+    if pose is None or len(pose) < 100 or not pose.has_position:
+        return
+    slices = max(1, round(limits.SLICE / float(np.median(np.diff(pose.t)))))
+    n = len(pose) // slices
+    t, place = (x[:n * slices].reshape(n, slices, -1).mean(axis=1) for x in (
+        pose.t, pose.position))
+    speed = np.linalg.norm(np.diff(place, axis=0), axis=1) / np.diff(t[:, 0])
+    fast = float(np.quantile(speed[np.isfinite(speed)], 0.9)) if n > 10 else 0.0
+    if fast > limits.FASTEST:
+        raise DataError(f'pose: its position moves at {fast:.3g} m/s for a tenth of the '
+                        'recording, which no arm does: it is in mm; divide by 1000 in the driver '
+                        'or in the import, as geometry_msgs/Pose wants m')
 
 
 def doubt_of_force_unit(mass: float) -> str:
