@@ -191,6 +191,10 @@ those that are not calibrated are 1 m/s^2, gains 10 % off at most."""
 SAME_UNIT = 0.2
 """It is in a unit that explains the factor to such a share, for those offsets and gains."""
 
+SAME_MASS = 0.05
+"""A known tool weighs so nearly the same in another unit: another tool does by chance once in ten
+times, of those that weigh a tenth, a quarter or a thousand times as much."""
+
 NO_GRAVITY = 0.05
 """Less than this share of gravity is what an accelerometer without gravity shows of its offset."""
 

@@ -45,6 +45,14 @@ def refuse_other_unit(at_rest: Array, gravity: float) -> None:
     raise DataError(f'{said}: its unit or its gain is another; set it right in the driver')
 
 
+def force_unit_of(shown: float, mass: float) -> tuple[str, float] | None:
+    """Name the unit in which forces make a known mass [kg] that shown [kg], and its newtons."""
+    for unit, newtons in (('kgf', STANDARD_GRAVITY), ('lbf', _POUND_FORCE), ('mN', 1e-3)):
+        if abs(shown * newtons / mass - 1.0) < limits.SAME_MASS:
+            return unit, newtons
+    return None
+
+
 def refuse_other_length(pose: PoseStream | None) -> None:
     """
     Refuse positions that move as fast as no arm does in metres.
