@@ -191,6 +191,13 @@ those that are not calibrated are 1 m/s^2, gains 10 % off at most."""
 SAME_UNIT = 0.2
 """It is in a unit that explains the factor to such a share, for those offsets and gains."""
 
+OTHER_TORQUES = 3.0
+"""Torques fit other axes where they leave so many times less: a cable or a contact of sound axes
+leaves about the same with all."""
+
+FAR = 0.3
+"""A centre of mass so far away is questioned [m]: grippers and hands have theirs within 0.2."""
+
 SAME_MASS = 0.05
 """A known tool weighs so nearly the same in another unit: another tool does by chance once in ten
 times, of those that weigh a tenth, a quarter or a thousand times as much."""

@@ -9,6 +9,9 @@ import numpy as np
 _POUND_FORCE = 4.4482216152605
 """[N]"""
 
+_POUND_INCH = 0.1129848290276167
+"""[N m]"""
+
 _ACCELERATIONS = {'g': 1.0 / STANDARD_GRAVITY, 'thousandths of g': 1e3 / STANDARD_GRAVITY,
                   'mm/s^2': 1e3}
 """Units that drivers send instead of m/s^2: how many of them one m/s^2 is."""
@@ -84,3 +87,14 @@ def doubt_of_force_unit(mass: float) -> str:
     return (f'a mass of {mass:.3g} kg is little for a wrist to carry: if it weighs {kgf:.3g} kg, '
             f'the wrench is in kgf, if {lbf:.3g} kg, in lbf; multiply by {STANDARD_GRAVITY:g} or '
             f'{_POUND_FORCE:.5g} in the driver')
+
+
+def doubt_of_torque_unit(away: float) -> str:
+    """Question a centre of mass far from the sensor [m], as torques in lbf in make it; or empty."""
+    if away < limits.FAR:
+        return ''
+    inches, kgf = away * _POUND_INCH, away / STANDARD_GRAVITY
+    return (f'a centre of mass {away:.3g} m away from the sensor is far: if it is {inches:.2g} m, '
+            f'the torques are in lbf in (multiply by {_POUND_INCH:.5g}), if {away / 10:.2g} m, '
+            f'in dN m; if {away / _POUND_FORCE:.2g} or {kgf:.2g} m, the forces are in lbf or kgf '
+            'and the torques in N m')
