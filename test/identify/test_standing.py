@@ -1,5 +1,7 @@
 """Where a recording without phases stands still, whatever the noise of its poses."""
 
+from dataclasses import replace
+
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.identify.poses import static_windows
@@ -37,3 +39,17 @@ def test_holds_are_found_and_moves_left_out(place, turn):
 def test_what_creeps_is_no_stand():
     with pytest.raises(DataError, match='never stands still'):
         static_windows(moved(2e-5, 2e-5, slow=0.05))
+
+
+@pytest.mark.parametrize('frequency', [0.4, 1.0, 3.0])
+def test_a_robot_held_by_hand_stands_although_it_sways(frequency):
+    sound = moved(2e-5, 2e-5)
+    t = sound.pose.t
+    phase = 2.0 * np.pi * frequency * t[:, None] + np.array([0.0, 1.6, 4.0])
+    swaying = replace(sound, pose=replace(
+        sound.pose, position=sound.pose.position + 4e-4 * np.sin(phase),
+        R_base_sensor=sound.pose.R_base_sensor @ rotation_from_vector(5e-4 * np.sin(phase))))
+    windows = static_windows(swaying)
+    assert len(windows) == len(HOLDS)
+    for i, ((start, end), (first, last)) in enumerate(zip(windows, HOLDS)):
+        assert first + 0.9 * (i > 0) <= start <= first + 1.6 and last - 0.6 <= end <= last + 0.1

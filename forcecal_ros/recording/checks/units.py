@@ -90,7 +90,7 @@ def doubt_of_force_unit(mass: float) -> str:
 
 
 def doubt_of_torque_unit(away: float) -> str:
-    """Question a centre of mass far from the sensor [m], as torques in lbf in make it; or empty."""
+    """Question a centre of mass that is far [m], as torques in lbf in make it; or empty."""
     if away < limits.FAR:
         return ''
     inches, kgf = away * _POUND_INCH, away / STANDARD_GRAVITY
