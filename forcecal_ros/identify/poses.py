@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, rotation_about, rotation_from_vector, rotation_vector
+from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.motion import rest_within
-from forcecal_ros.recording.streams import PoseStream, Recording, STILL
+from forcecal_ros.recording.streams import PoseStream, Recording, STILL, Stream
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -131,12 +132,32 @@ def static_windows(recording: Recording) -> list[tuple[float, float]]:
                 "phases is `measure`; record the sequencer's phases, or leave them out and stand "
                 'still in each pose')
         return [rest_within(recording.pose, *window) for window in windows]
-    windows = _standing(recording.pose)
+    standing = _standing(recording.pose)
+    windows = standing if recording.wrench is None else _felt(recording.wrench, standing)
+    if standing and not windows:
+        raise DataError(
+            f'{recording.source or "the recording"}: no wrench in any of the {len(standing)} '
+            'places where the robot stood; record both at once, by one clock')
     if not windows:
         raise DataError(
             f'{recording.source or "the recording"}: the pose never stands still for '
             f'{_SHORTEST_STAND + _RING_DOWN:g} s; hold each pose longer')
     return windows
+
+
+def _felt(wrench: Stream, windows: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Keep what the wrench was recorded in throughout: of its pauses the checks tell."""
+    if not len(wrench):
+        return []
+    pause = max(limits.PAUSE, limits.PAUSE_PERIODS / wrench.rate) if len(wrench) > 1 else np.inf
+    kept = []
+    for start, end in windows:
+        start, end = max(start, float(wrench.t[0])), min(end, float(wrench.t[-1]))
+        inside = wrench.between(start, np.nextafter(end, np.inf)).t
+        if end - start >= _SHORTEST_STAND and len(inside) and (
+                np.diff(np.concatenate([[start], inside, [end]])).max() < pause):
+            kept.append((start, end))
+    return kept
 
 
 def _standing(pose: PoseStream) -> list[tuple[float, float]]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.identify.poses import static_windows
-from forcecal_ros.recording.streams import PoseStream, Recording
+from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 import numpy as np
 import pytest
 
@@ -53,3 +53,12 @@ def test_a_robot_held_by_hand_stands_although_it_sways(frequency):
     assert len(windows) == len(HOLDS)
     for i, ((start, end), (first, last)) in enumerate(zip(windows, HOLDS)):
         assert first + 0.9 * (i > 0) <= start <= first + 1.6 and last - 0.6 <= end <= last + 0.1
+
+
+def test_a_stand_in_which_the_wrench_pauses_is_left_out():
+    sound = moved(2e-5, 2e-5)
+    t = sound.pose.t[(sound.pose.t > 0.8) & ((sound.pose.t < 7.5) | (sound.pose.t > 9.0))]
+    windows = static_windows(replace(sound, wrench=Stream(t, np.zeros((len(t), 6)))))
+    assert [round(start) for start, _ in windows] == [1, 13] and windows[0][0] > 0.8
+    with pytest.raises(DataError, match='no wrench in any of the 3 places'):
+        static_windows(replace(sound, wrench=Stream(t + 100.0, np.zeros((len(t), 6)))))

@@ -238,6 +238,20 @@ def test_pauses_are_told_but_no_rest_between_single_samples(rig):
     assert not checked(Recording(wrench=Stream(poses, noise(t=poses)))).recording.notes
 
 
+@pytest.mark.parametrize('value', [np.nan, 0.0])
+def test_what_a_driver_says_before_its_sensor_answers_is_left_out(value):
+    wrench, pose = turned(0.0)
+    values = np.array(wrench.values)
+    values[:600] = value
+    found = checked(Recording(wrench=replace(wrench, values=values), pose=pose)).recording
+    assert len(found.wrench) == len(T) - 600
+    assert found.notes == (
+        'wrench: its first 600 samples hold no reading, up to 1.20 s; left out',)
+    values[9000:9600] = value
+    with pytest.raises(DataError):
+        checked(Recording(wrench=replace(wrench, values=values), pose=pose))
+
+
 def turned(late, sign=1.0, contact=0.0):
     """Return the wrench of a kilogram that turns about, `late` behind its pose, and that pose."""
     rng = np.random.default_rng(3)

@@ -15,6 +15,10 @@ SPOILT = 0.01
 FEW = 5
 """So many may be missing of any stream: of 24 static poses one would be 4 %."""
 
+STARTUP = 20.0
+"""A driver that publishes before its sensor answers says nothing, or zeros, for so long at most
+[s]; half of a recording at most."""
+
 # Values that repeat ------------------------------------------------------------------------------
 
 DEAD = 100
