@@ -165,7 +165,8 @@ def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration
         sensor_rotation=(turn[0], turn[1], turn[2]) if turn else None,
         theta=args.theta, coupling=args.coupling, cutoff=args.cutoff,
         accelerometer_position=tuple(position) if position else None,
-        wrench_sign=args.wrench_sign, observer_mode=args.observer, observer_design=args.design,
+        wrench_sign=args.wrench_sign or 1, observer_mode=args.observer,
+        observer_design=args.design,
         source={'recording': recording.source, **({'robot': args.robot} if args.robot else {}),
                 'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}))
     return with_kalman_gains(calibration, ObserverSettings(**bandwidth_of(args)))

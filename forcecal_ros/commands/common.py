@@ -49,8 +49,9 @@ def add_bag(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
     add_topics(parser)
     add_sensor_pose(parser)
     parser.add_argument(
-        '--wrench-sign', type=int, choices=(1, -1), default=1,
-        help='-1 for a driver that reports the wrench of the tool on its environment')
+        '--wrench-sign', type=int, choices=(1, -1),
+        help='-1 for a driver that reports the wrench of the tool on its environment (default: '
+             'as a calibration says, or 1)')
 
 
 class Listed(argparse.Action):
@@ -161,9 +162,9 @@ def read_poses_of_sensor(
 
     with from_arguments():
         mounting = mounting_of(getattr(args, option.strip('-').replace('-', '_')) or (), option)
-    sign = getattr(args, 'wrench_sign', 1) if wrench_sign is None else wrench_sign
+    sign = getattr(args, 'wrench_sign', None) if wrench_sign is None else wrench_sign
     return taken_to_sensor(
-        read_recording(bag, topics=topic_names(args, topics), wrench_sign=sign), mounting)
+        read_recording(bag, topics=topic_names(args, topics), wrench_sign=sign or 1), mounting)
 
 
 def read_checked(args: argparse.Namespace, bag: str, wanted: Collection[str] = ('wrench',), *,

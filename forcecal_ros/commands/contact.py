@@ -46,6 +46,39 @@ def bandwidth_of(args: Any) -> dict[str, Any]:
     return {'contact_walk': args.contact_walk, 'bandwidth_min_hz': low, 'bandwidth_max_hz': high}
 
 
+def in_sign_of(calibration: 'Calibration', given: int | None, recording: 'Recording'
+               ) -> 'Recording':
+    """Return a recording with the wrench in a calibration's sign, unless one was ``given``."""
+    from dataclasses import replace
+
+    if given is not None or calibration.wrench_sign > 0 or recording.wrench is None:
+        return recording
+    return replace(recording, wrench=replace(recording.wrench, values=-recording.wrench.values))
+
+
+def refuse_foreign(recording: 'Recording', calibration: 'Calibration') -> tuple[str, ...]:
+    """
+    Refuse a recording of other axes or units than those calibrated.
+
+    Returns
+    -------
+    tuple of str
+        What weighs that the calibration does not know.
+
+    Raises
+    ------
+    DataError
+        Names cause and remedy.
+    """
+    from forcecal_ros.calibration.sensor_matrix import recording_corrected, six_axis
+    from forcecal_ros.identify import agreement
+    from forcecal_ros.observe.playback import as_calibrated
+
+    if part := six_axis(calibration):
+        recording = recording_corrected(recording, part)
+    return agreement.refuse_foreign(as_calibrated(recording, calibration)[0], calibration)
+
+
 def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'ObserverSettings'
              ) -> tuple['Calibration', tuple[str, ...]]:
     """

@@ -197,7 +197,7 @@ def _by_simulated(args: argparse.Namespace) -> Answer:
             stage(f'reading {bag}')
             return read_poses_of_sensor(args, bag, f'--{of}sensor-from-pose', f'--{of}topic', sign)
 
-        pairs = [Pair(read(real, '', args.wrench_sign),
+        pairs = [Pair(read(real, '', args.wrench_sign or 1),
                       read(simulated, 'simulated-', args.simulated_wrench_sign))
                  for real, simulated in ((args.bag, args.simulated),
                                          (args.heldout, args.heldout_simulated)) if real]
@@ -237,13 +237,15 @@ def _by_simulator(args: argparse.Namespace) -> Answer:
 
 def _as_calibrated(args: argparse.Namespace, recording: Any, calibration: Any) -> Any:
     """Bring poses to ft_sensor, base to level and readings to their axes, as calibrated."""
+    from forcecal_ros.commands.contact import in_sign_of
     from forcecal_ros.observe.mounting import taken_as_calibrated
     from forcecal_ros.recording.level import levelled
     from forcecal_ros.recording.mount import in_axes_of_pose
 
     if recording is None or calibration is None:
         return recording
-    taken = taken_as_calibrated(recording, calibration, args.calibration)
+    taken = in_sign_of(calibration, args.wrench_sign, taken_as_calibrated(
+        recording, calibration, args.calibration))
     return in_axes_of_pose(levelled(taken, calibration.gravity_direction),
                            calibration.sensor_rotation)
 

@@ -68,10 +68,12 @@ def answer(args: argparse.Namespace) -> Answer:
     settings = ObserverSettings(filter=args.filter, bandwidth_hz=args.bandwidth,
                                 **contact.bandwidth_of(args))
     calibration = load(args.calibration)
-    recording = taken_as_calibrated(
+    recording = contact.in_sign_of(calibration, args.wrench_sign, taken_as_calibrated(
         read_checked(args, args.bag, raw_wrench=calibration.matrix is not None), calibration,
-        args.calibration)
+        args.calibration))
+    foreign = contact.refuse_foreign(recording, calibration)
     calibration, about = contact.prepared(calibration, recording, settings)
+    about = (*foreign, *about)
     followed = None
     if args.track_tool:
         followed = follow(recording, calibration, settings)

@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError('--gravity-direction 0 0 0 is no direction; 0 0 -1 is down in a level '
                          'base')
     settings = IdentificationSettings(
-        gravity=args.gravity or STANDARD_GRAVITY, wrench_sign=args.wrench_sign,
+        gravity=args.gravity or STANDARD_GRAVITY, wrench_sign=args.wrench_sign or 1,
         gravity_direction=tuple(direction) if direction else None)
     recordings = [checked(read_poses_of_sensor(args, bag)).recording for bag in args.bag]
     heldout = checked(read_poses_of_sensor(args, args.heldout)).recording if args.heldout else None

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 LEARNING = ('ukf', 'ekf')
 FILTERS = (*LEARNING, 'static', 'kalman', 'newton')
 STATES = (6, 12)
+IDENTIFIED = 'identified from the recording'
 
 
 def add_parser(subparsers: Any) -> None:
@@ -77,8 +78,11 @@ def run(args: argparse.Namespace) -> int:
     recording = read_checked(args, args.bag, raw_wrench=raw)
     by_imu = needs_imu(args, recording)
     calibration, source = calibration_for(args, recording)
-    recording = taken_as_calibrated(recording, calibration, args.calibration or args.bag)
+    recording = contact.in_sign_of(calibration, args.wrench_sign, taken_as_calibrated(
+        recording, calibration, args.calibration or args.bag))
+    foreign = contact.refuse_foreign(recording, calibration)
     calibration, about = contact.prepared(calibration, recording, settings)
+    about = (*doubts(calibration, source), *foreign, *about)
     with bar(args, total=len(recording.wrench or ()), unit=' samples') as done:
         estimate = estimated(recording, calibration, settings,
                              args.payload if by_imu else None, done.update)
@@ -180,11 +184,19 @@ def calibration_for(args: argparse.Namespace,
     if recorded:
         return parse(recorded[-1], f'{args.bag}: sequencer/calibration'), 'in the recording'
     try:
-        return (identify(recording, IdentificationSettings(wrench_sign=args.wrench_sign)),
-                'identified from the recording')
+        return (identify(recording, IdentificationSettings(wrench_sign=args.wrench_sign or 1)),
+                IDENTIFIED)
     except (DataError, UnobservableError) as error:
         raise type(error)(f'no --calibration is given, and {args.bag} identifies none: {error}'
                           ) from error
+
+
+def doubts(calibration: 'Calibration', source: str) -> tuple[str, ...]:
+    """Return what speaks against a calibration that was identified along the way."""
+    if source != IDENTIFIED:
+        return ()
+    quality = calibration.quality
+    return (*(line for line in quality['warnings'] if 'suspect' in line), *quality['questions'])
 
 
 def estimated(recording: 'Recording', calibration: 'Calibration', settings: 'ObserverSettings',

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array, rotation_vector
+from forcecal_ros.identify.changed import what_changed
 from forcecal_ros.identify.inertia import inertia_regressor, unexplained_torque
 from forcecal_ros.identify.means import drift
 from forcecal_ros.identify.residuals import largest_deviation, Residuals
@@ -108,12 +109,14 @@ def poses_disagree(stages: Stages, settings: IdentificationSettings) -> Iterator
     sigma = np.sqrt(np.diagonal(statics.covariance, axis1=1, axis2=2))
     i, j = np.unravel_index(np.argmax(np.abs(tool.residuals) / sigma), sigma.shape)
     if abs(tool.residuals[i, j]) > small[j]:
+        look = what_changed(statics, np.array([pose.start for pose in stages.poses])) or (
+            'look for a cable that pulls, contact, a loose mount, or a pose measured before it '
+            'was still')
         yield Finding(
             f'the static poses do not fit one tool (chi-square {tool.chi_square:.3g} for '
             f'{tool.degrees} degrees of freedom): pose {i + 1} is off by '
             f'{tool.residuals[i, j]:+.3g} {"N" if j < 3 else "N m"} in {CHANNELS["wrench"][j]}; '
-            'look for a cable that pulls, contact, a loose mount, or a pose measured '
-            'before it was still. The standard errors are widened by it', ALL)
+            f'{look}. The standard errors are widened by it', ALL)
 
 
 def samples_disagree(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:

@@ -11,6 +11,7 @@ from forcecal_ros.recording.checks.frame_faults import (
     slightly_off,
 )
 from forcecal_ros.recording.checks.frames import Forces, judge
+from forcecal_ros.recording.checks.torques import refuse_other_torques
 from forcecal_ros.recording.level import DOWN, level_from_base
 import numpy as np
 
@@ -25,7 +26,8 @@ def slight_misfit(poses: list[StaticPose], statics: Statics,
     UnobservableError
         The poses do not tell mass from bias, or show no weight.
     DataError
-        The wrench is in another frame, has other axes, or base is far from level.
+        The wrench is in another frame, has other axes, its torques other ones than its forces,
+        or base is far from level.
     """
     R_level_base = level_from_base(settings.gravity_direction)
     back: Array = np.eye(3) if R_level_base is None else R_level_base.T
@@ -40,4 +42,8 @@ def slight_misfit(poses: list[StaticPose], statics: Statics,
     check_weight(statics.gravity, settings.thresholds.condition)
     refuse_weightless(judgement)
     refuse_unexplained(judgement)
+    torque_noise = None if statics.covariance is None else np.sqrt(np.diagonal(
+        statics.covariance[:, 3:, 3:], axis1=1, axis2=2).mean(axis=0))
+    refuse_other_torques(judgement.plain.mass * statics.gravity, statics.wrench[:, 3:],
+                         torque_noise)
     return slightly_off(judgement, believed)

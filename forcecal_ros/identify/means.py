@@ -2,6 +2,7 @@
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
+from forcecal_ros.recording.noise.autocovariance import noise_of_windows
 from forcecal_ros.recording.noise.white import white_covariance
 from forcecal_ros.recording.streams import Stream
 import numpy as np
@@ -46,21 +47,34 @@ def drift(stream: Stream, windows: list[tuple[float, float]]) -> tuple[float, in
     Returns
     -------
     sigmas, window, channel : float, int, int
-        Mean of the second half less that of the first, in standard errors; 0 where the windows
-        hold too few samples to tell.
+        Mean of the second half less that of the first, in standard errors by noise that may be
+        coloured; 0 where the windows hold too few samples to tell.
     """
+    parts = [stream.between(start, end).values for start, end in windows]
+    size = max(1, int(np.median([len(part) for part in parts])) // 40) if parts else 1
+    whole = [(i, _block_means(part, size)) for i, part in enumerate(parts)
+             if len(part) // size >= 20]
+    if not whole:
+        return 0.0, 0, 0
+    noise = noise_of_windows([_detrended(blocks) for _, blocks in whole]).at_least_white
     worst = (0.0, 0, 0)
-    for i, (start, end) in enumerate(windows):
-        values = stream.between(start, end).values
-        size = max(1, len(values) // 40)
-        n = len(values) // size // 2 * 2
-        if n < 20:
-            continue
-        blocks = values[:n * size].reshape(n, size, -1).mean(axis=1)
-        noise = np.sqrt(np.diag(white_covariance(blocks, 1)))
-        step = blocks[n // 2:].mean(axis=0) - blocks[:n // 2].mean(axis=0)
-        sigmas = np.abs(step) / np.maximum(noise * np.sqrt(4 / n), 1e-300)
-        sigmas[noise == 0] = 0
+    for i, blocks in whole:
+        n = len(blocks) // 2 * 2
+        step = np.abs(blocks[n // 2:n].mean(axis=0) - blocks[:n // 2].mean(axis=0))
+        white = np.diag(white_covariance(blocks, 1))
+        sigmas = step / np.sqrt(np.maximum(np.maximum(np.diag(noise), white) * 4 / n, 1e-300))
+        sigmas[white == 0] = 0
         if sigmas.max() > worst[0]:
             worst = (float(sigmas.max()), i, int(np.argmax(sigmas)))
     return worst
+
+
+def _block_means(values: Array, size: int) -> Array:
+    n = len(values) // size
+    return np.asarray(values[:n * size].reshape(n, size, -1).mean(axis=1))
+
+
+def _detrended(blocks: Array) -> Array:
+    """Take a line off, which is drift and no noise."""
+    t = np.linspace(-1.0, 1.0, len(blocks))
+    return np.asarray(blocks - blocks.mean(axis=0) - np.outer(t, t @ blocks / (t @ t)))

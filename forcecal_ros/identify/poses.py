@@ -1,11 +1,13 @@
 """Static poses: how the paper orients the sensor, and where a recording stands still."""
 
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, rotation_about, rotation_from_vector, rotation_vector
+from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.motion import rest_within
-from forcecal_ros.recording.streams import PoseStream, Recording, STILL
+from forcecal_ros.recording.streams import PoseStream, Recording, STILL, Stream
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -30,6 +32,14 @@ _LOOK = 0.1
 
 _CERTAIN = 5.0
 """Standard errors of a difference beyond which it is motion: one in 10^5 is by chance."""
+
+
+_HELD = 1.5
+"""A robot that is held by hand, or yields, sways; it stands where it stays for so long [s] within
+what one that creeps at the speeds above does meanwhile."""
+
+_TRIMMED = 0.5
+"""So much of a stand at most that ends in motion is the motion's own, and no sway [s]."""
 
 
 class StaticPose(NamedTuple):
@@ -122,12 +132,32 @@ def static_windows(recording: Recording) -> list[tuple[float, float]]:
                 "phases is `measure`; record the sequencer's phases, or leave them out and stand "
                 'still in each pose')
         return [rest_within(recording.pose, *window) for window in windows]
-    windows = _standing(recording.pose)
+    standing = _standing(recording.pose)
+    windows = standing if recording.wrench is None else _felt(recording.wrench, standing)
+    if standing and not windows:
+        raise DataError(
+            f'{recording.source or "the recording"}: no wrench in any of the {len(standing)} '
+            'places where the robot stood; record both at once, by one clock')
     if not windows:
         raise DataError(
             f'{recording.source or "the recording"}: the pose never stands still for '
             f'{_SHORTEST_STAND + _RING_DOWN:g} s; hold each pose longer')
     return windows
+
+
+def _felt(wrench: Stream, windows: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Keep what the wrench was recorded in throughout: of its pauses the checks tell."""
+    if not len(wrench):
+        return []
+    pause = max(limits.PAUSE, limits.PAUSE_PERIODS / wrench.rate) if len(wrench) > 1 else np.inf
+    kept = []
+    for start, end in windows:
+        start, end = max(start, float(wrench.t[0])), min(end, float(wrench.t[-1]))
+        inside = wrench.between(start, np.nextafter(end, np.inf)).t
+        if end - start >= _SHORTEST_STAND and len(inside) and (
+                np.diff(np.concatenate([[start], inside, [end]])).max() < pause):
+            kept.append((start, end))
+    return kept
 
 
 def _standing(pose: PoseStream) -> list[tuple[float, float]]:
@@ -141,31 +171,58 @@ def _standing(pose: PoseStream) -> list[tuple[float, float]]:
     about = R[:, step // 2]
     mean = about @ rotation_from_vector(
         rotation_vector(np.swapaxes(about, 1, 2)[:, np.newaxis] @ R).mean(axis=1))
-    turned = rotation_vector(np.swapaxes(mean[:-1], 1, 2) @ mean[1:])
-    moving = _moves(turned, t, _TURN_RATE, rotation_vector(
-        np.swapaxes(pose.R_base_sensor[:-1], 1, 2) @ pose.R_base_sensor[1:]), step)
+    ways: list[_Way] = [(lambda i, j: rotation_vector(np.swapaxes(mean[i], 1, 2) @ mean[j]),
+                         _TURN_RATE, rotation_vector(np.swapaxes(
+                             pose.R_base_sensor[:-1], 1, 2) @ pose.R_base_sensor[1:]))]
     if pose.has_position:
         place = pose.position[:n * step].reshape(n, step, 3).mean(axis=1)
-        moving |= _moves(np.diff(place, axis=0), t, _SPEED, np.diff(pose.position, axis=0), step)
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], moving, [True]]).astype(int)))
+        ways.append((lambda i, j: place[j] - place[i], _SPEED, np.diff(pose.position, axis=0)))
     windows = []
-    for first, last in zip(edges[::2], edges[1::2]):
+    for first, last in _stands(t, ways, step):
         begin = t[first] + (_RING_DOWN if first else 0.0)
         if t[last] - begin >= _SHORTEST_STAND:
             windows.append((float(begin), float(t[last])))
     return windows
 
 
-def _moves(way: Array, t: Array, slowest: float, between_samples: Array, step: int
-           ) -> NDArray[np.bool_]:
+_Way = tuple[Callable[[slice, slice], Array], float, Array]
+"""Way between means, the speed below which it is none, and the ways between samples."""
+
+
+def _stands(t: Array, ways: list[_Way], step: int) -> Iterator[tuple[int, int]]:
+    """First and last mean of each stretch in which a robot stands, however it sways."""
+    n = len(t)
+    span = max(2, round(_HELD / float(np.median(np.diff(t)))))
+    moving, stays = np.zeros(n - 1, dtype=bool), np.ones(max(0, n - span), dtype=bool)
+    for way, slowest, between_samples in ways:
+        by_chance = _by_chance(between_samples, step)
+        moving |= _far(way(slice(None, -1), slice(1, None)), slowest * np.diff(t) + by_chance)
+        for j in range(1, span + 1):
+            stays &= ~_far(way(slice(0, n - span), slice(j, n - span + j)),
+                           slowest * _HELD + by_chance)
+    held = np.zeros(n - 1, dtype=bool)
+    for j in range(span):
+        held[j:j + len(stays)] |= stays
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], moving & ~held, [True]]).astype(int)))
+    most = round(_TRIMMED / _HELD * span)
+    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist()):
+        still = np.flatnonzero(~moving[first:last])
+        begin, end = (still[0], still[-1] + 1) if len(still) else (0, last - first)
+        yield first + min(int(begin), most), last - min(last - first - int(end), most)
+
+
+def _far(way: Array, limit: Array | float) -> NDArray[np.bool_]:
+    return np.asarray(np.linalg.norm(way, axis=1) > limit)
+
+
+def _by_chance(between_samples: Array, step: int) -> float:
     """
-    Say between which means of ``step`` samples a pose moves, and not by its noise alone.
+    Return how far means of ``step`` samples are apart by a pose's noise alone.
 
     Second differences of samples are noise, whatever the motion: of white noise sqrt(6) of it.
     """
     noise = np.median(np.abs(np.diff(between_samples, axis=0))) / (0.6745 * np.sqrt(6.0))
-    by_chance = _CERTAIN * np.sqrt(2.0 / step) * noise
-    return np.asarray(np.linalg.norm(way, axis=1) > slowest * np.diff(t) + by_chance)
+    return float(_CERTAIN * np.sqrt(2.0 / step) * noise)
 
 
 def static_poses(recording: Recording) -> list[StaticPose]:

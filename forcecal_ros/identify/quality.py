@@ -24,7 +24,7 @@ from forcecal_ros.identify.paper import Alignment, Plain, plain_procedure
 from forcecal_ros.identify.poses import orientation_h, orientation_v
 from forcecal_ros.identify.result import Stages
 from forcecal_ros.identify.settings import IdentificationSettings
-from forcecal_ros.recording.checks.units import doubt_of_force_unit
+from forcecal_ros.recording.checks.units import doubt_of_force_unit, doubt_of_torque_unit
 from forcecal_ros.recording.streams import phase_spans
 import numpy as np
 
@@ -62,7 +62,9 @@ def quality_of(stages: Stages, calibration: Calibration, settings: Identificatio
     quality: dict[str, Any] = {
         'warnings': [*_weak(calibration, settings), *(finding.line for finding in found)],
         'suspect': [key for key in ALL if any(key in finding.suspect for finding in found)],
-        'questions': [one for one in (doubt_of_force_unit(tool.mass),) if one],
+        'questions': [one for one in (
+            doubt_of_force_unit(tool.mass),
+            doubt_of_torque_unit(float(np.linalg.norm(tool.com)))) if one],
         'notes': [*stages.recording.notes, *_notes(stages, calibration, plain)],
         'poses': [{'start': round(p.start, 3), 'gravity': g, 'residual': r} for p, g, r in
                   zip(stages.poses, stages.statics.gravity, tool.residuals)],

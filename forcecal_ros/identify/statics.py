@@ -1,5 +1,6 @@
 """What the static poses and the ringing say about the tool, put together."""
 
+from forcecal_ros.geometry import Array
 from forcecal_ros.identify.gridded import GriddedRecording, windows_of
 from forcecal_ros.identify.means import window_mean
 from forcecal_ros.identify.poses import StaticPose
@@ -8,8 +9,10 @@ from forcecal_ros.identify.ringing import RingFit, rings, stiffness_and_damping
 from forcecal_ros.identify.sag import Sag, stiffness_from_sag
 from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.identify.static_readings import Statics
+from forcecal_ros.recording.checks.clipping import resolution
 from forcecal_ros.recording.noise.autocovariance import noise_of_windows
-from forcecal_ros.recording.streams import phase_spans, Recording
+from forcecal_ros.recording.noise.rounding import rounding_variance
+from forcecal_ros.recording.streams import phase_spans, Recording, Stream
 from forcecal_ros.recording.time_grid import Averager
 import numpy as np
 
@@ -31,6 +34,7 @@ def read_statics(recording: Recording, poses: list[StaticPose], settings: Identi
     covariance = None
     if gridded is not None:
         covariance = gridded.noise.at_least_white * (gridded.grid.length / spans)[:, None, None]
+        covariance = covariance + np.diag(_rounding(wrench, poses))
     rigid = np.zeros(len(poses))
     if settings.tool_compliance == 'no' or optidrive is None or not len(optidrive):
         return Statics(gravity, means, covariance, rigid, rigid)
@@ -41,6 +45,14 @@ def read_statics(recording: Recording, poses: list[StaticPose], settings: Identi
         density = noise_of_windows(blocks).at_least_white[0, 0] * gridded.grid.length
         variance = float(density) / spans
     return Statics(gravity, means, covariance, slide, variance)
+
+
+def _rounding(wrench: Stream, poses: list[StaticPose]) -> Array:
+    """Variance that rounding to steps leaves in the mean of a pose, by channel, shape (6,)."""
+    parts = [wrench.between(pose.start, pose.end).values for pose in poses]
+    within = np.mean([part.var(axis=0) for part in parts if len(part) > 1], axis=0)
+    return np.array([rounding_variance(resolution(values), float(variance))
+                     for values, variance in zip(wrench.values.T, within)])
 
 
 def ring_of(recording: Recording, poses: list[StaticPose], statics: Statics, mass: float,

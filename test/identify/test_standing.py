@@ -1,9 +1,11 @@
 """Where a recording without phases stands still, whatever the noise of its poses."""
 
+from dataclasses import replace
+
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.identify.poses import static_windows
-from forcecal_ros.recording.streams import PoseStream, Recording
+from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 import numpy as np
 import pytest
 
@@ -37,3 +39,26 @@ def test_holds_are_found_and_moves_left_out(place, turn):
 def test_what_creeps_is_no_stand():
     with pytest.raises(DataError, match='never stands still'):
         static_windows(moved(2e-5, 2e-5, slow=0.05))
+
+
+@pytest.mark.parametrize('frequency', [0.4, 1.0, 3.0])
+def test_a_robot_held_by_hand_stands_although_it_sways(frequency):
+    sound = moved(2e-5, 2e-5)
+    t = sound.pose.t
+    phase = 2.0 * np.pi * frequency * t[:, None] + np.array([0.0, 1.6, 4.0])
+    swaying = replace(sound, pose=replace(
+        sound.pose, position=sound.pose.position + 4e-4 * np.sin(phase),
+        R_base_sensor=sound.pose.R_base_sensor @ rotation_from_vector(5e-4 * np.sin(phase))))
+    windows = static_windows(swaying)
+    assert len(windows) == len(HOLDS)
+    for i, ((start, end), (first, last)) in enumerate(zip(windows, HOLDS)):
+        assert first + 0.9 * (i > 0) <= start <= first + 1.6 and last - 0.6 <= end <= last + 0.1
+
+
+def test_a_stand_in_which_the_wrench_pauses_is_left_out():
+    sound = moved(2e-5, 2e-5)
+    t = sound.pose.t[(sound.pose.t > 0.8) & ((sound.pose.t < 7.5) | (sound.pose.t > 9.0))]
+    windows = static_windows(replace(sound, wrench=Stream(t, np.zeros((len(t), 6)))))
+    assert [round(start) for start, _ in windows] == [1, 13] and windows[0][0] > 0.8
+    with pytest.raises(DataError, match='no wrench in any of the 3 places'):
+        static_windows(replace(sound, wrench=Stream(t + 100.0, np.zeros((len(t), 6)))))

@@ -5,6 +5,7 @@ import re
 
 from calibration_runs import run
 from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.clipping import clipped
 from forcecal_ros.recording.checks.clocks import clocks, refuse_clocks_apart
@@ -235,6 +236,45 @@ def test_pauses_are_told_but_no_rest_between_single_samples(rig):
     assert late.notes == ('wrench: nothing was recorded for 3.0 s from 9.0 s on',)
     poses = np.arange(0.0, 120.0, 5.0)
     assert not checked(Recording(wrench=Stream(poses, noise(t=poses)))).recording.notes
+
+
+@pytest.mark.parametrize('value', [np.nan, 0.0])
+def test_what_a_driver_says_before_its_sensor_answers_is_left_out(value):
+    wrench, pose = turned(0.0)
+    values = np.array(wrench.values)
+    values[:600] = value
+    found = checked(Recording(wrench=replace(wrench, values=values), pose=pose)).recording
+    assert len(found.wrench) == len(T) - 600
+    assert found.notes == (
+        'wrench: its first 600 samples hold no reading, up to 1.20 s; left out',)
+    values[9000:9600] = value
+    with pytest.raises(DataError):
+        checked(Recording(wrench=replace(wrench, values=values), pose=pose))
+
+
+def turned(late, sign=1.0, contact=0.0):
+    """Return the wrench of a kilogram that turns about, `late` behind its pose, and that pose."""
+    rng = np.random.default_rng(3)
+    angles = np.cumsum(rng.standard_normal((9, 3)), axis=0)
+    ways = np.stack([np.interp(T, np.arange(9) * 5.0, column) for column in angles.T], axis=1)
+    R = rotation_from_vector(ways)
+    force = -9.81 * sign * R[:, 2] + 0.3 * noise(3) + contact * (T[:, None] % 4.0 > 2.0)
+    return (Stream(T + late, np.hstack([force, 0.01 * noise(3, 1)])),
+            PoseStream(T, np.full((len(T), 3), np.nan), R))
+
+
+@pytest.mark.parametrize('late, sign', [(3.0, 1.0), (-0.4, 1.0), (7.0, -1.0)])
+def test_a_wrench_that_shows_gravity_turn_at_another_time_is_told_by_how_much(late, sign):
+    wrench, pose = turned(late, sign)
+    with pytest.raises(DataError, match=f'{abs(late):.2f} s {"later" if late > 0 else "earlier"} '
+                                        f'than the pose.* add [+-]{abs(late):.2f} s'):
+        checked(Recording(wrench=wrench, pose=pose))
+
+
+@pytest.mark.parametrize('contact', [0.0, 5.0, 50.0])
+def test_pushes_and_delays_of_filters_are_no_other_clock(contact):
+    wrench, pose = turned(0.05, contact=contact)
+    checked(Recording(wrench=wrench, pose=pose))
 
 
 def test_a_clock_is_judged_by_its_samples(rig):

@@ -62,13 +62,14 @@ def quantisation(recording: Recording, noise: Mapping[str, float]) -> tuple[Step
     """
     found = []
     for name, _, values in columns(recording):
-        step = _step(values)
+        step = resolution(values)
         if step > limits.STEPS * noise[name] and np.ptp(values) > 2.0 * step:
             found.append(Steps(name, step))
     return tuple(found)
 
 
-def _step(values: Array) -> float:
+def resolution(values: Array) -> float:
+    """Return the step whose multiples values are; 0: they are none, or too few."""
     different = np.unique(values)
     if len(different) > 0.5 * len(values) or len(different) < 3:
         return 0.0

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.checks import limits
-from forcecal_ros.recording.streams import Recording
+from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.recording.topics import ROLES
 import numpy as np
 from numpy.typing import NDArray
@@ -118,6 +118,90 @@ def refuse_clocks_apart(recording: Recording) -> None:
     refuse_apart({_called(name): (float(stream.t[0]), float(stream.t[-1]))
                   for name in (*STREAMS, 'angular_velocity')
                   if (stream := getattr(recording, name)) is not None and len(stream)})
+
+
+def refuse_offset(recording: Recording) -> None:
+    """
+    Refuse a sensor whose readings follow gravity as the pose turns it at another time.
+
+    Raises
+    ------
+    DataError
+        Names the sensor and how far its stamps are off those of the pose.
+    """
+    for name in ('wrench', 'accelerometer'):
+        stream = getattr(recording, name)
+        if stream is not None and recording.pose is not None:
+            late = offset_from_gravity(stream, recording.pose)
+            if abs(late) > limits.OFFSET:
+                raise DataError(
+                    f'{_called(name)} shows gravity turn {abs(late):.2f} s '
+                    f'{"later" if late > 0 else "earlier"} than the pose, by their stamps: set '
+                    'the clocks of all computers by one (PTP or chrony), or stamp on one '
+                    f'computer, and record again; or add {-late:+.2f} s to the stamps of {name}')
+
+
+def offset_from_gravity(stream: Stream, pose: PoseStream) -> float:
+    """
+    Find how much later than a pose a sensor shows gravity turn.
+
+    Whatever matrix takes gravity's direction to the readings: unit, sign and axes do not matter.
+
+    Parameters
+    ----------
+    stream : Stream
+        Of forces or accelerations, in the first three columns.
+
+    Returns
+    -------
+    float
+        [s]; 0 where the stamps explain the readings as well, or nothing does.
+    """
+    step = limits.OFFSET_STEP
+    start, end = max(stream.t[0], pose.t[0]), min(stream.t[-1], pose.t[-1])
+    if min(len(stream), len(pose)) < 100 or end - start < 100 * step:
+        return 0.0
+    edges = np.arange(start, end, step)
+    down, read = (_means_between(t, values, edges) for t, values in (
+        (pose.t, pose.R_base_sensor[:, 2]), (stream.t, stream.values[:, :3])))
+    half = len(down) // 2
+    halves = [(down[part], read[part]) for part in (slice(None, half), slice(half, None))]
+    if min(np.linalg.norm(g.std(axis=0)) for g, _ in halves) < limits.OFFSET_TURNED:
+        return 0.0
+    lags = np.arange(-(most := min(round(limits.OFFSET_SPAN / step), half // 2)), most + 1)
+    best = int(lags[np.argmin([_unexplained(down, read, int(lag)) for lag in lags])])
+    # one event may look like another of a later time, in one half and not in both
+    return best * step if all(_belongs(g, f, best) for g, f in halves) else 0.0
+
+
+def _belongs(down: Array, read: Array, lag: int) -> bool:
+    """Say whether gravity explains readings so many steps later, and not at their own time."""
+    near = round(limits.OFFSET / limits.OFFSET_STEP)
+    at_stamps = min(_unexplained(down, read, one) for one in range(-near, near + 1))
+    there = _unexplained(down, read, lag)
+    return bool(there < 1.0 - limits.OFFSET_EXPLAINS and at_stamps > limits.OFFSET_TIMES * there)
+
+
+def _means_between(t: Array, values: Array, edges: Array) -> Array:
+    """Means between edges, of what is interpolated where nothing was sampled."""
+    sums = np.vstack([np.zeros(values.shape[1]), np.cumsum(values, axis=0)])
+    at = np.searchsorted(t, edges)
+    count = np.diff(at)
+    means = np.diff(sums[at], axis=0) / np.maximum(count, 1)[:, None]
+    have, middle = count > 0, (edges[1:] + edges[:-1]) / 2.0
+    return np.stack([np.interp(middle, middle[have], column[have]) for column in means.T], axis=1)
+
+
+def _unexplained(down: Array, read: Array, lag: int) -> float:
+    """Share of the changes of readings, so many steps later, that gravity does not explain."""
+    n = len(down) - abs(lag)
+    g, f = down[max(0, -lag):][:n], read[max(0, lag):][:n]
+    g, f = g - g.mean(axis=0), f - f.mean(axis=0)
+    total = float((f**2).sum())
+    if total <= 0.0:
+        return 1.0
+    cross = g.T @ f
+    return 1.0 - float((cross * (np.linalg.pinv(g.T @ g, rcond=1e-6) @ cross)).sum()) / total
 
 
 def refuse_apart(spans: Mapping[str, tuple[float, float]]) -> None:

@@ -6,11 +6,12 @@ from typing import Any, NamedTuple
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.clipping import clipped
-from forcecal_ros.recording.checks.clocks import refuse_clocks_apart
+from forcecal_ros.recording.checks.clocks import refuse_clocks_apart, refuse_offset
 from forcecal_ros.recording.checks.motion import refuse_frozen_pose, refuse_silent_pose
 from forcecal_ros.recording.checks.pauses import silences
 from forcecal_ros.recording.checks.repeats import refuse_dead, refuse_stuck
-from forcecal_ros.recording.checks.values import Mask, readable
+from forcecal_ros.recording.checks.units import refuse_other_length
+from forcecal_ros.recording.checks.values import Mask, readable, startup
 from forcecal_ros.recording.streams import CHANNELS, PoseStream, Recording, Stream
 import numpy as np
 
@@ -55,8 +56,9 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
     if recording.wrench is not None and not len(recording.wrench):
         raise DataError('wrench: no message was recorded; look at its topic and its driver, and '
                         'record again')
-    recording, removed = _readable(_without_absent(recording), raw_wrench)
+    recording, removed = _readable(_begun(_without_absent(recording)), raw_wrench)
     refuse_clocks_apart(recording)
+    refuse_other_length(recording.pose)
     for name in SENSORS:
         stream = getattr(recording, name)
         if stream is not None:
@@ -64,9 +66,24 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
             refuse_stuck(stream, name, CHANNELS[name], recording.pose or recording.target)
     refuse_frozen_pose(recording)
     refuse_silent_pose(recording)
+    if not raw_wrench:
+        refuse_offset(recording)
     notes = (*silences(recording), *(str(one) for one in clipped(recording)))
     fresh = [note for note in notes if note not in recording.notes]
     return Checked(replace(recording, notes=(*recording.notes, *fresh)), removed)
+
+
+def _begun(recording: Recording) -> Recording:
+    """Leave out what drivers publish before their sensors answer: no numbers, or zeros."""
+    changed: dict[str, Any] = {}
+    notes = []
+    for name in ('wrench', 'accelerometer'):
+        stream = getattr(recording, name)
+        if stream is not None and (first := startup(stream)):
+            changed[name] = replace(stream, t=stream.t[first:], values=stream.values[first:])
+            notes.append(f'{name}: its first {first} samples hold no reading, up to '
+                         f'{stream.t[first]:.2f} s; left out')
+    return replace(recording, **changed, notes=(*recording.notes, *notes)) if notes else recording
 
 
 def computed(recording: Recording) -> Recording:

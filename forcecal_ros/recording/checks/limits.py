@@ -15,6 +15,10 @@ SPOILT = 0.01
 FEW = 5
 """So many may be missing of any stream: of 24 static poses one would be 4 %."""
 
+STARTUP = 20.0
+"""A driver that publishes before its sensor answers says nothing, or zeros, for so long at most
+[s]; half of a recording at most."""
+
 # Values that repeat ------------------------------------------------------------------------------
 
 DEAD = 100
@@ -90,6 +94,21 @@ LOST = 5e-4
 
 JITTER = 0.15
 """Scatter of the stamps about their line, in periods, that counts."""
+
+OFFSET_SPAN, OFFSET_STEP = 30.0, 0.05
+"""Clocks are looked for so far apart, by means over so long: clocks that nobody set differ by
+seconds, those of other days do not overlap [s]."""
+
+OFFSET = 0.1
+"""Stamps that differ by less may be a slow filter's or a driver's delay, not another clock [s]."""
+
+OFFSET_EXPLAINS, OFFSET_TIMES = 0.8, 3.0
+"""Share of a sensor's changes that gravity explains over the other clock, and how many times as
+much is unexplained over that of the stamps: of sound recordings, pushed now and then or not, the
+second is below 1.2."""
+
+OFFSET_TURNED = 0.1
+"""Spread of gravity's direction from which its turning times a recording, gravity taken as 1."""
 
 # Poses that repeat, motion -----------------------------------------------------------------------
 
@@ -176,6 +195,17 @@ those that are not calibrated are 1 m/s^2, gains 10 % off at most."""
 SAME_UNIT = 0.2
 """It is in a unit that explains the factor to such a share, for those offsets and gains."""
 
+OTHER_TORQUES = 3.0
+"""Torques fit other axes where they leave so many times less: a cable or a contact of sound axes
+leaves about the same with all."""
+
+FAR = 0.3
+"""A centre of mass so far away is questioned [m]: grippers and hands have theirs within 0.2."""
+
+SAME_MASS = 0.05
+"""A known tool weighs so nearly the same in another unit: another tool does by chance once in ten
+times, of those that weigh a tenth, a quarter or a thousand times as much."""
+
 NO_GRAVITY = 0.05
 """Less than this share of gravity is what an accelerometer without gravity shows of its offset."""
 
@@ -186,6 +216,10 @@ and what weighs up to 2.4 kg is lighter in kgf, up to 1.1 kg in lbf."""
 VERTICAL = 0.1
 """A mean force this close to the vertical of base may be a weight [rad]; a bias points so by
 chance once in four hundred times."""
+
+FASTEST = 30.0
+"""A hand that goes faster for a tenth of its motion is not in metres [m/s]: the fastest arms do
+10, and the slowest motions, of 50 mm/s, come out as 50."""
 
 # Live, sample by sample --------------------------------------------------------------------------
 

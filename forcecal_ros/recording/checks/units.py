@@ -3,10 +3,14 @@
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, STANDARD_GRAVITY
 from forcecal_ros.recording.checks import limits
+from forcecal_ros.recording.streams import PoseStream
 import numpy as np
 
 _POUND_FORCE = 4.4482216152605
 """[N]"""
+
+_POUND_INCH = 0.1129848290276167
+"""[N m]"""
 
 _ACCELERATIONS = {'g': 1.0 / STANDARD_GRAVITY, 'thousandths of g': 1e3 / STANDARD_GRAVITY,
                   'mm/s^2': 1e3}
@@ -44,6 +48,37 @@ def refuse_other_unit(at_rest: Array, gravity: float) -> None:
     raise DataError(f'{said}: its unit or its gain is another; set it right in the driver')
 
 
+def force_unit_of(shown: float, mass: float) -> tuple[str, float] | None:
+    """Name the unit in which forces make a known mass [kg] that shown [kg], and its newtons."""
+    for unit, newtons in (('kgf', STANDARD_GRAVITY), ('lbf', _POUND_FORCE), ('mN', 1e-3)):
+        if abs(shown * newtons / mass - 1.0) < limits.SAME_MASS:
+            return unit, newtons
+    return None
+
+
+def refuse_other_length(pose: PoseStream | None) -> None:
+    """
+    Refuse positions that move as fast as no arm does in metres.
+
+    Raises
+    ------
+    DataError
+        Names the speed and the unit that it tells of.
+    """
+    if pose is None or len(pose) < 100 or not pose.has_position:
+        return
+    slices = max(1, round(limits.SLICE / float(np.median(np.diff(pose.t)))))
+    n = len(pose) // slices
+    t, place = (x[:n * slices].reshape(n, slices, -1).mean(axis=1) for x in (
+        pose.t, pose.position))
+    speed = np.linalg.norm(np.diff(place, axis=0), axis=1) / np.diff(t[:, 0])
+    fast = float(np.quantile(speed[np.isfinite(speed)], 0.9)) if n > 10 else 0.0
+    if fast > limits.FASTEST:
+        raise DataError(f'pose: its position moves at {fast:.3g} m/s for a tenth of the '
+                        'recording, which no arm does: it is in mm; divide by 1000 in the driver '
+                        'or in the import, as geometry_msgs/Pose wants m')
+
+
 def doubt_of_force_unit(mass: float) -> str:
     """Question a mass that is light for a tool [kg], as forces in kgf or lbf make it; or empty."""
     if mass > limits.LIGHT:
@@ -52,3 +87,14 @@ def doubt_of_force_unit(mass: float) -> str:
     return (f'a mass of {mass:.3g} kg is little for a wrist to carry: if it weighs {kgf:.3g} kg, '
             f'the wrench is in kgf, if {lbf:.3g} kg, in lbf; multiply by {STANDARD_GRAVITY:g} or '
             f'{_POUND_FORCE:.5g} in the driver')
+
+
+def doubt_of_torque_unit(away: float) -> str:
+    """Question a centre of mass that is far [m], as torques in lbf in make it; or empty."""
+    if away < limits.FAR:
+        return ''
+    inches, kgf = away * _POUND_INCH, away / STANDARD_GRAVITY
+    return (f'a centre of mass {away:.3g} m away from the sensor is far: if it is {inches:.2g} m, '
+            f'the torques are in lbf in (multiply by {_POUND_INCH:.5g}), if {away / 10:.2g} m, '
+            f'in dN m; if {away / _POUND_FORCE:.2g} or {kgf:.2g} m, the forces are in lbf or kgf '
+            'and the torques in N m')

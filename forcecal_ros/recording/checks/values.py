@@ -84,3 +84,20 @@ def readable(stream: Stream | PoseStream, name: str, channels: Sequence[str],
         values = np.hstack([place, stream.R_base_sensor.reshape(len(stream), 9)])
     counted = Unreadable(name, channels, limit)
     return counted.add(stream.t, values), counted.note()
+
+
+def startup(stream: Stream) -> int:
+    """
+    Count the samples before a sensor's first reading: not finite, or zero in all channels.
+
+    Returns
+    -------
+    int
+        0 where they are no start: too long, or not the only ones of their kind.
+    """
+    for nothing in (~np.isfinite(stream.values).all(axis=1), ~stream.values.any(axis=1)):
+        first = int(np.argmin(nothing))
+        if first > limits.FEW and not nothing[first:].any() and 2 * first < len(stream) and (
+                stream.t[first] - stream.t[0] < limits.STARTUP):
+            return first
+    return 0
