@@ -5,19 +5,15 @@ from typing import Any
 
 from forcecal_ros.errors import ConfigError
 import yaml
-from yaml.composer import Composer
-from yaml.constructor import SafeConstructor
-from yaml.resolver import Resolver
 
 LARGEST = 1 << 18
 _DEEPEST = 32
 _LONGEST_NUMBER = 1000
 
 
-class _Strict(Composer, SafeConstructor, Resolver):
-    """Plain values without aliases, deep nests, endless numbers and keys that come twice."""
+class _Loader(yaml.SafeLoader):
+    """Safe loader without aliases, deep nests, endless numbers and keys that come twice."""
 
-    check_event: Any  # of whoever reads
     _depth = 0
 
     def compose_node(self, parent: Any, index: Any) -> Any:
@@ -47,29 +43,11 @@ class _Strict(Composer, SafeConstructor, Resolver):
         return mapping
 
 
-class _Loader(_Strict, yaml.SafeLoader):
-    """Reads by PyYAML alone, whose complaints are what a user sees."""
-
-
-LOADERS: list[Any] = [_Loader]
-"""In the order in which they try; the last one's complaint counts."""
-
-if yaml.__with_libyaml__:
-    class _Quick(_Strict, yaml.CSafeLoader):
-        """Reads by libyaml, in a fifth of the time."""
-
-        def __init__(self, stream: Any) -> None:
-            Composer.__init__(self)
-            yaml.CSafeLoader.__init__(self, stream)
-
-    LOADERS.insert(0, _Quick)
-
-for _one in LOADERS:
-    # YAML 1.2, in which 2e-5 is a number; PyYAML asks for a point and a sign
-    _one.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(
-        r'[-+]?(\.\d+|\d+(\.\d*)?)[eE][-+]?\d+$', re.ASCII), list('-+.0123456789'))
-    _one.add_constructor('tag:yaml.org,2002:int', _one.construct_yaml_int)
-    _one.add_constructor('tag:yaml.org,2002:float', _one.construct_yaml_float)
+# YAML 1.2, in which 2e-5 is a number; PyYAML asks for a point and a sign
+_Loader.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(
+    r'[-+]?(\.\d+|\d+(\.\d*)?)[eE][-+]?\d+$', re.ASCII), list('-+.0123456789'))
+_Loader.add_constructor('tag:yaml.org,2002:int', _Loader.construct_yaml_int)
+_Loader.add_constructor('tag:yaml.org,2002:float', _Loader.construct_yaml_float)
 
 
 def load_yaml(text: str | bytes, name: str, largest: int = LARGEST) -> Any:
@@ -96,14 +74,10 @@ def load_yaml(text: str | bytes, name: str, largest: int = LARGEST) -> Any:
     """
     if len(text) > largest:
         raise ConfigError(f'{name}: larger than {largest} bytes')
-    wrong = None
-    for loader in LOADERS:
-        try:
-            return yaml.load(text, Loader=loader)  # noqa: S506 - stricter than a SafeLoader
-        except (yaml.YAMLError, ValueError, OverflowError, RecursionError, TypeError) as error:
-            wrong = error
-    assert wrong is not None
-    raise ConfigError(f'{name}: not YAML of plain values: {_told(wrong)}') from wrong
+    try:
+        return yaml.load(text, Loader=_Loader)  # noqa: S506 - a stricter SafeLoader
+    except (yaml.YAMLError, ValueError, OverflowError, RecursionError, TypeError) as error:
+        raise ConfigError(f'{name}: not YAML of plain values: {_told(error)}') from error
 
 
 def _told(error: Exception) -> str:
