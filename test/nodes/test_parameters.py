@@ -1,9 +1,11 @@
 """Every parameter of every node as ``ros2 param`` meets it: described, bounded, checked."""
 
+import contextlib
 from importlib import import_module
 import json
 from pathlib import Path
 import re
+import time
 
 from forcecal_ros.cli import main
 from forcecal_ros.nodes import sim
@@ -11,6 +13,8 @@ from live import Live
 import pytest
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, ListParameters
+import rclpy
+from rclpy.node import NodeNameNonExistentError
 from std_msgs.msg import String
 
 TABLES = {'sim': 'sim', 'sequencer': 'sequencer_settings', 'observer': 'observer_settings',
@@ -93,22 +97,45 @@ def documented(node):
     return hears, says, [name if name[0] != '/' else prefix + name for name in services]
 
 
+def discovered(node, services):
+    """
+    Return a node's triggers and what it publishes and hears, once all services are there.
+
+    A participant that misses what another announced at its start never hears of it again. So
+    somebody who comes anew looks, and somebody else where that one does not see all.
+    """
+    seen = []
+    for patience in (10.0, 20.0, 60.0):
+        context = rclpy.Context()
+        rclpy.init(context=context)
+        graph = rclpy.create_node('newcomer', context=context)
+        end = time.monotonic() + patience
+        try:
+            while time.monotonic() < end:
+                # nobody hears of a node before its names arrive
+                with contextlib.suppress(NodeNameNonExistentError):
+                    found = graph.get_service_names_and_types_by_node(node, '/')
+                    seen = [name.strip('/') for name, types in found
+                            if types == ['std_srvs/srv/Trigger']]
+                    if len(seen) >= len(services):
+                        return sorted(seen), *(
+                            {name.strip('/') for name, _ in ends(node, '/')} for ends in (
+                                graph.get_publisher_names_and_types_by_node,
+                                graph.get_subscriber_names_and_types_by_node))
+                time.sleep(0.05)
+        finally:
+            graph.destroy_node()
+            context.try_shutdown()
+    raise AssertionError(f'{node} serves {seen}, expected {services}')
+
+
 @pytest.mark.parametrize('node', TABLES)
 def test_the_page_names_every_topic_and_service(described, node):
-    live, _ = described
     hears, says, services = documented(node)
-    graph = live.node
-
-    def served():
-        return sorted(name.strip('/') for name, types in graph.get_service_names_and_types_by_node(
-            node, '/') if types == ['std_srvs/srv/Trigger'])
-
-    live.until(lambda: len(served()) >= len(services), f'services of {node}')
-    assert served() == sorted(services)
-    for found, named in ((graph.get_publisher_names_and_types_by_node(node, '/'), says),
-                         (graph.get_subscriber_names_and_types_by_node(node, '/'), hears)):
-        names = {name.strip('/') for name, _ in found} - {
-            'rosout', 'parameter_events', 'diagnostics'}
+    served, *ends = discovered(node, services)
+    assert served == sorted(services)
+    for found, named in zip(ends, (says, hears)):
+        names = found - {'rosout', 'parameter_events', 'diagnostics'}
         # a node hears its own topic of commands to notice others there
         assert names - {f'{node}/transition_event', *says} <= {*named}
 
