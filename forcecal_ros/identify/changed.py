@@ -17,6 +17,9 @@ _TOUCHED = 0.34
 """Largest share of poses that may be touched: the others have to tell the tool."""
 
 
+_DEGREES = 6
+"""Degrees of freedom that a change has to leave: of fewer some leave nothing by chance."""
+
 _FITS = 2.0
 """Poses that leave less, per degree of freedom, are as sound as others: no more need to go."""
 
@@ -64,12 +67,12 @@ def _load(gravity: Array) -> Array:
 
 
 def _left(columns: Array, wrench: Array, weight: Array) -> float:
-    """Chi-square per degree of freedom; inf where none is left."""
+    """Chi-square per degree of freedom; inf where too few are left."""
     rows = (columns * weight).reshape(wrench.size, -1)
     right = (wrench[:, :, None] * weight).ravel()
     theta, _, rank, _ = np.linalg.lstsq(rows, right, rcond=1e-9)
     degrees = wrench.size - int(rank)
-    return float(((right - rows @ theta)**2).sum()) / degrees if degrees > 0 else np.inf
+    return float(((right - rows @ theta)**2).sum()) / degrees if degrees >= _DEGREES else np.inf
 
 
 def _changes(load: Array, times: Array) -> Iterator[_Change]:
@@ -100,6 +103,6 @@ def _touched(plain: Array, wrench: Array, weight: Array) -> Iterator[_Change]:
             columns[i, :, 6 * j:6 * j + 6] = np.eye(6)
         named = ', '.join(str(i + 1) for i in sorted(off))
         yield _Change(columns, f'without pose{"s" * (len(off) > 1)} {named} they fit one tool: '
-                      'something touched the tool there, or it was not yet still')
+                      'a cable or a hand pulled there, or it was not yet still')
         if left[off[-1]] < _FITS:
             return

@@ -39,7 +39,7 @@ from forcecal_ros.identify.tool import identify_tool, ToolFit
 from forcecal_ros.identify.unsettled import settled
 from forcecal_ros.recording.checks.clipping import clipped
 from forcecal_ros.recording.checks.entry import checked
-from forcecal_ros.recording.checks.units import refuse_other_unit
+from forcecal_ros.recording.checks.units import refuse_on_another_link, refuse_other_unit
 from forcecal_ros.recording.kinematics import AngularMotion
 from forcecal_ros.recording.level import level_from_base, levelled
 from forcecal_ros.recording.mount import in_axes_of_pose
@@ -209,10 +209,12 @@ def _refuse_other_unit(recording: Recording, poses: list[StaticPose],
     stream = recording.accelerometer
     if stream is None or recording.accelerometer_unit == 'V' or settings.coupling == 'ac':
         return
-    means = [part.mean(axis=0) for pose in poses
+    shown = [(part.mean(axis=0), pose.gravity(settings.gravity)) for pose in poses
              if len(part := stream.between(pose.start, pose.end).values)]
-    if means:
-        refuse_other_unit(np.array(means), settings.gravity)
+    if shown:
+        means, gravity = (np.array(column) for column in zip(*shown, strict=True))
+        refuse_other_unit(means, settings.gravity)
+        refuse_on_another_link(means, gravity)
 
 
 def _single_samples(recording: Recording, removed: dict[str, int], poses: list[StaticPose],

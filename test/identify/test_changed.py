@@ -43,7 +43,7 @@ def touched(g):
     (lambda g: AFTER * (load(g, 1.3, [0.01, 0.004, 0.07]) - load(g, 1.3, [0.01, 0.0, 0.07])),
      'a load that changes between pose 7 and pose 8'),
     (lambda g: 2.0 * (1.0 - np.exp(-TIMES / 60.0))[:, None] * np.ones(6), 'a bias that drifts'),
-    (touched, 'without poses 3, 10 they fit one tool: something touched')])
+    (touched, 'without poses 3, 10 they fit one tool: a cable or a hand pulled')])
 def test_the_one_change_is_named(change, words):
     for seed in range(10):
         assert search(words, said(change, seed)), said(change, seed)

@@ -19,8 +19,10 @@ def readings(seed, poses=8, com=(0.01, -0.005, 0.07), pull=0.0):
 @pytest.mark.parametrize('pull', [0.0, 0.05, 1.0])
 def test_sound_torques_pass_with_whatever_pulls_besides(poses, pull):
     for seed in range(60):
-        refuse_other_torques(*readings(seed, poses, pull=pull), np.full(3, 1e-3))
-        refuse_other_torques(*readings(seed, poses, (0.0, 0.0, 0.07), pull), None)
+        weight, torque = readings(seed, poses, pull=pull)
+        refuse_other_torques(weight, torque, np.full(3, 1e-3))
+        weight, torque = readings(seed, poses, (0.0, 0.0, 0.07), pull)
+        refuse_other_torques(weight, torque, None)
 
 
 @pytest.mark.parametrize('order, signs, shown', [

@@ -3,6 +3,7 @@
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.checks.units import (
     doubt_of_force_unit,
+    refuse_on_another_link,
     refuse_other_length,
     refuse_other_unit,
 )
@@ -47,3 +48,11 @@ def test_positions_in_millimetres_are_told_by_their_speed():
     refuse_other_length(PoseStream(t, place, np.broadcast_to(np.eye(3), (len(t), 3, 3))))
     with pytest.raises(DataError, match=r'at 395 m/s .* it is in mm; divide by 1000'):
         refuse_other_length(PoseStream(t, 1e3 * place, np.broadcast_to(np.eye(3), (len(t), 3, 3))))
+
+
+def test_an_accelerometer_that_does_not_turn_with_the_pose_is_on_another_link():
+    gravity = at_rest(1.0)
+    refuse_on_another_link(-0.9 * gravity[:, [1, 0, 2]] + 0.5, gravity)
+    refuse_on_another_link(np.tile([0.0, 0.0, G], (6, 1)), np.tile([0.0, 0.0, -G], (6, 1)))
+    with pytest.raises(DataError, match='does not sit on the tool or the flange'):
+        refuse_on_another_link(0.01 * gravity + [0.0, 0.0, G], gravity)

@@ -206,6 +206,10 @@ SAME_MASS = 0.05
 """A known tool weighs so nearly the same in another unit: another tool does by chance once in ten
 times, of those that weigh a tenth, a quarter or a thousand times as much."""
 
+TURNS_ALONG = 0.5
+"""An accelerometer that sits on what the pose is of shows its turning to this share at least:
+gains are 10 % off at most."""
+
 NO_GRAVITY = 0.05
 """Less than this share of gravity is what an accelerometer without gravity shows of its offset."""
 

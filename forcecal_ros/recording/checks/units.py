@@ -48,6 +48,29 @@ def refuse_other_unit(at_rest: Array, gravity: float) -> None:
     raise DataError(f'{said}: its unit or its gain is another; set it right in the driver')
 
 
+def refuse_on_another_link(at_rest: Array, gravity: Array) -> None:
+    """
+    Refuse an accelerometer in which gravity does not turn as the pose turns it.
+
+    Parameters
+    ----------
+    at_rest, gravity : ndarray, shape (n, 3)
+        Means of static poses, and gravity there by the pose [m/s^2].
+
+    Raises
+    ------
+    DataError
+        Says how little it turns.
+    """
+    shown, wanted = (float(np.linalg.norm(x.std(axis=0))) for x in (at_rest, gravity))
+    g = float(np.linalg.norm(gravity, axis=1).mean())
+    if wanted > limits.SPANNED * g and shown < limits.TURNS_ALONG * wanted:
+        raise DataError(
+            f'accelerometer: gravity changes by {shown:.2g} m/s^2 from pose to pose in it, by '
+            f'{wanted:.2g} m/s^2 as the pose turns: it does not sit on the tool or the flange, or '
+            'the topic is that of another one; name it with --topic accelerometer=NAME')
+
+
 def force_unit_of(shown: float, mass: float) -> tuple[str, float] | None:
     """Name the unit in which forces make a known mass [kg] that shown [kg], and its newtons."""
     for unit, newtons in (('kgf', STANDARD_GRAVITY), ('lbf', _POUND_FORCE), ('mN', 1e-3)):
