@@ -3,34 +3,51 @@
 import math
 from typing import Any
 
-from forcecal_ros.diagnose.excitation import ALIKE, Excitation, Shown
+from forcecal_ros.diagnose.excitation import Alias, ALIKE, Shown, VISIBLE
 from forcecal_ros.diagnose.planning import Planned
+from forcecal_ros.effects import EFFECTS
 from forcecal_ros.motion.limits import Limits
-from forcecal_ros.motion.poses import flatten_poses
+from forcecal_ros.motion.plan_file import sequencer_parameters
 
+CONTACT = 'it shows in contact only: add --contact'
 HEAD = ('effect', 'at a size of', 'energy', 'shows', 'weakest')
 
 
-def as_text(excitation: Excitation) -> str:
-    """
-    Return what a sequence shows as a table, then what it could not tell apart.
-
-    Parameters
-    ----------
-    excitation : Excitation
-
-    Returns
-    -------
-    str
-    """
-    rows = [HEAD, *(_cells(s) for s in excitation.shown)]
+def as_text(planned: Planned) -> str:
+    """Return what a sequence shows as a table, then what it could not show or tell apart."""
+    shown = [s for s in planned.excitation.shown if not planned.asked or s.name in planned.asked]
+    rows = [HEAD, *(_cells(s) for s in shown)]
     widths = [max(len(row[i]) for row in rows) for i in range(len(HEAD))]
     lines = ['  '.join(cell.rjust(w) if i == 2 else cell.ljust(w)
                        for i, (cell, w) in enumerate(zip(row, widths))).rstrip() for row in rows]
     lines += ['', f'closer than {ALIKE:g} deg to each other, hard to tell apart:']
-    lines += [f'  {a.one} / {a.other}: {a.angle_deg:.1f} deg' for a in excitation.aliases] \
+    lines += [f'  {a.one} / {a.other}: {a.angle_deg:.1f} deg' for a in aliases(planned)] \
         or ['  none']
-    return '\n'.join(lines)
+    return '\n'.join([*lines, *cannot(planned)])
+
+
+def aliases(planned: Planned) -> list[Alias]:
+    """Return the pairs that are hard to tell apart, of the effects asked for."""
+    return [a for a in planned.excitation.aliases
+            if not planned.asked or {a.one, a.other} & set(planned.asked)]
+
+
+def cannot(planned: Planned) -> list[str]:
+    """Say which of the effects asked for do not show, and what the limits took away."""
+    lines, motion = [], planned.motion
+    shown = {s.name: s for s in planned.excitation.shown}
+    for name in planned.asked or shown:
+        if name not in shown:
+            lines.append(f'{name}: a rig with a rigid tool cannot have it')
+        elif shown[name].energy < VISIBLE:
+            why = (CONTACT if EFFECTS[name].excited_by == ('contact',) and not
+                   motion.timing.contacts else 'these limits leave too little motion')
+            lines.append(f'{name}: does not show; {why}')
+    if motion.timing.amplitude < 1.0:
+        lines.append(f'the limits allow {motion.timing.amplitude:.0%} of the usual distances')
+    if motion.left_out:
+        lines.append(f'outside the limits and left out: {", ".join(motion.left_out)}')
+    return lines
 
 
 def to_document(planned: Planned) -> dict[str, Any]:
@@ -52,9 +69,10 @@ def to_document(planned: Planned) -> dict[str, Any]:
             'name': s.name, 'size': s.size, 'shows': s.word, 'excited_by': list(s.excited_by),
             'energy': None if math.isnan(s.energy) else s.energy, 'weakest': s.weakest,
             'weakest_energy': None if math.isnan(s.weakest_energy) else s.weakest_energy,
-        } for s in planned.excitation.shown],
+        } for s in planned.excitation.shown if not planned.asked or s.name in planned.asked],
         'alike': [{'effects': [a.one, a.other], 'angle_deg': a.angle_deg}
-                  for a in planned.excitation.aliases]}
+                  for a in aliases(planned)],
+        'cannot': cannot(planned)}
 
 
 def to_parameters(planned: Planned) -> str:
@@ -70,30 +88,20 @@ def to_parameters(planned: Planned) -> str:
     str
         YAML.
     """
-    timing, names = planned.motion.timing, list(planned.motion.poses)
-    numbers = flatten_poses(planned.motion.poses)
-    rows = [', '.join(str(round(x, 12) + 0.0) for x in numbers[7 * i:7 * i + 7])
-            for i in range(len(names))]
-    comment = ''.join(f'# {line}'.rstrip() + '\n' for line in
-                      as_text(planned.excitation).splitlines())
-    text = (f'# Recording for forcecal diagnose.\n{comment}'
-            '/**/sequencer:\n  ros__parameters:\n    sequence: diagnose\n    poses:\n'
-            f'      names: [{", ".join(names)}]\n'
-            '      values: [\n        ' + ',\n        '.join(rows) + ']\n')
-    if timing.contacts:
-        text += (f'    timing:\n      contact_distance: {timing.contact_distance}\n'
-                 f'      contacts: {timing.contacts}\n')
-    return text + wider_box(planned.motion.limits)
+    m = planned.motion
+    heading = f'Recording for forcecal diagnose.\n{as_text(planned)}'
+    return (sequencer_parameters('diagnose', m.poses, m.timing, m.pace, m.limits, heading)
+            + wider_box(m.limits, m.reach))
 
 
-def wider_box(limits: Limits) -> str:
-    """Return the comment with the box that a plan needs, where the default one is too small."""
+def wider_box(limits: Limits, reach: float) -> str:
+    """Return the comment with the box that contact needs, where that of the limits is smaller."""
     x, y, z = limits.workspace_max.tolist()
-    if x <= Limits().workspace_max[0]:
+    if reach <= x:
         return ''
-    return ('    # The way to the wall passes the default box. Look whether the cell is free that '
-            'far,\n    # then take the comment signs away.\n    # limits:\n'
-            f'    #   workspace_max: [{x:.3f}, {y}, {z}]\n')
+    return ('    # The way to the wall passes the box. Look whether the cell is free that far,\n'
+            '    # then take the comment signs away.\n    # limits:\n'
+            f'    #   workspace_max: [{reach:.3f}, {y}, {z}]\n')
 
 
 def _cells(s: Shown) -> tuple[str, str, str, str, str]:

@@ -14,9 +14,6 @@ last."""
 SHAKE = ((4e-4, 0.028), (3e-4, 0.024), (1.8e-4, 0.020))
 """Distance [m] and duration [s] of moves at 18 Hz to 25 Hz, which tell a delay from a low-pass."""
 
-SHAKE_REPEATS = 15
-"""How often each move of the shaking goes out and back: 0.6 s to 0.8 s at its frequency."""
-
 TURN = ((0.15, 0.6), (0.10, 0.4), (0.05, 0.25), (0.02, 0.15))
 """Angle [rad] and duration [s] of each rotation of a sweep, made out and back."""
 
@@ -29,9 +26,6 @@ SLOW_REVERSAL = (0.02, 2.0)
 
 PUSH = (0.03, 0.25)
 """Share of the distance to what is touched that is moved in contact, and its duration [s]."""
-
-REST = 3.0
-"""Rest at the beginning, in which the noise is measured, in multiples of ``timing.measure``."""
 
 
 def diagnosis_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing
@@ -50,14 +44,15 @@ def diagnosis_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing
     names = list(goals)
     home = goals[names[0]]
     plan = [Segment('move', f'to {names[0]}', home), Segment('settle', names[0]),
-            Segment('measure', names[0], duration=REST * timing.measure)]
+            Segment('measure', names[0], duration=timing.rest)]
     for name in names[1:]:
         plan += [Segment('move', f'to {name}', goals[name]), Segment('settle', name),
                  Segment('measure', name, duration=timing.measure)]
-    plan += [Segment('move', f'to {names[0]}', home), Segment('settle', names[0]),
-             *step_segments(home, _forward(home, away, timing.step_distance), timing)]
-    plan += _sweeps(home, away)
-    plan += _reversals(home, away)
+    plan += [Segment('move', f'to {names[0]}', home), Segment('settle', names[0])]
+    step = _forward(home, away, timing.amplitude * timing.step_distance)
+    plan += timing.steps * step_segments(home, step, timing)
+    plan += _sweeps(home, away, timing)
+    plan += timing.reversals * _reversals(home, away, timing.amplitude)
     for _ in range(int(timing.contacts)):
         plan += _touch(home, away, timing)
     plan += [Segment('settle', names[0]),
@@ -71,39 +66,46 @@ def _out_and_back(phase: str, label: str, home: Goal, goal: Goal, duration: floa
             Segment(phase, f'{label} back', home, duration)]
 
 
-def _sweeps(home: Goal, away: Goal) -> list[Segment]:
-    out: list[Segment] = []
+def _sweeps(home: Goal, away: Goal, timing: Timing) -> list[Segment]:
     if not isinstance(home, Pose):
-        for share, (_, duration) in zip((1.0, 0.7, 0.45, 0.3, 0.2, 0.15), SWEEP):
-            out += _out_and_back('sweep', 'joints', home, _between(home, away, share),
-                                   3.0 * duration)
-        return out
+        return timing.sweeps * [
+            segment for share, (_, duration) in zip((1.0, 0.7, 0.45, 0.3, 0.2, 0.15), SWEEP)
+            for segment in _out_and_back(
+                'sweep', 'joints', home, _between(home, away, timing.amplitude * share),
+                3.0 * duration)]
+    out = []
     for i, axis in enumerate('xyz'):
-        for distance, duration in SWEEP:
-            goal = Pose(home.position + distance * home.R_base_sensor[:, i], home.R_base_sensor)
-            out += _out_and_back('sweep', axis, home, goal, duration)
+        out += timing.sweeps * _moves(axis, home, i, timing.amplitude, SWEEP)
     for i, axis in (1, 'y'), (2, 'z'):
-        for distance, duration in SHAKE:
-            goal = Pose(home.position + distance * home.R_base_sensor[:, i], home.R_base_sensor)
-            out += SHAKE_REPEATS * _out_and_back('sweep', f'{axis} quickly', home, goal, duration)
+        for one in SHAKE:
+            out += timing.shakes * _moves(f'{axis} quickly', home, i, timing.amplitude, (one,))
     for i, axis in enumerate('xyz'):
-        for angle, duration in TURN:
-            goal = _rotated(home, i, angle)
+        for angle, duration in timing.turns * TURN:
+            goal = _rotated(home, i, timing.amplitude * angle)
             out += _out_and_back('sweep', f'about {axis}', home, goal, duration)
     return out
 
 
-def _reversals(home: Goal, away: Goal) -> list[Segment]:
+def _moves(label: str, home: Pose, axis: int, amplitude: float,
+           rows: tuple[tuple[float, float], ...]) -> list[Segment]:
+    """Go along an axis of ft_sensor, out and back by each distance [m] in each duration [s]."""
+    way = amplitude * home.R_base_sensor[:, axis]
+    return [segment for distance, duration in rows for segment in _out_and_back(
+        'sweep', label, home, Pose(home.position + distance * way, home.R_base_sensor), duration)]
+
+
+def _reversals(home: Goal, away: Goal, amplitude: float) -> list[Segment]:
     if not isinstance(home, Pose):
-        return 2 * _out_and_back('reverse', 'joints', home, _between(home, away, 0.5), 3.0)
+        return 2 * _out_and_back('reverse', 'joints', home,
+                                 _between(home, away, 0.5 * amplitude), 3.0)
     out: list[Segment] = []
     largest, duration = TILT
-    for angle in (largest, -largest, 0.5 * largest, -0.5 * largest):
-        out += _out_and_back('reverse', 'about y', home, _rotated(home, 1, angle), duration)
+    for share in (1.0, -1.0, 0.5, -0.5):
+        goal = _rotated(home, 1, share * amplitude * largest)
+        out += _out_and_back('reverse', 'about y', home, goal, duration)
     distance, duration = SLOW_REVERSAL
-    for _ in range(2):
-        out += _out_and_back('reverse', 'x', home, _forward(home, away, distance), duration)
-    return out
+    return out + 2 * _out_and_back(
+        'reverse', 'x', home, _forward(home, away, amplitude * distance), duration)
 
 
 def _touch(home: Goal, away: Goal, timing: Timing) -> list[Segment]:

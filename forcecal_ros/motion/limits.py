@@ -6,9 +6,12 @@ from typing import Annotated
 from forcecal_ros.errors import ConfigError, MotionError
 from forcecal_ros.geometry import Array
 from forcecal_ros.motion.joints import JointMove
-from forcecal_ros.motion.profiles import Move, peak_rates, PEAK_STOP, PEAK_STOP_JERK
+from forcecal_ros.motion.profiles import Move, Pace, peak_rates, PEAK_STOP, PEAK_STOP_JERK
 from forcecal_ros.schema import Row
 import numpy as np
+
+MARGIN = 0.967
+"""Share of a limit that planned motion aims at, as the default pace does of the default speeds."""
 
 
 @dataclass(frozen=True)
@@ -102,21 +105,37 @@ def check_move(move: Move, limits: Limits, name: str = 'the move') -> None:
     MotionError
         With the number, the limit and its key.
     """
-    peak = peak_rates(move.duration, limits.stop_duration)
-    for key, planned, limit, unit in (
-            ('speed', move.distance * peak.speed, limits.speed, 'm/s'),
-            ('acceleration', move.distance * peak.acceleration, limits.acceleration, 'm/s^2'),
-            ('jerk', move.distance * peak.jerk, limits.jerk, 'm/s^3'),
-            ('angular_speed', move.angle * peak.speed, limits.angular_speed, 'rad/s'),
-            ('angular_acceleration', move.angle * peak.acceleration,
-             limits.angular_acceleration, 'rad/s^2'),
-            ('angular_jerk', move.angle * peak.jerk, limits.angular_jerk, 'rad/s^3')):
+    for key, planned, limit, unit in _rates(move, limits):
         if not planned <= limit:
             raise MotionError(f'{name} needs {planned:.4g} {unit}, limits.{key} is {limit:g} '
                               f'{unit}; give it more time or a shorter distance')
     positions, rotations = move.poses()
     check_workspace(positions, limits, f'{name}: the sensor')
     check_workspace(positions + rotations @ limits.tip, limits, f'{name}: the tip')
+
+
+def _rates(move: Move, limits: Limits) -> tuple[tuple[str, float, float, str], ...]:
+    """Return key, planned peak, limit and unit of every rate of a move."""
+    peak = peak_rates(move.duration, limits.stop_duration)
+    return (('speed', move.distance * peak.speed, limits.speed, 'm/s'),
+            ('acceleration', move.distance * peak.acceleration, limits.acceleration, 'm/s^2'),
+            ('jerk', move.distance * peak.jerk, limits.jerk, 'm/s^3'),
+            ('angular_speed', move.angle * peak.speed, limits.angular_speed, 'rad/s'),
+            ('angular_acceleration', move.angle * peak.acceleration,
+             limits.angular_acceleration, 'rad/s^2'),
+            ('angular_jerk', move.angle * peak.jerk, limits.angular_jerk, 'rad/s^3'))
+
+
+def share_allowed(move: Move, limits: Limits) -> float:
+    """Return the share of a move's distance and angle, at most 1, that its duration allows."""
+    return min([1.0, *(MARGIN * limit / planned for _, planned, limit, _ in _rates(move, limits)
+                       if planned > limit)])
+
+
+def pace_within(limits: Limits, pace: Pace = Pace()) -> Pace:
+    """Return a pace that keeps the limits."""
+    return Pace(*(min(one, MARGIN * getattr(limits, name))
+                  for name, one in zip(Pace._fields, pace)))
 
 
 def check_workspace(points: Array, limits: Limits, name: str) -> None:

@@ -56,7 +56,7 @@ class Timing:
     """Durations and distances of a plan; the names are the parameters' keys."""
 
     measure: Annotated[float, Row(
-        'Duration of the measurement in each pose', 's', 0.2, 60.0)] = 1.0
+        'Duration of the measurement in each pose', 's', 0.2, 60.0)] = 0.75
     step_distance: Annotated[float, Row(
         'Length of the step along x of ft_sensor', 'm', -0.05, 0.05)] = 0.01
     step_duration: Annotated[float, Row('Duration of the step', 's', 0.05, 2.0)] = 0.1
@@ -69,7 +69,20 @@ class Timing:
         'contact: duration of that move, and of the one back', 's', 0.5, 60.0)] = 3.0
     contact: Annotated[float, Row(
         'contact: duration of the hold at its end', 's', 0.1, 600.0)] = 2.0
+    rest: Annotated[float, Row(
+        'diagnose: duration of the rest at the beginning', 's', 0.2, 600.0)] = 3.0
+    steps: Annotated[int, Row('diagnose: number of steps; 0: none', low=0, high=10)] = 1
+    sweeps: Annotated[int, Row(
+        'diagnose: rounds of quicker and quicker moves along each axis', low=0, high=10)] = 1
+    shakes: Annotated[int, Row(
+        'diagnose: repetitions of each of the quickest moves', low=0, high=100)] = 15
+    turns: Annotated[int, Row(
+        'diagnose: rounds of quicker and quicker rotations', low=0, high=10)] = 1
+    reversals: Annotated[int, Row(
+        'diagnose: rounds of slow tilts and of slow moves along x', low=0, high=10)] = 1
     contacts: Annotated[int, Row('diagnose: number of contacts; 0: none', low=0, high=10)] = 0
+    amplitude: Annotated[float, Row(
+        'diagnose: factor of all distances and angles of these', '1', 0.01, 1.0)] = 1.0
 
 
 def calibration_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing

@@ -1,0 +1,284 @@
+"""Optimal experimental design of a calibration: which poses, in which order, for how long.
+
+Of all sequences that fit into the time and the limits, the one whose Fisher information says most:
+
+- D-optimal: least determinant of the covariance of all parameters;
+- c-optimal for one parameter: least variance of that. On its own it likes designs that tell
+  nothing else, so it is compounded with D-optimality in equal parts [Atkinson2007].
+
+The search is an exchange algorithm [Fedorov1972]: one pose after the other is replaced by the
+candidate that helps most, from several starts, until nothing helps.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+from forcecal_ros.errors import MotionError
+from forcecal_ros.geometry import Array, rotation_from_vector
+from forcecal_ros.motion.information import at_rest, in_motion, Information, nothing, Sensors
+from forcecal_ros.motion.limits import check_move, Limits, pace_within, share_allowed
+from forcecal_ros.motion.plan import Timing
+from forcecal_ros.motion.poses import step_goal
+from forcecal_ros.motion.profiles import Move, Pace, Pose, shortest_duration
+import numpy as np
+
+SETTLE = 0.5
+"""How long the tool is expected to settle after each move [s]: 0.3 to 0.6 s on the nominal rig."""
+
+SHORTEST_MEASUREMENT = 0.4
+"""Of a pose [s]: 20 blocks of the identification, twice as many as its noise is measured on."""
+
+LONGEST_TURN = np.radians(165.0)
+"""Largest rotation between two poses [rad], as far from half a turn as a base may be tilted."""
+
+STARTS = 2
+"""Random starts of the search for each number of poses."""
+
+GROUPS = {'mass': ('kg', (0,)), 'force bias': ('N', (1, 2, 3)), 'com': ('m', (4, 5, 6)),
+          'torque bias': ('N m', (7, 8, 9)), 'offset': ('', (10, 11, 12)),
+          'gain': ('', (13, 17, 21))}
+"""Parameters by name: unit, and where they stand among tool (10), offset (3) and map (9)."""
+
+
+class Errors(NamedTuple):
+    """Predicted covariance of tool (10) and, where there is one, accelerometer (12)."""
+
+    covariance: Array
+
+    def std(self, name: str) -> Array:
+        """Return the predicted standard errors of one of ``GROUPS``."""
+        places = list(GROUPS[name][1])
+        return np.sqrt(np.diag(self.covariance)[places])
+
+    @property
+    def names(self) -> list[str]:
+        """Those of ``GROUPS`` that there are."""
+        return [name for name, (_, at) in GROUPS.items() if at[-1] < len(self.covariance)]
+
+
+def errors_of(information: Information, sensors: Sensors) -> Errors:
+    """Return the covariance that an information promises, the centre of mass in metres."""
+    tool, accelerometer = information.covariances()
+    to_com = np.eye(10)
+    to_com[4:7, 4:7] /= sensors.mass
+    to_com[4:7, 0] = -sensors.com / sensors.mass
+    tool = to_com @ tool @ to_com.T
+    if not sensors.has_accelerometer:
+        return Errors(tool)
+    both = np.zeros((22, 22))
+    both[:10, :10], both[10:, 10:] = tool, accelerometer[:12, :12]
+    return Errors(both)
+
+
+Criterion = Callable[[Errors], float]
+
+
+def d_optimality(errors: Errors) -> float:
+    """Return the logarithm of the determinant of the covariance, per parameter."""
+    sign, value = np.linalg.slogdet(errors.covariance)
+    return float(value) / len(errors.covariance) if sign > 0 else np.inf
+
+
+def c_optimality(name: str) -> Criterion:
+    """Return the criterion of one of ``GROUPS``, compounded with D-optimality."""
+    return lambda errors: (float(np.log((errors.std(name)**2).sum())) + d_optimality(errors))
+
+
+def criterion_of(name: str) -> Criterion:
+    """Return ``D``, or c-optimality for one of ``GROUPS`` (hyphens for blanks)."""
+    return d_optimality if name == 'D' else c_optimality(name.replace('-', ' '))
+
+
+class Robot(NamedTuple):
+    """Where the robot starts, and what it may do."""
+
+    home: Pose
+    limits: Limits = Limits()
+    pace: Pace = Pace()
+    tilt: float = np.radians(100.0)
+    """Largest rotation of a pose from home [rad]."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """
+    A calibration sequence, and what it promises.
+
+    Attributes
+    ----------
+    duration : float
+        Expected, settling included [s].
+    """
+
+    robot: Robot
+    sensors: Sensors
+    poses: dict[str, Pose]
+    timing: Timing
+    errors: Errors
+    duration: float
+
+
+def step_within(robot: Robot, timing: Timing) -> Timing:
+    """Shorten the step to what the limits allow in its time."""
+    move = Move(robot.home, step_goal(robot.home, timing.step_distance), timing.step_duration)
+    share = share_allowed(move, robot.limits)
+    return replace(timing, step_distance=float(np.trunc(1e6 * share * timing.step_distance) / 1e6))
+
+
+def candidates(robot: Robot) -> list[Pose]:
+    """Return home, and rotations from it in 26 directions by the largest tilt and parts of it."""
+    directions = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - 1.0
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    home = robot.home
+    return [home, *(
+        Pose(home.position, home.R_base_sensor @ rotation_from_vector(share * robot.tilt * d))
+        for share in (1.0, 0.7) for d in directions)]
+
+
+@dataclass(frozen=True)
+class Planner:
+    """
+    Adds up what sequences of candidates tell; stretches are computed once.
+
+    Attributes
+    ----------
+    poses : list of Pose
+        Candidates; the first is home, where the step is made.
+    duration : float
+        That a sequence may take [s].
+    """
+
+    robot: Robot
+    sensors: Sensors
+    poses: Sequence[Pose]
+    timing: Timing
+    duration: float
+
+    @cached_property
+    def _moves(self) -> dict[tuple[int, int], tuple[float, Information] | None]:
+        """Duration and information of the moves looked at so far; None where not allowed."""
+        return {}
+
+    def move(self, i: int, j: int) -> tuple[float, Information] | None:
+        """Return duration and information of a move; None where a limit forbids it."""
+        if (i, j) not in self._moves:
+            try:
+                self._moves[i, j] = self._moved(self.poses[i], self.poses[j])
+            except MotionError:
+                self._moves[i, j] = None
+        return self._moves[i, j]
+
+    def _moved(self, start: Pose, goal: Pose) -> tuple[float, Information] | None:
+        if Move(start, goal, 1.0).angle > LONGEST_TURN:
+            return None
+        move = Move(start, goal, shortest_duration(start, goal, self.robot.pace))
+        check_move(move, self.robot.limits)
+        return move.duration, in_motion(move, self.sensors)
+
+    @cached_property
+    def _rests(self) -> list[tuple[Information, Information]]:
+        """What a second of measuring and of settling tells in each pose."""
+        return [(at_rest(pose.R_base_sensor, self.sensors),
+                 in_motion(Move(pose, pose, 1.0), self.sensors)) for pose in self.poses]
+
+    def measure(self, sequence: Sequence[int]) -> float:
+        """Return the time left to measure in each pose [s]; -inf where a limit forbids a move."""
+        moves = [self.move(i, j) for i, j in self._pairs(sequence)]
+        if None in moves:
+            return -np.inf
+        moving = sum(one[0] for one in moves if one)
+        fixed = SETTLE * (len(sequence) + 1) + self._step + shortest_duration(
+            self.poses[0], self.poses[0], self.robot.pace)
+        return (self.duration - moving - fixed) / len(sequence)
+
+    @property
+    def _step(self) -> float:
+        return 2 * (self.timing.step_duration + self.timing.ring)
+
+    def _pairs(self, sequence: Sequence[int]) -> list[tuple[int, int]]:
+        return list(zip(sequence, [*sequence[1:], sequence[0]]))
+
+    def errors(self, sequence: Sequence[int], measure: float) -> Errors:
+        """Return what a sequence of allowed moves promises."""
+        total = nothing()
+        for pair in self._pairs(sequence):
+            if one := self.move(*pair):
+                total = total.plus(one[1])
+        for i in sequence:
+            resting, settling = self._rests[i]
+            total = total.plus(resting, measure).plus(settling, SETTLE)
+        total = total.plus(self._rests[0][1], SETTLE + self._step)
+        return errors_of(total, self.sensors)
+
+    def value(self, sequence: Sequence[int], criterion: Criterion) -> float:
+        """Return the criterion; infinite where the sequence does not fit."""
+        measure = self.measure(sequence)
+        if not measure >= SHORTEST_MEASUREMENT:
+            return np.inf
+        return criterion(self.errors(sequence, measure))
+
+    def exchange(self, sequence: list[int], criterion: Criterion, fixed: int = 1
+                 ) -> tuple[float, list[int]]:
+        """Replace poses, the first ``fixed`` excepted, until none helps; return the criterion."""
+        best = self.value(sequence, criterion)
+        while True:
+            before = best
+            for place in range(fixed, len(sequence)):
+                for other in set(range(len(self.poses))) - set(sequence):
+                    tried = [*sequence[:place], other, *sequence[place + 1:]]
+                    if (value := self.value(tried, criterion)) < best:
+                        best, sequence = value, tried
+            if not best < before:
+                return best, sequence
+
+    def search(self, criterion: Criterion, sizes: Sequence[int], seed: int = 0
+               ) -> tuple[float, list[int]]:
+        """Return the best criterion and sequence of several starts."""
+        rng = np.random.default_rng(seed)
+        found = [self.exchange([0, *(1 + rng.choice(len(self.poses) - 1, n - 1, replace=False))],
+                               criterion) for n in sizes for _ in range(STARTS)]
+        return min(found, key=lambda one: one[0])
+
+
+def design_calibration(robot: Robot, sensors: Sensors, duration: float,
+                       criterion: Criterion = d_optimality, timing: Timing = Timing()) -> Design:
+    """
+    Choose poses and times of a calibration.
+
+    Parameters
+    ----------
+    duration : float
+        That the sequence may take, settling included [s].
+
+    Raises
+    ------
+    MotionError
+        No sequence of three poses fits into the time and the limits.
+    """
+    timing = step_within(robot, timing)
+    robot = robot._replace(pace=pace_within(robot.limits, robot.pace))
+    poses = candidates(robot)
+    planner = Planner(robot, sensors, poses, timing, duration)
+    value, sequence = planner.search(criterion, (3, 4, 5))
+    if not np.isfinite(value):
+        raise MotionError(refusal(planner))
+    measure = float(np.floor(100 * planner.measure(sequence)) / 100)
+    names = ['home', *(f'pose_{k}' for k in range(1, len(sequence)))]
+    return Design(robot, sensors, {name: poses[i] for name, i in zip(names, sequence)},
+                  replace(timing, measure=measure), planner.errors(sequence, measure), duration)
+
+
+def refusal(planner: Planner) -> str:
+    """Say why no sequence fits: the box, or the time."""
+    reachable = [i for i in range(1, len(planner.poses)) if planner.move(0, i)]
+    if len(reachable) < 2:
+        try:
+            for pose in planner.poses[1:]:
+                planner._moved(planner.poses[0], pose)
+        except MotionError as error:
+            return (f'of {len(planner.poses) - 1} candidate poses {len(reachable)} are within the '
+                    f'limits: {error}')
+    return (f'no three poses fit into {planner.duration:g} s: give more time, a quicker pace or a '
+            'smaller tilt')
