@@ -15,6 +15,7 @@ from forcecal_ros.geometry import Array, rotation_vector
 from forcecal_ros.identify.changed import what_changed
 from forcecal_ros.identify.inertia import inertia_regressor, unexplained_torque
 from forcecal_ros.identify.means import drift
+from forcecal_ros.identify.rejection import pose_errors, rejected
 from forcecal_ros.identify.residuals import largest_deviation, Residuals
 from forcecal_ros.identify.result import Stages
 from forcecal_ros.identify.settings import IdentificationSettings
@@ -107,16 +108,21 @@ def poses_disagree(stages: Stages, settings: IdentificationSettings) -> Iterator
     weight = tool.mass * settings.gravity
     small = _SMALL * weight * np.array([1.0] * 3 + [float(np.linalg.norm(tool.com))] * 3)
     sigma = np.sqrt(np.diagonal(statics.covariance, axis1=1, axis2=2))
-    i, j = np.unravel_index(np.argmax(np.abs(tool.residuals) / sigma), sigma.shape)
-    if abs(tool.residuals[i, j]) > small[j]:
-        look = what_changed(statics, np.array([pose.start for pose in stages.poses])) or (
-            'look for a cable that pulls, contact, a loose mount, or a pose measured before it '
-            'was still')
-        yield Finding(
-            f'the static poses do not fit one tool (chi-square {tool.chi_square:.3g} for '
-            f'{tool.degrees} degrees of freedom): pose {i + 1} is off by '
-            f'{tool.residuals[i, j]:+.3g} {"N" if j < 3 else "N m"} in {CHANNELS["wrench"][j]}; '
-            f'{look}. The standard errors are widened by it', ALL)
+    if not (np.abs(tool.residuals) > small).any():
+        return
+    errors = pose_errors(statics, tool)
+    i = rejected(errors, settings.thresholds.probability)
+    offs = tool.residuals if i is None else np.array([one.shift for one in errors])
+    i = int(np.argmax(np.abs(offs / sigma).max(axis=1))) if i is None else i
+    j = int(np.argmax(np.abs(offs[i]) / sigma[i]))
+    look = what_changed(statics, np.array([pose.start for pose in stages.poses])) or (
+        'look for a cable that pulls, contact, a loose mount, or a pose measured before it was '
+        'still, and measure it again')
+    yield Finding(
+        f'the static poses do not fit one tool (chi-square {tool.chi_square:.3g} for '
+        f'{tool.degrees} degrees of freedom): pose {i + 1} is off by '
+        f'{offs[i, j]:+.3g} {"N" if j < 3 else "N m"} in {CHANNELS["wrench"][j]}; '
+        f'{look}. The standard errors are widened by it', ALL)
 
 
 def samples_disagree(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:

@@ -22,6 +22,7 @@ from forcecal_ros.identify.findings import ALL, Finding, findings, MOTION
 from forcecal_ros.identify.inertia import ELEMENTS
 from forcecal_ros.identify.paper import Alignment, Plain, plain_procedure
 from forcecal_ros.identify.poses import orientation_h, orientation_v
+from forcecal_ros.identify.rejection import pose_errors, rejected
 from forcecal_ros.identify.result import Stages
 from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.recording.checks.units import doubt_of_force_unit, doubt_of_torque_unit
@@ -52,8 +53,8 @@ def quality_of(stages: Stages, calibration: Calibration, settings: Identificatio
     -------
     dict
         ``warnings``, ``questions`` (sentences), ``suspect`` (keys of estimates that warnings call
-        into question), ``notes``, ``poses``, ``condition``, ``chi_square``, ``paper``
-        (the plain equations beside the joint estimates), ``errors`` (Eq. 23, 24, 26, 27), ...
+        into question), ``notes``, ``poses``, ``condition``, ``chi_square``, ``rejection`` (the rejection test, pose by pose),
+        ``paper`` (the plain equations beside the joint estimates), ``errors`` (Eq. 23, 24, 26, 27), ...
     """
     tool = stages.tool
     plain = _plain(stages, calibration, settings)
@@ -73,6 +74,7 @@ def quality_of(stages: Stages, calibration: Calibration, settings: Identificatio
         'gravity_spread': tool.spread,
         'chi_square': {'value': tool.chi_square, 'degrees': tool.degrees,
                        'probability': tool.probability},
+        'rejection': _rejection(stages, settings),
         'paper': plain._asdict(),
         'errors': _errors(stages, calibration, settings, plain),
     }
@@ -87,6 +89,16 @@ def quality_of(stages: Stages, calibration: Calibration, settings: Identificatio
     if stages.inertia is not None:
         quality['inertia_std'] = stages.inertia.std
     return quality
+
+
+def _rejection(stages: Stages, settings: IdentificationSettings) -> dict[str, Any]:
+    """Return how far each pose lies from what the others predict, and which to repeat if any."""
+    errors = pose_errors(stages.statics, stages.tool)
+    worst = rejected(errors, settings.thresholds.probability)
+    return {'threshold': settings.thresholds.probability,
+            'pose': None if worst is None else worst + 1,
+            'poses': [{'off': one.shift, 'mass_eq23': one.mass, 'probability': one.probability}
+                      for one in errors]}
 
 
 def _axis_of_x(calibration: Calibration) -> int:

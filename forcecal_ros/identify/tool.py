@@ -88,7 +88,7 @@ def identify_tool(statics: Statics, condition: float = 100.0, probability: float
         The mass comes out negative.
     """
     check_poses(statics.gravity, condition)
-    design, reading = _design(statics)
+    design, reading = design_of(statics)
     if statics.covariance is None:
         theta, covariance = _fit_scatter(design, reading)
         chi_square = np.nan
@@ -111,8 +111,8 @@ def identify_tool(statics: Statics, condition: float = 100.0, probability: float
         chi_square, chance, degrees, spread, float(spread[0] / spread[1]))
 
 
-def _design(statics: Statics) -> tuple[Array, Array]:
-    """Rows of the linear system in [m, b_F, m c, b_n] (and m^2 / k), six a pose."""
+def design_of(statics: Statics) -> tuple[Array, Array]:
+    """Rows of the linear system in [m, b_F, m c, b_n] (and m^2 / k), six a pose; readings."""
     n = len(statics.wrench)
     unobserved = statics.slide is None
     design = np.zeros((n, 6, 11 if unobserved else 10))
@@ -130,6 +130,15 @@ def _design(statics: Statics) -> tuple[Array, Array]:
         rows = np.vstack([rows, np.eye(rows.shape[1])[-1:]])
         reading = np.append(reading, statics.sag[0])
     return rows, reading
+
+
+def slide_noise(statics: Statics) -> Array:
+    """Return what noise of the slide adds to the covariance of each pose, by kg^2, (n, 6, 6)."""
+    lever = np.cross(X_HAT, statics.gravity)
+    noise = np.zeros((len(lever), 6, 6))
+    noise[:, 3:, 3:] = (statics.slide_variance[:, None, None]
+                        * lever[:, :, None] * lever[:, None, :])
+    return noise
 
 
 def _require_rank(design: Array) -> None:
@@ -151,12 +160,9 @@ def _fit_weighted(statics: Statics, design: Array, reading: Array) -> tuple[Arra
     correlations would make the fit follow the error of their measurement.
     """
     assert statics.covariance is not None
-    lever = np.cross(X_HAT, statics.gravity)
     mass = 0.0
     for _ in range(2):
-        blocks = statics.covariance.copy()
-        blocks[:, 3:, 3:] += (mass**2 * statics.slide_variance[:, None, None]
-                              * lever[:, :, None] * lever[:, None, :])
+        blocks = statics.covariance + mass**2 * slide_noise(statics)
         noise = block_diag(*blocks, *([[statics.sag[1]]] if statics.sag else []))
         weight = 1 / np.sqrt(np.diag(noise))
         rows, right = design * weight[:, None], reading * weight

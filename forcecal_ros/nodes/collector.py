@@ -4,7 +4,7 @@ from typing import TypeAlias
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, matrix_from_quaternion
-from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
+from forcecal_ros.recording.streams import Phase, PoseStream, Recording, STILL, Stream
 from forcecal_ros.schema import Vector7
 import numpy as np
 
@@ -67,6 +67,11 @@ class Collector:
         """Add a phase; one that is announced again changes nothing."""
         if not self._phases or self._phases[-1][0] != phase:
             self._phases.append((phase, stamp_ns))
+
+    def reject(self, pose: int) -> None:
+        """Take the static pose of that number, from 0, for a stretch that tells nothing."""
+        places = [i for i, (phase, _) in enumerate(self._phases) if phase in STILL]
+        self._phases[places[pose]] = ('idle', self._phases[places[pose]][1])
 
     def recording(self) -> Recording:
         """

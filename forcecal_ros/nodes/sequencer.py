@@ -7,8 +7,9 @@ from forcecal_ros.calibration.file import load, save
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.calibration.sensor_matrix import corrected, required_six_axis, SixAxis
 from forcecal_ros.errors import ConfigError, DataError, ForcecalError
+from forcecal_ros.motion.channel import KEPT
 from forcecal_ros.motion.monitor import Stillness
-from forcecal_ros.motion.plan import check_wrench, Goal, PlannedSegment, prepare
+from forcecal_ros.motion.plan import check_wrench, Goal, PlannedSegment, prepare, repeat_plan
 from forcecal_ros.motion.preview import in_words, outline, path_of
 from forcecal_ros.motion.programs import SEQUENCES
 from forcecal_ros.motion.sequence import Command, MotionSequence
@@ -40,6 +41,11 @@ STILLNESS_CHECK = 5
 of its window."""
 
 
+REST = KEPT + 0.3
+"""Time before a pose is measured again [s]: a start wants the robot to have stood for the samples
+that are kept, and their latency."""
+
+
 class WrenchReader:
     """Reads the raw channels of a sensor, and makes wrenches of them by its matrix."""
 
@@ -61,6 +67,9 @@ class Sequencer(MotionNode[SequencerSettings]):
         self._calibration: Calibration | None = None
         self._checks = 0
         self._stillness: Stillness | None = None
+        self._measured: list[str] = []
+        self._repeats = 0
+        self._rejected: tuple[Calibration, int] | None = None
         sensors = self._listen()
         self._make_outputs()
         self._serve(self._sequence, sensors, backend_of(self, self._inbox, sensors),
@@ -114,6 +123,7 @@ class Sequencer(MotionNode[SequencerSettings]):
                                f'{", ".join(settings.poses)}')
         self._collector.clear()
         self._collector.frames.update(self._sensors.frames)
+        self._measured, self._repeats = list(settings.poses), settings.repeats
         self._sequence.settings = settings.stream
         self._sequence.start(parts, start, 'identification' if SEQUENCES[
             settings.sequence].identifies else '')
@@ -184,6 +194,13 @@ class Sequencer(MotionNode[SequencerSettings]):
         if self._identification.under_way:
             if (result := self._identification.take()) is not None:
                 self._take(result)
+        elif self._rejected is not None:
+            result, until = self._rejected
+            if self._sequence.running and self._now() < until:
+                return
+            self._rejected = None
+            if self._sequence.running and not self._repeated(result):
+                self._keep(result)
         elif self._sequence.moved and not self._sequence.streaming:
             if SEQUENCES[self._settings.sequence].identifies:
                 self._identification.begin(self._collector, self._settings.identification)
@@ -196,6 +213,12 @@ class Sequencer(MotionNode[SequencerSettings]):
         if isinstance(result, str):
             self._abort(Fault(result))
             return
+        if self._repeats and result.quality['rejection']['pose'] is not None:
+            self._rejected = result, self._now() + round(REST * SECOND)
+            return
+        self._keep(result)
+
+    def _keep(self, result: Calibration) -> None:
         self._calibration = result
         self._calibration_out.publish(calibration_message(result))
         self._inertia_out.publish(inertia_message(result, self.get_clock().now()))
@@ -207,6 +230,30 @@ class Sequencer(MotionNode[SequencerSettings]):
                 self.get_logger().info(self._save())
             except ForcecalError as error:
                 self.get_logger().error(str(error))
+
+    def _repeated(self, result: Calibration) -> bool:
+        """Measure the pose again that the rejection test names; whether that has begun."""
+        pose = result.quality['rejection']['pose']
+        name = self._measured[pose - 1]
+        self._sequence.finish()
+        try:
+            self._make_ready()
+            start = self._backend.measured()
+            goals, _ = self._settings.goals(start)
+            home = next(iter(goals.values()))
+            parts = prepare(repeat_plan(name, goals[name], home, self._settings.timing), start,
+                            self._settings.pace, self._settings.limits)
+            self._sequence.start(parts, start)
+        except ForcecalError as error:
+            self.get_logger().warning(f'{name} is not measured again: {error}')
+            return False
+        self._repeats -= 1
+        self._collector.reject(pose - 1)
+        self._measured = [*self._measured[:pose - 1], *self._measured[pose:], name]
+        self.get_logger().warning(f'{name} is off what the other poses predict and is measured '
+                                  'again')
+        self._begin_stream()
+        return True
 
     def _finish(self) -> None:
         self._sequence.finish()

@@ -29,6 +29,8 @@ def in_words(quality: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
                         'tell mass, centre of mass and bias apart.')
     if 'chi_square' in quality:
         yield 'Fit of the poses', _fit(quality['chi_square'])
+    if quality.get('rejection', {}).get('poses'):
+        yield 'Rejection test', _rejection(quality['rejection'])
     errors = quality.get('errors', {})
     if 'force_eq26' in errors:
         yield 'Expected error', (
@@ -48,6 +50,17 @@ def _fit(chi_square: Mapping[str, Any]) -> str:
     fits = 'do not fit one rigid tool' if p < DOUBTFUL else 'fit one rigid tool'
     return (f'They {fits}: chi-square {rounded(float(chi_square["value"]))} for '
             f'{chi_square["degrees"]:g} degrees of freedom (probability {rounded(p, 2)}).')
+
+
+def _rejection(test: Mapping[str, Any]) -> str:
+    limit = rounded(float(test['threshold']), 2)
+    if test['pose'] is None:
+        return f'No pose is off what the others predict by more than chance ({limit} for all).'
+    one = test['poses'][int(test['pose']) - 1]
+    return (f'Pose {test["pose"]} would be rejected: off by {_joined(one["off"][:3])} N and '
+            f'{_joined(one["off"][3:])} N m (x, y, z), {rounded(float(one["mass_eq23"]), 2)} kg by '
+            f'Eq. 23 (probability {rounded(float(one["probability"]), 2)}, limit {limit} for all '
+            'poses). Measure it again.')
 
 
 def _number_of(poses: Sequence[Any]) -> str:
