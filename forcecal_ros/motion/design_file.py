@@ -12,8 +12,9 @@ def as_text(design: Design) -> str:
     for name in design.errors.names:
         numbers = ' '.join(f'{one:.2g}' for one in design.errors.std(name))
         lines.append(f'{name:12}  {numbers} {_unit(design, name)}'.rstrip())
-    return '\n'.join([*lines, '', f'{len(design.poses)} poses of {design.timing.measure:g} s, '
-                      f'step {1e3 * design.timing.step_distance:g} mm'])
+    what = (f'{len(design.poses)} poses of {design.timing.measure:g} s, '
+            f'step {1e3 * design.timing.step_distance:g} mm')
+    return '\n'.join([*lines, '', what])
 
 
 def to_document(design: Design) -> dict[str, Any]:

@@ -7,7 +7,7 @@ Of all sequences that fit into the time and the limits, the one whose Fisher inf
   nothing else, so it is compounded with D-optimality in equal parts [Atkinson2007].
 
 The search is an exchange algorithm [Fedorov1972]: one pose after the other is replaced by the
-candidate that helps most, from several starts, until nothing helps.
+candidate that helps, for three, four and five poses, until nothing helps.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,9 +32,6 @@ SHORTEST_MEASUREMENT = 0.4
 
 LONGEST_TURN = np.radians(165.0)
 """Largest rotation between two poses [rad], as far from half a turn as a base may be tilted."""
-
-STARTS = 2
-"""Random starts of the search for each number of poses."""
 
 GROUPS = {'mass': ('kg', (0,)), 'force bias': ('N', (1, 2, 3)), 'com': ('m', (4, 5, 6)),
           'torque bias': ('N m', (7, 8, 9)), 'offset': ('', (10, 11, 12)),
@@ -170,6 +167,19 @@ class Planner:
                 self._moves[i, j] = None
         return self._moves[i, j]
 
+    def require_room(self) -> None:
+        """Refuse limits that allow fewer than two poses beside home, with what one exceeds."""
+        refused = []
+        for pose in self.poses[1:]:
+            try:
+                self._moved(self.poses[0], pose)
+            except MotionError as error:
+                refused.append(error)
+        others = len(self.poses) - 1
+        if refused and others - len(refused) < 2:
+            raise MotionError(f'of {others} candidate poses {others - len(refused)} are within '
+                              f'the limits: {refused[0]}')
+
     def _moved(self, start: Pose, goal: Pose) -> tuple[float, Information] | None:
         if Move(start, goal, 1.0).angle > LONGEST_TURN:
             return None
@@ -226,7 +236,7 @@ class Planner:
         while True:
             before = best
             for place in range(fixed, len(sequence)):
-                for other in set(range(len(self.poses))) - set(sequence):
+                for other in sorted(set(range(len(self.poses))) - set(sequence)):
                     tried = [*sequence[:place], other, *sequence[place + 1:]]
                     if (value := self.value(tried, criterion)) < best:
                         best, sequence = value, tried
@@ -235,10 +245,10 @@ class Planner:
 
     def search(self, criterion: Criterion, sizes: Sequence[int], seed: int = 0
                ) -> tuple[float, list[int]]:
-        """Return the best criterion and sequence of several starts."""
+        """Return the best criterion and sequence, of a random start for each number of poses."""
         rng = np.random.default_rng(seed)
         found = [self.exchange([0, *(1 + rng.choice(len(self.poses) - 1, n - 1, replace=False))],
-                               criterion) for n in sizes for _ in range(STARTS)]
+                               criterion) for n in sizes]
         return min(found, key=lambda one: one[0])
 
 
@@ -261,24 +271,12 @@ def design_calibration(robot: Robot, sensors: Sensors, duration: float,
     robot = robot._replace(pace=pace_within(robot.limits, robot.pace))
     poses = candidates(robot)
     planner = Planner(robot, sensors, poses, timing, duration)
+    planner.require_room()
     value, sequence = planner.search(criterion, (3, 4, 5))
     if not np.isfinite(value):
-        raise MotionError(refusal(planner))
+        raise MotionError(f'no three poses fit into {duration:g} s: give more time, a quicker pace '
+                          'or a smaller tilt')
     measure = float(np.floor(100 * planner.measure(sequence)) / 100)
     names = ['home', *(f'pose_{k}' for k in range(1, len(sequence)))]
     return Design(robot, sensors, {name: poses[i] for name, i in zip(names, sequence)},
                   replace(timing, measure=measure), planner.errors(sequence, measure), duration)
-
-
-def refusal(planner: Planner) -> str:
-    """Say why no sequence fits: the box, or the time."""
-    reachable = [i for i in range(1, len(planner.poses)) if planner.move(0, i)]
-    if len(reachable) < 2:
-        try:
-            for pose in planner.poses[1:]:
-                planner._moved(planner.poses[0], pose)
-        except MotionError as error:
-            return (f'of {len(planner.poses) - 1} candidate poses {len(reachable)} are within the '
-                    f'limits: {error}')
-    return (f'no three poses fit into {planner.duration:g} s: give more time, a quicker pace or a '
-            'smaller tilt')

@@ -22,6 +22,8 @@ import pytest
 RIG = load_rig()
 PLACE = nominal_poses()['v'].position
 DELAY = 0.0087
+THREE = {name: nominal_poses()[name] for name in 'vh'} | {
+    'tilt': Pose(PLACE, orientation(np.radians(-60.0), np.radians(105.0)))}
 
 
 def truth_of(rig, name='acc1', delay=0.0):
@@ -127,7 +129,7 @@ def test_raw_and_tared_readings_give_the_same_but_for_the_bias(recording, calibr
 def test_with_theta_the_plain_mass_is_short_and_the_joint_one_is_not():
     theta = 0.4
     poses = {'v': Pose(PLACE, orientation_v(theta)), 'h': Pose(PLACE, orientation_h(theta)),
-             'tilt': nominal_poses()['tilt']}
+             'tilt': THREE['tilt']}
     found = identify(run(seed=4, poses=poses), IdentificationSettings(theta=theta))
     assert found.quality['paper']['mass'] == pytest.approx(13 * np.cos(theta), abs=0.01)
     assert found.quality['paper']['mass_theta'] == pytest.approx(13, abs=0.01)
@@ -135,9 +137,8 @@ def test_with_theta_the_plain_mass_is_short_and_the_joint_one_is_not():
 
 
 def test_the_plain_offset_of_an_ac_sensor_is_wrong_and_the_joint_one_is_not():
-    poses = nominal_poses()
-    order = {name: poses[name] for name in ('h', 'v', 'tilt')}
-    recording = run(seed=5, accelerometer='acc2', poses=order, start=poses['v'],
+    order = {name: THREE[name] for name in ('h', 'v', 'tilt')}
+    recording = run(seed=5, accelerometer='acc2', poses=order, start=THREE['v'],
                     timing=Timing(measure=1.0))
     found = identify(recording, IdentificationSettings(coupling='ac'))
     assert 0.35 < abs(found.quality['paper']['offset'] - 5.9616) < 0.55
@@ -191,7 +192,7 @@ def test_without_optidrive_the_ringing_tells_the_sag(recording):
     rigid = identify(replace(recording, optidrive=None),
                      IdentificationSettings(tool_compliance='no'))
     assert rigid.tool is None
-    assert np.abs(rigid.com.value - RIG.tool.com).max() > 0.003
+    assert np.abs(rigid.com.value - RIG.tool.com).max() > 0.001
     assert any('do not fit one tool' in line and 'widened' in line
                for line in rigid.quality['warnings'])
 
@@ -237,13 +238,18 @@ def test_inertia_is_not_identified_without_a_rotation(recording):
     assert any('inertia not identified' in line for line in found.quality['notes'])
 
 
-def test_three_poses_alone_do_not_tell_the_accelerometers_map(recording):
+@pytest.fixture(scope='module')
+def three():
+    return run(delay=DELAY, seed=1, poses=THREE, timing=Timing(measure=1.0))
+
+
+def test_three_poses_alone_do_not_tell_the_accelerometers_map(three):
     with pytest.raises(UnobservableError, match='map is not observable'):
-        identify(only(recording, ('measure',)))
+        identify(only(three, ('measure',)))
 
 
-def test_three_poses_and_the_step_do(recording):
-    found = identify(only(recording, ('measure', 'step')))
+def test_three_poses_and_the_step_do(three):
+    found = identify(only(three, ('measure', 'step')))
     assert found.accelerometer.position is None
     assert_within(found, {k: v for k, v in truth_of(RIG, delay=DELAY).items() if k != 'inertia'})
 
@@ -313,11 +319,11 @@ def test_a_channel_at_the_end_of_its_range_is_refused(recording):
         identify(replace(recording, wrench=Stream(wrench.t, clipped)))
 
 
-def test_a_channel_clipped_in_motion_is_reported(recording):
-    wrench = recording.wrench
+def test_a_channel_clipped_in_motion_is_reported(three):
+    wrench = three.wrench
     values = np.array(wrench.values)
     values[:, 3] = np.minimum(values[:, 3], 10.0)  # 8.8 at rest, 12.9 on the way
-    warnings = identify(replace(recording, wrench=Stream(wrench.t, values))).quality['warnings']
+    warnings = identify(replace(three, wrench=Stream(wrench.t, values))).quality['warnings']
     count = (values[:, 3] == 10.0).sum()
     assert any('which no body of 13 kg has, and it is not taken' in line for line in warnings)
     assert any(f'torque.x stops at 10 ({count} samples' in line and 'raise the range' in line

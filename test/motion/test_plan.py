@@ -151,7 +151,7 @@ def test_the_written_plan_is_a_parameter_file_of_the_sequencer(planned):
 
 
 def test_a_wall_beyond_the_default_box_is_said_in_a_comment():
-    assert wider_box(Limits()) == ''
-    lines = wider_box(Limits(workspace_max=(1.36, 0.4, 1.4))).splitlines()
+    assert wider_box(Limits(), 1.3) == ''
+    lines = wider_box(Limits(), 1.36).splitlines()
     assert all(line.startswith('    # ') for line in lines)
     assert lines[-1].endswith('workspace_max: [1.360, 0.4, 1.4]')

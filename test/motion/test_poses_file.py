@@ -1,28 +1,16 @@
-"""Poses from a file: the four that come with the package are worth their time."""
+"""Poses from a file."""
 
-from pathlib import Path
-
-from calibration_runs import run
-from forcecal_ros.identify.pipeline import identify
-from forcecal_ros.identify.settings import IdentificationSettings
-from forcecal_ros.motion.poses import anchor, nominal_poses
+from forcecal_ros.motion.poses import anchor
 from forcecal_ros.nodes.sequencer_settings import poses_from_file
-from forcecal_ros.simulators.rig.file import load_rig
 import numpy as np
 
-FILE = Path(__file__).parents[2] / 'config' / 'precise_poses.yaml'
 
-
-def test_four_poses_within_the_default_limits_halve_the_error_of_the_offset():
-    home = nominal_poses()['v']
-    poses = anchor(poses_from_file(FILE), home.position)
-    assert len(poses) == 4
-    np.testing.assert_allclose(poses['v'].R_base_sensor, home.R_base_sensor, atol=1e-9)
-    recordings = {name: run(seed=1, poses=some)
-                  for name, some in (('three', None), ('four', poses))}
-    found = {name: identify(one, IdentificationSettings()) for name, one in recordings.items()}
-    std = {name: one.accelerometer.offset.std.max() for name, one in found.items()}
-    assert std['four'] < 0.6 * std['three'] and std['four'] < 0.5e-3 / 3
-    truth = load_rig().accelerometer.acc1.offset
-    assert np.abs(found['four'].accelerometer.offset.value - truth).max() < 0.5e-3
-    assert recordings['four'].target.t[-1] < recordings['three'].target.t[-1] + 6.0
+def test_poses_of_a_file_are_taken_where_the_robot_stands_if_they_say_nothing_else(tmp_path):
+    path = tmp_path / 'poses.yaml'
+    path.write_text('- {name: v, position: [.nan, .nan, .nan], orientation: [1.0, 0, 0, 0]}\n'
+                    '- {name: up, position: [1, 2, 3], orientation: [0.6, 0, -0.8, 0]}\n')
+    poses = anchor(poses_from_file(path), np.array([0.4, 0.0, 0.5]))
+    assert list(poses) == ['v', 'up']
+    np.testing.assert_array_equal(poses['v'].position, [0.4, 0.0, 0.5])
+    np.testing.assert_array_equal(poses['up'].position, [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(poses['v'].R_base_sensor, np.diag([1.0, -1.0, -1.0]), atol=1e-12)

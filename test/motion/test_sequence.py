@@ -84,7 +84,7 @@ def test_first_command_is_the_pose_given_and_at_rest():
 def test_phases_come_in_the_order_of_the_plan_and_end_in_done():
     sequence = started()
     _, phases = run(sequence, 5000)
-    assert changes(phases) == ['move', 'settle', 'measure'] * 3 + ['move', 'settle', 'step',
+    assert changes(phases) == ['move', 'settle', 'measure'] * 4 + ['move', 'settle', 'step',
                                                                   'settle']
     assert sequence.moved and sequence.running and not sequence.streaming
     sequence.finish()
@@ -103,7 +103,7 @@ def test_a_whole_stream_keeps_every_limit_and_ends_at_rest():
 
 def test_measuring_lasts_as_long_as_the_plan_says():
     _, phases = run(started(), 5000)
-    measured = phases.count('measure') / 3 * PERIOD
+    measured = phases.count('measure') / 4 * PERIOD
     assert measured == pytest.approx(TIMING.measure, abs=2 * PERIOD)
 
 

@@ -72,7 +72,7 @@ def check_phases_and_commands(ears):
     words = [word for i, (_, word) in enumerate(ears.phases)
              if i == 0 or ears.phases[i - 1][1] != word]
     assert [word for word in words if word != 'idle'] == [
-        'move', 'settle', 'measure'] * 3 + ['move', 'settle', 'step', 'settle', 'done']
+        'move', 'settle', 'measure'] * 4 + ['move', 'settle', 'step', 'settle', 'done']
     stamps = np.array(sorted(ears.commands))
     values = np.array([ears.commands[stamp] for stamp in stamps.tolist()])
     assert np.linalg.norm(values[0, :3] - [1.0, 0.0, 1.0]) < 2e-5

@@ -1,0 +1,65 @@
+"""The rejection test: the pose that is off is named, and no other."""
+
+from dataclasses import replace
+
+from calibration_runs import run
+from forcecal_ros.identify.pipeline import identify
+from forcecal_ros.identify.rejection import PoseError, rejected
+from forcecal_ros.nodes.collector import Collector
+from forcecal_ros.recording.streams import Stream
+from forcecal_ros.report.quality_words import in_words
+import numpy as np
+import pytest
+
+
+@pytest.fixture(scope='module')
+def recording():
+    return run(seed=2)
+
+
+def pulled(recording, pose, force):
+    """The same with a cable that pulls along y while one pose is measured."""
+    phase = [one for one in recording.phases if one.name == 'measure'][pose - 1]
+    wrench = recording.wrench
+    values = np.array(wrench.values)
+    values[(wrench.t >= phase.start - 0.5) & (wrench.t < phase.end), 1] += force
+    return identify(replace(recording, wrench=Stream(wrench.t, values, wrench.frame))).quality
+
+
+def test_a_sound_run_rejects_no_pose(recording):
+    quality = identify(recording).quality
+    assert quality['rejection']['pose'] is None and len(quality['rejection']['poses']) == 4
+    assert dict(in_words(quality))['Rejection test'].startswith('No pose is off')
+
+
+@pytest.mark.parametrize('pose', [1, 2, 3, 4])
+def test_a_pose_that_a_cable_pulls_in_is_named_with_the_pull(recording, pose):
+    """0.15 N: 15 standard errors of what the others predict, 0.1 % of the weight."""
+    quality = pulled(recording, pose, 0.15)
+    assert quality['rejection']['pose'] == pose
+    off = quality['rejection']['poses'][pose - 1]['off']
+    assert off[1] == pytest.approx(0.15, abs=0.05)
+    assert any(f'pose {pose} is off by' in line and 'measure it again' in line
+               for line in quality['warnings'])
+    assert f'Pose {pose} would be rejected' in dict(in_words(quality))['Rejection test']
+
+
+def test_the_threshold_is_for_all_poses_together():
+    def errors(*chances):
+        return [PoseError(np.zeros(6), 0.0, one) for one in chances]
+
+    assert rejected(errors(0.5, 2e-4, 0.5, np.nan), 1e-3) == 1
+    assert rejected(errors(0.5, 3e-4, 0.5, 0.5), 1e-3) is None
+    assert rejected(errors(np.nan, np.nan), 1e-3) is None and rejected([], 1e-3) is None
+
+
+def test_a_rejected_pose_counts_no_more():
+    collector = Collector('V', 1)
+    for k in range(10):
+        collector.add('wrench', k * 10**8, (0.0,) * 6)
+        collector.add('pose', k * 10**8, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+    for k, phase in enumerate(('measure', 'move', 'measure', 'move', 'measure')):
+        collector.enter(phase, 2 * k * 10**8)
+    collector.reject(1)
+    assert [phase.name for phase in collector.recording().phases] == [
+        'measure', 'move', 'idle', 'move', 'measure']

@@ -1,0 +1,168 @@
+"""Designed calibrations: what they promise is what the identification finds, within the limits."""
+
+from dataclasses import replace
+
+from calibration_runs import run
+from forcecal_ros.calibration.file import dump, parse
+from forcecal_ros.cli import main
+from forcecal_ros.errors import DataError, MotionError
+from forcecal_ros.identify.pipeline import identify
+from forcecal_ros.motion.information import at_rest, in_motion, sensors_of
+from forcecal_ros.motion.limits import Limits
+from forcecal_ros.motion.optimal_design import (
+    criterion_of,
+    design_calibration,
+    GROUPS,
+    Planner,
+    Robot,
+)
+from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
+from forcecal_ros.motion.poses import nominal_poses, step_goal
+from forcecal_ros.motion.profiles import Move
+from forcecal_ros.motion.reach import reach_of
+from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
+from forcecal_ros.simulators.rig.expected import expected_sensors
+from forcecal_ros.simulators.rig.file import load_rig
+import numpy as np
+import pytest
+import yaml
+
+HOME = nominal_poses()['v']
+SENSORS = expected_sensors(load_rig())
+
+
+@pytest.fixture(scope='module')
+def recording():
+    return run(seed=1)
+
+
+@pytest.fixture(scope='module')
+def calibration(recording):
+    return identify(recording)
+
+
+def default_errors():
+    poses = nominal_poses()
+    return Planner(Robot(HOME), SENSORS, list(poses.values()), Timing(), 30.0).errors(
+        range(len(poses)), Timing().measure)
+
+
+def test_predicted_standard_errors_are_those_of_the_identification(calibration):
+    """Noise is measured on 3 s of blocks of 20 ms: its level within 6 % (1 sigma) on 150."""
+    errors, found = default_errors(), calibration
+    for name, std in (('mass', found.mass.std), ('com', found.com.std),
+                      ('force bias', found.wrench_bias.std[:3]),
+                      ('torque bias', found.wrench_bias.std[3:]),
+                      ('offset', found.accelerometer.offset.std),
+                      ('gain', found.accelerometer.gain.std)):
+        np.testing.assert_allclose(errors.std(name), std, rtol=0.25, err_msg=name)
+
+
+def test_the_default_sequence_finds_offsets_within_half_a_millivolt_by_three_sigma(calibration):
+    assert default_errors().std('offset').max() < 0.5e-3 / 3
+    truth = load_rig().accelerometer.acc1.offset
+    assert np.abs(calibration.accelerometer.offset.value - truth).max() < 0.5e-3
+
+
+def test_information_adds_up():
+    a, b = (at_rest(pose.R_base_sensor, SENSORS) for pose in (HOME, nominal_poses()['h']))
+    np.testing.assert_allclose(a.plus(b, 2.0).tool, a.tool + 2 * b.tool)
+    there = in_motion(Move(HOME, nominal_poses()['h'], 2.0), SENSORS)
+    assert not there.tool.any() and np.linalg.eigvalsh(there.accelerometer)[0] > -1e-6
+
+
+def small(criterion, **robot):
+    return design_calibration(Robot(HOME, **robot), SENSORS, 14.0, criterion_of(criterion))
+
+
+@pytest.fixture(scope='module')
+def designs():
+    return {name: small(name) for name in ('D', 'offset')}
+
+
+def test_each_design_is_the_best_by_its_own_criterion(designs):
+    for name, design in designs.items():
+        value = criterion_of(name)
+        assert all(value(design.errors) <= value(other.errors) for other in designs.values())
+
+
+def test_a_design_keeps_time_tilt_and_limits(designs):
+    for design in designs.values():
+        plan = calibration_plan(design.poses, step_goal(HOME, design.timing.step_distance),
+                                design.timing)
+        parts = prepare(plan, HOME, design.robot.pace, Limits())
+        assert sum(part.duration or 0.5 for part in parts) <= 14.0
+        for pose in design.poses.values():
+            cosine = (np.trace(HOME.R_base_sensor.T @ pose.R_base_sensor) - 1) / 2
+            assert np.degrees(np.arccos(np.clip(cosine, -1, 1))) < 100.001
+
+
+def test_a_slow_robot_gets_a_slow_pace_and_a_short_step():
+    limits = Limits(speed=0.05, acceleration=2.0, jerk=300.0, angular_speed=1.0)
+    design = design_calibration(Robot(HOME, limits), SENSORS, 25.0)
+    assert design.robot.pace.angular_speed < 1.0
+    assert 0.0 < design.timing.step_distance < 0.005
+    prepare(calibration_plan(design.poses, step_goal(HOME, design.timing.step_distance),
+                             design.timing), HOME, design.robot.pace, limits)
+
+
+def test_what_does_not_fit_is_refused_by_its_reason():
+    with pytest.raises(MotionError, match='no three poses fit into 6 s'):
+        design_calibration(Robot(HOME), SENSORS, 6.0)
+    low = Limits(workspace_min=(0.95, -0.05, 0.85), workspace_max=(1.25, 0.05, 1.05))
+    with pytest.raises(MotionError, match='within the limits: .*limits.workspace_m'):
+        design_calibration(Robot(HOME, low), SENSORS, 16.0)
+
+
+def test_sensors_come_from_a_calibration(calibration):
+    found = sensors_of(parse(dump(calibration)))
+    assert found.mass == pytest.approx(13.0, rel=1e-3)
+    assert found.force == pytest.approx(SENSORS.force, rel=0.25)
+    assert found.torque == pytest.approx(SENSORS.torque, rel=0.25)
+    assert found.volts == pytest.approx(SENSORS.volts, rel=0.25)
+    with pytest.raises(DataError, match='holds no noise'):
+        sensors_of(replace(calibration, noise=None))
+
+
+def test_home_and_box_come_from_a_recording(recording):
+    tip = np.array([0.2, 0.0, 0.1])
+    reach = reach_of(recording, tip)
+    assert np.abs(reach.home.position - HOME.position).max() < 1e-3
+    corner = HOME.position + HOME.R_base_sensor @ tip
+    assert (reach.lower <= corner + 1e-3).all() and (reach.upper >= corner - 1e-3).all()
+    with pytest.raises(DataError, match='--home'):
+        reach_of(replace(recording, pose=None), tip)
+
+
+def test_the_command_writes_parameters_that_the_sequencer_takes(tmp_path, capsys):
+    path = tmp_path / 'plan.yaml'
+    assert main(['plan', '--for', 'calibration', '--time', '14', '--home', '0.9', '0', '1', '1',
+                 '0', '0', '0', '--set', 'limits.angular_speed=1.2', '-o', str(path)]) == 0
+    assert all(name in capsys.readouterr().out for name in GROUPS)
+    given = yaml.safe_load(path.read_text())['/**/sequencer']['ros__parameters']
+    flat = {f'{group}.{name}': value for group, rows in given.items() if isinstance(rows, dict)
+            for name, value in rows.items()}
+    settings = settings_of({**{row.name: row.default for row in PARAMETERS}, **flat,
+                            'sequence': given['sequence']})
+    assert settings.sequence == 'calibrate' and settings.limits.angular_speed == 1.2
+    assert settings.pace.angular_speed <= 1.2
+    home = next(iter(settings.poses.values()))
+    np.testing.assert_allclose(home.position, [0.9, 0.0, 1.0])
+    prepare(calibration_plan(settings.poses, step_goal(home, settings.timing.step_distance),
+                             settings.timing), home, settings.pace, settings.limits)
+
+
+@pytest.mark.parametrize('arguments, said', [
+    (['--effects', 'wrench_dely'], 'did you mean wrench_delay?'),
+    (['--for', 'calibration', '--contact'], '--contact is not for --for calibration'),
+    (['--tilt', '30'], '--tilt is not for --for diagnosis'),
+    (['--set', 'limits.sped=1'], 'did you mean limits.speed?'),
+    (['--set', 'limits.tip=1'], 'expected 3 numbers'),
+    (['--set', 'timing.measure=1'], 'set limits')])
+def test_wrong_usage_is_named(arguments, said, capsys):
+    status = None
+    try:
+        status = main(['plan', *arguments])
+    except SystemExit as end:
+        status = end.code
+    assert status == 2 and said in capsys.readouterr().err
