@@ -39,8 +39,8 @@ COMMANDS = {
         'diagnose', 'find where and why simulation and recording differ, and how much of the '
         'misfit is explained'),
     'plan': Command(
-        'plan', 'plan a recording that excites every effect the diagnosis knows, and list those '
-        'it would confound'),
+        'plan', 'plan a sequence for the sequencer: an optimally designed calibration, or a '
+        'recording that excites chosen effects'),
     'insitu': Command('insitu', 'calibrate six-axis sensors in situ with an accelerometer'),
     'gravity': Command('gravity', 'remove weight, inertia and bias from a recorded wrench'),
     'impedance': Command(

@@ -53,8 +53,9 @@ def quality_of(stages: Stages, calibration: Calibration, settings: Identificatio
     -------
     dict
         ``warnings``, ``questions`` (sentences), ``suspect`` (keys of estimates that warnings call
-        into question), ``notes``, ``poses``, ``condition``, ``chi_square``, ``rejection`` (the rejection test, pose by pose),
-        ``paper`` (the plain equations beside the joint estimates), ``errors`` (Eq. 23, 24, 26, 27), ...
+        into question), ``notes``, ``poses``, ``condition``, ``chi_square``,
+        ``rejection`` (the rejection test, pose by pose), ``paper`` (the plain equations beside
+        the joint estimates), ``errors`` (Eq. 23, 24, 26, 27), ...
     """
     tool = stages.tool
     plain = _plain(stages, calibration, settings)

@@ -58,9 +58,9 @@ def _rejection(test: Mapping[str, Any]) -> str:
         return f'No pose is off what the others predict by more than chance ({limit} for all).'
     one = test['poses'][int(test['pose']) - 1]
     return (f'Pose {test["pose"]} would be rejected: off by {_joined(one["off"][:3])} N and '
-            f'{_joined(one["off"][3:])} N m (x, y, z), {rounded(float(one["mass_eq23"]), 2)} kg by '
-            f'Eq. 23 (probability {rounded(float(one["probability"]), 2)}, limit {limit} for all '
-            'poses). Measure it again.')
+            f'{_joined(one["off"][3:])} N m (x, y, z), {rounded(float(one["mass_eq23"]), 2)} kg '
+            f'by Eq. 23 (probability {rounded(float(one["probability"]), 2)}, limit {limit} for '
+            'all poses). Measure it again.')
 
 
 def _number_of(poses: Sequence[Any]) -> str:

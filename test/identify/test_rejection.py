@@ -18,7 +18,7 @@ def recording():
 
 
 def pulled(recording, pose, force):
-    """The same with a cable that pulls along y while one pose is measured."""
+    """Return the quality where a cable pulls along y while one pose is measured."""
     phase = [one for one in recording.phases if one.name == 'measure'][pose - 1]
     wrench = recording.wrench
     values = np.array(wrench.values)

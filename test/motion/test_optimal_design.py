@@ -8,13 +8,14 @@ from forcecal_ros.cli import main
 from forcecal_ros.errors import DataError, MotionError
 from forcecal_ros.identify.pipeline import identify
 from forcecal_ros.motion.information import at_rest, in_motion, sensors_of
-from forcecal_ros.motion.limits import Limits
+from forcecal_ros.motion.limits import Limits, pace_within
 from forcecal_ros.motion.optimal_design import (
     criterion_of,
     design_calibration,
     GROUPS,
     Planner,
     Robot,
+    step_within,
 )
 from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
 from forcecal_ros.motion.poses import nominal_poses, step_goal
@@ -99,11 +100,10 @@ def test_a_design_keeps_time_tilt_and_limits(designs):
 
 def test_a_slow_robot_gets_a_slow_pace_and_a_short_step():
     limits = Limits(speed=0.05, acceleration=2.0, jerk=300.0, angular_speed=1.0)
-    design = design_calibration(Robot(HOME, limits), SENSORS, 25.0)
-    assert design.robot.pace.angular_speed < 1.0
-    assert 0.0 < design.timing.step_distance < 0.005
-    prepare(calibration_plan(design.poses, step_goal(HOME, design.timing.step_distance),
-                             design.timing), HOME, design.robot.pace, limits)
+    pace, timing = pace_within(limits), step_within(Robot(HOME, limits), Timing())
+    assert pace.angular_speed < 1.0 and 0.0 < timing.step_distance < 0.005
+    prepare(calibration_plan(nominal_poses(), step_goal(HOME, timing.step_distance), timing),
+            HOME, pace, limits)
 
 
 def test_what_does_not_fit_is_refused_by_its_reason():
@@ -138,7 +138,8 @@ def test_the_command_writes_parameters_that_the_sequencer_takes(tmp_path, capsys
     path = tmp_path / 'plan.yaml'
     assert main(['plan', '--for', 'calibration', '--time', '14', '--home', '0.9', '0', '1', '1',
                  '0', '0', '0', '--set', 'limits.angular_speed=1.2', '-o', str(path)]) == 0
-    assert all(name in capsys.readouterr().out for name in GROUPS)
+    said = capsys.readouterr().out
+    assert all(name in said for name in GROUPS)
     given = yaml.safe_load(path.read_text())['/**/sequencer']['ros__parameters']
     flat = {f'{group}.{name}': value for group, rows in given.items() if isinstance(rows, dict)
             for name, value in rows.items()}
