@@ -1,8 +1,8 @@
-"""How often is the offset of acc1 within 0.5 mV?
+"""Say how often the offset of acc1 is within 0.5 mV, by the default and by designed sequences.
 
     python benchmark/optimal_design.py [--runs 200]
 
-Every row is a sequence, the default or a designed one, on the nominal rig, simulated with so many seeds of noise and identified:
+Every row is a sequence on the nominal rig, simulated with so many seeds of noise and identified:
 runs in which all three axes of the offset are within 0.5 mV, RMS errors of the offset, what the
 Fisher information predicts for it, and standard errors as identified of what else there is. The
 tool settles for 0.5 s after each move, as it does on average in `forcecal demo`.
