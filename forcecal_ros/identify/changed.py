@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from forcecal_ros.geometry import Array, skew
 from forcecal_ros.identify.static_readings import Statics
+from forcecal_ros.identify.tool import design_of
 import numpy as np
 
 _BETTER = 10.0
@@ -51,7 +52,7 @@ def what_changed(statics: Statics, times: Array) -> str:
     n = len(times)
     weight = 1.0 / np.sqrt(np.diagonal(statics.covariance, axis1=1, axis2=2))[:, :, None]
     load = _load(statics.gravity)
-    plain = np.concatenate([load, np.broadcast_to(np.eye(6), (n, 6, 6))], axis=2)
+    plain = design_of(statics)[0][:6 * n].reshape(n, 6, -1)
     before = _left(plain, statics.wrench, weight)
     found = [(_left(np.concatenate([plain, one.columns], axis=2), statics.wrench, weight), one)
              for one in (*_changes(load, times), *_touched(plain, statics.wrench, weight))]

@@ -361,7 +361,7 @@ def test_a_pull_in_one_pose_is_named(recording):
     pulled = np.array(wrench.values)
     pulled[(wrench.t >= pose.start) & (wrench.t < pose.end), 1] += 0.3
     warnings = identify(replace(recording, wrench=Stream(wrench.t, pulled))).quality['warnings']
-    assert any('pose 2' in line and 'cable' in line for line in warnings)
+    assert any('pose 2 is off' in line and 'without pose 2' in line for line in warnings)
 
 
 def test_a_weak_estimate_is_named_with_where_to_look(recording):
