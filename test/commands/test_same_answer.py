@@ -78,7 +78,7 @@ REFUSED = {
         r'accelerometer: 100\.0 % of the samples are not finite'),
     'one channel stuck from 45 % on': (
         lambda r: with_values(r, 'wrench', stuck(3, 0.45 * r.wrench.t[-1])),
-        r'torque\.x repeats \S+ from 5\.\d\d s to 1\d\.\d\d s while other channels change'),
+        r'torque\.x repeats \S+ from 6\.\d\d s to 1\d\.\d\d s while other channels change'),
     'one channel stuck for a second': (
         lambda r: with_values(r, 'accelerometer', stuck(1, 5.0, 6.0)),
         r'accel\.y repeats \S+ from 5\.00 s to 6\.00 s while other channels change'),
