@@ -204,7 +204,7 @@ def test_a_preview_shows_the_path_and_a_start_may_require_it(ready):
 
         live.until(previewed, 'a robot at rest')
         assert re.match(
-            r'calibrate: 6 moves in .* at most 0.18[78] m/s and 1.45 rad/s; ft_sensor stays '
+            r'calibrate: 7 moves in .* at most 0.18[78] m/s and 1.45 rad/s; ft_sensor stays '
             r'within 1.000 -?0.000 1.000 to 1.010 0.000 1.000 m, the tip within ',
             shown[-1].message)
         live.until(lambda: paths, 'the path')

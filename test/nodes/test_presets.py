@@ -39,7 +39,7 @@ def test_a_preset_fits_the_nodes_and_the_page_shows_its_topics(name):
         if values.get('motion.backend') == 'joint_trajectory':
             with pytest.raises(ConfigError, match=r'numbers in joints\.values'):
                 CHECKS[node](values)
-            values |= {'joints.names': ['a'], 'joints.values': [0.1, 0.2, 0.3],
+            values |= {'joints.names': ['a'], 'joints.values': [0.1, 0.2, 0.3, 0.4],
                        'joints.away': [0.0]}
         CHECKS[node](values)
 

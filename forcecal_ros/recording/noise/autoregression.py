@@ -113,9 +113,11 @@ def _whiten(columns: Array, coefficients: Array, scale: Array, groups: IntArray,
             white = out[i, begin:end]
             white[:] = columns[i, begin:end]
             for j in range(order):
-                before = columns[i, begin - 1 - j:end - 1 - j]
-                for t in range(len(white)):
-                    white[t] -= coefficients[g, j] * before[t]
+                # white noise has no history, and rows from the first sample on
+                first = max(begin, j + 1)
+                before, after = columns[i, first - 1 - j:end - 1 - j], out[i, first:end]
+                for t in range(len(before)):
+                    after[t] -= coefficients[g, j] * before[t]
             for t in range(len(white)):
                 white[t] *= scale[g]
 
