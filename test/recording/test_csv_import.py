@@ -242,7 +242,21 @@ def test_topic_and_frame_are_the_ones_named(tmp_path):
     assert len(recording.wrench) == 2
 
 
+@pytest.mark.parametrize('text, dialect', [
+    (ROWS.replace(',', ';').replace('7', '7,5'), {'delimiter': ';', 'decimal': ','}),
+    ('\ufeff' + ROWS.replace(',', '\t').replace('7', '7.5'), {'delimiter': '\t'}),
+    ('# a robot, of 2019\n' + ROWS.replace('7', '7.5') + '# end\n', {'comment': '#'}),
+    ('Some sensor\nserial,12\n' + ROWS.replace('7', '7.5'), {'header': 3}),
+    (ROWS.replace('7', '7.5').replace(HEADER, HEADER + 's,N,N,N,Nm,Nm,Nm\n'), {'skip': 1})])
+def test_tables_of_other_programs_hold_the_same_numbers(tmp_path, text, dialect):
+    wrench = imported(tmp_path, table(text, tmp_path, **dialect)).signals['wrench']
+    assert wrench.values.tolist() == [[1, 2, 3, 4, 5, 6], [7.5, 8, 9, 10, 11, 12]]
+
+
 @pytest.mark.parametrize('text, message', [
+    (ROWS.replace('8', '"8,5"'), "line 3: '8,5' in column 'fy' is not a number.*decimal: ','"),
+    (ROWS.replace('\n2,', '\n2024-05-06T07:08:09Z,'), 'is not a number.*seconds since 1970'),
+    ('# 2019\n' + ROWS, 'line 2: 7 cells, but 1 columns in line 1.*comment'),
     (ROWS.replace('8', 'eight'), "log.csv line 3: 'eight' in column 'fy' is not a number"),
     (ROWS.replace('\n2,', '\n1,'), "line 3: time 1 in column 't' is not after 1"),
     (ROWS.replace('\n2,', '\n0.5,'), 'line 3: time 0.5 .* is not after 1'),
@@ -316,6 +330,7 @@ def changed(**keys):
     ({'phases': {'whole': 'rest'}}, "phases.whole is 'rest', expected one of idle"),
     ({'phases': {'each_row': 'move', 'between': 'move'}},
      'phases.between is .*, expected another word than each_row'),
+    ({'decimal': ','}, "delimiter is ',', expected another character than decimal"),
     ({'delimiter': ';;'}, "delimiter is ';;', expected one character"),
     ({'file': 3}, r'tables\[1\].file is 3, expected a text'),
 ])

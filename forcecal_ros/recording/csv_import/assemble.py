@@ -62,7 +62,7 @@ def assemble(specification: Specification) -> Imported:
     ConfigError
         A table gives no signal, or two give the same.
     """
-    tables = [(one, Table(Path(one.file), one.delimiter)) for one in specification.tables]
+    tables = [(one, Table(Path(one.file), one.dialect)) for one in specification.tables]
     stamps = [_stamps(one, table) for one, table in tables]
     _check_time_base(specification, stamps)
     start = int(min(times[0] for times in stamps))

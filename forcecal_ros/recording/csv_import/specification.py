@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 from forcecal_ros.recording.csv_import.names import contradiction, is_xyzw
+from forcecal_ros.recording.csv_import.table import Dialect
 from forcecal_ros.recording.csv_import.units import NANOSECONDS, UNITS
 from forcecal_ros.recording.streams import PHASES
 from forcecal_ros.schema import columns, load, Mismatch, path, read, Row, Section, TEXT
@@ -192,6 +193,10 @@ class TableSpecification(Section):
 
     file: Annotated[str, Row('Path', pattern=TEXT)]
     delimiter: Annotated[str, Row('', pattern='[^"\r\n]', wanted='one character')] = ','
+    decimal: Annotated[str, Row('Of numbers', words=('.', ','))] = '.'
+    comment: Annotated[str, Row('Lines that begin with it are left out')] = ''
+    header: Annotated[int, Row('Line that names the columns', low=1)] = 1
+    skip: Annotated[int, Row('Lines between that and the numbers, as one of units', low=0)] = 0
     time: Time | None = None
     rate: Annotated[float | None, Row('Rows a second', 'Hz', above=0.0)] = None
     start: Annotated[float | None, Row('Time of the first row of a table without time', 's')
@@ -206,6 +211,13 @@ class TableSpecification(Section):
                                      'table without time)')
         if self.time is not None and self.start is not None:
             raise self.wrong('start', 'none: start is for tables without time')
+        if self.decimal == self.delimiter:
+            raise self.wrong('delimiter', 'another character than decimal')
+
+    @property
+    def dialect(self) -> Dialect:
+        """How the table is written."""
+        return Dialect(self.delimiter, self.decimal, self.comment, self.header, self.skip)
 
 
 @dataclass(frozen=True)
