@@ -159,9 +159,10 @@ def test_every_way_to_write_an_orientation_is_the_same_rotation(tmp_path, conven
         'R_sensor_base': rotations.inv().as_matrix().reshape(5, 9),
         'quaternion_xyzw': rotations.as_quat(),
         'rpy': rotations.as_euler('xyz', degrees=True),
+        'rotation_vector': rotations.as_rotvec(degrees=True),
     }[convention]
     names = [f'q{i}' for i in range(written.shape[1])]
-    columns = {'columns': names, 'unit': 'deg'} if convention == 'rpy' else names
+    columns = {'columns': names, 'unit': 'deg'} if len(names) == 3 else names
     rows = ''.join(f'{i + 1},{1000 * i},0,0,{",".join(map(repr, row.tolist()))}\n'
                    for i, row in enumerate(written))
     result = imported(tmp_path, table(
@@ -171,6 +172,47 @@ def test_every_way_to_write_an_orientation_is_the_same_rotation(tmp_path, conven
     poses = result.signals['pose']
     np.testing.assert_allclose(poses.R_base_sensor, rotations.as_matrix(), atol=1e-14)
     np.testing.assert_array_equal(poses.position[:, 0], np.arange(5.0))
+
+
+def pose_of(folder, header, row, **pose):
+    return imported(folder, table(f't,{header}\n1,{row}\n', folder, signals={
+        'pose': {'frame': 'base', **pose}})).signals['pose']
+
+
+@pytest.mark.parametrize('names', [
+    ['qw', 'qx', 'qy', 'qz'], ['q_w', 'q_x', 'q_y', 'q_z'], ['W', 'X', 'Y', 'Z'],
+    ['pose.orientation.w', 'pose.orientation.x', 'pose.orientation.y', 'pose.orientation.z']])
+def test_quaternion_that_begins_with_w_is_not_read_as_xyzw(tmp_path, names):
+    with pytest.raises(ConfigError, match='quaternion_xyzw.*x, y, z and w in this order'):
+        pose_of(tmp_path, ','.join(names), '1,0,0,0', quaternion_xyzw=names)
+    poses = pose_of(tmp_path, ','.join(names), '1,0,0,0', quaternion_xyzw=names[1:] + names[:1])
+    np.testing.assert_array_equal(poses.R_base_sensor[0], np.eye(3))
+
+
+def test_degrees_stated_as_radians_are_refused(tmp_path):
+    names = ['r', 'p', 'y']
+    with pytest.raises(DataError, match='line 2.*two turns.*rpy in degrees'):
+        pose_of(tmp_path, 'r,p,y', '10,0,-90', rpy={'columns': names, 'unit': 'rad'})
+
+
+@pytest.mark.parametrize('column, right, wrong', [
+    ('fx [mN]', 'mN', 'N'), ('fx (N)', 'N', 'kgf'), ('fx_kN', 'kN', 'N'), ('fx_g', 'N', None)])
+def test_unit_in_the_name_of_a_column_holds(tmp_path, column, right, wrong):
+    def read(unit):
+        force = {'columns': [column, 'fy', 'fz'], 'unit': unit}
+        return imported(tmp_path, table(ROWS.replace('fx', column), tmp_path, signals={
+            'wrench': {**WRENCH, 'force': force}}))
+    assert read(right).signals['wrench'].values.shape == (2, 6)
+    if wrong is not None:
+        with pytest.raises(ConfigError, match=f'force.unit is {wrong!r}, expected {right}, as'):
+            read(wrong)
+
+
+def test_unit_in_the_name_of_the_time_holds(tmp_path):
+    one = table(ROWS.replace('t,', 'time [ms],', 1), tmp_path)
+    one['time'] = {'column': 'time [ms]', 'unit': 's'}
+    with pytest.raises(ConfigError, match="time.unit is 's', expected ms"):
+        imported(tmp_path, one)
 
 
 def test_phases_from_a_column_change_where_the_word_does(tmp_path):
@@ -200,7 +242,21 @@ def test_topic_and_frame_are_the_ones_named(tmp_path):
     assert len(recording.wrench) == 2
 
 
+@pytest.mark.parametrize('text, dialect', [
+    (ROWS.replace(',', ';').replace('7', '7,5'), {'delimiter': ';', 'decimal': ','}),
+    ('\ufeff' + ROWS.replace(',', '\t').replace('7', '7.5'), {'delimiter': '\t'}),
+    ('# a robot, of 2019\n' + ROWS.replace('7', '7.5') + '# end\n', {'comment': '#'}),
+    ('Some sensor\nserial,12\n' + ROWS.replace('7', '7.5'), {'header': 3}),
+    (ROWS.replace('7', '7.5').replace(HEADER, HEADER + 's,N,N,N,Nm,Nm,Nm\n'), {'skip': 1})])
+def test_tables_of_other_programs_hold_the_same_numbers(tmp_path, text, dialect):
+    wrench = imported(tmp_path, table(text, tmp_path, **dialect)).signals['wrench']
+    assert wrench.values.tolist() == [[1, 2, 3, 4, 5, 6], [7.5, 8, 9, 10, 11, 12]]
+
+
 @pytest.mark.parametrize('text, message', [
+    (ROWS.replace('8', '"8,5"'), "line 3: '8,5' in column 'fy' is not a number.*decimal: ','"),
+    (ROWS.replace('\n2,', '\n2024-05-06T07:08:09Z,'), 'is not a number.*seconds since 1970'),
+    ('# 2019\n' + ROWS, 'line 2: 7 cells, but 1 columns in line 1.*comment'),
     (ROWS.replace('8', 'eight'), "log.csv line 3: 'eight' in column 'fy' is not a number"),
     (ROWS.replace('\n2,', '\n1,'), "line 3: time 1 in column 't' is not after 1"),
     (ROWS.replace('\n2,', '\n0.5,'), 'line 3: time 0.5 .* is not after 1'),
@@ -274,6 +330,7 @@ def changed(**keys):
     ({'phases': {'whole': 'rest'}}, "phases.whole is 'rest', expected one of idle"),
     ({'phases': {'each_row': 'move', 'between': 'move'}},
      'phases.between is .*, expected another word than each_row'),
+    ({'decimal': ','}, "delimiter is ',', expected another character than decimal"),
     ({'delimiter': ';;'}, "delimiter is ';;', expected one character"),
     ({'file': 3}, r'tables\[1\].file is 3, expected a text'),
 ])

@@ -24,6 +24,8 @@ _SECOND = 10**9
 _DAY = 86400 * _SECOND
 _NOT_A_ROTATION = 1e-2
 """A matrix or quaternion that is further from orthogonal or from norm 1 is no rotation."""
+_TOO_FAR = 4 * np.pi
+"""Two turns [rad], more than the wrist of a robot makes: unwrapped angles may pass one."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ def assemble(specification: Specification) -> Imported:
     ConfigError
         A table gives no signal, or two give the same.
     """
-    tables = [(one, Table(Path(one.file), one.delimiter)) for one in specification.tables]
+    tables = [(one, Table(Path(one.file), one.dialect)) for one in specification.tables]
     stamps = [_stamps(one, table) for one, table in tables]
     _check_time_base(specification, stamps)
     start = int(min(times[0] for times in stamps))
@@ -126,9 +128,14 @@ def _signal(table: Table, t: Array, signal: Signal) -> Stream | PoseStream:
 def _rotations(table: Table, signal: Signal) -> Array:
     name = next(name for name in ORIENTATIONS if name in signal.parts)
     values = _part(table, signal, name)
-    if name == 'rpy':
+    if name in ('rpy', 'rotation_vector'):
         _refuse(table, ~np.isfinite(values).all(axis=1), 'no angles')
-        return np.asarray(Rotation.from_euler('xyz', values).as_matrix())
+        _refuse(table, (np.abs(values) > _TOO_FAR).any(axis=1),
+                f'more than two turns ({np.abs(values).max():.4g} rad); is {name} in degrees '
+                '(unit: deg)?')
+        turn = (Rotation.from_euler('xyz', values) if name == 'rpy'
+                else Rotation.from_rotvec(values))
+        return np.asarray(turn.as_matrix())
     if name == 'quaternion_xyzw':
         wrong = ~(np.abs(np.linalg.norm(values, axis=1) - 1.0) < _NOT_A_ROTATION)
         _refuse(table, wrong, 'no quaternion of norm 1')

@@ -5,12 +5,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
+from forcecal_ros.recording.csv_import.names import contradiction, is_xyzw
+from forcecal_ros.recording.csv_import.table import Dialect
 from forcecal_ros.recording.csv_import.units import NANOSECONDS, UNITS
 from forcecal_ros.recording.streams import PHASES
 from forcecal_ros.schema import columns, load, Mismatch, path, read, Row, Section, TEXT
 
 FORMAT = 'forcecal-import/1'
-ORIENTATIONS = ('R_base_sensor', 'R_sensor_base', 'quaternion_xyzw', 'rpy')
+ORIENTATIONS = ('R_base_sensor', 'R_sensor_base', 'quaternion_xyzw', 'rpy',
+                'rotation_vector')
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,10 @@ class _Columns(Row):
                  and set(entry.signs) <= {1, -1}), f'{self.width} times 1 or -1')):
             if not right:
                 raise Mismatch(where if plain else path(where, key), getattr(entry, key), wanted)
+        if said := contradiction(entry.columns, entry.unit, units):
+            raise Mismatch(path(where, 'unit'), entry.unit, said)
+        if self.width == 4 and not is_xyzw(entry.columns):
+            raise Mismatch(where, entry.columns, 'the columns of x, y, z and w in this order')
         return Part(entry.columns, tuple(units[entry.unit] * sign for sign in
                                          entry.signs or (1,) * self.width))
 
@@ -114,6 +121,7 @@ class Pose(Signal):
     R_sensor_base: Annotated[Part | None, _MATRIX] = None
     quaternion_xyzw: Annotated[Part | None, _Columns(quantity='number', width=4)] = None
     rpy: Annotated[Part | None, _Columns(quantity='angle', width=3)] = None
+    rotation_vector: Annotated[Part | None, _Columns(quantity='angle', width=3)] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -155,6 +163,11 @@ class Time(Section):
     column: Annotated[str, Row(pattern=TEXT)]
     unit: Annotated[str, Row(words=tuple(NANOSECONDS))]
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if said := contradiction((self.column,), self.unit, NANOSECONDS):
+            raise self.wrong('unit', said)
+
 
 @dataclass(frozen=True)
 class Phases(Section):
@@ -180,6 +193,10 @@ class TableSpecification(Section):
 
     file: Annotated[str, Row('Path', pattern=TEXT)]
     delimiter: Annotated[str, Row('', pattern='[^"\r\n]', wanted='one character')] = ','
+    decimal: Annotated[str, Row('Of numbers', words=('.', ','))] = '.'
+    comment: Annotated[str, Row('Lines that begin with it are left out')] = ''
+    header: Annotated[int, Row('Line that names the columns', low=1)] = 1
+    skip: Annotated[int, Row('Lines between that and the numbers, as one of units', low=0)] = 0
     time: Time | None = None
     rate: Annotated[float | None, Row('Rows a second', 'Hz', above=0.0)] = None
     start: Annotated[float | None, Row('Time of the first row of a table without time', 's')
@@ -194,6 +211,13 @@ class TableSpecification(Section):
                                      'table without time)')
         if self.time is not None and self.start is not None:
             raise self.wrong('start', 'none: start is for tables without time')
+        if self.decimal == self.delimiter:
+            raise self.wrong('delimiter', 'another character than decimal')
+
+    @property
+    def dialect(self) -> Dialect:
+        """How the table is written."""
+        return Dialect(self.delimiter, self.decimal, self.comment, self.header, self.skip)
 
 
 @dataclass(frozen=True)

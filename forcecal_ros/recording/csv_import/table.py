@@ -4,6 +4,8 @@ from collections.abc import Sequence
 import csv
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
+import re
+from typing import NamedTuple
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
@@ -14,9 +16,38 @@ _FARTHEST = 1 << 62
 """Times beyond are out of range of 64 bits once they are shifted [ns]."""
 
 
+_DECIMAL_COMMA = re.compile(r'\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*')
+_DATE = re.compile(r'\s*\d{1,4}[-/.:]\d{1,2}[-/.:]\d{1,4}')
+
+
+class Dialect(NamedTuple):
+    """
+    How a table is written.
+
+    Attributes
+    ----------
+    delimiter : str
+        Between cells.
+    decimal : str
+        Between a number's whole part and its fraction.
+    comment : str
+        Lines that begin with it are left out; empty: none.
+    header : int
+        Line of the file that names the columns.
+    skip : int
+        Lines between that one and the numbers, as one of units.
+    """
+
+    delimiter: str = ','
+    decimal: str = '.'
+    comment: str = ''
+    header: int = 1
+    skip: int = 0
+
+
 class Table:
     """
-    The cells of a CSV file whose first row names the columns.
+    The cells of a CSV file, one row of which names the columns.
 
     Raises
     ------
@@ -24,27 +55,33 @@ class Table:
         There is no such file, no row in it, or a row of another length than the first.
     """
 
-    def __init__(self, path: Path, delimiter: str = ',') -> None:
+    def __init__(self, path: Path, dialect: Dialect = Dialect()) -> None:
         self.path = path
-        rows = self._read(delimiter)
+        rows = self._read(dialect)
         if len(rows) < 2:
             raise DataError(f'{path}: no rows; expected the names of the columns and then numbers')
         self.names = [name.strip() for name in rows[0][1]]
         for line, cells in rows:
             if len(cells) != len(self.names):
-                raise DataError(f'{path} line {line}: {len(cells)} cells, but '
-                                f'{len(self.names)} columns')
+                raise DataError(
+                    f'{path} line {line}: {len(cells)} cells, but {len(self.names)} columns in '
+                    f'line {rows[0][0]}, which names them; compare the keys delimiter, header and '
+                    'comment')
         self._lines = [line for line, _ in rows[1:]]
-        self._columns = list(zip(*(cells for _, cells in rows[1:])))
+        self._columns = [tuple(cell.replace(dialect.decimal, '.') for cell in column)
+                         for column in zip(*(cells for _, cells in rows[1:]))]
 
     def __len__(self) -> int:
         return len(self._lines)
 
-    def _read(self, delimiter: str) -> list[tuple[int, list[str]]]:
+    def _read(self, dialect: Dialect) -> list[tuple[int, list[str]]]:
         try:
             with self.path.open(encoding='utf-8-sig', newline='') as file:
-                reader = csv.reader(file, delimiter=delimiter, strict=True)
-                return [(reader.line_num, cells) for cells in reader if cells]
+                reader = csv.reader(file, delimiter=dialect.delimiter, strict=True)
+                rows = [(reader.line_num, cells) for cells in reader if cells
+                        and reader.line_num >= dialect.header
+                        and not (dialect.comment and cells[0].startswith(dialect.comment))]
+                return rows[:1] + rows[1 + dialect.skip:]
         except OSError as error:
             raise DataError(f'{self.path}: cannot be read ({error.strerror}); paths count '
                             'from the folder of the specification or from --tables') from error
@@ -90,7 +127,7 @@ class Table:
             except (ValueError, InvalidOperation):
                 break
         return DataError(f'{self.path} line {line}: {cell[:40]!r} in column {name!r} is not a '
-                         'number')
+                         f'number{_remedy(cell)}')
 
     def nanoseconds(self, name: str, unit: int) -> NDArray[np.int64]:
         """
@@ -126,6 +163,14 @@ class Table:
     def line(self, row: int) -> int:
         """Return the line of the file that a row stands in."""
         return self._lines[row]
+
+
+def _remedy(cell: str) -> str:
+    if _DECIMAL_COMMA.fullmatch(cell):
+        return "; has the table decimal: ','?"
+    if _DATE.match(cell):
+        return '; write times as seconds since 1970'
+    return '' if cell.strip() else '; take out rows with empty cells'
 
 
 def _exact(cell: str, unit: int) -> int:
