@@ -187,8 +187,8 @@ def read_checked(args: argparse.Namespace, bag: str, wanted: Collection[str] = (
     DataError
         It cannot be read, or something is wrong with it.
     """
-    from forcecal_ros.recording.bags import require
     from forcecal_ros.recording.checks.entry import checked
+    from forcecal_ros.recording.required import require
 
     recording = checked(read_poses_of_sensor(args, bag), raw_wrench).recording
     require(recording, wanted)

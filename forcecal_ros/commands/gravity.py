@@ -145,9 +145,10 @@ def needs_imu(args: argparse.Namespace, recording: 'Recording') -> bool:
         The pose was asked for, and there is none.
     """
     from forcecal_ros.errors import DataError
+    from forcecal_ros.recording.required import naming
 
     if args.orientation == 'pose' and not recording.pose:
-        raise DataError(f'{args.bag} holds no pose; name its topic by --topic pose=..., or let '
+        raise DataError(f'{args.bag} holds no pose; {naming(recording, "pose")}, or let '
                         'an IMU find gravity (--orientation imu)')
     if args.orientation == 'auto':
         return recording.pose is None and args.filter not in ('kalman', 'newton')

@@ -43,8 +43,9 @@ def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     from dataclasses import replace
 
-    from forcecal_ros.recording.bags import require, write_recording
+    from forcecal_ros.recording.bags import write_recording
     from forcecal_ros.recording.checks.entry import checked
+    from forcecal_ros.recording.required import require
     from forcecal_ros.recording.streams import Recording
     from forcecal_ros.simulators.rig.file import load_rig
     from forcecal_ros.simulators.rig.offline import simulate

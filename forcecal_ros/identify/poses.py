@@ -7,6 +7,7 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, rotation_about, rotation_from_vector, rotation_vector
 from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.motion import rest_within
+from forcecal_ros.recording.required import require
 from forcecal_ros.recording.streams import PoseStream, Recording, STILL, Stream
 import numpy as np
 from numpy.typing import NDArray
@@ -236,9 +237,8 @@ def static_poses(recording: Recording) -> list[StaticPose]:
     """
     pose = recording.pose
     name = recording.source or 'the recording'
-    if pose is None or not len(pose):
-        raise DataError(f'{name} has no current_pose; record it, or name the topic with '
-                        '--topic pose=NAME')
+    require(recording, ['pose'])
+    assert pose is not None
     poses, empty = [], []
     for start, end in static_windows(recording):
         R = pose.between(start, end).R_base_sensor

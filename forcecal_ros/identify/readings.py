@@ -6,6 +6,7 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.recording.checks.clipping import Clipping, columns
+from forcecal_ros.recording.required import require
 from forcecal_ros.recording.streams import Recording, Stream
 
 MOSTLY = 0.5
@@ -21,9 +22,8 @@ def require_wrench(recording: Recording) -> Stream:
     DataError
         There is none.
     """
-    if recording.wrench is None or not len(recording.wrench):
-        raise DataError(f'{recording.source or "the recording"} has no wrench; record it, or name '
-                        'its topic with --topic wrench=NAME')
+    require(recording, ['wrench'])
+    assert recording.wrench is not None
     return recording.wrench
 
 

@@ -6,6 +6,7 @@ from forcecal_ros.calibration.model import Calibration, Estimate, Noise
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.white import white_covariance
+from forcecal_ros.recording.required import require
 from forcecal_ros.recording.streams import Recording, Stream
 import numpy as np
 
@@ -39,8 +40,8 @@ def with_noise(calibration: Calibration, recording: Recording) -> Calibration:
         The recording holds no wrench, or is too short.
     """
     wrench, force, sensor = recording.wrench, recording.accelerometer, calibration.accelerometer
-    if wrench is None:
-        raise DataError('the recording holds no wrench; name its topic by --topic wrench=...')
+    require(recording, ['wrench'])
+    assert wrench is not None
     specific_force = None
     if force is not None and sensor is not None:
         inverse = np.linalg.inv(sensor.matrix)

@@ -33,6 +33,7 @@ from forcecal_ros.observe.step import (
 )
 from forcecal_ros.recording.level import levelled
 from forcecal_ros.recording.mount import in_axes_of_pose
+from forcecal_ros.recording.required import naming, require
 from forcecal_ros.recording.streams import Recording, Stream
 import numpy as np
 
@@ -72,7 +73,7 @@ def replay(recording: Recording, calibration: Calibration,
         return _replay_pose_free(recording, wrench, calibration, settings, imu, progress)
     if settings.filter == 'static' and not recording.pose:
         raise UnobservableError(f'{name} holds no pose, which filter static takes the weight '
-                                'from; name its topic by --topic pose=..., or use another filter')
+                                f'from; {naming(recording, "pose")}, or use another filter')
     # the node, which never replays, need not load the compiler
     from forcecal_ros.observe.batch import estimates, in_order
 
@@ -95,10 +96,9 @@ def as_calibrated(recording: Recording, calibration: Calibration) -> tuple[Recor
     """
     recording = in_axes_of_pose(levelled(recording, calibration.gravity_direction),
                                 calibration.sensor_rotation)
-    name = recording.source or 'the recording'
     wrench, wanted = recording.wrench, calibration.accelerometer
-    if wrench is None or not len(wrench):
-        raise DataError(f'{name} holds no wrench; name its topic by --topic wrench=...')
+    require(recording, ['wrench'])
+    assert wrench is not None
     if (wanted is not None and recording.accelerometer is not None
             and recording.accelerometer_unit != wanted.unit):
         raise DataError(

@@ -4,6 +4,7 @@ Time comes first: streams are sorted by header stamp and counted in seconds from
 ``Recording.start_ns``, so that a float keeps well below a microsecond over days.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from forcecal_ros.errors import DataError
@@ -215,6 +216,8 @@ class Recording:
         Where it came from, for messages to the user.
     notes : tuple of str
         What reading had to leave out or mend, one plain sentence each.
+    candidates : mapping of str to tuple of str
+        Role without a topic -> topics of the recording whose type fits it and that nothing uses.
     sensor_from_pose : tuple of 7 float or None
         By which the poses were taken from another frame to ft_sensor: x y z [m] qx qy qz qw of
         ft_sensor in that frame.
@@ -233,6 +236,7 @@ class Recording:
     start_ns: int = 0
     source: str = ''
     notes: tuple[str, ...] = field(default=())
+    candidates: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     sensor_from_pose: Vector7 | None = None
 
 

@@ -164,3 +164,29 @@ def _usual(
         raise DataError(f'several topics could be {role}: {listed}; choose one with '
                         f'--topic {role}=NAME')
     return next(iter(candidates.values()), None)
+
+
+def candidates(available: Collection[Topic], found: Mapping[str, Topic],
+               roles: Collection[str]) -> dict[str, tuple[str, ...]]:
+    """
+    Return what else could be the topic of a role that has none.
+
+    Parameters
+    ----------
+    available : collection of Topic
+        All of the recording.
+    found : mapping of str to Topic
+        What roles have.
+    roles : collection of str
+        What was looked for.
+
+    Returns
+    -------
+    dict of str to tuple of str
+        Roles without a topic, to the topics of a type that fits and that no role has.
+    """
+    used = {topic.name for topic in found.values()}
+    free = [topic for topic in available if topic.name not in used and not topic.is_output]
+    return {role: names for role in roles if role not in found
+            and (names := tuple(sorted(
+                topic.name for topic in free if topic.type in ROLES[role].types)))}

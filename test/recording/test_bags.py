@@ -20,12 +20,12 @@ from forcecal_ros.recording.bags import (
     read_calibrations,
     read_columns,
     read_recording,
-    require,
     write_recording,
     write_signals,
 )
 from forcecal_ros.recording.bags.signals import messages_of
 from forcecal_ros.recording.checks.entry import checked
+from forcecal_ros.recording.required import require
 from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
 import numpy as np
 import pytest
@@ -326,14 +326,6 @@ def test_unknown_name_lists_what_would_fit(bag):
 def test_unknown_role_lists_the_roles(bag):
     with pytest.raises(ConfigError, match='unknown role force; roles are wrench'):
         read_recording(bag, {'force': '/wrench'})
-
-
-def test_missing_topics_are_named_when_required(tmp_path):
-    write_messages(tmp_path / 'bag', wrenches(START_NS + np.arange(1, 5)))
-    recording = read_recording(tmp_path / 'bag')
-    require(recording, ['wrench'])
-    with pytest.raises(DataError, match='current_pose.*sequencer/phase.*--topic pose=NAME'):
-        require(recording, ['wrench', 'pose', 'phase'])
 
 
 def test_usual_name_with_another_type_is_explained(tmp_path):

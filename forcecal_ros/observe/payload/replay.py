@@ -14,6 +14,7 @@ from forcecal_ros.observe.payload.tracker import Tracker
 from forcecal_ros.observe.playback import as_calibrated, collected, events
 from forcecal_ros.observe.sample import ContactEstimate, ContactSample
 from forcecal_ros.observe.settings import ObserverSettings
+from forcecal_ros.recording.required import naming
 from forcecal_ros.recording.streams import Recording
 
 FADE = 0.5
@@ -59,8 +60,7 @@ def follow(recording: Recording, calibration: Calibration,
     recording, _ = as_calibrated(recording, calibration)
     if not recording.pose:
         raise UnobservableError(f'{recording.source or "the recording"} holds no pose, by which '
-                                'a payload is told from a push; name its topic by --topic '
-                                'pose=...')
+                                f'a payload is told from a push; {naming(recording, "pose")}')
     live = LiveObserver(FADE, FADE)
     live.take_over(never_late(design(calibration, settings), recording))
     tracker = live.tracker = Tracker(payload_model(calibration, payload))

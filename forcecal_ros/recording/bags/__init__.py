@@ -3,10 +3,10 @@
 from forcecal_ros.recording.bags.chunks import Piece, read_pieces
 from forcecal_ros.recording.bags.columns import Columns, read_calibrations, read_columns
 from forcecal_ros.recording.bags.ordered import Raw, read_messages, read_topics
-from forcecal_ros.recording.bags.read import read_recording, require
+from forcecal_ros.recording.bags.read import read_recording
 from forcecal_ros.recording.bags.write import BagWriter, write_recording, write_signals
 
 __all__ = [
     'BagWriter', 'Columns', 'Piece', 'Raw', 'read_calibrations', 'read_columns', 'read_messages',
-    'read_pieces', 'read_recording', 'read_topics', 'require', 'write_recording', 'write_signals',
+    'read_pieces', 'read_recording', 'read_topics', 'write_recording', 'write_signals',
 ]

@@ -1,6 +1,6 @@
 """Recordings to arrays."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from forcecal_ros.recording.bags.fields import FIELDS, JOINT_NAMES, JOINTS
 from forcecal_ros.recording.bags.storage import Bag
 from forcecal_ros.recording.bags.transforms import pose_series, PREFIX
 from forcecal_ros.recording.streams import JointStream, Phase, PoseStream, Recording, Stream
-from forcecal_ros.recording.topics import find_topics, IMU, ROLES, Topic, VECTOR3
+from forcecal_ros.recording.topics import candidates, find_topics, IMU, Topic, VECTOR3
 from forcecal_ros.recording.transforms import TF
 import numpy as np
 
@@ -178,7 +178,8 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
         contact_truth=stream('contact_truth'), angular_velocity=stream('imu', slice(3, 6)),
         joint_commands=joints(),
         phases=_phases(series.get(found['phase']) if 'phase' in found else None, start_ns, end),
-        start_ns=start_ns, source=str(bag.path), notes=tuple(bag.notes))
+        start_ns=start_ns, source=str(bag.path), notes=tuple(bag.notes),
+        candidates=candidates(bag.topics, found, _STREAMS))
 
 
 
@@ -212,30 +213,3 @@ def _phases(series: Series | None, start_ns: int, end: float) -> tuple[Phase, ..
     changes = [next(same) for _, same in groupby(said, key=lambda one: one[1])]
     return tuple(Phase(name, start, stop)
                  for (start, name), (stop, _) in pairwise([*changes, (end, '')]))
-
-
-def require(recording: Recording, roles: Collection[str]) -> None:
-    """
-    Refuse a recording that lacks something.
-
-    Parameters
-    ----------
-    recording : Recording
-    roles : collection of str
-        ``wrench``, ``accelerometer``, ``pose``, ``target``, ``optidrive``, ``phase``, ...
-
-    Raises
-    ------
-    DataError
-        Names the topics that are missing and what reading had to say about them.
-    """
-    names = {'phase': 'phases', 'imu': 'angular_velocity', 'accel': 'accelerometer'}
-    missing = [role for role in roles if not getattr(recording, names.get(role, role))]
-    if not missing:
-        return
-    said = [note for note in recording.notes
-            if any(ROLES[role].topic in note for role in missing)]
-    raise DataError(
-        f'{recording.source}: no messages of '
-        f'{", ".join(f"{ROLES[role].topic} ({role})" for role in missing)}; name the topic with '
-        f'--topic {missing[0]}=NAME' + ''.join(f'; {note}' for note in said))
