@@ -3,6 +3,7 @@
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
+from forcecal_ros.identify.lasting_change import lasting_change
 from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.frame_faults import refuse_other_frame
 from forcecal_ros.recording.checks.frames import Fit, Forces, judge
@@ -63,8 +64,11 @@ def refuse_foreign(recording: Recording, calibration: Calibration) -> tuple[str,
     if len(begins) < FEWEST:
         return ()
     _refuse_other_gravity(recording, calibration, begins, R)
-    return _judged(Forces(R, _means(wrench, begins)[:, :3], calibration.gravity * DOWN, None),
-                   calibration)
+    force = _means(wrench, begins)[:, :3]
+    whole = np.isfinite(force).all(axis=1)
+    forces = Forces(R[whole], force[whole], calibration.gravity * DOWN, None)
+    changed = _changed(forces, begins[whole], calibration)
+    return (changed,) if changed else _judged(forces, calibration)
 
 
 def _resting(pose: PoseStream, begins: Array) -> tuple[Array, Array]:
@@ -102,10 +106,14 @@ def _refuse_other_gravity(recording: Recording, calibration: Calibration, begins
         'calibrate again with the sensor as it is')
 
 
+def _changed(forces: Forces, times: Array, calibration: Calibration) -> str:
+    mass = float(calibration.mass)
+    off = forces.wire - mass * forces.in_sensor - calibration.wrench_bias.value[:3]
+    return lasting_change(forces, times, off, SLIGHT * mass * calibration.gravity)
+
+
 def _judged(forces: Forces, calibration: Calibration) -> tuple[str, ...]:
-    whole = np.isfinite(forces.wire).all(axis=1)
-    forces = _untouched(Forces(forces.R_base_sensor[whole], forces.wire[whole], forces.gravity,
-                               None))
+    forces = _untouched(forces)
     mass, bias = float(calibration.mass), calibration.wrench_bias.value[:3]
     left = _rms(forces.wire - mass * forces.in_sensor - bias)
     weight = mass * calibration.gravity

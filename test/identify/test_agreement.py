@@ -72,6 +72,20 @@ def test_another_tool_and_a_sensor_tared_since_are_said_with_their_size():
     assert 'bias +40 ' in note and ' -60 N off' in note
 
 
+def test_a_tare_and_a_payload_half_way_are_told_with_time_and_size():
+    for seed in range(10):
+        recording = recorded(contact=5.0, seed=seed)
+        after = T[:, None] > 31.0
+        tared = np.pad(after * [40.0, 0.0, -60.0], ((0, 0), (0, 3)))
+        note, = refuse_foreign(mapped(recording, lambda w, tared=tared: w + tared), C)
+        assert 'it was tared' in note and ' +40 ' in note and ' -60 N off' in note
+        assert abs(float(note.split()[1]) - 31.0) <= 1.5
+        weight = after * -3.0 * G * recording.pose.R_base_sensor[:, 2]
+        weight = np.pad(weight, ((0, 0), (0, 3)))
+        note, = refuse_foreign(mapped(recording, lambda w, weight=weight: w + weight), C)
+        assert ' kg more' in note and abs(float(note.split(' carries ')[1].split()[0]) - 3.0) < 0.1
+
+
 def test_poses_turned_the_other_way_round_are_doubted():
     recording = recorded()
     inverse = np.swapaxes(recording.pose.R_base_sensor, 1, 2)
