@@ -3,7 +3,8 @@
     python benchmark/insitu_protocol.py [--seeds 20] [--samples 10000000]
 
 Prints, for the simulated leg with noise alone and with bias, hysteresis and flex on top, the worst
-and typical errors of added mass, position and semi-axes and the coverage of the standard errors;
+and typical errors of added mass, position and semi-axes, by this package and by the paper's own
+method, and the coverage of the standard errors;
 then the same with a gyro in fast motion, the iCub foot where its recording is at hand, and the
 memory that a long table takes.
 """
@@ -27,6 +28,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / 'test' / 'helpers')]
 
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.insitu import calibrate, Chunk, DataSet, Mounting, Options
+from insitu_by_paper import by_paper
 import insitu_leg
 from insitu_leg import Leg, REAL
 from insitu_runs import calibrated, errors, sigmas
@@ -77,6 +79,10 @@ def arm(name, seeds):
     print(f'  within one standard error {(off < 1).mean():.1%}, two {(off < 2).mean():.1%}, '
           f'three {(off < 3).mean():.2%}; most {off.max():.1f}; median {np.median(off):.2f}; '
           f'rms {np.sqrt((off**2).mean()):.2f}')
+    if not leg.inertial:
+        mass, place, axes = np.max([by_paper(leg, seed) for seed in range(seeds)], axis=0)
+        print(f'  by the method of the paper: added mass {mass:.4f} kg   position '
+              f'{100 * place:.2f} cm   semi-axes {100 * axes:.2f} %')
     print('  said:', ', '.join(f'{text} {count}/{seeds}' for text, count in warnings.items())
           or 'nothing')
 
