@@ -85,7 +85,8 @@ def add_topics(parser: argparse.ArgumentParser, option: str = '--topic', of: str
     parser.add_argument(
         option, metavar='ROLE=NAME', action='append', default=[], type=_role_and_name,
         help=f'name of a topic{of} by its role, e.g. wrench=/ft/data; may be repeated; '
-             'pose=tf:BASE:SENSOR takes the pose from /tf')
+             'pose=tf:BASE:SENSOR takes the pose from /tf, pose=urdf:FILE:BASE:LINK from joint '
+             'states')
 
 
 def add_sensor_pose(parser: argparse.ArgumentParser, option: str = '--sensor-from-pose',

@@ -112,7 +112,7 @@ def frames_of(parents: Mapping[str, str]) -> set[str]:
     return {*parents, *parents.values()}
 
 
-def way_up(parents: Mapping[str, str], frame: str) -> list[str]:
+def way_up(parents: Mapping[str, str], frame: str, source: str = '/tf') -> list[str]:
     """
     Return a frame and all above it, the root of its tree last.
 
@@ -125,11 +125,12 @@ def way_up(parents: Mapping[str, str], frame: str) -> list[str]:
     while way[-1] in parents:
         way.append(parents[way[-1]])
         if len(way) > DEEPEST:
-            raise DataError(f'/tf: the parents of {frame} go round in a circle')
+            raise DataError(f'{source}: the parents of {frame} go round in a circle')
     return way
 
 
-def route(parents: Mapping[str, str], base: str, frame: str, name: str) -> Route:
+def route(parents: Mapping[str, str], base: str, frame: str, name: str, source: str = '/tf'
+          ) -> Route:
     """
     Return the way from a frame to a base.
 
@@ -137,8 +138,8 @@ def route(parents: Mapping[str, str], base: str, frame: str, name: str) -> Route
     ----------
     parents : mapping of str to str
         Frame to parent.
-    name : str
-        What asked for it, for messages.
+    name, source : str
+        What asked for it, and what holds the frames, for messages.
 
     Raises
     ------
@@ -148,11 +149,11 @@ def route(parents: Mapping[str, str], base: str, frame: str, name: str) -> Route
     known = frames_of(parents)
     for one in (base, frame):
         if one not in known:
-            raise DataError(f'{name}: there is no frame {one!r} in /tf; frames are '
+            raise DataError(f'{name}: there is no frame {one!r} in {source}; frames are '
                             f'{", ".join(sorted(known)) or "none"}')
-    up, down = way_up(parents, frame), way_up(parents, base)
+    up, down = way_up(parents, frame, source), way_up(parents, base, source)
     common = next((one for one in up if one in down), None)
     if common is None:
-        raise DataError(f'{name}: {base} and {frame} are in different trees of /tf; name two '
+        raise DataError(f'{name}: {base} and {frame} are in different trees of {source}; name two '
                         'frames that are connected')
     return Route(tuple(up[:up.index(common)]), tuple(down[:down.index(common)]))

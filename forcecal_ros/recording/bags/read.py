@@ -12,8 +12,10 @@ from forcecal_ros.recording.bags.collect import Collector, frozen, Series
 from forcecal_ros.recording.bags.fields import FIELDS, JOINT_NAMES, JOINTS
 from forcecal_ros.recording.bags.storage import Bag
 from forcecal_ros.recording.bags.transforms import pose_series, PREFIX
+from forcecal_ros.recording.bags.urdf import pose_of_joints
+from forcecal_ros.recording.bags.urdf import PREFIX as URDF
 from forcecal_ros.recording.streams import JointStream, Phase, PoseStream, Recording, Stream
-from forcecal_ros.recording.topics import candidates, find_topics, IMU, Topic, VECTOR3
+from forcecal_ros.recording.topics import candidates, find_topics, IMU, JOINT_STATE, Topic, VECTOR3
 from forcecal_ros.recording.transforms import TF
 import numpy as np
 
@@ -40,7 +42,8 @@ def read_recording(
         Role to topic name where it is not the usual one of
         :data:`forcecal_ros.recording.topics.ROLES`. ``tf:BASE:SENSOR`` as ``pose`` takes it from
         /tf and /tf_static, where it is also looked for if there is no other pose, of the wrench's
-        frame in the root of its tree.
+        frame in the root of its tree. ``urdf:FILE:BASE:LINK`` takes it from joint states and a
+        URDF, which may be a topic of the recording.
     wrench_sign : int
         -1 for a driver that reports the wrench of the tool on its environment.
 
@@ -57,9 +60,10 @@ def read_recording(
         A role does not exist.
     """
     named = dict(topics or {})
-    chain = named.pop('pose') if named.get('pose', '').startswith(PREFIX) else ''
+    chain = named.pop('pose') if named.get('pose', '').startswith((PREFIX, URDF)) else ''
     with Bag(path) as bag:
-        found, mismatches = find_topics(bag.topics, named, (*_STREAMS, 'phase'))
+        found, mismatches = find_topics(bag.topics, named, (*_STREAMS, 'phase', 'joint_states'))
+        joint_states = found.pop('joint_states', None)
         for mismatch in mismatches:
             bag.notes.add(mismatch)
         _choose_accelerometer(found, named, bag.notes)
@@ -67,7 +71,10 @@ def read_recording(
             found.pop('pose', None)
         series = _read_series(bag, found)
         pose_of = ''
-        if 'pose' not in found:
+        if chain.startswith(URDF):
+            found['pose'] = Topic(chain, JOINT_STATE)
+            series[found['pose']], pose_of = pose_of_joints(bag, chain, joint_states)
+        elif 'pose' not in found:
             pose_of = _pose_of_transforms(bag, chain, found, series)
         return _recording(bag, found, series, wrench_sign, pose_of)
 

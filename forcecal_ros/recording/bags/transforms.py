@@ -1,6 +1,5 @@
 """Poses out of /tf and /tf_static: the chain of transforms from one frame to another."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from struct import error as StructError
 
@@ -8,6 +7,7 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.bags.collect import Series
 from forcecal_ros.recording.bags.storage import Bag
+from forcecal_ros.recording.kinematic_chain import Placement, pose_along
 from forcecal_ros.recording.transforms import (
     frames_of,
     route,
@@ -69,8 +69,8 @@ def pose_series(bag: Bag, named: str, wrench_frame: str) -> tuple[Series, str] |
     else:
         base, _, sensor = named.partition(PREFIX)[2].partition(':')
         name = named
-    chain, back = route(parents, base, sensor, name)
-    moving = [links[f] for f in (*chain, *back) if len(links[f].stamps) > 1]
+    way = route(parents, base, sensor, name)
+    moving = [links[f] for f in (*way.up, *way.down) if len(links[f].stamps) > 1]
     if not moving:
         if named:
             raise DataError(f'{named}: nothing moves between {base} and {sensor}; name the frame '
@@ -81,10 +81,8 @@ def pose_series(bag: Bag, named: str, wrench_frame: str) -> tuple[Series, str] |
     first = max(min(link.stamps) for link in moving)
     last = min(max(link.stamps) for link in moving)
     stamps = stamps[(stamps >= first) & (stamps <= last)]
-    R, p = _along(links, chain, stamps)
-    S, q = _along(links, back, stamps)
     bag.notes.add(f'pose: of {sensor} in {base}, from /tf')
-    values = np.hstack([S.inv().apply(p - q), (S.inv() * R).as_quat()])
+    values = pose_along(way, lambda frame: _at(links[frame], stamps), len(stamps))
     return Series(stamps, values, base), sensor
 
 
@@ -112,18 +110,7 @@ def _take(one: Transform, links: dict[str, _Link], bag: Bag) -> None:
     link.numbers.append(one.numbers)
 
 
-def _along(links: Mapping[str, _Link], chain: Sequence[str], stamps: Array
-           ) -> tuple[Rotation, Array]:
-    """Return where the first frame of a chain is in the parent of the last."""
-    R, p = Rotation.identity(len(stamps)), np.zeros((len(stamps), 3))
-    for frame in chain:
-        own, place = _at(links[frame], stamps)
-        p = own.apply(p) + place
-        R = own * R
-    return R, p
-
-
-def _at(link: _Link, stamps: Array) -> tuple[Rotation, Array]:
+def _at(link: _Link, stamps: Array) -> Placement:
     times, index = np.unique(link.stamps, return_index=True)
     numbers = np.array(link.numbers)[index]
     if len(times) == 1:

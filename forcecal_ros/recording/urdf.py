@@ -1,0 +1,125 @@
+"""Joints of a URDF: where each link is in its parent at given positions of the joints."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array
+from forcecal_ros.recording.kinematic_chain import Placement
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+_TURNS = ('revolute', 'continuous')
+_SLIDES = ('prismatic',)
+
+
+class Joint(NamedTuple):
+    """
+    What holds a link on its parent.
+
+    Attributes
+    ----------
+    parent : str
+        Link.
+    driver : str
+        Joint whose position moves it, itself or the one that it mimics; empty: it is fixed.
+    gain, offset : float
+        Its position is ``gain`` times the driver's, plus ``offset`` [rad or m].
+    origin : tuple of Rotation and ndarray, shape (3,)
+        Frame of the joint in the parent [m].
+    axis : ndarray, shape (3,)
+        Unit vector, in the frame of the joint.
+    slides : bool
+        Along the axis, in place of turning about it.
+    """
+
+    parent: str
+    driver: str
+    gain: float
+    offset: float
+    origin: tuple[Rotation, Array]
+    axis: Array
+    slides: bool
+
+    def placement(self, positions: Mapping[str, Array], n: int) -> Placement:
+        """Return where the link is in its parent at ``n`` positions of the drivers."""
+        R, p = self.origin
+        if not self.driver:
+            return R * Rotation.identity(n), np.tile(p, (n, 1))
+        moved = np.outer(self.gain * positions[self.driver] + self.offset, self.axis)
+        if self.slides:
+            return R * Rotation.identity(n), p + R.apply(moved)
+        return R * Rotation.from_rotvec(moved), np.tile(p, (n, 1))
+
+
+def joints_of(description: bytes, name: str) -> dict[str, Joint]:
+    """
+    Return the joint that holds each link.
+
+    Only links and joints are read: what simulators and controllers put beside them is not judged.
+
+    Parameters
+    ----------
+    description : bytes
+        XML of a URDF.
+    name : str
+        Where it came from, for messages.
+
+    Raises
+    ------
+    DataError
+        It is no URDF, or a joint cannot be computed.
+    """
+    try:
+        text = description.decode()
+        if '<!DOCTYPE' in text or '<!ENTITY' in text:
+            raise DataError(f'{name}: it defines entities, by which a short text becomes a huge '
+                            'one; a URDF needs none')
+        robot = ElementTree.fromstring(text)  # noqa: S314  # entities are refused above
+    except (UnicodeDecodeError, ElementTree.ParseError) as error:
+        raise DataError(f'{name}: it is no XML ({error})') from error
+    if robot.tag != 'robot' or robot.find('joint') is None:
+        raise DataError(f'{name}: it is no URDF of joints (a {robot.tag}); of a xacro make one by '
+                        'xacro robot.urdf.xacro > robot.urdf')
+    joints = [_joint(joint, name) for joint in robot.findall('joint')]
+    return dict(joints)
+
+
+def _joint(told: Element, file: str) -> tuple[str, Joint]:
+    """Return the link that a joint holds, and how."""
+    kind, name = told.get('type', ''), told.get('name', '')
+    place = f'{file}: joint {name}'
+    parent, child = (_attribute(told, tag, 'link', '') for tag in ('parent', 'child'))
+    if kind not in ('fixed', *_TURNS, *_SLIDES) or not parent or not child or not name:
+        raise DataError(f'{place} is {kind or "of no type"}, of {child or "no link"} on '
+                        f'{parent or "no link"}; what is known are fixed, revolute, continuous '
+                        'and prismatic joints of two links')
+    xyz, rpy, axis = (
+        _numbers(_attribute(told, tag, attribute, otherwise), f'{place}: {attribute}')
+        for tag, attribute, otherwise in (
+            ('origin', 'xyz', '0 0 0'), ('origin', 'rpy', '0 0 0'), ('axis', 'xyz', '1 0 0')))
+    if not axis.any():
+        raise DataError(f'{place}: its axis is zero; expected a direction')
+    driver = '' if kind == 'fixed' else _attribute(told, 'mimic', 'joint', name)
+    (gain,), (offset,) = (
+        _numbers(_attribute(told, 'mimic', attribute, otherwise), f'{place}: {attribute}', 1)
+        for attribute, otherwise in (('multiplier', '1'), ('offset', '0')))
+    return child, Joint(parent, driver, gain, offset, (Rotation.from_euler('xyz', rpy), xyz),
+                        axis / np.linalg.norm(axis), kind in _SLIDES)
+
+
+def _attribute(joint: Element, tag: str, attribute: str, otherwise: str) -> str:
+    found = joint.find(tag)
+    return otherwise if found is None else found.get(attribute, otherwise)
+
+
+def _numbers(text: str, place: str, count: int = 3) -> Array:
+    try:
+        numbers = np.array([float(word) for word in text.split()])
+    except ValueError:
+        numbers = np.array([np.nan])
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        raise DataError(f'{place} is {text!r}; expected {count} number{"s" * (count > 1)}')
+    return numbers
