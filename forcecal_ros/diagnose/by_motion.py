@@ -11,7 +11,9 @@ from forcecal_ros.diagnose.result import Diagnosis, Found
 from forcecal_ros.diagnose.stamps import evened
 from forcecal_ros.effects.signals import FORCES
 from forcecal_ros.errors import DataError
+from forcecal_ros.recording.checks.at_rest import refuse_other_axes
 from forcecal_ros.recording.streams import Recording
+import numpy as np
 
 DELAY = 'accelerometer.delay'
 """The nuisance that says how far the accelerometer is behind the wrench."""
@@ -52,6 +54,9 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, body: Body,
     given = [r for r in (recording, heldout) if r is not None]
     try:
         check_alike(given)
+        for one in given:
+            refuse_other_axes(one, body.tool.mass, np.array(body.tool.com),
+                              np.array(body.gravity))
         stamps = [evened(r) for r in given]
         if calibration is not None:
             stamps = [s._replace(recording=as_specific_force(s.recording,

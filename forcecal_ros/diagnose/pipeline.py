@@ -52,6 +52,7 @@ from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
+from forcecal_ros.recording.checks.at_rest import refuse_other_axes
 from forcecal_ros.recording.noise.autoregression import at_standstill
 from forcecal_ros.recording.streams import Recording
 import numpy as np
@@ -126,6 +127,9 @@ def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
     given = [recording] if heldout is None else [recording, heldout]
     try:
         check_alike(given)
+        for one in given:
+            refuse_other_axes(one, rig.tool.mass, np.array(rig.tool.com),
+                              np.array(rig.gravity))
         stamps = [corrected(r, rig, SHORTEST) for r in given]
         cases = [prepare(s.recording, rig, accelerometer) for s in stamps]
     except DataError as error:

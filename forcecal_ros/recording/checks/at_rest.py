@@ -1,0 +1,210 @@
+"""Axes and unit of a wrench by what weighs on it all along, whatever the robot does."""
+
+from typing import NamedTuple
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array, skew
+from forcecal_ros.recording.checks import limits
+from forcecal_ros.recording.checks.frame_faults import refuse_other_frame
+from forcecal_ros.recording.checks.frames import Forces, judge
+from forcecal_ros.recording.checks.torques import refuse_other_torques
+from forcecal_ros.recording.checks.units import force_unit_of
+from forcecal_ros.recording.streams import PoseStream, Recording, Stream
+from forcecal_ros.recording.time_grid import Averager
+import numpy as np
+
+LENGTH = 0.5
+"""Means over so long even out what moves and rings [s]."""
+
+TURNS = 0.1
+"""Means in which the sensor turns by more tell no direction [rad]."""
+
+FEWEST = 12
+"""So many means at least tell weight and frame."""
+
+UNTOUCHED = 3.0
+"""Means farther from a fit than so many times the median are taken for contact."""
+
+ROUNDS, NEARLY = 30, 0.1
+"""Rounds after which a fit by absolute deviations stands (twice as many keep the same means), and
+the share of their median below which deviations count alike."""
+
+LEAVES = 0.3
+"""Another frame is believed that leaves less than this share of what the stated one leaves: of
+sound recordings with pushes the ratio is 0.8 and more."""
+
+TURNED_LEAVES = 0.1
+"""Turned axes are believed that leave less than this share: gains 25 % too large in one axis and
+15 % too small in another leave 0.29."""
+
+THOUSAND = 0.3
+"""A centre of mass that torques show a thousand times as far off, to this share, is in N mm."""
+
+
+class AtRest(NamedTuple):
+    """
+    Means of a recording in which the sensor hardly turns.
+
+    Attributes
+    ----------
+    begins : ndarray, shape (n,)
+        Of the means, each half a second long [s].
+    forces : Forces
+    torque : ndarray, shape (n, 3)
+        [N m]
+    """
+
+    begins: Array
+    forces: Forces
+    torque: Array
+
+    @property
+    def untouched(self) -> 'AtRest':
+        """Those of them that hold no contact: close to a weight in some frame, and a bias."""
+        forces, eye = self.forces, np.broadcast_to(np.eye(3), (len(self.begins), 3, 3))
+        in_sensor = np.einsum('ij,nk->nijk', np.eye(3), forces.in_sensor).reshape(-1, 3, 9)
+        off = min((_deviations(np.concatenate([columns, eye], axis=2), forces.wire)
+                   for columns in (in_sensor, forces.R_base_sensor)), key=np.median)
+        keep = off <= UNTOUCHED * max(float(np.median(off)), limits.NIL)
+        return AtRest(self.begins[keep], Forces(
+            forces.R_base_sensor[keep], forces.wire[keep], forces.gravity, None),
+            self.torque[keep])
+
+    @property
+    def tells(self) -> bool:
+        """Whether they are enough, and turned by enough, to tell a weight from a bias."""
+        in_sensor = self.forces.in_sensor
+        return len(in_sensor) >= FEWEST and bool(
+            np.linalg.norm(in_sensor.std(axis=0))
+            >= limits.SPANNED * np.linalg.norm(self.forces.gravity))
+
+
+def _deviations(design: Array, wire: Array) -> Array:
+    """
+    Return how far forces (n, 3) are off a linear model (n, 3, k) of least absolute deviations.
+
+    By least squares whose weights follow from the round before, so that pushes pull little.
+    """
+    off = np.ones(len(wire))
+    for _ in range(ROUNDS):
+        weight = 1.0 / np.sqrt(np.maximum(off, NEARLY * float(np.median(off)) + limits.NIL))
+        rows = (design * weight[:, None, None]).reshape(-1, design.shape[2])
+        fit = np.linalg.lstsq(rows, (wire * weight[:, None]).ravel(), rcond=1e-6)[0]
+        off = np.linalg.norm(wire - design @ fit, axis=1)
+    return np.asarray(off)
+
+
+def at_rest(recording: Recording, gravity: Array) -> AtRest | None:
+    """
+    Return the forces of a recording at rest, contact included; None: they are too few.
+
+    Parameters
+    ----------
+    gravity : ndarray, shape (3,)
+        In base [m/s^2].
+    """
+    pose, wrench = recording.pose, recording.wrench
+    if pose is None or wrench is None or len(pose) < FEWEST or len(wrench) < FEWEST:
+        return None
+    begins = np.arange(max(pose.t[0], wrench.t[0]), min(pose.t[-1], wrench.t[-1]) - LENGTH, LENGTH)
+    begins, R = _resting(pose, begins)
+    means = means_at(wrench, begins)
+    whole = np.isfinite(means).all(axis=1)
+    if whole.sum() < FEWEST:
+        return None
+    return AtRest(begins[whole], Forces(R[whole], means[whole, :3], gravity, None),
+                  means[whole, 3:])
+
+
+def _resting(pose: PoseStream, begins: Array) -> tuple[Array, Array]:
+    """Return the stretches in which a sensor hardly turns, and its orientation there."""
+    first, middle, last = (np.searchsorted(pose.t, begins + share * LENGTH).clip(
+        max=len(pose) - 1) for share in (0.0, 0.5, 1.0))
+    R = pose.R_base_sensor
+    turned = np.linalg.norm(R[first] - R[last], axis=(1, 2)) / np.sqrt(2.0)
+    near = np.abs(pose.t[middle] - begins - LENGTH / 2.0) < LENGTH / 2.0
+    rest = near & (turned < TURNS)
+    return begins[rest], R[middle[rest]]
+
+
+def means_at(stream: Stream, begins: Array) -> Array:
+    """Return the means of a stream over half a second each."""
+    return np.asarray(Averager(stream.t, stream.values).means(begins, LENGTH))
+
+
+def refuse_other_axes(recording: Recording, mass: float, com: Array, gravity: Array) -> None:
+    """
+    Refuse a wrench in another frame, with other axes or in other units than is believed.
+
+    Parameters
+    ----------
+    mass : float
+        Of the tool, as a model has it [kg].
+    com : ndarray, shape (3,)
+        Its centre of mass [m].
+    gravity : ndarray, shape (3,)
+        In base [m/s^2].
+
+    Raises
+    ------
+    DataError
+        Names cause and remedy, as ``forcecal calibrate`` does.
+    """
+    found = at_rest(recording, gravity)
+    found = None if found is None else found.untouched
+    if found is None or not found.tells:
+        return
+    judgement = judge(found.forces)
+    best, plain = judgement.likely[0], judgement.plain
+    least = TURNED_LEAVES if best.name == 'turned' else LEAVES
+    if best.name not in ('tilted', 'both') and (
+            plain.mass < 0.0 or best.rms < least * plain.rms):
+        refuse_other_frame(judgement, gravity / np.linalg.norm(gravity))
+    if best is not plain:
+        return
+    refuse_other_force_unit(plain.mass, mass)
+    weight = mass * found.forces.in_sensor
+    refuse_other_torques(weight, found.torque, None)
+    _refuse_other_lever(weight, found.torque, com)
+
+
+def _refuse_other_lever(weight: Array, torque: Array, com: Array) -> None:
+    """Refuse torques of the opposite sign, or a thousand times too large."""
+    lever = -skew(weight)
+    rows = (lever - lever.mean(axis=0)).reshape(-1, 3)
+    shown = np.linalg.lstsq(rows, (torque - torque.mean(axis=0)).ravel(), rcond=1e-6)[0]
+    times = float(shown @ com) / max(float(com @ com), limits.NIL)
+    off = np.linalg.norm(shown - times * com) / max(float(np.linalg.norm(shown)), limits.NIL)
+    if off > THOUSAND:
+        return
+    if abs(times + 1.0) < THOUSAND:
+        raise DataError(
+            f'wrench: its torques put the centre of mass at {_metres(shown)}, the model has it at '
+            f'{_metres(com)}: they have the opposite sign of the forces; correct them in the '
+            'driver')
+    if abs(times / 1000.0 - 1.0) < THOUSAND:
+        raise DataError(
+            f'wrench: its torques put the centre of mass at {_metres(shown)}, the model has it at '
+            f'{_metres(com)}: they are in N mm; divide them by 1000 in the driver or in the '
+            'import')
+
+
+def _metres(place: Array) -> str:
+    return f'({" ".join(f"{x:.3g}" for x in place)}) m'
+
+
+def refuse_other_force_unit(shown: float, mass: float) -> None:
+    """
+    Refuse forces that make another mass of a tool [kg], as another unit would.
+
+    Raises
+    ------
+    DataError
+        Names the unit.
+    """
+    unit = force_unit_of(shown, mass)
+    if unit is not None:
+        name, factor = unit
+        raise DataError(
+            f'wrench: the tool of {mass:.4g} kg weighs {shown:.4g} kg in this recording: '
+            f'its forces are in {name}; multiply by {factor:.5g} in the driver or in the import')
