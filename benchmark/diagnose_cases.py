@@ -5,11 +5,11 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.case import Case, prepare
-from forcecal_ros.diagnose.nuisances import apply_all, nuisances, spreads
-from forcecal_ros.diagnose.planning import motion_for
-from forcecal_ros.diagnose.problem import noise_level, Problem
+from forcecal_ros.diagnose.inputs.dataset import Case, prepare
+from forcecal_ros.diagnose.model.linearised import noise_level, Problem
+from forcecal_ros.diagnose.plan.recording import motion_for
 from forcecal_ros.effects import EFFECTS, with_effects
+from forcecal_ros.effects.nuisances import apply_all, nuisances, spreads
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array, rotation_about, rotation_from_vector
 from forcecal_ros.recording.streams import Phase, PoseStream, Recording

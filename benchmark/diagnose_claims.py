@@ -16,10 +16,10 @@ import sys
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from forcecal_ros.diagnose.case import prepare
-from forcecal_ros.diagnose.channels import CHANNELS, COLUMNS
-from forcecal_ros.diagnose.pipeline import diagnose
-from forcecal_ros.diagnose.problem import problem
+from forcecal_ros.diagnose.by_commands import diagnose
+from forcecal_ros.diagnose.inputs.channels import CHANNELS, COLUMNS
+from forcecal_ros.diagnose.inputs.dataset import prepare
+from forcecal_ros.diagnose.model.linearised import problem
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
 from forcecal_ros.parallel import each

@@ -145,10 +145,10 @@ def _read(args: argparse.Namespace) -> tuple[Any, Any]:
 
 def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any) -> Answer:
     """Replay the commands through the rig."""
+    from forcecal_ros.diagnose.by_commands import diagnose
     from forcecal_ros.diagnose.by_tracked import diagnose_tracked, is_tracked
-    from forcecal_ros.diagnose.channels import units
-    from forcecal_ros.diagnose.pipeline import diagnose
-    from forcecal_ros.diagnose.result import to_document
+    from forcecal_ros.diagnose.inputs.channels import units
+    from forcecal_ros.diagnose.say.result import to_document
     from forcecal_ros.simulators.rig.file import dump_rig
     from forcecal_ros.simulators.rig.simulator import waits_for_compiler
 
@@ -164,10 +164,11 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
                calibration: Any) -> Answer:
     """Compare the wrench with the measured motion."""
     from forcecal_ros.calibration.file import dump
-    from forcecal_ros.diagnose.body import Body, body_of_calibration, body_of_rig, patched
     from forcecal_ros.diagnose.by_motion import delay_std, diagnose_motion, inertia_std
-    from forcecal_ros.diagnose.channels import units
-    from forcecal_ros.diagnose.result import to_document
+    from forcecal_ros.diagnose.inputs.channels import units
+    from forcecal_ros.diagnose.say.patched import patched_calibration
+    from forcecal_ros.diagnose.say.result import to_document
+    from forcecal_ros.simulators.rigid_tool import Body, body_of_calibration, body_of_rig
 
     body = body_of_calibration(calibration, rig) if calibration else body_of_rig(rig)
     outcome = diagnose_motion(
@@ -180,7 +181,7 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
     if calibration and outcome.cases:
         assert isinstance(outcome.rig, Body)
         document['calibration'] = 'calibration_patched.yaml'
-        files[document['calibration']] = dump(patched(
+        files[document['calibration']] = dump(patched_calibration(
             calibration, outcome.rig, delay_std(outcome), inertia_std(outcome)))
     return _written(args, (recording, heldout), outcome, rig, of_channels, document, files)
 
@@ -188,8 +189,8 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
 def _by_simulated(args: argparse.Namespace) -> Answer:
     """Compare the wrench with what a simulator recorded."""
     from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair
-    from forcecal_ros.diagnose.channels import units
-    from forcecal_ros.diagnose.result import to_document
+    from forcecal_ros.diagnose.inputs.channels import units
+    from forcecal_ros.diagnose.say.result import to_document
     from forcecal_ros.simulators.rig.file import load_rig
 
     with stages(args) as stage:
@@ -213,8 +214,8 @@ def _by_simulated(args: argparse.Namespace) -> Answer:
 def _by_simulator(args: argparse.Namespace) -> Answer:
     """Run somebody's simulator with the recorded commands."""
     from forcecal_ros.diagnose.by_simulator import diagnose_rerun
-    from forcecal_ros.diagnose.channels import units
-    from forcecal_ros.diagnose.result import to_document
+    from forcecal_ros.diagnose.inputs.channels import units
+    from forcecal_ros.diagnose.say.result import to_document
     from forcecal_ros.simulators.rig.file import load_rig
 
     with stages(args) as stage:
@@ -273,7 +274,7 @@ def _written(args: argparse.Namespace, given: tuple[Any, ...], outcome: Any, rig
     """Write what was found, a report of it, and other files."""
     import json
 
-    from forcecal_ros.diagnose.advice import advice
+    from forcecal_ros.diagnose.say.advice import advice
     from forcecal_ros.report.diagnosis import render
     from forcecal_ros.report.diagnosis_view import view_of, view_without_signals
     from forcecal_ros.report.diagnosis_words import headline, next_step

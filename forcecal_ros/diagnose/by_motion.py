@@ -3,15 +3,17 @@
 from dataclasses import replace
 
 from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.diagnose.body import as_specific_force, Body
-from forcecal_ros.diagnose.motion_case import held_out, moves, prepare_motion, SHORTEST, STANDS
-from forcecal_ros.diagnose.pairing import check_alike, require_overlap
-from forcecal_ros.diagnose.pipeline import answered, Outcome
-from forcecal_ros.diagnose.result import Diagnosis, Found
-from forcecal_ros.diagnose.stamps import evened
+from forcecal_ros.diagnose.engine import answered, Outcome
+from forcecal_ros.diagnose.inputs.accelerometer import as_specific_force
+from forcecal_ros.diagnose.inputs.motion_dataset import held_out, moves, prepare_motion, SHORTEST
+from forcecal_ros.diagnose.inputs.requirements import check_alike, require_overlap
+from forcecal_ros.diagnose.inputs.stamps import evened
+from forcecal_ros.diagnose.judge.found_effects import Found
+from forcecal_ros.diagnose.say.result import Diagnosis, STANDS
 from forcecal_ros.effects.signals import FORCES
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.streams import Recording
+from forcecal_ros.simulators.rigid_tool import Body
 
 DELAY = 'accelerometer.delay'
 """The nuisance that says how far the accelerometer is behind the wrench."""

@@ -5,21 +5,21 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from forcecal_ros.diagnose.by_motion import told
-from forcecal_ros.diagnose.case import Case
-from forcecal_ros.diagnose.motion_case import held_out, moves, prepare_simulated, STANDS
-from forcecal_ros.diagnose.one_clock import aligned, Alignment
-from forcecal_ros.diagnose.pairing import check_alike
-from forcecal_ros.diagnose.pipeline import answered, Outcome
-from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.diagnose.same_frames import in_base_of
-from forcecal_ros.diagnose.simulated_tool import SimulatedTool
-from forcecal_ros.diagnose.stamps import Corrected, evened
-from forcecal_ros.diagnose.tracking import Tracking, tracking
+from forcecal_ros.diagnose.engine import answered, Outcome
+from forcecal_ros.diagnose.inputs.alignment import aligned, Alignment
+from forcecal_ros.diagnose.inputs.dataset import Case
+from forcecal_ros.diagnose.inputs.motion_dataset import held_out, moves, prepare_simulated
+from forcecal_ros.diagnose.inputs.requirements import check_alike
+from forcecal_ros.diagnose.inputs.simulated_tool import SimulatedTool
+from forcecal_ros.diagnose.inputs.stamps import Corrected, evened
+from forcecal_ros.diagnose.localise.tracking import Tracking, tracking
+from forcecal_ros.diagnose.say.result import Diagnosis, STANDS
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import FORCES
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.checks.entry import computed
 from forcecal_ros.recording.streams import Recording
+from forcecal_ros.simulators.poses import in_base_of
 import numpy as np
 
 STIFF = 0.1

@@ -4,30 +4,29 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from forcecal_ros.diagnose.carried_tool import beyond
-from forcecal_ros.diagnose.case import Case, made_up
-from forcecal_ros.diagnose.motion_case import (
+from forcecal_ros.diagnose.engine import answered, Outcome
+from forcecal_ros.diagnose.inputs.dataset import Case, made_up
+from forcecal_ros.diagnose.inputs.motion_dataset import (
     held_out,
     kinds,
     moves,
     require_wrench_and_pose,
     span,
-    STANDS,
 )
-from forcecal_ros.diagnose.nuisances import LIMIT
-from forcecal_ros.diagnose.pairing import check_alike
-from forcecal_ros.diagnose.pipeline import answered, Outcome
-from forcecal_ros.diagnose.rerun import Numbers, refuse_unsteady, Rerun, Runs
-from forcecal_ros.diagnose.residual import Measured
-from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.diagnose.simulated_robot import simulated_robot, SimulatedRobot
-from forcecal_ros.diagnose.simulated_tool import simulated_tool, SimulatedTool
-from forcecal_ros.diagnose.stamps import Corrected, evened
+from forcecal_ros.diagnose.inputs.requirements import check_alike
+from forcecal_ros.diagnose.inputs.residuals import Measured
+from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool, SimulatedTool
+from forcecal_ros.diagnose.inputs.stamps import Corrected, evened
+from forcecal_ros.diagnose.say.result import Diagnosis, STANDS
+from forcecal_ros.effects.nuisances import LIMIT
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import Recording
+from forcecal_ros.simulators.carried_tool import beyond
 from forcecal_ros.simulators.protocol import Inputs
+from forcecal_ros.simulators.rerun import Numbers, refuse_unsteady, Rerun, Runs
+from forcecal_ros.simulators.simulated_robot import simulated_robot, SimulatedRobot
 from forcecal_ros.simulators.third_party import ThirdParty
 import numpy as np
 

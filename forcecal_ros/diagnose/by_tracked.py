@@ -8,22 +8,22 @@ far the two are apart, against what the rig states.
 from collections.abc import Iterator
 from dataclasses import fields, replace
 
-from forcecal_ros.diagnose.alignment import start_of
-from forcecal_ros.diagnose.body import body_of_rig
 from forcecal_ros.diagnose.by_motion import diagnose_motion
-from forcecal_ros.diagnose.case import mounted
-from forcecal_ros.diagnose.merged_motion import merged
-from forcecal_ros.diagnose.motion_case import require_wrench_and_pose, SHORTEST
-from forcecal_ros.diagnose.pairing import require_overlap
-from forcecal_ros.diagnose.pipeline import Outcome
-from forcecal_ros.diagnose.replay import Replay
-from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.diagnose.simulation import RATE
-from forcecal_ros.diagnose.stamps import evened
-from forcecal_ros.diagnose.tracking import Difference, Tracking, tracking
+from forcecal_ros.diagnose.engine import Outcome
+from forcecal_ros.diagnose.inputs.accelerometer import mounted
+from forcecal_ros.diagnose.inputs.command_timing import start_of
+from forcecal_ros.diagnose.inputs.motion_dataset import require_wrench_and_pose, SHORTEST
+from forcecal_ros.diagnose.inputs.requirements import require_overlap
+from forcecal_ros.diagnose.inputs.stamps import evened
+from forcecal_ros.diagnose.localise.tracking import Difference, Tracking, tracking
+from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.streams import PoseStream, Recording
+from forcecal_ros.simulators.poses import merged
+from forcecal_ros.simulators.rig.replay import Replay
+from forcecal_ros.simulators.rigid_tool import body_of_rig
+from forcecal_ros.simulators.signals import RATE
 import numpy as np
 
 LATER = 3.0

@@ -4,17 +4,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.case import with_volts
-from forcecal_ros.diagnose.channels import BLOCK, CHANNELS, COLUMNS
-from forcecal_ros.diagnose.evidence import fit, Gram, Prior
-from forcecal_ros.diagnose.nuisances import LIMIT, Nuisance, nuisances, spreads
-from forcecal_ros.diagnose.residual import Measured
-from forcecal_ros.diagnose.simulation import RATE, Signals
+from forcecal_ros.diagnose.inputs.accelerometer import with_volts
+from forcecal_ros.diagnose.inputs.channels import CHANNELS, COLUMNS
+from forcecal_ros.diagnose.inputs.residuals import Measured
+from forcecal_ros.diagnose.model.evidence import fit, Gram, Prior
+from forcecal_ros.effects.nuisances import LIMIT, Nuisance, nuisances, spreads
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import Recording
 from forcecal_ros.simulators.rig.simulator import checked_commands, Samples, Simulator
+from forcecal_ros.simulators.signals import BLOCK, RATE, Signals
 import numpy as np
 from numpy.typing import NDArray
 

@@ -20,7 +20,7 @@ from forcecal_ros.report.text import aligned
 from forcecal_ros.schema import plain
 
 if TYPE_CHECKING:
-    from forcecal_ros.diagnose.result import Diagnosis
+    from forcecal_ros.diagnose.say.result import Diagnosis
 
 FORMAT = 'forcecal-comparison/1'
 

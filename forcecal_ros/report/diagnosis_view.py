@@ -2,16 +2,15 @@
 
 from dataclasses import dataclass
 
-from forcecal_ros.diagnose.blocked import Blocked
-from forcecal_ros.diagnose.channels import CHANNELS, units
-from forcecal_ros.diagnose.pipeline import Outcome
-from forcecal_ros.diagnose.remainder import Cell, cells
-from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.diagnose.simulation import Signals
+from forcecal_ros.diagnose.engine import Outcome
+from forcecal_ros.diagnose.inputs.channels import Blocked, CHANNELS, units
+from forcecal_ros.diagnose.localise.time_frequency import Cell, cells
+from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.autoregression import fit_autoregression
 from forcecal_ros.recording.streams import Phase
 from forcecal_ros.report.panels import joined
+from forcecal_ros.simulators.signals import Signals
 import numpy as np
 from numpy.typing import NDArray
 

@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Sequence
 import shlex
 
-from forcecal_ros.diagnose.channels import CHANNELS
-from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.diagnose.verdict import percent
+from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.say.result import Diagnosis
+from forcecal_ros.diagnose.say.verdict import percent
 from forcecal_ros.report.diagnosis_view import View
 from forcecal_ros.report.effect_words import phrase, sentence
 from forcecal_ros.report.quantity import size

@@ -1,12 +1,12 @@
 """A discrepancy is integrated out as the dense Gaussian says, and its size comes from the data."""
 
-from forcecal_ros.diagnose.basis import Basis, basis
-from forcecal_ros.diagnose.channels import CHANNELS
-from forcecal_ros.diagnose.discrepancy import Discrepancy, SIZES
-from forcecal_ros.diagnose.evidence import fit, Prior
-from forcecal_ros.diagnose.simulation import Signals
-from forcecal_ros.diagnose.verdict import doubt
+from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.judge.probabilities import doubt
+from forcecal_ros.diagnose.model.basis import Basis, basis
+from forcecal_ros.diagnose.model.discrepancy import Discrepancy, SIZES
+from forcecal_ros.diagnose.model.evidence import fit, Prior
 from forcecal_ros.recording.noise.autoregression import Autoregression, ORDER
+from forcecal_ros.simulators.signals import Signals
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal

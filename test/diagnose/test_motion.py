@@ -6,13 +6,13 @@ from pathlib import Path
 
 from forcecal_ros.calibration.file import load
 from forcecal_ros.cli import main
-from forcecal_ros.diagnose.body import body_of_calibration, body_of_rig
 from forcecal_ros.diagnose.by_motion import diagnose_motion
 from forcecal_ros.effects import with_effects
 from forcecal_ros.recording.bags import read_recording
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.simulators.rigid_tool import body_of_calibration, body_of_rig
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

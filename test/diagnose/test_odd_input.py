@@ -2,18 +2,19 @@
 
 from dataclasses import replace
 
-from forcecal_ros.diagnose.bench import Bench
-from forcecal_ros.diagnose.case import in_volts, prepare, split
-from forcecal_ros.diagnose.hypotheses import Atom, Hypothesis, nominal_of
-from forcecal_ros.diagnose.pipeline import diagnose
-from forcecal_ros.diagnose.problem import Diverged, problem
-from forcecal_ros.diagnose.ranking import refined_or_rejected
-from forcecal_ros.diagnose.replay import Replay
-from forcecal_ros.diagnose.stamps import corrected
+from forcecal_ros.diagnose.by_commands import diagnose
+from forcecal_ros.diagnose.inputs.accelerometer import in_volts
+from forcecal_ros.diagnose.inputs.dataset import prepare, split
+from forcecal_ros.diagnose.inputs.stamps import corrected
+from forcecal_ros.diagnose.model.hypotheses import Atom, Hypothesis, nominal_of
+from forcecal_ros.diagnose.model.linearised import Diverged, problem
+from forcecal_ros.diagnose.search.model_comparison import Bench
+from forcecal_ros.diagnose.search.ranking import refined_or_rejected
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.recording.streams import PoseStream, Stream
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.simulators.rig.replay import Replay
 import numpy as np
 import pytest
 from rig_recordings import FREE, MOTION, motion, own_recording, PERIOD

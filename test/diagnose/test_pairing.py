@@ -3,12 +3,11 @@
 from dataclasses import replace
 import warnings
 
-from forcecal_ros.diagnose.body import body_of_rig
+from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.by_motion import diagnose_motion
-from forcecal_ros.diagnose.pairing import bridged, unseen
-from forcecal_ros.diagnose.parameters import from_checks
-from forcecal_ros.diagnose.pipeline import diagnose
-from forcecal_ros.diagnose.stamps import Corrected
+from forcecal_ros.diagnose.inputs.requirements import bridged, unseen
+from forcecal_ros.diagnose.inputs.stamps import Corrected
+from forcecal_ros.diagnose.judge.found_effects import from_checks
 from forcecal_ros.geometry import rotation_about
 from forcecal_ros.recording.bags import read_recording
 from forcecal_ros.recording.checks.clocks import clocks, dropouts, skew_between
@@ -16,6 +15,7 @@ from forcecal_ros.recording.checks.entry import checked
 from forcecal_ros.recording.checks.pauses import silences
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rigid_tool import body_of_rig
 import numpy as np
 import pytest
 

@@ -1,17 +1,18 @@
 """Parts of the diagnosis by themselves: limits, noise, bounds, intervals, odds, stamps."""
 
-from forcecal_ros.diagnose import remainder
-from forcecal_ros.diagnose.evidence import fit, Gram, Prior, Score
-from forcecal_ros.diagnose.gap import Errors
-from forcecal_ros.diagnose.left import _foreign
-from forcecal_ros.diagnose.limits import _best_limit
-from forcecal_ros.diagnose.nuisances import nuisances, spreads
-from forcecal_ros.diagnose.problem import Problem
-from forcecal_ros.diagnose.ranking import weights
-from forcecal_ros.diagnose.selection import _near
-from forcecal_ros.diagnose.spectral_lines import Line
-from forcecal_ros.diagnose.trial import Trial
-from forcecal_ros.diagnose.verdict import probabilities, Remains, verdict
+from forcecal_ros.diagnose.judge.gap import Errors
+from forcecal_ros.diagnose.judge.probabilities import probabilities
+from forcecal_ros.diagnose.judge.residual_summary import _foreign, Remains
+from forcecal_ros.diagnose.localise import time_frequency
+from forcecal_ros.diagnose.localise.spectral_lines import Line
+from forcecal_ros.diagnose.model.evidence import fit, Gram, Prior, Score
+from forcecal_ros.diagnose.model.linearised import Problem
+from forcecal_ros.diagnose.model.saturation import _best_limit
+from forcecal_ros.diagnose.say.verdict import verdict
+from forcecal_ros.diagnose.search.fitted import Trial
+from forcecal_ros.diagnose.search.ranking import weights
+from forcecal_ros.diagnose.search.selection import _near
+from forcecal_ros.effects.nuisances import nuisances, spreads
 from forcecal_ros.recording.checks.clipping import clipping, quantisation
 from forcecal_ros.recording.checks.clocks import clocks, skew_between
 from forcecal_ros.recording.streams import CHANNELS, Recording, Stream
@@ -63,11 +64,11 @@ def test_a_soft_limit_under_noise_is_found_where_it_is():
 
 
 def test_noise_that_grows_from_octave_to_octave_is_expected_and_one_strong_octave_is_not():
-    dof = np.full(len(remainder.BANDS), 100.0)
+    dof = np.full(len(time_frequency.BANDS), 100.0)
     pink = np.array([8.0, 4.0, 2.0, 1.2, 1.0, 1.0, 1.0, 1.0])
-    assert remainder._colour([(pink * dof, dof)] * 3) == pytest.approx(pink)
+    assert time_frequency._colour([(pink * dof, dof)] * 3) == pytest.approx(pink)
     alone = np.array([1.0, 1.0, 50.0, 1.0, 1.0, 1.0, 1.0, 1.0])
-    assert remainder._colour([(alone * dof, dof)] * 3)[2] == remainder.STEEPEST
+    assert time_frequency._colour([(alone * dof, dof)] * 3)[2] == time_frequency.STEEPEST
 
 
 def test_a_clock_that_is_wrong_by_more_than_half_a_hertz_is_wrong_against_the_rig():

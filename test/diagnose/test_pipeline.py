@@ -2,13 +2,13 @@
 
 from dataclasses import replace
 
-from forcecal_ros.diagnose import spectral_lines
-from forcecal_ros.diagnose.channels import CHANNELS as DIAGNOSED
-from forcecal_ros.diagnose.evidence import fit, Gram, Prior
-from forcecal_ros.diagnose.parameters import from_checks
-from forcecal_ros.diagnose.pipeline import diagnose
-from forcecal_ros.diagnose.result import to_document
-from forcecal_ros.diagnose.stamps import Corrected
+from forcecal_ros.diagnose.by_commands import diagnose
+from forcecal_ros.diagnose.inputs.channels import CHANNELS as DIAGNOSED
+from forcecal_ros.diagnose.inputs.stamps import Corrected
+from forcecal_ros.diagnose.judge.found_effects import from_checks
+from forcecal_ros.diagnose.localise import spectral_lines
+from forcecal_ros.diagnose.model.evidence import fit, Gram, Prior
+from forcecal_ros.diagnose.say.result import to_document
 from forcecal_ros.recording.bags import read_recording
 from forcecal_ros.recording.checks.clipping import quantisation
 from forcecal_ros.recording.checks.clocks import clocks, dropouts, skew_between

@@ -2,9 +2,15 @@
 
 from dataclasses import replace
 
-from forcecal_ros.diagnose.excitation import Alias, Excitation, Shown
-from forcecal_ros.diagnose.plan_file import as_text, cannot, to_parameters
-from forcecal_ros.diagnose.planning import LONG_REST, motion_for, parts_for, Planned, timing_for
+from forcecal_ros.diagnose.plan.excitation import Alias, Excitation, Shown
+from forcecal_ros.diagnose.plan.recording import (
+    LONG_REST,
+    motion_for,
+    parts_for,
+    Planned,
+    timing_for,
+)
+from forcecal_ros.diagnose.plan.text import as_text, cannot, to_parameters
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.plan import Timing

@@ -6,7 +6,7 @@ import re
 
 from bag_samples import START_NS
 from forcecal_ros.cli import main
-from forcecal_ros.diagnose.case import prepare, split
+from forcecal_ros.diagnose.inputs.dataset import prepare, split
 from forcecal_ros.effects import with_effects
 from forcecal_ros.recording.bags import read_recording, write_recording
 from forcecal_ros.recording.streams import PoseStream, Recording

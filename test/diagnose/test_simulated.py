@@ -7,15 +7,14 @@ import re
 
 from forcecal_ros.cli import main
 from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair, UNTESTED
-from forcecal_ros.diagnose.hypotheses import within_load
-from forcecal_ros.diagnose.merged_motion import merged
-from forcecal_ros.diagnose.one_clock import aligned, shifted
-from forcecal_ros.diagnose.same_frames import in_base_of
-from forcecal_ros.diagnose.simulated_tool import simulated_tool
-from forcecal_ros.diagnose.tracking import tracking
+from forcecal_ros.diagnose.inputs.alignment import aligned, shifted
+from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool
+from forcecal_ros.diagnose.localise.tracking import tracking
+from forcecal_ros.diagnose.model.hypotheses import within_load
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.bags import write_recording
+from forcecal_ros.simulators.poses import in_base_of, merged
 from forcecal_ros.simulators.rig.offline import simulate
 import numpy as np
 from own_arm import commands, GRIPPER, LATE, real, RIG, simulated, TOLERANCES

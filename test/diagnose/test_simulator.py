@@ -7,14 +7,14 @@ from pathlib import Path
 import re
 
 from forcecal_ros.cli import main
-from forcecal_ros.diagnose.rerun import Runs
-from forcecal_ros.diagnose.simulated_robot import addable, library_of
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.errors import ConfigError, DataError
 from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.recording.bags import read_recording, write_recording
 from forcecal_ros.recording.streams import JointStream, Recording, Stream
 from forcecal_ros.simulators.protocol import Inputs, Parameter
+from forcecal_ros.simulators.rerun import Runs
+from forcecal_ros.simulators.simulated_robot import addable, library_of
 from forcecal_ros.simulators.third_party import load_simulator, third_party
 import numpy as np
 from own_arm import commands, SECONDS

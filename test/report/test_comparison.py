@@ -6,11 +6,12 @@ import json
 from forcecal_ros.calibration.file import save
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.cli import main
-from forcecal_ros.diagnose.channels import units
-from forcecal_ros.diagnose.gap import Gap
-from forcecal_ros.diagnose.result import Diagnosis, Found, load, Parameter
-from forcecal_ros.diagnose.result import to_document as diagnosis_document
-from forcecal_ros.diagnose.where import Place
+from forcecal_ros.diagnose.inputs.channels import units
+from forcecal_ros.diagnose.judge.found_effects import Found, Parameter
+from forcecal_ros.diagnose.judge.gap import Gap
+from forcecal_ros.diagnose.localise.localisation import Place
+from forcecal_ros.diagnose.say.result import Diagnosis, load
+from forcecal_ros.diagnose.say.result import to_document as diagnosis_document
 from forcecal_ros.report.comparison import as_text, compare, to_document
 import numpy as np
 import pytest

@@ -5,11 +5,12 @@ import json
 import re
 import sys
 
-from forcecal_ros.diagnose.channels import CHANNELS, units
-from forcecal_ros.diagnose.gap import Gap
-from forcecal_ros.diagnose.result import Diagnosis, Found, Parameter
-from forcecal_ros.diagnose.verdict import percent
-from forcecal_ros.diagnose.where import Place
+from forcecal_ros.diagnose.inputs.channels import CHANNELS, units
+from forcecal_ros.diagnose.judge.found_effects import Found, Parameter
+from forcecal_ros.diagnose.judge.gap import Gap
+from forcecal_ros.diagnose.localise.localisation import Place
+from forcecal_ros.diagnose.say.result import Diagnosis
+from forcecal_ros.diagnose.say.verdict import percent
 from forcecal_ros.effects.library import EFFECTS
 from forcecal_ros.recording.streams import Phase, Recording, Stream
 from forcecal_ros.report import diagnosis_figures as figures

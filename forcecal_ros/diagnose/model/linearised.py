@@ -1,0 +1,321 @@
+"""The state of a diagnosis: the rig as explained so far, its residuals, columns and noise."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.inputs.dataset import Case
+from forcecal_ros.diagnose.model.basis import Basis, basis
+from forcecal_ros.diagnose.model.discrepancy import Beside, Discrepancy, NONE, Products, Sizes
+from forcecal_ros.diagnose.model.evidence import Fit, fit, Gram, Prior
+from forcecal_ros.diagnose.model.jacobian import Column, column, combined, nuisance_column
+from forcecal_ros.effects import Effect, with_effects
+from forcecal_ros.effects.nuisances import apply_all, LIMIT, Nuisance, ROBOT, spreads
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.errors import ForcecalError
+from forcecal_ros.geometry import Array, rotation_vector
+from forcecal_ros.recording.noise.autoregression import (
+    Autoregression,
+    fit_autoregression,
+    white,
+)
+from forcecal_ros.simulators.signals import block_means, Signals
+import numpy as np
+
+EFFECT = 1.0 / 3.0 ** 2
+"""Prior precision of an effect's parameter, in units of its typical size."""
+
+RELEASED = 1.0 / 15.0 ** 2
+"""Prior precision of a released nuisance, in units of its spread."""
+
+MOST_ROUNDS = 4
+"""Of recalibration."""
+
+ENDLESS = 1e9
+"""Residual in any unit from which a simulation has diverged; no sensor reads that much."""
+
+QUIETEST = 1e-5
+"""
+Noise of a channel, at least, in its signal: single precision, in which columns are held, keeps a
+hundredth of that. With less a recording is computed, not measured.
+"""
+
+CONVERGED = 0.05
+"""Step of the nuisances, in spreads, that ends it."""
+
+FAR = 2.0
+"""Step of nuisances, in spreads, after which columns are taken anew where they are curved."""
+
+FRACTIONS = (1.0, 0.5, 0.25, 0.1)
+"""Of a step along curved nuisances that are tried in turn."""
+
+Values = Mapping[str, Mapping[str, float]]
+"""Effect -> parameter -> value."""
+
+
+class Diverged(ForcecalError):
+    """A simulation that is not finite: no rig behaves like that."""
+
+
+@dataclass
+class Problem:
+    """
+    Recordings, and the rig as it is explained so far.
+
+    Attributes
+    ----------
+    rig : Rig
+        As given.
+    cases : tuple of Case
+        To fit on and to judge on; one recording may do both.
+    effects : Values
+        Accepted, beside released nuisances.
+    fixed : Values
+        Known from the data without any model.
+    centre : ndarray, shape (m,)
+        Nuisances where residuals and columns are taken, in spreads.
+    released : frozenset of str
+        Nuisances that an accepted effect frees from their prior.
+    """
+
+    rig: Rig
+    cases: tuple[Case, ...]
+    nuisances: tuple[Nuisance, ...] = ()
+    sizes: Array = field(default_factory=lambda: np.zeros(0))
+    level: Array = field(default_factory=lambda: np.ones(len(CHANNELS)))
+    effects: Values = field(default_factory=dict)
+    fixed: Values = field(default_factory=dict)
+    released: frozenset[str] = frozenset()
+    centre: Array = field(default_factory=lambda: np.zeros(0))
+    base: list[Signals] = field(default_factory=list)
+    blocks: list[Array] = field(default_factory=list)
+    columns: list[list[Column]] = field(default_factory=list)
+    noise: list[Autoregression] = field(default_factory=list)
+    discrepancy: Discrepancy | None = None
+    allowed: Sizes = NONE
+    _calibrated: tuple[bytes, Rig] | None = None
+
+    @property
+    def library(self) -> Mapping[str, Effect]:
+        """Return what the recordings may have beside what is simulated."""
+        return self.cases[0].simulation.library
+
+    def current(self, effects: Values | None = None) -> Rig:
+        """Return the rig at the centre, with the accepted effects or with others."""
+        key = self.centre.tobytes()
+        if self._calibrated is None or self._calibrated[0] != key:
+            values = dict(zip((n.name for n in self.nuisances), self.centre * self.sizes))
+            self._calibrated = key, apply_all(self.rig, self.nuisances, values)
+        chosen = {**self.fixed, **(self.effects if effects is None else effects)}
+        return with_effects(self._calibrated[1], chosen) if chosen else self._calibrated[1]
+
+    def moved(self, step: Array) -> Array:
+        """Return the centre after a step, nothing physical below its lowest value."""
+        low = np.array([n.least for n in self.nuisances]) / self.sizes
+        return np.asarray(np.maximum(self.centre + step, low))
+
+    def prior(self, released: frozenset[str] = frozenset()) -> Prior:
+        """Return the prior of the nuisances, some of them released."""
+        free = np.array([n.name in released | self.released for n in self.nuisances], dtype=bool)
+        endless = free | np.array([n.where == 'step' for n in self.nuisances], dtype=bool)
+        # training blocks say nothing of a step in a recording that is all held out
+        settled = np.array([n.where == 'step' and not self.cases[n.recording].train.any()
+                            for n in self.nuisances], dtype=bool)
+        return Prior(np.where(settled, 0.0, self.centre), np.where(free, RELEASED, 1.0),
+                     np.where(endless, np.inf, LIMIT))
+
+    def simulate(self, effects: Values, case: int) -> Array:
+        """Return measured less simulated of one recording with other effects, (n, 16)."""
+        return self._left(case, self.cases[case].simulation.signals(self.current(effects)))
+
+    def _left(self, case: int, signals: Signals) -> Array:
+        """Return measured less simulated of one recording, its steps taken off, (n, 16)."""
+        out = self.cases[case].measured.blocks(signals)
+        if not np.isfinite(out).all() or np.abs(out).max(initial=0.0) > ENDLESS:
+            raise Diverged('a simulation is not finite')
+        for i, n in enumerate(self.nuisances):
+            if n.where == 'step' and n.recording == case:
+                for c, rows in self.columns[case][i].items():
+                    out[:, c] -= self.centre[i] * rows
+        return out
+
+    def settle(self) -> None:
+        """Simulate at the centre; columns stay as they are."""
+        rig = self.current()
+        self.base = [c.simulation.signals(rig) for c in self.cases]
+        self.blocks = [self._left(i, s) for i, s in enumerate(self.base)]
+
+    def without_effects(self) -> 'Problem':
+        """Take off all effects, released nuisances and steps too; the other nuisances stay."""
+        free = np.array([n.name in self.released or n.where == 'step' for n in self.nuisances],
+                        dtype=bool)
+        out = replace(self, effects={}, released=frozenset(),
+                      centre=np.where(free, 0.0, self.centre))
+        out.settle()
+        return out
+
+    def linearise(self) -> None:
+        """Simulate at the centre and take the nuisances' columns there."""
+        rig = self.current()
+        self.base = [c.simulation.signals(rig) for c in self.cases]
+        self.columns = [
+            [nuisance_column(c, n, size, rig, s, b, self.level)
+             if n.where != 'step' or n.recording == i else {}
+             for n, size in zip(self.nuisances, self.sizes)]
+            for i, (c, s) in enumerate(zip(self.cases, self.base))
+            for b in [c.measured.blocks(s)]]
+        self.settle()
+
+    def grams(self, extra: list[list[Column]], blocks: list[Array] | None = None
+              ) -> tuple[Gram, Gram]:
+        """Return the training and the held-out Gram of nuisances' and further columns."""
+        return self.products(extra, blocks, self.allowed == NONE).at(self.allowed)
+
+    def products(self, extra: list[list[Column]], blocks: list[Array] | None = None,
+                 absent: bool = False) -> Products:
+        """Return inner products of nuisances' and further columns, for any discrepancy."""
+        return self.beside().products(
+            [[*own, *more] for own, more in zip(self.columns, extra)], blocks or self.blocks,
+            absent)
+
+    def beside(self) -> Beside:
+        """Return the discrepancy beside the noise; an empty one where none is set up."""
+        if self.discrepancy is None:
+            rows = tuple(np.zeros((0, len(c.groups)), dtype=np.float32) for c in self.cases)
+            self.discrepancy = Discrepancy(Basis(rows, np.zeros(0)), _signal(self),
+                                           [c.train for c in self.cases])
+        return self.discrepancy.beside(self.noise)
+
+    def allow_discrepancy(self, frequencies: Sequence[float] = ()) -> None:
+        """Set up what no library has: functions of the present motion, and lines [Hz]."""
+        smooth = [c.simulation.smooth(s) for c, s in zip(self.cases, self.base)]
+        self.discrepancy = Discrepancy(basis(smooth, frequencies), _signal(self),
+                                       [c.train for c in self.cases])
+
+    def fit_nuisances(self) -> Fit:
+        """Fit the nuisances alone on the training blocks."""
+        train, _ = self.grams([[] for _ in self.cases])
+        return fit(train, self.prior())
+
+    def fit_nuisances_to_all(self) -> Fit:
+        """Fit the nuisances alone on all blocks."""
+        train, held = self.grams([[] for _ in self.cases])
+        return fit(train + held, self.prior())
+
+    def standing(self) -> float:
+        """Log-likelihood of the training blocks, and prior, with everything as it is."""
+        return -0.5 * (self.unexplained().at(self.allowed)[0].square + self._cost())
+
+    def misfit(self) -> float:
+        """Whitened squares that are left on all blocks, and what the priors cost."""
+        trained, held = self.unexplained().at(self.allowed)
+        return trained.square + held.square + self._cost()
+
+    def unexplained(self) -> Products:
+        """Return inner products of the residuals alone."""
+        return self.beside().products([[] for _ in self.cases], self.blocks,
+                                      self.allowed == NONE)
+
+    def _cost(self) -> float:
+        prior = self.prior()
+        return float((prior.centre * prior.precision) @ prior.centre)
+
+    def refit_noise(self, x: Array) -> None:
+        """Fit the noise of what a step of the nuisances, and any discrepancy, leave."""
+        rest = [b - combined(columns, x, len(b)) for b, columns in zip(self.blocks, self.columns)]
+        signal = _signal(self) if self.discrepancy is None else self.discrepancy.signal
+        floor = QUIETEST * signal
+        if not self.noise and self.cases[0].simulation.starts_white:
+            self.noise = [_no_less(white(r, c.measured.present, c.groups), floor)
+                          for r, c in zip(rest, self.cases)]
+        if self.noise and self.discrepancy is not None:
+            rest = [r - p for r, p in zip(rest, self.beside().predicted(rest))]
+        self.noise = [_no_less(fit_autoregression(r, c.measured.present, c.groups), floor)
+                      for r, c in zip(rest, self.cases)]
+
+    def recalibrate(self) -> None:
+        """Move the centre to the best nuisances, noise refitted on the way."""
+        self.refit_noise(np.zeros(len(self.nuisances)))
+        self.refit_noise(self.fit_nuisances().x)
+        for _ in range(MOST_ROUNDS):
+            step = self.fit_nuisances().x
+            self._approach(step)
+            self.refit_noise(np.zeros(len(self.nuisances)))
+            if np.abs(step).max(initial=0.0) < CONVERGED:
+                break
+
+    def is_far(self, step: Array) -> bool:
+        """Say whether a step of the nuisances leaves where their columns hold."""
+        return any(abs(x) > FAR for x, n in zip(step, self.nuisances) if n.key == ROBOT)
+
+    def _approach(self, step: Array) -> None:
+        """Take a step of the nuisances, where it may mislead as far as it makes things better."""
+        if not self.is_far(step):
+            self.centre = self.moved(step)
+            self.settle()
+            return
+        before = self.standing()
+        for fraction in FRACTIONS:
+            tried = replace(self, centre=self.moved(fraction * step))
+            try:
+                tried.settle()
+            except Diverged:
+                continue
+            if tried.standing() > before:
+                self.centre = tried.centre
+                break
+        self.linearise()
+
+    def difference(self, effects: Values) -> list[Column]:
+        """Return what other effects do to each recording, as columns."""
+        return [column(b - self.simulate(effects, i), self.level)
+                for i, b in enumerate(self.blocks)]
+
+
+def noise_level(rig: Rig, streams: tuple[str, ...], accelerometer: str) -> Array:
+    """Return the rig's noise of every channel in one block mean, shape (16,)."""
+    optidrive = rig.optidrive.noise if rig.optidrive else 1.0
+    level = [rig.wrench_sensor.force_noise] * 3 + [rig.wrench_sensor.torque_noise] * 3
+    level += [rig.accelerometer.noise] * 3 + [optidrive]
+    level += [2.0 * rig.pose_sensor.position_noise] * 3
+    level += [2.0 * rig.pose_sensor.orientation_noise] * 3
+    return np.maximum(np.array(level) / 2.0, 1e-12)
+
+
+def problem(rig: Rig, cases: tuple[Case, ...]) -> Problem:
+    """
+    Set up a diagnosis, recalibrated.
+
+    Parameters
+    ----------
+    rig : Rig
+    cases : tuple of Case
+
+    Returns
+    -------
+    Problem
+    """
+    name, streams = cases[0].simulation.accelerometer, cases[0].measured.streams
+    found = cases[0].simulation.nuisances(rig, streams)
+    out = Problem(rig, cases, found, np.array(spreads(rig, found)),
+                  noise_level(rig, streams, name), centre=np.zeros(len(found)))
+    out.linearise()
+    out.allow_discrepancy()
+    out.recalibrate()
+    return out
+
+
+def _no_less(noise: Autoregression, floor: Array) -> Autoregression:
+    return noise._replace(sigma=np.where(noise.sigma > 0.0, np.maximum(noise.sigma, floor), 0.0))
+
+
+def _signal(p: Problem) -> Array:
+    """Return what each channel shows, the largest of its vector: standard deviation, (16,)."""
+    shown = []
+    for s in p.base:
+        rotation = rotation_vector(s.R_base_sensor[0].T @ s.R_base_sensor)
+        shown.append(block_means(np.concatenate(
+            [s.wrench, s.volts, s.optidrive[:, np.newaxis], s.position, rotation], axis=1)))
+    std = np.concatenate(shown).std(axis=0)
+    vectors = np.array([c.name[:-1] for c in CHANNELS])
+    return np.array([std[vectors == vector].max() for vector in vectors])

@@ -1,0 +1,109 @@
+"""One hypothesis beside what is explained already, as it was fitted and judged."""
+
+from typing import NamedTuple
+
+from forcecal_ros.diagnose.model.discrepancy import NONE, Sizes
+from forcecal_ros.diagnose.model.evidence import Score
+from forcecal_ros.geometry import Array
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+
+class Trial(NamedTuple):
+    """
+    A fitted hypothesis.
+
+    Attributes
+    ----------
+    name : str
+    theta : ndarray, shape (p,)
+        Parameters of the effect; empty where it releases nuisances instead.
+    std : ndarray, shape (p,)
+    free : ndarray of int
+        Which of them are estimated.
+    nuisances : ndarray, shape (m,)
+        Step of the nuisances that goes with it, in spreads.
+    released : frozenset of str
+    gain : float
+        Held-out log-likelihood above that without the hypothesis.
+    evidence : float
+        Marginal likelihood of all data, likewise, parameters' priors included.
+    score : Score
+    size : float
+        Largest RMS of what it changes, over channels and kinds of motion, in noise RMS.
+    excess : float
+        Held-out whitened energy above the noise without it.
+    n : int
+        Held-out samples.
+    refined : bool
+        Whether the parameters were refined on simulations.
+    discrepancy : tuple of float
+        Sizes at which the hypothesis is likeliest.
+    """
+
+    name: str
+    theta: Array
+    std: Array
+    free: NDArray[np.intp]
+    nuisances: Array
+    released: frozenset[str]
+    gain: float
+    evidence: float
+    score: Score
+    size: float
+    excess: float
+    n: int
+    refined: bool
+    discrepancy: Sizes = NONE
+
+    @property
+    def p(self) -> float:
+        """One-sided probability of such a score by chance."""
+        return float(ndtr(-self.score.z))
+
+    @property
+    def degrees(self) -> int:
+        """Parameters that are estimated, released nuisances among them."""
+        return max(1, len(self.free) + len(self.released))
+
+    @property
+    def fraction(self) -> float:
+        """Lower bound of the fraction of the significant above-noise energy that it explains."""
+        low = self.score.removed - 4.0 * np.sqrt(self.score.energy)
+        high = max(self.score.removed, self.excess - 2.0 * np.sqrt(2.0 * self.n))
+        return float(low / max(high, 1e-9))
+
+
+class Accepted(NamedTuple):
+    """
+    One accepted effect.
+
+    Attributes
+    ----------
+    name : str
+    theta, std : ndarray, shape (p,)
+        Empty where the effect is a released nuisance.
+    free : ndarray of int
+        Which of them are estimated.
+    released : frozenset of str
+    trial : Trial
+        At its acceptance.
+    """
+
+    name: str
+    theta: Array
+    std: Array
+    free: NDArray[np.intp]
+    released: frozenset[str]
+    trial: Trial
+
+    @property
+    def degrees(self) -> int:
+        """Parameters that are estimated, released nuisances among them."""
+        return max(1, len(self.free) + len(self.released))
+
+    @classmethod
+    def of(cls, trial: Trial) -> 'Accepted':
+        """Accept a trial."""
+        return cls(trial.name, trial.theta, trial.std, trial.free, trial.released, trial)
