@@ -155,7 +155,7 @@ def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any, rig: An
     say_if_compiling(waits_for_compiler(), 'the simulator')
     by = diagnose_tracked if is_tracked(rig) else diagnose
     outcome = by(recording, heldout, rig, args.accelerometer)
-    files = {'rig_patched.yaml': dump_rig(outcome.rig)} if outcome.cases else {}
+    files = {'rig_patched.yaml': dump_rig(outcome.rig)} if outcome.datasets else {}
     document = to_document(outcome.diagnosis, units(), next(iter(files), None))
     return _written(args, (recording, heldout), outcome, rig, units(), document, files)
 
@@ -168,18 +168,23 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
     from forcecal_ros.diagnose.inputs.channels import units
     from forcecal_ros.diagnose.say.patched import patched_calibration
     from forcecal_ros.diagnose.say.result import to_document
-    from forcecal_ros.simulators.rigid_tool import Body, body_of_calibration, body_of_rig
+    from forcecal_ros.simulators.rigid_tool import (
+        rigid_tool_of_calibration,
+        rigid_tool_of_rig,
+        RigidTool,
+    )
 
-    body = body_of_calibration(calibration, rig) if calibration else body_of_rig(rig)
+    rigid_tool = rigid_tool_of_calibration(calibration,
+                                           rig) if calibration else rigid_tool_of_rig(rig)
     outcome = diagnose_motion(
         _as_calibrated(args, recording, calibration), _as_calibrated(args, heldout, calibration),
-        body, calibration, args.accelerometer)
-    of_channels = units(body.accelerometer_unit)
+        rigid_tool, calibration, args.accelerometer)
+    of_channels = units(rigid_tool.accelerometer_unit)
     files = {}
     document = to_document(outcome.diagnosis, of_channels, None)
     document['explained_by'] = 'measured motion'
-    if calibration and outcome.cases:
-        assert isinstance(outcome.rig, Body)
+    if calibration and outcome.datasets:
+        assert isinstance(outcome.rig, RigidTool)
         document['calibration'] = 'calibration_patched.yaml'
         files[document['calibration']] = dump(patched_calibration(
             calibration, outcome.rig, delay_std(outcome), inertia_std(outcome)))
@@ -285,7 +290,7 @@ def _written(args: argparse.Namespace, given: tuple[Any, ...], outcome: Any, rig
     assumed = () if named else (ASSUMED,)
     document['notes'] = [*assumed, *document['notes']]
     document['source'] = _source(args, recordings[0])
-    view = (view_of(outcome, advice(diagnosis, rig), of_channels) if outcome.cases
+    view = (view_of(outcome, advice(diagnosis, rig), of_channels) if outcome.datasets
             else view_without_signals(diagnosis))
     step = next_step(diagnosis, args.bag, folder, tuple(files))
     write_results(folder, {

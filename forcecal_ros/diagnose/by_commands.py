@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from forcecal_ros.diagnose.engine import answered, Outcome
+from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
 from forcecal_ros.diagnose.inputs.dataset import (
     held_apart,
     prepare,
@@ -10,7 +10,7 @@ from forcecal_ros.diagnose.inputs.dataset import (
     split,
     without_touches,
 )
-from forcecal_ros.diagnose.inputs.requirements import check_alike
+from forcecal_ros.diagnose.inputs.requirements import require_same_sensors
 from forcecal_ros.diagnose.inputs.stamps import corrected
 from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.effects.rig import Rig
@@ -43,14 +43,14 @@ def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
     """
     given = [recording] if heldout is None else [recording, heldout]
     try:
-        check_alike(given)
+        require_same_sensors(given)
         stamps = [corrected(r, rig, SHORTEST) for r in given]
-        cases = [prepare(s.recording, rig, accelerometer) for s in stamps]
+        datasets = [prepare(s.recording, rig, accelerometer) for s in stamps]
     except DataError as error:
         return Outcome(Diagnosis('invalid_data', str(error)), rig)
-    left_out = [without_touches(case, rig) for case in cases]
-    ready = held_apart(*cases) if len(cases) > 1 else (split(cases[0]),)
-    outcome = answered(rig, ready, stamps, given)
+    left_out = [without_touches(dataset, rig) for dataset in datasets]
+    ready = held_apart(*datasets) if len(datasets) > 1 else (split(datasets[0]),)
+    outcome = diagnose_datasets(rig, ready, stamps, given)
     if not any(left_out):
         return outcome
     return replace(outcome, diagnosis=replace(

@@ -1,21 +1,26 @@
-"""From one recording, or a pair, to a diagnosis."""
+"""
+The engine of every diagnosis: search for effects, judge them, localise, and say it.
+
+The ways in (``by_*``) differ in the simulation that they bring, and go on alike from there.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.accelerometer import in_volts
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.inputs.dataset import (
-    Case,
+    Dataset,
 )
-from forcecal_ros.diagnose.inputs.requirements import unseen
-from forcecal_ros.diagnose.inputs.residuals import Measured
+from forcecal_ros.diagnose.inputs.requirements import missing_streams
+from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
 from forcecal_ros.diagnose.inputs.stamps import Corrected
 from forcecal_ros.diagnose.judge.coverage import (
-    excitation,
     not_excited,
     refuse_unjudged,
     shares,
+    signal_to_noise,
     unjudged,
 )
 from forcecal_ros.diagnose.judge.found_effects import (
@@ -34,23 +39,24 @@ from forcecal_ros.diagnose.judge.measured_gap import (
     sample_noise,
     unpredictable,
 )
-from forcecal_ros.diagnose.judge.probabilities import doubt, probabilities
+from forcecal_ros.diagnose.judge.probabilities import doubt, probabilities, UNKNOWN
 from forcecal_ros.diagnose.judge.residual_summary import (
     fitted_to_all,
-    Left,
     lines_of,
-    look,
     predictable,
-    remains,
+    ResidualSummary,
+    summarise_residual,
+    unexplained,
+    UnexplainedPart,
     WANDERING,
 )
-from forcecal_ros.diagnose.localise.localisation import Place, places, stage_of
-from forcecal_ros.diagnose.localise.predictability import Ceiling
+from forcecal_ros.diagnose.localise.localisation import localise, Location, stage_of
+from forcecal_ros.diagnose.localise.predictability import Predictability
 from forcecal_ros.diagnose.localise.spectral_lines import Line
 from forcecal_ros.diagnose.localise.time_frequency import BANDS
-from forcecal_ros.diagnose.model.discrepancy import NONE
-from forcecal_ros.diagnose.model.hypotheses import hypotheses, Hypothesis
-from forcecal_ros.diagnose.model.linearised import Problem, problem
+from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
+from forcecal_ros.diagnose.model.hypotheses import hypotheses
+from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
 from forcecal_ros.diagnose.model.saturation import CLIPPING
 from forcecal_ros.diagnose.say.patched import patched_rig
 from forcecal_ros.diagnose.say.result import Diagnosis
@@ -92,10 +98,11 @@ class Outcome:
     rig : Rig
         Recalibrated, with the effects.
     recalibrations : dict of str to (float, float)
-        Nuisance -> how far it moved, and its standard error; relative where its spread is.
+        Nuisance -> how far it moved, and its standard error; relative where its
+        tolerance is.
     recalibrated, explained : tuple of ndarray, shape (n, 16)
         Measured less simulated, in block means, of each recording.
-    cases : tuple of Case
+    datasets : tuple of Dataset
     noise : ndarray, shape (16,)
         RMS of one sample of each channel.
     """
@@ -105,19 +112,32 @@ class Outcome:
     recalibrations: dict[str, tuple[float, float]] = field(default_factory=dict)
     recalibrated: tuple[Array, ...] = ()
     explained: tuple[Array, ...] = ()
-    cases: tuple[Case, ...] = ()
+    datasets: tuple[Dataset, ...] = ()
     noise: Array | None = None
 
 
-def answered(rig: Rig, cases: tuple[Case, ...], stamps: Sequence[Corrected],
-             given: Sequence[Recording]) -> Outcome:
+class _Judged(NamedTuple):
+    """What the search found, weighed: of each effect, of the whole, and of what is unexplained."""
+
+    summary: ResidualSummary
+    part: UnexplainedPart
+    gap: Gap
+    noise: Array
+    effects: tuple[Found, ...]
+    candidates: list[tuple[str, float]]
+    word: str
+    sentence: str
+
+
+def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[Corrected],
+                      given: Sequence[Recording]) -> Outcome:
     """
     Diagnose recordings that are ready.
 
     Parameters
     ----------
     rig : Rig
-    cases : tuple of Case
+    datasets : tuple of Dataset
         To fit on and to judge on.
     stamps : sequence of Corrected
         What their stamps and values show.
@@ -125,29 +145,41 @@ def answered(rig: Rig, cases: tuple[Case, ...], stamps: Sequence[Corrected],
         As recorded.
     """
     observed = [_observed(c, s.stamped, rig) if s.skew else c.measured
-                for c, s in zip(cases, stamps)]
-    p = problem(rig, cases)
+                for c, s in zip(datasets, stamps)]
+    first = linearised_model(rig, datasets)
     try:
-        refuse_unjudged(p)
+        refuse_unjudged(first)
     except DataError as error:
         return Outcome(Diagnosis('invalid_data', str(error)), rig)
-    checks = Checks(*from_checks(stamps, sample_noise(p, np.zeros(len(CHANNELS))),
-                                  rig.accelerometer.model(cases[0].simulation.accelerometer)))
+    checks = Checks(*from_checks(stamps, sample_noise(first, np.zeros(len(CHANNELS))),
+                                 rig.accelerometer.model(datasets[0].simulation.accelerometer)))
+    model, events = with_steps(_with_known(first, checks))
+    frequencies = _strongest(lines_of(model))
+    if frequencies:
+        model.allow_discrepancy(frequencies)
+        model.refit_noise(np.zeros(len(model.nuisances)))
+    found = hypotheses(model, frequencies[0] if frequencies else None)
+    selection = select(model, found, first)
+    judged = _judge(first, model, selection, checks, observed, events)
+    where = _localised(selection, judged.summary.predictability, checks)
+    return _say(first, model, selection, judged, Diagnosis(
+        judged.word, judged.sentence, judged.effects, tuple(judged.candidates), where, judged.gap,
+        tuple(not_excited(model, found)), (*checks.notes, *judged.summary.notes),
+        {'ceiling_sigma': float(judged.summary.predictability.z.max()),
+         'cell_sigma': judged.summary.strongest[0].z, 'ratio': judged.part.ratio},
+        shares(model, given)), checks, observed)
+
+
+def _with_known(first: LinearisedModel, checks: Checks) -> LinearisedModel:
+    """Give a model the limits that samples show by themselves."""
     known = {name: {k: v.value for k, v in found.items()}
              for name, found in checks.effects.items() if name in CLIPPING}
-    first = p
-    if known:
-        p = replace(p, fixed=known, centre=p.centre.copy())
-        p.settle()
-        p.recalibrate()
-    p, events = with_steps(p)
-    frequencies = _strongest(lines_of(p))
-    if frequencies:
-        p.allow_discrepancy(frequencies)
-        p.refit_noise(np.zeros(len(p.nuisances)))
-    found = hypotheses(p, frequencies[0] if frequencies else None)
-    outcome = _conclude(first, p, found, checks, observed, events)
-    return replace(outcome, diagnosis=replace(outcome.diagnosis, used=shares(p, given)))
+    if not known:
+        return first
+    model = replace(first, fixed=known, centre=first.centre.copy())
+    model.evaluate()
+    model.recalibrate()
+    return model
 
 
 def _strongest(lines: Sequence[Line]) -> list[float]:
@@ -159,99 +191,108 @@ def _strongest(lines: Sequence[Line]) -> list[float]:
     return out[:LINES]
 
 
-def _observed(case: Case, recording: Recording, rig: Rig) -> Measured:
+def _observed(dataset: Dataset, recording: Recording, rig: Rig) -> MeasuredBlocks:
     """Take a recording by the stamps that it came with."""
-    return Measured(in_volts(recording, rig, case.simulation.accelerometer),
-                    case.measured.start, case.measured.n_blocks)
+    return MeasuredBlocks(in_volts(recording, rig, dataset.simulation.accelerometer),
+                          dataset.measured.start, dataset.measured.n_blocks)
 
 
-def _conclude(first: Problem, p: Problem, found: list[Hypothesis], checks: Checks,
-              observed: list[Measured], events: tuple[Event, ...]) -> Outcome:
-    selection = select(p, found, first)
-    final = selection.problem
-    left = look(fitted_to_all(final, selection.tangents), selection.unnamed)
-    rest = remains(left)
-    measured, noise = _measured(first, selection, left, observed)
+def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection, checks: Checks,
+           observed: list[MeasuredBlocks], events: tuple[Event, ...]) -> _Judged:
+    """Weigh what was found: share of the misfit, probabilities, what is unexplained, verdict."""
+    final = selection.model
+    with_discrepancy = final.discrepancy_scales != NO_DISCREPANCY
+    summary = summarise_residual(fitted_to_all(final, selection.jacobians),
+                                 selection.discrepancy_evidence)
+    part = unexplained(summary)
+    gap, noise = _measured(first, selection, summary, observed)
+    steps = found_steps(final, events)
+    sudden = {e.name: e.probability for e in steps}
+    doubts = {name: doubt(factor, selection.missing_evidence)
+              for name, factor in selection.log_bayes_factors.items()}
+    probability, candidates = probabilities(
+        [(a.name, selection.alternatives.get(a.name, {})) for a in selection.accepted], part,
+        gap.closed, len(model.fixed) + len(sudden), doubts if with_discrepancy else None)
+    candidates = _sorted([*candidates, *sudden.items(), *((n, CHECKED) for n in checks.effects)])
     named = [a.name for a in selection.accepted]
-    slots = [(a.name, selection.rivals.get(a.name, {})) for a in selection.accepted]
-    stepped = found_steps(final, events)
-    sudden = {e.name: e.probability for e in stepped}
-    doubts = {n: doubt(lead, selection.wanting) for n, lead in selection.leads.items()
-              } if final.allowed != NONE else None
-    shares, candidates = probabilities(slots, rest, measured.closed, len(p.fixed) + len(sudden),
-                                       doubts)
-    candidates = sorted([*candidates, *sudden.items(), *((n, CHECKED) for n in checks.effects)],
-                        key=lambda pair: -pair[1])
-    excited = excitation(p) > ENOUGH or bool(checks.effects) or bool(stepped)
-    word, sentence = verdict([*named, *sudden, *checks.effects], candidates, rest,
-                             measured.closed if named or p.fixed or sudden else None, excited,
-                             whole=not unjudged(p), allowed=final.allowed != NONE)
-    possible = {n: 1.0 - doubt(lead, selection.wanting)
-                for n, lead in selection.doubtful.items()}
-    candidates = sorted([*candidates, *((n, p) for n, p in possible.items() if p > FAINT)],
-                        key=lambda pair: -pair[1])
-    sentence += steps_in_words(stepped) + unseen(final.cases[0].recording) + unjudged(p)
-    effects = [Found(a.name, parameters_of(final, a), shares[a.name])
-               for a in selection.accepted]
-    effects += [*stepped, *(Found(n, v, CHECKED) for n, v in checks.effects.items())]
-    where = _where(final, selection, left.ceiling, checks)
-    if word in ('unknown', 'not_excited'):
-        # what is not named is not added to the rig; a gap without a name looks like noise
-        final = replace(p, noise=[at_standstill(b, n) for b, n in zip(p.blocks, p.noise)])
+    word, sentence = verdict(
+        [*named, *sudden, *checks.effects], candidates, part,
+        gap.closed if named or model.fixed or sudden else None,
+        signal_to_noise(model) > ENOUGH or bool(checks.effects) or bool(steps),
+        whole=not unjudged(model), with_discrepancy=with_discrepancy)
+    possible = {name: 1.0 - doubt(factor, selection.missing_evidence)
+                for name, factor in selection.doubtful.items()}
+    candidates = _sorted([*candidates, *((n, p) for n, p in possible.items() if p > FAINT)])
+    sentence += steps_in_words(steps) + missing_streams(final.datasets[0].recording)
+    effects = (*(Found(a.name, parameters_of(final, a), probability[a.name])
+                 for a in selection.accepted),
+               *steps, *(Found(n, v, CHECKED) for n, v in checks.effects.items()))
+    return _Judged(summary, part, gap, noise, effects, candidates, word,
+                   sentence + unjudged(model))
+
+
+def _sorted(candidates: list[tuple[str, float]]) -> list[tuple[str, float]]:
+    return sorted(candidates, key=lambda pair: -pair[1])
+
+
+def _say(first: LinearisedModel, model: LinearisedModel, selection: Selection, judged: _Judged,
+         diagnosis: Diagnosis, checks: Checks, observed: list[MeasuredBlocks]) -> Outcome:
+    """Return the diagnosis with the rig that it leads to; what is not named is not added to it."""
+    final, noise = selection.model, judged.noise
+    if judged.word in ('unknown', 'not_excited'):
+        # a gap without a name looks like noise
+        final = replace(model, noise=[at_standstill(b, n)
+                                      for b, n in zip(model.residuals, model.noise)])
         selection = Selection(final, (), (), {}, selection.screened)
-        measured, noise = _measured(first, selection, look(final), observed)
-        effects = [Found('unknown', {}, dict(candidates).get('unknown', 0.9))]
-    if word == 'not_excited':
-        effects, candidates = [], []
-    diagnosis = Diagnosis(
-        word, sentence, tuple(effects), tuple(candidates), where, measured,
-        tuple(not_excited(p, found)), (*checks.notes, *left.notes),
-        {'ceiling_sigma': float(left.ceiling.z.max()), 'cell_sigma': left.strongest[0].z,
-         'ratio': rest.ratio})
+        gap, noise = _measured(first, selection, summarise_residual(final), observed)
+        unknown = Found(UNKNOWN, {}, dict(judged.candidates).get(UNKNOWN, 0.9))
+        diagnosis = replace(diagnosis, gap=gap, effects=(unknown,))
+    if judged.word == 'not_excited':
+        diagnosis = replace(diagnosis, effects=(), candidates=())
     return Outcome(diagnosis, patched_rig(final, selection, checks), _moved(final),
-                   tuple(first.blocks),
-                   tuple(final.blocks), final.cases, noise)
+                   tuple(first.residuals), tuple(final.residuals), final.datasets, noise)
 
 
-def _measured(first: Problem, selection: Selection, left: Left, observed: list[Measured]
-              ) -> tuple[Gap, Array]:
+def _measured(first: LinearisedModel, selection: Selection, summary: ResidualSummary,
+              observed: list[MeasuredBlocks]) -> tuple[Gap, Array]:
     """Return the gap in its three arms, and the noise of one sample of every channel."""
-    final = selection.problem
-    moved = [predictable(left.ceiling, i) for i in range(len(final.cases))]
-    errors = parameter_errors(final, selection.tangents)
-    energy = unpredictable(final, left.strongest, moved)
+    final = selection.model
+    moved = [predictable(summary.predictability, i) for i in range(len(final.datasets))]
+    errors = parameter_errors(final, selection.jacobians)
+    energy = unpredictable(final, summary.strongest, moved)
     nameless = energy if not selection.accepted else 0.0
     noise = sample_noise(final, errors.expected() + nameless, moved)
-    before = [o.blocks(s) for o, s in zip(observed, first.base)]
-    nominal = [o.blocks(c.nominal) for o, c in zip(observed, first.cases)]
-    return measured_gap(first, final, (nominal, before, moved), noise, energy, errors
-                        ), noise
+    before = [o.residual(s) for o, s in zip(observed, first.base)]
+    nominal = [o.residual(c.nominal) for o, c in zip(observed, first.datasets)]
+    return measured_gap(first, final, (nominal, before, moved), noise, energy, errors), noise
 
 
-def _moved(p: Problem) -> dict[str, tuple[float, float]]:
-    std = np.sqrt(np.diag(p.fit_nuisances().covariance))
+def _moved(model: LinearisedModel) -> dict[str, tuple[float, float]]:
+    std = np.sqrt(np.diag(model.fit_nuisances().covariance))
     return {n.name: (float(x * size), float(s * size)) for n, x, s, size in zip(
-        p.nuisances, p.centre, std, p.sizes)}
+        model.nuisances, model.centre, std, model.prior_std)}
 
 
-def _where(final: Problem, selection: Selection, ceiling: Ceiling, checks: Checks
-           ) -> tuple[Place, ...]:
-    before = final.without_effects().blocks
-    differences = [b - a + predictable(ceiling, i)
-                   for i, (b, a) in enumerate(zip(before, final.blocks))]
+def _localised(selection: Selection, predictability: Predictability, checks: Checks
+               ) -> tuple[Location, ...]:
+    """Say where the effects change the simulation, and where else the residual is no noise."""
+    final = selection.model
+    before = final.without_effects().residuals
+    differences = [b - a + predictable(predictability, i)
+                   for i, (b, a) in enumerate(zip(before, final.residuals))]
     stages = {final.library[n].stage
               for n in (*(a.name for a in selection.accepted), *checks.effects)}
-    if any(n.where == 'step' for n in final.nuisances):
+    if any(n.acts_on == 'step' for n in final.nuisances):
         stages.add('wrench_sensor')
 
     def stage(channel: str, phase: str, touched: set[str]) -> str:
         return next(iter(stages)) if len(stages) == 1 else stage_of(channel, phase, touched)
 
-    sensors = [[c for n, c in zip(final.nuisances, columns) if n.where in ('wrench', 'volts')]
-               for columns in final.columns]
-    found = places(final.cases, final.noise, before, differences, stage, sensors)
-    phase = max(final.cases[-1].phases, key=lambda one: one.end - one.start).name
-    shown = tuple(Place(EFFECTS[n].stage, seen_in(n, v), phase, BANDS[-1],
-                        max(q.value for q in v.values()), 0.0)
+    sensors = [[c for n, c in zip(final.nuisances, columns) if n.acts_on in ('wrench', 'volts')]
+               for columns in final.jacobian]
+    found = localise(final.datasets, final.noise, before, differences, stage, sensors)
+    phase = max(final.datasets[-1].phases, key=lambda one: one.end - one.start).name
+    shown = tuple(Location(EFFECTS[n].stage, seen_in(n, v), phase, BANDS[-1],
+                           max(q.value for q in v.values()), 0.0)
                   for n, v in checks.effects.items() if n in WITHOUT_MEAN)
     return (*shown, *found)

@@ -5,10 +5,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.accelerometer import with_volts
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, COLUMNS
-from forcecal_ros.diagnose.inputs.residuals import Measured
+from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
+from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
 from forcecal_ros.diagnose.model.evidence import fit, Gram, Prior
-from forcecal_ros.effects.nuisances import LIMIT, Nuisance, nuisances, spreads
+from forcecal_ros.effects.nuisances import LIMIT, Nuisance, nuisances, prior_std
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
@@ -123,9 +123,9 @@ class LiveGap:
         self._name = accelerometer or rig.accelerometer.mounted
         self._rig = replace(rig, pose_sensor=replace(rig.pose_sensor, rate=RATE))
         self._nuisances = nuisances(self._rig, self._name, tuple(streams))
-        self._sizes = spreads(self._rig, self._nuisances)
-        variants = [n.apply(self._rig, size) for n, size in zip(self._nuisances, self._sizes)
-                    if n.where == 'rig']
+        self._prior_std = prior_std(self._rig, self._nuisances)
+        variants = [n.apply(self._rig, size) for n, size in zip(self._nuisances, self._prior_std)
+                    if n.acts_on == 'rig']
         self._simulators = [Simulator(r, self._name) for r in (self._rig, *variants)]
         self._period = rig.robot.period
         self._periods = 0
@@ -173,13 +173,13 @@ class LiveGap:
         self._periods += n
         model = self._rig.accelerometer.model(self._name)
         volts = with_volts(recording, np.array(model.gain), np.array(model.offset))
-        measured = Measured(volts, start, n)
-        nominal = measured.blocks(signals[0])
+        measured = MeasuredBlocks(volts, start, n)
+        nominal = measured.residual(signals[0])
         touching = self._near_contact(signals[0], n)
         columns = np.zeros((len(self._nuisances), n, len(CHANNELS)))
         varied = iter(signals[1:])
-        for i, (nuisance, size) in enumerate(zip(self._nuisances, self._sizes)):
-            columns[i] = (nominal - measured.blocks(next(varied)) if nuisance.where == 'rig'
+        for i, (nuisance, size) in enumerate(zip(self._nuisances, self._prior_std)):
+            columns[i] = (nominal - measured.residual(next(varied)) if nuisance.acts_on == 'rig'
                           else self._known(nuisance, size, signals[0], n))
         columns *= measured.present
         self._take(_Block(nominal, columns, measured.present, touching))
@@ -211,10 +211,10 @@ class LiveGap:
     def _known(self, nuisance: Nuisance, size: float, s: Signals, n: int) -> Array:
         """Return the column of a nuisance that acts on one channel only."""
         i, out = nuisance.axis, np.zeros((n, len(CHANNELS)))
-        if nuisance.where == 'wrench':
+        if nuisance.acts_on == 'wrench':
             channel, signal, rest = i, s.wrench[:, i], self._rig.wrench_sensor.bias[i]
         else:
-            channel, signal = COLUMNS['accelerometer'].start + i, s.volts[:, i]
+            channel, signal = STREAM_SLICES['accelerometer'].start + i, s.volts[:, i]
             rest = self._rig.accelerometer.model(self._name).offset[i]
         shape = signal - rest if 'gain' in nuisance.name else np.ones(len(signal))
         out[:, channel] = size * shape.reshape(n, -1).mean(axis=1)
@@ -322,7 +322,7 @@ def offline(rig: Rig, recording: Recording) -> list[Judgement]:
     list of Judgement
     """
     assert recording.target is not None and recording.wrench is not None
-    names = [n for n in COLUMNS if getattr(recording, n) is not None]
+    names = [n for n in STREAM_SLICES if getattr(recording, n) is not None]
     live, origin = LiveGap(rig, names), float(recording.target.t[0])
     ends = np.arange(origin + EVERY, float(recording.wrench.t[-1]), EVERY)
     return [live.judge(recording, origin, float(end)) for end in ends]

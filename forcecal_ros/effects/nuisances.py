@@ -29,7 +29,7 @@ class Nuisance(NamedTuple):
         Of the rig's spreads.
     apply : callable
         (rig, physical value) -> rig; relative where the spread is.
-    where : str
+    acts_on : str
         ``wrench`` or ``volts``: known in closed form, channel ``axis``; ``rig``: simulated;
         ``step``: the level of channel ``axis`` of one recording from an instant on.
     axis : int
@@ -39,19 +39,19 @@ class Nuisance(NamedTuple):
         Which one steps.
     instant : float
         When it steps [s].
-    spread : float or None
+    prior_std : float or None
         Its own, where the rig's spreads do not hold it.
     """
 
     name: str
     key: str
     apply: Callable[[Rig, float], Rig]
-    where: str = 'rig'
+    acts_on: str = 'rig'
     axis: int = 0
     least: float = -np.inf
     recording: int = 0
     instant: float = 0.0
-    spread: float | None = None
+    prior_std: float | None = None
 
 
 def scaled(section: str, name: str) -> Callable[[Rig, float], Rig]:
@@ -156,10 +156,10 @@ def nuisances(rig: Rig, accelerometer: str, streams: tuple[str, ...]) -> tuple[N
 
 def _of_robot(rig: Rig) -> list[Nuisance]:
     """List how else the robot may follow, where its model was fitted to recordings."""
-    found = [Nuisance(f'robot.{name}.{i}', ROBOT, _followed_otherwise(name, i), spread=1.0)
+    found = [Nuisance(f'robot.{name}.{i}', ROBOT, _followed_otherwise(name, i), prior_std=1.0)
              for name, axis in zip('xyz', rig.robot.axes) if axis is not None and axis.tolerance
              for i, row in enumerate(axis.tolerance) if any(row)]
-    found += [Nuisance(f'robot.turn.{i}', ROBOT, _turned_otherwise(i), spread=1.0)
+    found += [Nuisance(f'robot.turn.{i}', ROBOT, _turned_otherwise(i), prior_std=1.0)
               for i, row in enumerate(rig.servo.orientation_tolerance or ()) if any(row)]
     return found
 
@@ -206,9 +206,10 @@ def of_sensors(accelerometer: str, streams: tuple[str, ...]) -> list[Nuisance]:
     return found
 
 
-def spreads(rig: Rig, of: tuple[Nuisance, ...]) -> tuple[float, ...]:
+def prior_std(rig: Rig, of: tuple[Nuisance, ...]) -> tuple[float, ...]:
     """Return the physical size of one spread of each nuisance."""
-    return tuple(float(getattr(rig.spreads, n.key) if n.spread is None else n.spread) for n in of)
+    return tuple(float(getattr(rig.spreads, n.key) if n.prior_std is None else n.prior_std)
+                 for n in of)
 
 
 def apply_all(rig: Rig, of: tuple[Nuisance, ...], values: Mapping[str, float]) -> Rig:

@@ -161,7 +161,7 @@ def _where(view: View) -> str:
         return ''
     low, high = place.band
     band = f'below {high:g} Hz' if low <= 0.0 else f'{low:g} to {high:g} Hz'
-    more = [f'{w.channel} in {w.phase}' for w in view.diagnosis.where[1:3]]
+    more = [f'{w.channel} in {w.phase}' for w in view.diagnosis.localisation[1:3]]
     then = f'; then {" and ".join(more)}' if more else ''
     return (f'{CHANNELS[place.channel].name} in phase {place.phase}, {band}: '
             f'{size(place.excess, "", 2).strip()} times the noise{then}.')

@@ -114,28 +114,29 @@ class CarriedTool:
 
     def wire(self, rig: Rig) -> Array:
         """Return the wrench that its sensor says, with all of a rig's effects, shape (n, 6)."""
-        body = physical_rig(rig)
-        wrench = self._wrench(body, self.specific_force(rig))
-        out = np.asarray(wrench * body.wrench_sensor.gain + body.wrench_sensor.bias + self.beyond)
-        effects = tuple(one for one in body.effects if one[0] not in UNSEEN)
-        return self._through(body, effects, out) if effects else out
+        rigid_tool = physical_rig(rig)
+        wrench = self._wrench(rigid_tool, self.specific_force(rig))
+        out = np.asarray(wrench * rigid_tool.wrench_sensor.gain + rigid_tool.wrench_sensor.bias
+                         + self.beyond)
+        effects = tuple(one for one in rigid_tool.effects if one[0] not in UNSEEN)
+        return self._through(rigid_tool, effects, out) if effects else out
 
-    def weight(self, body: Rig) -> Array:
+    def weight(self, rigid_tool: Rig) -> Array:
         """Return the specific force of rest in S, shape (n, 3)."""
-        return np.asarray(-np.array(body.gravity) @ self.R_base_sensor)
+        return np.asarray(-np.array(rigid_tool.gravity) @ self.R_base_sensor)
 
     def specific_force(self, rig: Rig) -> Array:
         """Return the specific force at the centre of mass, in S, shape (n, 3)."""
-        body = physical_rig(rig)
-        com, named = np.array(body.tool.com), named_effects(rig.effects)
+        rigid_tool = physical_rig(rig)
+        com, named = np.array(rigid_tool.tool.com), named_effects(rig.effects)
         if self._volts is None:
             if not self._placed:
-                return self.weight(body)
+                return self.weight(rigid_tool)
             along = np.einsum('nij,ni->nj', self.R_base_sensor, self.acceleration)
-            return np.asarray(self.weight(body) + along + self.lever @ com)
+            return np.asarray(self.weight(rigid_tool) + along + self.lever @ com)
         behind = getattr(rig, 'accel_behind', 0.0) + named.get('accel_delay', {}).get('delay', 0.0)
-        f = specific_force_of(body, self.accelerometer, self._readings(behind))
-        return np.asarray(f + self.lever @ (com - body.accelerometer.position))
+        f = specific_force_of(rigid_tool, self.accelerometer, self._readings(behind))
+        return np.asarray(f + self.lever @ (com - rigid_tool.accelerometer.position))
 
     def specific_force_of_origin(self, rig: Rig) -> Array:
         """Return the specific force in the origin of S, shape (n, 3)."""
@@ -155,14 +156,14 @@ class CarriedTool:
             self._late[behind] = self._volts(at)
         return self._late[behind]
 
-    def _wrench(self, body: Rig, f: Array) -> Array:
+    def _wrench(self, rigid_tool: Rig, f: Array) -> Array:
         """Return the wrench of the tool's weight, inertia and cable in S, shape (n, 6)."""
-        tool = body.tool
+        tool = rigid_tool.tool
         inertia = np.array(tool.inertia)
         arm = np.array(tool.com) + self.slide[:, np.newaxis] * [1.0, 0.0, 0.0]
         spin = self.alpha @ inertia + np.cross(self.omega, self.omega @ inertia)
         out = np.hstack([-tool.mass * f, -tool.mass * np.cross(arm, f) - spin])
-        cable = named_effects(body.effects).get(CABLE)
+        cable = named_effects(rigid_tool.effects).get(CABLE)
         if cable:
             point = np.array([cable[f'point_{x}'] for x in 'xyz'])
             place = self.position + self.R_base_sensor @ point
@@ -171,14 +172,14 @@ class CarriedTool:
             out += np.hstack([own, np.cross(point, own)])
         return out
 
-    def _through(self, body: Rig, effects: Chosen, wire: Array) -> Array:
+    def _through(self, rigid_tool: Rig, effects: Chosen, wire: Array) -> Array:
         """Let the wrench sensor's effects act; noise of the inputs is no reversal of a load."""
-        lag = replace(body, effects=only(effects, HYSTERESIS))
+        lag = replace(rigid_tool, effects=only(effects, HYSTERESIS))
         if lag.effects:
             steady = slow(wire, RATE, SMOOTH)
             wire = wire + WrenchEffects(lag, 1.0 / RATE).before_noise(steady) - steady
         others = tuple(one for one in effects if one not in lag.effects)
-        on_wrench = WrenchEffects(replace(body, effects=others), 1.0 / RATE)
+        on_wrench = WrenchEffects(replace(rigid_tool, effects=others), 1.0 / RATE)
         return np.asarray(on_wrench.after_noise(on_wrench.before_noise(wire)))
 
 

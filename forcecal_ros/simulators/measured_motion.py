@@ -17,7 +17,7 @@ from forcecal_ros.recording.streams import Recording
 from forcecal_ros.simulators.carried_tool import CABLE, CarriedTool, only, SMOOTH
 from forcecal_ros.simulators.low_pass import MOST, slow
 from forcecal_ros.simulators.poses import merged
-from forcecal_ros.simulators.rigid_tool import Body, UNKNOWN_DELAY
+from forcecal_ros.simulators.rigid_tool import RigidTool, UNKNOWN_DELAY
 from forcecal_ros.simulators.signals import RATE, Signals
 import numpy as np
 
@@ -47,28 +47,28 @@ class MeasuredMotion:
     Parameters
     ----------
     recording : Recording
-        With measured pose; the accelerometer in volts of the body's model.
+        With measured pose; the accelerometer in volts of the rigid tool's model.
     start : float
         When block 0 begins [s].
     n_blocks : int
     accelerometer : str
         ``acc1`` or ``acc2``.
-    body : Body
+    rigid_tool : RigidTool
         The nominal one.
     """
 
     band, exact, starts_white, library = MOST, EXACT, True, EFFECTS
 
     def __init__(self, recording: Recording, start: float, n_blocks: int, accelerometer: str,
-                 body: Body) -> None:
+                 rigid_tool: RigidTool) -> None:
         self.start, self.n_blocks, self.accelerometer = start, n_blocks, accelerometer
         given = recording, start, n_blocks, accelerometer
         self._full, self._clear = CarriedTool(*given), CarriedTool(*given, clear=True)
-        self._unclear = self._full.wire(body) - self._clear.wire(body)
+        self._unclear = self._full.wire(rigid_tool) - self._clear.wire(rigid_tool)
 
     def can_show(self, effect: str, rig: Rig) -> bool:
         """Say whether an effect can show: a delay that nobody knows is estimated along instead."""
-        if effect == 'accel_delay' and isinstance(rig, Body):
+        if effect == 'accel_delay' and isinstance(rig, RigidTool):
             return rig.spreads.accel_behind < UNKNOWN_DELAY
         return effect in SHOWN
 
@@ -83,7 +83,7 @@ class MeasuredMotion:
         if self._clear.accelerated:
             found.append(Nuisance('accelerometer.delay', 'accel_behind', _behind))
         # what the accelerometer has of its own is in the motion, too, and so in the wrench
-        found += [n._replace(where='rig') if n.where == 'volts' else n
+        found += [n._replace(acts_on='rig') if n.acts_on == 'volts' else n
                   for n in of_sensors(self.accelerometer, streams)]
         return tuple(n for n in found if getattr(rig.spreads, n.key) > 0.0)
 
@@ -101,12 +101,13 @@ class MeasuredMotion:
         Signals
             The accelerometer's are those of rest.
         """
-        body, full = physical_rig(rig), self._full
+        rigid_tool, full = physical_rig(rig), self._full
         wire = self._clear.wire(rig) + self._unclear
-        model = body.accelerometer.model(self.accelerometer)
-        on_volts = AccelerometerEffects(
-            replace(body, effects=only(body.effects, INVERTIBLE)), self.accelerometer, 1.0 / RATE)
-        volts = on_volts.before_noise(full.weight(body) * model.gain + model.offset)
+        model = rigid_tool.accelerometer.model(self.accelerometer)
+        on_volts = AccelerometerEffects(replace(rigid_tool,
+                                                effects=only(rigid_tool.effects, INVERTIBLE)),
+                                        self.accelerometer, 1.0 / RATE)
+        volts = on_volts.before_noise(full.weight(rigid_tool) * model.gain + model.offset)
         n = len(full.t)
         return Signals(self.start, wire, volts, full.slide, full.position, full.R_base_sensor,
                        full.velocity, full.acceleration, full.omega, full.alpha, np.zeros(n),
@@ -121,7 +122,7 @@ class MeasuredMotion:
 
 
 def _behind(rig: Rig, x: float) -> Rig:
-    assert isinstance(rig, Body)
+    assert isinstance(rig, RigidTool)
     return replace(rig, accel_behind=rig.accel_behind + x)
 
 
@@ -140,16 +141,16 @@ class RecordedSimulation(MeasuredMotion):
     n_blocks : int
     accelerometer : str
         ``acc1`` or ``acc2``.
-    body : Body
+    rigid_tool : RigidTool
         The simulator's, see :func:`~forcecal_ros.diagnose.simulated_tool.simulated_tool`.
     """
 
     def __init__(self, recording: Recording, simulated: Recording, start: float, n_blocks: int,
-                 accelerometer: str, body: Body) -> None:
+                 accelerometer: str, rigid_tool: RigidTool) -> None:
         measured, made = recording.pose, simulated.pose
         assert measured is not None
         assert made is not None
         super().__init__(replace(recording, pose=merged(measured, made)), start, n_blocks,
-                         accelerometer, body)
+                         accelerometer, rigid_tool)
         own = CarriedTool(simulated, start, n_blocks, accelerometer)
-        self._full.beyond = self._clear.beyond = own.seen(simulated) - own.wire(body)
+        self._full.beyond = self._clear.beyond = own.seen(simulated) - own.wire(rigid_tool)

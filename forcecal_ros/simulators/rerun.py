@@ -21,7 +21,7 @@ from forcecal_ros.simulators.low_pass import MOST
 from forcecal_ros.simulators.measured_motion import EXACT
 from forcecal_ros.simulators.poses import in_base_of
 from forcecal_ros.simulators.protocol import Inputs
-from forcecal_ros.simulators.rigid_tool import Body
+from forcecal_ros.simulators.rigid_tool import RigidTool
 from forcecal_ros.simulators.signals import RATE, Signals
 from forcecal_ros.simulators.simulated_robot import (
     addable,
@@ -123,8 +123,8 @@ class Runs:
 def _arrays(made: Recording) -> list[Array]:
     assert made.wrench is not None
     assert made.pose is not None
-    felt = [] if made.accelerometer is None else [made.accelerometer.values]
-    return [made.wrench.values, made.pose.position, made.pose.R_base_sensor, *felt]
+    readings = [] if made.accelerometer is None else [made.accelerometer.values]
+    return [made.wrench.values, made.pose.position, made.pose.R_base_sensor, *readings]
 
 
 def _change(here: Recording, there: Recording, scale: float) -> _Change:
@@ -145,17 +145,17 @@ def _less(one: Stream | None, other: Stream | None) -> Array:
 
 
 def _moved(base: Recording, changes: Sequence[_Change], away: Array) -> Recording:
-    wrench, pose, felt = base.wrench, base.pose, base.accelerometer
+    wrench, pose, readings = base.wrench, base.pose, base.accelerometer
     assert wrench is not None
     assert pose is not None
     turn = sum((x * c.turn for c, x in zip(changes, away)), np.zeros_like(pose.position))
     position = sum((x * c.position for c, x in zip(changes, away)), np.array(pose.position))
     values = sum((x * c.wrench for c, x in zip(changes, away)), np.array(wrench.values))
-    if felt is not None:
-        felt = replace(felt, values=sum(
+    if readings is not None:
+        readings = replace(readings, values=sum(
             (x * c.accelerometer for c, x in zip(changes, away) if c.accelerometer is not None),
-            np.array(felt.values)))
-    return replace(base, wrench=replace(wrench, values=values), accelerometer=felt,
+            np.array(readings.values)))
+    return replace(base, wrench=replace(wrench, values=values), accelerometer=readings,
                    pose=replace(pose, position=position,
                                 R_base_sensor=pose.R_base_sensor @ rotation_from_vector(turn)))
 
@@ -178,14 +178,14 @@ class Rerun:
     start : float
         When block 0 begins [s].
     n_blocks : int
-    body : Body
+    rigid_tool : RigidTool
         The simulator's tool, see :func:`~forcecal_ros.diagnose.simulated_tool.simulated_tool`.
     """
 
     band, exact, starts_white, accelerometer = MOST, EXACT, True, 'acc1'
 
-    def __init__(self, runs: Runs, start: float, n_blocks: int, body: Body) -> None:
-        self.runs, self.start, self.n_blocks, self._body = runs, start, n_blocks, body
+    def __init__(self, runs: Runs, start: float, n_blocks: int, rigid_tool: RigidTool) -> None:
+        self.runs, self.start, self.n_blocks, self._rigid_tool = runs, start, n_blocks, rigid_tool
         self.accelerated = runs.exact(runs.simulator.nominal).accelerometer is not None
         self.library: Mapping[str, Effect] = library_of(runs.simulator.parameters)
         self._carried: dict[tuple[Numbers, float], tuple[CarriedTool, Array | None]] = {}
@@ -203,7 +203,7 @@ class Rerun:
             found += [Nuisance(f'tool.com.{a}', 'com', shifted('tool', 'com', i))
                       for i, a in enumerate('xyz')]
         found += of_sensors(self.accelerometer, streams)
-        return tuple(n for n in found if n.spread or getattr(rig.spreads, n.key) > 0.0)
+        return tuple(n for n in found if n.prior_std or getattr(rig.spreads, n.key) > 0.0)
 
     def smooth(self, signals: Signals) -> Signals:
         """Return signals as a discrepancy may follow them: these have no noise."""
@@ -227,22 +227,22 @@ class Rerun:
         Signals
         """
         assert isinstance(rig, SimulatedRobot)
-        carried, felt = self._along(rig.numbers, rig.late)
+        carried, readings = self._along(rig.numbers, rig.late)
         place, turn = np.array(rig.mounting[:3]), np.array(rig.mounting[3:])
         n = len(carried.t)
-        volts = np.zeros((n, 3)) if felt is None else self._volts(rig, carried, felt)
+        volts = np.zeros((n, 3)) if readings is None else self._volts(rig, carried, readings)
         return Signals(
             self.start, carried.wire(rig), volts, carried.slide, carried.position + place,
             carried.R_base_sensor @ rotation_from_vector(turn), carried.velocity,
             carried.acceleration, carried.omega, carried.alpha, np.zeros(n), np.zeros((n, 6)),
             carried.specific_force(rig))
 
-    def _volts(self, rig: Rig, carried: CarriedTool, felt: Array) -> Array:
-        body = physical_rig(rig)
-        model = body.accelerometer.model(self.accelerometer)
-        felt = felt + carried.weight(body) - carried.weight(self._body)
+    def _volts(self, rig: Rig, carried: CarriedTool, readings: Array) -> Array:
+        rigid_tool = physical_rig(rig)
+        model = rigid_tool.accelerometer.model(self.accelerometer)
+        readings = readings + carried.weight(rigid_tool) - carried.weight(self._rigid_tool)
         on_volts = AccelerometerEffects(rig, self.accelerometer, 1.0 / RATE)
-        return on_volts.after_noise(on_volts.before_noise(felt * model.gain + model.offset))
+        return on_volts.after_noise(on_volts.before_noise(readings * model.gain + model.offset))
 
     def _along(self, numbers: Numbers, late: float) -> tuple[CarriedTool, Array | None]:
         """Carry the simulator's tool along its own motion, so much later; the last are kept."""
@@ -252,7 +252,7 @@ class Rerun:
             made = self.runs.at(numbers)
             motion = replace(made, accelerometer=None)
             carried = CarriedTool(motion, self.start - late, self.n_blocks, self.accelerometer)
-            carried.beyond = carried.seen(made) - carried.wire(self._body)
-            felt = None if made.accelerometer is None else made.accelerometer.at(carried.t)
-            self._carried[numbers, late] = carried, felt
+            carried.beyond = carried.seen(made) - carried.wire(self._rigid_tool)
+            readings = None if made.accelerometer is None else made.accelerometer.at(carried.t)
+            self._carried[numbers, late] = carried, readings
         return self._carried[numbers, late]

@@ -18,7 +18,7 @@ GYRATION = 0.05
 
 
 @dataclass(frozen=True)
-class BodySpreads(Spreads):
+class RigidToolSpreads(Spreads):
     """Nominal tolerances, and those of what a calibration may not know."""
 
     accel_behind: Annotated[float, Row('of accel_behind', 's', 0.0)] = 0.0
@@ -26,10 +26,10 @@ class BodySpreads(Spreads):
 
 
 @dataclass(frozen=True)
-class Body(Rig):
+class RigidTool(Rig):
     """A rig of which only tool and sensors count, and whose sensors' stamps may be apart."""
 
-    spreads: Annotated[BodySpreads, Row('')]
+    spreads: Annotated[RigidToolSpreads, Row('')]
     accel_behind: Annotated[float, Row(
         'how much later than the wrench the accelerometer shows the same instant', 's')] = 0.0
 
@@ -39,14 +39,14 @@ class Body(Rig):
         return 'm/s^2' if set(self.accelerometer.model().gain) == {1.0} else 'V'
 
 
-def body_of_rig(rig: Rig) -> Body:
+def rigid_tool_of_rig(rig: Rig) -> RigidTool:
     """Take tool and sensors of a rig; its sensors have one clock."""
     own = {f.name: getattr(rig, f.name) for f in fields(Rig)}
     tolerances = {f.name: getattr(rig.spreads, f.name) for f in fields(Spreads)}
-    return Body(**{**own, 'spreads': BodySpreads(**tolerances)})
+    return RigidTool(**{**own, 'spreads': RigidToolSpreads(**tolerances)})
 
 
-def body_of_calibration(calibration: Calibration, rig: Rig) -> Body:
+def rigid_tool_of_calibration(calibration: Calibration, rig: Rig) -> RigidTool:
     """
     Take tool and sensors as they were calibrated.
 
@@ -58,25 +58,26 @@ def body_of_calibration(calibration: Calibration, rig: Rig) -> Body:
 
     Returns
     -------
-    Body
+    RigidTool
         Its accelerometer speaks m/s^2, see :func:`as_specific_force`.
     """
     c, a, tool = calibration, calibration.accelerometer, rig.tool
     inertia = np.zeros((3, 3)) if c.inertia is None else c.inertia.value
     changed: Tool = replace(tool, mass=float(c.mass), com=_three(c.com.value),
                             inertia=rows_of(possible(inertia)))
-    body = body_of_rig(replace(rig, effects=(), optidrive=None))
+    rigid_tool = rigid_tool_of_rig(replace(rig, effects=(), optidrive=None))
     place = changed.com if a is None or a.position is None else _three(a.position.value)
     scale = AccelerometerModel((1.0, 1.0, 1.0), (0.0, 0.0, 0.0), 0.0)
-    return replace(
-        body, tool=changed, gravity=(0.0, 0.0, -c.gravity), spreads=_tolerances(c, body.spreads),
-        wrench_sensor=replace(rig.wrench_sensor, gain=(1.0,) * 6,
-                              bias=tuple(c.wrench_bias.value.tolist())),
-        accelerometer=replace(rig.accelerometer, mounted='acc1', acc1=scale, position=place),
-        accel_behind=0.0 if a is None else float(a.delay))
+    return replace(rigid_tool, tool=changed, gravity=(0.0, 0.0, -c.gravity),
+                   spreads=_tolerances(c, rigid_tool.spreads),
+                   wrench_sensor=replace(rig.wrench_sensor, gain=(1.0,) * 6,
+                                         bias=tuple(c.wrench_bias.value.tolist())),
+                   accelerometer=replace(rig.accelerometer, mounted='acc1', acc1=scale,
+                                         position=place),
+                   accel_behind=0.0 if a is None else float(a.delay))
 
 
-def _tolerances(c: Calibration, usual: BodySpreads) -> BodySpreads:
+def _tolerances(c: Calibration, usual: RigidToolSpreads) -> RigidToolSpreads:
     """Add what the calibration does not know to what changes from day to day."""
     mass, a = float(c.mass), c.accelerometer
     bias = _known(c.wrench_bias)

@@ -11,7 +11,7 @@ from forcecal_ros.effects.rig import Rig
 from forcecal_ros.schema import Row
 from forcecal_ros.simulators.carried_tool import CABLE
 from forcecal_ros.simulators.protocol import Parameter
-from forcecal_ros.simulators.rigid_tool import Body
+from forcecal_ros.simulators.rigid_tool import RigidTool
 from forcecal_ros.simulators.signals import UNSEEN
 
 MOUNTING = (0.005, 0.01)
@@ -28,7 +28,7 @@ BESIDE = frozenset({'robot_delay', 'tool_mass', 'tool_com', 'base_tilt', CABLE})
 
 
 @dataclass(frozen=True)
-class SimulatedRobot(Body):
+class SimulatedRobot(RigidTool):
     """
     A tool and sensors behind somebody's simulator.
 
@@ -47,9 +47,9 @@ class SimulatedRobot(Body):
     late: Annotated[float, Row('robot behind its simulation', 's')] = 0.0
 
 
-def simulated_robot(body: Body, parameters: tuple[Parameter, ...]) -> SimulatedRobot:
+def simulated_robot(rigid_tool: RigidTool, parameters: tuple[Parameter, ...]) -> SimulatedRobot:
     """Put a tool and sensors behind a simulator with its nominal parameters."""
-    own = {f.name: getattr(body, f.name) for f in fields(Body)}
+    own = {f.name: getattr(rigid_tool, f.name) for f in fields(RigidTool)}
     return SimulatedRobot(**own, numbers=tuple(p.nominal for p in parameters))
 
 
@@ -82,10 +82,10 @@ def _effect(p: Parameter) -> Effect:
 
 def nuisances_of(parameters: tuple[Parameter, ...]) -> list[Nuisance]:
     """List how far a sound robot may be from the simulator's parameters, and its base."""
-    found = [Nuisance(p.name, p.name, _number(i), least=p.low - p.nominal, spread=p.sigma)
+    found = [Nuisance(p.name, p.name, _number(i), least=p.low - p.nominal, prior_std=p.sigma)
              for i, p in enumerate(parameters)]
-    found.append(Nuisance('robot.delay', 'late', _later, spread=LATE))
-    return found + [Nuisance(f'mounting.{i}', 'mounting', _mounting(i), spread=MOUNTING[i // 3])
+    found.append(Nuisance('robot.delay', 'late', _later, prior_std=LATE))
+    return found + [Nuisance(f'mounting.{i}', 'mounting', _mounting(i), prior_std=MOUNTING[i // 3])
                     for i in range(6)]
 
 

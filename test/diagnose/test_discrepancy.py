@@ -3,7 +3,7 @@
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.judge.probabilities import doubt
 from forcecal_ros.diagnose.model.basis import Basis, basis
-from forcecal_ros.diagnose.model.discrepancy import Discrepancy, SIZES
+from forcecal_ros.diagnose.model.discrepancy import Discrepancy, SCALES
 from forcecal_ros.diagnose.model.evidence import fit, Prior
 from forcecal_ros.recording.noise.autoregression import Autoregression, ORDER
 from forcecal_ros.simulators.signals import Signals
@@ -47,7 +47,7 @@ def dense(rows, column, residual, chosen, size):
     return full.logpdf(residual[chosen]) - noise.logpdf(np.zeros(len(x)))
 
 
-@pytest.mark.parametrize('size', SIZES)
+@pytest.mark.parametrize('size', SCALES)
 def test_evidence_is_that_of_the_dense_gaussian_for_training_blocks_and_for_all(size):
     rows, columns, residual, of = setting(1)
     train, held = of.beside([white(n) for n in N]).products(columns, residual).at((size,) * 4)

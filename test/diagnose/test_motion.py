@@ -12,7 +12,7 @@ from forcecal_ros.recording.bags import read_recording
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.offline import simulate
-from forcecal_ros.simulators.rigid_tool import body_of_calibration, body_of_rig
+from forcecal_ros.simulators.rigid_tool import rigid_tool_of_calibration, rigid_tool_of_rig
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -68,7 +68,8 @@ def test_an_arm_to_which_nothing_was_done_is_not_given_an_effect_for_sure(found)
 def test_the_patched_calibration_leaves_what_was_claimed(kuka, found):
     patched = load(kuka / 'out' / 'calibration_patched.yaml')
     again = diagnose_motion(read_recording(kuka / 'baseline'), None,
-                            body_of_calibration(patched, load_rig('rigid_tool.yaml')), patched)
+                            rigid_tool_of_calibration(patched, load_rig('rigid_tool.yaml')),
+                            patched)
     assert again.diagnosis.gap.nominal < 0.2 * found['gap']['nominal']
     delay, std = again.recalibrations['accelerometer.delay']
     assert abs(delay) < 3.0 * std
@@ -118,7 +119,7 @@ def test_one_effect_is_named_and_none_without(commands, rig_name, effects, name)
     rig = load_rig(rig_name)
     recording = simulate(with_effects(rig, effects), commands, seed=1)
     diagnosis = diagnose_motion(replace(recording, target=None), None,
-                                body_of_rig(rig)).diagnosis
+                                rigid_tool_of_rig(rig)).diagnosis
     assert [e.name for e in diagnosis.effects] == ([name] if name else [])
     if name is None:
         assert diagnosis.verdict == 'no_gap'
@@ -129,7 +130,7 @@ def test_a_late_wrench_is_told_though_a_low_pass_is_much_like_it(commands):
     rig = load_rig()
     late = with_effects(rig, {'wrench_delay': {'delay': 0.006}})
     diagnosis = diagnose_motion(replace(simulate(late, commands, seed=1), target=None), None,
-                                body_of_rig(rig)).diagnosis
+                                rigid_tool_of_rig(rig)).diagnosis
     given = dict(diagnosis.candidates)
     assert set(given) <= {'wrench_delay', 'wrench_lowpass', 'unknown'}
     assert given['wrench_delay'] + given['wrench_lowpass'] > 0.9
@@ -138,7 +139,7 @@ def test_a_late_wrench_is_told_though_a_low_pass_is_much_like_it(commands):
 def test_without_accelerometer_the_position_says_how_the_tool_moves(commands):
     rig = load_rig('rigid_tool.yaml')
     recording = replace(simulate(rig, commands, seed=1), target=None, accelerometer=None)
-    diagnosis = diagnose_motion(recording, None, body_of_rig(rig)).diagnosis
+    diagnosis = diagnose_motion(recording, None, rigid_tool_of_rig(rig)).diagnosis
     assert diagnosis.verdict == 'no_gap'
     assert not {n for n, _ in diagnosis.candidates} | {
         n for n in diagnosis.not_excited if n.startswith('accel')}
@@ -151,4 +152,4 @@ def test_a_robot_that_stands_still_excites_nothing():
                       pose=PoseStream(t, np.zeros((len(t), 3)), np.tile(np.eye(3),
                                                                          (len(t), 1, 1))))
     rig = load_rig('rigid_tool.yaml')
-    assert diagnose_motion(still, None, body_of_rig(rig)).diagnosis.verdict == 'not_excited'
+    assert diagnose_motion(still, None, rigid_tool_of_rig(rig)).diagnosis.verdict == 'not_excited'

@@ -5,7 +5,7 @@ import warnings
 
 from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.by_motion import diagnose_motion
-from forcecal_ros.diagnose.inputs.requirements import bridged, unseen
+from forcecal_ros.diagnose.inputs.requirements import bridged, missing_streams
 from forcecal_ros.diagnose.inputs.stamps import Corrected
 from forcecal_ros.diagnose.judge.found_effects import from_checks
 from forcecal_ros.geometry import rotation_about
@@ -15,7 +15,7 @@ from forcecal_ros.recording.checks.entry import checked
 from forcecal_ros.recording.checks.pauses import silences
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rigid_tool import body_of_rig
+from forcecal_ros.simulators.rigid_tool import rigid_tool_of_rig
 import numpy as np
 import pytest
 
@@ -59,7 +59,7 @@ def both(recording):
         rig = load_rig()
         found = [diagnose(recording, None, rig).diagnosis,
                  diagnose_motion(replace(recording, target=None), None,
-                                 body_of_rig(rig)).diagnosis]
+                                 rigid_tool_of_rig(rig)).diagnosis]
     assert [d.verdict for d in found] == 2 * ['invalid_data']
     assert not any('\n' in d.reason for d in found)
     return [d.reason for d in found]
@@ -115,8 +115,9 @@ def test_a_dead_channel_is_invalid(recording):
 
 
 def test_what_was_not_recorded_is_said_and_nothing_at_all_is_invalid(recording):
-    assert unseen(recording) == ''
-    assert 'wrench_sensor and environment (no wrench' in unseen(replace(recording, wrench=None))
+    assert missing_streams(recording) == ''
+    assert 'wrench_sensor and environment (no wrench' in missing_streams(replace(recording,
+                                                                                 wrench=None))
     nothing = replace(recording, wrench=None, accelerometer=None)
     assert diagnose(nothing, None, load_rig()).diagnosis.verdict == 'invalid_data'
 

@@ -2,17 +2,17 @@
 
 from forcecal_ros.diagnose.judge.gap import Errors
 from forcecal_ros.diagnose.judge.probabilities import probabilities
-from forcecal_ros.diagnose.judge.residual_summary import _foreign, Remains
+from forcecal_ros.diagnose.judge.residual_summary import _other_lines, UnexplainedPart
 from forcecal_ros.diagnose.localise import time_frequency
 from forcecal_ros.diagnose.localise.spectral_lines import Line
 from forcecal_ros.diagnose.model.evidence import fit, Gram, Prior, Score
-from forcecal_ros.diagnose.model.linearised import Problem
+from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.model.saturation import _best_limit
 from forcecal_ros.diagnose.say.verdict import verdict
-from forcecal_ros.diagnose.search.fitted import Trial
+from forcecal_ros.diagnose.search.fitted import HypothesisFit
 from forcecal_ros.diagnose.search.ranking import weights
 from forcecal_ros.diagnose.search.selection import _near
-from forcecal_ros.effects.nuisances import nuisances, spreads
+from forcecal_ros.effects.nuisances import nuisances, prior_std
 from forcecal_ros.recording.checks.clipping import clipping, quantisation
 from forcecal_ros.recording.checks.clocks import clocks, skew_between
 from forcecal_ros.recording.streams import CHANNELS, Recording, Stream
@@ -21,17 +21,18 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-NOTHING_LEFT = Remains(0.4, '')
+NOTHING_LEFT = UnexplainedPart(0.4, '')
 
 
-def trial(name, evidence, free=1):
-    return Trial(name, np.zeros(free), np.zeros(free), np.arange(free), np.zeros(0), frozenset(),
-                 evidence / 2.0, evidence, Score(10.0, 100.0, 100.0), 1.0, 0.0, 1000, True)
+def hypothesis_fit(name, evidence, free=1):
+    return HypothesisFit(name, np.zeros(free), np.zeros(free), np.arange(free), np.zeros(0),
+                         frozenset(), evidence / 2.0, evidence, Score(10.0, 100.0, 100.0), 1.0,
+                         0.0, 1000, True)
 
 
 def test_what_has_nearly_the_evidence_of_an_effect_is_fitted_in_full_whatever_it_gains():
-    own, alike = trial('wrench_lowpass', 355.0, 2), trial('wrench_delay', 337.0)
-    others = trial('tool_friction', 5.0), trial('tool_mass', -3.0)
+    own, alike = hypothesis_fit('wrench_lowpass', 355.0, 2), hypothesis_fit('wrench_delay', 337.0)
+    others = hypothesis_fit('tool_friction', 5.0), hypothesis_fit('tool_mass', -3.0)
     trials = [own, alike._replace(gain=-28.0), *others]
     assert [t.name for t in _near(trials, 'wrench_lowpass', 100)] == ['wrench_delay']
     nothing = [own._replace(evidence=-1.0), alike._replace(evidence=-0.9, gain=-1.0)]
@@ -87,10 +88,12 @@ def test_errors_of_parameters_are_drawn_as_large_as_they_are_expected():
     assert (np.abs(draws.mean(axis=0) - errors.expected()) < 5.0 * scatter).all()
 
 
-def test_beside_a_gross_effect_a_small_lead_does_not_decide_and_fewer_parameters_do():
-    weight = weights([trial('wrench_lowpass', 150_070.0, 2), trial('wrench_delay', 150_000.0)])
+def test_beside_a_large_effect_a_small_lead_does_not_decide_and_fewer_parameters_do():
+    weight = weights([hypothesis_fit('wrench_lowpass', 150_070.0, 2),
+                      hypothesis_fit('wrench_delay', 150_000.0)])
     assert 0.0 < weight['wrench_delay'] - weight['wrench_lowpass'] < 1.0
-    small = weights([trial('wrench_lowpass', 170.0, 2), trial('wrench_delay', 100.0)])
+    small = weights([hypothesis_fit('wrench_lowpass', 170.0, 2),
+                     hypothesis_fit('wrench_delay', 100.0)])
     assert small['wrench_lowpass'] - small['wrench_delay'] > np.log(1e6)
 
 
@@ -102,14 +105,14 @@ def test_equal_odds_make_the_verdict_ambiguous_and_a_bad_fit_makes_it_unknown():
     assert chances['cable_force'] / chances['base_tilt'] == pytest.approx(np.exp(-0.2))
     assert 0.9 < sum(chances.values()) < 1.0
     assert verdict(['base_tilt'], candidates, NOTHING_LEFT, 0.98, True)[0] == 'ambiguous'
-    left = Remains(5.0, 'force.x')
+    left = UnexplainedPart(5.0, 'force.x')
     assert verdict(['base_tilt'], [('base_tilt', 0.9)], left, 0.4, True)[0] == 'unknown'
     assert verdict(['base_tilt'], [('base_tilt', 0.9)], left, 0.9, True)[0] == 'partial'
     assert verdict(['base_tilt'], [('base_tilt', 0.9)], left, 0.98, True)[0] == 'identified'
     doubtful = [('unknown', 0.6), ('base_tilt', 0.4)]
     assert verdict(['base_tilt'], doubtful, left, 0.98, True)[0] == 'unknown'
     assert verdict(['base_tilt'], doubtful, NOTHING_LEFT, 0.98, True)[0] == 'partial'
-    glaring = Remains(17.0, 'pose.x')
+    glaring = UnexplainedPart(17.0, 'pose.x')
     assert verdict(['base_tilt'], [('base_tilt', 0.9)], glaring, 0.98, True)[0] == 'partial'
 
 
@@ -132,7 +135,8 @@ def test_what_is_known_before_any_model_counts_among_the_effects():
 def test_no_step_makes_a_mass_or_a_spring_negative():
     rig = load_rig(None)
     found = nuisances(rig, 'acc1', ('wrench', 'accelerometer', 'optidrive', 'pose'))
-    p = Problem(rig, (), found, np.array(spreads(rig, found)), centre=np.zeros(len(found)))
+    p = LinearisedModel(rig, (), found, np.array(prior_std(rig, found)),
+                        centre=np.zeros(len(found)))
     p.centre = p.moved(np.full(len(found), -1e6))
     moved = p.current()
     assert moved.tool.mass == pytest.approx(0.05 * rig.tool.mass)
@@ -145,10 +149,11 @@ def test_no_step_makes_a_mass_or_a_spring_negative():
 def test_a_line_beside_that_of_an_explained_vibration_is_its_own():
     beside = Line('force.x', 64.31, 1.0, 5000.0)
     other = Line('force.y', 50.0, 1.0, 60.0)
-    p = Problem(load_rig(None), (), effects={'spindle_vibration': {'frequency': 64.01}})
-    lines, notes = _foreign((beside, other), p)
+    p = LinearisedModel(load_rig(None), (), effects={'spindle_vibration': {'frequency': 64.01}})
+    lines, notes = _other_lines((beside, other), p)
     assert lines == (other,) and 'wanders about 64.01 Hz' in notes[0]
-    assert _foreign((beside, other), Problem(load_rig(None), ())) == ((beside, other), ())
+    nominal = LinearisedModel(load_rig(None), ())
+    assert _other_lines((beside, other), nominal) == ((beside, other), ())
 
 
 @pytest.mark.parametrize('step, ends', [(0.1, 2), (5.0, 0)])

@@ -47,7 +47,7 @@ def test_the_tool_is_that_of_the_simulator_and_its_unknown_zero_is_told(clean):
 
 
 def test_a_hysteresis_is_sought_no_wider_than_the_load_that_was_there(clean):
-    effect = within_load(clean.outcome.cases, EFFECTS['wrench_hysteresis'])
+    effect = within_load(clean.outcome.datasets, EFFECTS['wrench_hysteresis'])
     width, = (q for q in effect.parameters if q.name == 'width')
     assert width.starts == (0.5, 2.0, 10.0)
     assert 1.2 * 9.81 < width.high < 2.5 * 1.2 * 9.81
@@ -62,7 +62,7 @@ def test_the_robots_delay_is_told_by_the_commands(clean):
     for part, without in zip(found, own):
         assert part.delay_std < 1e-3
         assert part.delay - without.delay == pytest.approx(0.008, abs=5e-4)
-        assert part.left < 0.15 * part.rms
+        assert part.unexplained < 0.15 * part.rms
 
 
 @pytest.mark.parametrize('effect, name, value', [

@@ -23,7 +23,7 @@ FEWEST = 20
 LEVER = 0.2
 """At which turning counts as much as moving [m]: a tool's length."""
 
-ALIKE = 0.98
+LEAST_CORRELATION = 0.98
 """
 Correlation of the speeds of two recordings of one motion, at least: an arm in MuJoCo with half the
 gains and no friction kept 0.9999 with its simulation, a motion of the same kind but half a radian
@@ -81,12 +81,12 @@ def aligned(recording: Recording, simulated: Recording) -> tuple[Recording, Alig
         raise DataError('the two recordings cannot be aligned: neither commands nor poses that '
                         'move are in both; record target_frame or current_pose in both')
     one, other = (speed for speed in speeds if speed is not None)
-    shift, likeness = _match(one, other)
-    if likeness < ALIKE:
+    shift, correlation = _match(one, other)
+    if correlation < LEAST_CORRELATION:
         raise DataError(f'the {what} of the simulated recording are not those of the robot: their '
-                        f'speeds correlate by {likeness:.2f}, expected {ALIKE:g} or more; run '
-                        'the simulator with the recorded commands')
-    return shifted(simulated, shift), Alignment(shift, by, likeness)
+                        f'speeds correlate by {correlation:.2f}, expected {LEAST_CORRELATION:g} or '
+                        'more; run the simulator with the recorded commands')
+    return shifted(simulated, shift), Alignment(shift, by, correlation)
 
 
 def shifted(recording: Recording, shift: float) -> Recording:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 STAGES = ('robot', 'tool', 'environment', 'wrench_sensor', 'accelerometer', 'pose', 'timing')
 """Along the chain from command to sensor; the clocks last."""
 
-COLUMNS = {
+STREAM_SLICES = {
     'wrench': slice(0, 6), 'accelerometer': slice(6, 9), 'optidrive': slice(9, 10),
     'pose': slice(10, 16),
 }
@@ -42,7 +42,7 @@ def units(accelerometer: str = 'V') -> dict[str, str]:
     return {c.name: accelerometer if c.stream == 'accelerometer' else c.unit for c in CHANNELS}
 
 
-class Blocked(Protocol):
+class Blocks(Protocol):
     """A recording in blocks, of which each phase covers some."""
 
     @property

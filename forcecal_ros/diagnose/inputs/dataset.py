@@ -5,7 +5,7 @@ from itertools import pairwise
 
 from forcecal_ros.diagnose.inputs.accelerometer import in_volts, mounted
 from forcecal_ros.diagnose.inputs.command_timing import start_of
-from forcecal_ros.diagnose.inputs.residuals import Measured
+from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
@@ -30,7 +30,7 @@ SHORTEST = 5.0
 
 
 @dataclass(frozen=True)
-class Case:
+class Dataset:
     """
     A recording ready for diagnosis.
 
@@ -38,7 +38,7 @@ class Case:
     ----------
     recording : Recording
     simulation : Simulation
-    measured : Measured
+    measured : MeasuredBlocks
     nominal : Signals
         Of the rig as given.
     groups : ndarray of int, shape (n,)
@@ -51,7 +51,7 @@ class Case:
 
     recording: Recording
     simulation: Simulation
-    measured: Measured
+    measured: MeasuredBlocks
     nominal: Signals
     groups: NDArray[np.intp]
     phases: tuple[Phase, ...]
@@ -73,19 +73,19 @@ class Case:
         return {name: rows for name, rows in found.items() if rows.any()}
 
 
-def without_touches(case: Case, rig: Rig) -> bool:
+def without_touches(dataset: Dataset, rig: Rig) -> bool:
     """Leave out phases that touch what a rig has no wall for; say whether there are any."""
-    signals = case.nominal
+    signals = dataset.nominal
     tip = signals.position + signals.R_base_sensor @ np.array(rig.tool.tip)
     if tip[:, 0].max() + FARTHEST > rig.wall.position:
         return False
-    touching = [rows for phase, rows in case.phase_rows().items() if phase in TOUCHING]
+    touching = [rows for phase, rows in dataset.phase_rows().items() if phase in TOUCHING]
     for rows in touching:
-        case.measured.present[rows] = False
+        dataset.measured.present[rows] = False
     return bool(touching)
 
 
-def prepare(recording: Recording, rig: Rig, accelerometer: str | None = None) -> Case:
+def prepare(recording: Recording, rig: Rig, accelerometer: str | None = None) -> Dataset:
     """
     Make one recording ready; all of its blocks are for training.
 
@@ -98,7 +98,7 @@ def prepare(recording: Recording, rig: Rig, accelerometer: str | None = None) ->
 
     Returns
     -------
-    Case
+    Dataset
 
     Raises
     ------
@@ -120,19 +120,19 @@ def prepare(recording: Recording, rig: Rig, accelerometer: str | None = None) ->
     replay = Replay(rig, recording.target, start, end, name)
     nominal = replay.signals(rig)
     n = replay.n_blocks
-    measured = Measured(in_volts(recording, rig, name), start, n)
+    measured = MeasuredBlocks(in_volts(recording, rig, name), start, n)
     groups = _kinds(nominal, n)
     phases = recording.phases or made_up(groups, start)
-    return Case(recording, replay, measured, nominal, groups, phases,
-                np.ones(n, dtype=bool), np.zeros(n, dtype=bool))
+    return Dataset(recording, replay, measured, nominal, groups, phases,
+                   np.ones(n, dtype=bool), np.zeros(n, dtype=bool))
 
 
-def held_apart(train: Case, held: Case) -> tuple[Case, Case]:
+def held_apart(train: Dataset, held: Dataset) -> tuple[Dataset, Dataset]:
     """Fit on all of one recording, judge on all of another."""
     return train, replace(held, train=held.held, held=held.train)
 
 
-def split(case: Case) -> Case:
+def split(dataset: Dataset) -> Dataset:
     """
     Hold out parts of every phase of one recording.
 
@@ -140,17 +140,17 @@ def split(case: Case) -> Case:
 
     Parameters
     ----------
-    case : Case
+    dataset : Dataset
 
     Returns
     -------
-    Case
+    Dataset
     """
-    held, t = np.zeros(len(case.groups), dtype=bool), case.times
+    held, t = np.zeros(len(dataset.groups), dtype=bool), dataset.times
     count: dict[str, int] = {}
-    for phase in case.phases:
+    for phase in dataset.phases:
         rows = (t >= phase.start) & (t < phase.end)
-        several = sum(p.name == phase.name for p in case.phases) > 1
+        several = sum(p.name == phase.name for p in dataset.phases) > 1
         turn = count[phase.name] = count.get(phase.name, -1) + 1
         if not several:
             rows &= t >= 0.5 * (phase.start + phase.end)
@@ -158,7 +158,7 @@ def split(case: Case) -> Case:
             held |= rows
     if not held.any():
         held = t >= t.mean()
-    return replace(case, train=~held, held=held)
+    return replace(dataset, train=~held, held=held)
 
 
 def _kinds(signals: Signals, n: int) -> NDArray[np.intp]:

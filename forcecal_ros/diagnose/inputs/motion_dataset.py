@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from forcecal_ros.diagnose.inputs.accelerometer import in_volts
-from forcecal_ros.diagnose.inputs.dataset import Case, held_apart, made_up, STILL
-from forcecal_ros.diagnose.inputs.residuals import Measured
+from forcecal_ros.diagnose.inputs.dataset import Dataset, held_apart, made_up, STILL
+from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
 from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool, SimulatedTool
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
@@ -13,7 +13,7 @@ from forcecal_ros.recording.noise.autoregression import FEWEST
 from forcecal_ros.recording.streams import Recording, Stream, TOUCHING
 from forcecal_ros.simulators.carried_tool import beyond
 from forcecal_ros.simulators.measured_motion import MeasuredMotion, RecordedSimulation
-from forcecal_ros.simulators.rigid_tool import Body
+from forcecal_ros.simulators.rigid_tool import RigidTool
 from forcecal_ros.simulators.signals import BLOCK, block_means, Signals
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,8 @@ MOVING = (0.005, 0.002)
 """Angular speed [rad/s] and speed [m/s] from which the robot moves: noisy poses show less."""
 
 
-def prepare_motion(recording: Recording, body: Body, accelerometer: str | None = None) -> Case:
+def prepare_motion(recording: Recording, rigid_tool: RigidTool,
+                   accelerometer: str | None = None) -> Dataset:
     """
     Make one recording ready; all of its blocks are for training.
 
@@ -37,13 +38,13 @@ def prepare_motion(recording: Recording, body: Body, accelerometer: str | None =
     ----------
     recording : Recording
         Of a calibrated tool its accelerometer is in m/s^2 along ft_sensor.
-    body : Body
+    rigid_tool : RigidTool
     accelerometer : str, optional
         ``acc1`` or ``acc2``; the mounted one where none is given.
 
     Returns
     -------
-    Case
+    Dataset
         Its pose is an input, and its accelerometer counts as measured at rest only.
 
     Raises
@@ -54,19 +55,19 @@ def prepare_motion(recording: Recording, body: Body, accelerometer: str | None =
     require_wrench_and_pose(
         recording, 'the recording holds neither commands nor wrench with measured pose; record '
         'target_frame, or wrench and current_pose')
-    name = accelerometer or body.accelerometer.mounted
-    moved = in_volts(recording, body, name)
+    name = accelerometer or rigid_tool.accelerometer.mounted
+    moved = in_volts(recording, rigid_tool, name)
     volts = moved.accelerometer if moved.accelerometer and len(moved.accelerometer) > 1 else None
-    if body.accelerometer.model(name).highpass:
+    if rigid_tool.accelerometer.model(name).highpass:
         volts = None
     moved = replace(moved, accelerometer=volts)
     first, n = span(moved)
-    simulation = MeasuredMotion(moved, first, n, name, body)
-    return _case(moved, simulation, simulation.signals(body), volts)
+    simulation = MeasuredMotion(moved, first, n, name, rigid_tool)
+    return _case(moved, simulation, simulation.signals(rigid_tool), volts)
 
 
 def prepare_simulated(recording: Recording, simulated: Recording, tool: SimulatedTool | None,
-                      rig: Rig) -> tuple[Case, SimulatedTool]:
+                      rig: Rig) -> tuple[Dataset, SimulatedTool]:
     """
     Make a recording of the robot, and its simulator's, ready; all blocks are for training.
 
@@ -81,7 +82,7 @@ def prepare_simulated(recording: Recording, simulated: Recording, tool: Simulate
 
     Returns
     -------
-    Case
+    Dataset
         Its pose is an input; its accelerometer does not count.
     SimulatedTool
         The simulator's tool.
@@ -97,11 +98,11 @@ def prepare_simulated(recording: Recording, simulated: Recording, tool: Simulate
     moved, made = (replace(one, accelerometer=None) for one in (recording, simulated))
     first, n = span(moved, made)
     known = tool or simulated_tool(made, first, n, rig)
-    simulation = RecordedSimulation(moved, made, first, n, 'acc1', known.body)
-    nominal = simulation.signals(known.body)
+    simulation = RecordedSimulation(moved, made, first, n, 'acc1', known.rigid_tool)
+    nominal = simulation.signals(known.rigid_tool)
     if tool is None:
         known = known.zeroed(beyond(moved, nominal))
-        nominal = simulation.signals(known.body)
+        nominal = simulation.signals(known.rigid_tool)
     return _case(moved, simulation, nominal, None), known
 
 
@@ -125,35 +126,36 @@ def span(*recordings: Recording) -> tuple[float, int]:
 
 
 def _case(recording: Recording, simulation: MeasuredMotion, nominal: Signals,
-          volts: Stream | None) -> Case:
+          volts: Stream | None) -> Dataset:
     """Compare the wrench in motion, and the accelerometer at rest."""
     first, n = simulation.start, simulation.n_blocks
     groups = kinds(nominal)
     seen = replace(recording, target=None, pose=None, optidrive=None,
                    accelerometer=_at_rest(volts, groups, first))
-    measured = Measured(seen, first, n)
-    case = Case(recording, simulation, measured, nominal, groups,
-                recording.phases or made_up(groups, first), np.ones(n, bool), np.zeros(n, bool))
-    for phase, rows in case.phase_rows().items():
+    measured = MeasuredBlocks(seen, first, n)
+    dataset = Dataset(recording, simulation, measured, nominal, groups,
+                      recording.phases or made_up(groups, first), np.ones(n, bool),
+                      np.zeros(n, bool))
+    for phase, rows in dataset.phase_rows().items():
         if phase in TOUCHING:
             measured.present[rows] = False
-    return case
+    return dataset
 
 
-def moves(cases: Sequence[Case]) -> bool:
+def moves(datasets: Sequence[Dataset]) -> bool:
     """Say whether the robot moves in each recording."""
-    return all((c.groups == 1).any() for c in cases)
+    return all((c.groups == 1).any() for c in datasets)
 
 
-def held_out(cases: Sequence[Case]) -> tuple[Case, ...]:
+def held_out(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
     """Judge on the second recording or, of one, on every other second."""
-    return held_apart(*cases) if len(cases) > 1 else (by_seconds(cases[0]),)
+    return held_apart(*datasets) if len(datasets) > 1 else (by_seconds(datasets[0]),)
 
 
-def by_seconds(case: Case) -> Case:
+def by_seconds(dataset: Dataset) -> Dataset:
     """Hold out every other second: phases that are told by the motion are of any length."""
-    held = np.floor(case.times - case.measured.start).astype(int) % 2 == 1
-    return replace(case, train=~held, held=held)
+    held = np.floor(dataset.times - dataset.measured.start).astype(int) % 2 == 1
+    return replace(dataset, train=~held, held=held)
 
 
 def _at_rest(stream: Stream | None, groups: NDArray[np.intp], start: float) -> Stream | None:

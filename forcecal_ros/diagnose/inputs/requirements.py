@@ -22,7 +22,7 @@ STAGES = {'wrench': 'wrench_sensor and environment', 'accelerometer': 'accelerom
 """Stages that only one stream shows."""
 
 
-def check_alike(recordings: Sequence[Recording]) -> None:
+def require_same_sensors(recordings: Sequence[Recording]) -> None:
     """
     Refuse a second recording that lacks a sensor of the first, or has one more.
 
@@ -74,7 +74,7 @@ def require_overlap(recording: Recording, reference: str, shortest: float) -> No
                         f'{listed}; {shortest:g} s are needed, record all topics throughout')
 
 
-def unseen(recording: Recording) -> str:
+def missing_streams(recording: Recording) -> str:
     """
     Say which stages a recording cannot show because a stream is missing.
 

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, COLUMNS
+from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import Recording
 from forcecal_ros.simulators.signals import BLOCK, RATE, Signals
@@ -17,8 +17,8 @@ class _Stream(NamedTuple):
     """
     How one stream's samples fall into blocks and onto the simulated samples.
 
-    ``gapless``: they are consecutive simulated ones; ``alike``: every block has so many of them,
-    0 where the blocks differ; ``means``: of the values, block by block.
+    ``gapless``: they are consecutive simulated ones; ``per_block``: every block has so many of
+    them, 0 where the blocks differ; ``means``: of the values, block by block.
     """
 
     t: Array
@@ -29,11 +29,11 @@ class _Stream(NamedTuple):
     counts: Array
     blocks: NDArray[np.intp]
     gapless: bool
-    alike: int
+    per_block: int
     means: Array
 
 
-class Measured:
+class MeasuredBlocks:
     """
     The measured channels of one recording.
 
@@ -63,7 +63,7 @@ class Measured:
         for name, stream in self._streams.items():
             rows = np.zeros(n_blocks, dtype=bool)
             rows[stream.blocks] = True
-            self.present[:, COLUMNS[name]] = rows[:, np.newaxis]
+            self.present[:, STREAM_SLICES[name]] = rows[:, np.newaxis]
 
     def _add(self, name: str, t: Array, values: Array) -> None:
         u = (t - self.start) * RATE - 1.0
@@ -84,9 +84,9 @@ class Measured:
         starts = np.flatnonzero(np.diff(block, prepend=-1))
         counts = np.diff(starts, append=len(block)).astype(float)
         gapless = weights is None and bool((np.diff(first) == 1).all())
-        alike = int(counts[0]) if (counts == counts[0]).all() else 0
+        per_block = int(counts[0]) if (counts == counts[0]).all() else 0
         stream = _Stream(t[kept], values[kept], first, weights, starts, counts, block[starts],
-                         gapless, alike, np.zeros(0))
+                         gapless, per_block, np.zeros(0))
         self._streams[name] = stream._replace(means=_means(stream.values, stream))
 
     @property
@@ -94,7 +94,7 @@ class Measured:
         """Names of the streams there are."""
         return tuple(self._streams)
 
-    def blocks(self, signals: Signals) -> Array:
+    def residual(self, signals: Signals) -> Array:
         """
         Block means of measured less simulated.
 
@@ -113,7 +113,7 @@ class Measured:
                 means = _means(self._rows(name, stream, signals), stream)
             else:
                 means = stream.means - _means(_at(_simulated(name, signals), stream), stream)
-            out[stream.blocks, COLUMNS[name]] = means
+            out[stream.blocks, STREAM_SLICES[name]] = means
         return out
 
     def of_wrench(self, simulated: Array) -> Array:
@@ -143,7 +143,7 @@ class Measured:
         for name, stream in self._streams.items():
             rows = self._rows(name, stream, signals)
             means = np.repeat(_means(rows, stream), stream.counts.astype(np.intp), axis=0)
-            out[COLUMNS[name]] = np.sum((rows - means) ** 2, axis=0) / max(
+            out[STREAM_SLICES[name]] = np.sum((rows - means) ** 2, axis=0) / max(
                 1.0, float(np.sum(stream.counts - 1.0))) * (1.0 - 1.0 / stream.counts.mean())
         return out
 
@@ -190,7 +190,7 @@ def _at(values: Array, stream: _Stream) -> Array:
 
 
 def _means(rows: Array, stream: _Stream) -> Array:
-    k = stream.alike
+    k = stream.per_block
     if k:
         total = rows[::k].copy()
         for i in range(1, k):

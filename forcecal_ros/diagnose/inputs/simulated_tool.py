@@ -10,7 +10,7 @@ from forcecal_ros.geometry import Array, skew
 from forcecal_ros.identify.inertia import inertia_regressor, symmetric
 from forcecal_ros.recording.streams import phase_spans, Recording, TOUCHING
 from forcecal_ros.simulators.carried_tool import CarriedTool
-from forcecal_ros.simulators.rigid_tool import Body, body_of_rig, GYRATION
+from forcecal_ros.simulators.rigid_tool import GYRATION, rigid_tool_of_rig, RigidTool
 from forcecal_ros.simulators.signals import BLOCK, block_means, RATE
 import numpy as np
 from numpy.typing import NDArray
@@ -41,23 +41,24 @@ class SimulatedTool(NamedTuple):
 
     Attributes
     ----------
-    body : Body
-    left : tuple of float
+    rigid_tool : RigidTool
+    unexplained : tuple of float
         RMS of what it leaves of the simulated wrench [N], [N m].
     zero : tuple of float
         Of the robot's sensor beyond the simulator's, taken off already [N], [N m].
     """
 
-    body: Body
-    left: tuple[float, float]
+    rigid_tool: RigidTool
+    unexplained: tuple[float, float]
     zero: tuple[float, ...] = (0.0,) * 6
 
     def zeroed(self, apart: Array) -> 'SimulatedTool':
         """Take off what the middle of the robot's wrench less the simulated is, shape (n, 6)."""
         zero = np.nanmedian(apart, axis=0)
-        sensor = self.body.wrench_sensor
-        return self._replace(zero=tuple(zero.tolist()), body=replace(
-            self.body, wrench_sensor=replace(sensor, bias=tuple((zero + sensor.bias).tolist()))))
+        sensor = self.rigid_tool.wrench_sensor
+        moved = replace(sensor, bias=tuple((zero + sensor.bias).tolist()))
+        return self._replace(zero=tuple(zero.tolist()),
+                             rigid_tool=replace(self.rigid_tool, wrench_sensor=moved))
 
 
 def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig) -> SimulatedTool:
@@ -85,7 +86,7 @@ def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig) 
         The wrench holds no weight, or that of a tool that falls up.
     """
     motion = CarriedTool(simulated, start, n_blocks, 'acc1')
-    tool, bias, left = tool_along(motion, simulated, rig)
+    tool, bias, unexplained = tool_along(motion, simulated, rig)
     if tool[0] < -LIGHTEST:
         raise DataError("the simulated wrench has the other sign: at rest it must be the tool's "
                         f'weight, pointing down, and shows {tool[0]:.2f} kg; give '
@@ -93,14 +94,14 @@ def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig) 
     if tool[0] < LIGHTEST:
         raise DataError(f'the simulated wrench holds no weight of a tool ({tool[0]:.3f} kg); let '
                         'the simulator publish the wrench without compensation')
-    body = body_of_rig(replace(
+    rigid_tool = rigid_tool_of_rig(replace(
         rig, tool=with_moments(rig.tool, tool), effects=(), optidrive=None,
         wrench_sensor=replace(rig.wrench_sensor, gain=(1.0,) * 6, bias=tuple(bias.tolist())),
         spreads=_of_a_drawing(rig.spreads)))
-    spreads = replace(body.spreads, own_inertia=float(tool[0]) * GYRATION ** 2)
-    force, torque = (float(np.sqrt(np.mean(left[:, part] ** 2)))
+    spreads = replace(rigid_tool.spreads, own_inertia=float(tool[0]) * GYRATION ** 2)
+    force, torque = (float(np.sqrt(np.mean(unexplained[:, part] ** 2)))
                      for part in (slice(0, 3), slice(3, 6)))
-    return SimulatedTool(replace(body, spreads=spreads), (force, torque))
+    return SimulatedTool(replace(rigid_tool, spreads=spreads), (force, torque))
 
 
 def tool_along(motion: CarriedTool, recording: Recording, rig: Rig
@@ -120,7 +121,7 @@ def tool_along(motion: CarriedTool, recording: Recording, rig: Rig
     tool : ndarray, shape (10,)
         Mass [kg], first moments [kg m], six elements of the inertia about the origin [kg m^2].
     bias : ndarray, shape (6,)
-    left : ndarray, shape (n, 6)
+    unexplained : ndarray, shape (n, 6)
         Of the wrench in free motion.
     """
     n_blocks = len(motion.t) // round(BLOCK * RATE)

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from forcecal_ros.diagnose.inputs.channels import COLUMNS
+from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
 from forcecal_ros.diagnose.model.hypotheses import Hypothesis
-from forcecal_ros.diagnose.model.linearised import Problem
+from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.noise.autoregression import FEWEST
 from forcecal_ros.recording.streams import Recording
@@ -17,13 +17,13 @@ SENSORS = ('wrench', 'accelerometer')
 """Streams of which one at least has to be judged."""
 
 
-def excitation(p: Problem) -> float:
+def signal_to_noise(model: LinearisedModel) -> float:
     """
     Say how much the motion moves the signal that it moves most.
 
     Parameters
     ----------
-    p : Problem
+    model : LinearisedModel
 
     Returns
     -------
@@ -31,37 +31,37 @@ def excitation(p: Problem) -> float:
         RMS about the mean over the rig's noise, of wrench and specific force.
     """
     most = 0.0
-    for case in p.cases:
-        for name, signal in (('wrench', case.nominal.wrench), ('accelerometer',
-                                                               case.nominal.volts)):
-            if name in case.measured.streams:
-                noise = 2.0 * p.level[COLUMNS[name]]
+    for dataset in model.datasets:
+        for name, signal in (('wrench', dataset.nominal.wrench), ('accelerometer',
+                                                                  dataset.nominal.volts)):
+            if name in dataset.measured.streams:
+                noise = 2.0 * model.level[STREAM_SLICES[name]]
                 most = max(most, float((signal.std(axis=0) / noise).max()))
     return most
 
 
-def not_excited(p: Problem, found: list[Hypothesis]) -> list[str]:
+def not_excited(model: LinearisedModel, found: list[Hypothesis]) -> list[str]:
     """
     List the effects of the library that these recordings could not show at a typical size.
 
     Parameters
     ----------
-    p : Problem
+    model : LinearisedModel
     found : list of Hypothesis
 
     Returns
     -------
     list of str
     """
-    m = len(p.nuisances)
+    m = len(model.nuisances)
     extra = [[c for h in found for a in h.atoms[:1] for c in a.columns[i]]
-             for i in range(len(p.cases))]
-    train, held = p.grams(extra)
+             for i in range(len(model.datasets))]
+    train, held = model.grams(extra)
     energy = np.diag(train.matrix) + np.diag(held.matrix)
     visible, position = set(), m
     for h in found:
         if h.releases:
-            index = [i for i, n in enumerate(p.nuisances) if n.name in h.releases[0]]
+            index = [i for i, n in enumerate(model.nuisances) if n.name in h.releases[0]]
             best = 9.0 * max(energy[i] for i in index)
         else:
             k = len(h.atoms[0].free)
@@ -71,13 +71,13 @@ def not_excited(p: Problem, found: list[Hypothesis]) -> list[str]:
     return [h.name for h in found if h.name not in visible]
 
 
-def shares(p: Problem, given: Sequence[Recording]) -> dict[str, float]:
+def shares(model: LinearisedModel, given: Sequence[Recording]) -> dict[str, float]:
     """
     Say which part of each stream's samples counts.
 
     Parameters
     ----------
-    p : Problem
+    model : LinearisedModel
     given : sequence of Recording
         As recorded.
 
@@ -87,19 +87,19 @@ def shares(p: Problem, given: Sequence[Recording]) -> dict[str, float]:
         0 where a stream has too few samples for its noise to be known.
     """
     out = {}
-    for name in COLUMNS:
+    for name in STREAM_SLICES:
         total = used = 0
-        for case, noise, recording in zip(p.cases, p.noise, given):
+        for dataset, noise, recording in zip(model.datasets, model.noise, given):
             stream = getattr(recording, name)
             total += len(stream) if stream is not None else 0
-            if name in case.measured.streams and noise.sigma[:, COLUMNS[name]].any():
-                used += len(case.measured.times(name))
+            if name in dataset.measured.streams and noise.sigma[:, STREAM_SLICES[name]].any():
+                used += len(dataset.measured.times(name))
         if total:
             out[name] = used / total
     return out
 
 
-def refuse_unjudged(p: Problem) -> None:
+def refuse_unjudged(model: LinearisedModel) -> None:
     """
     Refuse recordings of which neither wrench nor accelerometer can be judged.
 
@@ -108,33 +108,33 @@ def refuse_unjudged(p: Problem) -> None:
     DataError
         With how many samples there are, and are needed.
     """
-    if not any(n.sigma[:, COLUMNS[name]].any() for n in p.noise for name in SENSORS):
-        counts = {name: max(_blocks(p, name)) for name in SENSORS if max(_blocks(p, name))}
+    if not any(n.sigma[:, STREAM_SLICES[name]].any() for n in model.noise for name in SENSORS):
+        counts = {name: max(_blocks(model, name)) for name in SENSORS if max(_blocks(model, name))}
         listed = ', '.join(f'{name} {n}' for name, n in counts.items())
         raise DataError(f'too few samples beside the commands to know the noise ({listed}; '
                         f'{FEWEST} in steady succession are needed): record longer, or faster')
 
 
-def unjudged(p: Problem) -> str:
+def unjudged(model: LinearisedModel) -> str:
     """
     Say which streams were recorded too slowly, or for too short a time, to be looked at.
 
     Parameters
     ----------
-    p : Problem
+    model : LinearisedModel
 
     Returns
     -------
     str
         To be put behind a sentence; empty where each was looked at.
     """
-    counts = {name: max(_blocks(p, name)) for name in COLUMNS
-              if not any(n.sigma[:, COLUMNS[name]].any() for n in p.noise)}
+    counts = {name: max(_blocks(model, name)) for name in STREAM_SLICES
+              if not any(n.sigma[:, STREAM_SLICES[name]].any() for n in model.noise)}
     missing = [f'{name} ({count} samples, {FEWEST} in steady succession are needed)'
                for name, count in counts.items() if count]
     return f'; not looked at: {", ".join(missing)}' if missing else ''
 
 
-def _blocks(p: Problem, name: str) -> list[int]:
+def _blocks(model: LinearisedModel, name: str) -> list[int]:
     """Count the blocks of one stream in each recording."""
-    return [int(np.sum(c.measured.present[:, COLUMNS[name].start])) for c in p.cases]
+    return [int(np.sum(c.measured.present[:, STREAM_SLICES[name].start])) for c in model.datasets]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.inputs.stamps import Corrected
-from forcecal_ros.diagnose.model.linearised import Problem
+from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.model.saturation import CLIPPING
 from forcecal_ros.diagnose.search.bias_steps import (
     Event,
@@ -68,13 +68,13 @@ class Checks:
     notes: tuple[str, ...]
 
 
-def parameters_of(problem: Problem, a: Accepted) -> dict[str, Parameter]:
+def parameters_of(model: LinearisedModel, a: Accepted) -> dict[str, Parameter]:
     """
     Name the numbers of an accepted effect.
 
     Parameters
     ----------
-    problem : Problem
+    model : LinearisedModel
         At the joint fit.
     a : Accepted
 
@@ -83,27 +83,27 @@ def parameters_of(problem: Problem, a: Accepted) -> dict[str, Parameter]:
     dict of str to Parameter
         A released nuisance's is its whole departure from the rig as given, within its limits.
     """
-    effect = problem.library[a.name]
+    effect = model.library[a.name]
     quantities = effect.parameters
     if len(a.theta):
         return {q.name: Parameter(float(v), float(s), q.unit)
                 for q, v, s in zip(quantities, a.theta, a.std)}
-    out, covariance = {}, problem.fit_nuisances().covariance
-    index = [i for i, n in enumerate(problem.nuisances) if n.key == effect.nuisance]
+    out, covariance = {}, model.fit_nuisances().covariance
+    index = [i for i, n in enumerate(model.nuisances) if n.key == effect.nuisance]
     for i, q in zip(index, quantities):
-        if problem.nuisances[i].name not in a.released:
+        if model.nuisances[i].name not in a.released:
             out[q.name] = Parameter(q.nominal, 0.0, q.unit)
             continue
-        scale = float(problem.sizes[i]) * _physical(problem, problem.nuisances[i].key, q.unit)
-        value = np.clip(q.nominal + problem.centre[i] * scale, q.low, q.high)
+        scale = float(model.prior_std[i]) * _physical(model, model.nuisances[i].key, q.unit)
+        value = np.clip(q.nominal + model.centre[i] * scale, q.low, q.high)
         out[q.name] = Parameter(
             float(value), abs(scale) * float(np.sqrt(covariance[i, i])), q.unit)
     return out
 
 
-def _physical(problem: Problem, key: str, unit: str) -> float:
+def _physical(model: LinearisedModel, key: str, unit: str) -> float:
     """Turn a relative departure into the unit of the effect's parameter."""
-    rig = problem.rig
+    rig = model.rig
     relative = {'mass': rig.tool.mass, 'wall_stiffness': rig.wall.stiffness,
                 'wall_damping': rig.wall.damping}
     if rig.optidrive is not None:
@@ -203,13 +203,13 @@ def seen_in(name: str, found: Mapping[str, Parameter]) -> str:
     return next(c.name for c in CHANNELS if c.stream == stream)
 
 
-def found_steps(p: Problem, events: Sequence[Event]) -> list[Found]:
+def found_steps(model: LinearisedModel, events: Sequence[Event]) -> list[Found]:
     """
     Return steps as effects, each with its instant.
 
     Parameters
     ----------
-    p : Problem
+    model : LinearisedModel
         At the joint fit.
     events : sequence of Event
 
@@ -222,7 +222,7 @@ def found_steps(p: Problem, events: Sequence[Event]) -> list[Found]:
     for e in events:
         numbers = {}
         for c in e.heights:
-            height, std = height_of(p, e, c)
+            height, std = height_of(model, e, c)
             if abs(height) <= SURE * std:
                 continue
             channel = CHANNELS[c]

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
-from forcecal_ros.diagnose.inputs.dataset import Case
+from forcecal_ros.diagnose.inputs.dataset import Dataset
 from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
@@ -79,17 +79,17 @@ class Arms(NamedTuple):
         Recalibrated less nominal simulation.
     by_effects : ndarray
         Explained less recalibrated simulation.
-    left : ndarray
+    predictable : ndarray
         What still is predictable of the remainder; zero where nothing is left.
     """
 
     recalibrated: Array
     by_nuisances: Array
     by_effects: Array
-    left: Array
+    predictable: Array
 
 
-def gap(cases: tuple[Case, ...], arms: list[Arms], noise: Array, cell_energy: Array,
+def gap(datasets: tuple[Dataset, ...], arms: list[Arms], noise: Array, cell_energy: Array,
         errors: Errors | None = None) -> Gap:
     """
     Measure the gap on held-out blocks.
@@ -99,12 +99,12 @@ def gap(cases: tuple[Case, ...], arms: list[Arms], noise: Array, cell_energy: Ar
 
     Parameters
     ----------
-    cases : tuple of Case
+    datasets : tuple of Dataset
     arms : list of Arms
     noise : ndarray, shape (16,)
         RMS of one sample of each channel; 0 where there is none.
     cell_energy : ndarray, shape (16,)
-        Mean square that is left in cells beyond what ``left`` predicts.
+        Mean square that is left in cells beyond what ``predictable`` predicts.
     errors : Errors, optional
         Of the parameters; taken as exact where none are given.
 
@@ -113,15 +113,15 @@ def gap(cases: tuple[Case, ...], arms: list[Arms], noise: Array, cell_energy: Ar
     Gap
     """
     explained, recalibrated, nominal, weights = [], [], [], []
-    for case, a in zip(cases, arms):
-        for first in range(0, len(case.held), SECOND):
+    for dataset, a in zip(datasets, arms):
+        for first in range(0, len(dataset.held), SECOND):
             part = slice(first, first + SECOND)
-            rows = case.held[part]
+            rows = dataset.held[part]
             if not rows.any():
                 continue
-            r, n, d, left = (x[part][rows] for x in a)
-            rest = r - d
-            over = (2.0 * rest * left - left ** 2).sum(axis=0)
+            r, n, d, predictable = (x[part][rows] for x in a)
+            unexplained = r - d
+            over = (2.0 * unexplained * predictable - predictable ** 2).sum(axis=0)
             by_effects = (2.0 * r * d - d ** 2).sum(axis=0)
             by_nuisances = (2.0 * (r + n) * n - n ** 2).sum(axis=0)
             explained.append(over)
@@ -157,7 +157,7 @@ def _closed(arms: Array) -> float:
     return float(1.0 - arms[2] / arms[1]) if arms[1] > 1e-9 else 0.0
 
 
-def contact_error(cases: tuple[Case, ...], arms: list[Arms], contact: list[list[Array]],
+def contact_error(datasets: tuple[Dataset, ...], arms: list[Arms], contact: list[list[Array]],
                   explained: Array) -> tuple[float, float, float]:
     """
     Say how wrong the contact force comes out that a user of each arm's model gets.
@@ -167,7 +167,7 @@ def contact_error(cases: tuple[Case, ...], arms: list[Arms], contact: list[list[
 
     Parameters
     ----------
-    cases : tuple of Case
+    datasets : tuple of Dataset
     arms : list of Arms
     contact : list of list of ndarray, shape (n, 6)
         Simulated contact wrench, nominal, recalibrated, explained, in each recording.
@@ -182,14 +182,14 @@ def contact_error(cases: tuple[Case, ...], arms: list[Arms], contact: list[list[
     if not len(explained):
         return 0.0, 0.0, 0.0
     total, n = np.zeros((3, 3)), 0
-    for case, a, simulated in zip(cases, arms, contact):
-        h = case.held
+    for dataset, a, simulated in zip(datasets, arms, contact):
+        h = dataset.held
         n += int(h.sum())
-        rest = (a.recalibrated - a.by_effects)[h, :3]
+        unexplained = (a.recalibrated - a.by_effects)[h, :3]
         for i, more in enumerate((a.by_effects + a.by_nuisances, a.by_effects,
                                   np.zeros_like(a.by_effects))):
             d = more[h, :3] + (simulated[i] - simulated[2])[h, :3]
-            total[i] += np.sum(2.0 * rest * d + d ** 2, axis=0)
+            total[i] += np.sum(2.0 * unexplained * d + d ** 2, axis=0)
     energy = np.maximum(total / max(1, n) + explained, 0.0).sum(axis=1)
-    nominal, recalibrated, left = np.sqrt(energy)
-    return float(nominal), float(recalibrated), float(left)
+    nominal, recalibrated, predictable = np.sqrt(energy)
+    return float(nominal), float(recalibrated), float(predictable)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 import math
 
-from forcecal_ros.diagnose.judge.residual_summary import Remains
+from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
 from forcecal_ros.diagnose.search.acceptance import SHARE
 
 CANDIDATES = 0.95
@@ -28,27 +28,28 @@ SURE = 0.9
 UNKNOWN = 'unknown'
 
 
-def doubt(lead: float, wanting: float) -> float:
+def doubt(log_bayes_factor: float, missing_evidence: float) -> float:
     """
     Return the probability that a discrepancy only looks like an effect.
 
     Parameters
     ----------
-    lead : float
+    log_bayes_factor : float
         Log-evidence of the effect against a discrepancy in its place.
-    wanting : float
+    missing_evidence : float
         Log-evidence that a model without any flaw would have more; 0: there is none.
 
     Returns
     -------
     float
     """
-    if wanting <= 0.0:
+    if missing_evidence <= 0.0:
         return 0.0
-    return _sigmoid(-STEEPNESS * math.log10(max(lead, 1e-9) / (SHARE * wanting)))
+    return _sigmoid(-STEEPNESS * math.log10(max(log_bayes_factor,
+                                                1e-9) / (SHARE * missing_evidence)))
 
 
-def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], remains: Remains,
+def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], part: UnexplainedPart,
                   closed: float, known: int = 0, doubts: Mapping[str, float] | None = None
                   ) -> tuple[dict[str, float], list[tuple[str, float]]]:
     """
@@ -58,7 +59,7 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], remains: Rem
     ----------
     slots : sequence of (str, mapping of str to float)
         Each accepted effect, and its rivals' log-odds against it.
-    remains : Remains
+    part : UnexplainedPart
     closed : float
         Share of the gap that is closed.
     known : int
@@ -74,17 +75,17 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], remains: Rem
         Most probable first, as many as cover 95 %, those of every accepted effect.
     """
     several = len(slots) + known
-    if several and (doubts or remains.ratio < 1.0 or closed >= NAMED):
+    if several and (doubts or part.ratio < 1.0 or closed >= NAMED):
         rest = math.log10(max(1e-4, 1.0 - closed))
         unknown = _sigmoid(-TRUST + PER_DECADE * rest + PER_FURTHER * (several - 1))
     else:
-        unknown = min(SURE, _sigmoid(8.0 * (min(remains.ratio, 3.0) - 1.0)))
+        unknown = min(SURE, _sigmoid(8.0 * (min(part.ratio, 3.0) - 1.0)))
     named: dict[str, float] = {}
     chosen: dict[str, float] = {}
-    for name, rivals in slots:
+    for name, alternatives in slots:
         nameless = 1.0 - (1.0 - unknown) * (1.0 - (doubts or {}).get(name, 0.0))
         weights = {name: 1.0}
-        weights.update({k: math.exp(min(0.0, v)) for k, v in rivals.items()
+        weights.update({k: math.exp(min(0.0, v)) for k, v in alternatives.items()
                         if k != name})
         total = sum(weights.values())
         shares = {k: (1.0 - nameless) * w / total for k, w in weights.items()}
@@ -96,7 +97,7 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], remains: Rem
                 break
             chosen[k] = max(chosen.get(k, 0.0), share)
             covered += share
-    if not slots and remains.ratio >= 1.0 and unknown > 1.0 - CANDIDATES:
+    if not slots and part.ratio >= 1.0 and unknown > 1.0 - CANDIDATES:
         chosen[UNKNOWN] = unknown
     return named, sorted(chosen.items(), key=lambda pair: -pair[1])
 

@@ -1,4 +1,4 @@
-"""What a rig as explained so far leaves of the recordings, and whether that is more than noise."""
+"""What a fitted model leaves of the recordings, and whether that is more than noise."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,28 +6,27 @@ from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.localise import spectral_lines
-from forcecal_ros.diagnose.localise.predictability import Ceiling, PREDICTABLE
-from forcecal_ros.diagnose.localise.predictability import ceiling as predict
+from forcecal_ros.diagnose.localise.predictability import (
+    Predictability,
+    predictability_of,
+    PREDICTABLE,
+)
 from forcecal_ros.diagnose.localise.spectral_lines import Line
 from forcecal_ros.diagnose.localise.time_frequency import (
     BANDS,
-    Cell,
+    count_impulses,
     IMPULSES,
     STRONG,
+    time_frequency_bins,
+    TimeFrequencyBin,
 )
-from forcecal_ros.diagnose.localise.time_frequency import (
-    cells as cells_of,
-)
-from forcecal_ros.diagnose.localise.time_frequency import (
-    impulses as impulses_of,
-)
-from forcecal_ros.diagnose.model.discrepancy import NONE
-from forcecal_ros.diagnose.model.effect_jacobian import Tangent
+from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
+from forcecal_ros.diagnose.model.effect_jacobian import EffectJacobian
 from forcecal_ros.diagnose.model.evidence import fit
 from forcecal_ros.diagnose.model.hypotheses import VIBRATION
 from forcecal_ros.diagnose.model.jacobian import combined
-from forcecal_ros.diagnose.model.linearised import Problem
-from forcecal_ros.diagnose.search.model_comparison import Bench
+from forcecal_ros.diagnose.model.linearised import LinearisedModel
+from forcecal_ros.diagnose.search.model_comparison import ModelComparison
 from forcecal_ros.geometry import Array
 from forcecal_ros.simulators.signals import SMALL
 import numpy as np
@@ -36,42 +35,42 @@ WANDERING = 0.03
 """Of a vibration's frequency, within which its speed may wander."""
 
 WITHOUT_NAME = 10.0
-"""Log-evidence of a discrepancy from which something is left: odds of 20,000 to one."""
+"""Log-evidence of a discrepancy from which something is unexplained: odds of 20,000 to one."""
 
-NOWHERE = Cell(0, 'no phase', BANDS[0], 0.0, 0.0)
-"""Stands for the cells of recordings whose phases are too short for any."""
+NOWHERE = TimeFrequencyBin(0, 'no phase', BANDS[0], 0.0, 0.0)
+"""Stands for the bins of recordings whose phases are too short for any."""
 
 
-class Left(NamedTuple):
+class ResidualSummary(NamedTuple):
     """
-    What a problem leaves.
+    What a fitted model leaves of the recordings.
 
     Attributes
     ----------
-    ceiling : Ceiling
+    predictability : Predictability
         Of the discrepancy, where there is one.
-    strongest : list of Cell
+    strongest : list of TimeFrequencyBin
         The strongest first.
     lines : tuple of Line
         Not those of a vibration that is explained.
     impulses : ndarray, shape (16,)
         How many innovations of each channel noise does not make.
     notes : tuple of str
-    unnamed : float
+    discrepancy_evidence : float
         Log-evidence of the discrepancy.
     """
 
-    ceiling: Ceiling
-    strongest: list[Cell]
+    predictability: Predictability
+    strongest: list[TimeFrequencyBin]
     lines: tuple[Line, ...]
     impulses: Array
     notes: tuple[str, ...]
-    unnamed: float = 0.0
+    discrepancy_evidence: float = 0.0
 
 
-class Remains(NamedTuple):
+class UnexplainedPart(NamedTuple):
     """
-    What is left unexplained, as multiples of what noise leaves.
+    What is unexplained, as a multiple of what noise would leave.
 
     Attributes
     ----------
@@ -85,41 +84,44 @@ class Remains(NamedTuple):
     words: str
 
 
-def look(p: Problem, unnamed: float = 0.0) -> Left:
+def summarise_residual(model: LinearisedModel,
+                       discrepancy_evidence: float = 0.0) -> ResidualSummary:
     """
-    Look at what a problem leaves.
+    Test the residual of a fitted model for what is more than noise.
 
     Parameters
     ----------
-    p : Problem
-    unnamed : float
+    model : LinearisedModel
+    discrepancy_evidence : float
         Log-evidence of its discrepancy.
 
     Returns
     -------
-    Left
+    ResidualSummary
     """
     found = None
-    if p.allowed != NONE:
-        found = discrepant(p)
-        p = replace(p, blocks=[b - x for b, x in zip(p.blocks, found)])
-    cells = [c for case, n, b in zip(p.cases, p.noise, p.blocks)
-             for c in cells_of(case, n, b) if c.band[0] < case.simulation.band]
-    lines, wanders = _foreign(lines_of(p), p)
-    impulses = np.asarray(sum(impulses_of(n, b) for n, b in zip(p.noise, p.blocks)))
-    strongest = sorted(cells, key=lambda c: -c.z) or [NOWHERE]
+    if model.discrepancy_scales != NO_DISCREPANCY:
+        found = discrepant(model)
+        model = replace(model, residuals=[b - x for b, x in zip(model.residuals, found)])
+    bins = [c for dataset, n, b in zip(model.datasets, model.noise, model.residuals)
+            for c in time_frequency_bins(dataset, n, b) if c.band[0] < dataset.simulation.band]
+    lines, wanders = _other_lines(lines_of(model), model)
+    impulses = np.asarray(sum(count_impulses(n, b) for n, b in zip(model.noise, model.residuals)))
+    strongest = sorted(bins, key=lambda c: -c.z) or [NOWHERE]
     if found is None:
-        return Left(predict(p, p.base, p.blocks), strongest, lines, impulses, wanders)
-    return Left(_as_ceiling(p, found, unnamed), strongest, lines, impulses, wanders, unnamed)
+        return ResidualSummary(predictability_of(model, model.base, model.residuals), strongest,
+                               lines, impulses, wanders)
+    return ResidualSummary(_as_predictability(model, found, discrepancy_evidence), strongest,
+                           lines, impulses, wanders, discrepancy_evidence)
 
 
-def discrepant(p: Problem) -> list[Array]:
+def discrepant(model: LinearisedModel) -> list[Array]:
     """
     Return the discrepancy that training blocks show.
 
     Parameters
     ----------
-    p : Problem
+    model : LinearisedModel
         At a fit, its discrepancy not 0.
 
     Returns
@@ -127,26 +129,28 @@ def discrepant(p: Problem) -> list[Array]:
     list of ndarray, shape (n, 16)
         In each recording.
     """
-    weights = p.unexplained().trained(p.allowed)
-    return p.beside().of_weights(weights, [b.shape for b in p.blocks])
+    weights = model.residual_products().trained(model.discrepancy_scales)
+    return model.beside().of_weights(weights, [b.shape for b in model.residuals])
 
 
-def _as_ceiling(p: Problem, found: list[Array], unnamed: float) -> Ceiling:
+def _as_predictability(model: LinearisedModel, found: list[Array],
+                       discrepancy_evidence: float) -> Predictability:
     """Say of each channel that shows a discrepancy how significant all of it is."""
     size = np.zeros(len(CHANNELS))
-    for one, noise, case in zip(found, p.noise, p.cases):
+    for one, noise, dataset in zip(found, model.noise, model.datasets):
         for g in range(3):
-            rows = case.groups == g
+            rows = dataset.groups == g
             if rows.any():
                 rms = noise.rms(g)
                 size = np.maximum(size, np.sqrt(np.mean(one[rows] ** 2, axis=0))
                                   / np.where(rms > 0.0, rms, np.inf))
-    sigmas = float(np.sqrt(2.0 * max(0.0, unnamed)))
-    seen = size > p.cases[0].simulation.exact
-    return Ceiling(np.where(seen, sigmas, 0.0), size, tuple(found))
+    sigmas = float(np.sqrt(2.0 * max(0.0, discrepancy_evidence)))
+    seen = size > model.datasets[0].simulation.exact
+    return Predictability(np.where(seen, sigmas, 0.0), size, tuple(found))
 
 
-def fitted_to_all(p: Problem, tangents: Sequence[Tangent] = ()) -> Problem:
+def fitted_to_all(model: LinearisedModel,
+                  jacobians: Sequence[EffectJacobian] = ()) -> LinearisedModel:
     """
     Take off what nuisances and effects explain when they are fitted to all blocks.
 
@@ -155,113 +159,113 @@ def fitted_to_all(p: Problem, tangents: Sequence[Tangent] = ()) -> Problem:
 
     Parameters
     ----------
-    p : Problem
+    model : LinearisedModel
         At a fit to its training blocks.
-    tangents : sequence of Tangent
+    jacobians : sequence of EffectJacobian
         Of its effects.
 
     Returns
     -------
-    Problem
+    LinearisedModel
         With the residuals, and their noise, of the fit to all; all else as it was.
     """
-    bench = Bench(p, tangents)
-    x = fit(bench.train + bench.held, bench.null_prior).x
-    blocks = [b - combined([*columns, *extra], x, len(b)) * c.measured.present
-              for b, columns, extra, c in zip(p.blocks, p.columns, bench.extra, p.cases)]
-    out = replace(p, blocks=blocks)
-    out.refit_noise(np.zeros(len(p.nuisances)))
+    comparison = ModelComparison(model, jacobians)
+    x = fit(comparison.train + comparison.held, comparison.null_prior).x
+    residuals = [b - combined([*columns, *extra], x, len(b)) * c.measured.present for b, columns,
+                 extra, c in zip(model.residuals, model.jacobian, comparison.extra,
+                                 model.datasets)]
+    out = replace(model, residuals=residuals)
+    out.refit_noise(np.zeros(len(model.nuisances)))
     return out
 
 
-def lines_of(p: Problem) -> tuple[Line, ...]:
+def lines_of(model: LinearisedModel) -> tuple[Line, ...]:
     """
-    Find spectral lines at the full rate in what remains.
+    Find spectral lines in the residual, at the full sampling rate.
 
     Parameters
     ----------
-    p : Problem
+    model : LinearisedModel
 
     Returns
     -------
     tuple of Line
     """
     lines: list[Line] = []
-    for case, signals in zip(p.cases, p.base):
+    for dataset, signals in zip(model.datasets, model.base):
         for name in ('wrench', 'accelerometer', 'optidrive'):
-            if name in case.measured.streams:
-                rows = case.measured.samples(name, signals)
-                lines += spectral_lines.lines(rows, getattr(case.recording, name).rate, name)
-    band = p.cases[0].simulation.band
+            if name in dataset.measured.streams:
+                rows = dataset.measured.samples(name, signals)
+                lines += spectral_lines.lines(rows, getattr(dataset.recording, name).rate, name)
+    band = model.datasets[0].simulation.band
     return tuple(line for line in lines if line.frequency < band)
 
 
-def remains(left: Left) -> Remains:
+def unexplained(summary: ResidualSummary) -> UnexplainedPart:
     """
-    Say what is strongest of what a problem leaves, in its threshold.
+    Find the strongest of the tests of a residual, as a multiple of its threshold.
 
     Parameters
     ----------
-    left : Left
+    summary : ResidualSummary
 
     Returns
     -------
-    Remains
+    UnexplainedPart
     """
-    ceiling, cell, impulses = left.ceiling, left.strongest[0], left.impulses
-    z = np.where(ceiling.size > SMALL, ceiling.z, 0.0)
+    predictability, cell, impulses = summary.predictability, summary.strongest[0], summary.impulses
+    z = np.where(predictability.size > SMALL, predictability.z, 0.0)
     c = int(z.argmax())
     several = int(impulses.max())
-    line = max(left.lines, key=lambda one: one.power, default=None)
-    options = [
-        (left.unnamed / WITHOUT_NAME * (z[c] > 0.0), _discrepancy_in_words(left))
-        if left.unnamed else
-        (float(z[c]) / PREDICTABLE,
-         f'{CHANNELS[c].name}, predictable from the motion ({z[c]:.1f} sigma)'),
-        (cell.z / STRONG,
-         (f'{CHANNELS[cell.channel].name} in {cell.phase}, {cell.band[0]:g} to '
-          f'{cell.band[1]:g} Hz ({cell.z:.1f} sigma)')),
-        (several / IMPULSES,
-         f'{several} impulses in {CHANNELS[int(impulses.argmax())].name}')]
+    line = max(summary.lines, key=lambda one: one.power, default=None)
+    options = [(summary.discrepancy_evidence / WITHOUT_NAME * (z[c] > 0.0),
+                _discrepancy_in_words(summary)) if summary.discrepancy_evidence
+               else (float(z[c]) / PREDICTABLE,
+                     f'{CHANNELS[c].name}, predictable from the motion ({z[c]:.1f} sigma)'),
+               (cell.z / STRONG, (
+        f'{CHANNELS[cell.channel].name} in {cell.phase}, {cell.band[0]:g} to '
+        f'{cell.band[1]:g} Hz ({cell.z:.1f} sigma)')),
+               (several / IMPULSES,
+                f'{several} impulses in {CHANNELS[int(impulses.argmax())].name}')]
     if line is not None:
         options.append((line.power / spectral_lines.LINE,
                         f'a line at {line.frequency:.2f} Hz in {line.channel}'))
-    return Remains(*max(options))
+    return UnexplainedPart(*max(options))
 
 
-def _discrepancy_in_words(left: Left) -> str:
+def _discrepancy_in_words(summary: ResidualSummary) -> str:
     """Say where a discrepancy is strongest beside the noise, and how large it is there."""
-    c = int(left.ceiling.size.argmax())
-    total = np.concatenate([one[:, c] for one in left.ceiling.prediction])
+    c = int(summary.predictability.size.argmax())
+    total = np.concatenate([one[:, c] for one in summary.predictability.prediction])
     rms = float(np.sqrt(np.mean(total ** 2)))
     return (f'a part that follows the motion and is like none of the library, '
             f'{rms:.2g} {CHANNELS[c].unit} RMS in {CHANNELS[c].name}')
 
 
-def _foreign(lines: tuple[Line, ...], p: Problem
-             ) -> tuple[tuple[Line, ...], tuple[str, ...]]:
+def _other_lines(lines: tuple[Line, ...], model: LinearisedModel
+                 ) -> tuple[tuple[Line, ...], tuple[str, ...]]:
     """Take off the lines beside that of a vibration that is explained, and note them."""
-    if VIBRATION not in p.effects:
+    if VIBRATION not in model.effects:
         return lines, ()
-    speed = p.effects[VIBRATION]['frequency']
+    speed = model.effects[VIBRATION]['frequency']
     others = tuple(x for x in lines if abs(x.frequency - speed) > WANDERING * speed)
     note = f'{VIBRATION}: its speed wanders about {speed:.2f} Hz; one speed explains a part of it'
     return others, (note,) if len(others) < len(lines) else ()
 
 
-def predictable(ceiling: Ceiling, case: int) -> Array:
+def predictable(predictability: Predictability, dataset: int) -> Array:
     """
     Return what the motion predicts of the rest of one recording, where anything is left.
 
     Parameters
     ----------
-    ceiling : Ceiling
-    case : int
+    predictability : Predictability
+    dataset : int
         Which recording.
 
     Returns
     -------
     ndarray, shape (n, 16)
     """
-    real = (ceiling.z > PREDICTABLE) & (ceiling.size > SMALL)
-    return np.where(real, ceiling.prediction[case], 0.0)
+    real = (predictability.z > PREDICTABLE) & (predictability.size > SMALL)
+    return np.where(real, predictability.prediction[dataset], 0.0)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.inputs.channels import Blocked, CHANNELS
+from forcecal_ros.diagnose.inputs.channels import Blocks, CHANNELS
 from forcecal_ros.diagnose.localise.time_frequency import BANDS, RATE
 from forcecal_ros.diagnose.model.jacobian import Column
 from forcecal_ros.geometry import Array
@@ -18,7 +18,7 @@ MOST = 40
 """Places that are reported."""
 
 
-class Place(NamedTuple):
+class Location(NamedTuple):
     """
     One significant place.
 
@@ -29,7 +29,7 @@ class Place(NamedTuple):
         Octave that holds most of the difference.
     excess : float
         RMS of the difference in noise RMS.
-    p : float
+    model : float
     """
 
     stage: str
@@ -63,15 +63,15 @@ def stage_of(channel: str, phase: str, touched: set[str]) -> str:
     return next(c.stage for c in CHANNELS if c.name == channel)
 
 
-def places(cases: Sequence[Blocked], noise: list[Autoregression], residual: list[Array],
-           difference: list[Array], stage: Callable[[str, str, set[str]], str],
-           sensors: Sequence[Sequence[Column]] = ()) -> tuple[Place, ...]:
+def localise(datasets: Sequence[Blocks], noise: list[Autoregression], residual: list[Array],
+             difference: list[Array], stage: Callable[[str, str, set[str]], str],
+             sensors: Sequence[Sequence[Column]] = ()) -> tuple[Location, ...]:
     """
     Locate what a difference between two simulations explains.
 
     Parameters
     ----------
-    cases : sequence of Blocked
+    datasets : sequence of Blocks
     noise : list of Autoregression
     residual, difference : list of ndarray, shape (n, 16)
         Measured less the one simulation; the other less the one.
@@ -83,13 +83,13 @@ def places(cases: Sequence[Blocked], noise: list[Autoregression], residual: list
 
     Returns
     -------
-    tuple of Place
+    tuple of Location
         Strongest first; those that pass the false discovery rate.
     """
     sums: dict[tuple[int, str], Array] = {}
     bands: dict[tuple[int, str], Array] = {}
-    for i, (case, own, r, d) in enumerate(zip(cases, noise, residual, difference)):
-        phases = case.phase_rows()
+    for i, (dataset, own, r, d) in enumerate(zip(datasets, noise, residual, difference)):
+        phases = dataset.phase_rows()
         for c in range(len(CHANNELS)):
             if not own.sigma[:, c].any() or not np.abs(d[:, c]).max() > 0.0:
                 continue
@@ -118,8 +118,8 @@ def places(cases: Sequence[Blocked], noise: list[Autoregression], residual: list
         name = CHANNELS[c].name
         band = BANDS[int(bands[c, word].argmax())]
         s = sums[c, word]
-        found.append(Place(stage(name, word, touched), name, word, band,
-                           float(np.sqrt(s[3] / s[2])), float(max(p, 1e-300))))
+        found.append(Location(stage(name, word, touched), name, word, band,
+                              float(np.sqrt(s[3] / s[2])), float(max(p, 1e-300))))
     found.sort(key=lambda place: -place.excess)
     return tuple(found[:MOST])
 
@@ -127,9 +127,10 @@ def places(cases: Sequence[Blocked], noise: list[Autoregression], residual: list
 def _beyond(white: Array, columns: Array) -> Array:
     """Take out what columns of unit prior explain, and spread its cost over the rest."""
     x = np.linalg.solve(np.eye(len(columns)) + columns @ columns.T, columns @ white)
-    left = white - x @ columns
-    energy = float(left @ left)
-    return np.asarray(left * np.sqrt(1.0 + float(x @ x) / energy) if energy else left)
+    unexplained = white - x @ columns
+    energy = float(unexplained @ unexplained)
+    return np.asarray(unexplained * np.sqrt(1.0 + float(x @ x) / energy) if energy
+                      else unexplained)
 
 
 def _bands(white: Array, rate: float) -> Array:

@@ -1,10 +1,10 @@
-"""Whether the motion predicts what no effect explains."""
+"""Predictability test: how much of a residual a nonparametric fit to the motion predicts."""
 
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
-from forcecal_ros.diagnose.inputs.dataset import Case
-from forcecal_ros.diagnose.model.linearised import Problem
+from forcecal_ros.diagnose.inputs.dataset import Dataset
+from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.geometry import Array
 from forcecal_ros.simulators.signals import block_means, Signals
 import numpy as np
@@ -17,14 +17,14 @@ LAGS = (-4, -2, -1, 1, 2, 4, 8)
 """Blocks by which the main inputs are shifted."""
 
 
-class Ceiling(NamedTuple):
+class Predictability(NamedTuple):
     """
-    How well the remainder of each channel is predicted from the motion.
+    How well the residual of each channel is predicted from the motion.
 
     Attributes
     ----------
     z : ndarray, shape (16,)
-        Held out; N(0, 1) where nothing is left.
+        On held-out blocks; N(0, 1) where only noise is left.
     size : ndarray, shape (16,)
         RMS of the prediction in noise RMS, largest kind of motion.
     prediction : tuple of ndarray, shape (n, 16)
@@ -64,71 +64,72 @@ def features(s: Signals) -> Array:
         np.abs(s.velocity), s.optidrive[:, np.newaxis] ** 3, wrench[:, :3] ** 2,
         wrench[:, :3] ** 3, push ** 2, np.sqrt(np.abs(push)), (np.abs(push) > 0.0),
         s.omega ** 2, s.velocity ** 2], axis=1)
-    blocks = block_means(np.concatenate([main, slow], axis=1)).T
-    shifted = [np.roll(blocks[:main.shape[1]], lag, axis=1) for lag in LAGS]
-    out = np.concatenate([blocks, *shifted])
+    residuals = block_means(np.concatenate([main, slow], axis=1)).T
+    shifted = [np.roll(residuals[:main.shape[1]], lag, axis=1) for lag in LAGS]
+    out = np.concatenate([residuals, *shifted])
     scale = np.sqrt(np.mean(out ** 2, axis=1, keepdims=True))
     return np.asarray(out[(scale > 1e-12).ravel()] / scale[scale > 1e-12][:, np.newaxis])
 
 
-def ceiling(problem: Problem, signals: list[Signals], blocks: list[Array]) -> Ceiling:
+def predictability_of(model: LinearisedModel, signals: list[Signals],
+                      residuals: list[Array]) -> Predictability:
     """
-    Predict the remainder of every channel from the motion, trained and judged apart.
+    Predict the residual of every channel from the motion, trained and tested on other blocks.
 
     Parameters
     ----------
-    problem : Problem
-        Its noise belongs to ``blocks``.
+    model : LinearisedModel
+        Its noise belongs to ``residuals``.
     signals : list of Signals
         Simulated, as far as is explained.
-    blocks : list of ndarray, shape (n, 16)
-        What remains.
+    residuals : list of ndarray, shape (n, 16)
+        Measured less simulated.
 
     Returns
     -------
-    Ceiling
+    Predictability
     """
     inputs = [features(s) for s in signals]
     k = min(len(i) for i in inputs)
     inputs = [i[:k] for i in inputs] if all(len(i) == k for i in inputs) else \
         [_padded(i, max(map(len, inputs))) for i in inputs]
     z, size = np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS))
-    predictions = tuple(np.zeros_like(b) for b in blocks)
+    predictions = tuple(np.zeros_like(b) for b in residuals)
     for c in range(len(CHANNELS)):
-        if not any(n.sigma[:, c].any() for n in problem.noise):
+        if not any(n.sigma[:, c].any() for n in model.noise):
             continue
         white = [n.whiten(np.vstack([b[:, c], i]), c)
-                 for n, b, i in zip(problem.noise, blocks, inputs)]
+                 for n, b, i in zip(model.noise, residuals, inputs)]
         train, held = (np.sum([_products(w, getattr(p, part)) for w, p in zip(
-            white, problem.cases)], axis=0) for part in ('train', 'held'))
+            white, model.datasets)], axis=0) for part in ('train', 'held'))
         theta = _ridge(train)
         energy = float(theta @ held[1:, 1:] @ theta)
         if energy > 1e-9:
             z[c] = float(theta @ held[1:, 0]) / np.sqrt(energy)
         predicted = [theta @ i for i in inputs]
-        if not _within(predicted, [b[:, c] for b in blocks], problem.cases):
+        if not _within(predicted, [b[:, c] for b in residuals], model.datasets):
             z[c] = 0.0
             continue
-        for one, rows_of, noise, case in zip(predictions, predicted, problem.noise,
-                                             problem.cases):
+        for one, rows_of, noise, dataset in zip(predictions, predicted, model.noise,
+                                                model.datasets):
             one[:, c] = rows_of
             for g in range(3):
-                rows = case.held & (case.groups == g)
+                rows = dataset.held & (dataset.groups == g)
                 if rows.sum() >= 50 and noise.sigma[g, c] > 0.0:
                     ratio = np.sqrt(np.mean(one[rows, c] ** 2)) / noise.rms(g)[c]
                     size[c] = max(size[c], float(ratio))
-    return Ceiling(z, size, predictions)
+    return Predictability(z, size, predictions)
 
 
-def _within(predicted: list[Array], blocks: list[Array], cases: tuple[Case, ...]) -> bool:
+def _within(predicted: list[Array], residuals: list[Array], datasets: tuple[Dataset, ...]) -> bool:
     """
     Say whether a prediction is no larger than what it predicts, on held-out blocks.
 
     Noise with a root near 1 leaves the level of a prediction open: inputs that hardly vary then
     make a constant of any size.
     """
-    size, rest = (np.sqrt(sum(float(np.sum(x[c.held] ** 2)) for x, c in zip(rows, cases)))
-                  for rows in (predicted, blocks))
+    size, rest = (np.sqrt(sum(float(np.sum(x[c.held] ** 2)) for x, c in zip(rows, datasets)))
+                  for rows in (predicted, residuals))
     return bool(size <= rest)
 
 

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, COLUMNS
+from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.geometry import Array
 import numpy as np
 
@@ -51,7 +51,7 @@ def lines(rows: Array, rate: float, name: str) -> tuple[Line, ...]:
         narrow = np.sum(wide > 0.25 * ratio[k]) <= 8
         if ratio[k] > LINE and narrow:
             amplitude = float(np.sqrt(power[k]) * 2.0 / window.sum())
-            found.append(Line(CHANNELS[COLUMNS[name].start + i].name,
+            found.append(Line(CHANNELS[STREAM_SLICES[name].start + i].name,
                               _peak(rows[:, i] * window, float(frequency[k]), rate),
                               amplitude, float(ratio[k])))
     return tuple(found)

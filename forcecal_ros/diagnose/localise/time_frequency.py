@@ -1,8 +1,8 @@
-"""What no effect explains: predictable from the motion, too strong in a cell, or impulsive."""
+"""Which channels, phases and octaves hold more energy than the noise at standstill; impulses."""
 
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.inputs.channels import Blocked, CHANNELS
+from forcecal_ros.diagnose.inputs.channels import Blocks, CHANNELS
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.autoregression import Autoregression
 import numpy as np
@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 STRONG = 9.0
-"""Sigmas of a cell's energy from which something is left."""
+"""Sigmas of a bin's energy from which it is more than noise."""
 
 IMPULSE = 7.0
-"""Innovation, in its sigma, that noise does not make."""
+"""Innovation, in its sigma, that noise does not make: an impulse."""
 
 IMPULSES = 4
-"""So many of them count."""
+"""So many impulses in a channel count; fewer may be by chance."""
 
 STEEPEST = 2.2
-"""By how much coloured noise may grow from one octave to the next lower one."""
+"""By how much the power of coloured noise may grow from one octave to the next lower one."""
 
 LOWEST = 2.5
 """And by how much more in the lowest band, which is many octaves."""
@@ -29,13 +29,14 @@ BANDS = ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 16.0), (16.0, 32.
 """Octaves [Hz] of the block means."""
 
 RATE = 250.0
+"""Block means a second [Hz]."""
 
 SHORTEST, FEWEST = 50.0, 8
 """Stretch whose spectrum is taken, in blocks: 0.2 s tell octaves from 5 Hz on; its samples."""
 
 
-class Cell(NamedTuple):
-    """Energy of one channel, phase and octave against the noise at rest."""
+class TimeFrequencyBin(NamedTuple):
+    """Energy of one channel, phase and octave against the noise at standstill."""
 
     channel: int
     phase: str
@@ -49,32 +50,33 @@ class Cell(NamedTuple):
         return float(ndtr(-self.z))
 
 
-def cells(case: Blocked, noise: Autoregression, blocks: Array) -> list[Cell]:
+def time_frequency_bins(dataset: Blocks, noise: Autoregression,
+                        residual: Array) -> list[TimeFrequencyBin]:
     """
-    Compare the energy of every channel, phase and octave with the noise at rest.
+    Compare the energy of every channel, phase and octave with the noise at standstill.
 
     Noise that is stronger in a phase at all frequencies is still noise: the highest octave's
     ratio divides the others'.
 
     Parameters
     ----------
-    case : Blocked
+    dataset : Blocks
     noise : Autoregression
-    blocks : ndarray, shape (n, 16)
+    residual : ndarray, shape (n, 16)
 
     Returns
     -------
-    list of Cell
+    list of TimeFrequencyBin
     """
-    resting = max(1, int((case.groups == 0).sum()))
+    resting = max(1, int((dataset.groups == 0).sum()))
     scatter = 2.0 / max(20.0, resting / 10.0)
     rest = noise._replace(coefficients=np.repeat(noise.coefficients[:1], 3, axis=0),
                           sigma=np.repeat(noise.sigma[:1], 3, axis=0))
-    phases, found = case.phase_rows(), []
+    phases, found = dataset.phase_rows(), []
     for c in range(len(CHANNELS)):
         if not noise.sigma[:, c].any():
             continue
-        white = rest.whiten(blocks[:, c][np.newaxis], c)[0]
+        white = rest.whiten(residual[:, c][np.newaxis], c)[0]
         there, spacing = noise.present[:, c], noise.spacing(c)
         octaves = {word: _octaves(white[there], (rows & noise.rows[:, c])[there], spacing)
                    for word, rows in phases.items()}
@@ -87,7 +89,8 @@ def cells(case: Blocked, noise: Autoregression, blocks: Array) -> list[Cell]:
                     over = ratio[b] / common - 1.0
                     z = over / np.sqrt(2.0 / dof[b] + scatter)
                     z = min(z, _cube_root(ratio[b] / common, dof[b]))
-                    found.append(Cell(c, word, band, float(np.sqrt(max(0.0, over))), float(z)))
+                    found.append(TimeFrequencyBin(c, word, band, float(np.sqrt(max(0.0, over))),
+                                                  float(z)))
     return sorted(found, key=lambda cell: -cell.z)
 
 
@@ -132,8 +135,8 @@ def _octaves(white: Array, rows: NDArray[np.bool_], spacing: float) -> tuple[Arr
     return energy, dof
 
 
-def impulses(noise: Autoregression, blocks: Array) -> Array:
+def count_impulses(noise: Autoregression, residual: Array) -> Array:
     """Count innovations of each channel that noise does not make, shape (16,)."""
     return np.array([
-        np.sum(np.abs(noise.whiten(blocks[:, c][np.newaxis], c)) > IMPULSE)
+        np.sum(np.abs(noise.whiten(residual[:, c][np.newaxis], c)) > IMPULSE)
         if noise.sigma[:, c].any() else 0 for c in range(len(CHANNELS))])

@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 WIDTH = 0.02
 """Standard deviation of the window that poses are averaged over [s]."""
 
-PIECES = 12
+SEGMENTS = 12
 """Into which a recording is cut to tell how sure the delay is."""
 
 SLOWEST = (1e-3, 5e-3)
@@ -34,14 +34,20 @@ class Difference(NamedTuple):
     delay, delay_std : float
         By how much the robot is later [s]; NaN where the two motions were laid on each other for
         want of commands, or do not tell it.
-    left : float
+    unexplained : float
         RMS without that delay, and without a fixed offset [m] or [rad].
     """
 
     rms: float
     delay: float
     delay_std: float
-    left: float
+    unexplained: float
+
+    def document(self) -> dict[str, float | None]:
+        """Return what ``diagnosis.json`` says of it; what is not known is null."""
+        numbers = {'rms': self.rms, 'delay': self.delay, 'delay_std': self.delay_std,
+                   'left': self.unexplained}
+        return {k: v if np.isfinite(v) else None for k, v in numbers.items()}
 
 
 class Tracking(NamedTuple):
@@ -80,8 +86,8 @@ def tracking(measured: PoseStream, simulated: PoseStream, own_delay: bool) -> Tr
 
 def _difference(apart: Array, speed: Array, slowest: float, own_delay: bool) -> Difference:
     delay, std = _delay(apart, speed, slowest) if own_delay else (np.nan, np.nan)
-    left = apart + delay * speed if np.isfinite(delay) else apart
-    return Difference(_rms(apart), delay, std, _rms(left - left.mean(axis=0)))
+    unexplained = apart + delay * speed if np.isfinite(delay) else apart
+    return Difference(_rms(apart), delay, std, _rms(unexplained - unexplained.mean(axis=0)))
 
 
 def _at(stream: PoseStream, t: Array) -> tuple[Array, Array]:
@@ -93,7 +99,7 @@ def _at(stream: PoseStream, t: Array) -> tuple[Array, Array]:
 def _delay(apart: Array, speed: Array, slowest: float) -> tuple[float, float]:
     """Regress a difference on the speed in pieces, each about its own mean."""
     found, weight = [], []
-    for d, v in zip(np.array_split(apart, PIECES), np.array_split(speed, PIECES)):
+    for d, v in zip(np.array_split(apart, SEGMENTS), np.array_split(speed, SEGMENTS)):
         d, v = d - d.mean(axis=0), v - v.mean(axis=0)
         power = float((v ** 2).sum())
         if power > slowest ** 2 * len(v):

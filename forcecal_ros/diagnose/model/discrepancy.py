@@ -10,7 +10,7 @@ a function could do as well counts for little, and what it does beyond counts in
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, COLUMNS
+from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.basis import Basis
 from forcecal_ros.diagnose.model.evidence import Gram
 from forcecal_ros.diagnose.model.jacobian import Column
@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
-Sizes = tuple[float, ...]
-"""Part of the signal that a discrepancy has in each stream, in the order of COLUMNS."""
+Scales = tuple[float, ...]
+"""Part of the signal that a discrepancy has in each stream, in the order of STREAM_SLICES."""
 
-SIZES = (0.0, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3)
+SCALES = (0.0, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3)
 """
 Parts of its channels' signals that a discrepancy may have in a stream; the evidence says which.
 
@@ -31,13 +31,13 @@ Were 1 % allowed, many an effect would be no more than such a function; beside a
 effects are weighed by what they explain of the misfit, and leave.
 """
 
-NONE: Sizes = (0.0,) * len(COLUMNS)
+NO_DISCREPANCY: Scales = (0.0,) * len(STREAM_SLICES)
 """No discrepancy in any stream."""
 
 ASCENTS = 2
 """Rounds over the streams in which their sizes are improved one by one."""
 
-FREE = (*SIZES, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+FREE = (*SCALES, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Parts that it may have, channel by channel, where it is taken off to estimate the noise."""
 
 LEAST_WEIGHT = 1e-3
@@ -49,8 +49,8 @@ Bytes that whitened features may take: of a pair of a minute each two hundred co
 kept, of ten minutes the forty strongest.
 """
 
-STREAM = tuple(i for i, name in enumerate(COLUMNS) for c in CHANNELS if c.stream == name)
-"""Of each channel, its stream's place among sizes."""
+STREAM = tuple(i for i, name in enumerate(STREAM_SLICES) for c in CHANNELS if c.stream == name)
+"""Of each channel, its stream's place among scales."""
 
 BoolArray = NDArray[np.bool_]
 
@@ -90,18 +90,19 @@ class Discrepancy:
 
     def __init__(self, of: Basis, signal: Array, train: Sequence[BoolArray]) -> None:
         self.basis, self.signal, self.train = of, signal, list(train)
-        self._kept: Beside | None = None
+        self._kept: WhitenedDiscrepancy | None = None
 
-    def beside(self, noise: Sequence[Autoregression]) -> 'Beside':
+    def beside(self, noise: Sequence[Autoregression]) -> 'WhitenedDiscrepancy':
         """Return it whitened by a noise; the last one, which takes much memory, is kept."""
         kept = self._kept
         if kept is None or any(a is not b for a, b in zip(kept.noise, noise, strict=True)):
             self._kept = None
-            self._kept = kept = Beside(self.basis, self.signal, self.train, list(noise))
+            self._kept = kept = WhitenedDiscrepancy(self.basis, self.signal, self.train,
+                                                    list(noise))
         return kept
 
 
-class Beside:
+class WhitenedDiscrepancy:
     """
     A discrepancy beside a given noise.
 
@@ -237,23 +238,23 @@ class Products:
 
     Parameters
     ----------
-    beside : Beside
+    beside : WhitenedDiscrepancy
     k : int
         Columns.
     channels : list
     """
 
-    def __init__(self, beside: Beside, k: int, channels: list[_Channel]) -> None:
+    def __init__(self, beside: WhitenedDiscrepancy, k: int, channels: list[_Channel]) -> None:
         self._beside, self._k, self._channels = beside, k, channels
         self._parts: dict[tuple[int, bool, float], tuple[Array, float]] = {}
 
-    def at(self, sizes: Sizes) -> tuple[Gram, Gram]:
+    def at(self, scales: Scales) -> tuple[Gram, Gram]:
         """
         Integrate the discrepancy out.
 
         Parameters
         ----------
-        sizes : tuple of float
+        scales : tuple of float
             Part of the signals in each stream; 0: there is none.
 
         Returns
@@ -261,16 +262,16 @@ class Products:
         trained, held : Gram
             Of the training blocks; and what the others add, given those.
         """
-        trained, every = (self._total(part, sizes) for part in (True, False))
+        trained, every = (self._total(part, scales) for part in (True, False))
         return trained, Gram(every.matrix - trained.matrix, every.vector - trained.vector,
                              every.square - trained.square, every.n - trained.n,
                              every.log_det - trained.log_det)
 
-    def _total(self, trained: bool, sizes: Sizes) -> Gram:
+    def _total(self, trained: bool, scales: Scales) -> Gram:
         k = self._k
         matrix, vector, square, n, log_det = np.zeros((k, k)), np.zeros(k), 0.0, 0, 0.0
         for one in self._channels:
-            own, more = self._part(one, trained, sizes[STREAM[one.channel]])
+            own, more = self._part(one, trained, scales[STREAM[one.channel]])
             matrix[np.ix_(one.there, one.there)] += own[1:, 1:]
             vector[one.there] += own[1:, 0]
             square += float(own[0, 0])
@@ -291,7 +292,7 @@ class Products:
         return self._parts[key]
 
     def streams(self) -> list[int]:
-        """List the streams, by their place among sizes, that there are."""
+        """List the streams, by their place among scales, that there are."""
         return sorted({STREAM[one.channel] for one in self._channels})
 
     def likeliest(self) -> dict[int, Array]:
@@ -309,18 +310,18 @@ class Products:
                 out[one.channel] = modes.weights @ (vectors @ (right / (values + best ** -2.0)))
         return out
 
-    def trained(self, sizes: Sizes) -> dict[int, Array]:
+    def trained(self, scales: Scales) -> dict[int, Array]:
         """
         Return the features' likeliest weights by the training blocks, shape (k,) each.
 
         Parameters
         ----------
-        sizes : tuple of float
+        scales : tuple of float
             Of the discrepancy in each stream.
         """
         out = {}
         for one in self._channels:
-            size = sizes[STREAM[one.channel]]
+            size = scales[STREAM[one.channel]]
             if size and len(one.trained.cross):
                 factor = self._beside.factor(one.channel, True, size)
                 out[one.channel] = self._beside.modes[one.channel].weights @ cho_solve(
@@ -328,8 +329,8 @@ class Products:
         return out
 
 
-def ascended(products: Products, evidence: Callable[[tuple[Gram, Gram]], float], start: Sizes
-             ) -> Sizes:
+def ascended(products: Products, evidence: Callable[[tuple[Gram, Gram]], float], start: Scales
+             ) -> Scales:
     """
     Improve the sizes of a discrepancy, stream by stream.
 
@@ -348,7 +349,7 @@ def ascended(products: Products, evidence: Callable[[tuple[Gram, Gram]], float],
     for _ in range(ASCENTS):
         before = best
         for i in products.streams():
-            for size in SIZES:
+            for size in SCALES:
                 tried = (*best[:i], size, *best[i + 1:])
                 if size != best[i] and (value := evidence(products.at(tried))) > most:
                     best, most = tried, value

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from forcecal_ros.diagnose.model.hypotheses import bounds_of, nominal_of, values_of
 from forcecal_ros.diagnose.model.jacobian import Column, column
-from forcecal_ros.diagnose.model.linearised import Problem
+from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.effects import Effect
 from forcecal_ros.geometry import Array
 import numpy as np
@@ -15,7 +15,7 @@ FAR = 20.0
 """A nominal value so many times the typical one stands for no limit at all."""
 
 
-class Tangent(NamedTuple):
+class EffectJacobian(NamedTuple):
     """
     Columns of an effect's estimated parameters at their values.
 
@@ -51,44 +51,44 @@ def unit_of(effect: Effect, theta: Array) -> Array:
     return np.asarray(np.where(unit > 0.0, unit, 1.0))
 
 
-def tangent(problem: Problem, name: str, theta: Array, free: NDArray[np.intp],
-            blocks: Sequence[Array], cases: Sequence[int]) -> Tangent:
+def effect_jacobian(model: LinearisedModel, name: str, theta: Array, free: NDArray[np.intp],
+                    residuals: Sequence[Array], datasets: Sequence[int]) -> EffectJacobian:
     """
     Take an effect's columns at its parameters by finite steps.
 
     Parameters
     ----------
-    problem : Problem
+    model : LinearisedModel
     name : str
     theta : ndarray, shape (p,)
     free : ndarray of int, shape (k,)
         Which parameters.
-    blocks : sequence of ndarray, shape (n, 16)
+    residuals : sequence of ndarray, shape (n, 16)
         Measured less simulated with the effect at ``theta``, of the chosen recordings.
-    cases : sequence of int
+    datasets : sequence of int
         Chosen recordings; the others get empty columns.
 
     Returns
     -------
-    Tangent
+    EffectJacobian
     """
-    effect = problem.library[name]
+    effect = model.library[name]
     units, high = unit_of(effect, theta)[free], bounds_of(effect)[1]
     fraction = 0.02 if effect.smooth else 0.1
-    columns: list[list[Column]] = [[] for _ in problem.cases]
+    columns: list[list[Column]] = [[] for _ in model.datasets]
     for i, unit in zip(free, units):
         moved = theta.copy()
         h = fraction * unit if theta[i] + fraction * unit <= high[i] else -fraction * unit
         moved[i] += h
-        changed = {**problem.effects, name: values_of(effect, moved)}
-        for case in range(len(problem.cases)):
+        changed = {**model.effects, name: values_of(effect, moved)}
+        for dataset in range(len(model.datasets)):
             one: Column = {}
-            if case in cases:
-                before = blocks[list(cases).index(case)]
-                one = column((before - problem.simulate(changed, case)) * (unit / h),
-                             problem.level)
-            columns[case].append(one)
+            if dataset in datasets:
+                before = residuals[list(datasets).index(dataset)]
+                one = column((before - model.simulate(changed, dataset)) * (unit / h),
+                             model.level)
+            columns[dataset].append(one)
     away = (theta - nominal_of(effect))[free] / units
     shapes = np.array([effect.parameters[i].shapes for i in free])
-    return Tangent(name, free, units, np.where(shapes | (np.abs(away) > FAR), 0.0, away),
-                   tuple(columns))
+    return EffectJacobian(name, free, units, np.where(shapes | (np.abs(away) > FAR), 0.0, away),
+                          tuple(columns))

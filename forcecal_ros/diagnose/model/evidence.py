@@ -37,7 +37,7 @@ class Gram(NamedTuple):
                     self.square + other.square, self.n + other.n,
                     self.log_det + other.log_det)
 
-    def left(self, x: Array) -> float:
+    def residual_squares(self, x: Array) -> float:
         """Return the sum of squares that columns with coefficients ``x`` leave."""
         return float(self.square - 2.0 * self.vector @ x + x @ self.matrix @ x)
 
@@ -196,9 +196,9 @@ def score(held: Gram, null: Array, alternative: Array, nuisance: NDArray[np.intp
     inner = held.matrix[np.ix_(nuisance, nuisance)]
     root = _root(covariance)
     middle = np.eye(root.shape[1]) + root.T @ inner @ root
-    left = root.T @ (held.matrix[nuisance] @ d)
-    product = d @ right - left @ np.linalg.solve(middle, root.T @ right[nuisance])
-    energy = max(float(d @ held.matrix @ d - left @ np.linalg.solve(middle, left)), 1e-12)
+    shared = root.T @ (held.matrix[nuisance] @ d)
+    product = d @ right - shared @ np.linalg.solve(middle, root.T @ right[nuisance])
+    energy = max(float(d @ held.matrix @ d - shared @ np.linalg.solve(middle, shared)), 1e-12)
     return Score(float(product / np.sqrt(energy)), energy, float(product))
 
 

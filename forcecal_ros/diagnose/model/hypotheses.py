@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from itertools import product
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.inputs.dataset import Case
+from forcecal_ros.diagnose.inputs.dataset import Dataset
 from forcecal_ros.diagnose.model.jacobian import Column
-from forcecal_ros.diagnose.model.linearised import Diverged, Problem
+from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
 from forcecal_ros.diagnose.model.saturation import CLIPPING, limit_starts
 from forcecal_ros.effects import Effect
 from forcecal_ros.geometry import Array
@@ -81,13 +81,13 @@ def bounds_of(effect: Effect) -> tuple[Array, Array]:
             np.array([q.high for q in effect.parameters]))
 
 
-def hypotheses(problem: Problem, line: float | None = None) -> list[Hypothesis]:
+def hypotheses(model: LinearisedModel, line: float | None = None) -> list[Hypothesis]:
     """
     Screen the library: columns of every effect that applies to the rig and the streams at hand.
 
     Parameters
     ----------
-    problem : Problem
+    model : LinearisedModel
         Recalibrated.
     line : float, optional
         Frequency of a spectral line in the residual [Hz], where vibration is looked for.
@@ -98,29 +98,30 @@ def hypotheses(problem: Problem, line: float | None = None) -> list[Hypothesis]:
         Without those that move nothing in these recordings.
     """
     found = []
-    simulation = problem.cases[0].simulation
-    for name, whole in problem.library.items():
-        effect = within_load(problem.cases, whole) if name == HYSTERESIS else whole
-        if name in problem.fixed or not simulation.can_show(name, problem.rig):
+    simulation = model.datasets[0].simulation
+    for name, whole in model.library.items():
+        effect = within_load(model.datasets, whole) if name == HYSTERESIS else whole
+        if name in model.fixed or not simulation.can_show(name, model.rig):
             continue
         if effect.nuisance:
-            own = [n.name for n in problem.nuisances if n.key == effect.nuisance]
+            own = [n.name for n in model.nuisances if n.key == effect.nuisance]
             if own:
                 found.append(Hypothesis(name, effect, tuple(
                     frozenset(own[i] for i in part) for part in _parts(effect, len(own))), ()))
             continue
         if name in CLIPPING:
-            atoms = tuple(_limits(problem, name, effect))
+            atoms = tuple(_limits(model, name, effect))
         else:
-            atoms = tuple(_sparse(_atoms(problem, name, effect, line), effect))
+            atoms = tuple(_sparse(_atoms(model, name, effect, line), effect))
         if atoms:
             found.append(Hypothesis(name, effect, (), atoms))
     return found
 
 
-def within_load(cases: Sequence[Case], effect: Effect) -> Effect:
+def within_load(datasets: Sequence[Dataset], effect: Effect) -> Effect:
     """Keep a hysteresis as narrow as the load's range: a wider one is a gain by another name."""
-    widest = max(float(np.ptp(case.nominal.wrench[:, :3], axis=0).max()) for case in cases)
+    widest = max(float(np.ptp(dataset.nominal.wrench[:, :3], axis=0).max())
+                 for dataset in datasets)
     return effect._replace(parameters=tuple(
         q if q.name != 'width' else q._replace(
             high=max(q.low, min(q.high, widest)),
@@ -147,7 +148,7 @@ def _parts(effect: Effect, n: int) -> list[list[int]]:
     return [part for i, part in enumerate(parts) if part and part not in parts[:i]]
 
 
-def _atoms(problem: Problem, name: str, effect: Effect, line: float | None) -> list[Atom]:
+def _atoms(model: LinearisedModel, name: str, effect: Effect, line: float | None) -> list[Atom]:
     nominal = nominal_of(effect)
     sized = [i for i, q in enumerate(effect.parameters) if not q.shapes]
     fixed = {'frequency': (line,)} if line and name == VIBRATION else {}
@@ -160,7 +161,7 @@ def _atoms(problem: Problem, name: str, effect: Effect, line: float | None) -> l
             theta = np.array(start, dtype=float)
             others = [j for j in sized if j != i]
             theta[others] = nominal[others]
-            columns = _difference(problem, name, effect, theta)
+            columns = _difference(model, name, effect, theta)
             if any(columns):
                 several.append(columns)
                 moving.append(i)
@@ -172,21 +173,21 @@ def _atoms(problem: Problem, name: str, effect: Effect, line: float | None) -> l
     return atoms
 
 
-def _difference(problem: Problem, name: str, effect: Effect, theta: Array) -> list[Column]:
+def _difference(model: LinearisedModel, name: str, effect: Effect, theta: Array) -> list[Column]:
     """Return what an effect does to each recording; nothing where its simulation diverges."""
     try:
-        return problem.difference({**problem.effects, name: values_of(effect, theta)})
+        return model.difference({**model.effects, name: values_of(effect, theta)})
     except Diverged:
-        return [{} for _ in problem.cases]
+        return [{} for _ in model.datasets]
 
 
-def _limits(problem: Problem, name: str, effect: Effect) -> list[Atom]:
+def _limits(model: LinearisedModel, name: str, effect: Effect) -> list[Atom]:
     """Try each axis by itself, at the limit that its samples suggest."""
     atoms, names = [], [q.name for q in effect.parameters]
-    for parameter, limit in limit_starts(problem, name).items():
+    for parameter, limit in limit_starts(model, name).items():
         theta, i = nominal_of(effect), names.index(parameter)
         theta[i] = limit
-        columns = _difference(problem, name, effect, theta)
+        columns = _difference(model, name, effect, theta)
         if any(columns):
             atoms.append(Atom(theta, np.array([i]), _transposed([columns])))
     return atoms

@@ -1,15 +1,12 @@
 """Sensitivities: what one step of a parameter does to every block of every channel."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, COLUMNS
-from forcecal_ros.diagnose.inputs.dataset import Case
-from forcecal_ros.diagnose.model.evidence import Gram
+from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
+from forcecal_ros.diagnose.inputs.dataset import Dataset
 from forcecal_ros.effects.nuisances import Nuisance
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
-from forcecal_ros.recording.noise.autoregression import Autoregression
 from forcecal_ros.simulators.signals import Signals
 import numpy as np
 from numpy.typing import NDArray
@@ -19,19 +16,6 @@ NOTHING = 1e-7
 
 Column = dict[int, NDArray[np.float32]]
 """Channel index -> blocks of one recording; channels that nothing happens to are left out."""
-
-
-class Step(NamedTuple):
-    """
-    One parameter's column in each recording.
-
-    Attributes
-    ----------
-    columns : tuple of Column
-        One per recording, for one unit of the parameter.
-    """
-
-    columns: tuple[Column, ...]
 
 
 def column(difference: Array, level: Array) -> Column:
@@ -53,14 +37,14 @@ def column(difference: Array, level: Array) -> Column:
             if largest[c] > NOTHING * level[c]}
 
 
-def nuisance_column(case: Case, nuisance: Nuisance, size: float, rig: Rig, reference: Signals,
-                    blocks: Array, level: Array) -> Column:
+def nuisance_column(dataset: Dataset, nuisance: Nuisance, size: float, rig: Rig,
+                    reference: Signals, residual: Array, level: Array) -> Column:
     """
     Give the column of one spread of a nuisance.
 
     Parameters
     ----------
-    case : Case
+    dataset : Dataset
     nuisance : Nuisance
     size : float
         Of one spread.
@@ -68,7 +52,7 @@ def nuisance_column(case: Case, nuisance: Nuisance, size: float, rig: Rig, refer
         Where the column is taken.
     reference : Signals
         Of that rig.
-    blocks : ndarray, shape (n, 16)
+    residual : ndarray, shape (n, 16)
         Measured less reference.
     level : ndarray, shape (16,)
         Of the noise.
@@ -77,61 +61,22 @@ def nuisance_column(case: Case, nuisance: Nuisance, size: float, rig: Rig, refer
     -------
     Column
     """
-    if nuisance.where == 'step':
-        since = case.measured.since(CHANNELS[nuisance.axis].stream, nuisance.instant)
+    if nuisance.acts_on == 'step':
+        since = dataset.measured.since(CHANNELS[nuisance.axis].stream, nuisance.instant)
         return {nuisance.axis: (size * since).astype(np.float32)}
-    if nuisance.where == 'rig':
-        changed = case.simulation.signals(nuisance.apply(rig, size))
-        return column(blocks - case.measured.blocks(changed), level)
+    if nuisance.acts_on == 'rig':
+        changed = dataset.simulation.signals(nuisance.apply(rig, size))
+        return column(residual - dataset.measured.residual(changed), level)
     i = nuisance.axis
-    if nuisance.where == 'wrench':
+    if nuisance.acts_on == 'wrench':
         channel, signal, rest = i, reference.wrench[:, i], rig.wrench_sensor.bias[i]
     else:
-        channel, signal = COLUMNS['accelerometer'].start + i, reference.volts[:, i]
-        rest = rig.accelerometer.model(case.simulation.accelerometer).offset[i]
+        channel, signal = STREAM_SLICES['accelerometer'].start + i, reference.volts[:, i]
+        rest = rig.accelerometer.model(dataset.simulation.accelerometer).offset[i]
     shape = signal - rest if 'gain' in nuisance.name else np.ones(len(signal))
-    per_block = case.measured.present[:, channel] * size * shape.reshape(len(blocks), -1).mean(
-        axis=1)
+    per_block = dataset.measured.present[:, channel] * size * shape.reshape(len(residual),
+                                                                            -1).mean(axis=1)
     return {channel: per_block.astype(np.float32)}
-
-
-def gram(noise: Autoregression, columns: Sequence[Column], residual: Array,
-         parts: Sequence[NDArray[np.bool_]]) -> list[Gram]:
-    """
-    Inner products of whitened columns and residual of one recording.
-
-    Parameters
-    ----------
-    noise : Autoregression
-    columns : sequence of Column
-    residual : ndarray, shape (n, 16)
-    parts : sequence of ndarray of bool, shape (n,)
-        Which blocks count; one Gram for each.
-
-    Returns
-    -------
-    list of Gram
-    """
-    k = len(columns)
-    out = [Gram(np.zeros((k, k)), np.zeros(k), 0.0, 0) for _ in parts]
-    for c in range(len(CHANNELS)):
-        if not noise.sigma[:, c].any():
-            continue
-        there = np.array([i for i in range(k) if c in columns[i]], dtype=np.intp)
-        rows = np.stack([residual[:, c], *(columns[i][c] for i in there)]).astype(float)
-        white = noise.whiten(rows, c)
-        for j, part in enumerate(parts):
-            chosen = part & noise.rows[:, c]
-            if not chosen.any():
-                continue
-            w = white if chosen.all() else white[:, chosen]
-            products = w @ w.T
-            g = out[j]
-            g.matrix[np.ix_(there, there)] += products[1:, 1:]
-            g.vector[there] += products[1:, 0]
-            out[j] = g._replace(square=g.square + float(products[0, 0]),
-                                n=g.n + int(chosen.sum()))
-    return out
 
 
 def combined(columns: Sequence[Column], x: Array, n: int) -> Array:

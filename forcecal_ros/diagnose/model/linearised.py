@@ -4,13 +4,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
-from forcecal_ros.diagnose.inputs.dataset import Case
+from forcecal_ros.diagnose.inputs.dataset import Dataset
 from forcecal_ros.diagnose.model.basis import Basis, basis
-from forcecal_ros.diagnose.model.discrepancy import Beside, Discrepancy, NONE, Products, Sizes
+from forcecal_ros.diagnose.model.discrepancy import (
+    Discrepancy,
+    NO_DISCREPANCY,
+    Products,
+    Scales,
+    WhitenedDiscrepancy,
+)
 from forcecal_ros.diagnose.model.evidence import Fit, fit, Gram, Prior
 from forcecal_ros.diagnose.model.jacobian import Column, column, combined, nuisance_column
 from forcecal_ros.effects import Effect, with_effects
-from forcecal_ros.effects.nuisances import apply_all, LIMIT, Nuisance, ROBOT, spreads
+from forcecal_ros.effects.nuisances import apply_all, LIMIT, Nuisance, prior_std, ROBOT
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import ForcecalError
 from forcecal_ros.geometry import Array, rotation_vector
@@ -58,7 +64,7 @@ class Diverged(ForcecalError):
 
 
 @dataclass
-class Problem:
+class LinearisedModel:
     """
     Recordings, and the rig as it is explained so far.
 
@@ -66,7 +72,7 @@ class Problem:
     ----------
     rig : Rig
         As given.
-    cases : tuple of Case
+    datasets : tuple of Dataset
         To fit on and to judge on; one recording may do both.
     effects : Values
         Accepted, beside released nuisances.
@@ -79,142 +85,145 @@ class Problem:
     """
 
     rig: Rig
-    cases: tuple[Case, ...]
+    datasets: tuple[Dataset, ...]
     nuisances: tuple[Nuisance, ...] = ()
-    sizes: Array = field(default_factory=lambda: np.zeros(0))
+    prior_std: Array = field(default_factory=lambda: np.zeros(0))
     level: Array = field(default_factory=lambda: np.ones(len(CHANNELS)))
     effects: Values = field(default_factory=dict)
     fixed: Values = field(default_factory=dict)
     released: frozenset[str] = frozenset()
     centre: Array = field(default_factory=lambda: np.zeros(0))
     base: list[Signals] = field(default_factory=list)
-    blocks: list[Array] = field(default_factory=list)
-    columns: list[list[Column]] = field(default_factory=list)
+    residuals: list[Array] = field(default_factory=list)
+    jacobian: list[list[Column]] = field(default_factory=list)
     noise: list[Autoregression] = field(default_factory=list)
     discrepancy: Discrepancy | None = None
-    allowed: Sizes = NONE
+    discrepancy_scales: Scales = NO_DISCREPANCY
     _calibrated: tuple[bytes, Rig] | None = None
 
     @property
     def library(self) -> Mapping[str, Effect]:
         """Return what the recordings may have beside what is simulated."""
-        return self.cases[0].simulation.library
+        return self.datasets[0].simulation.library
 
     def current(self, effects: Values | None = None) -> Rig:
         """Return the rig at the centre, with the accepted effects or with others."""
         key = self.centre.tobytes()
         if self._calibrated is None or self._calibrated[0] != key:
-            values = dict(zip((n.name for n in self.nuisances), self.centre * self.sizes))
+            values = dict(zip((n.name for n in self.nuisances), self.centre * self.prior_std))
             self._calibrated = key, apply_all(self.rig, self.nuisances, values)
         chosen = {**self.fixed, **(self.effects if effects is None else effects)}
         return with_effects(self._calibrated[1], chosen) if chosen else self._calibrated[1]
 
     def moved(self, step: Array) -> Array:
         """Return the centre after a step, nothing physical below its lowest value."""
-        low = np.array([n.least for n in self.nuisances]) / self.sizes
+        low = np.array([n.least for n in self.nuisances]) / self.prior_std
         return np.asarray(np.maximum(self.centre + step, low))
 
     def prior(self, released: frozenset[str] = frozenset()) -> Prior:
         """Return the prior of the nuisances, some of them released."""
         free = np.array([n.name in released | self.released for n in self.nuisances], dtype=bool)
-        endless = free | np.array([n.where == 'step' for n in self.nuisances], dtype=bool)
+        endless = free | np.array([n.acts_on == 'step' for n in self.nuisances], dtype=bool)
         # training blocks say nothing of a step in a recording that is all held out
-        settled = np.array([n.where == 'step' and not self.cases[n.recording].train.any()
-                            for n in self.nuisances], dtype=bool)
-        return Prior(np.where(settled, 0.0, self.centre), np.where(free, RELEASED, 1.0),
+        only_held_out = np.array([n.acts_on == 'step'
+                                  and not self.datasets[n.recording].train.any()
+                                  for n in self.nuisances], dtype=bool)
+        return Prior(np.where(only_held_out, 0.0, self.centre), np.where(free, RELEASED, 1.0),
                      np.where(endless, np.inf, LIMIT))
 
-    def simulate(self, effects: Values, case: int) -> Array:
+    def simulate(self, effects: Values, dataset: int) -> Array:
         """Return measured less simulated of one recording with other effects, (n, 16)."""
-        return self._left(case, self.cases[case].simulation.signals(self.current(effects)))
+        return self._residual(dataset, self.datasets[dataset].simulation.signals(
+            self.current(effects)))
 
-    def _left(self, case: int, signals: Signals) -> Array:
+    def _residual(self, dataset: int, signals: Signals) -> Array:
         """Return measured less simulated of one recording, its steps taken off, (n, 16)."""
-        out = self.cases[case].measured.blocks(signals)
+        out = self.datasets[dataset].measured.residual(signals)
         if not np.isfinite(out).all() or np.abs(out).max(initial=0.0) > ENDLESS:
             raise Diverged('a simulation is not finite')
         for i, n in enumerate(self.nuisances):
-            if n.where == 'step' and n.recording == case:
-                for c, rows in self.columns[case][i].items():
+            if n.acts_on == 'step' and n.recording == dataset:
+                for c, rows in self.jacobian[dataset][i].items():
                     out[:, c] -= self.centre[i] * rows
         return out
 
-    def settle(self) -> None:
+    def evaluate(self) -> None:
         """Simulate at the centre; columns stay as they are."""
         rig = self.current()
-        self.base = [c.simulation.signals(rig) for c in self.cases]
-        self.blocks = [self._left(i, s) for i, s in enumerate(self.base)]
+        self.base = [c.simulation.signals(rig) for c in self.datasets]
+        self.residuals = [self._residual(i, s) for i, s in enumerate(self.base)]
 
-    def without_effects(self) -> 'Problem':
+    def without_effects(self) -> 'LinearisedModel':
         """Take off all effects, released nuisances and steps too; the other nuisances stay."""
-        free = np.array([n.name in self.released or n.where == 'step' for n in self.nuisances],
+        free = np.array([n.name in self.released or n.acts_on == 'step' for n in self.nuisances],
                         dtype=bool)
         out = replace(self, effects={}, released=frozenset(),
                       centre=np.where(free, 0.0, self.centre))
-        out.settle()
+        out.evaluate()
         return out
 
     def linearise(self) -> None:
         """Simulate at the centre and take the nuisances' columns there."""
         rig = self.current()
-        self.base = [c.simulation.signals(rig) for c in self.cases]
-        self.columns = [
+        self.base = [c.simulation.signals(rig) for c in self.datasets]
+        self.jacobian = [
             [nuisance_column(c, n, size, rig, s, b, self.level)
-             if n.where != 'step' or n.recording == i else {}
-             for n, size in zip(self.nuisances, self.sizes)]
-            for i, (c, s) in enumerate(zip(self.cases, self.base))
-            for b in [c.measured.blocks(s)]]
-        self.settle()
+             if n.acts_on != 'step' or n.recording == i else {}
+             for n, size in zip(self.nuisances, self.prior_std)]
+            for i, (c, s) in enumerate(zip(self.datasets, self.base))
+            for b in [c.measured.residual(s)]]
+        self.evaluate()
 
-    def grams(self, extra: list[list[Column]], blocks: list[Array] | None = None
+    def grams(self, extra: list[list[Column]], residuals: list[Array] | None = None
               ) -> tuple[Gram, Gram]:
         """Return the training and the held-out Gram of nuisances' and further columns."""
-        return self.products(extra, blocks, self.allowed == NONE).at(self.allowed)
+        return self.products(extra, residuals,
+                             self.discrepancy_scales == NO_DISCREPANCY).at(self.discrepancy_scales)
 
-    def products(self, extra: list[list[Column]], blocks: list[Array] | None = None,
+    def products(self, extra: list[list[Column]], residuals: list[Array] | None = None,
                  absent: bool = False) -> Products:
         """Return inner products of nuisances' and further columns, for any discrepancy."""
-        return self.beside().products(
-            [[*own, *more] for own, more in zip(self.columns, extra)], blocks or self.blocks,
-            absent)
+        return self.beside().products([[*own, *more] for own, more in zip(self.jacobian, extra)],
+                                      residuals or self.residuals, absent)
 
-    def beside(self) -> Beside:
+    def beside(self) -> WhitenedDiscrepancy:
         """Return the discrepancy beside the noise; an empty one where none is set up."""
         if self.discrepancy is None:
-            rows = tuple(np.zeros((0, len(c.groups)), dtype=np.float32) for c in self.cases)
+            rows = tuple(np.zeros((0, len(c.groups)), dtype=np.float32) for c in self.datasets)
             self.discrepancy = Discrepancy(Basis(rows, np.zeros(0)), _signal(self),
-                                           [c.train for c in self.cases])
+                                           [c.train for c in self.datasets])
         return self.discrepancy.beside(self.noise)
 
     def allow_discrepancy(self, frequencies: Sequence[float] = ()) -> None:
         """Set up what no library has: functions of the present motion, and lines [Hz]."""
-        smooth = [c.simulation.smooth(s) for c, s in zip(self.cases, self.base)]
+        smooth = [c.simulation.smooth(s) for c, s in zip(self.datasets, self.base)]
         self.discrepancy = Discrepancy(basis(smooth, frequencies), _signal(self),
-                                       [c.train for c in self.cases])
+                                       [c.train for c in self.datasets])
 
     def fit_nuisances(self) -> Fit:
         """Fit the nuisances alone on the training blocks."""
-        train, _ = self.grams([[] for _ in self.cases])
+        train, _ = self.grams([[] for _ in self.datasets])
         return fit(train, self.prior())
 
     def fit_nuisances_to_all(self) -> Fit:
         """Fit the nuisances alone on all blocks."""
-        train, held = self.grams([[] for _ in self.cases])
+        train, held = self.grams([[] for _ in self.datasets])
         return fit(train + held, self.prior())
 
-    def standing(self) -> float:
+    def log_posterior(self) -> float:
         """Log-likelihood of the training blocks, and prior, with everything as it is."""
-        return -0.5 * (self.unexplained().at(self.allowed)[0].square + self._cost())
+        return -0.5 * (self.residual_products().at(self.discrepancy_scales)[0].square
+                       + self._cost())
 
     def misfit(self) -> float:
         """Whitened squares that are left on all blocks, and what the priors cost."""
-        trained, held = self.unexplained().at(self.allowed)
+        trained, held = self.residual_products().at(self.discrepancy_scales)
         return trained.square + held.square + self._cost()
 
-    def unexplained(self) -> Products:
+    def residual_products(self) -> Products:
         """Return inner products of the residuals alone."""
-        return self.beside().products([[] for _ in self.cases], self.blocks,
-                                      self.allowed == NONE)
+        return self.beside().products([[] for _ in self.datasets], self.residuals,
+                                      self.discrepancy_scales == NO_DISCREPANCY)
 
     def _cost(self) -> float:
         prior = self.prior()
@@ -222,16 +231,17 @@ class Problem:
 
     def refit_noise(self, x: Array) -> None:
         """Fit the noise of what a step of the nuisances, and any discrepancy, leave."""
-        rest = [b - combined(columns, x, len(b)) for b, columns in zip(self.blocks, self.columns)]
+        rest = [b - combined(columns, x, len(b)) for b,
+                columns in zip(self.residuals, self.jacobian)]
         signal = _signal(self) if self.discrepancy is None else self.discrepancy.signal
         floor = QUIETEST * signal
-        if not self.noise and self.cases[0].simulation.starts_white:
+        if not self.noise and self.datasets[0].simulation.starts_white:
             self.noise = [_no_less(white(r, c.measured.present, c.groups), floor)
-                          for r, c in zip(rest, self.cases)]
+                          for r, c in zip(rest, self.datasets)]
         if self.noise and self.discrepancy is not None:
             rest = [r - p for r, p in zip(rest, self.beside().predicted(rest))]
         self.noise = [_no_less(fit_autoregression(r, c.measured.present, c.groups), floor)
-                      for r, c in zip(rest, self.cases)]
+                      for r, c in zip(rest, self.datasets)]
 
     def recalibrate(self) -> None:
         """Move the centre to the best nuisances, noise refitted on the way."""
@@ -252,16 +262,16 @@ class Problem:
         """Take a step of the nuisances, where it may mislead as far as it makes things better."""
         if not self.is_far(step):
             self.centre = self.moved(step)
-            self.settle()
+            self.evaluate()
             return
-        before = self.standing()
+        before = self.log_posterior()
         for fraction in FRACTIONS:
             tried = replace(self, centre=self.moved(fraction * step))
             try:
-                tried.settle()
+                tried.evaluate()
             except Diverged:
                 continue
-            if tried.standing() > before:
+            if tried.log_posterior() > before:
                 self.centre = tried.centre
                 break
         self.linearise()
@@ -269,7 +279,7 @@ class Problem:
     def difference(self, effects: Values) -> list[Column]:
         """Return what other effects do to each recording, as columns."""
         return [column(b - self.simulate(effects, i), self.level)
-                for i, b in enumerate(self.blocks)]
+                for i, b in enumerate(self.residuals)]
 
 
 def noise_level(rig: Rig, streams: tuple[str, ...], accelerometer: str) -> Array:
@@ -282,23 +292,23 @@ def noise_level(rig: Rig, streams: tuple[str, ...], accelerometer: str) -> Array
     return np.maximum(np.array(level) / 2.0, 1e-12)
 
 
-def problem(rig: Rig, cases: tuple[Case, ...]) -> Problem:
+def linearised_model(rig: Rig, datasets: tuple[Dataset, ...]) -> LinearisedModel:
     """
     Set up a diagnosis, recalibrated.
 
     Parameters
     ----------
     rig : Rig
-    cases : tuple of Case
+    datasets : tuple of Dataset
 
     Returns
     -------
-    Problem
+    LinearisedModel
     """
-    name, streams = cases[0].simulation.accelerometer, cases[0].measured.streams
-    found = cases[0].simulation.nuisances(rig, streams)
-    out = Problem(rig, cases, found, np.array(spreads(rig, found)),
-                  noise_level(rig, streams, name), centre=np.zeros(len(found)))
+    name, streams = datasets[0].simulation.accelerometer, datasets[0].measured.streams
+    found = datasets[0].simulation.nuisances(rig, streams)
+    out = LinearisedModel(rig, datasets, found, np.array(prior_std(rig, found)),
+                          noise_level(rig, streams, name), centre=np.zeros(len(found)))
     out.linearise()
     out.allow_discrepancy()
     out.recalibrate()
@@ -309,10 +319,10 @@ def _no_less(noise: Autoregression, floor: Array) -> Autoregression:
     return noise._replace(sigma=np.where(noise.sigma > 0.0, np.maximum(noise.sigma, floor), 0.0))
 
 
-def _signal(p: Problem) -> Array:
+def _signal(model: LinearisedModel) -> Array:
     """Return what each channel shows, the largest of its vector: standard deviation, (16,)."""
     shown = []
-    for s in p.base:
+    for s in model.base:
         rotation = rotation_vector(s.R_base_sensor[0].T @ s.R_base_sensor)
         shown.append(block_means(np.concatenate(
             [s.wrench, s.volts, s.optidrive[:, np.newaxis], s.position, rotation], axis=1)))

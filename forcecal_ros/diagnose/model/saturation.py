@@ -1,7 +1,7 @@
 """Where a channel seems to stop although the simulation goes on."""
 
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, COLUMNS
-from forcecal_ros.diagnose.model.linearised import Problem
+from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
+from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.geometry import Array
 import numpy as np
@@ -17,13 +17,13 @@ LEAST = 30.0
 """Squares that a limit has to remove, in those of the noise, to be worth a try."""
 
 
-def limit_starts(problem: Problem, effect: str) -> dict[str, float]:
+def limit_starts(model: LinearisedModel, effect: str) -> dict[str, float]:
     """
     Find limits at which a saturation may act, one for each of its channels that shows any.
 
     Parameters
     ----------
-    problem : Problem
+    model : LinearisedModel
         Recalibrated.
     effect : str
         One of CLIPPING.
@@ -35,34 +35,34 @@ def limit_starts(problem: Problem, effect: str) -> dict[str, float]:
     """
     names = [q.name for q in EFFECTS[effect].parameters][-len(CLIPPING[effect]):]
     stream = 'wrench' if effect == 'wrench_saturation' else 'accelerometer'
-    first, found = COLUMNS[stream].start, {}
-    if any(stream not in case.measured.streams for case in problem.cases):
+    first, found = STREAM_SLICES[stream].start, {}
+    if any(stream not in dataset.measured.streams for dataset in model.datasets):
         return {}
-    pairs = [_physical(problem, i, stream) for i in range(len(problem.cases))]
+    pairs = [_physical(model, i, stream) for i in range(len(model.datasets))]
     for k, name in enumerate(names):
         simulated = np.concatenate([s[:, k] for s, _ in pairs])
         measured = np.concatenate([m[:, k] for _, m in pairs])
         limit, removed = _best_limit(simulated, measured)
-        scale = problem.level[first + k] * 2.0
+        scale = model.level[first + k] * 2.0
         if stream == 'accelerometer':
-            scale /= abs(_model_gain(problem)[k])
+            scale /= abs(_model_gain(model)[k])
         if removed > LEAST * scale ** 2 and CHANNELS[first + k].name in CLIPPING[effect]:
             found[name] = limit
     return found
 
 
-def _model_gain(problem: Problem) -> Array:
-    case = problem.cases[0]
-    return np.array(problem.rig.accelerometer.model(case.simulation.accelerometer).gain)
+def _model_gain(model: LinearisedModel) -> Array:
+    dataset = model.datasets[0]
+    return np.array(model.rig.accelerometer.model(dataset.simulation.accelerometer).gain)
 
 
-def _physical(problem: Problem, i: int, stream: str) -> tuple[Array, Array]:
+def _physical(model: LinearisedModel, i: int, stream: str) -> tuple[Array, Array]:
     """Give simulated and measured samples, the accelerometer's as specific force."""
-    case, base = problem.cases[i], problem.base[i]
-    rest, measured = case.measured.samples(stream, base), case.measured.values(stream)
+    dataset, base = model.datasets[i], model.base[i]
+    rest, measured = dataset.measured.samples(stream, base), dataset.measured.values(stream)
     if stream == 'accelerometer':
-        model = problem.current().accelerometer.model(case.simulation.accelerometer)
-        measured, rest = (measured - model.offset) / model.gain, rest / model.gain
+        sensor = model.current().accelerometer.model(dataset.simulation.accelerometer)
+        measured, rest = (measured - sensor.offset) / sensor.gain, rest / sensor.gain
     return measured - rest, measured
 
 

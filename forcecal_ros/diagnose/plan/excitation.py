@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.dataset import prepare, split
 from forcecal_ros.diagnose.model.hypotheses import hypotheses, Hypothesis
-from forcecal_ros.diagnose.model.linearised import Problem, problem
+from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
 from forcecal_ros.effects import applicable, EFFECTS
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
@@ -21,7 +21,7 @@ VISIBLE = 25.0
 CLEAR = 80.0
 """Whitened energy from which it is seen clearly."""
 
-ALIKE = 20.0
+CONFOUNDED = 20.0
 """Effects whose directions come closer than that are hard to tell apart [deg]."""
 
 
@@ -100,11 +100,11 @@ def excitation(rig: Rig, target: PoseStream, phases: tuple[Phase, ...]) -> Excit
     Excitation
     """
     recording = replace(simulate(rig, target, seed=0), phases=phases)
-    p = problem(rig, (split(prepare(recording, rig)),))
+    p = linearised_model(rig, (split(prepare(recording, rig)),))
     found = hypotheses(p)
     information, parts = _information(p, found)
     shown = [_shown(h, information, parts[h.name]) for h in found]
-    accelerometer = p.cases[0].simulation.accelerometer
+    accelerometer = p.datasets[0].simulation.accelerometer
     there = {h.name for h in found}
     for name, effect in EFFECTS.items():
         if name not in there and applicable(effect, rig, accelerometer):
@@ -115,24 +115,26 @@ def excitation(rig: Rig, target: PoseStream, phases: tuple[Phase, ...]) -> Excit
                       _aliases(found, information, parts))
 
 
-def _information(p: Problem, found: list[Hypothesis]) -> tuple[Array, dict[str, NDArray[np.intp]]]:
+def _information(model: LinearisedModel, found: list[Hypothesis]) -> tuple[Array,
+                                                                           dict[str,
+                                                                                NDArray[np.intp]]]:
     """
     Return the information of all typical sizes, sound nuisances taken out.
 
     An effect that lifts a nuisance's prior has its own column beside the nuisance's.
     """
-    m, index, extra = len(p.nuisances), {n.name: i for i, n in enumerate(p.nuisances)}, []
+    m, index, extra = len(model.nuisances), {n.name: i for i, n in enumerate(model.nuisances)}, []
     parts: dict[str, NDArray[np.intp]] = {}
     scale: list[float] = []
     position = m
     for h in found:
-        columns = ([p.columns[0][index[n]] for n in _released(p, h)] if h.releases
+        columns = ([model.jacobian[0][index[n]] for n in _released(model, h)] if h.releases
                    else list(h.atoms[0].columns[0]))
-        scale += _typical(p, h) if h.releases else [1.0] * len(columns)
+        scale += _typical(model, h) if h.releases else [1.0] * len(columns)
         extra += columns
         parts[h.name] = np.arange(position, position + len(columns))
         position += len(columns)
-    train, held = p.grams([extra])
+    train, held = model.grams([extra])
     matrix = train.matrix + held.matrix
     size = np.concatenate([np.ones(m), scale])
     matrix = matrix * np.outer(size, size)
@@ -143,14 +145,14 @@ def _information(p: Problem, found: list[Hypothesis]) -> tuple[Array, dict[str, 
     return np.asarray(projected), parts
 
 
-def _released(p: Problem, h: Hypothesis) -> list[str]:
-    return [n.name for n in p.nuisances if n.name in h.releases[0]]
+def _released(model: LinearisedModel, h: Hypothesis) -> list[str]:
+    return [n.name for n in model.nuisances if n.name in h.releases[0]]
 
 
-def _typical(p: Problem, h: Hypothesis) -> list[float]:
-    sizes = {n.name: float(s) for n, s in zip(p.nuisances, p.sizes)}
+def _typical(model: LinearisedModel, h: Hypothesis) -> list[float]:
+    sizes = {n.name: float(s) for n, s in zip(model.nuisances, model.prior_std)}
     return [(q.typical - q.nominal) / sizes[name]
-            for q, name in zip(h.effect.parameters, _released(p, h))]
+            for q, name in zip(h.effect.parameters, _released(model, h))]
 
 
 def _shown(h: Hypothesis, information: Array, part: NDArray[np.intp]) -> Shown:
@@ -177,7 +179,7 @@ def _aliases(found: list[Hypothesis], information: Array, parts: dict[str, NDArr
     for i, one in enumerate(names):
         for other in names[i + 1:]:
             angle = _angle(information, bases[one], bases[other])
-            if angle < ALIKE:
+            if angle < CONFOUNDED:
                 out.append(Alias(one, other, angle))
     return tuple(sorted(out, key=lambda a: a.angle_deg))
 

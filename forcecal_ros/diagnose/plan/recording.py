@@ -35,7 +35,7 @@ PARTS: Mapping[str, frozenset[str]] = {
 """Parts of a sequence by the phase that they are recorded as."""
 
 
-class Motion(NamedTuple):
+class PlannedMotion(NamedTuple):
     """
     A sequence as it will be commanded.
 
@@ -68,7 +68,7 @@ class Motion(NamedTuple):
 class Planned:
     """A sequence, what it shows, and the effects that it was asked for; none: all."""
 
-    motion: Motion
+    motion: PlannedMotion
     excitation: Excitation
     asked: tuple[str, ...] = ()
 
@@ -76,9 +76,9 @@ class Planned:
     def unclear(self) -> list[str]:
         """Effects asked for that do not show clearly, or look like another one of them."""
         asked = [s for s in self.excitation.shown if s.name in self.asked]
-        alike = {name for a in self.excitation.aliases if {a.one, a.other} <= set(self.asked)
-                 for name in (a.one, a.other)}
-        return [s.name for s in asked if s.name in alike or (
+        confounded = {name for a in self.excitation.aliases if {a.one, a.other} <= set(self.asked)
+                      for name in (a.one, a.other)}
+        return [s.name for s in asked if s.name in confounded or (
             s.energy < CLEAR and set(s.excited_by) & {p.name for p in self.motion.phases})]
 
 
@@ -127,7 +127,7 @@ def timing_for(effects: Collection[str]) -> Timing:
 
 
 def motion_for(rig: Rig, *, contact: bool, brief: bool = False, effects: Collection[str] = (),
-               limits: Limits | None = None) -> Motion:
+               limits: Limits | None = None) -> PlannedMotion:
     """
     Plan the motion that shows a diagnosis what it needs.
 
@@ -169,7 +169,7 @@ def motion_for(rig: Rig, *, contact: bool, brief: bool = False, effects: Collect
     wide = replace(limits, workspace_max=np.maximum(limits.workspace_max, [far, -np.inf, -np.inf]))
     target, phases = preview(prepare(segments(timing), home, pace, wide),
                              1.0 / rig.robot.period, SETTLE)
-    return Motion(poses, timing, limits, pace, target, phases, far, left_out)
+    return PlannedMotion(poses, timing, limits, pace, target, phases, far, left_out)
 
 
 def _touching(rig: Rig, timing: Timing) -> tuple[Timing, float]:

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from forcecal_ros.diagnose.plan.excitation import Alias, ALIKE, Shown, VISIBLE
+from forcecal_ros.diagnose.plan.excitation import Alias, CONFOUNDED, Shown, VISIBLE
 from forcecal_ros.diagnose.plan.recording import Planned
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.motion.limits import Limits
@@ -20,7 +20,7 @@ def as_text(planned: Planned) -> str:
     widths = [max(len(row[i]) for row in rows) for i in range(len(HEAD))]
     lines = ['  '.join(cell.rjust(w) if i == 2 else cell.ljust(w)
                        for i, (cell, w) in enumerate(zip(row, widths))).rstrip() for row in rows]
-    lines += ['', f'closer than {ALIKE:g} deg to each other, hard to tell apart:']
+    lines += ['', f'closer than {CONFOUNDED:g} deg to each other, hard to tell apart:']
     lines += [f'  {a.one} / {a.other}: {a.angle_deg:.1f} deg' for a in aliases(planned)] \
         or ['  none']
     return '\n'.join([*lines, *cannot(planned)])

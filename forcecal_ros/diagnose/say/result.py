@@ -8,7 +8,7 @@ from typing import Any
 
 from forcecal_ros.diagnose.judge.found_effects import Found, Parameter
 from forcecal_ros.diagnose.judge.gap import Gap
-from forcecal_ros.diagnose.localise.localisation import Place
+from forcecal_ros.diagnose.localise.localisation import Location
 from forcecal_ros.errors import DataError
 
 FORMAT = 'forcecal-diagnosis/1'
@@ -28,7 +28,7 @@ class Diagnosis:
     effects : tuple of Found
     candidates : tuple of (str, float)
         The 95 % set with probabilities, most probable first.
-    where : tuple of Place
+    localisation : tuple of Location
     gap : Gap or None
     not_excited : tuple of str
         Effects that these recordings could not show.
@@ -43,7 +43,7 @@ class Diagnosis:
     reason: str
     effects: tuple[Found, ...] = ()
     candidates: tuple[tuple[str, float], ...] = ()
-    where: tuple[Place, ...] = ()
+    localisation: tuple[Location, ...] = ()
     gap: Gap | None = None
     not_excited: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -51,8 +51,9 @@ class Diagnosis:
     used: dict[str, float] | None = None
 
 
-STANDS = Diagnosis('not_excited', 'the robot does not move; record a motion that turns the tool '
-                   'and speeds it up')
+NO_MOTION = Diagnosis('not_excited',
+                      'the robot does not move; record a motion that turns the tool '
+                      'and speeds it up')
 """The answer where :func:`moves` is false."""
 
 
@@ -82,7 +83,7 @@ def to_document(diagnosis: Diagnosis, units: dict[str, str], rig: str | None) ->
         'candidates': [{'name': n, 'probability': round(p, 4)} for n, p in d.candidates],
         'where': [{'stage': w.stage, 'channel': w.channel, 'phase': w.phase,
                    'band_hz': list(w.band_hz), 'excess': w.excess, 'p': w.p}
-                  for w in d.where],
+                  for w in d.localisation],
         'not_excited': list(d.not_excited), 'notes': list(d.notes),
         'remainder': d.remainder or {}, 'used': d.used or {}}
     if d.gap is not None:
@@ -151,8 +152,8 @@ def _from_document(d: Mapping[str, Any]) -> Diagnosis:
                              for key, p in e['parameters'].items()}, float(e['probability']),
             e.get('from')) for e in d['effects']),
         candidates=tuple((str(c['name']), float(c['probability'])) for c in d['candidates']),
-        where=tuple(Place(w['stage'], w['channel'], w['phase'], tuple(w['band_hz']),
-                          float(w['excess']), float(w['p'])) for w in d['where']),
+        localisation=tuple(Location(w['stage'], w['channel'], w['phase'], tuple(w['band_hz']),
+                                    float(w['excess']), float(w['p'])) for w in d['where']),
         gap=_gap(d['gap']) if d.get('gap') else None,
         not_excited=tuple(d['not_excited']), notes=tuple(d['notes']))
 

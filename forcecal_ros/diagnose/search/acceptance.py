@@ -1,8 +1,8 @@
 """Whether an effect still counts once noise may be slower than its model's few lags reach."""
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
-from forcecal_ros.diagnose.model.linearised import Problem
-from forcecal_ros.diagnose.search.fitted import Trial
+from forcecal_ros.diagnose.model.linearised import LinearisedModel
+from forcecal_ros.diagnose.search.fitted import HypothesisFit
 from forcecal_ros.recording.noise.long_memory import unpredicted
 import numpy as np
 
@@ -27,7 +27,7 @@ to 0.14 of it on simulated motion and 0.8, once 2.7, on a real arm's; effects of
 background's energy 0.8 to 1e5; fainter ones 0.06 to 6.
 """
 
-LEAST_SLOW_GAIN = 8.0
+LEAST_LONG_MEMORY_RATIO = 8.0
 """Log-likelihood that it has to bring on all data where the noise may have a long memory."""
 
 FORM = 5e-3
@@ -37,7 +37,7 @@ LEAST_BEYOND = 25.0
 """Whitened energy that a further effect has to explain beyond that."""
 
 
-def slow_gain(before: Problem, after: Problem) -> float:
+def long_memory_likelihood_ratio(before: LinearisedModel, after: LinearisedModel) -> float:
     """
     Log-likelihood that an effect brings where the noise may have a long memory.
 
@@ -47,7 +47,7 @@ def slow_gain(before: Problem, after: Problem) -> float:
 
     Parameters
     ----------
-    before, after : Problem
+    before, after : LinearisedModel
         Without and with the effect, each at its best fit.
 
     Returns
@@ -55,7 +55,7 @@ def slow_gain(before: Problem, after: Problem) -> float:
     float
     """
     total = 0.0
-    for noise, r0, r1 in zip(after.noise, before.blocks, after.blocks):
+    for noise, r0, r1 in zip(after.noise, before.residuals, after.residuals):
         for c in range(len(CHANNELS)):
             rows = noise.rows[:, c] & noise.sigma[noise.groups, c].astype(bool)
             if not rows.any() or np.array_equal(r0[:, c], r1[:, c]):
@@ -66,19 +66,20 @@ def slow_gain(before: Problem, after: Problem) -> float:
     return total
 
 
-def acceptable(trial: Trial, tested: int) -> bool:
+def acceptable(result: HypothesisFit, tested: int) -> bool:
     """Say whether a trial passes significance, gain, fraction and size."""
-    return (trial.gain > LEAST_GAIN and trial.p * tested < SIGNIFICANT
-            and trial.fraction > LEAST_FRACTION and trial.size > NEGLIGIBLE)
+    return (result.gain > LEAST_GAIN and result.p * tested < SIGNIFICANT
+            and result.fraction > LEAST_FRACTION and result.size > NEGLIGIBLE)
 
 
-def beyond_mismatch(first: Problem, before: Problem, after: Problem) -> float:
+def beyond_mismatch(first: LinearisedModel, before: LinearisedModel,
+                    after: LinearisedModel) -> float:
     """
     Energy that the last effect explains beyond what a wrong form of the others may leave.
 
     Parameters
     ----------
-    first, before, after : Problem
+    first, before, after : LinearisedModel
         Without any effect, without the last one, with it.
 
     Returns
@@ -86,7 +87,7 @@ def beyond_mismatch(first: Problem, before: Problem, after: Problem) -> float:
     float
     """
     total = 0.0
-    for noise, r0, r1, r2 in zip(after.noise, first.blocks, before.blocks, after.blocks):
+    for noise, r0, r1, r2 in zip(after.noise, first.residuals, before.residuals, after.residuals):
         for c in range(len(CHANNELS)):
             if noise.sigma[:, c].any():
                 white = noise.whiten(np.stack([r0[:, c] - r1[:, c], r1[:, c] - r2[:, c]]), c)
@@ -95,6 +96,12 @@ def beyond_mismatch(first: Problem, before: Problem, after: Problem) -> float:
     return total
 
 
-def explains_beyond(bare: Problem, before: Problem, after: Problem) -> bool:
+def holds_beside_long_memory(before: LinearisedModel, after: LinearisedModel) -> bool:
+    """Say whether :func:`long_memory_likelihood_ratio` is large enough for an effect."""
+    return long_memory_likelihood_ratio(before, after) > LEAST_LONG_MEMORY_RATIO
+
+
+def explains_beyond(bare: LinearisedModel, before: LinearisedModel,
+                    after: LinearisedModel) -> bool:
     """Say whether :func:`beyond_mismatch` is large enough for an effect of its own."""
     return beyond_mismatch(bare, before, after) > LEAST_BEYOND

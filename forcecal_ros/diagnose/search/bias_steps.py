@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.inputs.channels import COLUMNS
-from forcecal_ros.diagnose.model.linearised import Problem
+from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
+from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.effects.nuisances import Nuisance
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.steps import steps
@@ -57,54 +57,56 @@ class Event(NamedTuple):
     heights: dict[int, float]
 
 
-def with_steps(p: Problem) -> tuple[Problem, tuple[Event, ...]]:
+def with_steps(model: LinearisedModel) -> tuple[LinearisedModel, tuple[Event, ...]]:
     """
     Find the steps of the wrench's bias and fit them beside the nuisances.
 
     Parameters
     ----------
-    p : Problem
+    model : LinearisedModel
         Recalibrated.
 
     Returns
     -------
-    problem : Problem
+    model : LinearisedModel
         With a nuisance for each channel of each step; the same where there is none.
     events : tuple of Event
     """
     # nuisances that were fitted to a large step bend what is around it
-    nominal = [c.measured.blocks(c.nominal) for c in p.cases]
-    for residuals in (p.blocks, nominal):
-        out, events = _fitted(p, [e for i, r in enumerate(residuals) for e in _seen(p, i, r)])
+    nominal = [c.measured.residual(c.nominal) for c in model.datasets]
+    for residuals in (model.residuals, nominal):
+        out, events = _fitted(model, [e for i, r in enumerate(residuals) for e in _seen(model, i,
+                                                                                        r)])
         if events:
             return out, events
-    return p, ()
+    return model, ()
 
 
-def _fitted(p: Problem, events: list[Event]) -> tuple[Problem, tuple[Event, ...]]:
+def _fitted(model: LinearisedModel, events: list[Event]) -> tuple[LinearisedModel,
+                                                                  tuple[Event, ...]]:
     """Fit steps and leave out, one after the other, those that the fit does not bear out."""
     while events:
-        out = _beside(p, events)
+        out = _beside(model, events)
         events_now = _sharpened(out, events)
-        out = _beside(p, events_now)
+        out = _beside(model, events_now)
         kept = _agreeing(out, events_now)
         if kept == events_now:
             return out, tuple(kept)
         events = kept
-    return p, ()
+    return model, ()
 
 
 def _name(e: Event, channel: int) -> str:
     return f'wrench.step.{e.recording}.{e.instant:.6f}.{channel}'
 
 
-def _seen(p: Problem, case: int, residual: Array) -> list[Event]:
+def _seen(model: LinearisedModel, dataset: int, residual: Array) -> list[Event]:
     """List the steps of one recording's residual, away from where contact begins and ends."""
-    one = p.cases[case]
-    touching = np.abs(p.base[case].contact[:, :3]).max(axis=1) > 0.0
+    one = model.datasets[dataset]
+    touching = np.abs(model.base[dataset].contact[:, :3]).max(axis=1) > 0.0
     edges = one.measured.start + 1e-3 * np.flatnonzero(np.diff(touching))
     seen: list[tuple[float, int, float]] = []
-    for c in range(COLUMNS['wrench'].start, COLUMNS['wrench'].stop):
+    for c in range(STREAM_SLICES['wrench'].start, STREAM_SLICES['wrench'].stop):
         there = np.flatnonzero(one.measured.present[:, c])
         for step in steps(residual[there, c]):
             instant = float(one.times[there[step.first]]) - 0.5 * BLOCK
@@ -115,51 +117,51 @@ def _seen(p: Problem, case: int, residual: Array) -> list[Event]:
         if events and instant - events[-1].instant < TOGETHER and c not in events[-1].heights:
             events[-1].heights[c] = height
         else:
-            events.append(Event(case, instant, instant, instant, {c: height}))
+            events.append(Event(dataset, instant, instant, instant, {c: height}))
     return events
 
 
-def _beside(p: Problem, events: Sequence[Event]) -> Problem:
+def _beside(model: LinearisedModel, events: Sequence[Event]) -> LinearisedModel:
     """Fit steps beside the nuisances."""
     own = [(Nuisance(_name(e, c), 'wrench_step', lambda rig, x: rig, 'step', c,
                      recording=e.recording, instant=e.instant), abs(h))
            for e in events for c, h in e.heights.items()]
     sign = [np.sign(h) for e in events for h in e.heights.values()]
-    out = replace(p, nuisances=(*p.nuisances, *(n for n, _ in own)),
-                  sizes=np.append(p.sizes, [h for _, h in own]),
-                  centre=np.append(p.centre, sign))
+    out = replace(model, nuisances=(*model.nuisances, *(n for n, _ in own)),
+                  prior_std=np.append(model.prior_std, [h for _, h in own]),
+                  centre=np.append(model.centre, sign))
     out.linearise()
     out.recalibrate()
-    if any(not p.cases[e.recording].train.any() for e in events):
+    if any(not model.datasets[e.recording].train.any() for e in events):
         step = out.fit_nuisances_to_all().x
-        out.centre = out.centre + np.where(
-            [n.where == 'step' and not p.cases[n.recording].train.any() for n in out.nuisances],
-            step, 0.0)
-        out.settle()
+        out.centre = out.centre + np.where([n.acts_on == 'step'
+                                            and not model.datasets[n.recording].train.any()
+                                            for n in out.nuisances], step, 0.0)
+        out.evaluate()
         out.refit_noise(np.zeros(len(out.nuisances)))
     return out
 
 
-def height_of(p: Problem, e: Event, channel: int) -> tuple[float, float]:
+def height_of(model: LinearisedModel, e: Event, channel: int) -> tuple[float, float]:
     """Return the height of a channel's step, as fitted, and its standard error."""
-    k = _position(p, e, channel)
-    trained = p.cases[e.recording].train.any()
-    fitted = p.fit_nuisances() if trained else p.fit_nuisances_to_all()
-    size = float(p.sizes[k])
-    return size * float(p.centre[k]), size * float(np.sqrt(fitted.covariance[k, k]))
+    k = _position(model, e, channel)
+    trained = model.datasets[e.recording].train.any()
+    fitted = model.fit_nuisances() if trained else model.fit_nuisances_to_all()
+    size = float(model.prior_std[k])
+    return size * float(model.centre[k]), size * float(np.sqrt(fitted.covariance[k, k]))
 
 
-def _position(p: Problem, e: Event, channel: int) -> int:
-    return next(i for i, n in enumerate(p.nuisances) if n.name == _name(e, channel))
+def _position(model: LinearisedModel, e: Event, channel: int) -> int:
+    return next(i for i, n in enumerate(model.nuisances) if n.name == _name(e, channel))
 
 
-def _agreeing(p: Problem, events: Sequence[Event]) -> list[Event]:
+def _agreeing(model: LinearisedModel, events: Sequence[Event]) -> list[Event]:
     """Keep channels whose level, of the fit to everything, has changed by what it jumped."""
     kept = []
     for e in events:
         heights = {}
         for c, jump in e.heights.items():
-            height, std = height_of(p, e, c)
+            height, std = height_of(model, e, c)
             if abs(height) > SURE * std and abs(height - jump) < AGREES * abs(jump) + 5.0 * std:
                 heights[c] = jump
         if heights:
@@ -167,14 +169,14 @@ def _agreeing(p: Problem, events: Sequence[Event]) -> list[Event]:
     return kept
 
 
-def _sharpened(p: Problem, events: Sequence[Event]) -> list[Event]:
+def _sharpened(model: LinearisedModel, events: Sequence[Event]) -> list[Event]:
     """Find the instant of each step, to a sample, from its posterior."""
     out = []
     for e in events:
-        t = p.cases[e.recording].measured.times('wrench')
+        t = model.datasets[e.recording].measured.times('wrench')
         near = t[np.abs(t - e.instant) < NEAR]
         before = t[np.maximum(np.searchsorted(t, near) - 1, 0)]
-        weight = sum(_likelihood(p, e, c, near) for c in e.heights)
+        weight = sum(_likelihood(model, e, c, near) for c in e.heights)
         posterior = np.exp(weight - np.max(weight))
         total = np.cumsum(posterior) / posterior.sum()
         i = int(np.argmax(posterior))
@@ -186,12 +188,14 @@ def _sharpened(p: Problem, events: Sequence[Event]) -> list[Event]:
     return out
 
 
-def _likelihood(p: Problem, e: Event, channel: int, instants: Array) -> Array:
+def _likelihood(model: LinearisedModel, e: Event, channel: int, instants: Array) -> Array:
     """Log-likelihood of a channel's step at some instants, its height fitted to each."""
-    case, noise = p.cases[e.recording], p.noise[e.recording]
-    k = _position(p, e, channel)
-    without = p.blocks[e.recording][:, channel] + p.centre[k] * p.columns[e.recording][k][channel]
-    rows = np.stack([without, *(case.measured.since('wrench', t) for t in instants)])
+    dataset, noise = model.datasets[e.recording], model.noise[e.recording]
+    k = _position(model, e, channel)
+    without = model.residuals[e.recording][:,
+                                           channel] + model.centre[k] * model.jacobian[
+        e.recording][k][channel]
+    rows = np.stack([without, *(dataset.measured.since('wrench', t) for t in instants)])
     white = noise.whiten(rows, channel)
     product, square = white[1:] @ white[0], np.sum(white[1:] ** 2, axis=1)
     return np.asarray(0.5 * product ** 2 / np.maximum(square, 1e-12))

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.model.discrepancy import NONE, Sizes
+from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY, Scales
 from forcecal_ros.diagnose.model.evidence import Score
 from forcecal_ros.geometry import Array
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 
-class Trial(NamedTuple):
+class HypothesisFit(NamedTuple):
     """
     A fitted hypothesis.
 
@@ -55,7 +55,7 @@ class Trial(NamedTuple):
     excess: float
     n: int
     refined: bool
-    discrepancy: Sizes = NONE
+    discrepancy: Scales = NO_DISCREPANCY
 
     @property
     def p(self) -> float:
@@ -87,7 +87,7 @@ class Accepted(NamedTuple):
     free : ndarray of int
         Which of them are estimated.
     released : frozenset of str
-    trial : Trial
+    trial : HypothesisFit
         At its acceptance.
     """
 
@@ -96,7 +96,7 @@ class Accepted(NamedTuple):
     std: Array
     free: NDArray[np.intp]
     released: frozenset[str]
-    trial: Trial
+    result: HypothesisFit
 
     @property
     def degrees(self) -> int:
@@ -104,6 +104,6 @@ class Accepted(NamedTuple):
         return max(1, len(self.free) + len(self.released))
 
     @classmethod
-    def of(cls, trial: Trial) -> 'Accepted':
+    def of(cls, result: HypothesisFit) -> 'Accepted':
         """Accept a trial."""
-        return cls(trial.name, trial.theta, trial.std, trial.free, trial.released, trial)
+        return cls(result.name, result.theta, result.std, result.free, result.released, result)

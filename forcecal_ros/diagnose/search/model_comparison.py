@@ -4,9 +4,15 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.inputs.channels import COLUMNS
-from forcecal_ros.diagnose.model.discrepancy import ascended, NONE, Products, SIZES, Sizes
-from forcecal_ros.diagnose.model.effect_jacobian import FAR, Tangent, tangent
+from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
+from forcecal_ros.diagnose.model.discrepancy import (
+    ascended,
+    NO_DISCREPANCY,
+    Products,
+    SCALES,
+    Scales,
+)
+from forcecal_ros.diagnose.model.effect_jacobian import effect_jacobian, EffectJacobian, FAR
 from forcecal_ros.diagnose.model.evidence import Fit, fit, Gram, Prior, score
 from forcecal_ros.diagnose.model.hypotheses import (
     Atom,
@@ -17,8 +23,8 @@ from forcecal_ros.diagnose.model.hypotheses import (
     values_of,
 )
 from forcecal_ros.diagnose.model.jacobian import Column, column, combined
-from forcecal_ros.diagnose.model.linearised import Diverged, EFFECT, Problem
-from forcecal_ros.diagnose.search.fitted import Trial
+from forcecal_ros.diagnose.model.linearised import Diverged, EFFECT, LinearisedModel
+from forcecal_ros.diagnose.search.fitted import HypothesisFit
 from forcecal_ros.effects import Effect
 from forcecal_ros.geometry import Array
 import numpy as np
@@ -57,7 +63,7 @@ def estimated(effect: Effect, atom: Atom) -> NDArray[np.intp]:
 class _Level(NamedTuple):
     """What is explained already, with a discrepancy of one size: its fit and its evidence."""
 
-    sizes: Sizes
+    scales: Scales
     train: Gram
     held: Gram
     null: Fit
@@ -66,66 +72,66 @@ class _Level(NamedTuple):
     @property
     def excess(self) -> float:
         """Held-out whitened energy above the noise and the discrepancy."""
-        return self.held.left(self.null.x) - self.held.n
+        return self.held.residual_squares(self.null.x) - self.held.n
 
 
 def _by_chance(n: int) -> float:
     return CHANCE * float(np.sqrt(0.5 * n))
 
 
-class Bench:
+class ModelComparison:
     """
     Judges hypotheses against what is explained already.
 
     Parameters
     ----------
-    problem : Problem
-    tangents : sequence of Tangent
+    model : LinearisedModel
+    jacobians : sequence of EffectJacobian
         Of the accepted effects.
     """
 
-    def __init__(self, problem: Problem, tangents: Sequence[Tangent] = ()) -> None:
-        self.problem = problem
+    def __init__(self, model: LinearisedModel, jacobians: Sequence[EffectJacobian] = ()) -> None:
+        self.model = model
         self.extra: list[list[Column]] = [
-            [c for t in tangents for c in t.columns[i]] for i in range(len(problem.cases))]
-        self.m = len(problem.nuisances)
-        self._away = np.concatenate([np.zeros(0), *(t.away for t in tangents)])
+            [c for t in jacobians for c in t.columns[i]] for i in range(len(model.datasets))]
+        self.m = len(model.nuisances)
+        self._away = np.concatenate([np.zeros(0), *(t.away for t in jacobians)])
         self.base = self.m + len(self.extra[0])
         self.null_prior = self._prior(frozenset(), np.zeros(0))
-        self._products = problem.products(self.extra)
+        self._products = model.products(self.extra)
         self.levels = self._usual()
         best = max(self.levels, key=lambda level: level.evidence)
-        self.sizes, self.train, self.held, self.null, self.null_evidence = best
+        self.scales, self.train, self.held, self.null, self.null_evidence = best
         self.null_predictive = self.null_evidence - self.null.log_evidence
-        self.noise_rms = [np.stack([n.rms(g) for g in range(3)]) for n in problem.noise]
+        self.noise_rms = [np.stack([n.rms(g) for g in range(3)]) for n in model.noise]
 
     def _usual(self) -> list['_Level']:
         """Return levels of one size in all streams, and the likeliest of any."""
-        levels = [self._level((size,) * len(COLUMNS)) for size in SIZES]
-        start = max(levels, key=lambda level: level.evidence).sizes
+        levels = [self._level((size,) * len(STREAM_SLICES)) for size in SCALES]
+        start = max(levels, key=lambda level: level.evidence).scales
         best = ascended(self._products, lambda grams: fit(
             grams[0] + grams[1], self.null_prior).log_evidence, start)
         return levels if best == start else [*levels, self._level(best)]
 
-    def _level(self, sizes: Sizes) -> '_Level':
-        train, held = self._products.at(sizes)
+    def _level(self, scales: Scales) -> '_Level':
+        train, held = self._products.at(scales)
         null = fit(train, self.null_prior)
-        return _Level(sizes, train, held, null, fit(train + held, self.null_prior).log_evidence)
+        return _Level(scales, train, held, null, fit(train + held, self.null_prior).log_evidence)
 
     @property
     def excess(self) -> float:
         """Held-out whitened energy above the noise, without a discrepancy."""
-        return next(level.excess for level in self.levels if level.sizes == NONE)
+        return next(level.excess for level in self.levels if level.scales == NO_DISCREPANCY)
 
     @property
-    def unnamed(self) -> float:
+    def discrepancy_evidence(self) -> float:
         """Log-likelihood of a discrepancy against none, and what is left beyond it."""
         every, found = self._all
-        excess = every.left(found.x) - every.n
+        excess = every.residual_squares(found.x) - every.n
         return self._gained + max(0.0, 0.5 * excess - _by_chance(every.n))
 
     @property
-    def wanting(self) -> float:
+    def missing_evidence(self) -> float:
         """Log-evidence that a model with nothing wrong would have more, noise allowed for."""
         every, found = self._all
         missed = -found.log_evidence - found.volume - 0.5 * every.n - _by_chance(every.n)
@@ -139,32 +145,32 @@ class Bench:
 
     @property
     def _gained(self) -> float:
-        none = next(level.evidence for level in self.levels if level.sizes == NONE)
+        none = next(level.evidence for level in self.levels if level.scales == NO_DISCREPANCY)
         return self.null_evidence - none
 
     def _prior(self, released: frozenset[str], centre: Array) -> Prior:
         """Return the prior of nuisances, accepted effects, and an effect's parameters."""
-        own = self.problem.prior(released)
+        own = self.model.prior(released)
         away = np.concatenate([self._away, centre])
         return Prior(np.concatenate([own.centre, away]),
                      np.concatenate([own.precision, np.full(len(away), EFFECT)]),
                      np.concatenate([own.bound, np.full(len(away), np.inf)]))
 
-    def screen(self, hypotheses: Sequence[Hypothesis]) -> list[tuple[Trial, Atom | None]]:
+    def screen(self, hypotheses: Sequence[Hypothesis]) -> list[tuple[HypothesisFit, Atom | None]]:
         """Judge all hypotheses on linear columns, the best start of each, likeliest first."""
-        cases = range(len(self.problem.cases))
+        datasets = range(len(self.model.datasets))
         atoms = [(h, a) for h in hypotheses for a in h.atoms]
         all_columns = [
-            [*self.extra[i], *(c for _, a in atoms for c in a.columns[i])] for i in cases]
-        products = self.problem.products(all_columns)
-        grams = [products.at(level.sizes) for level in self.levels]
-        train, held = products.at(self.sizes)
+            [*self.extra[i], *(c for _, a in atoms for c in a.columns[i])] for i in datasets]
+        products = self.model.products(all_columns)
+        grams = [products.at(level.scales) for level in self.levels]
+        train, held = products.at(self.scales)
         both = train + held
-        best: dict[str, tuple[Trial, Atom | None]] = {}
+        best: dict[str, tuple[HypothesisFit, Atom | None]] = {}
 
-        def keep(h: Hypothesis, trial: Trial, atom: Atom | None) -> None:
-            if h.name not in best or trial.evidence > best[h.name][0].evidence:
-                best[h.name] = (trial, atom)
+        def keep(h: Hypothesis, result: HypothesisFit, atom: Atom | None) -> None:
+            if h.name not in best or result.evidence > best[h.name][0].evidence:
+                best[h.name] = (result, atom)
 
         for h in hypotheses:
             for released in h.releases:
@@ -179,7 +185,7 @@ class Bench:
                 index = np.concatenate([np.arange(self.base), position + part])
                 own = fewer(h.effect, atom, part)
                 keep(h, self._judge(h, own, frozenset(), _of(grams, index),
-                                    [list(own.columns[i]) for i in cases]), own)
+                                    [list(own.columns[i]) for i in datasets]), own)
             position += len(atom.free)
         return sorted(best.values(), key=lambda pair: -pair[0].evidence)
 
@@ -188,9 +194,9 @@ class Bench:
         chosen: list[int] = []
         value = -np.inf
         while len(chosen) < min(k - 1, MANY):
-            left = [j for j in range(k) if j not in chosen]
+            remaining = [j for j in range(k) if j not in chosen]
             scores = []
-            for j in left:
+            for j in remaining:
                 index = np.concatenate([np.arange(self.base),
                                         position + np.array([*chosen, j], dtype=np.intp)])
                 prior = self._prior(frozenset(), np.zeros(len(chosen) + 1))
@@ -199,11 +205,11 @@ class Bench:
             if scores[best] < value + WORTHWHILE:
                 break
             value = scores[best]
-            chosen.append(left[best])
+            chosen.append(remaining[best])
         return np.array(sorted(chosen), dtype=np.intp)
 
     def _judge(self, h: Hypothesis, atom: Atom | None, released: frozenset[str],
-               grams: Sequence[tuple[Gram, Gram]], columns: list[list[Column]]) -> Trial:
+               grams: Sequence[tuple[Gram, Gram]], columns: list[list[Column]]) -> HypothesisFit:
         k = len(grams[0][0].vector) - self.base
         prior = self._prior(released, np.zeros(k))
         level, (train, held), joint = self._likeliest(grams, prior)
@@ -230,17 +236,17 @@ class Bench:
             if (len(atom.free) == 1 and (theta < low - 1e-12 * np.abs(low)).any()):
                 gain = evidence = -np.inf
             theta = np.clip(theta, low, high)
-        return Trial(h.name, theta, std, free, found.x[:self.m], released, float(gain),
-                     float(evidence), s, self._size(columns, found.x - null), level.excess,
-                     held.n, atom is None, level.sizes)
+        return HypothesisFit(h.name, theta, std, free, found.x[:self.m], released, float(gain),
+                             float(evidence), s, self._size(columns, found.x - null), level.excess,
+                             held.n, atom is None, level.scales)
 
-    def _best_sizes(self, products: Products, prior: Prior) -> Sizes:
+    def _best_scales(self, products: Products, prior: Prior) -> Scales:
         """Return the sizes that make a hypothesis likeliest whose columns end with its effect."""
         def evidence(grams: tuple[Gram, Gram]) -> float:
             return fit(_shifted(grams[0] + grams[1]), prior).log_evidence
 
-        start = max((level.sizes for level in self.levels),
-                    key=lambda sizes: evidence(products.at(sizes)))
+        start = max((level.scales for level in self.levels),
+                    key=lambda scales: evidence(products.at(scales)))
         return ascended(products, evidence, start)
 
     def _likeliest(self, grams: Sequence[tuple[Gram, Gram]], prior: Prior
@@ -253,26 +259,26 @@ class Bench:
     def _size(self, columns: list[list[Column]], d: Array) -> float:
         """Largest RMS of a difference, held out, in noise RMS of a channel and kind of motion."""
         largest = 0.0
-        for i, case in enumerate(self.problem.cases):
-            if not case.held.any():
+        for i, dataset in enumerate(self.model.datasets):
+            if not dataset.held.any():
                 continue
-            every = [*self.problem.columns[i], *self.extra[i], *(columns[i] if columns else [])]
-            difference = combined(every, d, len(case.groups))
+            every = [*self.model.jacobian[i], *self.extra[i], *(columns[i] if columns else [])]
+            difference = combined(every, d, len(dataset.groups))
             for g in range(3):
-                rows = case.held & (case.groups == g)
+                rows = dataset.held & (dataset.groups == g)
                 if rows.sum() >= 50:
                     rms = np.sqrt(np.mean(difference[rows] ** 2, axis=0))
-                    there = self.problem.noise[i].sigma[g] > 0.0
+                    there = self.model.noise[i].sigma[g] > 0.0
                     ratio = rms[there] / self.noise_rms[i][g][there]
                     largest = max(largest, float(ratio.max(initial=0.0)))
         return largest
 
-    def refine(self, h: Hypothesis, trial: Trial) -> Trial:
+    def refine(self, h: Hypothesis, result: HypothesisFit) -> HypothesisFit:
         """Fit an effect's parameters on simulations, nuisances along; judge it again."""
-        problem, effect = self.problem, h.effect
+        model, effect = self.model, h.effect
         low, high = bounds_of(effect)
-        fitted = [i for i, c in enumerate(problem.cases) if c.train.any()]
-        theta, free = trial.theta.copy(), trial.free
+        fitted = [i for i, c in enumerate(model.datasets) if c.train.any()]
+        theta, free = result.theta.copy(), result.free
         best, step = (-np.inf, theta), np.zeros(len(free))
         for _ in range(ROUNDS):
             try:
@@ -295,15 +301,15 @@ class Bench:
     def _stepped(self, h: Hypothesis, theta: Array, free: NDArray[np.intp], fitted: list[int]
                  ) -> tuple[float, Array, Array]:
         """Return the evidence at an effect's parameters, the step from there, and its units."""
-        problem = self.problem
-        values = {**problem.effects, h.name: values_of(h.effect, theta)}
-        blocks = [problem.simulate(values, i) for i in fitted]
-        t = tangent(problem, h.name, theta, free, blocks, fitted)
-        full = [blocks[fitted.index(i)] if i in fitted else b
-                for i, b in enumerate(problem.blocks)]
-        columns = [[*self.extra[i], *t.columns[i]] for i in range(len(problem.cases))]
-        products = problem.products(columns, full)
-        grams = [products.at(level.sizes)[0] for level in self.levels]
+        model = self.model
+        values = {**model.effects, h.name: values_of(h.effect, theta)}
+        residuals = [model.simulate(values, i) for i in fitted]
+        t = effect_jacobian(model, h.name, theta, free, residuals, fitted)
+        full = [residuals[fitted.index(i)] if i in fitted else b
+                for i, b in enumerate(model.residuals)]
+        columns = [[*self.extra[i], *t.columns[i]] for i in range(len(model.datasets))]
+        products = model.products(columns, full)
+        grams = [products.at(level.scales)[0] for level in self.levels]
         prior = self._prior(frozenset(), t.away)
         # an effect that is not there yet in full leaves what looks like a discrepancy
         found = max((fit(train, prior) for train in grams), key=lambda one: one.log_evidence)
@@ -311,17 +317,17 @@ class Bench:
         as_is = max(fit(train.of(own), self.null_prior).log_evidence for train in grams)
         return as_is, found.x[self.base:] * t.units, t.units
 
-    def _final(self, h: Hypothesis, theta: Array, free: NDArray[np.intp]) -> Trial:
-        problem, cases = self.problem, range(len(self.problem.cases))
-        values = {**problem.effects, h.name: values_of(h.effect, theta)}
-        blocks = [problem.simulate(values, i) for i in cases]
-        t = tangent(problem, h.name, theta, free, blocks, list(cases))
-        moved = [column(b - after, problem.level) for b, after in zip(problem.blocks, blocks)]
-        own = [[*t.columns[i], moved[i]] for i in cases]
-        products = problem.products([[*self.extra[i], *own[i]] for i in cases])
+    def _final(self, h: Hypothesis, theta: Array, free: NDArray[np.intp]) -> HypothesisFit:
+        model, datasets = self.model, range(len(self.model.datasets))
+        values = {**model.effects, h.name: values_of(h.effect, theta)}
+        residuals = [model.simulate(values, i) for i in datasets]
+        t = effect_jacobian(model, h.name, theta, free, residuals, list(datasets))
+        moved = [column(b - after, model.level) for b, after in zip(model.residuals, residuals)]
+        own = [[*t.columns[i], moved[i]] for i in datasets]
+        products = model.products([[*self.extra[i], *own[i]] for i in datasets])
         prior = self._prior(frozenset(), t.away)
-        level = self._level(self._best_sizes(products, prior))
-        train, held = products.at(level.sizes)
+        level = self._level(self._best_scales(products, prior))
+        train, held = products.at(level.scales)
         found = fit(_shifted(train), prior)
         joint = fit(_shifted(train + held), prior)
         gain = joint.log_evidence - found.log_evidence - self.null_predictive
@@ -333,9 +339,9 @@ class Bench:
         std, out = np.zeros(len(theta)), theta.copy()
         std[free] = t.units * np.sqrt(np.diag(found.covariance)[self.base:])
         out[free] = np.clip(theta[free] + found.x[self.base:] * t.units, low[free], high[free])
-        return Trial(h.name, out, std, free, found.x[:self.m], frozenset(), float(gain),
-                     float(evidence), s, self._size(own, alternative - null), level.excess,
-                     held.n, True, level.sizes)
+        return HypothesisFit(h.name, out, std, free, found.x[:self.m], frozenset(), float(gain),
+                             float(evidence), s, self._size(own, alternative - null), level.excess,
+                             held.n, True, level.scales)
 
 
 def _shifted(gram: Gram) -> Gram:

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from forcecal_ros.diagnose.model.hypotheses import Hypothesis
 from forcecal_ros.diagnose.model.linearised import Diverged
 from forcecal_ros.diagnose.search.acceptance import acceptable
-from forcecal_ros.diagnose.search.fitted import Trial
-from forcecal_ros.diagnose.search.model_comparison import Bench
+from forcecal_ros.diagnose.search.fitted import HypothesisFit
+from forcecal_ros.diagnose.search.model_comparison import ModelComparison
 import numpy as np
 
 TEMPERATURE = 2.0
@@ -35,40 +35,42 @@ CLOSE = 0.5
 """Fraction of the best gain from which a hypothesis is refined as well."""
 
 
-def ranked(bench: Bench, found: Sequence[Hypothesis], tested: int) -> list[Trial]:
+def ranked(comparison: ModelComparison, found: Sequence[Hypothesis],
+           tested: int) -> list[HypothesisFit]:
     """Screen hypotheses, refine the best, and return all trials, likeliest first."""
-    screened = bench.screen(found)
+    screened = comparison.screen(found)
     by_name = {h.name: h for h in found}
     best = max((t.evidence for t, _ in screened), default=0.0)
     out, refined = [], 0
-    for trial, atom in screened:
-        promising = trial.evidence > CLOSE * best and np.isfinite(trial.evidence)
-        promising |= refined < SHORTLIST and trial.evidence > WORTH
-        if atom is not None and promising and trial.gain > 1.0 and refined < 2 * SHORTLIST:
+    for result, atom in screened:
+        promising = result.evidence > CLOSE * best and np.isfinite(result.evidence)
+        promising |= refined < SHORTLIST and result.evidence > WORTH
+        if atom is not None and promising and result.gain > 1.0 and refined < 2 * SHORTLIST:
             refined += 1
-            better = refined_or_rejected(bench, by_name[trial.name], trial)
-            if better.evidence > trial.evidence or acceptable(better, tested) \
+            better = refined_or_rejected(comparison, by_name[result.name], result)
+            if better.evidence > result.evidence or acceptable(better, tested) \
                     or not np.isfinite(better.evidence):
-                trial = better
-        out.append(trial)
+                result = better
+        out.append(result)
     weight = weights(out)
     return sorted(out, key=lambda t: -weight[t.name])
 
 
-def refined_or_rejected(bench: Bench, hypothesis: Hypothesis, trial: Trial) -> Trial:
+def refined_or_rejected(comparison: ModelComparison, hypothesis: Hypothesis,
+                        result: HypothesisFit) -> HypothesisFit:
     """Refine a trial; where its simulation diverges it is impossible."""
     try:
-        return bench.refine(hypothesis, trial)
+        return comparison.refine(hypothesis, result)
     except Diverged:
-        return trial._replace(gain=-np.inf, evidence=-np.inf)
+        return result._replace(gain=-np.inf, evidence=-np.inf)
 
 
-def tempered(trials: Sequence[Trial]) -> float:
+def temperature_of(results: Sequence[HypothesisFit]) -> float:
     """Temperature of log-likelihoods beside the energy that is at stake."""
-    return TEMPERATURE + min(HOTTEST, MISMATCH * max((t.evidence for t in trials), default=0.0))
+    return TEMPERATURE + min(HOTTEST, MISMATCH * max((t.evidence for t in results), default=0.0))
 
 
-def weights(trials: Sequence[Trial]) -> dict[str, float]:
+def weights(results: Sequence[HypothesisFit]) -> dict[str, float]:
     """
     Weigh hypotheses against the likeliest one.
 
@@ -77,14 +79,14 @@ def weights(trials: Sequence[Trial]) -> dict[str, float]:
 
     Parameters
     ----------
-    trials : sequence of Trial
+    results : sequence of HypothesisFit
 
     Returns
     -------
     dict of str to float
         Log-odds; -inf where a hypothesis is impossible.
     """
-    best = max((t.evidence for t in trials), default=0.0)
-    temperature = tempered(trials)
+    best = max((t.evidence for t in results), default=0.0)
+    temperature = temperature_of(results)
     return {t.name: (t.evidence - best) / temperature - PARSIMONY * t.degrees
-            for t in trials}
+            for t in results}
