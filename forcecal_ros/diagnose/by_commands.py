@@ -32,7 +32,6 @@ def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
         To fit on.
     heldout : Recording or None
         To judge on; parts of ``recording`` are held out where none is given.
-    rig : Rig
     accelerometer : str, optional
         ``acc1`` or ``acc2``; recognised where none is given.
 

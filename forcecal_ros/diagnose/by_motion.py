@@ -40,7 +40,6 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, rigid_tool:
         To fit on.
     heldout : Recording or None
         To judge on; every other second of ``recording`` where none is given.
-    rigid_tool : RigidTool
     calibration : Calibration, optional
         That the rigid tool was made of: says what the accelerometer's readings mean.
     accelerometer : str, optional

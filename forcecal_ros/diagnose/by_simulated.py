@@ -45,10 +45,8 @@ class SimulatedDiagnosis(NamedTuple):
 
     Attributes
     ----------
-    outcome : Outcome
     alignment : tuple of Alignment
         Of each pair; empty where the data cannot answer.
-    tracking : tuple of Tracking
     tool : SimulatedTool or None
         The simulator's tool.
     """

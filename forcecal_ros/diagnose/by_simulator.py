@@ -66,7 +66,6 @@ class RerunDiagnosis(NamedTuple):
 
     Attributes
     ----------
-    outcome : Outcome
     changed : tuple of Changed
         Parameters that a named effect moves.
     runs : int
@@ -103,7 +102,6 @@ def diagnose_rerun(recording: Recording, heldout: Recording | None, simulator: T
         To fit on: commands, wrench and pose; an accelerometer in m/s^2 along ft_sensor.
     heldout : Recording or None
         To judge on; every other second of ``recording`` where none is given.
-    simulator : ThirdParty
     rig : Rig
         Gives the tolerances.
 

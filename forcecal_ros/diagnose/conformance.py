@@ -32,14 +32,10 @@ class Conformance(NamedTuple):
 
     Attributes
     ----------
-    name : str
     seconds : float
         Processor time of one run [s].
     length : float
         Of the recording [s].
-    streams : tuple of str
-    sensitivity : tuple of Sensitivity
-    notes : tuple of str
     """
 
     name: str
@@ -72,7 +68,6 @@ def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Confor
 
     Parameters
     ----------
-    simulator : ThirdParty
     recording : Recording
         With commands, wrench and pose.
     rig : Rig

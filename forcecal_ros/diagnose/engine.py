@@ -94,7 +94,6 @@ class Outcome:
 
     Attributes
     ----------
-    diagnosis : Diagnosis
     rig : Rig
         Recalibrated, with the effects.
     recalibrations : dict of str to (float, float)
@@ -102,7 +101,6 @@ class Outcome:
         tolerance is.
     recalibrated, explained : tuple of ndarray, shape (n, 16)
         Measured less simulated, in block means, of each recording.
-    datasets : tuple of Dataset
     noise : ndarray, shape (16,)
         RMS of one sample of each channel.
     """
@@ -136,7 +134,6 @@ def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[
 
     Parameters
     ----------
-    rig : Rig
     datasets : tuple of Dataset
         To fit on and to judge on.
     stamps : sequence of Corrected

@@ -156,10 +156,6 @@ class LiveGap:
             When the robot's period 0 began, by the recording's times [s].
         until : float
             All sensors have been heard up to then [s].
-
-        Returns
-        -------
-        Judgement
         """
         n = int(np.floor((until - origin) / self._period + 1e-6)) - self._periods
         if n > 0:
@@ -313,13 +309,8 @@ def offline(rig: Rig, recording: Recording) -> list[Judgement]:
 
     Parameters
     ----------
-    rig : Rig
     recording : Recording
         With commands, from rest on.
-
-    Returns
-    -------
-    list of Judgement
     """
     assert recording.target is not None and recording.wrench is not None
     names = [n for n in STREAM_SLICES if getattr(recording, n) is not None]

@@ -1,4 +1,4 @@
-"""What a sound rig may differ in from its file: parameters, its spreads as their priors."""
+"""Nuisance parameters: what a rig within nominal tolerances may differ in from its file."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -9,7 +9,7 @@ from forcecal_ros.geometry import Array
 import numpy as np
 
 LIMIT = 3.0
-"""Spreads that a nuisance may take up; an effect of its name is what lies beyond."""
+"""Prior standard deviations by which a nuisance may depart; an effect of its name lies beyond."""
 
 ROBOT = 'robot'
 """Key of how a robot follows otherwise than fitted: poles move motion in no straight line."""
@@ -20,19 +20,17 @@ LEAST = -0.95
 
 class Nuisance(NamedTuple):
     """
-    One parameter, in units of its spread.
+    One parameter, in units of its prior standard deviation.
 
     Attributes
     ----------
-    name : str
     key : str
-        Of the rig's spreads.
+        Of its prior standard deviation in the rig's ``spreads``.
     apply : callable
-        (rig, physical value) -> rig; relative where the spread is.
+        (rig, physical value) -> rig; relative where its prior std is.
     acts_on : str
         ``wrench`` or ``volts``: known in closed form, channel ``axis``; ``rig``: simulated;
         ``step``: the level of channel ``axis`` of one recording from an instant on.
-    axis : int
     least : float
         Lowest physical value.
     recording : int
@@ -40,7 +38,7 @@ class Nuisance(NamedTuple):
     instant : float
         When it steps [s].
     prior_std : float or None
-        Its own, where the rig's spreads do not hold it.
+        Its own, where the rig's ``spreads`` do not hold it.
     """
 
     name: str
@@ -125,19 +123,7 @@ def _accelerometer(field: str, index: int, name: str) -> Callable[[Rig, float], 
 
 
 def nuisances(rig: Rig, accelerometer: str, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
-    """
-    List the nuisances that the streams at hand can show.
-
-    Parameters
-    ----------
-    rig : Rig
-    accelerometer : str
-    streams : tuple of str
-
-    Returns
-    -------
-    tuple of Nuisance
-    """
+    """List the nuisances that the streams at hand can show."""
     found = _of_robot(rig)
     if 'wrench' in streams:
         found += [Nuisance('tool.mass', 'mass', scaled('tool', 'mass'), least=LEAST)]
@@ -207,7 +193,7 @@ def of_sensors(accelerometer: str, streams: tuple[str, ...]) -> list[Nuisance]:
 
 
 def prior_std(rig: Rig, of: tuple[Nuisance, ...]) -> tuple[float, ...]:
-    """Return the physical size of one spread of each nuisance."""
+    """Return the prior standard deviation of each nuisance, in its physical unit."""
     return tuple(float(getattr(rig.spreads, n.key) if n.prior_std is None else n.prior_std)
                  for n in of)
 
@@ -218,14 +204,8 @@ def apply_all(rig: Rig, of: tuple[Nuisance, ...], values: Mapping[str, float]) -
 
     Parameters
     ----------
-    rig : Rig
-    of : tuple of Nuisance
     values : mapping
-        Name to physical value, as the spread: relative or absolute.
-
-    Returns
-    -------
-    Rig
+        Name to physical value, as the prior std: relative or absolute.
     """
     for nuisance in of:
         if values.get(nuisance.name):

@@ -38,7 +38,6 @@ class CarriedTool:
         With measured pose; the accelerometer in volts of the rig's model.
     start : float
         When block 0 begins [s].
-    n_blocks : int
     accelerometer : str
         ``acc1`` or ``acc2``.
     clear : bool

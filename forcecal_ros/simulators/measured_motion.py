@@ -25,7 +25,7 @@ EXACT = 0.2
 """
 RMS in that of the noise, up to which a motion is known: a filtered acceleration lacks its edges.
 
-Simulated rigid tools had 0.05 to 0.11 left in one channel or other.
+Simulated rigid tools had a residual of 0.05 to 0.11 in one channel or other.
 """
 
 SHOWN = frozenset({
@@ -50,7 +50,6 @@ class MeasuredMotion:
         With measured pose; the accelerometer in volts of the rigid tool's model.
     start : float
         When block 0 begins [s].
-    n_blocks : int
     accelerometer : str
         ``acc1`` or ``acc2``.
     rigid_tool : RigidTool
@@ -138,7 +137,6 @@ class RecordedSimulation(MeasuredMotion):
         Of the simulator, on the robot's clock: wrench and pose.
     start : float
         When block 0 begins [s].
-    n_blocks : int
     accelerometer : str
         ``acc1`` or ``acc2``.
     rigid_tool : RigidTool

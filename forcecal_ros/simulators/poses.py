@@ -74,10 +74,6 @@ def in_base_of(measured: PoseStream, simulated: PoseStream) -> PoseStream:
     measured, simulated : PoseStream
         On one clock.
 
-    Returns
-    -------
-    PoseStream
-
     Raises
     ------
     DataError

@@ -56,8 +56,6 @@ class Runs:
 
     Parameters
     ----------
-    simulator : ThirdParty
-    inputs : Inputs
     measured : PoseStream
         Of the robot, on the inputs' clock: in its base.
 
@@ -174,10 +172,8 @@ class Rerun:
 
     Parameters
     ----------
-    runs : Runs
     start : float
         When block 0 begins [s].
-    n_blocks : int
     rigid_tool : RigidTool
         The simulator's tool, see :func:`~forcecal_ros.diagnose.simulated_tool.simulated_tool`.
     """
@@ -195,7 +191,7 @@ class Rerun:
         return addable(self.library[effect], self.accelerated)
 
     def nuisances(self, rig: Rig, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
-        """List what a sound robot may differ in: parameters, tool, mounting and sensors."""
+        """List the nuisance parameters: those of the simulator, tool, mounting and sensors."""
         found = nuisances_of(self.runs.simulator.parameters)
         if 'tool_mass' in self.library:
             found.append(Nuisance('tool.mass', 'mass', scaled('tool', 'mass'), least=LEAST))
@@ -221,10 +217,6 @@ class Rerun:
         ----------
         rig : Rig
             A SimulatedRobot.
-
-        Returns
-        -------
-        Signals
         """
         assert isinstance(rig, SimulatedRobot)
         carried, readings = self._along(rig.numbers, rig.late)

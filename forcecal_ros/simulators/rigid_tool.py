@@ -52,7 +52,6 @@ def rigid_tool_of_calibration(calibration: Calibration, rig: Rig) -> RigidTool:
 
     Parameters
     ----------
-    calibration : Calibration
     rig : Rig
         Gives the tolerances: a sensor's zero drifts also after it was calibrated.
 

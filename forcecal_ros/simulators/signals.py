@@ -13,7 +13,7 @@ RATE = 1000.0
 """Of the simulated signals [Hz]."""
 
 SMALL = 0.05
-"""RMS of what is left, in noise RMS, that is no gap."""
+"""RMS of a difference, in noise RMS, that is no gap."""
 
 UNSEEN = ('wrench_quantisation', 'clock_skew', 'dropouts')
 """Effects that show in values and stamps, not in the mean of a signal."""
@@ -78,7 +78,6 @@ class Simulation(Protocol):
     ----------
     start : float
         When block 0 begins [s].
-    n_blocks : int
     accelerometer : str
         ``acc1`` or ``acc2``.
     band : float
@@ -107,7 +106,7 @@ class Simulation(Protocol):
         """Return signals without the noise of measured inputs, as a discrepancy may follow."""
 
     def nuisances(self, rig: Rig, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
-        """List what a sound rig may differ in, as far as the streams at hand can show it."""
+        """List the nuisance parameters, as far as the streams at hand can show it."""
 
     def can_show(self, effect: str, rig: Rig) -> bool:
         """Say whether an effect could be there and be seen."""

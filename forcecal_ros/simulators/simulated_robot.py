@@ -81,7 +81,7 @@ def _effect(p: Parameter) -> Effect:
 
 
 def nuisances_of(parameters: tuple[Parameter, ...]) -> list[Nuisance]:
-    """List how far a sound robot may be from the simulator's parameters, and its base."""
+    """List the simulator's parameters, and where base and sensor are, as nuisance parameters."""
     found = [Nuisance(p.name, p.name, _number(i), least=p.low - p.nominal, prior_std=p.sigma)
              for i, p in enumerate(parameters)]
     found.append(Nuisance('robot.delay', 'late', _later, prior_std=LATE))

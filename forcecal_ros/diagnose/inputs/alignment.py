@@ -83,9 +83,10 @@ def aligned(recording: Recording, simulated: Recording) -> tuple[Recording, Alig
     one, other = (speed for speed in speeds if speed is not None)
     shift, correlation = _match(one, other)
     if correlation < LEAST_CORRELATION:
-        raise DataError(f'the {what} of the simulated recording are not those of the robot: their '
-                        f'speeds correlate by {correlation:.2f}, expected {LEAST_CORRELATION:g} or '
-                        'more; run the simulator with the recorded commands')
+        raise DataError(
+            f'the {what} of the simulated recording are not those of the robot: their speeds '
+            f'correlate by {correlation:.2f}, expected {LEAST_CORRELATION:g} or more; run the '
+            'simulator with the recorded commands')
     return shifted(simulated, shift), Alignment(shift, by, correlation)
 
 
@@ -115,7 +116,7 @@ def _speed(stream: PoseStream | None) -> tuple[float, Array] | None:
 
 
 def _match(one: tuple[float, Array], other: tuple[float, Array]) -> tuple[float, float]:
-    """Return by how much the other has to be shifted, and how alike they then are."""
+    """Return by how much the other has to be shifted, and how well they then correlate."""
     (start, a), (its_start, b) = one, other
     product = correlate(a - a.mean(), b - b.mean(), method='fft')
     coarse = start - its_start + BLOCK * (int(np.argmax(product)) - (len(b) - 1))

@@ -29,8 +29,6 @@ def start_of(recording: Recording, rig: Rig, accelerometer: str) -> float:
     ----------
     recording : Recording
         With commands.
-    rig : Rig
-    accelerometer : str
 
     Returns
     -------

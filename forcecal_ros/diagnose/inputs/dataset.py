@@ -36,9 +36,6 @@ class Dataset:
 
     Attributes
     ----------
-    recording : Recording
-    simulation : Simulation
-    measured : MeasuredBlocks
     nominal : Signals
         Of the rig as given.
     groups : ndarray of int, shape (n,)
@@ -91,14 +88,8 @@ def prepare(recording: Recording, rig: Rig, accelerometer: str | None = None) ->
 
     Parameters
     ----------
-    recording : Recording
-    rig : Rig
     accelerometer : str, optional
         ``acc1`` or ``acc2``; recognised by its volts where none is given.
-
-    Returns
-    -------
-    Dataset
 
     Raises
     ------
@@ -137,14 +128,6 @@ def split(dataset: Dataset) -> Dataset:
     Hold out parts of every phase of one recording.
 
     Phases that occur more than once alternate; the last half of every other one is held out.
-
-    Parameters
-    ----------
-    dataset : Dataset
-
-    Returns
-    -------
-    Dataset
     """
     held, t = np.zeros(len(dataset.groups), dtype=bool), dataset.times
     count: dict[str, int] = {}

@@ -38,7 +38,6 @@ def prepare_motion(recording: Recording, rigid_tool: RigidTool,
     ----------
     recording : Recording
         Of a calibrated tool its accelerometer is in m/s^2 along ft_sensor.
-    rigid_tool : RigidTool
     accelerometer : str, optional
         ``acc1`` or ``acc2``; the mounted one where none is given.
 

@@ -26,10 +26,6 @@ def require_same_sensors(recordings: Sequence[Recording]) -> None:
     """
     Refuse a second recording that lacks a sensor of the first, or has one more.
 
-    Parameters
-    ----------
-    recordings : sequence of Recording
-
     Raises
     ------
     DataError
@@ -78,10 +74,6 @@ def missing_streams(recording: Recording) -> str:
     """
     Say which stages a recording cannot show because a stream is missing.
 
-    Parameters
-    ----------
-    recording : Recording
-
     Returns
     -------
     str
@@ -108,10 +100,6 @@ def bridged(recording: Recording) -> Recording:
     ----------
     recording : Recording
         With commands.
-
-    Returns
-    -------
-    Recording
 
     Raises
     ------

@@ -43,7 +43,6 @@ class MeasuredBlocks:
         The accelerometer in volts.
     start : float
         Of block 0 [s].
-    n_blocks : int
     """
 
     def __init__(self, recording: Recording, start: float, n_blocks: int) -> None:
@@ -97,10 +96,6 @@ class MeasuredBlocks:
     def residual(self, signals: Signals) -> Array:
         """
         Block means of measured less simulated.
-
-        Parameters
-        ----------
-        signals : Signals
 
         Returns
         -------

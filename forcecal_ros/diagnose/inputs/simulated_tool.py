@@ -41,7 +41,6 @@ class SimulatedTool(NamedTuple):
 
     Attributes
     ----------
-    rigid_tool : RigidTool
     unexplained : tuple of float
         RMS of what it leaves of the simulated wrench [N], [N m].
     zero : tuple of float
@@ -71,7 +70,6 @@ def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig) 
         Wrench and pose.
     start : float
         When block 0 begins [s].
-    n_blocks : int
     rig : Rig
         Gives the tolerances.
 

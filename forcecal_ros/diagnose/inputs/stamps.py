@@ -19,7 +19,6 @@ class Corrected(NamedTuple):
 
     Attributes
     ----------
-    recording : Recording
     clocks : tuple of Clock
         As they were found.
     skew : dict of str to float
@@ -46,14 +45,8 @@ def corrected(recording: Recording, rig: Rig, shortest: float) -> Corrected:
 
     Parameters
     ----------
-    recording : Recording
-    rig : Rig
     shortest : float
         For how long commands and sensors have to be there together [s].
-
-    Returns
-    -------
-    Corrected
 
     Raises
     ------

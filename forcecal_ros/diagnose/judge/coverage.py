@@ -21,10 +21,6 @@ def signal_to_noise(model: LinearisedModel) -> float:
     """
     Say how much the motion moves the signal that it moves most.
 
-    Parameters
-    ----------
-    model : LinearisedModel
-
     Returns
     -------
     float
@@ -41,18 +37,7 @@ def signal_to_noise(model: LinearisedModel) -> float:
 
 
 def not_excited(model: LinearisedModel, found: list[Hypothesis]) -> list[str]:
-    """
-    List the effects of the library that these recordings could not show at a typical size.
-
-    Parameters
-    ----------
-    model : LinearisedModel
-    found : list of Hypothesis
-
-    Returns
-    -------
-    list of str
-    """
+    """List the effects of the library that these recordings could not show at a typical size."""
     m = len(model.nuisances)
     extra = [[c for h in found for a in h.atoms[:1] for c in a.columns[i]]
              for i in range(len(model.datasets))]
@@ -77,7 +62,6 @@ def shares(model: LinearisedModel, given: Sequence[Recording]) -> dict[str, floa
 
     Parameters
     ----------
-    model : LinearisedModel
     given : sequence of Recording
         As recorded.
 
@@ -118,10 +102,6 @@ def refuse_unjudged(model: LinearisedModel) -> None:
 def unjudged(model: LinearisedModel) -> str:
     """
     Say which streams were recorded too slowly, or for too short a time, to be looked at.
-
-    Parameters
-    ----------
-    model : LinearisedModel
 
     Returns
     -------

@@ -42,12 +42,8 @@ class Found:
 
     Attributes
     ----------
-    name : str
-    parameters : dict of str to Parameter
-    probability : float
     begin : float, optional
         When it began [s]; it was there from the start where none is given.
-    begin_ci95 : tuple of float, optional
     recording : int
         0, or 1 where it began in the second one.
     """
@@ -76,7 +72,6 @@ def parameters_of(model: LinearisedModel, a: Accepted) -> dict[str, Parameter]:
     ----------
     model : LinearisedModel
         At the joint fit.
-    a : Accepted
 
     Returns
     -------
@@ -118,7 +113,6 @@ def from_checks(stamps: Sequence[Corrected], noise: Array, model: AccelerometerM
 
     Parameters
     ----------
-    stamps : sequence of Corrected
     noise : ndarray, shape (16,)
         RMS of one sample.
     model : AccelerometerModel
@@ -211,7 +205,6 @@ def found_steps(model: LinearisedModel, events: Sequence[Event]) -> list[Found]:
     ----------
     model : LinearisedModel
         At the joint fit.
-    events : sequence of Event
 
     Returns
     -------

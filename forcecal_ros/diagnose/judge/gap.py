@@ -25,7 +25,6 @@ class Gap(NamedTuple):
         Root mean square over channels of gap / noise RMS.
     closed : float
         1 - explained / recalibrated.
-    closed_ci95 : tuple of float
     channels : dict of str to tuple of float
         RMS of the gap in the three arms and of the noise, by channel, in its unit.
     contact_force : tuple of float
@@ -80,7 +79,7 @@ class Arms(NamedTuple):
     by_effects : ndarray
         Explained less recalibrated simulation.
     predictable : ndarray
-        What still is predictable of the remainder; zero where nothing is left.
+        What the motion still predicts of the residual; zero where that is not significant.
     """
 
     recalibrated: Array
@@ -99,18 +98,12 @@ def gap(datasets: tuple[Dataset, ...], arms: list[Arms], noise: Array, cell_ener
 
     Parameters
     ----------
-    datasets : tuple of Dataset
-    arms : list of Arms
     noise : ndarray, shape (16,)
         RMS of one sample of each channel; 0 where there is none.
     cell_energy : ndarray, shape (16,)
-        Mean square that is left in cells beyond what ``predictable`` predicts.
+        Mean square of time-frequency bins beyond what ``predictable`` predicts.
     errors : Errors, optional
         Of the parameters; taken as exact where none are given.
-
-    Returns
-    -------
-    Gap
     """
     explained, recalibrated, nominal, weights = [], [], [], []
     for dataset, a in zip(datasets, arms):
@@ -167,12 +160,10 @@ def contact_error(datasets: tuple[Dataset, ...], arms: list[Arms], contact: list
 
     Parameters
     ----------
-    datasets : tuple of Dataset
-    arms : list of Arms
     contact : list of list of ndarray, shape (n, 6)
         Simulated contact wrench, nominal, recalibrated, explained, in each recording.
     explained : ndarray, shape (3,) or (0,)
-        Mean square that is left of each force.
+        Mean square of each force that is unexplained.
 
     Returns
     -------

@@ -53,10 +53,6 @@ def parameter_errors(model: LinearisedModel, jacobians: Sequence[EffectJacobian]
         At the joint fit.
     jacobians : sequence of EffectJacobian
         Of its effects.
-
-    Returns
-    -------
-    Errors
     """
     comparison = ModelComparison(model, jacobians)
     k = len(comparison.null.x)
@@ -75,11 +71,10 @@ def parameter_errors(model: LinearisedModel, jacobians: Sequence[EffectJacobian]
 def unpredictable(model: LinearisedModel, bins: list[TimeFrequencyBin],
                   predictable: Sequence[Array]) -> Array:
     """
-    Mean square of what is left, is no noise, and is not predicted from the motion.
+    Mean square of what is unexplained, is no noise, and is not predicted from the motion.
 
     Parameters
     ----------
-    model : LinearisedModel
     bins : list of TimeFrequencyBin
         Of what is unexplained.
     predictable : sequence of ndarray, shape (n, 16)
@@ -88,7 +83,7 @@ def unpredictable(model: LinearisedModel, bins: list[TimeFrequencyBin],
     Returns
     -------
     ndarray, shape (16,)
-        0 where a channel has no strong cell, or a predicted part that stands for it.
+        0 where a channel has no strong bin, or a predicted part that stands for it.
     """
     energy = np.zeros(len(CHANNELS))
     for c in {x.channel for x in bins if x.z > STRONG}:
@@ -111,16 +106,11 @@ def measured_gap(model: LinearisedModel, final: LinearisedModel,
         Recalibrated; with the effects.
     residuals : tuple of three lists of ndarray, shape (n, 16)
         Of each recording: measured less nominal, measured less recalibrated, and what of the
-        final remainder is predictable.
+        final residual is predictable.
     noise : ndarray, shape (16,)
         RMS of one sample.
     energy : ndarray, shape (16,)
-        Mean square of what else is left and is no noise.
-    errors : Errors
-
-    Returns
-    -------
-    Gap
+        Mean square of what else is unexplained and is no noise.
     """
     arms, contact = [], []
     for i, (nominal, before, predictable) in enumerate(zip(*residuals)):

@@ -10,7 +10,7 @@ CANDIDATES = 0.95
 """Probability that the candidate set covers."""
 
 NAMED = 0.8
-"""Share of the gap that effects must close to be named although something is left."""
+"""Share of the misfit that effects must explain to be named although more is unexplained."""
 
 TRUST, PER_DECADE, PER_FURTHER = 0.7, 1.4, 1.5
 """
@@ -38,10 +38,6 @@ def doubt(log_bayes_factor: float, missing_evidence: float) -> float:
         Log-evidence of the effect against a discrepancy in its place.
     missing_evidence : float
         Log-evidence that a model without any flaw would have more; 0: there is none.
-
-    Returns
-    -------
-    float
     """
     if missing_evidence <= 0.0:
         return 0.0
@@ -58,8 +54,7 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], part: Unexpl
     Parameters
     ----------
     slots : sequence of (str, mapping of str to float)
-        Each accepted effect, and its rivals' log-odds against it.
-    part : UnexplainedPart
+        Each accepted effect, and its alternatives' log-odds against it.
     closed : float
         Share of the gap that is closed.
     known : int

@@ -55,7 +55,6 @@ class ResidualSummary(NamedTuple):
         Not those of a vibration that is explained.
     impulses : ndarray, shape (16,)
         How many innovations of each channel noise does not make.
-    notes : tuple of str
     discrepancy_evidence : float
         Log-evidence of the discrepancy.
     """
@@ -75,7 +74,7 @@ class UnexplainedPart(NamedTuple):
     Attributes
     ----------
     ratio : float
-        Largest statistic over its threshold: something is left from 1 on.
+        Largest statistic over its threshold: more than noise from 1 on.
     words : str
         What it is.
     """
@@ -91,13 +90,8 @@ def summarise_residual(model: LinearisedModel,
 
     Parameters
     ----------
-    model : LinearisedModel
     discrepancy_evidence : float
         Log-evidence of its discrepancy.
-
-    Returns
-    -------
-    ResidualSummary
     """
     found = None
     if model.discrepancy_scales != NO_DISCREPANCY:
@@ -180,17 +174,7 @@ def fitted_to_all(model: LinearisedModel,
 
 
 def lines_of(model: LinearisedModel) -> tuple[Line, ...]:
-    """
-    Find spectral lines in the residual, at the full sampling rate.
-
-    Parameters
-    ----------
-    model : LinearisedModel
-
-    Returns
-    -------
-    tuple of Line
-    """
+    """Find spectral lines in the residual, at the full sampling rate."""
     lines: list[Line] = []
     for dataset, signals in zip(model.datasets, model.base):
         for name in ('wrench', 'accelerometer', 'optidrive'):
@@ -202,18 +186,9 @@ def lines_of(model: LinearisedModel) -> tuple[Line, ...]:
 
 
 def unexplained(summary: ResidualSummary) -> UnexplainedPart:
-    """
-    Find the strongest of the tests of a residual, as a multiple of its threshold.
-
-    Parameters
-    ----------
-    summary : ResidualSummary
-
-    Returns
-    -------
-    UnexplainedPart
-    """
-    predictability, cell, impulses = summary.predictability, summary.strongest[0], summary.impulses
+    """Find the strongest of the tests of a residual, as a multiple of its threshold."""
+    predictability, strongest = summary.predictability, summary.strongest[0]
+    impulses = summary.impulses
     z = np.where(predictability.size > SMALL, predictability.z, 0.0)
     c = int(z.argmax())
     several = int(impulses.max())
@@ -222,9 +197,9 @@ def unexplained(summary: ResidualSummary) -> UnexplainedPart:
                 _discrepancy_in_words(summary)) if summary.discrepancy_evidence
                else (float(z[c]) / PREDICTABLE,
                      f'{CHANNELS[c].name}, predictable from the motion ({z[c]:.1f} sigma)'),
-               (cell.z / STRONG, (
-        f'{CHANNELS[cell.channel].name} in {cell.phase}, {cell.band[0]:g} to '
-        f'{cell.band[1]:g} Hz ({cell.z:.1f} sigma)')),
+               (strongest.z / STRONG, (
+        f'{CHANNELS[strongest.channel].name} in {strongest.phase}, {strongest.band[0]:g} to '
+        f'{strongest.band[1]:g} Hz ({strongest.z:.1f} sigma)')),
                (several / IMPULSES,
                 f'{several} impulses in {CHANNELS[int(impulses.argmax())].name}')]
     if line is not None:
@@ -255,11 +230,10 @@ def _other_lines(lines: tuple[Line, ...], model: LinearisedModel
 
 def predictable(predictability: Predictability, dataset: int) -> Array:
     """
-    Return what the motion predicts of the rest of one recording, where anything is left.
+    Return what the motion predicts of the residual of one recording, where that is significant.
 
     Parameters
     ----------
-    predictability : Predictability
     dataset : int
         Which recording.
 

@@ -24,12 +24,10 @@ class Location(NamedTuple):
 
     Attributes
     ----------
-    stage, channel, phase : str
     band_hz : tuple of float
         Octave that holds most of the difference.
     excess : float
         RMS of the difference in noise RMS.
-    model : float
     """
 
     stage: str
@@ -46,13 +44,8 @@ def stage_of(channel: str, phase: str, touched: set[str]) -> str:
 
     Parameters
     ----------
-    channel, phase : str
     touched : set of str
         Channels with an excess anywhere.
-
-    Returns
-    -------
-    str
     """
     if any(name.startswith('pose') for name in touched):
         return 'robot'
@@ -71,15 +64,13 @@ def localise(datasets: Sequence[Blocks], noise: list[Autoregression], residual: 
 
     Parameters
     ----------
-    datasets : sequence of Blocks
-    noise : list of Autoregression
     residual, difference : list of ndarray, shape (n, 16)
         Measured less the one simulation; the other less the one.
     stage : callable
         (channel, phase, touched channels) -> stage.
     sensors : sequence of sequence of Column, optional
-        Of each recording, what a spread of each sensor's own offset and gain does: so much of a
-        difference counts as they cannot take up.
+        Of each recording, what one prior std of each sensor's own offset and gain does: of a
+        difference counts what they cannot take up.
 
     Returns
     -------

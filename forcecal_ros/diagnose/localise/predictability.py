@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 PREDICTABLE = 5.5
-"""Sigmas of a channel's prediction from which something is left."""
+"""Sigmas of a channel's prediction from which its residual is more than noise."""
 
 LAGS = (-4, -2, -1, 1, 2, 4, 8)
 """Blocks by which the main inputs are shifted."""
@@ -39,10 +39,6 @@ class Predictability(NamedTuple):
 def features(s: Signals) -> Array:
     """
     List the inputs that an unknown effect may depend on, as block means.
-
-    Parameters
-    ----------
-    s : Signals
 
     Returns
     -------
@@ -84,10 +80,6 @@ def predictability_of(model: LinearisedModel, signals: list[Signals],
         Simulated, as far as is explained.
     residuals : list of ndarray, shape (n, 16)
         Measured less simulated.
-
-    Returns
-    -------
-    Predictability
     """
     inputs = [features(s) for s in signals]
     k = min(len(i) for i in inputs)

@@ -60,13 +60,7 @@ def time_frequency_bins(dataset: Blocks, noise: Autoregression,
 
     Parameters
     ----------
-    dataset : Blocks
-    noise : Autoregression
     residual : ndarray, shape (n, 16)
-
-    Returns
-    -------
-    list of TimeFrequencyBin
     """
     resting = max(1, int((dataset.groups == 0).sum()))
     scatter = 2.0 / max(20.0, resting / 10.0)
@@ -91,7 +85,7 @@ def time_frequency_bins(dataset: Blocks, noise: Autoregression,
                     z = min(z, _cube_root(ratio[b] / common, dof[b]))
                     found.append(TimeFrequencyBin(c, word, band, float(np.sqrt(max(0.0, over))),
                                                   float(z)))
-    return sorted(found, key=lambda cell: -cell.z)
+    return sorted(found, key=lambda one: -one.z)
 
 
 def _colour(octaves: list[tuple[Array, Array]]) -> Array:

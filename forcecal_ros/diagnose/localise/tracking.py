@@ -67,10 +67,6 @@ def tracking(measured: PoseStream, simulated: PoseStream, own_delay: bool) -> Tr
         On one clock.
     own_delay : bool
         Whether that clock is the commands'.
-
-    Returns
-    -------
-    Tracking
     """
     start = max(measured.t[0], simulated.t[0])
     end = min(measured.t[-1], simulated.t[-1])

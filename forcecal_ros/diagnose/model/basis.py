@@ -51,10 +51,6 @@ def basis(signals: Sequence[Signals], frequencies: Sequence[float] = ()) -> Basi
         Of each recording, simulated.
     frequencies : sequence of float
         Of lines that the residual shows [Hz].
-
-    Returns
-    -------
-    Basis
     """
     names: list[str] = []
     parts: list[list[Array]] = []

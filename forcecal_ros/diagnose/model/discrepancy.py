@@ -81,7 +81,6 @@ class Discrepancy:
 
     Parameters
     ----------
-    of : Basis
     signal : ndarray, shape (16,)
         Standard deviation of what each channel shows [channel's unit].
     train : sequence of ndarray of bool, shape (n,)
@@ -108,7 +107,6 @@ class WhitenedDiscrepancy:
 
     Parameters
     ----------
-    of : Basis
     signal : ndarray, shape (16,)
     train : sequence of ndarray of bool, shape (n,)
     noise : list of Autoregression
@@ -238,10 +236,8 @@ class Products:
 
     Parameters
     ----------
-    beside : WhitenedDiscrepancy
     k : int
         Columns.
-    channels : list
     """
 
     def __init__(self, beside: WhitenedDiscrepancy, k: int, channels: list[_Channel]) -> None:
@@ -336,14 +332,8 @@ def ascended(products: Products, evidence: Callable[[tuple[Gram, Gram]], float],
 
     Parameters
     ----------
-    products : Products
     evidence : callable
         Log-evidence of the Grams of training and other blocks.
-    start : tuple of float
-
-    Returns
-    -------
-    tuple of float
     """
     best, most = start, evidence(products.at(start))
     for _ in range(ASCENTS):

@@ -21,7 +21,6 @@ class EffectJacobian(NamedTuple):
 
     Attributes
     ----------
-    name : str
     free : ndarray of int, shape (k,)
         Which parameters.
     units : ndarray, shape (k,)
@@ -58,8 +57,6 @@ def effect_jacobian(model: LinearisedModel, name: str, theta: Array, free: NDArr
 
     Parameters
     ----------
-    model : LinearisedModel
-    name : str
     theta : ndarray, shape (p,)
     free : ndarray of int, shape (k,)
         Which parameters.
@@ -67,10 +64,6 @@ def effect_jacobian(model: LinearisedModel, name: str, theta: Array, free: NDArr
         Measured less simulated with the effect at ``theta``, of the chosen recordings.
     datasets : sequence of int
         Chosen recordings; the others get empty columns.
-
-    Returns
-    -------
-    EffectJacobian
     """
     effect = model.library[name]
     units, high = unit_of(effect, theta)[free], bounds_of(effect)[1]

@@ -96,15 +96,6 @@ def fit(gram: Gram, prior: Prior) -> Fit:
     Fit with Gaussian priors, parameters kept within their bounds by an active set.
 
     After as many turns as there are parameters none is taken off its bound any more.
-
-    Parameters
-    ----------
-    gram : Gram
-    prior : Prior
-
-    Returns
-    -------
-    Fit
     """
     k = len(gram.vector)
     hessian = gram.matrix + np.diag(prior.precision)
@@ -179,17 +170,12 @@ def score(held: Gram, null: Array, alternative: Array, nuisance: NDArray[np.intp
 
     Parameters
     ----------
-    held : Gram
     null, alternative : ndarray, shape (k,)
         Fitted parameters; columns not in a model have 0.
     nuisance : ndarray of int, shape (m,)
         Columns of the null.
     covariance : ndarray, shape (m, m)
         Of the null's fit.
-
-    Returns
-    -------
-    Score
     """
     d = alternative - null
     right = held.vector - held.matrix @ null

@@ -47,11 +47,8 @@ class Hypothesis(NamedTuple):
 
     Attributes
     ----------
-    name : str
-    effect : Effect
     releases : tuple of frozenset of str
         Sets of nuisances of which it may lift the prior; such an effect has no atoms.
-    atoms : tuple of Atom
     """
 
     name: str

@@ -27,10 +27,6 @@ def column(difference: Array, level: Array) -> Column:
     difference : ndarray, shape (n, 16)
     level : ndarray, shape (16,)
         Of the noise.
-
-    Returns
-    -------
-    Column
     """
     largest = np.abs(difference).max(axis=0)
     return {c: difference[:, c].astype(np.float32) for c in range(len(CHANNELS))
@@ -40,14 +36,12 @@ def column(difference: Array, level: Array) -> Column:
 def nuisance_column(dataset: Dataset, nuisance: Nuisance, size: float, rig: Rig,
                     reference: Signals, residual: Array, level: Array) -> Column:
     """
-    Give the column of one spread of a nuisance.
+    Give the column of a nuisance, for a change by its prior standard deviation.
 
     Parameters
     ----------
-    dataset : Dataset
-    nuisance : Nuisance
     size : float
-        Of one spread.
+        Its prior standard deviation.
     rig : Rig
         Where the column is taken.
     reference : Signals
@@ -56,10 +50,6 @@ def nuisance_column(dataset: Dataset, nuisance: Nuisance, size: float, rig: Rig,
         Measured less reference.
     level : ndarray, shape (16,)
         Of the noise.
-
-    Returns
-    -------
-    Column
     """
     if nuisance.acts_on == 'step':
         since = dataset.measured.since(CHANNELS[nuisance.axis].stream, nuisance.instant)

@@ -32,7 +32,7 @@ EFFECT = 1.0 / 3.0 ** 2
 """Prior precision of an effect's parameter, in units of its typical size."""
 
 RELEASED = 1.0 / 15.0 ** 2
-"""Prior precision of a released nuisance, in units of its spread."""
+"""Prior precision of a released nuisance, in units of its prior std."""
 
 MOST_ROUNDS = 4
 """Of recalibration."""
@@ -47,10 +47,10 @@ hundredth of that. With less a recording is computed, not measured.
 """
 
 CONVERGED = 0.05
-"""Step of the nuisances, in spreads, that ends it."""
+"""Step of the nuisances, in prior std, that ends it."""
 
 FAR = 2.0
-"""Step of nuisances, in spreads, after which columns are taken anew where they are curved."""
+"""Step of curved nuisances, in prior std, after which their Jacobian is taken anew."""
 
 FRACTIONS = (1.0, 0.5, 0.25, 0.1)
 """Of a step along curved nuisances that are tried in turn."""
@@ -79,7 +79,7 @@ class LinearisedModel:
     fixed : Values
         Known from the data without any model.
     centre : ndarray, shape (m,)
-        Nuisances where residuals and columns are taken, in spreads.
+        Nuisances about which the simulation is linearised, in prior std.
     released : frozenset of str
         Nuisances that an accepted effect frees from their prior.
     """
@@ -216,7 +216,7 @@ class LinearisedModel:
                        + self._cost())
 
     def misfit(self) -> float:
-        """Whitened squares that are left on all blocks, and what the priors cost."""
+        """Whitened squares of the residual on all blocks, and what the priors cost."""
         trained, held = self.residual_products().at(self.discrepancy_scales)
         return trained.square + held.square + self._cost()
 
@@ -293,18 +293,7 @@ def noise_level(rig: Rig, streams: tuple[str, ...], accelerometer: str) -> Array
 
 
 def linearised_model(rig: Rig, datasets: tuple[Dataset, ...]) -> LinearisedModel:
-    """
-    Set up a diagnosis, recalibrated.
-
-    Parameters
-    ----------
-    rig : Rig
-    datasets : tuple of Dataset
-
-    Returns
-    -------
-    LinearisedModel
-    """
+    """Set up a diagnosis, recalibrated."""
     name, streams = datasets[0].simulation.accelerometer, datasets[0].measured.streams
     found = datasets[0].simulation.nuisances(rig, streams)
     out = LinearisedModel(rig, datasets, found, np.array(prior_std(rig, found)),

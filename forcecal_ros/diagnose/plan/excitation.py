@@ -31,15 +31,13 @@ class Shown(NamedTuple):
 
     Attributes
     ----------
-    name : str
     size : str
         Of the parameter that shows best: what the energy is stated at.
     energy : float
-        Whitened, nuisances taken out as far as their spreads allow; NaN where stamps or values
+        Whitened, nuisances taken out as far as their tolerances allow; NaN where stamps or values
         show it without a model.
     weakest : str
         Parameter of it that shows worst.
-    weakest_energy : float
     excited_by : tuple of str
         Phases.
     """
@@ -90,14 +88,8 @@ def excitation(rig: Rig, target: PoseStream, phases: tuple[Phase, ...]) -> Excit
 
     Parameters
     ----------
-    rig : Rig
     target : PoseStream
         Commands.
-    phases : tuple of Phase
-
-    Returns
-    -------
-    Excitation
     """
     recording = replace(simulate(rig, target, seed=0), phases=phases)
     p = linearised_model(rig, (split(prepare(recording, rig)),))
@@ -119,7 +111,7 @@ def _information(model: LinearisedModel, found: list[Hypothesis]) -> tuple[Array
                                                                            dict[str,
                                                                                 NDArray[np.intp]]]:
     """
-    Return the information of all typical sizes, sound nuisances taken out.
+    Return the information of all typical sizes, nuisances within nominal tolerances taken out.
 
     An effect that lifts a nuisance's prior has its own column beside the nuisance's.
     """

@@ -41,13 +41,8 @@ class PlannedMotion(NamedTuple):
 
     Attributes
     ----------
-    poses : dict of str to Pose
-    timing : Timing
     limits : Limits
         Those of the sequencer.
-    pace : Pace
-    target : PoseStream
-    phases : tuple of Phase
     reach : float
         How far out in X the box has to go for contact [m]; -inf without.
     left_out : tuple of str
@@ -217,17 +212,7 @@ def home_of(rig: Rig) -> Pose:
 
 
 def poses_of(rig: Rig) -> dict[str, Pose]:
-    """
-    Place the paper's poses at the rig's home, and three more that turn gravity sideways.
-
-    Parameters
-    ----------
-    rig : Rig
-
-    Returns
-    -------
-    dict of str to Pose
-    """
+    """Place the paper's poses at the rig's home, and three more that turn gravity sideways."""
     place, home = home_of(rig)
     nominal = nominal_poses()
     first = nominal['v'].R_base_sensor

@@ -51,17 +51,7 @@ def cannot(planned: Planned) -> list[str]:
 
 
 def to_document(planned: Planned) -> dict[str, Any]:
-    """
-    Return a plan as a dictionary.
-
-    Parameters
-    ----------
-    planned : Planned
-
-    Returns
-    -------
-    dict
-    """
+    """Return a plan as a dictionary."""
     return {
         'format': 'forcecal-plan/1',
         'duration': float(planned.motion.target.t[-1] - planned.motion.target.t[0]),
@@ -78,10 +68,6 @@ def to_document(planned: Planned) -> dict[str, Any]:
 def to_parameters(planned: Planned) -> str:
     """
     Return a plan as a parameter file of the sequencer; the table stands in its comments.
-
-    Parameters
-    ----------
-    planned : Planned
 
     Returns
     -------

@@ -24,7 +24,6 @@ def advice(diagnosis: Diagnosis, rig: Rig) -> str:
 
     Parameters
     ----------
-    diagnosis : Diagnosis
     rig : Rig
         As given, without what was found.
 
@@ -78,7 +77,6 @@ def separating(rig: Rig, one: str, other: str) -> list[tuple[str, float]]:
 
     Parameters
     ----------
-    rig : Rig
     one, other : str
         Effects, taken at their typical sizes.
 
@@ -90,15 +88,15 @@ def separating(rig: Rig, one: str, other: str) -> list[tuple[str, float]]:
     """
     motion = motion_for(rig, contact=False)
     target, phases = motion.target, motion.phases
-    sound = simulate(rig, target, noise=False)
-    deltas = [_difference(simulate(_with(rig, name), target, noise=False), sound, rig)
+    nominal = simulate(rig, target, noise=False)
+    deltas = [_difference(simulate(_with(rig, name), target, noise=False), nominal, rig)
               for name in (one, other)]
     overlap = sum(float(a.ravel() @ b.ravel()) for a, b in zip(*(d.values() for d in deltas)))
     size = sum(float(np.sum(b ** 2)) for b in deltas[1].values())
     share = overlap / size if size > 0.0 else 0.0
     energy: dict[str, float] = {}
     for role, a in deltas[0].items():
-        t = getattr(sound, role).t
+        t = getattr(nominal, role).t
         rest = np.sum((a - share * deltas[1][role]) ** 2, axis=1)
         for phase in phases:
             rows = (t >= phase.start) & (t < phase.end)
@@ -110,10 +108,10 @@ def _with(rig: Rig, name: str) -> Rig:
     return with_effects(rig, {name: {q.name: q.typical for q in EFFECTS[name].parameters}})
 
 
-def _difference(changed: Recording, sound: Recording, rig: Rig) -> dict[str, Array]:
+def _difference(changed: Recording, nominal: Recording, rig: Rig) -> dict[str, Array]:
     """Return what an effect does to each sensor, in its noise."""
     force, torque = rig.wrench_sensor.force_noise, rig.wrench_sensor.torque_noise
     noise = {'wrench': np.repeat([force, torque], 3), 'accelerometer': rig.accelerometer.noise,
              'optidrive': rig.optidrive.noise if rig.optidrive else 1.0}
-    return {role: (getattr(changed, role).values - getattr(sound, role).values) / noise[role]
-            for role in STREAMS if getattr(sound, role) is not None}
+    return {role: (getattr(changed, role).values - getattr(nominal, role).values) / noise[role]
+            for role in STREAMS if getattr(nominal, role) is not None}

@@ -62,12 +62,6 @@ def patched_rig(model: LinearisedModel, selection: Selection, checks: Checks) ->
     ----------
     model : LinearisedModel
         At the joint fit.
-    selection : Selection
-    checks : Checks
-
-    Returns
-    -------
-    Rig
     """
     # a simulator's own number stays one of the rig, however far it moved
     own = {n.key for n in model.nuisances if n.prior_std is not None}

@@ -25,16 +25,12 @@ class Diagnosis:
         no_gap, identified, ambiguous, partial, unknown, not_excited or invalid_data.
     reason : str
         The verdict in one sentence.
-    effects : tuple of Found
     candidates : tuple of (str, float)
         The 95 % set with probabilities, most probable first.
-    localisation : tuple of Location
-    gap : Gap or None
     not_excited : tuple of str
         Effects that these recordings could not show.
-    notes : tuple of str
     remainder : dict of str to float
-        Statistics of what is left.
+        Statistics of what is unexplained; under that name in ``diagnosis.json``.
     used : dict of str to float
         Part of each stream's samples that counts.
     """
@@ -63,15 +59,10 @@ def to_document(diagnosis: Diagnosis, units: dict[str, str], rig: str | None) ->
 
     Parameters
     ----------
-    diagnosis : Diagnosis
     units : dict of str to str
         Of the channels.
     rig : str or None
         Name of the patched rig file beside it.
-
-    Returns
-    -------
-    dict
     """
     d = diagnosis
     document: dict[str, Any] = {

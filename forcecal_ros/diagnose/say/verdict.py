@@ -9,10 +9,10 @@ from forcecal_ros.diagnose.judge.probabilities import (
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
 
 WHOLE = 0.95
-"""Share from which what is left does not matter beside it."""
+"""Explained share from which what is unexplained does not matter beside it."""
 
 GLARING = 10.0
-"""Ratio of what is left from which it matters beside any share."""
+"""Ratio of the unexplained part from which it matters beside any explained share."""
 
 HALF = 0.5
 """Share below which effects that are sure leave more than they explain."""
@@ -37,7 +37,6 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
     named : sequence of str
         Accepted effects.
     candidates : sequence of (str, float)
-    part : UnexplainedPart
     closed : float or None
         Share of the gap that the effects close; None where they show in stamps and values alone.
     excited : bool
@@ -45,11 +44,7 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
     whole : bool
         Whether every stream could be looked at.
     with_discrepancy : bool
-        Whether the effects were weighed beside a discrepancy, which then is what is left.
-
-    Returns
-    -------
-    word, sentence : str
+        Whether the effects were weighed beside a discrepancy, which then is what remains.
     """
     listed = ' and '.join(named)
     significant = part.ratio >= 1.0

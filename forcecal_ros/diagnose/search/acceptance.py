@@ -20,7 +20,7 @@ NEGLIGIBLE = 0.05
 
 SHARE = 0.5
 """
-Log-evidence that an effect has to bring, in that which is wanting still.
+Log-evidence that an effect has to bring, as a share of the missing evidence.
 
 Of some thirty development recordings with a background, effects that were not there brought up
 to 0.14 of it on simulated motion and 0.8, once 2.7, on a real arm's; effects of ten times the
@@ -41,18 +41,14 @@ def long_memory_likelihood_ratio(before: LinearisedModel, after: LinearisedModel
     """
     Log-likelihood that an effect brings where the noise may have a long memory.
 
-    A drift, a cable and the like look as 1/f noise does. So both residuals, whitened alike, may
-    be predicted from the means of their own past (a heterogeneous autoregression) before they
-    are compared.
+    A drift, a cable and the like look as 1/f noise does. So both residuals, whitened by the
+    same filter, may be predicted from the means of their own past (a heterogeneous
+    autoregression) before they are compared.
 
     Parameters
     ----------
     before, after : LinearisedModel
         Without and with the effect, each at its best fit.
-
-    Returns
-    -------
-    float
     """
     total = 0.0
     for noise, r0, r1 in zip(after.noise, before.residuals, after.residuals):
@@ -67,7 +63,7 @@ def long_memory_likelihood_ratio(before: LinearisedModel, after: LinearisedModel
 
 
 def acceptable(result: HypothesisFit, tested: int) -> bool:
-    """Say whether a trial passes significance, gain, fraction and size."""
+    """Say whether a fitted hypothesis passes significance, gain, fraction and size."""
     return (result.gain > LEAST_GAIN and result.p * tested < SIGNIFICANT
             and result.fraction > LEAST_FRACTION and result.size > NEGLIGIBLE)
 
@@ -81,10 +77,6 @@ def beyond_mismatch(first: LinearisedModel, before: LinearisedModel,
     ----------
     first, before, after : LinearisedModel
         Without any effect, without the last one, with it.
-
-    Returns
-    -------
-    float
     """
     total = 0.0
     for noise, r0, r1, r2 in zip(after.noise, first.residuals, before.residuals, after.residuals):

@@ -19,7 +19,7 @@ TOUCHING = 0.1
 """
 Around the simulated beginning and end of contact, where forces jump by themselves [s].
 
-A wall that is 3 spreads (3 mm) elsewhere is met that much earlier at 30 mm/s.
+A wall that is 3 prior standard deviations (3 mm) elsewhere is met that much earlier at 30 mm/s.
 """
 
 AGREES = 0.3
@@ -41,7 +41,6 @@ class Event(NamedTuple):
 
     Attributes
     ----------
-    recording : int
     instant : float
         [s], on the recording's clock.
     low, high : float

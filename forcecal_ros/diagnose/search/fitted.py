@@ -16,20 +16,17 @@ class HypothesisFit(NamedTuple):
 
     Attributes
     ----------
-    name : str
     theta : ndarray, shape (p,)
         Parameters of the effect; empty where it releases nuisances instead.
     std : ndarray, shape (p,)
     free : ndarray of int
         Which of them are estimated.
     nuisances : ndarray, shape (m,)
-        Step of the nuisances that goes with it, in spreads.
-    released : frozenset of str
+        Step of the nuisances that goes with it, in prior std.
     gain : float
         Held-out log-likelihood above that without the hypothesis.
     evidence : float
         Marginal likelihood of all data, likewise, parameters' priors included.
-    score : Score
     size : float
         Largest RMS of what it changes, over channels and kinds of motion, in noise RMS.
     excess : float
@@ -81,13 +78,11 @@ class Accepted(NamedTuple):
 
     Attributes
     ----------
-    name : str
     theta, std : ndarray, shape (p,)
         Empty where the effect is a released nuisance.
     free : ndarray of int
         Which of them are estimated.
-    released : frozenset of str
-    trial : HypothesisFit
+    result : HypothesisFit
         At its acceptance.
     """
 
@@ -105,5 +100,5 @@ class Accepted(NamedTuple):
 
     @classmethod
     def of(cls, result: HypothesisFit) -> 'Accepted':
-        """Accept a trial."""
+        """Accept a hypothesis as it was fitted."""
         return cls(result.name, result.theta, result.std, result.free, result.released, result)

@@ -31,7 +31,6 @@ class JointFit(NamedTuple):
     ----------
     model : LinearisedModel
         With the effects, evaluated there.
-    accepted : list of Accepted
     jacobians : list of EffectJacobian
         Of the effects that have parameters of their own.
     """
@@ -48,8 +47,6 @@ def joint_fit(model: LinearisedModel, accepted: Sequence[Accepted], step: Array 
 
     Parameters
     ----------
-    model : LinearisedModel
-    accepted : sequence of Accepted
     step : ndarray, shape (m,), optional
         Of the nuisances, to begin with.
     """
@@ -112,7 +109,6 @@ def without_effect(start: LinearisedModel, now: JointFit, name: str) -> JointFit
         Without any effect.
     now : JointFit
         With the accepted ones.
-    name : str
     """
     model, others = now.model, [a for a in now.accepted if a.name != name]
     if not others:

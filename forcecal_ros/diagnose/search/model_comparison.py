@@ -85,7 +85,6 @@ class ModelComparison:
 
     Parameters
     ----------
-    model : LinearisedModel
     jacobians : sequence of EffectJacobian
         Of the accepted effects.
     """
@@ -125,7 +124,7 @@ class ModelComparison:
 
     @property
     def discrepancy_evidence(self) -> float:
-        """Log-likelihood of a discrepancy against none, and what is left beyond it."""
+        """Log-likelihood of a discrepancy against none, and what is unexplained beyond it."""
         every, found = self._all
         excess = every.residual_squares(found.x) - every.n
         return self._gained + max(0.0, 0.5 * excess - _by_chance(every.n))

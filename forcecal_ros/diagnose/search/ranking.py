@@ -13,7 +13,7 @@ TEMPERATURE = 2.0
 """Of log-likelihoods."""
 
 MISMATCH = 1e-3
-"""Part of the energy of an effect in which two sound models of it may differ."""
+"""Part of the energy of an effect in which two valid models of it may differ."""
 
 HOTTEST = 400.0
 """
@@ -37,7 +37,7 @@ CLOSE = 0.5
 
 def ranked(comparison: ModelComparison, found: Sequence[Hypothesis],
            tested: int) -> list[HypothesisFit]:
-    """Screen hypotheses, refine the best, and return all trials, likeliest first."""
+    """Screen hypotheses, refine the best, and return all fits, likeliest first."""
     screened = comparison.screen(found)
     by_name = {h.name: h for h in found}
     best = max((t.evidence for t, _ in screened), default=0.0)
@@ -58,7 +58,7 @@ def ranked(comparison: ModelComparison, found: Sequence[Hypothesis],
 
 def refined_or_rejected(comparison: ModelComparison, hypothesis: Hypothesis,
                         result: HypothesisFit) -> HypothesisFit:
-    """Refine a trial; where its simulation diverges it is impossible."""
+    """Refine a fit; where its simulation diverges it is impossible."""
     try:
         return comparison.refine(hypothesis, result)
     except Diverged:
@@ -74,12 +74,8 @@ def weights(results: Sequence[HypothesisFit]) -> dict[str, float]:
     """
     Weigh hypotheses against the likeliest one.
 
-    Beside gross effects, likelihoods tell apart what no model gets right: they are tempered by
-    the energy at stake, and then fewer parameters count.
-
-    Parameters
-    ----------
-    results : sequence of HypothesisFit
+    Beside large effects, likelihoods tell apart what no model gets right: the temperature rises
+    with the energy at stake, and then fewer parameters count.
 
     Returns
     -------

@@ -56,8 +56,6 @@ class Selection(NamedTuple):
     ----------
     model : LinearisedModel
         With the accepted effects, at the joint fit.
-    accepted : tuple of Accepted
-    jacobians : tuple of EffectJacobian
     alternatives : dict of str to dict of str to float
         Log-odds of each hypothesis in the place of an accepted one against that one.
     screened : tuple of HypothesisFit
@@ -92,7 +90,6 @@ def select(model: LinearisedModel, found: Sequence[Hypothesis], bare: Linearised
     ----------
     model : LinearisedModel
         Recalibrated, no effect accepted.
-    found : sequence of Hypothesis
     bare : LinearisedModel
         The same without what is known before any model, such as limits.
     """

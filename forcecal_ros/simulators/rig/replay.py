@@ -31,7 +31,6 @@ class Replay:
     ----------
     rig : Rig
         Gives the period of the commands.
-    target : PoseStream
     start : float
         When period 0 begins [s].
     end : float
@@ -59,7 +58,7 @@ class Replay:
         self._cached: dict[object, Signals] = {}
 
     def nuisances(self, rig: Rig, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
-        """List what a sound rig may differ in, as far as the streams at hand can show it."""
+        """List the nuisance parameters, as far as the streams at hand can show it."""
         return nuisances(rig, self.accelerometer, streams)
 
     def smooth(self, signals: Signals) -> Signals:
@@ -71,17 +70,7 @@ class Replay:
         return effect not in UNSEEN and applicable(EFFECTS[effect], rig, self.accelerometer)
 
     def signals(self, rig: Rig) -> Signals:
-        """
-        Simulate the rig.
-
-        Parameters
-        ----------
-        rig : Rig
-
-        Returns
-        -------
-        Signals
-        """
+        """Simulate the rig."""
         physics = self._physics(rig)
         model, sensor = rig.accelerometer.model(self.accelerometer), rig.wrench_sensor
         effects = tuple(one for one in rig.effects if one[0] not in UNSEEN)
