@@ -1,4 +1,4 @@
-"""Low-pass filters: up to which frequency a measured motion is clear of its noise."""
+"""Low-pass filters without phase, and up to which frequency a motion is clear of its noise."""
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import Stream

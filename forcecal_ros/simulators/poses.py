@@ -1,8 +1,9 @@
-"""The measured motion without its noise: the simulated one, and what is clear of the difference.
+"""
+Poses of a robot and of its simulation: in one base, at the same instants, merged.
 
 A robot moves much as its simulation does. Where only noise is left of the difference of the two
 poses, the simulated one is the better measurement: a tool's acceleration out of noisy poses would
-be in the residual and in what is fitted to it alike, and favour whatever is smooth.
+be in the residual and in what is fitted to it, and favour whatever is smooth.
 """
 
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""A tool on a sensor that is carried along: what is known of both, and how well."""
+"""A rigid tool and its sensors, whatever carries them: what is known of both, and how well."""
 
 from dataclasses import dataclass, fields, replace
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""What a diagnosis asks of a simulator: the signals that noise-free sensors would give."""
+"""What is asked of any simulation: the signals that noise-free sensors would give."""
 
 from collections.abc import Mapping
 from typing import NamedTuple, Protocol

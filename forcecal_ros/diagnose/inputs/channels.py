@@ -1,4 +1,4 @@
-"""The signals that are compared: sixteen channels, their units, and the stage that makes them."""
+"""The signals that are compared: sixteen channels, their units and stages; block by block."""
 
 from collections.abc import Mapping
 from typing import NamedTuple, Protocol

@@ -1,4 +1,4 @@
-"""The instant at which the robot's period 0 began, from stamps and, in doubt, from the pose."""
+"""When commands take effect: the instant at which the robot's period 0 began."""
 
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError

@@ -1,4 +1,4 @@
-"""What a recording, or a pair of them, must hold to be compared; pauses that are bridged."""
+"""What recordings must hold to be compared, and pauses that are bridged."""
 
 from collections.abc import Sequence
 from dataclasses import replace

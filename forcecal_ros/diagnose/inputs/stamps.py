@@ -1,4 +1,4 @@
-"""A recording made right before it is replayed: values, pauses, clocks that run apart."""
+"""One recording on one clock: checked values, pauses, clocks that run apart."""
 
 from dataclasses import replace
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""What recordings could show at all: how much moves, and which effects would be seen."""
+"""What recordings could show: how much moves, which samples count, which effects would be seen."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""How far the gap shrinks: three arms, per channel and overall, on held-out blocks."""
+"""How much of the misfit is explained: three arms, per channel and overall, on held-out blocks."""
 
 from typing import NamedTuple
 

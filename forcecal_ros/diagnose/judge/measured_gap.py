@@ -1,4 +1,4 @@
-"""How strong the noise is, how sure the parameters are, and how far the gap shrinks."""
+"""The gap of a fitted model: its noise, the errors of its parameters, and its three arms."""
 
 from collections.abc import Sequence
 

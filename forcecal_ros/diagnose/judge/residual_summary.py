@@ -124,7 +124,7 @@ def discrepant(model: LinearisedModel) -> list[Array]:
         In each recording.
     """
     weights = model.residual_products().trained(model.discrepancy_scales)
-    return model.beside().of_weights(weights, [b.shape for b in model.residuals])
+    return model.whitened_discrepancy().of_weights(weights, [b.shape for b in model.residuals])
 
 
 def _as_predictability(model: LinearisedModel, found: list[Array],
@@ -193,15 +193,17 @@ def unexplained(summary: ResidualSummary) -> UnexplainedPart:
     c = int(z.argmax())
     several = int(impulses.max())
     line = max(summary.lines, key=lambda one: one.power, default=None)
-    options = [(summary.discrepancy_evidence / WITHOUT_NAME * (z[c] > 0.0),
-                _discrepancy_in_words(summary)) if summary.discrepancy_evidence
-               else (float(z[c]) / PREDICTABLE,
-                     f'{CHANNELS[c].name}, predictable from the motion ({z[c]:.1f} sigma)'),
-               (strongest.z / STRONG, (
-        f'{CHANNELS[strongest.channel].name} in {strongest.phase}, {strongest.band[0]:g} to '
-        f'{strongest.band[1]:g} Hz ({strongest.z:.1f} sigma)')),
-               (several / IMPULSES,
-                f'{several} impulses in {CHANNELS[int(impulses.argmax())].name}')]
+    low, high = strongest.band
+    options = [
+        (summary.discrepancy_evidence / WITHOUT_NAME * (z[c] > 0.0),
+         _discrepancy_in_words(summary)) if summary.discrepancy_evidence else
+        (float(z[c]) / PREDICTABLE,
+         f'{CHANNELS[c].name}, predictable from the motion ({z[c]:.1f} sigma)'),
+        (strongest.z / STRONG,
+         (f'{CHANNELS[strongest.channel].name} in {strongest.phase}, {low:g} to {high:g} Hz '
+          f'({strongest.z:.1f} sigma)')),
+        (several / IMPULSES,
+         f'{several} impulses in {CHANNELS[int(impulses.argmax())].name}')]
     if line is not None:
         options.append((line.power / spectral_lines.LINE,
                         f'a line at {line.frequency:.2f} Hz in {line.channel}'))

@@ -1,4 +1,4 @@
-"""Where the gap is: channel, phase and octave, each with its significance."""
+"""Where the misfit is: stage, channel, phase and octave, each with its significance."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple

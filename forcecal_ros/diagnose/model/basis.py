@@ -43,7 +43,7 @@ class Basis(NamedTuple):
 
 def basis(signals: Sequence[Signals], frequencies: Sequence[float] = ()) -> Basis:
     """
-    List what an effect that nobody names may depend on [KennedyOHagan2001].
+    List what a discrepancy may depend on [KennedyOHagan2001].
 
     Parameters
     ----------

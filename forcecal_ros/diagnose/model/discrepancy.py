@@ -35,10 +35,10 @@ NO_DISCREPANCY: Scales = (0.0,) * len(STREAM_SLICES)
 """No discrepancy in any stream."""
 
 ASCENTS = 2
-"""Rounds over the streams in which their sizes are improved one by one."""
+"""Rounds over the streams in which their scales are improved one by one."""
 
 FREE = (*SCALES, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
-"""Parts that it may have, channel by channel, where it is taken off to estimate the noise."""
+"""Scales of a discrepancy, channel by channel, where it is taken off to estimate the noise."""
 
 LEAST_WEIGHT = 1e-3
 """Variance of a combination of features, in its noise's, below which it says nothing."""
@@ -77,7 +77,7 @@ def _square(rows: NDArray[np.float32]) -> Array:
 
 class Discrepancy:
     """
-    The function that nobody names, of recordings in blocks.
+    The discrepancy of recordings in blocks.
 
     Parameters
     ----------
@@ -91,8 +91,8 @@ class Discrepancy:
         self.basis, self.signal, self.train = of, signal, list(train)
         self._kept: WhitenedDiscrepancy | None = None
 
-    def beside(self, noise: Sequence[Autoregression]) -> 'WhitenedDiscrepancy':
-        """Return it whitened by a noise; the last one, which takes much memory, is kept."""
+    def whitened(self, noise: Sequence[Autoregression]) -> 'WhitenedDiscrepancy':
+        """Return it whitened by a noise: the last one, which takes much memory, is kept."""
         kept = self._kept
         if kept is None or any(a is not b for a, b in zip(kept.noise, noise, strict=True)):
             self._kept = None
@@ -103,7 +103,7 @@ class Discrepancy:
 
 class WhitenedDiscrepancy:
     """
-    A discrepancy beside a given noise.
+    A discrepancy, whitened by a given noise.
 
     Parameters
     ----------
@@ -240,8 +240,8 @@ class Products:
         Columns.
     """
 
-    def __init__(self, beside: WhitenedDiscrepancy, k: int, channels: list[_Channel]) -> None:
-        self._beside, self._k, self._channels = beside, k, channels
+    def __init__(self, whitened: WhitenedDiscrepancy, k: int, channels: list[_Channel]) -> None:
+        self._whitened, self._k, self._channels = whitened, k, channels
         self._parts: dict[tuple[int, bool, float], tuple[Array, float]] = {}
 
     def at(self, scales: Scales) -> tuple[Gram, Gram]:
@@ -281,7 +281,7 @@ class Products:
         if size == 0.0 or not len(sums.cross):
             return sums.own, 0.0
         if key not in self._parts:
-            factor = self._beside.factor(one.channel, trained, size)
+            factor = self._whitened.factor(one.channel, trained, size)
             taken = solve_triangular(factor, sums.cross, lower=True, check_finite=False)
             self._parts[key] = (sums.own - taken.T @ taken,
                                 2.0 * float(np.log(np.diag(factor) * size).sum()))
@@ -295,7 +295,7 @@ class Products:
         """Return the features' weights at each channel's own likeliest size, shape (k,) each."""
         out = {}
         for one in self._channels:
-            modes = self._beside.modes[one.channel]
+            modes = self._whitened.modes[one.channel]
             values, vectors = np.linalg.eigh(modes.all)
             values = np.maximum(values, 0.0)
             right = vectors.T @ one.all.cross[:, 0]
@@ -319,8 +319,8 @@ class Products:
         for one in self._channels:
             size = scales[STREAM[one.channel]]
             if size and len(one.trained.cross):
-                factor = self._beside.factor(one.channel, True, size)
-                out[one.channel] = self._beside.modes[one.channel].weights @ cho_solve(
+                factor = self._whitened.factor(one.channel, True, size)
+                out[one.channel] = self._whitened.modes[one.channel].weights @ cho_solve(
                     (factor, True), one.trained.cross[:, 0])
         return out
 
@@ -328,7 +328,7 @@ class Products:
 def ascended(products: Products, evidence: Callable[[tuple[Gram, Gram]], float], start: Scales
              ) -> Scales:
     """
-    Improve the sizes of a discrepancy, stream by stream.
+    Improve the scales of a discrepancy, stream by stream.
 
     Parameters
     ----------

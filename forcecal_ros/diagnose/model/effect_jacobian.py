@@ -1,4 +1,4 @@
-"""How recordings change with an effect's parameters, at their values."""
+"""The Jacobian by an effect's parameters, at their values."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

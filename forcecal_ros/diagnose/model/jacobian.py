@@ -1,4 +1,4 @@
-"""Sensitivities: what one step of a parameter does to every block of every channel."""
+"""Columns of the Jacobian: what one unit of a parameter changes in every block and channel."""
 
 from collections.abc import Sequence
 

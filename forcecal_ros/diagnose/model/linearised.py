@@ -1,4 +1,4 @@
-"""The state of a diagnosis: the rig as explained so far, its residuals, columns and noise."""
+"""A rig linearised in its parameters: residual, Jacobian, noise and discrepancy at a point."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -35,7 +35,7 @@ RELEASED = 1.0 / 15.0 ** 2
 """Prior precision of a released nuisance, in units of its prior std."""
 
 MOST_ROUNDS = 4
-"""Of recalibration."""
+"""Steps of recalibration, at most."""
 
 ENDLESS = 1e9
 """Residual in any unit from which a simulation has diverged; no sensor reads that much."""
@@ -47,13 +47,13 @@ hundredth of that. With less a recording is computed, not measured.
 """
 
 CONVERGED = 0.05
-"""Step of the nuisances, in prior std, that ends it."""
+"""Step of the nuisances, in prior std, below which recalibration has converged."""
 
 FAR = 2.0
 """Step of curved nuisances, in prior std, after which their Jacobian is taken anew."""
 
 FRACTIONS = (1.0, 0.5, 0.25, 0.1)
-"""Of a step along curved nuisances that are tried in turn."""
+"""Parts of a step along curved nuisances that are tried in turn."""
 
 Values = Mapping[str, Mapping[str, float]]
 """Effect -> parameter -> value."""
@@ -71,7 +71,7 @@ class LinearisedModel:
     Attributes
     ----------
     rig : Rig
-        As given.
+        As given, without what is estimated.
     datasets : tuple of Dataset
         To fit on and to judge on; one recording may do both.
     effects : Values
@@ -82,6 +82,14 @@ class LinearisedModel:
         Nuisances about which the simulation is linearised, in prior std.
     released : frozenset of str
         Nuisances that an accepted effect frees from their prior.
+    level : ndarray, shape (16,)
+        The rig's noise of each channel in one block mean.
+    base, residuals : list
+        Of each recording at the centre: simulated signals; measured less these, shape (n, 16).
+    jacobian : list of list of Column
+        Of each recording: what each nuisance changes, by one prior std.
+    discrepancy_scales : tuple of float
+        Part of the signals that the discrepancy may have, stream by stream.
     """
 
     rig: Rig
@@ -148,7 +156,7 @@ class LinearisedModel:
         return out
 
     def evaluate(self) -> None:
-        """Simulate at the centre; columns stay as they are."""
+        """Simulate at the centre; the Jacobian stays as it is."""
         rig = self.current()
         self.base = [c.simulation.signals(rig) for c in self.datasets]
         self.residuals = [self._residual(i, s) for i, s in enumerate(self.base)]
@@ -163,7 +171,7 @@ class LinearisedModel:
         return out
 
     def linearise(self) -> None:
-        """Simulate at the centre and take the nuisances' columns there."""
+        """Simulate at the centre and take the Jacobian by the nuisances there."""
         rig = self.current()
         self.base = [c.simulation.signals(rig) for c in self.datasets]
         self.jacobian = [
@@ -183,16 +191,16 @@ class LinearisedModel:
     def products(self, extra: list[list[Column]], residuals: list[Array] | None = None,
                  absent: bool = False) -> Products:
         """Return inner products of nuisances' and further columns, for any discrepancy."""
-        return self.beside().products([[*own, *more] for own, more in zip(self.jacobian, extra)],
-                                      residuals or self.residuals, absent)
+        columns = [[*own, *more] for own, more in zip(self.jacobian, extra)]
+        return self.whitened_discrepancy().products(columns, residuals or self.residuals, absent)
 
-    def beside(self) -> WhitenedDiscrepancy:
-        """Return the discrepancy beside the noise; an empty one where none is set up."""
+    def whitened_discrepancy(self) -> WhitenedDiscrepancy:
+        """Return the discrepancy, whitened by the noise; an empty one where none is set up."""
         if self.discrepancy is None:
             rows = tuple(np.zeros((0, len(c.groups)), dtype=np.float32) for c in self.datasets)
             self.discrepancy = Discrepancy(Basis(rows, np.zeros(0)), _signal(self),
                                            [c.train for c in self.datasets])
-        return self.discrepancy.beside(self.noise)
+        return self.discrepancy.whitened(self.noise)
 
     def allow_discrepancy(self, frequencies: Sequence[float] = ()) -> None:
         """Set up what no library has: functions of the present motion, and lines [Hz]."""
@@ -222,8 +230,9 @@ class LinearisedModel:
 
     def residual_products(self) -> Products:
         """Return inner products of the residuals alone."""
-        return self.beside().products([[] for _ in self.datasets], self.residuals,
-                                      self.discrepancy_scales == NO_DISCREPANCY)
+        return self.whitened_discrepancy().products(
+            [[] for _ in self.datasets], self.residuals,
+            self.discrepancy_scales == NO_DISCREPANCY)
 
     def _cost(self) -> float:
         prior = self.prior()
@@ -231,17 +240,18 @@ class LinearisedModel:
 
     def refit_noise(self, x: Array) -> None:
         """Fit the noise of what a step of the nuisances, and any discrepancy, leave."""
-        rest = [b - combined(columns, x, len(b)) for b,
-                columns in zip(self.residuals, self.jacobian)]
+        residuals = [b - combined(columns, x, len(b))
+                     for b, columns in zip(self.residuals, self.jacobian)]
         signal = _signal(self) if self.discrepancy is None else self.discrepancy.signal
         floor = QUIETEST * signal
         if not self.noise and self.datasets[0].simulation.starts_white:
             self.noise = [_no_less(white(r, c.measured.present, c.groups), floor)
-                          for r, c in zip(rest, self.datasets)]
+                          for r, c in zip(residuals, self.datasets)]
         if self.noise and self.discrepancy is not None:
-            rest = [r - p for r, p in zip(rest, self.beside().predicted(rest))]
+            predicted = self.whitened_discrepancy().predicted(residuals)
+            residuals = [r - p for r, p in zip(residuals, predicted)]
         self.noise = [_no_less(fit_autoregression(r, c.measured.present, c.groups), floor)
-                      for r, c in zip(rest, self.datasets)]
+                      for r, c in zip(residuals, self.datasets)]
 
     def recalibrate(self) -> None:
         """Move the centre to the best nuisances, noise refitted on the way."""
@@ -255,7 +265,7 @@ class LinearisedModel:
                 break
 
     def is_far(self, step: Array) -> bool:
-        """Say whether a step of the nuisances leaves where their columns hold."""
+        """Say whether a step of the nuisances leaves where their Jacobian holds."""
         return any(abs(x) > FAR for x, n in zip(step, self.nuisances) if n.key == ROBOT)
 
     def _approach(self, step: Array) -> None:

@@ -1,4 +1,4 @@
-"""Whether an effect still counts once noise may be slower than its model's few lags reach."""
+"""What an effect has to bring to be accepted."""
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.model.linearised import LinearisedModel

@@ -85,9 +85,9 @@ def _fitted(model: LinearisedModel, events: list[Event]) -> tuple[LinearisedMode
                                                                   tuple[Event, ...]]:
     """Fit steps and leave out, one after the other, those that the fit does not bear out."""
     while events:
-        out = _beside(model, events)
+        out = _with_events(model, events)
         events_now = _sharpened(out, events)
-        out = _beside(model, events_now)
+        out = _with_events(model, events_now)
         kept = _agreeing(out, events_now)
         if kept == events_now:
             return out, tuple(kept)
@@ -120,7 +120,7 @@ def _seen(model: LinearisedModel, dataset: int, residual: Array) -> list[Event]:
     return events
 
 
-def _beside(model: LinearisedModel, events: Sequence[Event]) -> LinearisedModel:
+def _with_events(model: LinearisedModel, events: Sequence[Event]) -> LinearisedModel:
     """Fit steps beside the nuisances."""
     own = [(Nuisance(_name(e, c), 'wrench_step', lambda rig, x: rig, 'step', c,
                      recording=e.recording, instant=e.instant), abs(h))
@@ -191,9 +191,8 @@ def _likelihood(model: LinearisedModel, e: Event, channel: int, instants: Array)
     """Log-likelihood of a channel's step at some instants, its height fitted to each."""
     dataset, noise = model.datasets[e.recording], model.noise[e.recording]
     k = _position(model, e, channel)
-    without = model.residuals[e.recording][:,
-                                           channel] + model.centre[k] * model.jacobian[
-        e.recording][k][channel]
+    column = model.jacobian[e.recording][k][channel]
+    without = model.residuals[e.recording][:, channel] + model.centre[k] * column
     rows = np.stack([without, *(dataset.measured.since('wrench', t) for t in instants)])
     white = noise.whiten(rows, channel)
     product, square = white[1:] @ white[0], np.sum(white[1:] ** 2, axis=1)

@@ -1,4 +1,4 @@
-"""One hypothesis beside what is explained already, as it was fitted and judged."""
+"""A hypothesis as fitted beside what is explained already, and as accepted."""
 
 from typing import NamedTuple
 
@@ -36,7 +36,7 @@ class HypothesisFit(NamedTuple):
     refined : bool
         Whether the parameters were refined on simulations.
     discrepancy : tuple of float
-        Sizes at which the hypothesis is likeliest.
+        Scales of the discrepancy at which the hypothesis is likeliest.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Accepted effects, nuisances and noise refitted together."""
+"""Accepted effects and nuisances refitted together."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -61,7 +61,7 @@ def estimated(effect: Effect, atom: Atom) -> NDArray[np.intp]:
 
 
 class _Level(NamedTuple):
-    """What is explained already, with a discrepancy of one size: its fit and its evidence."""
+    """What is explained already, with a discrepancy of one scale: its fit and its evidence."""
 
     scales: Scales
     train: Gram
@@ -81,7 +81,7 @@ def _by_chance(n: int) -> float:
 
 class ModelComparison:
     """
-    Judges hypotheses against what is explained already.
+    Compares hypotheses with what is explained already, by marginal likelihood.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ class ModelComparison:
         self.noise_rms = [np.stack([n.rms(g) for g in range(3)]) for n in model.noise]
 
     def _usual(self) -> list['_Level']:
-        """Return levels of one size in all streams, and the likeliest of any."""
+        """Return levels of one scale in all streams, and the likeliest of any."""
         levels = [self._level((size,) * len(STREAM_SLICES)) for size in SCALES]
         start = max(levels, key=lambda level: level.evidence).scales
         best = ascended(self._products, lambda grams: fit(
@@ -156,7 +156,7 @@ class ModelComparison:
                      np.concatenate([own.bound, np.full(len(away), np.inf)]))
 
     def screen(self, hypotheses: Sequence[Hypothesis]) -> list[tuple[HypothesisFit, Atom | None]]:
-        """Judge all hypotheses on linear columns, the best start of each, likeliest first."""
+        """Judge all hypotheses on the Jacobian, the best start of each, likeliest first."""
         datasets = range(len(self.model.datasets))
         atoms = [(h, a) for h in hypotheses for a in h.atoms]
         all_columns = [
@@ -240,7 +240,7 @@ class ModelComparison:
                              held.n, atom is None, level.scales)
 
     def _best_scales(self, products: Products, prior: Prior) -> Scales:
-        """Return the sizes that make a hypothesis likeliest whose columns end with its effect."""
+        """Return the scales that make a hypothesis likeliest whose columns end with its effect."""
         def evidence(grams: tuple[Gram, Gram]) -> float:
             return fit(_shifted(grams[0] + grams[1]), prior).log_evidence
 
@@ -250,7 +250,7 @@ class ModelComparison:
 
     def _likeliest(self, grams: Sequence[tuple[Gram, Gram]], prior: Prior
                    ) -> tuple['_Level', tuple[Gram, Gram], Fit]:
-        """Return the size of the discrepancy that makes a hypothesis likeliest, and its fit."""
+        """Return the scale of the discrepancy that makes a hypothesis likeliest, and its fit."""
         fits = [fit(train + held, prior) for train, held in grams]
         i = max(range(len(fits)), key=lambda j: fits[j].log_evidence)
         return self.levels[i], grams[i], fits[i]

@@ -50,7 +50,7 @@ def dense(rows, column, residual, chosen, size):
 @pytest.mark.parametrize('size', SCALES)
 def test_evidence_is_that_of_the_dense_gaussian_for_training_blocks_and_for_all(size):
     rows, columns, residual, of = setting(1)
-    train, held = of.beside([white(n) for n in N]).products(columns, residual).at((size,) * 4)
+    train, held = of.whitened([white(n) for n in N]).products(columns, residual).at((size,) * 4)
     prior = Prior(np.zeros(1), np.ones(1), np.full(1, np.inf))
     flat = np.concatenate([r[:, 0] for r in residual])
     column = np.concatenate([c[0][0] for c in columns]).astype(float)
@@ -64,7 +64,7 @@ def test_evidence_is_that_of_the_dense_gaussian_for_training_blocks_and_for_all(
 def test_held_out_squares_are_those_beside_what_the_training_blocks_told():
     _, columns, residual, of = setting(2)
     rng = np.random.default_rng(3)
-    products = [of.beside([white(n) for n in N])]
+    products = [of.whitened([white(n) for n in N])]
     total = 0.0
     for _ in range(200):
         w = rng.standard_normal(3) * np.sqrt(SHARE) * 0.003 * SIGNAL
@@ -82,7 +82,7 @@ def test_weights_are_found_again_from_the_training_blocks():
     w = np.array([0.4, -0.2, 0.1])
     for one, rows in zip(residual, of.basis.rows):
         one[:, 0] += w @ rows
-    beside = of.beside([white(n) for n in N])
+    beside = of.whitened([white(n) for n in N])
     found = beside.products([[], []], residual).trained((0.003,) * 4)[0]
     # eighty samples of noise 0.5 know each weight to 0.056
     assert found == pytest.approx(w, abs=4 * 0.056)
@@ -90,7 +90,7 @@ def test_weights_are_found_again_from_the_training_blocks():
 
 def test_as_much_of_a_residual_is_predicted_as_the_features_bear_out_and_nothing_of_noise():
     _, _, residual, of = setting(5)
-    beside = of.beside([white(n) for n in N])
+    beside = of.whitened([white(n) for n in N])
     nothing = beside.predicted(residual)
     assert sum(float(np.sum(x ** 2)) for x in nothing) < 3.0 * SIGMA ** 2 * 3
     for one, rows in zip(residual, of.basis.rows):
