@@ -193,7 +193,7 @@ def _reference() -> tuple[Rig, Dataset, Array, tuple[str, ...]]:
                         centre=np.zeros(len(found)))
     p.linearise()
     columns = np.zeros((len(found), len(case.groups), len(level)))
-    for i, column in enumerate(p.columns[0]):
+    for i, column in enumerate(p.jacobian[0]):
         for channel, rows in column.items():
             columns[i, :, channel] = rows / level[channel]
     return rig, case, columns.reshape(len(found), -1), tuple(n.key for n in found)

@@ -174,8 +174,8 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
         RigidTool,
     )
 
-    rigid_tool = rigid_tool_of_calibration(calibration,
-                                           rig) if calibration else rigid_tool_of_rig(rig)
+    rigid_tool = (rigid_tool_of_calibration(calibration, rig) if calibration
+                  else rigid_tool_of_rig(rig))
     outcome = diagnose_motion(
         _as_calibrated(args, recording, calibration), _as_calibrated(args, heldout, calibration),
         rigid_tool, calibration, args.accelerometer)

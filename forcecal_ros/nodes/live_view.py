@@ -174,14 +174,14 @@ class LiveView:
             self._call(self._move['start'], Trigger.Request(), lambda done: None)
 
     def _call(self, client: Any, request: object, then: Callable[[Any], None]) -> None:
-        def diagnose_datasets(future: Future) -> None:
+        def answered(future: Future) -> None:
             response = future.result()
             result = response.results[0] if client is self._set else response
             self._answer = getattr(result, 'message', '') or getattr(result, 'reason', '')
             then(response)
 
         if client.service_is_ready():
-            client.call_async(request).add_done_callback(diagnose_datasets)
+            client.call_async(request).add_done_callback(answered)
         else:
             self._answer = 'the sequencer is not up yet; try again in a moment'
 

@@ -131,8 +131,8 @@ def view_of(outcome: Outcome, advice: str, of_channels: dict[str, str]) -> View:
     measured = np.where(present, _means(dataset.nominal, len(dataset.groups)) + nominal, np.nan)
     return View(outcome.diagnosis, advice, of_channels, dataset.times, dataset.phases,
                 dataset.groups, present, measured, nominal, outcome.recalibrated[-1],
-                outcome.explained[-1], _cells(dataset, present, outcome.recalibrated[-1],
-                                              outcome.explained[-1]))
+                outcome.explained[-1],
+                _cells(dataset, present, outcome.recalibrated[-1], outcome.explained[-1]))
 
 
 def _cells(dataset: Blocks, present: NDArray[np.bool_], before: Array, after: Array

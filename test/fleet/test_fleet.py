@@ -11,7 +11,7 @@ from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.cli import main
 from forcecal_ros.diagnose.judge.gap import Gap
 from forcecal_ros.diagnose.say.result import Diagnosis, to_document
-from forcecal_ros.fleet.page import STREAM_SLICES
+from forcecal_ros.fleet.page import COLUMNS
 import numpy as np
 import pytest
 from whole_calibration import whole_calibration
@@ -59,7 +59,7 @@ def test_what_drifted_first_is_named_and_what_cannot_be_read_is_a_row(fleet, cap
     assert change['since'].startswith('2026-03-11') and found['robots']['right'] == {
         'entries': NIGHTS, 'changed': []}
     rows = list(csv.DictReader((fleet / 'out/fleet.csv').open()))
-    assert tuple(rows[0]) == STREAM_SLICES
+    assert tuple(rows[0]) == COLUMNS
     assert [row['path'] for row in rows if row['error']] == [
         str(fleet / 'nights/left/damaged/damaged_0.mcap')]
     mass = [row for row in rows if row['key'] == 'mass' and row['robot'] == 'left']
