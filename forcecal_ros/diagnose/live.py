@@ -19,29 +19,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 LEARN = 3.0
-"""Rest after the first command in which the noise is learned [s]."""
+"""Standstill after the first command in which the noise is learned [s]."""
 
 WINDOW = 5.0
-"""That is judged at a time [s]."""
+"""Length of what is judged at a time [s]."""
 
 TENTH = 25
-"""Blocks of the means in which small but lasting excess shows."""
+"""Blocks in a tenth of a second; in means over these a small but lasting excess shows."""
 
 ALARM = 10.0
-"""Sigmas of a channel's energy from which it has left the noise."""
+"""Sigmas from which a channel's energy is more than noise."""
 
 SMALL = 0.25
-"""Excess in noise RMS, of blocks or means, that is let pass."""
+"""Excess that is let pass, of blocks or their means, in noise RMS."""
 
 EVERY = 1.0
-"""Between two judgements of a recording, as between two of the node [s]."""
+"""Time between two judgements of a recording, as between two of the node [s]."""
 
 LASTING = 2
-"""Judgements in a row that it takes."""
+"""Judgements in a row that an excess has to last."""
 
 
 STREAMS = np.array([c.stream for c in CHANNELS])
-"""Of each channel."""
+"""Name of the stream of each channel."""
 
 
 class Judgement(NamedTuple):

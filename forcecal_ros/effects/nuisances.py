@@ -15,7 +15,7 @@ ROBOT = 'robot'
 """Key of how a robot follows otherwise than fitted: poles move motion in no straight line."""
 
 LEAST = -0.95
-"""Relative departure of what cannot be negative."""
+"""Lowest relative departure of a number that cannot be negative."""
 
 
 class Nuisance(NamedTuple):

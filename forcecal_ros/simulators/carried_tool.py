@@ -18,7 +18,7 @@ SMOOTH = 3.0
 """Up to which a discrepancy follows the motion [Hz]: noise of the inputs is faster, mostly."""
 
 KEPT = 12
-"""Delays at which the accelerometer's readings are remembered."""
+"""Delays for which the accelerometer's readings are kept."""
 
 CABLE = 'cable_force'
 

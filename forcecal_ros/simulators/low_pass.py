@@ -9,10 +9,10 @@ LEAST, MOST = 1.0, 12.5
 """That band, at least and at most [Hz]: above, arm and gripper ring, and no tool is rigid."""
 
 WINDOW = 4.0
-"""Over which spectra are averaged [s]."""
+"""Length of the windows over which spectra are averaged [s]."""
 
 CLEAR = 10.0
-"""Times the floor that the power of a signal has where it is no noise."""
+"""Factor above its floor from which the power of a signal is no noise."""
 
 ORDER = 4
 """Of the low-pass, there and back: a quarter of its corner passes to 1e-5, half of it to 0.4 %."""

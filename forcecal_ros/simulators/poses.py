@@ -23,7 +23,7 @@ UPRIGHT = 0.05
 """How far the axis of a turn of the base may lean for gravity to stay where it is [rad]."""
 
 SAMPLES = 500
-"""At so many instants is compared."""
+"""Instants at which two motions are compared."""
 
 
 def merged(measured: PoseStream, simulated: PoseStream) -> PoseStream:

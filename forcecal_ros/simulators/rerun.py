@@ -33,10 +33,10 @@ from forcecal_ros.simulators.third_party import ThirdParty
 import numpy as np
 
 STEP = 1.0
-"""By which a parameter is moved to see what it does, in its sigma."""
+"""Step by which a parameter is moved to see what it does, in its sigma."""
 
 KEPT = 6
-"""Tools carried along a motion that are remembered."""
+"""Carried tools that are kept, one for each motion."""
 
 Numbers = tuple[float, ...]
 

@@ -10,7 +10,7 @@ from forcecal_ros.geometry import Array
 import numpy as np
 
 RATE = 1000.0
-"""Of the simulated signals [Hz]."""
+"""Rate of the simulated signals [Hz]."""
 
 SMALL = 0.05
 """RMS of a difference, in noise RMS, that is no gap."""
@@ -19,7 +19,7 @@ UNSEEN = ('wrench_quantisation', 'clock_skew', 'dropouts')
 """Effects that show in values and stamps, not in the mean of a signal."""
 
 BLOCK = 0.004
-"""Length of the means that are compared [s]."""
+"""Length of the blocks over whose means measured and simulated are compared [s]."""
 
 
 class Signals(NamedTuple):

@@ -18,10 +18,10 @@ WIDTH = 0.02
 """Standard deviation of the window that speeds are averaged over [s]."""
 
 FEWEST = 20
-"""Poses that make a motion, as also where a motion alone is diagnosed."""
+"""Poses, at least, that make a motion."""
 
 LEVER = 0.2
-"""At which turning counts as much as moving [m]: a tool's length."""
+"""Lever at which turning counts as much as moving [m]: a tool's length."""
 
 LEAST_CORRELATION = 0.98
 """

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 STAGES = ('robot', 'tool', 'environment', 'wrench_sensor', 'accelerometer', 'pose', 'timing')
-"""Along the chain from command to sensor; the clocks last."""
+"""Stages along the chain from command to sensor; the clocks last."""
 
 STREAM_SLICES = {
     'wrench': slice(0, 6), 'accelerometer': slice(6, 9), 'optidrive': slice(9, 10),
     'pose': slice(10, 16),
 }
-"""Columns of each stream."""
+"""Which channels each stream has, by their place in CHANNELS."""
 
 
 class Channel(NamedTuple):
@@ -34,7 +34,7 @@ CHANNELS = (
     *(Channel(f'pose.{a}', 'm', 'pose', 'robot') for a in 'xyz'),
     *(Channel(f'pose.r{a}', 'rad', 'pose', 'robot') for a in 'xyz'),
 )
-"""In the order of the columns of every residual."""
+"""All channels, in the order of the columns of every residual."""
 
 
 def units(accelerometer: str = 'V') -> dict[str, str]:

@@ -14,7 +14,7 @@ GATHERED = 0.3
 """Mean of unit vectors, one a stamp, below which stamps keep no grid; even ones give 1, or 0."""
 
 SETTLING = 20.0
-"""Most of a recording that is replayed to choose among whole periods [s]."""
+"""Length of a recording, at most, that is replayed to choose among whole periods [s]."""
 
 
 def start_of(recording: Recording, rig: Rig, accelerometer: str) -> float:

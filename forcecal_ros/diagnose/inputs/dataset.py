@@ -20,13 +20,13 @@ FARTHEST = EFFECTS['wall_position'].parameters[0].high
 """By which a wall may be nearer than in a rig's file: as an effect may shift it [m]."""
 
 MARGIN = 25
-"""Blocks around contact that count as contact."""
+"""Blocks before and after contact that count as contact."""
 
 STILL = 50
-"""Blocks without motion before it counts as rest."""
+"""Blocks without motion before it counts as standstill."""
 
 SHORTEST = 5.0
-"""Recording that can be diagnosed [s]."""
+"""Length of a recording with commands, at least, that can be diagnosed [s]."""
 
 
 @dataclass(frozen=True)

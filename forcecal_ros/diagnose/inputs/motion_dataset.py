@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 SHORTEST = 3.0
-"""Recording that can be diagnosed [s]."""
+"""Length of a recording without commands, at least, that can be diagnosed [s]."""
 
 EDGE = 0.03
 """Left out at both ends, so that one sensor may be as late as that behind another [s]."""

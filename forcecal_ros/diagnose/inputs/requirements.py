@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 LONGEST = 60.0
-"""Silence that is still replayed [s]."""
+"""Pause of a recording, at most, that is bridged [s]."""
 
 SETTLING = 1.0
-"""Left out after a pause, in which the robot went nobody knows where [s]."""
+"""Time after a pause that is left out: the robot went there nobody knows how [s]."""
 
 STAGES = {'wrench': 'wrench_sensor and environment', 'accelerometer': 'accelerometer'}
-"""Stages that only one stream shows."""
+"""Stages that only one stream shows, by that stream."""
 
 
 def require_same_sensors(recordings: Sequence[Recording]) -> None:

@@ -11,7 +11,7 @@ from forcecal_ros.recording.streams import Recording
 import numpy as np
 
 VISIBLE = 25.0
-"""Whitened energy that a typical size must have in order to be seen."""
+"""Whitened energy that an effect of typical size needs to be seen."""
 
 SENSORS = ('wrench', 'accelerometer')
 """Streams of which one at least has to be judged."""

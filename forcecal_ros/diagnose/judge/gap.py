@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 SECOND = 250
-"""Blocks that are drawn together in the bootstrap."""
+"""Blocks of one second, which the bootstrap draws together."""
 
 DRAWS = 400
-"""Of the bootstrap."""
+"""Draws of the bootstrap."""
 
 
 class Gap(NamedTuple):

@@ -32,7 +32,7 @@ from forcecal_ros.simulators.signals import SMALL
 import numpy as np
 
 WANDERING = 0.03
-"""Of a vibration's frequency, within which its speed may wander."""
+"""Part of a vibration's frequency within which its speed may wander."""
 
 WITHOUT_NAME = 10.0
 """Log-evidence of a discrepancy from which something is unexplained: odds of 20,000 to one."""
@@ -165,9 +165,9 @@ def fitted_to_all(model: LinearisedModel,
     """
     comparison = ModelComparison(model, jacobians)
     x = fit(comparison.train + comparison.held, comparison.null_prior).x
-    residuals = [b - combined([*columns, *extra], x, len(b)) * c.measured.present for b, columns,
-                 extra, c in zip(model.residuals, model.jacobian, comparison.extra,
-                                 model.datasets)]
+    residuals = [b - combined([*columns, *extra], x, len(b)) * c.measured.present
+                 for b, columns, extra, c in zip(model.residuals, model.jacobian,
+                                                 comparison.extra, model.datasets)]
     out = replace(model, residuals=residuals)
     out.refit_noise(np.zeros(len(model.nuisances)))
     return out

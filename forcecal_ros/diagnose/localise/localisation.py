@@ -15,7 +15,7 @@ DISCOVERY = 0.01
 """False discovery rate (Benjamini and Hochberg)."""
 
 MOST = 40
-"""Places that are reported."""
+"""Locations that are reported, at most."""
 
 
 class Location(NamedTuple):

@@ -14,7 +14,7 @@ PREDICTABLE = 5.5
 """Sigmas of a channel's prediction from which its residual is more than noise."""
 
 LAGS = (-4, -2, -1, 1, 2, 4, 8)
-"""Blocks by which the main inputs are shifted."""
+"""Blocks by which the main inputs are shifted to predict from their past and future."""
 
 
 class Predictability(NamedTuple):

@@ -7,7 +7,7 @@ from forcecal_ros.geometry import Array
 import numpy as np
 
 LINE = 35.0
-"""Power of a spectral line over the median of its neighbourhood."""
+"""Power of a spectral line, at least, over the median of its neighbourhood."""
 
 
 class Line(NamedTuple):

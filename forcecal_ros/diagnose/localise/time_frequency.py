@@ -22,7 +22,7 @@ STEEPEST = 2.2
 """By how much the power of coloured noise may grow from one octave to the next lower one."""
 
 LOWEST = 2.5
-"""And by how much more in the lowest band, which is many octaves."""
+"""Factor by which coloured noise may grow further in the lowest band, which is many octaves."""
 
 BANDS = ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 16.0), (16.0, 32.0),
          (32.0, 62.5), (62.5, 125.0))

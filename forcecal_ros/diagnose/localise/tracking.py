@@ -14,7 +14,7 @@ WIDTH = 0.02
 """Standard deviation of the window that poses are averaged over [s]."""
 
 SEGMENTS = 12
-"""Into which a recording is cut to tell how sure the delay is."""
+"""Segments of a recording, whose scatter tells the standard error of the delay."""
 
 SLOWEST = (1e-3, 5e-3)
 """

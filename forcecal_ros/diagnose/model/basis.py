@@ -22,7 +22,7 @@ SLOW_MOTION = 0.05
 """Part of the RMS speed below which friction is seen to turn over."""
 
 NEGLIGIBLE = 1e-9
-"""Part of its group's largest below which a feature does not vary."""
+"""Part of its group's largest RMS below which a feature does not vary."""
 
 
 class Basis(NamedTuple):

@@ -32,7 +32,7 @@ effects are weighed by what they explain of the misfit, and leave.
 """
 
 NO_DISCREPANCY: Scales = (0.0,) * len(STREAM_SLICES)
-"""No discrepancy in any stream."""
+"""Scales that stand for no discrepancy in any stream."""
 
 ASCENTS = 2
 """Rounds over the streams in which their scales are improved one by one."""
@@ -50,7 +50,7 @@ kept, of ten minutes the forty strongest.
 """
 
 STREAM = tuple(i for i, name in enumerate(STREAM_SLICES) for c in CHANNELS if c.stream == name)
-"""Of each channel, its stream's place among scales."""
+"""Place of each channel's stream among the scales."""
 
 BoolArray = NDArray[np.bool_]
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 MOST_STARTS = 12
-"""Shapes that one effect is screened at."""
+"""Starting values, at most, at which one effect is screened."""
 
 HYSTERESIS = 'wrench_hysteresis'
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 NOTHING = 1e-7
-"""Fraction of a channel's noise below which a step does nothing to it."""
+"""Part of a channel's noise below which a step changes nothing in it."""
 
 Column = dict[int, NDArray[np.float32]]
 """Channel index -> blocks of one recording; channels that nothing happens to are left out."""

@@ -56,7 +56,7 @@ FRACTIONS = (1.0, 0.5, 0.25, 0.1)
 """Parts of a step along curved nuisances that are tried in turn."""
 
 Values = Mapping[str, Mapping[str, float]]
-"""Effect -> parameter -> value."""
+"""Values by effect and parameter."""
 
 
 class Diverged(ForcecalError):

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 VISIBLE = 25.0
-"""Whitened energy from which an effect is seen."""
+"""Whitened energy from which a plan shows an effect."""
 
 CLEAR = 80.0
-"""Whitened energy from which it is seen clearly."""
+"""Whitened energy from which a plan shows an effect clearly."""
 
 CONFOUNDED = 20.0
 """Effects whose directions come closer than that are hard to tell apart [deg]."""

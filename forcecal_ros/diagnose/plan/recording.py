@@ -32,7 +32,7 @@ adds up to 0.3 N, the tolerance of a bias."""
 PARTS: Mapping[str, frozenset[str]] = {
     'measure': frozenset({'poses'}), 'step': frozenset({'steps'}),
     'sweep': frozenset({'sweeps', 'turns'}), 'reverse': frozenset({'reversals'})}
-"""Parts of a sequence by the phase that they are recorded as."""
+"""Parts of a sequence by the phase as which they are recorded."""
 
 
 class PlannedMotion(NamedTuple):

@@ -15,7 +15,7 @@ import numpy as np
 STREAMS = ('wrench', 'accelerometer', 'optidrive')
 
 OPTIONS = {'contact': ' --contact'}
-"""Of forcecal plan, for phases that it leaves out otherwise."""
+"""Options of forcecal plan that add phases which it leaves out otherwise."""
 
 
 def advice(diagnosis: Diagnosis, rig: Rig) -> str:

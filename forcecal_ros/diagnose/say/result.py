@@ -50,7 +50,7 @@ class Diagnosis:
 NO_MOTION = Diagnosis('not_excited',
                       'the robot does not move; record a motion that turns the tool '
                       'and speeds it up')
-"""The answer where :func:`moves` is false."""
+"""The diagnosis of a recording in which the robot does not move."""
 
 
 def to_document(diagnosis: Diagnosis, units: dict[str, str], rig: str | None) -> dict[str, Any]:

@@ -15,7 +15,7 @@ GLARING = 10.0
 """Ratio of the unexplained part from which it matters beside any explained share."""
 
 HALF = 0.5
-"""Share below which effects that are sure leave more than they explain."""
+"""Explained share below which effects that are sure leave more than they explain."""
 
 
 def percent(share: float) -> str:

@@ -7,13 +7,13 @@ from forcecal_ros.recording.noise.long_memory import unpredicted
 import numpy as np
 
 SIGNIFICANT = 0.01
-"""Family-wise error of a round (Holm's first step)."""
+"""Family-wise error of a round of hypotheses (Holm's first step)."""
 
 LEAST_GAIN = 3.0
-"""Held-out log-likelihood that an effect has to bring."""
+"""Log-likelihood of held-out blocks that an effect has to gain."""
 
 LEAST_FRACTION = 0.05
-"""Of the above-noise energy, its lower bound."""
+"""Lower bound of the above-noise energy that an effect has to explain."""
 
 NEGLIGIBLE = 0.05
 """RMS of a difference, in noise RMS of every channel and kind of motion, that is no gap."""
@@ -28,13 +28,13 @@ background's energy 0.8 to 1e5; fainter ones 0.06 to 6.
 """
 
 LEAST_LONG_MEMORY_RATIO = 8.0
-"""Log-likelihood that it has to bring on all data where the noise may have a long memory."""
+"""Log-likelihood ratio that an effect needs on all data where the noise may have a long memory."""
 
 FORM = 5e-3
-"""Part of it that another form of the same effect may leave in each channel."""
+"""Part of the energy, or evidence, of an effect that a wrong form of it may leave."""
 
 LEAST_BEYOND = 25.0
-"""Whitened energy that a further effect has to explain beyond that."""
+"""Whitened energy that a further effect has to explain beyond what a wrong form may leave."""
 
 
 def long_memory_likelihood_ratio(before: LinearisedModel, after: LinearisedModel) -> float:

@@ -32,7 +32,7 @@ NEAR = 0.3
 """How far from where it was first seen an instant is sought [s]: ten blocks at 30 Hz."""
 
 COVERED = 0.95
-"""Probability that the interval of an instant holds."""
+"""Probability that the interval of an instant covers."""
 
 
 class Event(NamedTuple):

@@ -14,13 +14,13 @@ from forcecal_ros.geometry import Array
 import numpy as np
 
 ROUNDS = 3
-"""Gauss-Newton steps of a joint refit."""
+"""Gauss-Newton steps of a joint refit, at most."""
 
 FAR = 2.0
 """Step of the nuisances, in prior std, after which their Jacobian is taken anew."""
 
 SHORTEST = 0.02
-"""Fraction of such a step below which it is given up."""
+"""Fraction of a Gauss-Newton step below which it is given up."""
 
 
 class JointFit(NamedTuple):

@@ -34,10 +34,10 @@ MANY = 4
 """Parameters from which a few are chosen among them as well, at most so many."""
 
 WORTHWHILE = 3.0
-"""Evidence that each further one has to bring."""
+"""Log-evidence that each further parameter of an effect has to bring."""
 
 CHANCE = 4.0
-"""Standard deviations of a sum of squares that noise has by chance."""
+"""Standard deviations by which a sum of squares may exceed its mean by chance."""
 
 FLAWED = 0.05
 """
@@ -46,7 +46,7 @@ for: on a real arm's wrench that was 0.02 to 0.07.
 """
 
 ROUNDS = 4
-"""Gauss-Newton steps of a refinement."""
+"""Gauss-Newton steps of a refinement, at most."""
 
 
 def estimated(effect: Effect, atom: Atom) -> NDArray[np.intp]:

@@ -10,7 +10,7 @@ from forcecal_ros.diagnose.search.model_comparison import ModelComparison
 import numpy as np
 
 TEMPERATURE = 2.0
-"""Of log-likelihoods."""
+"""Temperature of log-likelihoods where no large effect is at stake."""
 
 MISMATCH = 1e-3
 """Part of the energy of an effect in which two valid models of it may differ."""
@@ -23,10 +23,10 @@ A crosstalk of 5 and of 10 % led a drift by 1600 and 6700, which has to decide.
 """
 
 PARSIMONY = 0.5
-"""Log-odds that each parameter costs besides."""
+"""Log-odds that each estimated parameter costs, beside its prior."""
 
 SHORTLIST = 3
-"""Hypotheses that are refined in each round."""
+"""Hypotheses that are refined in each round, be they close to the best or not."""
 
 WORTH = 2.0
 """Evidence of the linear screen from which the best are refined whatever their rank."""
