@@ -10,9 +10,7 @@ from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.accelerometer import in_volts
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
-from forcecal_ros.diagnose.inputs.dataset import (
-    Dataset,
-)
+from forcecal_ros.diagnose.inputs.dataset import Dataset
 from forcecal_ros.diagnose.inputs.requirements import missing_streams
 from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
 from forcecal_ros.diagnose.inputs.stamps import Corrected

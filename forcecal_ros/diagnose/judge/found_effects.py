@@ -7,11 +7,7 @@ from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.inputs.stamps import Corrected
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.model.saturation import CLIPPING
-from forcecal_ros.diagnose.search.bias_steps import (
-    Event,
-    height_of,
-    SURE,
-)
+from forcecal_ros.diagnose.search.bias_steps import Event, height_of, SURE
 from forcecal_ros.diagnose.search.fitted import Accepted
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import AccelerometerModel

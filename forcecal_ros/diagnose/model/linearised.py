@@ -20,11 +20,7 @@ from forcecal_ros.effects.nuisances import apply_all, LIMIT, Nuisance, prior_std
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import ForcecalError
 from forcecal_ros.geometry import Array, rotation_vector
-from forcecal_ros.recording.noise.autoregression import (
-    Autoregression,
-    fit_autoregression,
-    white,
-)
+from forcecal_ros.recording.noise.autoregression import Autoregression, fit_autoregression, white
 from forcecal_ros.simulators.signals import block_means, Signals
 import numpy as np
 

@@ -3,18 +3,13 @@
 from dataclasses import replace
 
 from forcecal_ros.calibration.model import Calibration, Estimate
-from forcecal_ros.diagnose.judge.found_effects import (
-    Checks,
-    parameters_of,
-)
+from forcecal_ros.diagnose.judge.found_effects import Checks, parameters_of
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.selection import Selection
 from forcecal_ros.effects import named_effects, physical_rig, with_effects
 from forcecal_ros.effects.nuisances import apply_all
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.simulators.rigid_tool import (
-    RigidTool,
-)
+from forcecal_ros.simulators.rigid_tool import RigidTool
 import numpy as np
 
 

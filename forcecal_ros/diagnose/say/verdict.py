@@ -2,10 +2,7 @@
 
 from collections.abc import Sequence
 
-from forcecal_ros.diagnose.judge.probabilities import (
-    NAMED,
-    UNKNOWN,
-)
+from forcecal_ros.diagnose.judge.probabilities import NAMED, UNKNOWN
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
 
 WHOLE = 0.95
