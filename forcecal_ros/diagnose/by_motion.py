@@ -19,13 +19,13 @@ DELAY = 'accelerometer.delay'
 """The nuisance that says how far the accelerometer is behind the wrench."""
 
 TOLD = 0.5
-"""Part of its prior's that a delay's standard error is at most where the motion tells it."""
+"""Standard error, in its prior's, up to which the motion tells a delay or an inertia."""
 
 MOVED = 3.0
 """Standard errors of a recalibration from which it is told; one in four hundred is by chance."""
 
 UNITS = {DELAY: ' s', 'tool.com': ' m', 'tool.inertia': ' kg m^2'}
-"""Of what is told as recalibrated, by its name without axis; what is not here is relative."""
+"""Units of nuisances, by their names without axis; those that are not here are relative."""
 
 
 def diagnose_motion(recording: Recording, heldout: Recording | None, rigid_tool: RigidTool,

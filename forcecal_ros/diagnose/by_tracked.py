@@ -1,6 +1,7 @@
-"""A robot that its rig's model does not follow within the noise of the poses.
+"""
+A robot that its rig's model does not follow within the noise of the poses.
 
-What such a model leaves of the motion would look like a gap of the wrench. So the tool is carried
+What the model lacks of the motion would look like a misfit of the wrench. So the tool is carried
 along the motion as measured and simulated poses together tell it, and the robot is judged by how
 far the two are apart, against what the rig states.
 """

@@ -90,7 +90,7 @@ CHAIN = (
     _Link('environment', ('optidrive', 'wrench', 'accelerometer'),
           ('optidrive', 'wrench', 'accelerometer'), True),
 )
-"""In the order in which blame is laid; the environment for what shows in contact only."""
+"""Stages in the order in which blame is laid; the environment for what shows in contact only."""
 
 AFTER = 250
 """Blocks after contact that count as contact, since the tool still rings."""

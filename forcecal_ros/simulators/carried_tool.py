@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 SMOOTH = 3.0
-"""Up to which a discrepancy follows the motion [Hz]: noise of the inputs is faster, mostly."""
+"""Frequency up to which a discrepancy follows the motion [Hz]: noise is mostly faster."""
 
 KEPT = 12
 """Delays for which the accelerometer's readings are kept."""

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 LEAST, MOST = 1.0, 12.5
-"""That band, at least and at most [Hz]: above, arm and gripper ring, and no tool is rigid."""
+"""Clear band, at least and at most [Hz]: above, arm and gripper ring, and no tool is rigid."""
 
 WINDOW = 4.0
 """Length of the windows over which spectra are averaged [s]."""
@@ -15,7 +15,7 @@ CLEAR = 10.0
 """Factor above its floor from which the power of a signal is no noise."""
 
 ORDER = 4
-"""Of the low-pass, there and back: a quarter of its corner passes to 1e-5, half of it to 0.4 %."""
+"""Order of the low-pass, there and back: a quarter of its corner passes to 1e-5, half to 0.4 %."""
 
 
 def clear_band(rows: Array, rate: float) -> float:

@@ -11,10 +11,10 @@ from forcecal_ros.schema import Row
 import numpy as np
 
 UNKNOWN_DELAY = 0.01
-"""Between two sensors whose calibration does not tell it, 1 sigma [s]; three are a slow driver."""
+"""Delay between two sensors that no calibration tells, 1 sigma [s]; three are a slow driver."""
 
 GYRATION = 0.05
-"""Radius that the inertia of a tool is of, 1 sigma, where none is known: a gripper's [m]."""
+"""Radius of gyration of a tool whose inertia is not known, 1 sigma: a gripper's [m]."""
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,10 @@ from forcecal_ros.simulators.rigid_tool import RigidTool
 from forcecal_ros.simulators.signals import UNSEEN
 
 MOUNTING = (0.005, 0.01)
-"""Of the sensor and the base, 1 sigma [m], [rad]: as far as a drawing and an arm are apart."""
+"""Place of sensor and base, 1 sigma [m], [rad]: as far as a drawing and an arm are apart."""
 
 LATE = 0.001
-"""Of the robot behind its commands beyond the simulator, 1 sigma [s]: a cycle of a fast driver."""
+"""Delay of the robot beyond its simulator's, 1 sigma [s]: a cycle of a fast driver."""
 
 VISIBLE = 10.0
 """A clearly visible change of a parameter, in its sigma: beyond what a nuisance may take."""

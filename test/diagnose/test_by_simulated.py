@@ -38,7 +38,7 @@ def test_a_sound_robot_that_moves_a_little_otherwise_has_no_gap(clean):
 
 
 def test_the_tool_is_that_of_the_simulator_and_its_unknown_zero_is_told(clean):
-    tool = clean.tool.body.tool
+    tool = clean.tool.rigid_tool.tool
     assert tool.mass == pytest.approx(GRIPPER.mass, rel=1e-3)
     np.testing.assert_allclose(tool.com, GRIPPER.com, atol=1e-4)
     assert any(note.startswith('zero of the wrench against the simulated: fx +4')

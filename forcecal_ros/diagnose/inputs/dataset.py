@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FARTHEST = EFFECTS['wall_position'].parameters[0].high
-"""By which a wall may be nearer than in a rig's file: as an effect may shift it [m]."""
+"""Distance by which a wall may be nearer than in a rig's file: as an effect may shift it [m]."""
 
 MARGIN = 25
 """Blocks before and after contact that count as contact."""

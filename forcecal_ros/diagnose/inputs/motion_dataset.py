@@ -23,7 +23,7 @@ SHORTEST = 3.0
 """Length of a recording without commands, at least, that can be diagnosed [s]."""
 
 EDGE = 0.03
-"""Left out at both ends, so that one sensor may be as late as that behind another [s]."""
+"""Time left out at both ends, so that one sensor may be so late behind another [s]."""
 
 MOVING = (0.005, 0.002)
 """Angular speed [rad/s] and speed [m/s] from which the robot moves: noisy poses show less."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 LIGHTEST = 0.02
-"""Of a tool whose weight a wrench sensor shows [kg]: 0.2 N, the noise of most."""
+"""Mass of a tool, at least, that a wrench sensor shows [kg]: 0.2 N, the noise of most."""
 
 DRAWN = (0.01, 0.001)
 """
@@ -27,12 +27,12 @@ and screws are missing there.
 
 ZERO = (10.0, 1.0)
 """
-Of the robot's sensor, 1 sigma [N], [N m], beyond the middle of the difference that is taken off:
-as much as a tool's weight would move that.
+Zero of the robot's sensor, 1 sigma [N], [N m], beyond the median difference that is taken off: as
+much as a tool's weight would move that.
 """
 
 OUTLIER = 1.345
-"""Of its scale, from which a residual counts linearly: Huber's, 95 % efficient on Gaussians."""
+"""Residual, in its scale, from which it counts linearly: Huber's, 95 % efficient on Gaussians."""
 
 
 class SimulatedTool(NamedTuple):

@@ -19,7 +19,7 @@ import numpy as np
 NAME = 'wrench_bias_step'
 
 PROBABILITY = 0.95
-"""Of a step that passes: a tool that slips or a gain that changes begins with one as well."""
+"""Probability of a bias step: a slip of the tool or a change of gain begins with one, too."""
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ SEGMENTS = 12
 
 SLOWEST = (1e-3, 5e-3)
 """
-Speeds below which a piece tells nothing of a delay, RMS [m/s], [rad/s]: in 10 ms as far as the
+Speeds below which a segment tells nothing of a delay, RMS [m/s], [rad/s]: in 10 ms as far as the
 noise of a pose.
 """
 

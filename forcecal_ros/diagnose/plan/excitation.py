@@ -22,7 +22,7 @@ CLEAR = 80.0
 """Whitened energy from which a plan shows an effect clearly."""
 
 CONFOUNDED = 20.0
-"""Effects whose directions come closer than that are hard to tell apart [deg]."""
+"""Angle below which the directions of two effects are confounded: hard to tell apart [deg]."""
 
 
 class Shown(NamedTuple):

@@ -17,7 +17,7 @@ TOGETHER = 0.02
 
 TOUCHING = 0.1
 """
-Around the simulated beginning and end of contact, where forces jump by themselves [s].
+Time around the simulated beginning and end of contact, where forces jump by themselves [s].
 
 A wall that is 3 prior standard deviations (3 mm) elsewhere is met that much earlier at 30 mm/s.
 """

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 MANY = 4
-"""Parameters from which a few are chosen among them as well, at most so many."""
+"""Parameters of an effect from which also fewer are tried, at most so many."""
 
 WORTHWHILE = 3.0
 """Log-evidence that each further parameter of an effect has to bring."""
