@@ -140,7 +140,7 @@ class RecordedSimulation(MeasuredMotion):
     accelerometer : str
         ``acc1`` or ``acc2``.
     rigid_tool : RigidTool
-        The simulator's, see :func:`~forcecal_ros.diagnose.simulated_tool.simulated_tool`.
+        The simulator's tool, as its wrench and motion tell it.
     """
 
     def __init__(self, recording: Recording, simulated: Recording, start: float, n_blocks: int,

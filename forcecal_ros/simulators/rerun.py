@@ -175,7 +175,7 @@ class Rerun:
     start : float
         When block 0 begins [s].
     rigid_tool : RigidTool
-        The simulator's tool, see :func:`~forcecal_ros.diagnose.simulated_tool.simulated_tool`.
+        The simulator's tool, as its wrench and motion tell it.
     """
 
     band, exact, starts_white, accelerometer = MOST, EXACT, True, 'acc1'

@@ -58,7 +58,7 @@ def rigid_tool_of_calibration(calibration: Calibration, rig: Rig) -> RigidTool:
     Returns
     -------
     RigidTool
-        Its accelerometer speaks m/s^2, see :func:`as_specific_force`.
+        Its accelerometer speaks m/s^2 along the axes of ft_sensor.
     """
     c, a, tool = calibration, calibration.accelerometer, rig.tool
     inertia = np.zeros((3, 3)) if c.inertia is None else c.inertia.value
