@@ -238,7 +238,7 @@ def _say(first: LinearisedModel, model: LinearisedModel, selection: Selection, j
         # a gap without a name looks like noise
         final = replace(model, noise=[at_standstill(b, n)
                                       for b, n in zip(model.residuals, model.noise)])
-        selection = Selection(final, (), (), {}, selection.screened)
+        selection = Selection(final, (), (), {})
         gap, noise = _measured(first, selection, summarise_residual(final), observed)
         unknown = Found(UNKNOWN, {}, dict(judged.candidates).get(UNKNOWN, 0.9))
         diagnosis = replace(diagnosis, gap=gap, effects=(unknown,))

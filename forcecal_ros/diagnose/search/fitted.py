@@ -82,8 +82,6 @@ class Accepted(NamedTuple):
         Empty where the effect is a released nuisance.
     free : ndarray of int
         Which of them are estimated.
-    result : HypothesisFit
-        At its acceptance.
     """
 
     name: str
@@ -91,7 +89,6 @@ class Accepted(NamedTuple):
     std: Array
     free: NDArray[np.intp]
     released: frozenset[str]
-    result: HypothesisFit
 
     @property
     def degrees(self) -> int:
@@ -101,4 +98,4 @@ class Accepted(NamedTuple):
     @classmethod
     def of(cls, result: HypothesisFit) -> 'Accepted':
         """Accept a hypothesis as it was fitted."""
-        return cls(result.name, result.theta, result.std, result.free, result.released, result)
+        return cls(result.name, result.theta, result.std, result.free, result.released)

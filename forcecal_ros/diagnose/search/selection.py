@@ -58,8 +58,6 @@ class Selection(NamedTuple):
         With the accepted effects, at the joint fit.
     alternatives : dict of str to dict of str to float
         Log-odds of each hypothesis in the place of an accepted one against that one.
-    screened : tuple of HypothesisFit
-        The first round, best first.
     log_bayes_factors : dict of str to float
         Of each accepted effect against a discrepancy in its place.
     discrepancy_evidence : float
@@ -74,7 +72,6 @@ class Selection(NamedTuple):
     accepted: tuple[Accepted, ...]
     jacobians: tuple[EffectJacobian, ...]
     alternatives: dict[str, dict[str, float]]
-    screened: tuple[HypothesisFit, ...]
     log_bayes_factors: Mapping[str, float] = MappingProxyType({})
     discrepancy_evidence: float = 0.0
     missing_evidence: float = 0.0
@@ -94,13 +91,11 @@ def select(model: LinearisedModel, found: Sequence[Hypothesis], bare: Linearised
         The same without what is known before any model, such as limits.
     """
     start, now = model, JointFit(model, [], [])
-    first: tuple[HypothesisFit, ...] = ()
     out: set[str] = set()
     while len(now.accepted) < MOST_EFFECTS:
         untried = [h for h in found if h.name not in out | {a.name for a in now.accepted}]
         tested, others = sum(h.ways for h in untried), now.accepted or now.model.fixed
         results = ranked(ModelComparison(now.model, now.jacobians), untried, tested)
-        first = first or tuple(results)
         fitted = None
         while (best := next((t for t in results if t.name not in out
                              and acceptable(t, tested)), None)) is not None:
@@ -120,8 +115,8 @@ def select(model: LinearisedModel, found: Sequence[Hypothesis], bare: Linearised
     now, last = _certain(start, now, factors)
     sure = {a.name: factors[a.name] for a in now.accepted}
     doubtful = {name: factor for name, factor in factors.items() if name not in sure}
-    return Selection(now.model, tuple(now.accepted), tuple(now.jacobians), alternatives, first,
-                     sure, last.discrepancy_evidence, last.missing_evidence, doubtful)
+    return Selection(now.model, tuple(now.accepted), tuple(now.jacobians), alternatives, sure,
+                     last.discrepancy_evidence, last.missing_evidence, doubtful)
 
 
 def _with(now: JointFit, best: HypothesisFit) -> JointFit | None:
