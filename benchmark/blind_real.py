@@ -23,11 +23,11 @@ sys.path.insert(0, str(ROOT))
 
 from forcecal_ros.calibration.file import load
 from forcecal_ros.cli import main as forcecal
-from forcecal_ros.diagnose.body import body_of_calibration
 from forcecal_ros.diagnose.by_motion import diagnose_motion
 from forcecal_ros.recording.bags import read_recording
 from forcecal_ros.recording.streams import Stream
 from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rigid_tool import rigid_tool_of_calibration
 import numpy as np
 
 DATA = Path(os.environ.get('FORCECAL_DATA', ROOT.parent / 'shared' / 'data')) / 'kuka_lbr_med'
@@ -83,7 +83,7 @@ def prepared(folder):
 
 def named(recording, calibration):
     """Diagnose; the delay between both sensors, which no calibration from poses knows, along."""
-    body = body_of_calibration(calibration, load_rig('rigid_tool.yaml'))
+    body = rigid_tool_of_calibration(calibration, load_rig('rigid_tool.yaml'))
     outcome = diagnose_motion(recording, None, body, calibration)
     effects = {one.name: {name: p.value for name, p in one.parameters.items()}
                for one in outcome.diagnosis.effects}

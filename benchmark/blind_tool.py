@@ -15,9 +15,9 @@ if str(ROOT) not in sys.path:
 from blind.casefile import load_case
 from blind.seal import write_json
 from blind.sensors import Recorded
-from forcecal_ros.diagnose.channels import CHANNELS
-from forcecal_ros.diagnose.pipeline import diagnose
-from forcecal_ros.diagnose.result import to_document
+from forcecal_ros.diagnose.by_commands import diagnose
+from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.say.result import to_document
 from forcecal_ros.recording.bags import write_recording
 from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
 from forcecal_ros.simulators.rig.file import load_rig

@@ -57,16 +57,16 @@ Result = dict[str, Any]
 
 def answer(case: dict[str, Any], first: Any, second: Any, compared: Any) -> Any:
     """Diagnose by commands where they are known, else by the measured motion."""
-    from forcecal_ros.diagnose.body import body_of_calibration, body_of_rig
+    from forcecal_ros.diagnose.by_commands import diagnose
     from forcecal_ros.diagnose.by_motion import diagnose_motion
-    from forcecal_ros.diagnose.pipeline import diagnose
     from forcecal_ros.simulators.rig.file import load_rig
+    from forcecal_ros.simulators.rigid_tool import rigid_tool_of_calibration, rigid_tool_of_rig
 
     if case['base'] == 'kuka':
-        body = body_of_calibration(compared, load_rig('rigid_tool.yaml'))
+        body = rigid_tool_of_calibration(compared, load_rig('rigid_tool.yaml'))
         return diagnose_motion(first, second, body, compared).diagnosis
     if first.target is None:
-        return diagnose_motion(first, second, body_of_rig(compared)).diagnosis
+        return diagnose_motion(first, second, rigid_tool_of_rig(compared)).diagnosis
     return diagnose(first, second, compared).diagnosis
 
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.case import Case, prepare
-from forcecal_ros.diagnose.nuisances import apply_all, nuisances, spreads
-from forcecal_ros.diagnose.planning import motion_for
-from forcecal_ros.diagnose.problem import noise_level, Problem
+from forcecal_ros.diagnose.inputs.dataset import Dataset, prepare
+from forcecal_ros.diagnose.model.linearised import LinearisedModel, noise_level
+from forcecal_ros.diagnose.plan.recording import motion_for
 from forcecal_ros.effects import EFFECTS, with_effects
+from forcecal_ros.effects.nuisances import apply_all, nuisances, prior_std
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array, rotation_about, rotation_from_vector
 from forcecal_ros.recording.streams import Phase, PoseStream, Recording
@@ -146,7 +146,7 @@ def drawn(rig: Rig, seed: int, still: set[str]) -> Rig:
     found = nuisances(rig, 'acc1', ('wrench', 'accelerometer'))
     return apply_all(rig, found, {
         n.name: size * float(np.clip(rng.standard_normal(), -2.9, 2.9)) * (n.key not in still)
-        for n, size in zip(found, spreads(rig, found))})
+        for n, size in zip(found, prior_std(rig, found))})
 
 
 def noisy(rig: Rig, factor: float) -> Rig:
@@ -182,18 +182,18 @@ def recordings(seed: int, effects: Mapping[str, Mapping[str, float]], *,
 
 
 @lru_cache(maxsize=1)
-def _reference() -> tuple[Rig, Case, Array, tuple[str, ...]]:
+def _reference() -> tuple[Rig, Dataset, Array, tuple[str, ...]]:
     """Nominal rig, the held-out motion without noise, whitened columns of its nuisances."""
     rig = load_rig()
     target, phases = trajectory(1)
     case = prepare(replace(simulate(rig, target, noise=False), phases=phases), rig)
     found = nuisances(rig, 'acc1', case.measured.streams)
     level = NOISE * noise_level(rig, case.measured.streams, 'acc1')
-    p = Problem(rig, (case,), found, np.array(spreads(rig, found)), level,
-                centre=np.zeros(len(found)))
+    p = LinearisedModel(rig, (case,), found, np.array(prior_std(rig, found)), level,
+                        centre=np.zeros(len(found)))
     p.linearise()
     columns = np.zeros((len(found), len(case.groups), len(level)))
-    for i, column in enumerate(p.columns[0]):
+    for i, column in enumerate(p.jacobian[0]):
         for channel, rows in column.items():
             columns[i, :, channel] = rows / level[channel]
     return rig, case, columns.reshape(len(found), -1), tuple(n.key for n in found)
@@ -220,7 +220,7 @@ def _energies(name: str, scale: float) -> tuple[float, float]:
 
     def whitened(values: dict[str, float]) -> Array:
         signals = case.simulation.signals(with_effects(rig, {name: values}))
-        both = case.measured.blocks(signals) - case.measured.blocks(case.nominal)
+        both = case.measured.residual(signals) - case.measured.residual(case.nominal)
         return np.asarray((both / level).ravel())
 
     d, nuisance = whitened(_values(name, scale)), EFFECTS[name].nuisance

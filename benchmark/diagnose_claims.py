@@ -16,10 +16,10 @@ import sys
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from forcecal_ros.diagnose.case import prepare
-from forcecal_ros.diagnose.channels import CHANNELS, COLUMNS
-from forcecal_ros.diagnose.pipeline import diagnose
-from forcecal_ros.diagnose.problem import problem
+from forcecal_ros.diagnose.by_commands import diagnose
+from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
+from forcecal_ros.diagnose.inputs.dataset import prepare
+from forcecal_ros.diagnose.model.linearised import linearised_model
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
 from forcecal_ros.parallel import each
@@ -59,7 +59,7 @@ def noise_of(rig: Rig) -> Array:
 def mean_squares(one: Recording, other: Recording) -> Array:
     """Mean squares of the difference of two recordings, channel by channel, shape (16,)."""
     out = np.zeros(len(CHANNELS))
-    for name, columns in COLUMNS.items():
+    for name, columns in STREAM_SLICES.items():
         a, b = getattr(one, name), getattr(other, name)
         np.testing.assert_allclose(a.t, b.t, atol=1e-6)
         if isinstance(a, PoseStream):
@@ -86,7 +86,7 @@ def run(case: dict[str, Any]) -> dict[str, Any]:
         patched = load_rig(path)
     pair = [prepare(first, nominal), prepare(second, nominal)]
     pair[1] = replace(pair[1], train=pair[1].held, held=pair[1].train)
-    recalibrated = problem(nominal, tuple(pair)).current()
+    recalibrated = linearised_model(nominal, tuple(pair)).current()
     truth = simulate(cases.real_rig(case['seed'], effects), second.target, noise=False, steps=16)
     noise = noise_of(cases.noisy(nominal, cases.NOISE))
 

@@ -13,7 +13,7 @@ import sys
 import time
 from typing import Any
 
-from forcecal_ros.diagnose.pipeline import diagnose
+from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.simulators.rig.file import load_rig
 
 sys.path.insert(0, str(Path(__file__).parent))

@@ -17,16 +17,16 @@ from pathlib import Path
 import sys
 import time
 
-from forcecal_ros.diagnose import hypotheses
-from forcecal_ros.diagnose.pipeline import diagnose
-from forcecal_ros.diagnose.replay import Replay
-from forcecal_ros.diagnose.simulation import Signals
+from forcecal_ros.diagnose.by_commands import diagnose
+from forcecal_ros.diagnose.model import hypotheses
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.recording.streams import PoseStream, Recording
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.simulators.rig.replay import Replay
+from forcecal_ros.simulators.signals import Signals
 from matplotlib.figure import Figure
 import numpy as np
 from timing import head, row

@@ -145,17 +145,17 @@ def _read(args: argparse.Namespace) -> tuple[Any, Any]:
 
 def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any) -> Answer:
     """Replay the commands through the rig."""
+    from forcecal_ros.diagnose.by_commands import diagnose
     from forcecal_ros.diagnose.by_tracked import diagnose_tracked, is_tracked
-    from forcecal_ros.diagnose.channels import units
-    from forcecal_ros.diagnose.pipeline import diagnose
-    from forcecal_ros.diagnose.result import to_document
+    from forcecal_ros.diagnose.inputs.channels import units
+    from forcecal_ros.diagnose.say.result import to_document
     from forcecal_ros.simulators.rig.file import dump_rig
     from forcecal_ros.simulators.rig.simulator import waits_for_compiler
 
     say_if_compiling(waits_for_compiler(), 'the simulator')
     by = diagnose_tracked if is_tracked(rig) else diagnose
     outcome = by(recording, heldout, rig, args.accelerometer)
-    files = {'rig_patched.yaml': dump_rig(outcome.rig)} if outcome.cases else {}
+    files = {'rig_patched.yaml': dump_rig(outcome.rig)} if outcome.datasets else {}
     document = to_document(outcome.diagnosis, units(), next(iter(files), None))
     return _written(args, (recording, heldout), outcome, rig, units(), document, files)
 
@@ -164,23 +164,29 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
                calibration: Any) -> Answer:
     """Compare the wrench with the measured motion."""
     from forcecal_ros.calibration.file import dump
-    from forcecal_ros.diagnose.body import Body, body_of_calibration, body_of_rig, patched
     from forcecal_ros.diagnose.by_motion import delay_std, diagnose_motion, inertia_std
-    from forcecal_ros.diagnose.channels import units
-    from forcecal_ros.diagnose.result import to_document
+    from forcecal_ros.diagnose.inputs.channels import units
+    from forcecal_ros.diagnose.say.patched import patched_calibration
+    from forcecal_ros.diagnose.say.result import to_document
+    from forcecal_ros.simulators.rigid_tool import (
+        rigid_tool_of_calibration,
+        rigid_tool_of_rig,
+        RigidTool,
+    )
 
-    body = body_of_calibration(calibration, rig) if calibration else body_of_rig(rig)
+    rigid_tool = (rigid_tool_of_calibration(calibration, rig) if calibration
+                  else rigid_tool_of_rig(rig))
     outcome = diagnose_motion(
         _as_calibrated(args, recording, calibration), _as_calibrated(args, heldout, calibration),
-        body, calibration, args.accelerometer)
-    of_channels = units(body.accelerometer_unit)
+        rigid_tool, calibration, args.accelerometer)
+    of_channels = units(rigid_tool.accelerometer_unit)
     files = {}
     document = to_document(outcome.diagnosis, of_channels, None)
     document['explained_by'] = 'measured motion'
-    if calibration and outcome.cases:
-        assert isinstance(outcome.rig, Body)
+    if calibration and outcome.datasets:
+        assert isinstance(outcome.rig, RigidTool)
         document['calibration'] = 'calibration_patched.yaml'
-        files[document['calibration']] = dump(patched(
+        files[document['calibration']] = dump(patched_calibration(
             calibration, outcome.rig, delay_std(outcome), inertia_std(outcome)))
     return _written(args, (recording, heldout), outcome, rig, of_channels, document, files)
 
@@ -188,8 +194,8 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
 def _by_simulated(args: argparse.Namespace) -> Answer:
     """Compare the wrench with what a simulator recorded."""
     from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair
-    from forcecal_ros.diagnose.channels import units
-    from forcecal_ros.diagnose.result import to_document
+    from forcecal_ros.diagnose.inputs.channels import units
+    from forcecal_ros.diagnose.say.result import to_document
     from forcecal_ros.simulators.rig.file import load_rig
 
     with stages(args) as stage:
@@ -213,8 +219,8 @@ def _by_simulated(args: argparse.Namespace) -> Answer:
 def _by_simulator(args: argparse.Namespace) -> Answer:
     """Run somebody's simulator with the recorded commands."""
     from forcecal_ros.diagnose.by_simulator import diagnose_rerun
-    from forcecal_ros.diagnose.channels import units
-    from forcecal_ros.diagnose.result import to_document
+    from forcecal_ros.diagnose.inputs.channels import units
+    from forcecal_ros.diagnose.say.result import to_document
     from forcecal_ros.simulators.rig.file import load_rig
 
     with stages(args) as stage:
@@ -273,7 +279,7 @@ def _written(args: argparse.Namespace, given: tuple[Any, ...], outcome: Any, rig
     """Write what was found, a report of it, and other files."""
     import json
 
-    from forcecal_ros.diagnose.advice import advice
+    from forcecal_ros.diagnose.say.advice import advice
     from forcecal_ros.report.diagnosis import render
     from forcecal_ros.report.diagnosis_view import view_of, view_without_signals
     from forcecal_ros.report.diagnosis_words import headline, next_step
@@ -284,7 +290,7 @@ def _written(args: argparse.Namespace, given: tuple[Any, ...], outcome: Any, rig
     assumed = () if named else (ASSUMED,)
     document['notes'] = [*assumed, *document['notes']]
     document['source'] = _source(args, recordings[0])
-    view = (view_of(outcome, advice(diagnosis, rig), of_channels) if outcome.cases
+    view = (view_of(outcome, advice(diagnosis, rig), of_channels) if outcome.datasets
             else view_without_signals(diagnosis))
     step = next_step(diagnosis, args.bag, folder, tuple(files))
     write_results(folder, {

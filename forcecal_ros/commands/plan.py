@@ -182,8 +182,8 @@ def _setup(args: argparse.Namespace) -> Setup:
 
 def _diagnosis(args: argparse.Namespace) -> int:
     from forcecal_ros.atomic_files import write_text
-    from forcecal_ros.diagnose.plan_file import as_text, to_document, to_parameters
-    from forcecal_ros.diagnose.planning import plan_for
+    from forcecal_ros.diagnose.plan.recording import plan_for
+    from forcecal_ros.diagnose.plan.text import as_text, to_document, to_parameters
     from forcecal_ros.simulators.rig.simulator import waits_for_compiler
 
     if theirs := [key for key, _ in args.set if not key.startswith('limits.')]:

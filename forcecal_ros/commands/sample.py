@@ -39,7 +39,7 @@ def _rig(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from forcecal_ros.atomic_files import make_folder
-    from forcecal_ros.diagnose.planning import motion_for
+    from forcecal_ros.diagnose.plan.recording import motion_for
     from forcecal_ros.effects import with_effects
     from forcecal_ros.recording.bags import write_recording
     from forcecal_ros.simulators.rig.file import load_rig

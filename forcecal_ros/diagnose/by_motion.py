@@ -3,32 +3,34 @@
 from dataclasses import replace
 
 from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.diagnose.body import as_specific_force, Body
-from forcecal_ros.diagnose.motion_case import held_out, moves, prepare_motion, SHORTEST, STANDS
-from forcecal_ros.diagnose.pairing import check_alike, require_overlap
-from forcecal_ros.diagnose.pipeline import answered, Outcome
-from forcecal_ros.diagnose.result import Diagnosis, Found
-from forcecal_ros.diagnose.stamps import evened
+from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
+from forcecal_ros.diagnose.inputs.accelerometer import as_specific_force
+from forcecal_ros.diagnose.inputs.motion_dataset import held_out, moves, prepare_motion, SHORTEST
+from forcecal_ros.diagnose.inputs.requirements import require_overlap, require_same_sensors
+from forcecal_ros.diagnose.inputs.stamps import evened
+from forcecal_ros.diagnose.judge.found_effects import Found
+from forcecal_ros.diagnose.say.result import Diagnosis, NO_MOTION
 from forcecal_ros.effects.signals import FORCES
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.checks.at_rest import refuse_other_axes
 from forcecal_ros.recording.streams import Recording
+from forcecal_ros.simulators.rigid_tool import RigidTool
 import numpy as np
 
 DELAY = 'accelerometer.delay'
 """The nuisance that says how far the accelerometer is behind the wrench."""
 
 TOLD = 0.5
-"""Part of its prior's that a delay's standard error is at most where the motion tells it."""
+"""Standard error, in its prior's, up to which the motion tells a delay or an inertia."""
 
 MOVED = 3.0
 """Standard errors of a recalibration from which it is told; one in four hundred is by chance."""
 
 UNITS = {DELAY: ' s', 'tool.com': ' m', 'tool.inertia': ' kg m^2'}
-"""Of what is told as recalibrated, by its name without axis; what is not here is relative."""
+"""Units of nuisances, by their names without axis; those that are not here are relative."""
 
 
-def diagnose_motion(recording: Recording, heldout: Recording | None, body: Body,
+def diagnose_motion(recording: Recording, heldout: Recording | None, rigid_tool: RigidTool,
                     calibration: Calibration | None = None,
                     accelerometer: str | None = None) -> Outcome:
     """
@@ -40,9 +42,8 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, body: Body,
         To fit on.
     heldout : Recording or None
         To judge on; every other second of ``recording`` where none is given.
-    body : Body
     calibration : Calibration, optional
-        That the body was made of: says what the accelerometer's readings mean.
+        That the rigid tool was made of: says what the accelerometer's readings mean.
     accelerometer : str, optional
         ``acc1`` or ``acc2``; the mounted one where none is given.
 
@@ -53,10 +54,10 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, body: Body,
     """
     given = [r for r in (recording, heldout) if r is not None]
     try:
-        check_alike(given)
+        require_same_sensors(given)
         for one in given:
-            refuse_other_axes(one, body.tool.mass, np.array(body.tool.com),
-                              np.array(body.gravity))
+            refuse_other_axes(one, rigid_tool.tool.mass, np.array(rigid_tool.tool.com),
+                              np.array(rigid_tool.gravity))
         stamps = [evened(r) for r in given]
         if calibration is not None:
             stamps = [s._replace(recording=as_specific_force(s.recording,
@@ -64,22 +65,22 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, body: Body,
                       for s in stamps]
         for one in stamps:
             require_overlap(one.recording, 'pose', SHORTEST)
-        cases = [prepare_motion(s.recording, body, accelerometer) for s in stamps]
+        datasets = [prepare_motion(s.recording, rigid_tool, accelerometer) for s in stamps]
     except DataError as error:
-        return Outcome(Diagnosis('invalid_data', str(error)), body)
-    if not moves(cases):
-        return Outcome(STANDS, body)
-    outcome = answered(body, held_out(cases), stamps, given)
+        return Outcome(Diagnosis('invalid_data', str(error)), rigid_tool)
+    if not moves(datasets):
+        return Outcome(NO_MOTION, rigid_tool)
+    outcome = diagnose_datasets(rigid_tool, held_out(datasets), stamps, given)
     d = outcome.diagnosis
     return replace(outcome, diagnosis=replace(
-        d, effects=tuple(_in(body.accelerometer_unit, e) for e in d.effects),
-        notes=(*d.notes, *told(outcome, body.accelerometer_unit))))
+        d, effects=tuple(_in(rigid_tool.accelerometer_unit, e) for e in d.effects),
+        notes=(*d.notes, *told(outcome, rigid_tool.accelerometer_unit))))
 
 
 def delay_std(outcome: Outcome) -> float | None:
     """Return the standard error of the delay between the sensors [s]; None where none is told."""
     delay = outcome.recalibrations.get(DELAY)
-    if delay is None or not isinstance(outcome.rig, Body):
+    if delay is None or not isinstance(outcome.rig, RigidTool):
         return None
     return delay[1] if 0.0 < delay[1] < TOLD * outcome.rig.spreads.accel_behind else None
 
@@ -87,7 +88,7 @@ def delay_std(outcome: Outcome) -> float | None:
 def inertia_std(outcome: Outcome) -> tuple[float, float, float] | None:
     """Return the standard errors of the tool's inertia, where all of it is told [kg m^2]."""
     stds = [outcome.recalibrations.get(f'tool.inertia.{axis}', (0.0, 0.0))[1] for axis in 'xyz']
-    if not isinstance(outcome.rig, Body):
+    if not isinstance(outcome.rig, RigidTool):
         return None
     most = TOLD * outcome.rig.spreads.own_inertia
     x, y, z = stds

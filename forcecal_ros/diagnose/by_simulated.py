@@ -5,21 +5,21 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from forcecal_ros.diagnose.by_motion import told
-from forcecal_ros.diagnose.case import Case
-from forcecal_ros.diagnose.motion_case import held_out, moves, prepare_simulated, STANDS
-from forcecal_ros.diagnose.one_clock import aligned, Alignment
-from forcecal_ros.diagnose.pairing import check_alike
-from forcecal_ros.diagnose.pipeline import answered, Outcome
-from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.diagnose.same_frames import in_base_of
-from forcecal_ros.diagnose.simulated_tool import SimulatedTool
-from forcecal_ros.diagnose.stamps import Corrected, evened
-from forcecal_ros.diagnose.tracking import Tracking, tracking
+from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
+from forcecal_ros.diagnose.inputs.alignment import aligned, Alignment
+from forcecal_ros.diagnose.inputs.dataset import Dataset
+from forcecal_ros.diagnose.inputs.motion_dataset import held_out, moves, prepare_simulated
+from forcecal_ros.diagnose.inputs.requirements import require_same_sensors
+from forcecal_ros.diagnose.inputs.simulated_tool import SimulatedTool
+from forcecal_ros.diagnose.inputs.stamps import Corrected, evened
+from forcecal_ros.diagnose.localise.tracking import Tracking, tracking
+from forcecal_ros.diagnose.say.result import Diagnosis, NO_MOTION
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import FORCES
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.checks.entry import computed
 from forcecal_ros.recording.streams import Recording
+from forcecal_ros.simulators.poses import in_base_of
 import numpy as np
 
 STIFF = 0.1
@@ -39,16 +39,14 @@ class Pair(NamedTuple):
     simulated: Recording
 
 
-class Compared(NamedTuple):
+class SimulatedDiagnosis(NamedTuple):
     """
     A diagnosis, and what it rests on besides.
 
     Attributes
     ----------
-    outcome : Outcome
     alignment : tuple of Alignment
         Of each pair; empty where the data cannot answer.
-    tracking : tuple of Tracking
     tool : SimulatedTool or None
         The simulator's tool.
     """
@@ -62,19 +60,18 @@ class Compared(NamedTuple):
         """Return what ``diagnosis.json`` says of it, beside the diagnosis."""
         if self.tool is None:
             return {}
-        tool = self.tool.body.tool
+        tool = self.tool.rigid_tool.tool
         return {
             'simulated_tool': {'mass': tool.mass, 'com': list(tool.com),
                                'inertia': [list(row) for row in tool.inertia],
-                               'left': dict(zip(('force', 'torque'), self.tool.left))},
+                               'left': dict(zip(('force', 'torque'), self.tool.unexplained))},
             'tracking': [{
                 'aligned_by': a.by, 'correlation': a.correlation,
-                **{name: {k: v if np.isfinite(v) else None for k, v in part._asdict().items()}
-                   for name, part in t._asdict().items()}}
-                for a, t in zip(self.alignment, self.tracking)]}
+                **{name: part.document() for name, part in t._asdict().items()}}
+                         for a, t in zip(self.alignment, self.tracking)]}
 
 
-def diagnose_simulated(pair: Pair, heldout: Pair | None, rig: Rig) -> Compared:
+def diagnose_simulated(pair: Pair, heldout: Pair | None, rig: Rig) -> SimulatedDiagnosis:
     """
     Find out why a wrench is not what a simulator recorded.
 
@@ -89,35 +86,35 @@ def diagnose_simulated(pair: Pair, heldout: Pair | None, rig: Rig) -> Compared:
 
     Returns
     -------
-    Compared
+    SimulatedDiagnosis
         Data that cannot answer come out as such, with the reason.
     """
     pairs = [one for one in (pair, heldout) if one is not None]
     try:
-        check_alike([one.real for one in pairs])
+        require_same_sensors([one.real for one in pairs])
         prepared = [_prepared(pair, None, rig)]
         tool = prepared[0].tool
         prepared += [_prepared(one, tool, rig) for one in pairs[1:]]
     except DataError as error:
-        return Compared(Outcome(Diagnosis('invalid_data', str(error)), rig))
-    cases = [one.case for one in prepared]
-    if not moves(cases):
-        return Compared(Outcome(STANDS, rig))
-    outcome = answered(tool.body, held_out(cases), [one.stamps for one in prepared],
-                       [one.real for one in pairs])
+        return SimulatedDiagnosis(Outcome(Diagnosis('invalid_data', str(error)), rig))
+    datasets = [one.dataset for one in prepared]
+    if not moves(datasets):
+        return SimulatedDiagnosis(Outcome(NO_MOTION, rig))
+    outcome = diagnose_datasets(tool.rigid_tool, held_out(datasets),
+                                [one.stamps for one in prepared], [one.real for one in pairs])
     d = outcome.diagnosis
     moved = (note for note in told(outcome, 'm/s^2') if ZERO not in note)
     notes = (*d.notes, *moved, *_about(prepared, outcome), UNTESTED)
     apart = prepared[0].tracking
     reason = (f'{d.reason}; the motion itself is {1e3 * apart.translation.rms:.2g} mm and '
               f'{1e3 * apart.rotation.rms:.2g} mrad (RMS) from the simulated')
-    return Compared(replace(outcome, diagnosis=replace(d, reason=reason, notes=notes)),
-                    tuple(one.alignment for one in prepared),
-                    tuple(one.tracking for one in prepared), tool)
+    return SimulatedDiagnosis(replace(outcome, diagnosis=replace(d, reason=reason, notes=notes)),
+                              tuple(one.alignment for one in prepared),
+                              tuple(one.tracking for one in prepared), tool)
 
 
 class _Prepared(NamedTuple):
-    case: Case
+    dataset: Dataset
     stamps: Corrected
     alignment: Alignment
     tracking: Tracking
@@ -134,16 +131,16 @@ def _prepared(pair: Pair, tool: SimulatedTool | None, rig: Rig) -> _Prepared:
     measured = stamps.recording.pose
     if measured is not None and simulated.pose is not None:
         simulated = replace(simulated, pose=in_base_of(measured, simulated.pose))
-    case, tool = prepare_simulated(stamps.recording, simulated, tool, rig)
+    dataset, tool = prepare_simulated(stamps.recording, simulated, tool, rig)
     assert measured is not None
     assert simulated.pose is not None
-    return _Prepared(case, stamps, alignment,
+    return _Prepared(dataset, stamps, alignment,
                      tracking(measured, simulated.pose, alignment.by == 'target'), tool)
 
 
 def _about(prepared: list[_Prepared], outcome: Outcome) -> Iterator[str]:
     """Say how the recordings were compared, and how the motions differ."""
-    force, torque = prepared[0].tool.left
+    force, torque = prepared[0].tool.unexplained
     if force > STIFF:
         yield (f'the simulated wrench is not that of a rigid tool: {force:.2g} N and {torque:.2g} '
                'N m are something else (contact, play, noise, another frame), and are taken as '
@@ -161,6 +158,6 @@ def _about(prepared: list[_Prepared], outcome: Outcome) -> Iterator[str]:
             elif np.isfinite(part.delay):
                 yield (f'{motion}; the robot is {1e3 * part.delay:.1f} +- '
                        f'{1e3 * part.delay_std:.1f} ms later, which leaves '
-                       f'{1e3 * part.left:.2g} {unit}')
+                       f'{1e3 * part.unexplained:.2g} {unit}')
             else:
                 yield motion

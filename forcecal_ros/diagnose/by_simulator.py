@@ -4,30 +4,29 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from forcecal_ros.diagnose.carried_tool import beyond
-from forcecal_ros.diagnose.case import Case, made_up
-from forcecal_ros.diagnose.motion_case import (
+from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
+from forcecal_ros.diagnose.inputs.dataset import Dataset, made_up
+from forcecal_ros.diagnose.inputs.motion_dataset import (
     held_out,
     kinds,
     moves,
     require_wrench_and_pose,
     span,
-    STANDS,
 )
-from forcecal_ros.diagnose.nuisances import LIMIT
-from forcecal_ros.diagnose.pairing import check_alike
-from forcecal_ros.diagnose.pipeline import answered, Outcome
-from forcecal_ros.diagnose.rerun import Numbers, refuse_unsteady, Rerun, Runs
-from forcecal_ros.diagnose.residual import Measured
-from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.diagnose.simulated_robot import simulated_robot, SimulatedRobot
-from forcecal_ros.diagnose.simulated_tool import simulated_tool, SimulatedTool
-from forcecal_ros.diagnose.stamps import Corrected, evened
+from forcecal_ros.diagnose.inputs.requirements import require_same_sensors
+from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
+from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool, SimulatedTool
+from forcecal_ros.diagnose.inputs.stamps import Corrected, evened
+from forcecal_ros.diagnose.say.result import Diagnosis, NO_MOTION
+from forcecal_ros.effects.nuisances import LIMIT
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import Recording
+from forcecal_ros.simulators.carried_tool import beyond
 from forcecal_ros.simulators.protocol import Inputs
+from forcecal_ros.simulators.rerun import Numbers, refuse_unsteady, Rerun, Runs
+from forcecal_ros.simulators.simulated_robot import simulated_robot, SimulatedRobot
 from forcecal_ros.simulators.third_party import ThirdParty
 import numpy as np
 
@@ -61,13 +60,12 @@ class Changed(NamedTuple):
         return f'{self.name} {self.before:.4g} -> {self.after:.4g} +- {self.std:.2g}{unit}'
 
 
-class Rerunning(NamedTuple):
+class RerunDiagnosis(NamedTuple):
     """
     A diagnosis, and what the simulator should be told.
 
     Attributes
     ----------
-    outcome : Outcome
     changed : tuple of Changed
         Parameters that a named effect moves.
     runs : int
@@ -94,7 +92,7 @@ class Rerunning(NamedTuple):
 
 
 def diagnose_rerun(recording: Recording, heldout: Recording | None, simulator: ThirdParty,
-                   rig: Rig) -> Rerunning:
+                   rig: Rig) -> RerunDiagnosis:
     """
     Find out what a robot has that somebody's simulator of it has not.
 
@@ -104,13 +102,12 @@ def diagnose_rerun(recording: Recording, heldout: Recording | None, simulator: T
         To fit on: commands, wrench and pose; an accelerometer in m/s^2 along ft_sensor.
     heldout : Recording or None
         To judge on; every other second of ``recording`` where none is given.
-    simulator : ThirdParty
     rig : Rig
         Gives the tolerances.
 
     Returns
     -------
-    Rerunning
+    RerunDiagnosis
         Data that cannot answer come out as such, with the reason.
 
     Raises
@@ -120,28 +117,28 @@ def diagnose_rerun(recording: Recording, heldout: Recording | None, simulator: T
     """
     given = [one for one in (recording, heldout) if one is not None]
     try:
-        check_alike(given)
+        require_same_sensors(given)
         first = _prepared(recording, simulator, None, rig)
         ready = [first, *(_prepared(one, simulator, first.tool, rig) for one in given[1:])]
     except DataError as error:
-        return Rerunning(Outcome(Diagnosis('invalid_data', str(error)), rig))
-    cases = [one.case for one in ready]
-    if not moves(cases):
-        return Rerunning(Outcome(STANDS, rig))
+        return RerunDiagnosis(Outcome(Diagnosis('invalid_data', str(error)), rig))
+    datasets = [one.dataset for one in ready]
+    if not moves(datasets):
+        return RerunDiagnosis(Outcome(NO_MOTION, rig))
     refuse_unsteady(first.runs)
-    return _searched(ready, held_out(cases), given, simulator)
+    return _searched(ready, held_out(datasets), given, simulator)
 
 
-def _searched(ready: Sequence['_Prepared'], judged: tuple[Case, ...], given: Sequence[Recording],
-              simulator: ThirdParty) -> Rerunning:
+def _searched(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...],
+              given: Sequence[Recording], simulator: ThirdParty) -> RerunDiagnosis:
     """Try all parameters, where they are and, if that was too far off, where they should be."""
     robot = ready[0].robot
-    outcome, point = Outcome(STANDS, robot), robot.numbers
+    outcome, point = Outcome(NO_MOTION, robot), robot.numbers
     for _ in range(ROUNDS):
         for one in ready:
             one.runs.try_all(point)
             one.simulation.forget()
-        outcome = answered(robot, judged, [one.stamps for one in ready], given)
+        outcome = diagnose_datasets(robot, judged, [one.stamps for one in ready], given)
         if not isinstance(outcome.rig, SimulatedRobot):
             break
         point = outcome.rig.numbers
@@ -151,11 +148,11 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Case, ...], given: Seq
     notes = (*outcome.diagnosis.notes, *simulator.notes, *_recalibrated(simulator, outcome))
     outcome = replace(outcome, diagnosis=replace(outcome.diagnosis, notes=notes))
     recomputed = _recomputed(ready, judged, outcome) if changed else None
-    return Rerunning(outcome, changed, sum(one.runs.count for one in ready), recomputed)
+    return RerunDiagnosis(outcome, changed, sum(one.runs.count for one in ready), recomputed)
 
 
 class _Prepared(NamedTuple):
-    case: Case
+    dataset: Dataset
     stamps: Corrected
     runs: Runs
     simulation: Rerun
@@ -174,20 +171,20 @@ def _prepared(recording: Recording, simulator: ThirdParty, tool: SimulatedTool |
     runs = Runs(simulator, inputs_of(real), real.pose)
     made = runs.exact(simulator.nominal)
     known = tool or simulated_tool(replace(made, accelerometer=None), start, n, rig)
-    simulation = Rerun(runs, start, n, known.body)
-    felt = real.accelerometer if real.accelerometer_unit == 'm/s^2' else None
+    simulation = Rerun(runs, start, n, known.rigid_tool)
+    readings = real.accelerometer if real.accelerometer_unit == 'm/s^2' else None
     seen = replace(real, target=None, optidrive=None,
-                   accelerometer=felt if simulation.accelerated else None)
-    robot = simulated_robot(known.body, simulator.parameters)
+                   accelerometer=readings if simulation.accelerated else None)
+    robot = simulated_robot(known.rigid_tool, simulator.parameters)
     nominal = simulation.signals(robot)
     if tool is None:
         known = known.zeroed(beyond(real, nominal))
-        robot = replace(robot, wrench_sensor=known.body.wrench_sensor)
+        robot = replace(robot, wrench_sensor=known.rigid_tool.wrench_sensor)
         nominal = simulation.signals(robot)
     groups = kinds(nominal)
-    case = Case(real, simulation, Measured(seen, start, n), nominal, groups,
-                real.phases or made_up(groups, start), np.ones(n, bool), np.zeros(n, bool))
-    return _Prepared(case, stamps, runs, simulation, known, robot)
+    dataset = Dataset(real, simulation, MeasuredBlocks(seen, start, n), nominal, groups,
+                      real.phases or made_up(groups, start), np.ones(n, bool), np.zeros(n, bool))
+    return _Prepared(dataset, stamps, runs, simulation, known, robot)
 
 
 def inputs_of(recording: Recording) -> Inputs:
@@ -260,7 +257,7 @@ def _recalibrated(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]:
         yield f'the robot is {1e3 * late:.2g} +- {1e3 * std:.1g} ms later than its simulation'
 
 
-def _recomputed(ready: Sequence[_Prepared], judged: Sequence[Case], outcome: Outcome
+def _recomputed(ready: Sequence[_Prepared], judged: Sequence[Dataset], outcome: Outcome
                 ) -> float | None:
     """
     Run the simulator with what was found, and say which share of the misfit is gone.
@@ -272,12 +269,13 @@ def _recomputed(ready: Sequence[_Prepared], judged: Sequence[Case], outcome: Out
     if gap is None or noise is None or not isinstance(robot, SimulatedRobot):
         return None
     squares = np.zeros(3)
-    for one, case, before, linear in zip(ready, judged, outcome.recalibrated, outcome.explained):
+    for one, dataset, before, linear in zip(ready, judged, outcome.recalibrated,
+                                            outcome.explained):
         one.runs.exact(robot.numbers)
         one.simulation.forget()
-        exact = case.measured.blocks(one.simulation.signals(robot))
+        exact = dataset.measured.residual(one.simulation.signals(robot))
         for i, blocks in enumerate((before, linear, exact)):
-            rows = np.where(case.measured.present, blocks, 0.0)[case.held]
+            rows = np.where(dataset.measured.present, blocks, 0.0)[dataset.held]
             squares[i] += float(np.sum((rows / np.where(noise > 0.0, noise, np.inf)) ** 2))
     explained = squares[0] - squares[1]
     return float(gap.closed * (squares[0] - squares[2]) / explained) if explained > 0.0 else None

@@ -1,6 +1,7 @@
-"""A robot that its rig's model does not follow within the noise of the poses.
+"""
+A robot that its rig's model does not follow within the noise of the poses.
 
-What such a model leaves of the motion would look like a gap of the wrench. So the tool is carried
+What the model lacks of the motion would look like a misfit of the wrench. So the tool is carried
 along the motion as measured and simulated poses together tell it, and the robot is judged by how
 far the two are apart, against what the rig states.
 """
@@ -8,22 +9,22 @@ far the two are apart, against what the rig states.
 from collections.abc import Iterator
 from dataclasses import fields, replace
 
-from forcecal_ros.diagnose.alignment import start_of
-from forcecal_ros.diagnose.body import body_of_rig
 from forcecal_ros.diagnose.by_motion import diagnose_motion
-from forcecal_ros.diagnose.case import mounted
-from forcecal_ros.diagnose.merged_motion import merged
-from forcecal_ros.diagnose.motion_case import require_wrench_and_pose, SHORTEST
-from forcecal_ros.diagnose.pairing import require_overlap
-from forcecal_ros.diagnose.pipeline import Outcome
-from forcecal_ros.diagnose.replay import Replay
-from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.diagnose.simulation import RATE
-from forcecal_ros.diagnose.stamps import evened
-from forcecal_ros.diagnose.tracking import Difference, Tracking, tracking
+from forcecal_ros.diagnose.engine import Outcome
+from forcecal_ros.diagnose.inputs.accelerometer import mounted
+from forcecal_ros.diagnose.inputs.command_timing import start_of
+from forcecal_ros.diagnose.inputs.motion_dataset import require_wrench_and_pose, SHORTEST
+from forcecal_ros.diagnose.inputs.requirements import require_overlap
+from forcecal_ros.diagnose.inputs.stamps import evened
+from forcecal_ros.diagnose.localise.tracking import Difference, Tracking, tracking
+from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.streams import PoseStream, Recording
+from forcecal_ros.simulators.poses import merged
+from forcecal_ros.simulators.rig.replay import Replay
+from forcecal_ros.simulators.rigid_tool import rigid_tool_of_rig
+from forcecal_ros.simulators.signals import RATE
 import numpy as np
 
 LATER = 3.0
@@ -35,8 +36,8 @@ places a linear model leaves twice as much.
 
 def is_tracked(rig: Rig) -> bool:
     """Whether a rig states that its robot's model leaves more than the noise of the poses."""
-    left = rig.robot.unexplained
-    return left is not None and left.beyond(rig.pose_sensor)
+    unexplained = rig.robot.unexplained
+    return unexplained is not None and unexplained.beyond(rig.pose_sensor)
 
 
 def diagnose_tracked(recording: Recording, heldout: Recording | None, rig: Rig,
@@ -66,7 +67,7 @@ def diagnose_tracked(recording: Recording, heldout: Recording | None, rig: Rig,
     except DataError as error:
         return Outcome(Diagnosis('invalid_data', str(error)), rig)
     outcome = diagnose_motion(moved[0][0], moved[1][0] if heldout is not None else None,
-                              body_of_rig(rig), None, accelerometer)
+                              rigid_tool_of_rig(rig), None, accelerometer)
     d, apart = outcome.diagnosis, moved[0][1]
     if d.verdict == 'invalid_data':
         return replace(outcome, rig=rig)
@@ -101,13 +102,12 @@ def _merged(recording: Recording, rig: Rig, accelerometer: str | None
 
 
 def _about(apart: Tracking, rig: Rig) -> Iterator[str]:
-    left = rig.robot.unexplained
-    assert left is not None
-    for name, one, stated, noise, unit in (
-            ('translation', apart.translation, left.position, rig.pose_sensor.position_noise,
-             'mm'),
-            ('rotation', apart.rotation, left.orientation, rig.pose_sensor.orientation_noise,
-             'mrad')):
+    unexplained = rig.robot.unexplained
+    assert unexplained is not None
+    for name, one, stated, noise, unit in (('translation', apart.translation, unexplained.position,
+                                            rig.pose_sensor.position_noise, 'mm'),
+                                           ('rotation', apart.rotation, unexplained.orientation,
+                                            rig.pose_sensor.orientation_noise, 'mrad')):
         yield _one(name, one, stated, noise, unit, rig.robot.period)
 
 
@@ -117,8 +117,8 @@ def _one(name: str, one: Difference, stated: float, noise: float, unit: str, per
              f'{1e3 * stated:.2g} {unit}')
     if np.isfinite(one.delay):
         words += (f'; the robot is {1e3 * one.delay:.1f} +- {1e3 * one.delay_std:.1f} ms later, '
-                  f'which leaves {1e3 * one.left:.2g} {unit}')
+                  f'which leaves {1e3 * one.unexplained:.2g} {unit}')
     late = np.isfinite(one.delay) and abs(one.delay) > max(3.0 * one.delay_std, 0.5 * period)
-    if late or one.left > LATER * float(np.hypot(stated, noise)):
+    if late or one.unexplained > LATER * float(np.hypot(stated, noise)):
         words += '; it follows otherwise than when the rig was fitted: fit it anew'
     return words

@@ -5,13 +5,13 @@ import time
 from typing import Any, NamedTuple
 
 from forcecal_ros.diagnose.by_simulator import inputs_of
-from forcecal_ros.diagnose.motion_case import span
-from forcecal_ros.diagnose.rerun import refuse_unsteady, Runs
-from forcecal_ros.diagnose.simulated_tool import simulated_tool
-from forcecal_ros.diagnose.stamps import evened
+from forcecal_ros.diagnose.inputs.motion_dataset import span
+from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool
+from forcecal_ros.diagnose.inputs.stamps import evened
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import Recording
+from forcecal_ros.simulators.rerun import refuse_unsteady, Runs
 from forcecal_ros.simulators.third_party import STREAMS, ThirdParty
 import numpy as np
 
@@ -32,14 +32,10 @@ class Conformance(NamedTuple):
 
     Attributes
     ----------
-    name : str
     seconds : float
         Processor time of one run [s].
     length : float
         Of the recording [s].
-    streams : tuple of str
-    sensitivity : tuple of Sensitivity
-    notes : tuple of str
     """
 
     name: str
@@ -72,7 +68,6 @@ def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Confor
 
     Parameters
     ----------
-    simulator : ThirdParty
     recording : Recording
         With commands, wrench and pose.
     rig : Rig

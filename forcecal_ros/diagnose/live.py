@@ -4,44 +4,44 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.case import with_volts
-from forcecal_ros.diagnose.channels import BLOCK, CHANNELS, COLUMNS
-from forcecal_ros.diagnose.evidence import fit, Gram, Prior
-from forcecal_ros.diagnose.nuisances import LIMIT, Nuisance, nuisances, spreads
-from forcecal_ros.diagnose.residual import Measured
-from forcecal_ros.diagnose.simulation import RATE, Signals
+from forcecal_ros.diagnose.inputs.accelerometer import with_volts
+from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
+from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
+from forcecal_ros.diagnose.model.evidence import fit, Gram, Prior
+from forcecal_ros.effects.nuisances import LIMIT, Nuisance, nuisances, prior_std
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import Recording
 from forcecal_ros.simulators.rig.simulator import checked_commands, Samples, Simulator
+from forcecal_ros.simulators.signals import BLOCK, RATE, Signals
 import numpy as np
 from numpy.typing import NDArray
 
 LEARN = 3.0
-"""Rest after the first command in which the noise is learned [s]."""
+"""Standstill after the first command in which the noise is learned [s]."""
 
 WINDOW = 5.0
-"""That is judged at a time [s]."""
+"""Length of what is judged at a time [s]."""
 
 TENTH = 25
-"""Blocks of the means in which small but lasting excess shows."""
+"""Blocks in a tenth of a second; in means over these a small but lasting excess shows."""
 
 ALARM = 10.0
-"""Sigmas of a channel's energy from which it has left the noise."""
+"""Sigmas from which a channel's energy is more than noise."""
 
 SMALL = 0.25
-"""Excess in noise RMS, of blocks or means, that is let pass."""
+"""Excess that is let pass, of blocks or their means, in noise RMS."""
 
 EVERY = 1.0
-"""Between two judgements of a recording, as between two of the node [s]."""
+"""Time between two judgements of a recording, as between two of the node [s]."""
 
 LASTING = 2
-"""Judgements in a row that it takes."""
+"""Judgements in a row that an excess has to last."""
 
 
 STREAMS = np.array([c.stream for c in CHANNELS])
-"""Of each channel."""
+"""Name of the stream of each channel."""
 
 
 class Judgement(NamedTuple):
@@ -90,7 +90,7 @@ CHAIN = (
     _Link('environment', ('optidrive', 'wrench', 'accelerometer'),
           ('optidrive', 'wrench', 'accelerometer'), True),
 )
-"""In the order in which blame is laid; the environment for what shows in contact only."""
+"""Stages in the order in which blame is laid; the environment for what shows in contact only."""
 
 AFTER = 250
 """Blocks after contact that count as contact, since the tool still rings."""
@@ -123,9 +123,9 @@ class LiveGap:
         self._name = accelerometer or rig.accelerometer.mounted
         self._rig = replace(rig, pose_sensor=replace(rig.pose_sensor, rate=RATE))
         self._nuisances = nuisances(self._rig, self._name, tuple(streams))
-        self._sizes = spreads(self._rig, self._nuisances)
-        variants = [n.apply(self._rig, size) for n, size in zip(self._nuisances, self._sizes)
-                    if n.where == 'rig']
+        self._prior_std = prior_std(self._rig, self._nuisances)
+        variants = [n.apply(self._rig, size) for n, size in zip(self._nuisances, self._prior_std)
+                    if n.acts_on == 'rig']
         self._simulators = [Simulator(r, self._name) for r in (self._rig, *variants)]
         self._period = rig.robot.period
         self._periods = 0
@@ -156,10 +156,6 @@ class LiveGap:
             When the robot's period 0 began, by the recording's times [s].
         until : float
             All sensors have been heard up to then [s].
-
-        Returns
-        -------
-        Judgement
         """
         n = int(np.floor((until - origin) / self._period + 1e-6)) - self._periods
         if n > 0:
@@ -173,13 +169,13 @@ class LiveGap:
         self._periods += n
         model = self._rig.accelerometer.model(self._name)
         volts = with_volts(recording, np.array(model.gain), np.array(model.offset))
-        measured = Measured(volts, start, n)
-        nominal = measured.blocks(signals[0])
+        measured = MeasuredBlocks(volts, start, n)
+        nominal = measured.residual(signals[0])
         touching = self._near_contact(signals[0], n)
         columns = np.zeros((len(self._nuisances), n, len(CHANNELS)))
         varied = iter(signals[1:])
-        for i, (nuisance, size) in enumerate(zip(self._nuisances, self._sizes)):
-            columns[i] = (nominal - measured.blocks(next(varied)) if nuisance.where == 'rig'
+        for i, (nuisance, size) in enumerate(zip(self._nuisances, self._prior_std)):
+            columns[i] = (nominal - measured.residual(next(varied)) if nuisance.acts_on == 'rig'
                           else self._known(nuisance, size, signals[0], n))
         columns *= measured.present
         self._take(_Block(nominal, columns, measured.present, touching))
@@ -211,10 +207,10 @@ class LiveGap:
     def _known(self, nuisance: Nuisance, size: float, s: Signals, n: int) -> Array:
         """Return the column of a nuisance that acts on one channel only."""
         i, out = nuisance.axis, np.zeros((n, len(CHANNELS)))
-        if nuisance.where == 'wrench':
+        if nuisance.acts_on == 'wrench':
             channel, signal, rest = i, s.wrench[:, i], self._rig.wrench_sensor.bias[i]
         else:
-            channel, signal = COLUMNS['accelerometer'].start + i, s.volts[:, i]
+            channel, signal = STREAM_SLICES['accelerometer'].start + i, s.volts[:, i]
             rest = self._rig.accelerometer.model(self._name).offset[i]
         shape = signal - rest if 'gain' in nuisance.name else np.ones(len(signal))
         out[:, channel] = size * shape.reshape(n, -1).mean(axis=1)
@@ -313,16 +309,11 @@ def offline(rig: Rig, recording: Recording) -> list[Judgement]:
 
     Parameters
     ----------
-    rig : Rig
     recording : Recording
         With commands, from rest on.
-
-    Returns
-    -------
-    list of Judgement
     """
     assert recording.target is not None and recording.wrench is not None
-    names = [n for n in COLUMNS if getattr(recording, n) is not None]
+    names = [n for n in STREAM_SLICES if getattr(recording, n) is not None]
     live, origin = LiveGap(rig, names), float(recording.target.t[0])
     ends = np.arange(origin + EVERY, float(recording.wrench.t[-1]), EVERY)
     return [live.judge(recording, origin, float(end)) for end in ends]

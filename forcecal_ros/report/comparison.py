@@ -20,7 +20,7 @@ from forcecal_ros.report.text import aligned
 from forcecal_ros.schema import plain
 
 if TYPE_CHECKING:
-    from forcecal_ros.diagnose.result import Diagnosis
+    from forcecal_ros.diagnose.say.result import Diagnosis
 
 FORMAT = 'forcecal-comparison/1'
 
@@ -135,7 +135,7 @@ def gap_rows(d: 'Diagnosis') -> Iterator[Row]:
 
 def _verdict(d: 'Diagnosis') -> dict[str, Any]:
     """Return what a diagnosis says besides numbers."""
-    place = d.where[0] if d.where else None
+    place = d.localisation[0] if d.localisation else None
     return {'verdict': d.verdict, 'effects': [effect.name for effect in d.effects] or None,
             'candidates': [name for name, _ in d.candidates] or None,
             'first place': place and f'{place.channel} in {place.phase} ({place.stage})',

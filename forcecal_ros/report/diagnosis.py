@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.diagnose.verdict import percent
+from forcecal_ros.diagnose.say.result import Diagnosis
+from forcecal_ros.diagnose.say.verdict import percent
 from forcecal_ros.report import diagnosis_figures as figures
 from forcecal_ros.report.diagnosis_view import View
 from forcecal_ros.report.diagnosis_words import explained, facts, headline, NAMED

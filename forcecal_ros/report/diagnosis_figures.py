@@ -1,7 +1,7 @@
 """The pictures of a diagnosis: localisation, signals over each other, spectra."""
 
-from forcecal_ros.diagnose.channels import CHANNELS, STAGES
-from forcecal_ros.diagnose.remainder import BANDS, RATE
+from forcecal_ros.diagnose.inputs.channels import CHANNELS, STAGES
+from forcecal_ros.diagnose.localise.time_frequency import BANDS, RATE
 from forcecal_ros.geometry import Array
 from forcecal_ros.report.diagnosis_view import FAINT, SEEN, View
 from forcecal_ros.report.panels import COLOURS, Line, Panel, Shown

@@ -2,16 +2,15 @@
 
 from dataclasses import dataclass
 
-from forcecal_ros.diagnose.blocked import Blocked
-from forcecal_ros.diagnose.channels import CHANNELS, units
-from forcecal_ros.diagnose.pipeline import Outcome
-from forcecal_ros.diagnose.remainder import Cell, cells
-from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.diagnose.simulation import Signals
+from forcecal_ros.diagnose.engine import Outcome
+from forcecal_ros.diagnose.inputs.channels import Blocks, CHANNELS, units
+from forcecal_ros.diagnose.localise.time_frequency import time_frequency_bins, TimeFrequencyBin
+from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.autoregression import fit_autoregression
 from forcecal_ros.recording.streams import Phase
 from forcecal_ros.report.panels import joined
+from forcecal_ros.simulators.signals import Signals
 import numpy as np
 from numpy.typing import NDArray
 
@@ -60,13 +59,13 @@ class View:
     nominal: Array
     recalibrated: Array
     explained: Array
-    cells: tuple[Cell, ...]
+    cells: tuple[TimeFrequencyBin, ...]
 
-    def focus(self) -> Cell | None:
+    def focus(self) -> TimeFrequencyBin | None:
         """Return the place that the verdict speaks of, the strongest; None where all is noise."""
-        for w in self.diagnosis.where:
+        for w in self.diagnosis.localisation:
             if any(p.name == w.phase for p in self.phases):
-                return Cell(_INDEX[w.channel], w.phase, w.band_hz, w.excess, SEEN)
+                return TimeFrequencyBin(_INDEX[w.channel], w.phase, w.band_hz, w.excess, SEEN)
         if self.diagnosis.verdict == 'no_gap':
             return None
         return max((c for c in self.cells if c.z > SEEN and c.excess > FAINT),
@@ -93,7 +92,7 @@ class View:
         """Return the channels that changed most or, where none did, the first ones."""
         place = self.focus()
         listed = [] if place is None else [place.channel]
-        listed += [_INDEX[w.channel] for w in self.diagnosis.where]
+        listed += [_INDEX[w.channel] for w in self.diagnosis.localisation]
         listed += [i for i in range(len(CHANNELS)) if self.present[:, i].mean() > 0.5]
         return list(dict.fromkeys(listed))[:count]
 
@@ -126,20 +125,20 @@ def view_of(outcome: Outcome, advice: str, of_channels: dict[str, str]) -> View:
     of_channels : dict of str to str
         Their units.
     """
-    case = outcome.cases[-1]
-    present = case.measured.present
-    nominal = case.measured.blocks(case.nominal)
-    measured = np.where(present, _means(case.nominal, len(case.groups)) + nominal, np.nan)
-    return View(outcome.diagnosis, advice, of_channels, case.times,
-                case.phases, case.groups, present, measured, nominal, outcome.recalibrated[-1],
+    dataset = outcome.datasets[-1]
+    present = dataset.measured.present
+    nominal = dataset.measured.residual(dataset.nominal)
+    measured = np.where(present, _means(dataset.nominal, len(dataset.groups)) + nominal, np.nan)
+    return View(outcome.diagnosis, advice, of_channels, dataset.times, dataset.phases,
+                dataset.groups, present, measured, nominal, outcome.recalibrated[-1],
                 outcome.explained[-1],
-                _cells(case, present, outcome.recalibrated[-1], outcome.explained[-1]))
+                _cells(dataset, present, outcome.recalibrated[-1], outcome.explained[-1]))
 
 
-def _cells(case: Blocked, present: NDArray[np.bool_], before: Array, after: Array
-           ) -> tuple[Cell, ...]:
-    noise = fit_autoregression(after, present, case.groups)
-    return tuple(cells(case, noise, before))
+def _cells(dataset: Blocks, present: NDArray[np.bool_], before: Array, after: Array
+           ) -> tuple[TimeFrequencyBin, ...]:
+    noise = fit_autoregression(after, present, dataset.groups)
+    return tuple(time_frequency_bins(dataset, noise, before))
 
 
 def _means(s: Signals, n: int) -> Array:

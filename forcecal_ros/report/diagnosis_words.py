@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Sequence
 import shlex
 
-from forcecal_ros.diagnose.channels import CHANNELS
-from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.diagnose.verdict import percent
+from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.say.result import Diagnosis
+from forcecal_ros.diagnose.say.verdict import percent
 from forcecal_ros.report.diagnosis_view import View
 from forcecal_ros.report.effect_words import phrase, sentence
 from forcecal_ros.report.quantity import size
@@ -161,7 +161,7 @@ def _where(view: View) -> str:
         return ''
     low, high = place.band
     band = f'below {high:g} Hz' if low <= 0.0 else f'{low:g} to {high:g} Hz'
-    more = [f'{w.channel} in {w.phase}' for w in view.diagnosis.where[1:3]]
+    more = [f'{w.channel} in {w.phase}' for w in view.diagnosis.localisation[1:3]]
     then = f'; then {" and ".join(more)}' if more else ''
     return (f'{CHANNELS[place.channel].name} in phase {place.phase}, {band}: '
             f'{size(place.excess, "", 2).strip()} times the noise{then}.')

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.result import Found, Parameter
+from forcecal_ros.diagnose.judge.found_effects import Found, Parameter
 from forcecal_ros.effects.library import EFFECTS, Quantity
 from forcecal_ros.report.quantity import quantity
 

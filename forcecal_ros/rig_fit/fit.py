@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from forcecal_ros.diagnose.stamps import evened
+from forcecal_ros.diagnose.inputs.stamps import evened
 from forcecal_ros.effects.rig import Axis, Rig, Unexplained
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, quaternion_of

@@ -6,11 +6,9 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.calibration.model import Accelerometer as CalibratedAccelerometer
 from forcecal_ros.calibration.model import Calibration, Estimate
-from forcecal_ros.diagnose.body import GYRATION
-from forcecal_ros.diagnose.carried_tool import CarriedTool
-from forcecal_ros.diagnose.motion_case import span
-from forcecal_ros.diagnose.nuisances import possible, rows_of
-from forcecal_ros.diagnose.simulated_tool import DRAWN, LIGHTEST, tool_along, with_moments
+from forcecal_ros.diagnose.inputs.motion_dataset import span
+from forcecal_ros.diagnose.inputs.simulated_tool import DRAWN, LIGHTEST, tool_along, with_moments
+from forcecal_ros.effects.nuisances import possible, rows_of
 from forcecal_ros.effects.rig import Accelerometer, AccelerometerModel, Optidrive, Rig, Spreads
 from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import rotation_vector
@@ -18,6 +16,8 @@ from forcecal_ros.identify.pipeline import identify
 from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.recording.streams import Recording
 from forcecal_ros.rig_fit.sensors import noise_of, rate_beside
+from forcecal_ros.simulators.carried_tool import CarriedTool
+from forcecal_ros.simulators.rigid_tool import GYRATION
 import numpy as np
 
 MOST_TURNED = 0.02

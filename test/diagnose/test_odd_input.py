@@ -2,18 +2,19 @@
 
 from dataclasses import replace
 
-from forcecal_ros.diagnose.bench import Bench
-from forcecal_ros.diagnose.case import in_volts, prepare, split
-from forcecal_ros.diagnose.hypotheses import Atom, Hypothesis, nominal_of
-from forcecal_ros.diagnose.pipeline import diagnose
-from forcecal_ros.diagnose.problem import Diverged, problem
-from forcecal_ros.diagnose.ranking import refined_or_rejected
-from forcecal_ros.diagnose.replay import Replay
-from forcecal_ros.diagnose.stamps import corrected
+from forcecal_ros.diagnose.by_commands import diagnose
+from forcecal_ros.diagnose.inputs.accelerometer import in_volts
+from forcecal_ros.diagnose.inputs.dataset import prepare, split
+from forcecal_ros.diagnose.inputs.stamps import corrected
+from forcecal_ros.diagnose.model.hypotheses import Atom, Hypothesis, nominal_of
+from forcecal_ros.diagnose.model.linearised import Diverged, linearised_model
+from forcecal_ros.diagnose.search.model_comparison import ModelComparison
+from forcecal_ros.diagnose.search.ranking import refined_or_rejected
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.recording.streams import PoseStream, Stream
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.simulators.rig.replay import Replay
 import numpy as np
 import pytest
 from rig_recordings import FREE, MOTION, motion, own_recording, PERIOD
@@ -126,14 +127,14 @@ def test_an_offset_that_the_rig_knows_is_no_bias_of_a_sensor_in_m_s2():
 
 def test_a_hypothesis_whose_simulation_diverges_is_rejected():
     rig = load_rig()
-    p = problem(rig, (split(prepare(own_recording(20, FREE), rig)),))
+    p = linearised_model(rig, (split(prepare(own_recording(20, FREE), rig)),))
     p = replace(p, effects={'cable_force': {'x': 50.0, 'stiffness': 100.0}})
     name = 'tool_stiffening'
     with pytest.raises(Diverged):
         p.simulate({**p.effects, name: {'cubic': -7e4}}, 0)
     effect = EFFECTS[name]
-    columns = ([{0: np.ones(len(p.blocks[0]), dtype=np.float32)}],)
+    columns = ([{0: np.ones(len(p.residuals[0]), dtype=np.float32)}],)
     hypothesis = Hypothesis(name, effect, (), (Atom(nominal_of(effect), np.array([0]), columns),))
-    bench = Bench(p)
-    trial = bench.screen([hypothesis])[0][0]._replace(theta=np.array([-7e4]))
-    assert refined_or_rejected(bench, hypothesis, trial).evidence == -np.inf
+    comparison = ModelComparison(p)
+    result = comparison.screen([hypothesis])[0][0]._replace(theta=np.array([-7e4]))
+    assert refined_or_rejected(comparison, hypothesis, result).evidence == -np.inf

@@ -9,8 +9,8 @@ import os
 from forcecal_ros.calibration.file import dump
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.cli import main
-from forcecal_ros.diagnose.gap import Gap
-from forcecal_ros.diagnose.result import Diagnosis, to_document
+from forcecal_ros.diagnose.judge.gap import Gap
+from forcecal_ros.diagnose.say.result import Diagnosis, to_document
 from forcecal_ros.fleet.page import COLUMNS
 import numpy as np
 import pytest

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from forcecal_ros.diagnose.one_clock import shifted
+from forcecal_ros.diagnose.inputs.alignment import shifted
 from forcecal_ros.effects import with_effects
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.simulators.rig.file import load_rig

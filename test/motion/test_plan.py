@@ -6,9 +6,9 @@ import io
 import json
 
 from forcecal_ros.cli import main
-from forcecal_ros.diagnose.pipeline import diagnose
-from forcecal_ros.diagnose.plan_file import wider_box
-from forcecal_ros.diagnose.planning import poses_of, SETTLE
+from forcecal_ros.diagnose.by_commands import diagnose
+from forcecal_ros.diagnose.plan.recording import poses_of, SETTLE
+from forcecal_ros.diagnose.plan.text import wider_box
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.errors import MotionError
 from forcecal_ros.motion.diagnosis_plan import diagnosis_plan

@@ -28,6 +28,9 @@ LAYERS = (
 )
 """From the ground up: a module may import from its own line and from those above it."""
 
+WITHIN_DIAGNOSE = (('inputs',), ('model',), ('localise', 'plan', 'search'), ('judge',), ('say',))
+"""The same of the sub-packages of ``diagnose``; its own modules may import them all."""
+
 
 def _loaded_by(name):
     """Return all modules of this package that importing ``name`` executes."""
@@ -63,6 +66,24 @@ def test_imports_never_point_down_the_layers(layer):
     below = {unit for line in LAYERS[layer + 1:] for unit in line}
     wrong = [f'{name} -> {target}' for name in _of(LAYERS[layer]) for target in imported_by(name)
              if target in PATHS and room(target) in below]
+    assert not wrong
+
+
+def _within_diagnose(name):
+    """Return the sub-package of ``diagnose`` that a module is in, '' for none."""
+    parts = name.split('.')[1:]
+    return parts[1] if parts[0] == 'diagnose' and len(parts) == 3 else ''
+
+
+@pytest.mark.parametrize('layer', range(len(WITHIN_DIAGNOSE)), ids=lambda n: WITHIN_DIAGNOSE[n][0])
+def test_imports_within_diagnose_point_one_way(layer):
+    known = {folder for line in WITHIN_DIAGNOSE for folder in line}
+    inside = {name: _within_diagnose(name) for name in PATHS if name.count('.') > 1}
+    assert set(inside.values()) == {'', *known}
+    allowed = {folder for line in WITHIN_DIAGNOSE[:layer] for folder in line}
+    wrong = [f'{name} -> {target}' for name, folder in inside.items()
+             if folder in WITHIN_DIAGNOSE[layer] for target in imported_by(name)
+             if room(target) == 'diagnose' and inside.get(target, '') not in {folder, *allowed}]
     assert not wrong
 
 

@@ -1,6 +1,6 @@
 """By what weighs on it a wrench tells that its frame, axes or units are not those of a model."""
 
-from forcecal_ros.diagnose.pipeline import diagnose
+from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import rotation_about, rotation_from_vector
 from forcecal_ros.recording.checks.at_rest import refuse_other_axes

@@ -6,11 +6,12 @@ import json
 from forcecal_ros.calibration.file import save
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.cli import main
-from forcecal_ros.diagnose.channels import units
-from forcecal_ros.diagnose.gap import Gap
-from forcecal_ros.diagnose.result import Diagnosis, Found, load, Parameter
-from forcecal_ros.diagnose.result import to_document as diagnosis_document
-from forcecal_ros.diagnose.where import Place
+from forcecal_ros.diagnose.inputs.channels import units
+from forcecal_ros.diagnose.judge.found_effects import Found, Parameter
+from forcecal_ros.diagnose.judge.gap import Gap
+from forcecal_ros.diagnose.localise.localisation import Location
+from forcecal_ros.diagnose.say.result import Diagnosis, load
+from forcecal_ros.diagnose.say.result import to_document as diagnosis_document
 from forcecal_ros.report.comparison import as_text, compare, to_document
 import numpy as np
 import pytest
@@ -74,7 +75,7 @@ def late(delay, closed, verdict='identified', **more):
         verdict, 'because', effects=(Found('wrench_delay', {
             'delay': Parameter(delay, 1e-4, 's')}, 0.97),),
         candidates=(('wrench_delay', 0.97), ('unknown', 0.03)),
-        where=(Place('wrench_sensor', 'force.x', 'step', (16.0, 32.0), 4.0, 1e-6),),
+        localisation=(Location('wrench_sensor', 'force.x', 'step', (16.0, 32.0), 4.0, 1e-6),),
         gap=Gap(2.0, 1.5, 0.1, closed, (closed - 0.05, closed + 0.05),
                 {'force.x': (0.4, 0.3, 0.1, 0.1)}), **more)
 

@@ -5,11 +5,12 @@ import json
 import re
 import sys
 
-from forcecal_ros.diagnose.channels import CHANNELS, units
-from forcecal_ros.diagnose.gap import Gap
-from forcecal_ros.diagnose.result import Diagnosis, Found, Parameter
-from forcecal_ros.diagnose.verdict import percent
-from forcecal_ros.diagnose.where import Place
+from forcecal_ros.diagnose.inputs.channels import CHANNELS, units
+from forcecal_ros.diagnose.judge.found_effects import Found, Parameter
+from forcecal_ros.diagnose.judge.gap import Gap
+from forcecal_ros.diagnose.localise.localisation import Location
+from forcecal_ros.diagnose.say.result import Diagnosis
+from forcecal_ros.diagnose.say.verdict import percent
 from forcecal_ros.effects.library import EFFECTS
 from forcecal_ros.recording.streams import Phase, Recording, Stream
 from forcecal_ros.report import diagnosis_figures as figures
@@ -28,8 +29,8 @@ import pytest
 LATE = Found('wrench_delay', {'delay': Parameter(0.00400042, 0.000141, 's')}, 0.973)
 GAP = Gap(1.3, 1.2, 0.02, 0.9834, (0.9712, 0.9913),
           {'force.y': (0.4, 0.38, 0.01, 0.25)}, (0.5, 0.53, 0.012))
-PLACES = (Place('wrench_sensor', 'force.y', 'step', (8.0, 16.0), 12.3, 1e-9),
-          Place('wrench_sensor', 'torque.x', 'contact', (4.0, 8.0), 3.0, 1e-9))
+PLACES = (Location('wrench_sensor', 'force.y', 'step', (8.0, 16.0), 12.3, 1e-9),
+          Location('wrench_sensor', 'torque.x', 'contact', (4.0, 8.0), 3.0, 1e-9))
 IDENTIFIED = Diagnosis('identified', 'wrench_delay explains 98 % of the misfit', (LATE,),
                        (('wrench_delay', 0.973),), PLACES, GAP)
 NEXT = Step('Simulate the same:', 'forcecal simulate')

@@ -260,17 +260,18 @@ def _turned(forces: Forces, hand: float) -> Fit:
     last = hand * np.linalg.det(U @ Vt)
     Q = U @ np.diag([1.0, 1.0, last]) @ Vt
     mass = float((S[0] + S[1] + last * S[2]) / (w @ (centred**2).sum(axis=1)))
-    felt = g @ Q.T
-    _, covariance, residuals, chi_square, _ = _solved_turn(felt, mass, forces)
+    predicted = g @ Q.T
+    _, covariance, residuals, chi_square, _ = _solved_turn(predicted, mass, forces)
     name = 'turned' if hand > 0 else 'mirrored'
     return Fit(name, mass, float(np.sqrt(covariance[0, 0])), Q, forces.gravity,
                _turn_std(Q * hand, covariance[1:4, 1:4]), 0.0, residuals, chi_square, 7)
 
 
-def _solved_turn(felt: Array, mass: float, forces: Forces
+def _solved_turn(predicted: Array, mass: float, forces: Forces
                  ) -> tuple[Array, Array, Array, float, int]:
-    """Mass, small turn and bias about a turn that is the best already, ``felt`` (n, 3)."""
-    return _solved(_biased(np.concatenate([felt[:, :, None], -mass * skew(felt)], axis=2)), forces)
+    """Mass, small turn and bias about a turn that is the best already, ``predicted`` (n, 3)."""
+    rows = np.concatenate([predicted[:, :, None], -mass * skew(predicted)], axis=2)
+    return _solved(_biased(rows), forces)
 
 
 def _turn_std(Q: Array, covariance: Array) -> float:
@@ -288,8 +289,8 @@ def _both(forces: Forces) -> Fit:
     back = np.swapaxes(forces.R_base_sensor, 1, 2)
 
     def off(x: Array) -> Array:
-        felt = (back @ x[3:6]) @ (rotation_from_vector(x[:3]) @ start).T
-        return np.asarray(((felt + x[6:] - forces.wire) * weight).ravel())
+        predicted = (back @ x[3:6]) @ (rotation_from_vector(x[:3]) @ start).T
+        return np.asarray(((predicted + x[6:] - forces.wire) * weight).ravel())
 
     starts = [(_solved(_biased(Q @ back), forces), Q) for Q in _QUARTER_TURNS]
     (theta, *_), start = min(starts, key=lambda one: one[0][3])

@@ -1,0 +1,60 @@
+"""From one recording with commands, or a pair, to a diagnosis."""
+
+from dataclasses import replace
+
+from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
+from forcecal_ros.diagnose.inputs.dataset import (
+    held_apart,
+    prepare,
+    SHORTEST,
+    split,
+    without_touches,
+)
+from forcecal_ros.diagnose.inputs.requirements import require_same_sensors
+from forcecal_ros.diagnose.inputs.stamps import corrected
+from forcecal_ros.diagnose.say.result import Diagnosis
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.errors import DataError
+from forcecal_ros.recording.checks.at_rest import refuse_other_axes
+from forcecal_ros.recording.streams import Recording
+import numpy as np
+
+NO_WALL = ('phases that touch something are left out, as the rig has no wall within reach; write '
+           'where it is into the rig to have them compared')
+
+
+def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
+             accelerometer: str | None = None) -> Outcome:
+    """
+    Find out where, why and how far a recording departs from a rig.
+
+    Parameters
+    ----------
+    recording : Recording
+        To fit on.
+    heldout : Recording or None
+        To judge on; parts of ``recording`` are held out where none is given.
+    accelerometer : str, optional
+        ``acc1`` or ``acc2``; recognised where none is given.
+
+    Returns
+    -------
+    Outcome
+        Data that cannot answer come out as such, with the reason.
+    """
+    given = [recording] if heldout is None else [recording, heldout]
+    try:
+        require_same_sensors(given)
+        for one in given:
+            refuse_other_axes(one, rig.tool.mass, np.array(rig.tool.com), np.array(rig.gravity))
+        stamps = [corrected(r, rig, SHORTEST) for r in given]
+        datasets = [prepare(s.recording, rig, accelerometer) for s in stamps]
+    except DataError as error:
+        return Outcome(Diagnosis('invalid_data', str(error)), rig)
+    left_out = [without_touches(dataset, rig) for dataset in datasets]
+    ready = held_apart(*datasets) if len(datasets) > 1 else (split(datasets[0]),)
+    outcome = diagnose_datasets(rig, ready, stamps, given)
+    if not any(left_out):
+        return outcome
+    return replace(outcome, diagnosis=replace(
+        outcome.diagnosis, notes=(NO_WALL, *outcome.diagnosis.notes)))

@@ -1,0 +1,1 @@
+"""What a recording becomes before it is compared: checked, on one clock, in blocks."""

@@ -1,0 +1,178 @@
+"""A recording without commands made ready: its tool carried along the measured motion."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from forcecal_ros.diagnose.inputs.accelerometer import in_volts
+from forcecal_ros.diagnose.inputs.dataset import Dataset, held_apart, made_up, STILL
+from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
+from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool, SimulatedTool
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.errors import DataError
+from forcecal_ros.recording.noise.autoregression import FEWEST
+from forcecal_ros.recording.streams import Recording, Stream, TOUCHING
+from forcecal_ros.simulators.carried_tool import beyond
+from forcecal_ros.simulators.measured_motion import MeasuredMotion, RecordedSimulation
+from forcecal_ros.simulators.rigid_tool import RigidTool
+from forcecal_ros.simulators.signals import BLOCK, block_means, Signals
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
+SHORTEST = 3.0
+"""Length of a recording without commands, at least, that can be diagnosed [s]."""
+
+EDGE = 0.03
+"""Time left out at both ends, so that one sensor may be so late behind another [s]."""
+
+MOVING = (0.005, 0.002)
+"""Angular speed [rad/s] and speed [m/s] from which the robot moves: noisy poses show less."""
+
+
+def prepare_motion(recording: Recording, rigid_tool: RigidTool,
+                   accelerometer: str | None = None) -> Dataset:
+    """
+    Make one recording ready; all of its blocks are for training.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of a calibrated tool its accelerometer is in m/s^2 along ft_sensor.
+    accelerometer : str, optional
+        ``acc1`` or ``acc2``; the mounted one where none is given.
+
+    Returns
+    -------
+    Dataset
+        Its pose is an input, and its accelerometer counts as measured at rest only.
+
+    Raises
+    ------
+    DataError
+        Wrench or pose are missing, or overlap for too short a time.
+    """
+    require_wrench_and_pose(
+        recording, 'the recording holds neither commands nor wrench with measured pose; record '
+        'target_frame, or wrench and current_pose')
+    name = accelerometer or rigid_tool.accelerometer.mounted
+    moved = in_volts(recording, rigid_tool, name)
+    volts = moved.accelerometer if moved.accelerometer and len(moved.accelerometer) > 1 else None
+    if rigid_tool.accelerometer.model(name).highpass:
+        volts = None
+    moved = replace(moved, accelerometer=volts)
+    first, n = span(moved)
+    simulation = MeasuredMotion(moved, first, n, name, rigid_tool)
+    return _case(moved, simulation, simulation.signals(rigid_tool), volts)
+
+
+def prepare_simulated(recording: Recording, simulated: Recording, tool: SimulatedTool | None,
+                      rig: Rig) -> tuple[Dataset, SimulatedTool]:
+    """
+    Make a recording of the robot, and its simulator's, ready; all blocks are for training.
+
+    Parameters
+    ----------
+    recording, simulated : Recording
+        On one clock.
+    tool : SimulatedTool or None
+        The simulator's tool where it is known already.
+    rig : Rig
+        Gives the tolerances.
+
+    Returns
+    -------
+    Dataset
+        Its pose is an input; its accelerometer does not count.
+    SimulatedTool
+        The simulator's tool.
+
+    Raises
+    ------
+    DataError
+        Wrench or pose are missing, or overlap for too short a time.
+    """
+    for one, whose in ((recording, "the robot's"), (simulated, 'the simulated')):
+        require_wrench_and_pose(one, f'{whose} recording lacks wrench or measured pose; record '
+                                'wrench and current_pose in both')
+    moved, made = (replace(one, accelerometer=None) for one in (recording, simulated))
+    first, n = span(moved, made)
+    known = tool or simulated_tool(made, first, n, rig)
+    simulation = RecordedSimulation(moved, made, first, n, 'acc1', known.rigid_tool)
+    nominal = simulation.signals(known.rigid_tool)
+    if tool is None:
+        known = known.zeroed(beyond(moved, nominal))
+        nominal = simulation.signals(known.rigid_tool)
+    return _case(moved, simulation, nominal, None), known
+
+
+def require_wrench_and_pose(recording: Recording, otherwise: str) -> None:
+    """Refuse a recording without them in some words."""
+    wrench, pose = recording.wrench, recording.pose
+    if wrench is None or pose is None or len(wrench) < 100 or len(pose) < 20:
+        raise DataError(otherwise)
+
+
+def span(*recordings: Recording) -> tuple[float, int]:
+    """Return when all is there, and how many blocks it lasts."""
+    streams = [s.t for r in recordings for s in (r.wrench, r.pose, r.accelerometer)
+               if s is not None]
+    first = max(float(t[0]) for t in streams) + EDGE
+    last = min(float(t[-1]) for t in streams) - EDGE
+    if last - first < SHORTEST:
+        raise DataError(f'wrench and motion overlap for {max(0.0, last - first):.1f} s; at '
+                        f'least {SHORTEST:g} s are needed: record a longer motion')
+    return first, int((last - first) / BLOCK)
+
+
+def _case(recording: Recording, simulation: MeasuredMotion, nominal: Signals,
+          volts: Stream | None) -> Dataset:
+    """Compare the wrench in motion, and the accelerometer at rest."""
+    first, n = simulation.start, simulation.n_blocks
+    groups = kinds(nominal)
+    seen = replace(recording, target=None, pose=None, optidrive=None,
+                   accelerometer=_at_rest(volts, groups, first))
+    measured = MeasuredBlocks(seen, first, n)
+    dataset = Dataset(recording, simulation, measured, nominal, groups,
+                      recording.phases or made_up(groups, first), np.ones(n, bool),
+                      np.zeros(n, bool))
+    for phase, rows in dataset.phase_rows().items():
+        if phase in TOUCHING:
+            measured.present[rows] = False
+    return dataset
+
+
+def moves(datasets: Sequence[Dataset]) -> bool:
+    """Say whether the robot moves in each recording."""
+    return all((c.groups == 1).any() for c in datasets)
+
+
+def held_out(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
+    """Judge on the second recording or, of one, on every other second."""
+    return held_apart(*datasets) if len(datasets) > 1 else (by_seconds(datasets[0]),)
+
+
+def by_seconds(dataset: Dataset) -> Dataset:
+    """Hold out every other second: phases that are told by the motion are of any length."""
+    held = np.floor(dataset.times - dataset.measured.start).astype(int) % 2 == 1
+    return replace(dataset, train=~held, held=held)
+
+
+def _at_rest(stream: Stream | None, groups: NDArray[np.intp], start: float) -> Stream | None:
+    """Keep what an accelerometer says at rest: in motion it is what the motion is known by."""
+    if stream is None:
+        return None
+    block = np.floor((stream.t - start) / BLOCK).astype(int)
+    rest = (block >= 0) & (block < len(groups))
+    rest[rest] = groups[block[rest]] == 0
+    if len(np.unique(block[rest])) < FEWEST:
+        return None
+    return replace(stream, t=stream.t[rest], values=stream.values[rest])
+
+
+def kinds(signals: Signals) -> NDArray[np.intp]:
+    """Tell rest (0) from motion (1) and what is near it, by means: a pose is noisy."""
+    means = [uniform_filter1d(block_means(rows), STILL // 2, axis=0, mode='nearest')
+             for rows in (signals.omega, signals.velocity)]
+    speed = np.maximum(*(np.linalg.norm(m, axis=1) / s for m, s in zip(means, MOVING)))
+    near = maximum_filter1d((speed > 1.0).astype(float), 2 * STILL + 1)
+    return np.asarray(near, dtype=np.intp)

@@ -1,0 +1,1 @@
+"""How much is explained, what is not, and how probable each cause is."""

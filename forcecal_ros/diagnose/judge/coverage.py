@@ -1,0 +1,120 @@
+"""What recordings could show: how much moves, which samples count, which effects would be seen."""
+
+from collections.abc import Sequence
+
+from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
+from forcecal_ros.diagnose.model.hypotheses import Hypothesis
+from forcecal_ros.diagnose.model.linearised import LinearisedModel
+from forcecal_ros.errors import DataError
+from forcecal_ros.recording.noise.autoregression import FEWEST
+from forcecal_ros.recording.streams import Recording
+import numpy as np
+
+VISIBLE = 25.0
+"""Whitened energy that an effect of typical size needs to be seen."""
+
+SENSORS = ('wrench', 'accelerometer')
+"""Streams of which one at least has to be judged."""
+
+
+def signal_to_noise(model: LinearisedModel) -> float:
+    """
+    Say how much the motion moves the signal that it moves most.
+
+    Returns
+    -------
+    float
+        RMS about the mean over the rig's noise, of wrench and specific force.
+    """
+    most = 0.0
+    for dataset in model.datasets:
+        for name, signal in (('wrench', dataset.nominal.wrench), ('accelerometer',
+                                                                  dataset.nominal.volts)):
+            if name in dataset.measured.streams:
+                noise = 2.0 * model.level[STREAM_SLICES[name]]
+                most = max(most, float((signal.std(axis=0) / noise).max()))
+    return most
+
+
+def not_excited(model: LinearisedModel, found: list[Hypothesis]) -> list[str]:
+    """List the effects of the library that these recordings could not show at a typical size."""
+    m = len(model.nuisances)
+    extra = [[c for h in found for a in h.atoms[:1] for c in a.columns[i]]
+             for i in range(len(model.datasets))]
+    train, held = model.grams(extra)
+    energy = np.diag(train.matrix) + np.diag(held.matrix)
+    visible, position = set(), m
+    for h in found:
+        if h.releases:
+            index = [i for i, n in enumerate(model.nuisances) if n.name in h.releases[0]]
+            best = 9.0 * max(energy[i] for i in index)
+        else:
+            k = len(h.atoms[0].free)
+            best, position = max(energy[position:position + k]), position + k
+        if best > VISIBLE:
+            visible.add(h.name)
+    return [h.name for h in found if h.name not in visible]
+
+
+def shares(model: LinearisedModel, given: Sequence[Recording]) -> dict[str, float]:
+    """
+    Say which part of each stream's samples counts.
+
+    Parameters
+    ----------
+    given : sequence of Recording
+        As recorded.
+
+    Returns
+    -------
+    dict of str to float
+        0 where a stream has too few samples for its noise to be known.
+    """
+    out = {}
+    for name in STREAM_SLICES:
+        total = used = 0
+        for dataset, noise, recording in zip(model.datasets, model.noise, given):
+            stream = getattr(recording, name)
+            total += len(stream) if stream is not None else 0
+            if name in dataset.measured.streams and noise.sigma[:, STREAM_SLICES[name]].any():
+                used += len(dataset.measured.times(name))
+        if total:
+            out[name] = used / total
+    return out
+
+
+def refuse_unjudged(model: LinearisedModel) -> None:
+    """
+    Refuse recordings of which neither wrench nor accelerometer can be judged.
+
+    Raises
+    ------
+    DataError
+        With how many samples there are, and are needed.
+    """
+    if not any(n.sigma[:, STREAM_SLICES[name]].any() for n in model.noise for name in SENSORS):
+        counts = {name: max(_blocks(model, name)) for name in SENSORS if max(_blocks(model, name))}
+        listed = ', '.join(f'{name} {n}' for name, n in counts.items())
+        raise DataError(f'too few samples beside the commands to know the noise ({listed}; '
+                        f'{FEWEST} in steady succession are needed): record longer, or faster')
+
+
+def unjudged(model: LinearisedModel) -> str:
+    """
+    Say which streams were recorded too slowly, or for too short a time, to be looked at.
+
+    Returns
+    -------
+    str
+        To be put behind a sentence; empty where each was looked at.
+    """
+    counts = {name: max(_blocks(model, name)) for name in STREAM_SLICES
+              if not any(n.sigma[:, STREAM_SLICES[name]].any() for n in model.noise)}
+    missing = [f'{name} ({count} samples, {FEWEST} in steady succession are needed)'
+               for name, count in counts.items() if count]
+    return f'; not looked at: {", ".join(missing)}' if missing else ''
+
+
+def _blocks(model: LinearisedModel, name: str) -> list[int]:
+    """Count the blocks of one stream in each recording."""
+    return [int(np.sum(c.measured.present[:, STREAM_SLICES[name].start])) for c in model.datasets]

@@ -1,0 +1,236 @@
+"""Effects found, in the library's own parameters."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.inputs.stamps import Corrected
+from forcecal_ros.diagnose.model.linearised import LinearisedModel
+from forcecal_ros.diagnose.model.saturation import CLIPPING
+from forcecal_ros.diagnose.search.bias_steps import Event, height_of, SURE
+from forcecal_ros.diagnose.search.fitted import Accepted
+from forcecal_ros.effects import EFFECTS
+from forcecal_ros.effects.rig import AccelerometerModel
+from forcecal_ros.geometry import Array
+from forcecal_ros.recording.checks import limits
+from forcecal_ros.recording.checks.clipping import clipping, quantisation
+import numpy as np
+
+NAME = 'wrench_bias_step'
+
+PROBABILITY = 0.95
+"""Probability of a bias step: a slip of the tool or a change of gain begins with one, too."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One estimated number of an effect."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Found:
+    """
+    An effect that the verdict names.
+
+    Attributes
+    ----------
+    begin : float, optional
+        When it began [s]; it was there from the start where none is given.
+    recording : int
+        0, or 1 where it began in the second one.
+    """
+
+    name: str
+    parameters: dict[str, Parameter]
+    probability: float
+    begin: float | None = None
+    begin_ci95: tuple[float, float] | None = None
+    recording: int = 0
+
+
+@dataclass(frozen=True)
+class Checks:
+    """What the data say before any model, as effects and notes."""
+
+    effects: dict[str, dict[str, Parameter]]
+    notes: tuple[str, ...]
+
+
+def parameters_of(model: LinearisedModel, a: Accepted) -> dict[str, Parameter]:
+    """
+    Name the numbers of an accepted effect.
+
+    Parameters
+    ----------
+    model : LinearisedModel
+        At the joint fit.
+
+    Returns
+    -------
+    dict of str to Parameter
+        A released nuisance's is its whole departure from the rig as given, within its limits.
+    """
+    effect = model.library[a.name]
+    quantities = effect.parameters
+    if len(a.theta):
+        return {q.name: Parameter(float(v), float(s), q.unit)
+                for q, v, s in zip(quantities, a.theta, a.std)}
+    out, covariance = {}, model.fit_nuisances().covariance
+    index = [i for i, n in enumerate(model.nuisances) if n.key == effect.nuisance]
+    for i, q in zip(index, quantities):
+        if model.nuisances[i].name not in a.released:
+            out[q.name] = Parameter(q.nominal, 0.0, q.unit)
+            continue
+        scale = float(model.prior_std[i]) * _physical(model, model.nuisances[i].key, q.unit)
+        value = np.clip(q.nominal + model.centre[i] * scale, q.low, q.high)
+        out[q.name] = Parameter(
+            float(value), abs(scale) * float(np.sqrt(covariance[i, i])), q.unit)
+    return out
+
+
+def _physical(model: LinearisedModel, key: str, unit: str) -> float:
+    """Turn a relative departure into the unit of the effect's parameter."""
+    rig = model.rig
+    relative = {'mass': rig.tool.mass, 'wall_stiffness': rig.wall.stiffness,
+                'wall_damping': rig.wall.damping}
+    if rig.optidrive is not None:
+        relative |= {'stiffness': rig.optidrive.stiffness, 'damping': rig.optidrive.damping}
+    return relative.get(key, 1.0) if unit != '1' else 1.0
+
+
+def from_checks(stamps: Sequence[Corrected], noise: Array, model: AccelerometerModel
+                ) -> tuple[dict[str, dict[str, Parameter]], tuple[str, ...]]:
+    """
+    Name the effects that stamps and values show without a model.
+
+    Parameters
+    ----------
+    noise : ndarray, shape (16,)
+        RMS of one sample.
+    model : AccelerometerModel
+        Of the accelerometer that was mounted.
+
+    Returns
+    -------
+    effects : dict of str to dict of str to Parameter
+    notes : tuple of str
+    """
+    effects: dict[str, dict[str, Parameter]] = {}
+    notes = [note for one in stamps for note in one.notes]
+    skews = [s for one in stamps for s in one.skew.items()]
+    if skews:
+        effects['clock_skew'] = _by_stream('clock_skew', skews, {
+            c.stream: c.std for one in stamps for c in one.clocks})
+        notes.append('clocks run apart: ' + ', '.join(
+            f'{k} {1e6 * v:+.1f} ppm' for one in stamps for k, v in one.skew.items()))
+    lost = [v for one in stamps for v in one.lost.items()]
+    if lost:
+        effects['dropouts'] = _by_stream('dropouts', lost, {})
+        notes.append('samples are lost: ' + ', '.join(
+            f'{k} {100 * v:.2f} %' for one in stamps for k, v in one.lost.items()))
+    own = dict(zip((c.name for c in CHANNELS), noise.tolist()))
+    steps = [x for one in stamps for x in quantisation(one.recording, own)]
+    quantised = {}
+    for prefix, quantity in zip(('force', 'torque'), EFFECTS['wrench_quantisation'].parameters):
+        own_steps = [x.step for x in steps if x.channel.startswith(prefix)]
+        if own_steps:
+            quantised[quantity.name] = Parameter(max(own_steps), 0.0, quantity.unit)
+    if quantised:
+        effects['wrench_quantisation'] = quantised
+    notes += [f'{x.channel} comes in steps of {x.step:.4g}' for x in steps]
+    stops = [x for one in stamps for x in clipping(one.recording, tuple(steps), own)]
+    for name, quantities in ((n, EFFECTS[n].parameters) for n in CLIPPING):
+        by_channel = dict(zip(CLIPPING[name], quantities[-len(CLIPPING[name]):]))
+        found = {by_channel[x.channel].name: Parameter(x.limit, 0.0,
+                                                       by_channel[x.channel].unit)
+                 for x in stops if x.channel in by_channel}
+        if name.startswith('accel') and stamps[0].recording.accelerometer_unit == 'V':
+            found = _as_force(found, model)
+        if found:
+            effects[name] = {k: Parameter(abs(p.value), p.std, p.unit) for k, p in found.items()}
+    notes += [str(x) for x in stops if str(x) not in notes]
+    notes += [f'stamps of {c.stream} scatter by {1e3 * c.jitter:.2f} ms' for one in stamps
+              for c in one.clocks if c.jitter * c.rate > limits.JITTER]
+    # of commands that come unevenly, or of a limit that no sensor has, there is a note, no effect
+    possible = {name: _possible(name, found) for name, found in effects.items()}
+    return {name: found for name, found in possible.items() if found}, tuple(notes)
+
+
+def _possible(effect: str, found: Mapping[str, Parameter]) -> dict[str, Parameter]:
+    """Keep what lies within the library's limits."""
+    within = {q.name: (q.low, q.high) for q in EFFECTS[effect].parameters}
+    return {name: p for name, p in found.items() if within[name][0] <= p.value <= within[name][1]}
+
+
+def _as_force(found: dict[str, Parameter], model: AccelerometerModel) -> dict[str, Parameter]:
+    """Turn volts at which axes stop into specific forces."""
+    return {axis: Parameter((p.value - model.offset[i]) / model.gain[i], 0.0, p.unit)
+            for i, axis in enumerate('xyz') if (p := found.get(axis)) is not None}
+
+
+def _by_stream(effect: str, found: Sequence[tuple[str, float]], std: Mapping[str, float]
+               ) -> dict[str, Parameter]:
+    """Average what each stream's stamps say, recording by recording."""
+    out = {}
+    for q in EFFECTS[effect].parameters:
+        values = [value for stream, value in found if stream == q.name]
+        if values:
+            scatter = float(np.std(values)) / np.sqrt(len(values))
+            out[q.name] = Parameter(float(np.mean(values)), max(scatter, std.get(q.name, 0.0)),
+                                    q.unit)
+    return out
+
+
+def seen_in(name: str, found: Mapping[str, Parameter]) -> str:
+    """Name the channel that shows an effect of stamps or values most."""
+    if name == 'wrench_quantisation':
+        return 'force.x' if 'step' in found else 'torque.x'
+    stream = max(found, key=lambda key: found[key].value)
+    return next(c.name for c in CHANNELS if c.stream == stream)
+
+
+def found_steps(model: LinearisedModel, events: Sequence[Event]) -> list[Found]:
+    """
+    Return steps as effects, each with its instant.
+
+    Parameters
+    ----------
+    model : LinearisedModel
+        At the joint fit.
+
+    Returns
+    -------
+    list of Found
+        Without those that the effects explain which were found since.
+    """
+    out = []
+    for e in events:
+        numbers = {}
+        for c in e.heights:
+            height, std = height_of(model, e, c)
+            if abs(height) <= SURE * std:
+                continue
+            channel = CHANNELS[c]
+            numbers[channel.name.replace('force.', 'f').replace('torque.', 't')] = Parameter(
+                height, std, channel.unit)
+        if numbers:
+            out.append(Found(NAME, numbers, PROBABILITY, e.instant, (e.low, e.high),
+                             e.recording))
+    return out
+
+
+def steps_in_words(effects: Sequence[Found]) -> str:
+    """Say when each step happened, to be put behind a sentence; empty where there is none."""
+    parts = [_said(e, e.begin, e.begin_ci95) for e in effects if e.begin is not None
+             and e.begin_ci95 is not None]
+    return f'; {", ".join(parts)}' if parts else ''
+
+
+def _said(e: Found, begin: float, between: tuple[float, float]) -> str:
+    by = ', '.join(f'{k} by {p.value:+.3g} {p.unit}' for k, p in e.parameters.items())
+    where = ' of the second recording' if e.recording else ''
+    return f'{e.name}: {by} at {begin:.3f} s ({between[0]:.3f} to {between[1]:.3f}){where}'

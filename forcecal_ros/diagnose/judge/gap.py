@@ -1,0 +1,186 @@
+"""How much of the misfit is explained: three arms, per channel and overall, on held-out blocks."""
+
+from typing import NamedTuple
+
+from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.inputs.dataset import Dataset
+from forcecal_ros.geometry import Array
+import numpy as np
+from numpy.typing import NDArray
+
+SECOND = 250
+"""Blocks of one second, which the bootstrap draws together."""
+
+DRAWS = 400
+"""Draws of the bootstrap."""
+
+
+class Gap(NamedTuple):
+    """
+    The three arms.
+
+    Attributes
+    ----------
+    nominal, recalibrated, explained : float
+        Root mean square over channels of gap / noise RMS.
+    closed : float
+        1 - explained / recalibrated.
+    channels : dict of str to tuple of float
+        RMS of the gap in the three arms and of the noise, by channel, in its unit.
+    contact_force : tuple of float
+        RMS error of the contact force that one gets by taking the simulated free tool's wrench
+        off the measured one, in the three arms, above the noise [N].
+    """
+
+    nominal: float
+    recalibrated: float
+    explained: float
+    closed: float
+    closed_ci95: tuple[float, float]
+    channels: dict[str, tuple[float, float, float, float]]
+    contact_force: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+class Errors(NamedTuple):
+    """
+    How well the parameters are known.
+
+    Attributes
+    ----------
+    grams : ndarray, shape (16, k, k)
+        Mean products of the parameters' columns over the held-out blocks, not whitened.
+    covariance : ndarray, shape (k, k)
+    """
+
+    grams: Array
+    covariance: Array
+
+    def expected(self) -> Array:
+        """Mean square that wrong parameters leave in each channel, shape (16,)."""
+        return np.asarray(np.einsum('cij,ij->c', self.grams, self.covariance))
+
+    def drawn(self, rng: np.random.Generator) -> Array:
+        """Return what one draw of parameters leaves, shape (16,)."""
+        values, vectors = np.linalg.eigh(self.covariance)
+        x = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))
+        return np.asarray(np.einsum('cij,i,j->c', self.grams, x, x))
+
+
+class Arms(NamedTuple):
+    """
+    Block means of one recording, shape (n, 16) each.
+
+    Attributes
+    ----------
+    recalibrated : ndarray
+        Measured less the recalibrated simulation.
+    by_nuisances : ndarray
+        Recalibrated less nominal simulation.
+    by_effects : ndarray
+        Explained less recalibrated simulation.
+    predictable : ndarray
+        What the motion still predicts of the residual; zero where that is not significant.
+    """
+
+    recalibrated: Array
+    by_nuisances: Array
+    by_effects: Array
+    predictable: Array
+
+
+def gap(datasets: tuple[Dataset, ...], arms: list[Arms], noise: Array, cell_energy: Array,
+        errors: Errors | None = None) -> Gap:
+    """
+    Measure the gap on held-out blocks.
+
+    What a difference removes is 2 <residual, difference> - |difference|^2, which the noise
+    disturbs far less than a difference of two energies.
+
+    Parameters
+    ----------
+    noise : ndarray, shape (16,)
+        RMS of one sample of each channel; 0 where there is none.
+    cell_energy : ndarray, shape (16,)
+        Mean square of time-frequency bins beyond what ``predictable`` predicts.
+    errors : Errors, optional
+        Of the parameters; taken as exact where none are given.
+    """
+    explained, recalibrated, nominal, weights = [], [], [], []
+    for dataset, a in zip(datasets, arms):
+        for first in range(0, len(dataset.held), SECOND):
+            part = slice(first, first + SECOND)
+            rows = dataset.held[part]
+            if not rows.any():
+                continue
+            r, n, d, predictable = (x[part][rows] for x in a)
+            unexplained = r - d
+            over = (2.0 * unexplained * predictable - predictable ** 2).sum(axis=0)
+            by_effects = (2.0 * r * d - d ** 2).sum(axis=0)
+            by_nuisances = (2.0 * (r + n) * n - n ** 2).sum(axis=0)
+            explained.append(over)
+            recalibrated.append(over + by_effects)
+            nominal.append(over + by_effects + by_nuisances)
+            weights.append(float(rows.sum()))
+    table = np.array([nominal, recalibrated, explained])
+    w = np.array(weights)
+    there = noise > 0.0
+
+    def means(chosen: NDArray[np.intp], wrong: Array) -> Array:
+        energy = table[:, chosen].sum(axis=1) / w[chosen].sum() + cell_energy + wrong
+        return np.asarray(np.sqrt(np.maximum(energy, 0.0)))
+
+    def overall(rms: Array) -> Array:
+        return np.asarray(np.sqrt(np.mean((rms[:, there] / noise[there]) ** 2, axis=1)))
+
+    nothing = np.zeros(len(noise))
+    rms = means(np.arange(len(w)), errors.expected() if errors else nothing)
+    arms3 = overall(rms)
+    draw = np.random.default_rng(0)
+    shares = [_closed(overall(means(draw.integers(0, len(w), len(w)),
+                                    errors.drawn(draw) if errors else nothing)))
+              for _ in range(DRAWS)]
+    low, high = np.percentile(shares, [2.5, 97.5])
+    channels = {c.name: (float(rms[0, i]), float(rms[1, i]), float(rms[2, i]), float(noise[i]))
+                for i, c in enumerate(CHANNELS) if there[i]}
+    return Gap(float(arms3[0]), float(arms3[1]), float(arms3[2]), _closed(arms3),
+               (float(low), float(high)), channels)
+
+
+def _closed(arms: Array) -> float:
+    return float(1.0 - arms[2] / arms[1]) if arms[1] > 1e-9 else 0.0
+
+
+def contact_error(datasets: tuple[Dataset, ...], arms: list[Arms], contact: list[list[Array]],
+                  explained: Array) -> tuple[float, float, float]:
+    """
+    Say how wrong the contact force comes out that a user of each arm's model gets.
+
+    It is the measured force less what the arm's tool weighs and resists, above the noise; the
+    contact that the best explanation simulates counts as true.
+
+    Parameters
+    ----------
+    contact : list of list of ndarray, shape (n, 6)
+        Simulated contact wrench, nominal, recalibrated, explained, in each recording.
+    explained : ndarray, shape (3,) or (0,)
+        Mean square of each force that is unexplained.
+
+    Returns
+    -------
+    tuple of float
+        Nominal, recalibrated, explained [N]; 0 where no wrench was measured.
+    """
+    if not len(explained):
+        return 0.0, 0.0, 0.0
+    total, n = np.zeros((3, 3)), 0
+    for dataset, a, simulated in zip(datasets, arms, contact):
+        h = dataset.held
+        n += int(h.sum())
+        unexplained = (a.recalibrated - a.by_effects)[h, :3]
+        for i, more in enumerate((a.by_effects + a.by_nuisances, a.by_effects,
+                                  np.zeros_like(a.by_effects))):
+            d = more[h, :3] + (simulated[i] - simulated[2])[h, :3]
+            total[i] += np.sum(2.0 * unexplained * d + d ** 2, axis=0)
+    energy = np.maximum(total / max(1, n) + explained, 0.0).sum(axis=1)
+    nominal, recalibrated, predictable = np.sqrt(energy)
+    return float(nominal), float(recalibrated), float(predictable)

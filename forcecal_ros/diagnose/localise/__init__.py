@@ -1,0 +1,1 @@
+"""Where the residual is more than noise: stage, channel, phase and frequency band."""

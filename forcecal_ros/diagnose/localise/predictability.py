@@ -1,0 +1,154 @@
+"""Predictability test: how much of a residual a nonparametric fit to the motion predicts."""
+
+from typing import NamedTuple
+
+from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.inputs.dataset import Dataset
+from forcecal_ros.diagnose.model.linearised import LinearisedModel
+from forcecal_ros.geometry import Array
+from forcecal_ros.simulators.signals import block_means, Signals
+import numpy as np
+from numpy.typing import NDArray
+
+PREDICTABLE = 5.5
+"""Sigmas of a channel's prediction from which its residual is more than noise."""
+
+LAGS = (-4, -2, -1, 1, 2, 4, 8)
+"""Blocks by which the main inputs are shifted to predict from their past and future."""
+
+
+class Predictability(NamedTuple):
+    """
+    How well the residual of each channel is predicted from the motion.
+
+    Attributes
+    ----------
+    z : ndarray, shape (16,)
+        On held-out blocks; N(0, 1) where only noise is left.
+    size : ndarray, shape (16,)
+        RMS of the prediction in noise RMS, largest kind of motion.
+    prediction : tuple of ndarray, shape (n, 16)
+        One for each recording.
+    """
+
+    z: Array
+    size: Array
+    prediction: tuple[Array, ...]
+
+
+def features(s: Signals) -> Array:
+    """
+    List the inputs that an unknown effect may depend on, as block means.
+
+    Returns
+    -------
+    ndarray, shape (k, n)
+    """
+    v_sensor = np.einsum('nij,ni->nj', s.R_base_sensor, s.velocity)
+    time = (np.arange(len(s.wrench)) / len(s.wrench))[:, np.newaxis]
+    push = s.contact[:, :3]
+    wrench = s.wrench - s.wrench.mean(axis=0)
+    main = np.concatenate([wrench, s.specific_force - s.specific_force.mean(axis=0),
+                           s.velocity, s.omega, s.optidrive[:, np.newaxis],
+                           s.speed[:, np.newaxis]], axis=1)
+    speed = s.speed[:, np.newaxis]
+    slow = np.concatenate([
+        s.position - s.position.mean(axis=0), s.R_base_sensor[:, 2, :],
+        s.R_base_sensor[:, 0, :], s.acceleration, s.alpha, push, time, time ** 2,
+        time * wrench, np.tanh(s.velocity / 2e-3), np.tanh(v_sensor / 2e-3),
+        np.tanh(s.omega / 5e-3), np.tanh(speed / 2e-4), np.tanh(speed / 2e-3),
+        np.abs(s.velocity), s.optidrive[:, np.newaxis] ** 3, wrench[:, :3] ** 2,
+        wrench[:, :3] ** 3, push ** 2, np.sqrt(np.abs(push)), (np.abs(push) > 0.0),
+        s.omega ** 2, s.velocity ** 2], axis=1)
+    residuals = block_means(np.concatenate([main, slow], axis=1)).T
+    shifted = [np.roll(residuals[:main.shape[1]], lag, axis=1) for lag in LAGS]
+    out = np.concatenate([residuals, *shifted])
+    scale = np.sqrt(np.mean(out ** 2, axis=1, keepdims=True))
+    return np.asarray(out[(scale > 1e-12).ravel()] / scale[scale > 1e-12][:, np.newaxis])
+
+
+def predictability_of(model: LinearisedModel, signals: list[Signals],
+                      residuals: list[Array]) -> Predictability:
+    """
+    Predict the residual of every channel from the motion, trained and tested on other blocks.
+
+    Parameters
+    ----------
+    model : LinearisedModel
+        Its noise belongs to ``residuals``.
+    signals : list of Signals
+        Simulated, as far as is explained.
+    residuals : list of ndarray, shape (n, 16)
+        Measured less simulated.
+    """
+    inputs = [features(s) for s in signals]
+    k = min(len(i) for i in inputs)
+    inputs = [i[:k] for i in inputs] if all(len(i) == k for i in inputs) else \
+        [_padded(i, max(map(len, inputs))) for i in inputs]
+    z, size = np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS))
+    predictions = tuple(np.zeros_like(b) for b in residuals)
+    for c in range(len(CHANNELS)):
+        if not any(n.sigma[:, c].any() for n in model.noise):
+            continue
+        white = [n.whiten(np.vstack([b[:, c], i]), c)
+                 for n, b, i in zip(model.noise, residuals, inputs)]
+        train, held = (np.sum([_products(w, getattr(p, part)) for w, p in zip(
+            white, model.datasets)], axis=0) for part in ('train', 'held'))
+        theta = _ridge(train)
+        energy = float(theta @ held[1:, 1:] @ theta)
+        if energy > 1e-9:
+            z[c] = float(theta @ held[1:, 0]) / np.sqrt(energy)
+        predicted = [theta @ i for i in inputs]
+        if not _within(predicted, [b[:, c] for b in residuals], model.datasets):
+            z[c] = 0.0
+            continue
+        for one, rows_of, noise, dataset in zip(predictions, predicted, model.noise,
+                                                model.datasets):
+            one[:, c] = rows_of
+            for g in range(3):
+                rows = dataset.held & (dataset.groups == g)
+                if rows.sum() >= 50 and noise.sigma[g, c] > 0.0:
+                    ratio = np.sqrt(np.mean(one[rows, c] ** 2)) / noise.rms(g)[c]
+                    size[c] = max(size[c], float(ratio))
+    return Predictability(z, size, predictions)
+
+
+def _within(predicted: list[Array], residuals: list[Array], datasets: tuple[Dataset, ...]) -> bool:
+    """
+    Say whether a prediction is no larger than what it predicts, on held-out blocks.
+
+    Noise with a root near 1 leaves the level of a prediction open: inputs that hardly vary then
+    make a constant of any size.
+    """
+    size, rest = (np.sqrt(sum(float(np.sum(x[c.held] ** 2)) for x, c in zip(rows, datasets)))
+                  for rows in (predicted, residuals))
+    return bool(size <= rest)
+
+
+def _products(white: Array, rows: NDArray[np.bool_]) -> Array:
+    if not rows.any():
+        return np.zeros((len(white), len(white)))
+    chosen = white if rows.all() else white[:, rows]
+    return np.asarray(chosen @ chosen.T)
+
+
+def _padded(rows: Array, k: int) -> Array:
+    return np.vstack([rows, np.zeros((k - len(rows), rows.shape[1]))])
+
+
+def _ridge(gram: Array) -> Array:
+    """Fit with the ridge that the training data find likeliest."""
+    matrix, vector = gram[1:, 1:], gram[1:, 0]
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-12))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    values = np.maximum(values, 0.0)
+    turned = vectors.T @ (vector / scale)
+
+    def evidence(ridge: float) -> float:
+        return float(0.5 * np.sum(turned ** 2 / (values + ridge))
+                     - 0.5 * np.sum(np.log1p(values / ridge)))
+
+    best = max(10.0 ** np.arange(-6.0, 4.0), key=evidence)
+    if evidence(best) < 0.0:
+        return np.zeros(len(vector))
+    return np.asarray(vectors @ (turned / (values + best)) / scale)

@@ -1,0 +1,136 @@
+"""Which channels, phases and octaves hold more energy than the noise at standstill; impulses."""
+
+from typing import NamedTuple
+
+from forcecal_ros.diagnose.inputs.channels import Blocks, CHANNELS
+from forcecal_ros.geometry import Array
+from forcecal_ros.recording.noise.autoregression import Autoregression
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+STRONG = 9.0
+"""Sigmas of a bin's energy from which it is more than noise."""
+
+IMPULSE = 7.0
+"""Innovation, in its sigma, that noise does not make: an impulse."""
+
+IMPULSES = 4
+"""So many impulses in a channel count; fewer may be by chance."""
+
+STEEPEST = 2.2
+"""By how much the power of coloured noise may grow from one octave to the next lower one."""
+
+LOWEST = 2.5
+"""Factor by which coloured noise may grow further in the lowest band, which is many octaves."""
+
+BANDS = ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 16.0), (16.0, 32.0),
+         (32.0, 62.5), (62.5, 125.0))
+"""Octaves [Hz] of the block means."""
+
+RATE = 250.0
+"""Block means a second [Hz]."""
+
+SHORTEST, FEWEST = 50.0, 8
+"""Stretch whose spectrum is taken, in blocks: 0.2 s tell octaves from 5 Hz on; its samples."""
+
+
+class TimeFrequencyBin(NamedTuple):
+    """Energy of one channel, phase and octave against the noise at standstill."""
+
+    channel: int
+    phase: str
+    band: tuple[float, float]
+    excess: float
+    z: float
+
+    @property
+    def p(self) -> float:
+        """One-sided probability by chance."""
+        return float(ndtr(-self.z))
+
+
+def time_frequency_bins(dataset: Blocks, noise: Autoregression,
+                        residual: Array) -> list[TimeFrequencyBin]:
+    """
+    Compare the energy of every channel, phase and octave with the noise at standstill.
+
+    Noise that is stronger in a phase at all frequencies is still noise: the highest octave's
+    ratio divides the others'.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n, 16)
+    """
+    resting = max(1, int((dataset.groups == 0).sum()))
+    scatter = 2.0 / max(20.0, resting / 10.0)
+    rest = noise._replace(coefficients=np.repeat(noise.coefficients[:1], 3, axis=0),
+                          sigma=np.repeat(noise.sigma[:1], 3, axis=0))
+    phases, found = dataset.phase_rows(), []
+    for c in range(len(CHANNELS)):
+        if not noise.sigma[:, c].any():
+            continue
+        white = rest.whiten(residual[:, c][np.newaxis], c)[0]
+        there, spacing = noise.present[:, c], noise.spacing(c)
+        octaves = {word: _octaves(white[there], (rows & noise.rows[:, c])[there], spacing)
+                   for word, rows in phases.items()}
+        expected = _colour(list(octaves.values()))
+        for word, (energy, dof) in octaves.items():
+            ratio = energy / np.maximum(dof, 1.0) / expected
+            common = max(1.0, float(ratio[-1])) if dof[-1] > 20 else 1.0
+            for b, band in enumerate(BANDS[:-1]):
+                if dof[b] >= 4:
+                    over = ratio[b] / common - 1.0
+                    z = over / np.sqrt(2.0 / dof[b] + scatter)
+                    z = min(z, _cube_root(ratio[b] / common, dof[b]))
+                    found.append(TimeFrequencyBin(c, word, band, float(np.sqrt(max(0.0, over))),
+                                                  float(z)))
+    return sorted(found, key=lambda one: -one.z)
+
+
+def _colour(octaves: list[tuple[Array, Array]]) -> Array:
+    """
+    Follow a channel's noise to low frequencies, where a short rest says nothing about it.
+
+    Noise grows steadily from octave to octave and is there in most phases; shape (bands,).
+    """
+    ratios = np.array([np.where(dof >= 4, energy / np.maximum(dof, 1.0), np.nan)
+                       for energy, dof in octaves])
+    expected = np.ones(len(BANDS))
+    for b in range(len(BANDS) - 2, -1, -1):
+        there = ratios[np.isfinite(ratios[:, b]), b]
+        steepest = expected[b + 1] * STEEPEST * (LOWEST if b == 0 else 1.0)
+        if len(there):
+            expected[b] = min(max(1.0, float(np.median(there))), steepest)
+    return expected
+
+
+def _cube_root(ratio: float, dof: float) -> float:
+    """Give the normal score of a chi-square ratio (Wilson and Hilferty)."""
+    q = 2.0 / (9.0 * dof)
+    return float((np.cbrt(ratio) - (1.0 - q)) / np.sqrt(q))
+
+
+def _octaves(white: Array, rows: NDArray[np.bool_], spacing: float) -> tuple[Array, Array]:
+    energy, dof = np.zeros(len(BANDS)), np.zeros(len(BANDS))
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], rows.astype(int), [0]])))
+    for i, j in zip(edges[::2], edges[1::2]):
+        n = j - i
+        if n < max(FEWEST, SHORTEST / spacing):
+            continue
+        power = np.abs(np.fft.rfft(white[i:j])) ** 2 / n
+        weight = np.full(len(power), 2.0)
+        weight[0] = 1.0
+        frequency = np.arange(len(power)) * RATE / spacing / n
+        for b, (low, high) in enumerate(BANDS):
+            chosen = (frequency >= low) & (frequency < high)
+            energy[b] += float(np.sum((power * weight)[chosen]))
+            dof[b] += float(np.sum(weight[chosen]))
+    return energy, dof
+
+
+def count_impulses(noise: Autoregression, residual: Array) -> Array:
+    """Count innovations of each channel that noise does not make, shape (16,)."""
+    return np.array([
+        np.sum(np.abs(noise.whiten(residual[:, c][np.newaxis], c)) > IMPULSE)
+        if noise.sigma[:, c].any() else 0 for c in range(len(CHANNELS))])

@@ -1,0 +1,1 @@
+"""The statistical model: simulation linearised in its parameters, noise, and a discrepancy."""

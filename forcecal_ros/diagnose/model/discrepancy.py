@@ -1,0 +1,348 @@
+"""
+What no model has: a smooth function of the motion beside noise, integrated out.
+
+[KennedyOHagan2001], [BrynjarsdottirOHagan2014]: every channel carries, besides noise and
+nuisances, a combination of the basis' features, the same in all recordings, its weights normal
+with a standard deviation that is a small part of the channel's signal. What of a hypothesis such
+a function could do as well counts for little, and what it does beyond counts in full.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
+from forcecal_ros.diagnose.model.basis import Basis
+from forcecal_ros.diagnose.model.evidence import Gram
+from forcecal_ros.diagnose.model.jacobian import Column
+from forcecal_ros.geometry import Array
+from forcecal_ros.recording.noise.autoregression import Autoregression
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+
+Scales = tuple[float, ...]
+"""Part of the signal that a discrepancy has in each stream, in the order of STREAM_SLICES."""
+
+SCALES = (0.0, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3)
+"""
+Parts of its channels' signals that a discrepancy may have in a stream; the evidence says which.
+
+Were 1 % allowed, many an effect would be no more than such a function; beside a larger background
+effects are weighed by what they explain of the misfit, and leave.
+"""
+
+NO_DISCREPANCY: Scales = (0.0,) * len(STREAM_SLICES)
+"""Scales that stand for no discrepancy in any stream."""
+
+ASCENTS = 2
+"""Rounds over the streams in which their scales are improved one by one."""
+
+FREE = (*SCALES, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+"""Scales of a discrepancy, channel by channel, where it is taken off to estimate the noise."""
+
+LEAST_WEIGHT = 1e-3
+"""Variance of a combination of features, in its noise's, below which it says nothing."""
+
+MEMORY = 4e8
+"""
+Bytes that whitened features may take: of a pair of a minute each two hundred combinations are
+kept, of ten minutes the forty strongest.
+"""
+
+STREAM = tuple(i for i, name in enumerate(STREAM_SLICES) for c in CHANNELS if c.stream == name)
+"""Place of each channel's stream among the scales."""
+
+BoolArray = NDArray[np.bool_]
+
+
+class _Modes(NamedTuple):
+    """
+    Whitened features of one channel, as few combinations as matter.
+
+    ``rows``: of each recording, over training blocks and over the others, (r, n); ``weights``:
+    features to combinations, (k, r);
+    ``trained``, ``all``: inner products over training blocks and over all.
+    """
+
+    rows: list[tuple[NDArray[np.float32], NDArray[np.float32]]]
+    weights: Array
+    trained: Array
+    all: Array
+
+
+def _square(rows: NDArray[np.float32]) -> Array:
+    wide = rows.astype(float)
+    return np.asarray(wide @ wide.T)
+
+
+class Discrepancy:
+    """
+    The discrepancy of recordings in blocks.
+
+    Parameters
+    ----------
+    signal : ndarray, shape (16,)
+        Standard deviation of what each channel shows [channel's unit].
+    train : sequence of ndarray of bool, shape (n,)
+        Blocks to fit on, of each recording.
+    """
+
+    def __init__(self, of: Basis, signal: Array, train: Sequence[BoolArray]) -> None:
+        self.basis, self.signal, self.train = of, signal, list(train)
+        self._kept: WhitenedDiscrepancy | None = None
+
+    def whitened(self, noise: Sequence[Autoregression]) -> 'WhitenedDiscrepancy':
+        """Return it whitened by a noise: the last one, which takes much memory, is kept."""
+        kept = self._kept
+        if kept is None or any(a is not b for a, b in zip(kept.noise, noise, strict=True)):
+            self._kept = None
+            self._kept = kept = WhitenedDiscrepancy(self.basis, self.signal, self.train,
+                                                    list(noise))
+        return kept
+
+
+class WhitenedDiscrepancy:
+    """
+    A discrepancy, whitened by a given noise.
+
+    Parameters
+    ----------
+    signal : ndarray, shape (16,)
+    train : sequence of ndarray of bool, shape (n,)
+    noise : list of Autoregression
+        Of each recording.
+    """
+
+    def __init__(self, of: Basis, signal: Array, train: Sequence[BoolArray],
+                 noise: list[Autoregression]) -> None:
+        self.basis, self.signal, self.train, self.noise = of, signal, train, noise
+        self.modes = {c: self._modes(c) for c in range(len(CHANNELS))
+                      if any(n.sigma[:, c].any() for n in noise)}
+        self._factors: dict[tuple[int, bool, float], Array] = {}
+
+    def _modes(self, c: int) -> _Modes:
+        scale = np.sqrt(self.basis.variance) * self.signal[c]
+        white = [(n.whiten(rows.astype(float), c) * scale[:, np.newaxis]).astype(np.float32)
+                 if n.sigma[:, c].any() else np.zeros(rows.shape, dtype=np.float32)
+                 for n, rows in zip(self.noise, self.basis.rows)]
+        values, vectors = np.linalg.eigh(sum((w @ w.T).astype(float) for w in white))
+        most = int(MEMORY / (4 * len(CHANNELS) * sum(w.shape[1] for w in white)))
+        kept = np.flatnonzero(values * max(FREE) ** 2 > LEAST_WEIGHT)[-most:]
+        turn = vectors[:, kept]
+        rows = [(turn.T.astype(np.float32) @ w) for w in white]
+        parts = [(r[:, t], r[:, ~t]) for r, t in zip(rows, self.train)]
+        trained, held = (np.asarray(sum(_square(one[i]) for one in parts)) for i in (0, 1))
+        return _Modes(parts, scale[:, np.newaxis] * turn, trained, trained + held)
+
+    def factor(self, c: int, trained: bool, size: float) -> Array:
+        """Return the Cholesky factor of a channel's information on its combinations."""
+        key = c, trained, size
+        if key not in self._factors:
+            modes = self.modes[c]
+            information = modes.trained if trained else modes.all
+            self._factors[key] = np.asarray(cholesky(
+                information + np.eye(len(information)) / size ** 2, lower=True))
+        return self._factors[key]
+
+    def predicted(self, residual: Sequence[Array]) -> list[Array]:
+        """
+        Return what the features predict of a residual, in each channel as much as is likeliest.
+
+        Parameters
+        ----------
+        residual : sequence of ndarray, shape (n, 16)
+
+        Returns
+        -------
+        list of ndarray, shape (n, 16)
+        """
+        products = self.products([[] for _ in residual], residual)
+        weights = products.likeliest()
+        return self.of_weights(weights, [r.shape for r in residual])
+
+    def of_weights(self, weights: Mapping[int, Array], shapes: Sequence[tuple[int, ...]]
+                   ) -> list[Array]:
+        """Sum the features of each recording with the weights of each channel."""
+        out = [np.zeros(shape) for shape in shapes]
+        for c, w in weights.items():
+            for one, rows, noise in zip(out, self.basis.rows, self.noise):
+                one[:, c] = np.where(noise.present[:, c], w @ rows, 0.0)
+        return out
+
+    def products(self, columns: Sequence[Sequence[Column]], residual: Sequence[Array],
+                 absent: bool = False) -> 'Products':
+        """
+        Return inner products of whitened columns, residual and discrepancy.
+
+        Parameters
+        ----------
+        columns : sequence of sequence of Column
+            Of each recording, as many in each.
+        residual : sequence of ndarray, shape (n, 16)
+        absent : bool
+            Whether they are wanted for a size of 0 only.
+        """
+        k = len(columns[0])
+        out = []
+        for c, modes in self.modes.items():
+            there = [j for j in range(k) if any(c in one[j] for one in columns)]
+            own = [tuple(part[:0] for part in parts) if absent else parts for parts in modes.rows]
+            total = [_Sums.empty(len(there), len(own[0][0])) for _ in range(2)]
+            for one, r, noise, parts, train in zip(columns, residual, self.noise, own,
+                                                  self.train):
+                if not noise.sigma[:, c].any():
+                    continue
+                empty = np.zeros(len(r), dtype=np.float32)
+                stack = np.stack([r[:, c], *(one[j].get(c, empty) for j in there)]).astype(float)
+                white = noise.whiten(stack, c)
+                for i, part in enumerate((train, ~train)):
+                    if part.any():
+                        n = int(np.sum(part & noise.rows[:, c]))
+                        total[i] = total[i].more(white[:, part], parts[i], n)
+            out.append(_Channel(c, np.array(there, dtype=np.intp), total[0],
+                                _Sums(*(a + b for a, b in zip(*total)))))
+        return Products(self, k, out)
+
+
+class _Sums(NamedTuple):
+    """Inner products of (residual, columns) with themselves and with the combinations."""
+
+    own: Array
+    cross: Array
+    n: int
+
+    @classmethod
+    def empty(cls, k: int, r: int) -> '_Sums':
+        return cls(np.zeros((k + 1, k + 1)), np.zeros((r, k + 1)), 0)
+
+    def more(self, white: Array, rows: NDArray[np.float32], n: int) -> '_Sums':
+        """Add n samples; whitened signals are 0 where there is none."""
+        cross = (rows @ white.T.astype(np.float32)).astype(float)
+        return _Sums(self.own + white @ white.T, self.cross + cross, self.n + n)
+
+
+class _Channel(NamedTuple):
+    """One channel's sums over the training blocks and over all; which columns it has."""
+
+    channel: int
+    there: NDArray[np.intp]
+    trained: _Sums
+    all: _Sums
+
+
+class Products:
+    """
+    Inner products from which Gram matrices follow for any size of the discrepancy.
+
+    Parameters
+    ----------
+    k : int
+        Columns.
+    """
+
+    def __init__(self, whitened: WhitenedDiscrepancy, k: int, channels: list[_Channel]) -> None:
+        self._whitened, self._k, self._channels = whitened, k, channels
+        self._parts: dict[tuple[int, bool, float], tuple[Array, float]] = {}
+
+    def at(self, scales: Scales) -> tuple[Gram, Gram]:
+        """
+        Integrate the discrepancy out.
+
+        Parameters
+        ----------
+        scales : tuple of float
+            Part of the signals in each stream; 0: there is none.
+
+        Returns
+        -------
+        trained, held : Gram
+            Of the training blocks; and what the others add, given those.
+        """
+        trained, every = (self._total(part, scales) for part in (True, False))
+        return trained, Gram(every.matrix - trained.matrix, every.vector - trained.vector,
+                             every.square - trained.square, every.n - trained.n,
+                             every.log_det - trained.log_det)
+
+    def _total(self, trained: bool, scales: Scales) -> Gram:
+        k = self._k
+        matrix, vector, square, n, log_det = np.zeros((k, k)), np.zeros(k), 0.0, 0, 0.0
+        for one in self._channels:
+            own, more = self._part(one, trained, scales[STREAM[one.channel]])
+            matrix[np.ix_(one.there, one.there)] += own[1:, 1:]
+            vector[one.there] += own[1:, 0]
+            square += float(own[0, 0])
+            n += (one.trained if trained else one.all).n
+            log_det += more
+        return Gram(matrix, vector, square, n, log_det)
+
+    def _part(self, one: _Channel, trained: bool, size: float) -> tuple[Array, float]:
+        """Return one channel's products beside a discrepancy, and its logarithm."""
+        key, sums = (one.channel, trained, size), one.trained if trained else one.all
+        if size == 0.0 or not len(sums.cross):
+            return sums.own, 0.0
+        if key not in self._parts:
+            factor = self._whitened.factor(one.channel, trained, size)
+            taken = solve_triangular(factor, sums.cross, lower=True, check_finite=False)
+            self._parts[key] = (sums.own - taken.T @ taken,
+                                2.0 * float(np.log(np.diag(factor) * size).sum()))
+        return self._parts[key]
+
+    def streams(self) -> list[int]:
+        """List the streams, by their place among scales, that there are."""
+        return sorted({STREAM[one.channel] for one in self._channels})
+
+    def likeliest(self) -> dict[int, Array]:
+        """Return the features' weights at each channel's own likeliest size, shape (k,) each."""
+        out = {}
+        for one in self._channels:
+            modes = self._whitened.modes[one.channel]
+            values, vectors = np.linalg.eigh(modes.all)
+            values = np.maximum(values, 0.0)
+            right = vectors.T @ one.all.cross[:, 0]
+            gains = [0.5 * float(np.sum(right ** 2 / (values + s ** -2.0)
+                                        - np.log1p(values * s ** 2))) for s in FREE[1:]]
+            if len(right) and max(gains) > 0.0:
+                best = FREE[1 + int(np.argmax(gains))]
+                out[one.channel] = modes.weights @ (vectors @ (right / (values + best ** -2.0)))
+        return out
+
+    def trained(self, scales: Scales) -> dict[int, Array]:
+        """
+        Return the features' likeliest weights by the training blocks, shape (k,) each.
+
+        Parameters
+        ----------
+        scales : tuple of float
+            Of the discrepancy in each stream.
+        """
+        out = {}
+        for one in self._channels:
+            size = scales[STREAM[one.channel]]
+            if size and len(one.trained.cross):
+                factor = self._whitened.factor(one.channel, True, size)
+                out[one.channel] = self._whitened.modes[one.channel].weights @ cho_solve(
+                    (factor, True), one.trained.cross[:, 0])
+        return out
+
+
+def ascended(products: Products, evidence: Callable[[tuple[Gram, Gram]], float], start: Scales
+             ) -> Scales:
+    """
+    Improve the scales of a discrepancy, stream by stream.
+
+    Parameters
+    ----------
+    evidence : callable
+        Log-evidence of the Grams of training and other blocks.
+    """
+    best, most = start, evidence(products.at(start))
+    for _ in range(ASCENTS):
+        before = best
+        for i in products.streams():
+            for size in SCALES:
+                tried = (*best[:i], size, *best[i + 1:])
+                if size != best[i] and (value := evidence(products.at(tried))) > most:
+                    best, most = tried, value
+        if best == before:
+            break
+    return best

@@ -1,0 +1,193 @@
+"""Gaussian evidence from Gram matrices: bounded fits, marginal and predictive likelihoods."""
+
+from typing import NamedTuple
+
+from forcecal_ros.geometry import Array
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Gram(NamedTuple):
+    """
+    Inner products of whitened columns and of the whitened residual.
+
+    Attributes
+    ----------
+    matrix : ndarray, shape (k, k)
+    vector : ndarray, shape (k,)
+        Columns times residual.
+    square : float
+        Of the residual.
+    n : int
+        Samples that count.
+    log_det : float
+        Of the covariance in that of noise alone, where a discrepancy is integrated out.
+    """
+
+    matrix: Array
+    vector: Array
+    square: float
+    n: int
+    log_det: float = 0.0
+
+    def __add__(self, other: object) -> 'Gram':
+        """Join two independent sets of samples."""
+        assert isinstance(other, Gram)
+        return Gram(self.matrix + other.matrix, self.vector + other.vector,
+                    self.square + other.square, self.n + other.n,
+                    self.log_det + other.log_det)
+
+    def residual_squares(self, x: Array) -> float:
+        """Return the sum of squares that columns with coefficients ``x`` leave."""
+        return float(self.square - 2.0 * self.vector @ x + x @ self.matrix @ x)
+
+    def of(self, index: NDArray[np.intp]) -> 'Gram':
+        """Keep some columns only."""
+        return self._replace(matrix=self.matrix[np.ix_(index, index)],
+                             vector=self.vector[index])
+
+
+class Prior(NamedTuple):
+    """
+    Independent Gaussian priors with bounds.
+
+    Attributes
+    ----------
+    centre : ndarray, shape (k,)
+        Where the columns were taken: the prior is on ``centre + x``.
+    precision : ndarray, shape (k,)
+    bound : ndarray, shape (k,)
+        Largest magnitude of ``centre + x``.
+    """
+
+    centre: Array
+    precision: Array
+    bound: Array
+
+    def of(self, index: NDArray[np.intp]) -> 'Prior':
+        """Keep some parameters only."""
+        return Prior(self.centre[index], self.precision[index], self.bound[index])
+
+
+class Fit(NamedTuple):
+    """
+    Outcome of a bounded fit.
+
+    Attributes
+    ----------
+    x : ndarray, shape (k,)
+        Step from the centre.
+    covariance : ndarray, shape (k, k)
+        Zero for parameters on their bound.
+    log_evidence : float
+        Marginal likelihood of the data, less that of pure noise's constant.
+    volume : float
+        Part of it that the parameters' uncertainty costs: it grows with what the data tell.
+    """
+
+    x: Array
+    covariance: Array
+    log_evidence: float
+    volume: float
+
+
+def fit(gram: Gram, prior: Prior) -> Fit:
+    """
+    Fit with Gaussian priors, parameters kept within their bounds by an active set.
+
+    After as many turns as there are parameters none is taken off its bound any more.
+    """
+    k = len(gram.vector)
+    hessian = gram.matrix + np.diag(prior.precision)
+    gradient = gram.vector - prior.precision * prior.centre
+    x, free = np.zeros(k), np.ones(k, dtype=bool)
+    factor = np.zeros((0, 0))
+    for turn in range(2 * k + 1):
+        fixed = ~free
+        right = gradient[free] - hessian[np.ix_(free, fixed)] @ x[fixed]
+        factor = _cholesky(hessian[np.ix_(free, free)])
+        x[free] = _solve(factor, right)
+        total = prior.centre + x
+        beyond = free & (np.abs(total) > prior.bound + 1e-9)
+        if not beyond.any():
+            # on its bound, but held there by nothing: the other parameters have moved since
+            inward = fixed * -np.sign(total) * (gradient - hessian @ x)
+            if turn >= k or not inward.max(initial=0.0) > 1e-6:
+                break
+            free[inward.argmax()] = True
+            continue
+        x[beyond] = np.sign(total[beyond]) * prior.bound[beyond] - prior.centre[beyond]
+        free &= ~beyond
+    covariance = np.zeros((k, k))
+    inverse = np.linalg.inv(factor) if len(factor) else factor
+    covariance[np.ix_(free, free)] = inverse.T @ inverse
+    total = prior.centre + x
+    value = gram.vector @ x - 0.5 * x @ gram.matrix @ x
+    value -= 0.5 * (total * prior.precision) @ total + 0.5 * gram.square
+    value -= 0.5 * gram.log_det
+    volume = float(np.log(np.diag(factor)).sum() - 0.5 * np.log(prior.precision[free]).sum())
+    return Fit(x, covariance, float(value) - volume, volume)
+
+
+def _cholesky(matrix: Array) -> Array:
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    scaled = matrix * np.outer(scale, scale) + 1e-12 * np.eye(len(matrix))
+    return np.asarray(np.linalg.cholesky(scaled) / scale[:, np.newaxis])
+
+
+def _solve(factor: Array, right: Array) -> Array:
+    return np.asarray(np.linalg.solve(factor.T, np.linalg.solve(factor, right)))
+
+
+class Score(NamedTuple):
+    """
+    What held-out data say of a difference between two predictions.
+
+    Attributes
+    ----------
+    z : float
+        N(0, 1) where there is no difference, the nuisances' uncertainty allowed for.
+    energy : float
+        Whitened energy of the difference, likewise.
+    product : float
+        Residual times difference, likewise.
+    """
+
+    z: float
+    energy: float
+    product: float
+
+    @property
+    def removed(self) -> float:
+        """Energy that the difference removes."""
+        return 2.0 * self.product - self.energy
+
+
+def score(held: Gram, null: Array, alternative: Array, nuisance: NDArray[np.intp],
+          covariance: Array) -> Score:
+    """
+    Test an alternative's prediction against the null's on held-out data.
+
+    Parameters
+    ----------
+    null, alternative : ndarray, shape (k,)
+        Fitted parameters; columns not in a model have 0.
+    nuisance : ndarray of int, shape (m,)
+        Columns of the null.
+    covariance : ndarray, shape (m, m)
+        Of the null's fit.
+    """
+    d = alternative - null
+    right = held.vector - held.matrix @ null
+    inner = held.matrix[np.ix_(nuisance, nuisance)]
+    root = _root(covariance)
+    middle = np.eye(root.shape[1]) + root.T @ inner @ root
+    shared = root.T @ (held.matrix[nuisance] @ d)
+    product = d @ right - shared @ np.linalg.solve(middle, root.T @ right[nuisance])
+    energy = max(float(d @ held.matrix @ d - shared @ np.linalg.solve(middle, shared)), 1e-12)
+    return Score(float(product / np.sqrt(energy)), energy, float(product))
+
+
+def _root(covariance: Array) -> Array:
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

@@ -1,0 +1,215 @@
+"""What may be the cause: every effect of the library as columns to screen and to refine."""
+
+from collections.abc import Sequence
+from itertools import product
+from typing import NamedTuple
+
+from forcecal_ros.diagnose.inputs.dataset import Dataset
+from forcecal_ros.diagnose.model.jacobian import Column
+from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
+from forcecal_ros.diagnose.model.saturation import CLIPPING, limit_starts
+from forcecal_ros.effects import Effect
+from forcecal_ros.geometry import Array
+import numpy as np
+from numpy.typing import NDArray
+
+MOST_STARTS = 12
+"""Starting values, at most, at which one effect is screened."""
+
+HYSTERESIS = 'wrench_hysteresis'
+
+VIBRATION = 'spindle_vibration'
+"""The effect that shows as a spectral line."""
+
+
+class Atom(NamedTuple):
+    """
+    A place at which an effect is screened.
+
+    Attributes
+    ----------
+    start : ndarray, shape (p,)
+        Parameters that the columns belong to.
+    free : ndarray of int, shape (k,)
+        Parameters that the columns move, each by its distance from nominal at the start.
+    columns : tuple of list of Column
+        One list per recording, one column per free parameter.
+    """
+
+    start: Array
+    free: NDArray[np.intp]
+    columns: tuple[list[Column], ...]
+
+
+class Hypothesis(NamedTuple):
+    """
+    One effect of the library.
+
+    Attributes
+    ----------
+    releases : tuple of frozenset of str
+        Sets of nuisances of which it may lift the prior; such an effect has no atoms.
+    """
+
+    name: str
+    effect: Effect
+    releases: tuple[frozenset[str], ...]
+    atoms: tuple[Atom, ...]
+
+    @property
+    def ways(self) -> int:
+        """In how many ways it is tried."""
+        return len(self.releases) + len(self.atoms)
+
+
+def values_of(effect: Effect, theta: Array) -> dict[str, float]:
+    """Name the parameters of an effect."""
+    return {q.name: float(v) for q, v in zip(effect.parameters, theta)}
+
+
+def nominal_of(effect: Effect) -> Array:
+    """Parameters at which the effect does nothing, shape (p,)."""
+    return np.array([q.nominal for q in effect.parameters])
+
+
+def bounds_of(effect: Effect) -> tuple[Array, Array]:
+    """Lowest and highest parameters, shape (p,) each."""
+    return (np.array([q.low for q in effect.parameters]),
+            np.array([q.high for q in effect.parameters]))
+
+
+def hypotheses(model: LinearisedModel, line: float | None = None) -> list[Hypothesis]:
+    """
+    Screen the library: columns of every effect that applies to the rig and the streams at hand.
+
+    Parameters
+    ----------
+    model : LinearisedModel
+        Recalibrated.
+    line : float, optional
+        Frequency of a spectral line in the residual [Hz], where vibration is looked for.
+
+    Returns
+    -------
+    list of Hypothesis
+        Without those that move nothing in these recordings.
+    """
+    found = []
+    simulation = model.datasets[0].simulation
+    for name, whole in model.library.items():
+        effect = within_load(model.datasets, whole) if name == HYSTERESIS else whole
+        if name in model.fixed or not simulation.can_show(name, model.rig):
+            continue
+        if effect.nuisance:
+            own = [n.name for n in model.nuisances if n.key == effect.nuisance]
+            if own:
+                found.append(Hypothesis(name, effect, tuple(
+                    frozenset(own[i] for i in part) for part in _parts(effect, len(own))), ()))
+            continue
+        if name in CLIPPING:
+            atoms = tuple(_limits(model, name, effect))
+        else:
+            atoms = tuple(_sparse(_atoms(model, name, effect, line), effect))
+        if atoms:
+            found.append(Hypothesis(name, effect, (), atoms))
+    return found
+
+
+def within_load(datasets: Sequence[Dataset], effect: Effect) -> Effect:
+    """Keep a hysteresis as narrow as the load's range: a wider one is a gain by another name."""
+    widest = max(float(np.ptp(dataset.nominal.wrench[:, :3], axis=0).max())
+                 for dataset in datasets)
+    return effect._replace(parameters=tuple(
+        q if q.name != 'width' else q._replace(
+            high=max(q.low, min(q.high, widest)),
+            starts=tuple(s for s in q.starts if s <= widest) or q.starts[:1])
+        for q in effect.parameters))
+
+
+def _parts(effect: Effect, n: int) -> list[list[int]]:
+    """
+    List which of an effect's first n parameters may be wrong together.
+
+    All, those of one vector, those of one axis of a vibration, or one alone.
+    """
+    names = [q.name for q in effect.parameters[:n]]
+    parts = [list(range(n))]
+    if 'sine_x' in names:
+        groups = [f'ine_{axis}' for axis in 'xyz']
+        parts += [[i for i, name in enumerate(names) if name.endswith(g)] for g in groups]
+    else:
+        stems = dict.fromkeys(name[:-1] for name in names if name[-1] in 'xyz')
+        parts += [[i for i, name in enumerate(names) if name[:-1] == stem and name[-1] in 'xyz']
+                  for stem in stems]
+        parts += [[i] for i in range(n)]
+    return [part for i, part in enumerate(parts) if part and part not in parts[:i]]
+
+
+def _atoms(model: LinearisedModel, name: str, effect: Effect, line: float | None) -> list[Atom]:
+    nominal = nominal_of(effect)
+    sized = [i for i, q in enumerate(effect.parameters) if not q.shapes]
+    fixed = {'frequency': (line,)} if line and name == VIBRATION else {}
+    grids = [fixed.get(q.name) or (q.starts if q.shapes or not effect.smooth else ())
+             or (q.typical,) for q in effect.parameters]
+    atoms = []
+    for start in list(product(*grids))[:MOST_STARTS]:
+        several, moving = [], []
+        for i in sized:
+            theta = np.array(start, dtype=float)
+            others = [j for j in sized if j != i]
+            theta[others] = nominal[others]
+            columns = _difference(model, name, effect, theta)
+            if any(columns):
+                several.append(columns)
+                moving.append(i)
+        if several:
+            theta = np.array(start, dtype=float)
+            still = [j for j in sized if j not in moving]
+            theta[still] = nominal[still]
+            atoms.append(Atom(theta, np.array(moving), _transposed(several)))
+    return atoms
+
+
+def _difference(model: LinearisedModel, name: str, effect: Effect, theta: Array) -> list[Column]:
+    """Return what an effect does to each recording; nothing where its simulation diverges."""
+    try:
+        return model.difference({**model.effects, name: values_of(effect, theta)})
+    except Diverged:
+        return [{} for _ in model.datasets]
+
+
+def _limits(model: LinearisedModel, name: str, effect: Effect) -> list[Atom]:
+    """Try each axis by itself, at the limit that its samples suggest."""
+    atoms, names = [], [q.name for q in effect.parameters]
+    for parameter, limit in limit_starts(model, name).items():
+        theta, i = nominal_of(effect), names.index(parameter)
+        theta[i] = limit
+        columns = _difference(model, name, effect, theta)
+        if any(columns):
+            atoms.append(Atom(theta, np.array([i]), _transposed([columns])))
+    return atoms
+
+
+def _sparse(atoms: list[Atom], effect: Effect) -> list[Atom]:
+    """Add fewer parameters by themselves: one wrong entry is likelier than twelve."""
+    out = list(atoms)
+    sized = [i for i, q in enumerate(effect.parameters) if not q.shapes]
+    for atom in atoms:
+        for part in _parts(effect, len(sized))[1:]:
+            chosen = [j for j, i in enumerate(atom.free) if i in part]
+            if chosen and len(chosen) < len(atom.free):
+                out.append(fewer(effect, atom, np.array(chosen)))
+    return out
+
+
+def fewer(effect: Effect, atom: Atom, part: NDArray[np.intp]) -> Atom:
+    """Keep some of the parameters that an atom moves, the others where they do nothing."""
+    if len(part) == len(atom.free):
+        return atom
+    start, others = atom.start.copy(), np.delete(atom.free, part)
+    start[others] = nominal_of(effect)[others]
+    return Atom(start, atom.free[part], tuple([one[j] for j in part] for one in atom.columns))
+
+
+def _transposed(columns: list[list[Column]]) -> tuple[list[Column], ...]:
+    return tuple(list(one) for one in zip(*columns))

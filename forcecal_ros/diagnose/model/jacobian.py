@@ -1,0 +1,79 @@
+"""Columns of the Jacobian: what one unit of a parameter changes in every block and channel."""
+
+from collections.abc import Sequence
+
+from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
+from forcecal_ros.diagnose.inputs.dataset import Dataset
+from forcecal_ros.effects.nuisances import Nuisance
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.geometry import Array
+from forcecal_ros.simulators.signals import Signals
+import numpy as np
+from numpy.typing import NDArray
+
+NOTHING = 1e-7
+"""Part of a channel's noise below which a step changes nothing in it."""
+
+Column = dict[int, NDArray[np.float32]]
+"""Channel index -> blocks of one recording; channels that nothing happens to are left out."""
+
+
+def column(difference: Array, level: Array) -> Column:
+    """
+    Keep the channels in which something happens.
+
+    Parameters
+    ----------
+    difference : ndarray, shape (n, 16)
+    level : ndarray, shape (16,)
+        Of the noise.
+    """
+    largest = np.abs(difference).max(axis=0)
+    return {c: difference[:, c].astype(np.float32) for c in range(len(CHANNELS))
+            if largest[c] > NOTHING * level[c]}
+
+
+def nuisance_column(dataset: Dataset, nuisance: Nuisance, size: float, rig: Rig,
+                    reference: Signals, residual: Array, level: Array) -> Column:
+    """
+    Give the column of a nuisance, for a change by its prior standard deviation.
+
+    Parameters
+    ----------
+    size : float
+        Its prior standard deviation.
+    rig : Rig
+        Where the column is taken.
+    reference : Signals
+        Of that rig.
+    residual : ndarray, shape (n, 16)
+        Measured less reference.
+    level : ndarray, shape (16,)
+        Of the noise.
+    """
+    if nuisance.acts_on == 'step':
+        since = dataset.measured.since(CHANNELS[nuisance.axis].stream, nuisance.instant)
+        return {nuisance.axis: (size * since).astype(np.float32)}
+    if nuisance.acts_on == 'rig':
+        changed = dataset.simulation.signals(nuisance.apply(rig, size))
+        return column(residual - dataset.measured.residual(changed), level)
+    i = nuisance.axis
+    if nuisance.acts_on == 'wrench':
+        channel, signal, rest = i, reference.wrench[:, i], rig.wrench_sensor.bias[i]
+    else:
+        channel, signal = STREAM_SLICES['accelerometer'].start + i, reference.volts[:, i]
+        rest = rig.accelerometer.model(dataset.simulation.accelerometer).offset[i]
+    shape = signal - rest if 'gain' in nuisance.name else np.ones(len(signal))
+    per_block = dataset.measured.present[:, channel] * size * shape.reshape(len(residual),
+                                                                            -1).mean(axis=1)
+    return {channel: per_block.astype(np.float32)}
+
+
+def combined(columns: Sequence[Column], x: Array, n: int) -> Array:
+    """Sum columns times parameters of one recording, shape (n, 16)."""
+    out = np.zeros((n, len(CHANNELS)))
+    for one, value in zip(columns, x):
+        if value:
+            for c, rows in one.items():
+                out[:, c] += value * rows
+    return out

@@ -1,0 +1,326 @@
+"""A rig linearised in its parameters: residual, Jacobian, noise and discrepancy at a point."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.inputs.dataset import Dataset
+from forcecal_ros.diagnose.model.basis import Basis, basis
+from forcecal_ros.diagnose.model.discrepancy import (
+    Discrepancy,
+    NO_DISCREPANCY,
+    Products,
+    Scales,
+    WhitenedDiscrepancy,
+)
+from forcecal_ros.diagnose.model.evidence import Fit, fit, Gram, Prior
+from forcecal_ros.diagnose.model.jacobian import Column, column, combined, nuisance_column
+from forcecal_ros.effects import Effect, with_effects
+from forcecal_ros.effects.nuisances import apply_all, LIMIT, Nuisance, prior_std, ROBOT
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.errors import ForcecalError
+from forcecal_ros.geometry import Array, rotation_vector
+from forcecal_ros.recording.noise.autoregression import Autoregression, fit_autoregression, white
+from forcecal_ros.simulators.signals import block_means, Signals
+import numpy as np
+
+EFFECT = 1.0 / 3.0 ** 2
+"""Prior precision of an effect's parameter, in units of its typical size."""
+
+RELEASED = 1.0 / 15.0 ** 2
+"""Prior precision of a released nuisance, in units of its prior std."""
+
+MOST_ROUNDS = 4
+"""Steps of recalibration, at most."""
+
+ENDLESS = 1e9
+"""Residual in any unit from which a simulation has diverged; no sensor reads that much."""
+
+QUIETEST = 1e-5
+"""
+Noise of a channel, at least, in its signal: single precision, in which columns are held, keeps a
+hundredth of that. With less a recording is computed, not measured.
+"""
+
+CONVERGED = 0.05
+"""Step of the nuisances, in prior std, below which recalibration has converged."""
+
+FAR = 2.0
+"""Step of curved nuisances, in prior std, after which their Jacobian is taken anew."""
+
+FRACTIONS = (1.0, 0.5, 0.25, 0.1)
+"""Parts of a step along curved nuisances that are tried in turn."""
+
+Values = Mapping[str, Mapping[str, float]]
+"""Values by effect and parameter."""
+
+
+class Diverged(ForcecalError):
+    """A simulation that is not finite: no rig behaves like that."""
+
+
+@dataclass
+class LinearisedModel:
+    """
+    Recordings, and the rig as it is explained so far.
+
+    Attributes
+    ----------
+    rig : Rig
+        As given, without what is estimated.
+    datasets : tuple of Dataset
+        To fit on and to judge on; one recording may do both.
+    effects : Values
+        Accepted, beside released nuisances.
+    fixed : Values
+        Known from the data without any model.
+    centre : ndarray, shape (m,)
+        Nuisances about which the simulation is linearised, in prior std.
+    released : frozenset of str
+        Nuisances that an accepted effect frees from their prior.
+    level : ndarray, shape (16,)
+        The rig's noise of each channel in one block mean.
+    base, residuals : list
+        Of each recording at the centre: simulated signals; measured less these, shape (n, 16).
+    jacobian : list of list of Column
+        Of each recording: what each nuisance changes, by one prior std.
+    discrepancy_scales : tuple of float
+        Part of the signals that the discrepancy may have, stream by stream.
+    """
+
+    rig: Rig
+    datasets: tuple[Dataset, ...]
+    nuisances: tuple[Nuisance, ...] = ()
+    prior_std: Array = field(default_factory=lambda: np.zeros(0))
+    level: Array = field(default_factory=lambda: np.ones(len(CHANNELS)))
+    effects: Values = field(default_factory=dict)
+    fixed: Values = field(default_factory=dict)
+    released: frozenset[str] = frozenset()
+    centre: Array = field(default_factory=lambda: np.zeros(0))
+    base: list[Signals] = field(default_factory=list)
+    residuals: list[Array] = field(default_factory=list)
+    jacobian: list[list[Column]] = field(default_factory=list)
+    noise: list[Autoregression] = field(default_factory=list)
+    discrepancy: Discrepancy | None = None
+    discrepancy_scales: Scales = NO_DISCREPANCY
+    _calibrated: tuple[bytes, Rig] | None = None
+
+    @property
+    def library(self) -> Mapping[str, Effect]:
+        """Return what the recordings may have beside what is simulated."""
+        return self.datasets[0].simulation.library
+
+    def current(self, effects: Values | None = None) -> Rig:
+        """Return the rig at the centre, with the accepted effects or with others."""
+        key = self.centre.tobytes()
+        if self._calibrated is None or self._calibrated[0] != key:
+            values = dict(zip((n.name for n in self.nuisances), self.centre * self.prior_std))
+            self._calibrated = key, apply_all(self.rig, self.nuisances, values)
+        chosen = {**self.fixed, **(self.effects if effects is None else effects)}
+        return with_effects(self._calibrated[1], chosen) if chosen else self._calibrated[1]
+
+    def moved(self, step: Array) -> Array:
+        """Return the centre after a step, nothing physical below its lowest value."""
+        low = np.array([n.least for n in self.nuisances]) / self.prior_std
+        return np.asarray(np.maximum(self.centre + step, low))
+
+    def prior(self, released: frozenset[str] = frozenset()) -> Prior:
+        """Return the prior of the nuisances, some of them released."""
+        free = np.array([n.name in released | self.released for n in self.nuisances], dtype=bool)
+        endless = free | np.array([n.acts_on == 'step' for n in self.nuisances], dtype=bool)
+        # training blocks say nothing of a step in a recording that is all held out
+        only_held_out = np.array([n.acts_on == 'step'
+                                  and not self.datasets[n.recording].train.any()
+                                  for n in self.nuisances], dtype=bool)
+        return Prior(np.where(only_held_out, 0.0, self.centre), np.where(free, RELEASED, 1.0),
+                     np.where(endless, np.inf, LIMIT))
+
+    def simulate(self, effects: Values, dataset: int) -> Array:
+        """Return measured less simulated of one recording with other effects, (n, 16)."""
+        return self._residual(dataset, self.datasets[dataset].simulation.signals(
+            self.current(effects)))
+
+    def _residual(self, dataset: int, signals: Signals) -> Array:
+        """Return measured less simulated of one recording, its steps taken off, (n, 16)."""
+        out = self.datasets[dataset].measured.residual(signals)
+        if not np.isfinite(out).all() or np.abs(out).max(initial=0.0) > ENDLESS:
+            raise Diverged('a simulation is not finite')
+        for i, n in enumerate(self.nuisances):
+            if n.acts_on == 'step' and n.recording == dataset:
+                for c, rows in self.jacobian[dataset][i].items():
+                    out[:, c] -= self.centre[i] * rows
+        return out
+
+    def evaluate(self) -> None:
+        """Simulate at the centre; the Jacobian stays as it is."""
+        rig = self.current()
+        self.base = [c.simulation.signals(rig) for c in self.datasets]
+        self.residuals = [self._residual(i, s) for i, s in enumerate(self.base)]
+
+    def without_effects(self) -> 'LinearisedModel':
+        """Take off all effects, released nuisances and steps too; the other nuisances stay."""
+        free = np.array([n.name in self.released or n.acts_on == 'step' for n in self.nuisances],
+                        dtype=bool)
+        out = replace(self, effects={}, released=frozenset(),
+                      centre=np.where(free, 0.0, self.centre))
+        out.evaluate()
+        return out
+
+    def linearise(self) -> None:
+        """Simulate at the centre and take the Jacobian by the nuisances there."""
+        rig = self.current()
+        self.base = [c.simulation.signals(rig) for c in self.datasets]
+        self.jacobian = [
+            [nuisance_column(c, n, size, rig, s, b, self.level)
+             if n.acts_on != 'step' or n.recording == i else {}
+             for n, size in zip(self.nuisances, self.prior_std)]
+            for i, (c, s) in enumerate(zip(self.datasets, self.base))
+            for b in [c.measured.residual(s)]]
+        self.evaluate()
+
+    def grams(self, extra: list[list[Column]], residuals: list[Array] | None = None
+              ) -> tuple[Gram, Gram]:
+        """Return the training and the held-out Gram of nuisances' and further columns."""
+        return self.products(extra, residuals,
+                             self.discrepancy_scales == NO_DISCREPANCY).at(self.discrepancy_scales)
+
+    def products(self, extra: list[list[Column]], residuals: list[Array] | None = None,
+                 absent: bool = False) -> Products:
+        """Return inner products of nuisances' and further columns, for any discrepancy."""
+        columns = [[*own, *more] for own, more in zip(self.jacobian, extra)]
+        return self.whitened_discrepancy().products(columns, residuals or self.residuals, absent)
+
+    def whitened_discrepancy(self) -> WhitenedDiscrepancy:
+        """Return the discrepancy, whitened by the noise; an empty one where none is set up."""
+        if self.discrepancy is None:
+            rows = tuple(np.zeros((0, len(c.groups)), dtype=np.float32) for c in self.datasets)
+            self.discrepancy = Discrepancy(Basis(rows, np.zeros(0)), _signal(self),
+                                           [c.train for c in self.datasets])
+        return self.discrepancy.whitened(self.noise)
+
+    def allow_discrepancy(self, frequencies: Sequence[float] = ()) -> None:
+        """Set up what no library has: functions of the present motion, and lines [Hz]."""
+        smooth = [c.simulation.smooth(s) for c, s in zip(self.datasets, self.base)]
+        self.discrepancy = Discrepancy(basis(smooth, frequencies), _signal(self),
+                                       [c.train for c in self.datasets])
+
+    def fit_nuisances(self) -> Fit:
+        """Fit the nuisances alone on the training blocks."""
+        train, _ = self.grams([[] for _ in self.datasets])
+        return fit(train, self.prior())
+
+    def fit_nuisances_to_all(self) -> Fit:
+        """Fit the nuisances alone on all blocks."""
+        train, held = self.grams([[] for _ in self.datasets])
+        return fit(train + held, self.prior())
+
+    def log_posterior(self) -> float:
+        """Log-likelihood of the training blocks, and prior, with everything as it is."""
+        return -0.5 * (self.residual_products().at(self.discrepancy_scales)[0].square
+                       + self._cost())
+
+    def misfit(self) -> float:
+        """Whitened squares of the residual on all blocks, and what the priors cost."""
+        trained, held = self.residual_products().at(self.discrepancy_scales)
+        return trained.square + held.square + self._cost()
+
+    def residual_products(self) -> Products:
+        """Return inner products of the residuals alone."""
+        return self.whitened_discrepancy().products(
+            [[] for _ in self.datasets], self.residuals,
+            self.discrepancy_scales == NO_DISCREPANCY)
+
+    def _cost(self) -> float:
+        prior = self.prior()
+        return float((prior.centre * prior.precision) @ prior.centre)
+
+    def refit_noise(self, x: Array) -> None:
+        """Fit the noise of what a step of the nuisances, and any discrepancy, leave."""
+        residuals = [b - combined(columns, x, len(b))
+                     for b, columns in zip(self.residuals, self.jacobian)]
+        signal = _signal(self) if self.discrepancy is None else self.discrepancy.signal
+        floor = QUIETEST * signal
+        if not self.noise and self.datasets[0].simulation.starts_white:
+            self.noise = [_no_less(white(r, c.measured.present, c.groups), floor)
+                          for r, c in zip(residuals, self.datasets)]
+        if self.noise and self.discrepancy is not None:
+            predicted = self.whitened_discrepancy().predicted(residuals)
+            residuals = [r - p for r, p in zip(residuals, predicted)]
+        self.noise = [_no_less(fit_autoregression(r, c.measured.present, c.groups), floor)
+                      for r, c in zip(residuals, self.datasets)]
+
+    def recalibrate(self) -> None:
+        """Move the centre to the best nuisances, noise refitted on the way."""
+        self.refit_noise(np.zeros(len(self.nuisances)))
+        self.refit_noise(self.fit_nuisances().x)
+        for _ in range(MOST_ROUNDS):
+            step = self.fit_nuisances().x
+            self._approach(step)
+            self.refit_noise(np.zeros(len(self.nuisances)))
+            if np.abs(step).max(initial=0.0) < CONVERGED:
+                break
+
+    def is_far(self, step: Array) -> bool:
+        """Say whether a step of the nuisances leaves where their Jacobian holds."""
+        return any(abs(x) > FAR for x, n in zip(step, self.nuisances) if n.key == ROBOT)
+
+    def _approach(self, step: Array) -> None:
+        """Take a step of the nuisances, where it may mislead as far as it makes things better."""
+        if not self.is_far(step):
+            self.centre = self.moved(step)
+            self.evaluate()
+            return
+        before = self.log_posterior()
+        for fraction in FRACTIONS:
+            tried = replace(self, centre=self.moved(fraction * step))
+            try:
+                tried.evaluate()
+            except Diverged:
+                continue
+            if tried.log_posterior() > before:
+                self.centre = tried.centre
+                break
+        self.linearise()
+
+    def difference(self, effects: Values) -> list[Column]:
+        """Return what other effects do to each recording, as columns."""
+        return [column(b - self.simulate(effects, i), self.level)
+                for i, b in enumerate(self.residuals)]
+
+
+def noise_level(rig: Rig, streams: tuple[str, ...], accelerometer: str) -> Array:
+    """Return the rig's noise of every channel in one block mean, shape (16,)."""
+    optidrive = rig.optidrive.noise if rig.optidrive else 1.0
+    level = [rig.wrench_sensor.force_noise] * 3 + [rig.wrench_sensor.torque_noise] * 3
+    level += [rig.accelerometer.noise] * 3 + [optidrive]
+    level += [2.0 * rig.pose_sensor.position_noise] * 3
+    level += [2.0 * rig.pose_sensor.orientation_noise] * 3
+    return np.maximum(np.array(level) / 2.0, 1e-12)
+
+
+def linearised_model(rig: Rig, datasets: tuple[Dataset, ...]) -> LinearisedModel:
+    """Set up a diagnosis, recalibrated."""
+    name, streams = datasets[0].simulation.accelerometer, datasets[0].measured.streams
+    found = datasets[0].simulation.nuisances(rig, streams)
+    out = LinearisedModel(rig, datasets, found, np.array(prior_std(rig, found)),
+                          noise_level(rig, streams, name), centre=np.zeros(len(found)))
+    out.linearise()
+    out.allow_discrepancy()
+    out.recalibrate()
+    return out
+
+
+def _no_less(noise: Autoregression, floor: Array) -> Autoregression:
+    return noise._replace(sigma=np.where(noise.sigma > 0.0, np.maximum(noise.sigma, floor), 0.0))
+
+
+def _signal(model: LinearisedModel) -> Array:
+    """Return what each channel shows, the largest of its vector: standard deviation, (16,)."""
+    shown = []
+    for s in model.base:
+        rotation = rotation_vector(s.R_base_sensor[0].T @ s.R_base_sensor)
+        shown.append(block_means(np.concatenate(
+            [s.wrench, s.volts, s.optidrive[:, np.newaxis], s.position, rotation], axis=1)))
+    std = np.concatenate(shown).std(axis=0)
+    vectors = np.array([c.name[:-1] for c in CHANNELS])
+    return np.array([std[vectors == vector].max() for vector in vectors])

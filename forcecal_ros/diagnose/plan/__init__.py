@@ -1,0 +1,1 @@
+"""A recording sequence for a diagnosis, and which effects it would show."""

@@ -1,0 +1,79 @@
+"""The verdict in one word and one sentence."""
+
+from collections.abc import Sequence
+
+from forcecal_ros.diagnose.judge.probabilities import NAMED, UNKNOWN
+from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
+
+WHOLE = 0.95
+"""Explained share from which what is unexplained does not matter beside it."""
+
+GLARING = 10.0
+"""Ratio of the unexplained part from which it matters beside any explained share."""
+
+HALF = 0.5
+"""Explained share below which effects that are sure leave more than they explain."""
+
+
+def percent(share: float) -> str:
+    """Write a share; what is not all is never called 100 %, what is not nothing never 0 %."""
+    whole = round(100.0 * share)
+    if whole == 100 and share < 1.0:
+        return 'over 99 %'
+    return 'under 1 %' if whole == 0 and share > 0.0 else f'{whole} %'
+
+
+def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
+            part: UnexplainedPart, closed: float | None, excited: bool, whole: bool = True,
+            with_discrepancy: bool = False) -> tuple[str, str]:
+    """
+    Say it in one word and one sentence.
+
+    Parameters
+    ----------
+    named : sequence of str
+        Accepted effects.
+    candidates : sequence of (str, float)
+    closed : float or None
+        Share of the gap that the effects close; None where they show in stamps and values alone.
+    excited : bool
+        Whether the recording moves enough to tell effects apart.
+    whole : bool
+        Whether every stream could be looked at.
+    with_discrepancy : bool
+        Whether the effects were weighed beside a discrepancy, which then is what remains.
+    """
+    listed = ' and '.join(named)
+    significant = part.ratio >= 1.0
+    if not excited:
+        return 'not_excited', ('the recording moves too little to tell effects apart; record '
+                               'poses, a step, a sweep, slow reversals and contact')
+    if not named:
+        if significant:
+            return 'unknown', (f'there is a gap that no effect of the library explains: '
+                               f'{part.words}')
+        what = 'the recording' if whole else 'what could be looked at'
+        return 'no_gap', f'the recalibrated rig explains {what} down to its noise'
+    done = f'explains {percent(closed or 0.0)} of the misfit'
+    if closed is None:
+        done, closed = 'shows in stamps and values', 1.0
+    doubtful = dict(candidates).get(UNKNOWN, 0.0) > 0.5
+    beside = with_discrepancy and not doubtful
+    if not beside and significant and (closed < NAMED or doubtful):
+        closest = (f'{listed} comes closest and would explain {percent(closed)} of the misfit'
+                   ', too little to be named; unexplained: ') if closed > 0.0 else ''
+        return 'unknown', (f'no effect of the library explains the gap: {closest}'
+                           f'{part.words}')
+    rest = ''
+    if significant:
+        rest = f'; {"what remains" if beside else "unexplained"}: {part.words}'
+    if doubtful:
+        rest += '; one effect that is not in the library is likelier than these together'
+    partly = doubtful or (significant and (closed < WHOLE or part.ratio > GLARING))
+    if closed < HALF if beside else partly:
+        return 'partial', f'{listed} {done}{rest}'
+    others = [n for n, _ in candidates if n not in named and n != UNKNOWN]
+    if others:
+        return 'ambiguous', (f'{listed} {done}, but {" or ".join(others)} explains it '
+                             f'about as well{rest}')
+    return 'identified', f'{listed} {done}{rest}'

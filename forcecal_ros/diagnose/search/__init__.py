@@ -1,0 +1,1 @@
+"""Which effects explain the residual: fitted one by one, compared, accepted, dropped."""

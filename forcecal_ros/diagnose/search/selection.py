@@ -1,0 +1,259 @@
+"""Which effects: added one by one with joint refits, dropped again, exchanged, and weighed."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
+from typing import NamedTuple
+
+from forcecal_ros.diagnose.model.effect_jacobian import EffectJacobian
+from forcecal_ros.diagnose.model.hypotheses import Hypothesis
+from forcecal_ros.diagnose.model.linearised import LinearisedModel
+from forcecal_ros.diagnose.search.acceptance import (
+    acceptable,
+    explains_beyond,
+    FORM,
+    holds_beside_long_memory,
+    LEAST_FRACTION,
+    LEAST_GAIN,
+    SHARE,
+)
+from forcecal_ros.diagnose.search.fitted import Accepted, HypothesisFit
+from forcecal_ros.diagnose.search.joint_fit import (
+    joint_fit,
+    joint_fit_if_finite,
+    JointFit,
+    without_effect,
+)
+from forcecal_ros.diagnose.search.model_comparison import ModelComparison
+from forcecal_ros.diagnose.search.ranking import PARSIMONY, ranked, temperature_of, weights
+from forcecal_ros.effects.nuisances import LIMIT, ROBOT
+import numpy as np
+
+NEAR = 3.0
+"""Log-odds within which an alternative is fitted in full."""
+
+SIMILAR = 0.8
+"""
+Part of an effect's evidence from which an alternative is fitted in full, whatever the odds.
+
+Evidence is linear in the nuisances, taken where these stand in for the effect; so may its gain
+be, which counts for nothing here. Delays of 4 and 6 ms had 0.95 and 0.91 of the evidence of the
+low-pass that they were not, and a gain below 0.
+"""
+
+TRIES = 2
+"""Alternatives of each effect that are fitted in full."""
+
+MOST_EFFECTS = 4
+"""Effects that are searched for in one diagnosis."""
+
+
+class Selection(NamedTuple):
+    """
+    Outcome of the search.
+
+    Attributes
+    ----------
+    model : LinearisedModel
+        With the accepted effects, at the joint fit.
+    alternatives : dict of str to dict of str to float
+        Log-odds of each hypothesis in the place of an accepted one against that one.
+    log_bayes_factors : dict of str to float
+        Of each accepted effect against a discrepancy in its place.
+    discrepancy_evidence : float
+        Log-likelihood of a discrepancy, and of whatever else is unexplained.
+    missing_evidence : float
+        Log-evidence that a model without any flaw would have more.
+    doubtful : dict of str to float
+        The same as ``log_bayes_factors`` of effects that a discrepancy may only look like.
+    """
+
+    model: LinearisedModel
+    accepted: tuple[Accepted, ...]
+    jacobians: tuple[EffectJacobian, ...]
+    alternatives: dict[str, dict[str, float]]
+    log_bayes_factors: Mapping[str, float] = MappingProxyType({})
+    discrepancy_evidence: float = 0.0
+    missing_evidence: float = 0.0
+    doubtful: Mapping[str, float] = MappingProxyType({})
+
+
+def select(model: LinearisedModel, found: Sequence[Hypothesis], bare: LinearisedModel
+           ) -> Selection:
+    """
+    Search for the effects that explain the recordings.
+
+    Parameters
+    ----------
+    model : LinearisedModel
+        Recalibrated, no effect accepted.
+    bare : LinearisedModel
+        The same without what is known before any model, such as limits.
+    """
+    start, now = model, JointFit(model, [], [])
+    out: set[str] = set()
+    while len(now.accepted) < MOST_EFFECTS:
+        untried = [h for h in found if h.name not in out | {a.name for a in now.accepted}]
+        tested, others = sum(h.ways for h in untried), now.accepted or now.model.fixed
+        results = ranked(ModelComparison(now.model, now.jacobians), untried, tested)
+        fitted = None
+        while (best := next((t for t in results if t.name not in out
+                             and acceptable(t, tested)), None)) is not None:
+            fitted = _with(now, best)
+            if fitted is not None and holds_beside_long_memory(now.model, fitted.model) \
+                    and (not others or explains_beyond(bare, now.model, fitted.model)):
+                break
+            out.add(best.name)
+            fitted = None
+        fitted = fitted or _in_full(now, results, out)
+        if fitted is None:
+            break
+        now = _refitted(_shaped(fitted))
+    if len(now.accepted) > 1:
+        now = _drop(start, bare, now)
+    now, alternatives, factors = _exchange(start, now, found)
+    now, last = _certain(start, now, factors)
+    sure = {a.name: factors[a.name] for a in now.accepted}
+    doubtful = {name: factor for name, factor in factors.items() if name not in sure}
+    return Selection(now.model, tuple(now.accepted), tuple(now.jacobians), alternatives, sure,
+                     last.discrepancy_evidence, last.missing_evidence, doubtful)
+
+
+def _with(now: JointFit, best: HypothesisFit) -> JointFit | None:
+    """Accept one more effect and refit; nothing where a simulation diverges."""
+    return joint_fit_if_finite(replace(now.model, discrepancy_scales=best.discrepancy),
+                               [*now.accepted, Accepted.of(best)], best.nuisances)
+
+
+def _in_full(now: JointFit, results: Sequence[HypothesisFit], out: set[str]) -> JointFit | None:
+    """
+    Fit the likeliest effect in full where the robot's own nuisances stand in for it.
+
+    These have gone so far that what their columns say of it holds no more: its evidence shows,
+    but neither what it brings on held-out data nor its share.
+    """
+    standing_in = any(n.key == ROBOT and abs(x) > 0.9 * LIMIT
+                      for n, x in zip(now.model.nuisances, now.model.centre))
+    best = max((t for t in results if t.name not in out), key=lambda t: t.evidence, default=None)
+    if best is None or not standing_in or best.evidence < LEAST_GAIN:
+        return None
+    before = ModelComparison(now.model, now.jacobians)
+    fitted = _with(now, best)
+    if fitted is None:
+        return None
+    after = ModelComparison(fitted.model, fitted.jacobians)
+    explained = 1.0 - after.excess / before.excess
+    return fitted if (after.null_predictive > before.null_predictive + LEAST_GAIN
+                      and explained > LEAST_FRACTION) else None
+
+
+def _certain(start: LinearisedModel, now: JointFit, factors: Mapping[str, float]
+             ) -> tuple[JointFit, ModelComparison]:
+    """Drop what a discrepancy as large as what is unexplained could do as well."""
+    while True:
+        last = ModelComparison(now.model, now.jacobians)
+        now = now._replace(model=replace(now.model, discrepancy_scales=last.scales))
+        # what the strongest effect leaves if its form is another is no effect of its own
+        least = max([SHARE * last.missing_evidence,
+                     *(FORM * factors[a.name] for a in now.accepted)])
+        doubtful = [a for a in now.accepted if factors[a.name] < least]
+        if not doubtful:
+            return now, last
+        worst = min(doubtful, key=lambda a: factors[a.name])
+        less = without_effect(start, now, worst.name)
+        now = joint_fit(less.model, less.accepted) if less.accepted else less
+
+
+def _refitted(now: JointFit) -> JointFit:
+    """Fit the noise to the residual, and everything beside that noise."""
+    now.model.refit_noise(np.zeros(len(now.model.nuisances)))
+    return joint_fit_if_finite(now.model, now.accepted) or now
+
+
+def _shaped(now: JointFit) -> JointFit:
+    """Give the effect accepted last the shapes that it began without, if that is better."""
+    last = now.accepted[-1]
+    for i, q in enumerate(now.model.library[last.name].parameters):
+        if len(last.theta) and q.shapes and i not in last.free:
+            theta = last.theta.copy()
+            theta[i] = q.starts[-1]
+            other = joint_fit_if_finite(now.model, [*now.accepted[:-1], last._replace(
+                theta=theta, free=np.sort(np.append(last.free, i)))])
+            if other is not None and holds_beside_long_memory(now.model, other.model):
+                now, last = other, other.accepted[-1]
+    return now
+
+
+def _drop(start: LinearisedModel, bare: LinearisedModel, now: JointFit) -> JointFit:
+    """Take out what the others, fitted anew, explain as well but for a wrong form of theirs."""
+    for a in list(now.accepted):
+        if len(now.accepted) == 1:
+            break
+        full = ModelComparison(now.model, now.jacobians).null_predictive
+        less = without_effect(start, now, a.name)
+        fitted = joint_fit(less.model, less.accepted)
+        worse = fitted.model.misfit() - now.model.misfit()
+        if ModelComparison(less.model, less.jacobians).null_predictive > full - LEAST_GAIN \
+                or worse < 2.0 * LEAST_GAIN \
+                or not explains_beyond(bare, fitted.model, now.model):
+            now = fitted
+    return now
+
+
+def _near(results: Sequence[HypothesisFit], name: str, tested: int) -> list[HypothesisFit]:
+    """List what may do as well as an effect, both as screened and refined."""
+    weight, own = weights(results), next(t for t in results if t.name == name)
+    return [t for t in results if t.name != name and (
+        t.evidence > SIMILAR * own.evidence > 0.0
+        or (weight[t.name] > weight[name] - NEAR and acceptable(t, tested)))]
+
+
+def _exchange(start: LinearisedModel, now: JointFit, found: Sequence[Hypothesis]
+              ) -> tuple[JointFit, dict[str, dict[str, float]], dict[str, float]]:
+    """
+    Try every other effect in the place of each accepted one; keep what is better.
+
+    An effect that brings nothing any more beside noise that is fitted with it is dropped. Returns
+    the alternatives' log-odds, and the log Bayes factors, of :class:`Selection`.
+    """
+    alternatives: dict[str, dict[str, float]] = {}
+    factors: dict[str, float] = {}
+    for a in list(now.accepted):
+        less = without_effect(start, now, a.name)
+        taken = {b.name for b in less.accepted}
+        comparison = ModelComparison(less.model, less.jacobians)
+        log_evidence = ModelComparison(now.model, now.jacobians).null_evidence
+        # screened anew an effect may lie far from where it was fitted to
+        fitted = log_evidence - comparison.null_evidence
+        anew = ranked(comparison, [h for h in found if h.name not in taken], len(found))
+        near = _near(anew, a.name, len(found))
+        results = [t._replace(evidence=max(t.evidence, fitted)) if t.name == a.name else t
+                   for t in anew]
+        weight = weights(results)
+        if next(t.evidence for t in results if t.name == a.name) < LEAST_GAIN:
+            now = (joint_fit(less.model, less.accepted) if less.accepted
+                   else JointFit(start, [], []))
+            continue
+        own = weight[a.name]
+        mine, degrees = next(t for t in results if t.name == a.name), a.degrees
+        for t in near[:TRIES]:
+            refitted = joint_fit_if_finite(less.model, [*less.accepted, Accepted.of(t)],
+                                           t.nuisances)
+            if refitted is None:
+                weight[t.name] = -np.inf
+                continue
+            other = _shaped(refitted)
+            evidence = ModelComparison(other.model, other.jacobians).null_evidence
+            more = evidence - log_evidence
+            odds = more / temperature_of(results) - PARSIMONY * (t.degrees - degrees)
+            weight[t.name] = own + odds
+            if odds > 0.0:
+                now = other
+                mine = t._replace(evidence=mine.evidence + more)
+                degrees, own, log_evidence = t.degrees, weight[t.name], evidence
+        names = {b.name for b in now.accepted}
+        possible = {t.name for t in results if t.evidence > LEAST_GAIN}
+        factors[mine.name] = mine.evidence
+        alternatives[mine.name] = {name: float(value - own) for name, value in weight.items()
+                                   if name in possible - names and np.isfinite(value)}
+    return now, alternatives, factors

@@ -1,0 +1,250 @@
+"""
+A simulator that can be run again: the recorded commands through it, with other parameters.
+
+Running it is dear. So its streams are taken to be linear in the parameters about the nearest
+point where all of them were tried, one after the other; where it was run itself, its own answer
+counts.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from forcecal_ros.effects import AccelerometerEffects, Effect, physical_rig
+from forcecal_ros.effects.nuisances import LEAST, Nuisance, of_sensors, scaled, shifted
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.errors import ConfigError
+from forcecal_ros.geometry import Array, rotation_from_vector, rotation_vector
+from forcecal_ros.recording.streams import PoseStream, Recording, Stream
+from forcecal_ros.simulators.carried_tool import CarriedTool
+from forcecal_ros.simulators.low_pass import MOST
+from forcecal_ros.simulators.measured_motion import EXACT
+from forcecal_ros.simulators.poses import in_base_of
+from forcecal_ros.simulators.protocol import Inputs
+from forcecal_ros.simulators.rigid_tool import RigidTool
+from forcecal_ros.simulators.signals import RATE, Signals
+from forcecal_ros.simulators.simulated_robot import (
+    addable,
+    library_of,
+    nuisances_of,
+    SimulatedRobot,
+)
+from forcecal_ros.simulators.third_party import ThirdParty
+import numpy as np
+
+STEP = 1.0
+"""Step by which a parameter is moved to see what it does, in its sigma."""
+
+KEPT = 6
+"""Carried tools that are kept, one for each motion."""
+
+Numbers = tuple[float, ...]
+
+
+class _Change(NamedTuple):
+    """What one sigma of a parameter does: to wrench, position, turn and accelerometer."""
+
+    wrench: Array
+    position: Array
+    turn: Array
+    accelerometer: Array | None
+
+
+class Runs:
+    """
+    A simulator under one recording's commands.
+
+    Parameters
+    ----------
+    measured : PoseStream
+        Of the robot, on the inputs' clock: in its base.
+
+    Attributes
+    ----------
+    count : int
+        How often it was run.
+    """
+
+    def __init__(self, simulator: ThirdParty, inputs: Inputs, measured: PoseStream) -> None:
+        self.simulator, self.count = simulator, 0
+        self._inputs, self._measured = inputs, measured
+        self._exact: dict[Numbers, Recording] = {}
+        self._changes: dict[Numbers, list[_Change]] = {}
+
+    def exact(self, numbers: Numbers) -> Recording:
+        """Run the simulator, unless it was run so before."""
+        if numbers not in self._exact:
+            self.count += 1
+            made = self.simulator.run(self._inputs, numbers)
+            assert made.pose is not None
+            self._exact[numbers] = replace(made, pose=in_base_of(self._measured, made.pose))
+        return self._exact[numbers]
+
+    def repeats(self) -> bool:
+        """Run the simulator once more with its own numbers; say whether it does the same."""
+        numbers = self.simulator.nominal
+        first = self._exact.pop(numbers)
+        again = self.exact(numbers)
+        return all(np.array_equal(a, b) for a, b in zip(_arrays(first), _arrays(again)))
+
+    def try_all(self, numbers: Numbers) -> None:
+        """See what each parameter does at a point: one run for each, and one for the point."""
+        here, changes = self.exact(numbers), []
+        for i, p in enumerate(self.simulator.parameters):
+            step = STEP * p.sigma
+            if numbers[i] + step > p.high:
+                step = -step
+            moved = (*numbers[:i], numbers[i] + step, *numbers[i + 1:])
+            changes.append(_change(here, self._passing(moved), p.sigma / step))
+        self._changes[numbers] = changes
+
+    def changes(self, numbers: Numbers) -> Sequence['_Change']:
+        """Return what one sigma of each parameter does at a point that was tried."""
+        return self._changes[numbers]
+
+    def _passing(self, numbers: Numbers) -> Recording:
+        made = self.exact(numbers)
+        del self._exact[numbers]
+        return made
+
+    def at(self, numbers: Numbers) -> Recording:
+        """Return what it says with other parameters, as far as that is linear in them."""
+        if numbers in self._exact or not self._changes:
+            return self.exact(numbers)
+        sigma = np.array([p.sigma for p in self.simulator.parameters])
+        near = min(self._changes, key=lambda one: float(
+            np.linalg.norm((np.array(numbers) - one) / sigma)))
+        away = (np.array(numbers) - near) / sigma
+        return _moved(self._exact[near], self._changes[near], away)
+
+
+def _arrays(made: Recording) -> list[Array]:
+    assert made.wrench is not None
+    assert made.pose is not None
+    readings = [] if made.accelerometer is None else [made.accelerometer.values]
+    return [made.wrench.values, made.pose.position, made.pose.R_base_sensor, *readings]
+
+
+def _change(here: Recording, there: Recording, scale: float) -> _Change:
+    one, other = here.pose, there.pose
+    assert one is not None
+    assert other is not None
+    turn = rotation_vector(np.swapaxes(one.R_base_sensor, 1, 2) @ other.R_base_sensor)
+    accelerated = here.accelerometer is not None and there.accelerometer is not None
+    return _Change(scale * _less(there.wrench, here.wrench),
+                   scale * (other.position - one.position), scale * turn,
+                   scale * _less(there.accelerometer, here.accelerometer) if accelerated else None)
+
+
+def _less(one: Stream | None, other: Stream | None) -> Array:
+    assert one is not None
+    assert other is not None
+    return np.asarray(one.values - other.values)
+
+
+def _moved(base: Recording, changes: Sequence[_Change], away: Array) -> Recording:
+    wrench, pose, readings = base.wrench, base.pose, base.accelerometer
+    assert wrench is not None
+    assert pose is not None
+    turn = sum((x * c.turn for c, x in zip(changes, away)), np.zeros_like(pose.position))
+    position = sum((x * c.position for c, x in zip(changes, away)), np.array(pose.position))
+    values = sum((x * c.wrench for c, x in zip(changes, away)), np.array(wrench.values))
+    if readings is not None:
+        readings = replace(readings, values=sum(
+            (x * c.accelerometer for c, x in zip(changes, away) if c.accelerometer is not None),
+            np.array(readings.values)))
+    return replace(base, wrench=replace(wrench, values=values), accelerometer=readings,
+                   pose=replace(pose, position=position,
+                                R_base_sensor=pose.R_base_sensor @ rotation_from_vector(turn)))
+
+
+def refuse_unsteady(runs: Runs) -> None:
+    """Refuse a simulator that does something else the second time."""
+    if not runs.repeats():
+        raise ConfigError(f'{runs.simulator.name}: the same commands and parameters gave another '
+                          'answer the second time; seed its noise or leave it out, and begin '
+                          'each run from the same state')
+
+
+class Rerun:
+    """
+    One recording's commands, simulated by somebody's simulator as often as needed.
+
+    Parameters
+    ----------
+    start : float
+        When block 0 begins [s].
+    rigid_tool : RigidTool
+        The simulator's tool, as its wrench and motion tell it.
+    """
+
+    band, exact, starts_white, accelerometer = MOST, EXACT, True, 'acc1'
+
+    def __init__(self, runs: Runs, start: float, n_blocks: int, rigid_tool: RigidTool) -> None:
+        self.runs, self.start, self.n_blocks, self._rigid_tool = runs, start, n_blocks, rigid_tool
+        self.accelerated = runs.exact(runs.simulator.nominal).accelerometer is not None
+        self.library: Mapping[str, Effect] = library_of(runs.simulator.parameters)
+        self._carried: dict[tuple[Numbers, float], tuple[CarriedTool, Array | None]] = {}
+
+    def can_show(self, effect: str, rig: Rig) -> bool:
+        """Say whether an effect could be there and be seen."""
+        return addable(self.library[effect], self.accelerated)
+
+    def nuisances(self, rig: Rig, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
+        """List the nuisance parameters: those of the simulator, tool, mounting and sensors."""
+        found = nuisances_of(self.runs.simulator.parameters)
+        if 'tool_mass' in self.library:
+            found.append(Nuisance('tool.mass', 'mass', scaled('tool', 'mass'), least=LEAST))
+        if 'tool_com' in self.library:
+            found += [Nuisance(f'tool.com.{a}', 'com', shifted('tool', 'com', i))
+                      for i, a in enumerate('xyz')]
+        found += of_sensors(self.accelerometer, streams)
+        return tuple(n for n in found if n.prior_std or getattr(rig.spreads, n.key) > 0.0)
+
+    def smooth(self, signals: Signals) -> Signals:
+        """Return signals as a discrepancy may follow them: these have no noise."""
+        return signals
+
+    def forget(self) -> None:
+        """Let what was predicted be asked for anew, where the simulator was run meanwhile."""
+        self._carried.clear()
+
+    def signals(self, rig: Rig) -> Signals:
+        """
+        Simulate.
+
+        Parameters
+        ----------
+        rig : Rig
+            A SimulatedRobot.
+        """
+        assert isinstance(rig, SimulatedRobot)
+        carried, readings = self._along(rig.numbers, rig.late)
+        place, turn = np.array(rig.mounting[:3]), np.array(rig.mounting[3:])
+        n = len(carried.t)
+        volts = np.zeros((n, 3)) if readings is None else self._volts(rig, carried, readings)
+        return Signals(
+            self.start, carried.wire(rig), volts, carried.slide, carried.position + place,
+            carried.R_base_sensor @ rotation_from_vector(turn), carried.velocity,
+            carried.acceleration, carried.omega, carried.alpha, np.zeros(n), np.zeros((n, 6)),
+            carried.specific_force(rig))
+
+    def _volts(self, rig: Rig, carried: CarriedTool, readings: Array) -> Array:
+        rigid_tool = physical_rig(rig)
+        model = rigid_tool.accelerometer.model(self.accelerometer)
+        readings = readings + carried.weight(rigid_tool) - carried.weight(self._rigid_tool)
+        on_volts = AccelerometerEffects(rig, self.accelerometer, 1.0 / RATE)
+        return on_volts.after_noise(on_volts.before_noise(readings * model.gain + model.offset))
+
+    def _along(self, numbers: Numbers, late: float) -> tuple[CarriedTool, Array | None]:
+        """Carry the simulator's tool along its own motion, so much later; the last are kept."""
+        if (numbers, late) not in self._carried:
+            if len(self._carried) >= KEPT:
+                self._carried.pop(next(iter(self._carried)))
+            made = self.runs.at(numbers)
+            motion = replace(made, accelerometer=None)
+            carried = CarriedTool(motion, self.start - late, self.n_blocks, self.accelerometer)
+            carried.beyond = carried.seen(made) - carried.wire(self._rigid_tool)
+            readings = None if made.accelerometer is None else made.accelerometer.at(carried.t)
+            self._carried[numbers, late] = carried, readings
+        return self._carried[numbers, late]

@@ -1,0 +1,183 @@
+"""Recordings that cannot be compared, or not all of the time, are told from gaps."""
+
+from dataclasses import replace
+import warnings
+
+from forcecal_ros.diagnose.by_commands import diagnose
+from forcecal_ros.diagnose.by_motion import diagnose_motion
+from forcecal_ros.diagnose.inputs.requirements import bridged, missing_streams
+from forcecal_ros.diagnose.inputs.stamps import Corrected
+from forcecal_ros.diagnose.judge.found_effects import from_checks
+from forcecal_ros.geometry import rotation_about
+from forcecal_ros.recording.bags import read_recording
+from forcecal_ros.recording.checks.clocks import clocks, dropouts, skew_between
+from forcecal_ros.recording.checks.entry import checked
+from forcecal_ros.recording.checks.pauses import silences
+from forcecal_ros.recording.streams import PoseStream, Recording, Stream
+from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rigid_tool import rigid_tool_of_rig
+import numpy as np
+import pytest
+
+STREAMS = ('wrench', 'accelerometer', 'optidrive', 'pose', 'target')
+
+
+def cut(stream, start, end):
+    kept = (stream.t <= start) | (stream.t >= end)
+    if isinstance(stream, PoseStream):
+        return replace(stream, t=stream.t[kept], position=stream.position[kept],
+                       R_base_sensor=stream.R_base_sensor[kept])
+    return replace(stream, t=stream.t[kept], values=stream.values[kept])
+
+
+@pytest.fixture(scope='module')
+def recording():
+    """Ten seconds of slow turns and a slide in front of noise; no rig would say just that."""
+    rng, t = np.random.default_rng(0), 1e-3 * np.arange(10_000)
+    grid = 4e-3 * np.arange(2500)
+    R = np.stack([rotation_about('x', 0.5 * np.sin(x)) for x in grid])
+    pose = PoseStream(grid, np.outer(0.01 * grid, [1.0, 0.0, 0.0]), R)
+    return Recording(
+        wrench=Stream(t, rng.standard_normal((len(t), 6))), pose=pose, target=pose,
+        accelerometer=Stream(t, rng.standard_normal((len(t), 3))),
+        optidrive=Stream(t, 1e-5 * rng.standard_normal((len(t), 1))))
+
+
+def shifted(recording, name, way):
+    stream = getattr(recording, name)
+    return replace(recording, **{name: replace(stream, t=stream.t + way)})
+
+
+def with_values(recording, name, values):
+    return replace(recording, **{name: replace(getattr(recording, name), values=values)})
+
+
+def both(recording):
+    """Diagnose by commands and by motion; warnings are errors."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        rig = load_rig()
+        found = [diagnose(recording, None, rig).diagnosis,
+                 diagnose_motion(replace(recording, target=None), None,
+                                 rigid_tool_of_rig(rig)).diagnosis]
+    assert [d.verdict for d in found] == 2 * ['invalid_data']
+    assert not any('\n' in d.reason for d in found)
+    return [d.reason for d in found]
+
+
+@pytest.mark.parametrize('name', ['wrench', 'accelerometer'])
+def test_clocks_hours_apart_are_invalid_and_the_stream_and_a_remedy_are_named(recording, name):
+    for reason in both(shifted(recording, name, 1e4)):
+        assert name in reason and '+10000.0 s' in reason and 'PTP' in reason
+
+
+def test_commands_on_another_clock_are_told(recording):
+    reason = diagnose(shifted(recording, 'target', -1e4), None, load_rig()).diagnosis.reason
+    assert reason.startswith('stamps begin too far from those of wrench: '
+                             'target (target_frame) -10000.0 s; set the clocks')
+
+
+@pytest.mark.parametrize('value', [1e30, np.nan, np.inf])
+def test_a_sensor_that_talks_nonsense_is_invalid(recording, value):
+    slide = recording.optidrive.values.copy()
+    slide[::20] = value
+    for reason in both(with_values(recording, 'optidrive', slide)):
+        assert reason.startswith('optidrive: 5.0 % of the samples')
+
+
+def test_a_few_nonsense_values_are_left_out_and_told(recording):
+    slide = recording.optidrive.values.copy()
+    slide[50:60] = 1e30
+    slide[60] = np.nan
+    kept, removed = checked(with_values(recording, 'optidrive', slide))
+    assert len(kept.optidrive) == len(slide) - 11 and removed == {'optidrive': 11}
+    assert kept.notes == ('optidrive: 11 samples are not finite or beyond 1e+06 and left out',)
+
+
+def test_a_dead_wrench_is_invalid(recording):
+    dead = np.tile(recording.wrench.values[0], (len(recording.wrench), 1))
+    for reason in both(with_values(recording, 'wrench', dead)):
+        assert reason.startswith('wrench: the values never change; check')
+
+
+def test_a_wrench_that_freezes_while_the_robot_turns_is_invalid(recording):
+    values = recording.wrench.values.copy()
+    values[6000:] = values[6000]
+    for reason in both(with_values(recording, 'wrench', values)):
+        assert 'wrench: every channel repeats itself from 6.00 s to 10.00 s' in reason
+
+
+def test_a_dead_channel_is_invalid(recording):
+    values = recording.wrench.values.copy()
+    values[:, 2] = 7.0
+    for reason in both(with_values(recording, 'wrench', values)):
+        assert reason.startswith('force.z stands at 7 throughout; check')
+
+
+def test_what_was_not_recorded_is_said_and_nothing_at_all_is_invalid(recording):
+    assert missing_streams(recording) == ''
+    assert 'wrench_sensor and environment (no wrench' in missing_streams(replace(recording,
+                                                                                 wrench=None))
+    nothing = replace(recording, wrench=None, accelerometer=None)
+    assert diagnose(nothing, None, load_rig()).diagnosis.verdict == 'invalid_data'
+
+
+def test_a_second_recording_without_the_wrench_is_refused(recording):
+    other = replace(recording, wrench=None)
+    diagnosis = diagnose(recording, other, load_rig()).diagnosis
+    assert diagnosis.verdict == 'invalid_data' and 'holds wrench' in diagnosis.reason
+
+
+def test_a_pause_is_no_lost_samples_and_lost_samples_are_no_pause(recording):
+    paused = replace(recording, **{n: cut(getattr(recording, n), 4.0, 6.0) for n in STREAMS})
+    found = clocks(paused)
+    assert not dropouts(found) and not skew_between(found)
+    assert silences(paused) == ('all streams: nothing was recorded for 2.0 s from 4.0 s on',)
+    own = silences(replace(recording, wrench=paused.wrench))
+    assert own == ('wrench: nothing was recorded for 2.0 s from 4.0 s on',)
+    kept = np.random.default_rng(1).random(len(paused.wrench)) > 0.02
+    lossy = replace(paused, wrench=replace(
+        paused.wrench, t=paused.wrench.t[kept], values=paused.wrench.values[kept]))
+    lost = dropouts(clocks(lossy))
+    assert lost == {'wrench': pytest.approx(0.02, abs=5.0 * np.sqrt(0.02 / len(kept)))}
+
+
+def test_a_clock_is_judged_by_its_slope_although_it_starts_anew_after_a_pause(recording):
+    t = recording.wrench.t
+    t = np.where(t < 5.0, t, t + 2.0004) * (1.0 + 1e-4)
+    clock, = clocks(Recording(wrench=replace(recording.wrench, t=t)))
+    assert clock.skew == pytest.approx(1e-4, rel=1e-3) and clock.lost == 0.0
+
+
+def test_over_a_pause_the_robot_is_led_from_the_last_command_to_the_next(recording):
+    paused = replace(recording, **{n: cut(getattr(recording, n), 4.0, 6.0) for n in STREAMS})
+    whole = bridged(paused)
+    np.testing.assert_allclose(np.diff(whole.target.t), 4e-3, atol=1e-9)
+    way = np.diff(whole.target.position[:, 0])
+    assert (way > -1e-12).all() and way.max() < 5e-4
+    assert not ((whole.wrench.t > 4.0) & (whole.wrench.t < 7.0)).any()
+
+
+def test_a_pause_of_minutes_is_refused_with_a_remedy(recording):
+    late = {n: replace(s, t=np.where(s.t < 5.5, s.t, s.t + 100.0))
+            for n, s in ((n, getattr(recording, n)) for n in STREAMS)}
+    diagnosis = diagnose(replace(recording, **late), None, load_rig()).diagnosis
+    assert diagnosis.verdict == 'invalid_data' and '--heldout' in diagnosis.reason
+
+
+def test_a_limit_that_no_sensor_has_is_a_note_and_no_effect(recording):
+    swing = 5e4 * np.sin(2.0 * recording.wrench.t)[:, np.newaxis] + recording.wrench.values
+    counts = np.clip(swing, -32767.0, 32767.0)
+    raw = with_values(recording, 'wrench', counts)
+    model = load_rig().accelerometer.acc1
+    effects, notes = from_checks([Corrected(raw, (), {}, {})], np.ones(16), model)
+    assert not effects and any('stops at 3.277e+04' in note for note in notes)
+
+
+@pytest.mark.long
+def test_a_sound_recording_with_pauses_has_no_gap(second_rig):
+    sample = read_recording(second_rig / 'bag')
+    for start, end in ((1.5, 3.2), (15.0, 19.0)):
+        sample = replace(sample, **{n: cut(getattr(sample, n), start, end) for n in STREAMS})
+    diagnosis = diagnose(sample, None, load_rig()).diagnosis
+    assert diagnosis.verdict == 'no_gap' and len(diagnosis.notes) == 2

@@ -1,0 +1,44 @@
+"""Probabilities of effects, and the verdict that follows."""
+
+from forcecal_ros.diagnose.judge.probabilities import probabilities
+from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
+from forcecal_ros.diagnose.say.verdict import verdict
+import numpy as np
+import pytest
+
+NOTHING_LEFT = UnexplainedPart(0.4, '')
+
+
+def test_equal_odds_make_the_verdict_ambiguous_and_a_bad_fit_makes_it_unknown():
+    named, candidates = probabilities([('base_tilt', {'cable_force': -0.2})], NOTHING_LEFT, 0.98)
+    assert {n for n, _ in candidates} == {'base_tilt', 'cable_force'}
+    chances = dict(candidates)
+    assert named['base_tilt'] == chances['base_tilt']
+    assert chances['cable_force'] / chances['base_tilt'] == pytest.approx(np.exp(-0.2))
+    assert 0.9 < sum(chances.values()) < 1.0
+    assert verdict(['base_tilt'], candidates, NOTHING_LEFT, 0.98, True)[0] == 'ambiguous'
+    left = UnexplainedPart(5.0, 'force.x')
+    assert verdict(['base_tilt'], [('base_tilt', 0.9)], left, 0.4, True)[0] == 'unknown'
+    assert verdict(['base_tilt'], [('base_tilt', 0.9)], left, 0.9, True)[0] == 'partial'
+    assert verdict(['base_tilt'], [('base_tilt', 0.9)], left, 0.98, True)[0] == 'identified'
+    doubtful = [('unknown', 0.6), ('base_tilt', 0.4)]
+    assert verdict(['base_tilt'], doubtful, left, 0.98, True)[0] == 'unknown'
+    assert verdict(['base_tilt'], doubtful, NOTHING_LEFT, 0.98, True)[0] == 'partial'
+    glaring = UnexplainedPart(17.0, 'pose.x')
+    assert verdict(['base_tilt'], [('base_tilt', 0.9)], glaring, 0.98, True)[0] == 'partial'
+
+
+def test_the_more_is_closed_by_the_fewer_effects_the_surer_they_are():
+    def sure(closed, *names):
+        return probabilities([(n, {}) for n in names], NOTHING_LEFT, closed)[0][names[0]]
+    assert sure(0.5, 'base_tilt') < sure(0.9, 'base_tilt') < sure(0.999, 'base_tilt') < 1.0
+    assert sure(0.99, 'base_tilt') > sure(0.99, 'base_tilt', 'tool_com') > sure(
+        0.99, 'base_tilt', 'tool_com', 'tool_mass')
+
+
+def test_what_is_known_before_any_model_counts_among_the_effects():
+    alone = dict(probabilities([], NOTHING_LEFT, 0.99, known=1)[1])
+    assert alone == {}
+    two = probabilities([('wrench_bias_drift', {})], NOTHING_LEFT, 0.99, known=1)[0]
+    one = probabilities([('wrench_bias_drift', {})], NOTHING_LEFT, 0.99)[0]
+    assert two['wrench_bias_drift'] < one['wrench_bias_drift']

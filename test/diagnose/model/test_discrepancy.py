@@ -1,0 +1,123 @@
+"""A discrepancy is integrated out as the dense Gaussian says, and its size comes from the data."""
+
+from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.judge.probabilities import doubt
+from forcecal_ros.diagnose.model.basis import Basis, basis
+from forcecal_ros.diagnose.model.discrepancy import Discrepancy, SCALES
+from forcecal_ros.diagnose.model.evidence import fit, Prior
+from forcecal_ros.recording.noise.autoregression import Autoregression, ORDER
+from forcecal_ros.simulators.signals import Signals
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+N, SIGMA, SIGNAL = (60, 50), 0.5, 200.0
+SHARE = np.array([0.25, 0.25, 0.5])
+
+
+def white(n):
+    """Return white noise in the first channel, all that the others lack."""
+    coefficients, sigma = np.zeros((3, len(CHANNELS), ORDER)), np.zeros((3, len(CHANNELS)))
+    sigma[:, 0] = SIGMA
+    there = np.ones((n, len(CHANNELS)), dtype=bool)
+    return Autoregression(coefficients, sigma, there, there, np.zeros(n, dtype=np.intp))
+
+
+def setting(seed):
+    """Return features, a column, what is beside it, and the discrepancy of two recordings."""
+    rng = np.random.default_rng(seed)
+    rows = tuple(rng.standard_normal((3, n)).astype(np.float32) for n in N)
+    train = [np.ones(N[0], dtype=bool), np.arange(N[1]) < 20]
+    of = Discrepancy(Basis(rows, SHARE), np.full(len(CHANNELS), SIGNAL), train)
+    columns = [[{0: rng.standard_normal(n).astype(np.float32)}] for n in N]
+    residual = [np.zeros((n, len(CHANNELS))) for n in N]
+    for r in residual:
+        r[:, 0] = SIGMA * rng.standard_normal(len(r))
+    return rows, columns, residual, of
+
+
+def dense(rows, column, residual, chosen, size):
+    """Log-likelihood of some samples, the column's coefficient of unit prior integrated out."""
+    f, x = np.concatenate(rows, axis=1)[:, chosen], column[chosen]
+    covariance = SIGMA ** 2 * np.eye(len(x)) + np.outer(x, x) \
+        + (size * SIGNAL) ** 2 * (f.T * SHARE) @ f
+    noise = multivariate_normal(np.zeros(len(x)), SIGMA ** 2 * np.eye(len(x)))
+    full = multivariate_normal(np.zeros(len(x)), covariance)
+    # an evidence leaves out what noise alone makes of a residual of zero
+    return full.logpdf(residual[chosen]) - noise.logpdf(np.zeros(len(x)))
+
+
+@pytest.mark.parametrize('size', SCALES)
+def test_evidence_is_that_of_the_dense_gaussian_for_training_blocks_and_for_all(size):
+    rows, columns, residual, of = setting(1)
+    train, held = of.whitened([white(n) for n in N]).products(columns, residual).at((size,) * 4)
+    prior = Prior(np.zeros(1), np.ones(1), np.full(1, np.inf))
+    flat = np.concatenate([r[:, 0] for r in residual])
+    column = np.concatenate([c[0][0] for c in columns]).astype(float)
+    trained = np.arange(sum(N)) < N[0] + 20
+    assert fit(train, prior).log_evidence == pytest.approx(
+        dense(rows, column, flat, trained, size), abs=1e-3)
+    assert fit(train + held, prior).log_evidence == pytest.approx(
+        dense(rows, column, flat, np.full(sum(N), True), size), abs=1e-3)
+
+
+def test_held_out_squares_are_those_beside_what_the_training_blocks_told():
+    _, columns, residual, of = setting(2)
+    rng = np.random.default_rng(3)
+    products = [of.whitened([white(n) for n in N])]
+    total = 0.0
+    for _ in range(200):
+        w = rng.standard_normal(3) * np.sqrt(SHARE) * 0.003 * SIGNAL
+        made = [np.zeros_like(r) for r in residual]
+        for one, rows in zip(made, of.basis.rows):
+            one[:, 0] = w @ rows + SIGMA * rng.standard_normal(len(one))
+        held = products[0].products(columns, made).at((0.003,) * 4)[1]
+        total += held.square - held.n
+    # the sum of 200 chi squares of 30 degrees each has a standard deviation of 110
+    assert abs(total) < 4.0 * 110.0
+
+
+def test_weights_are_found_again_from_the_training_blocks():
+    _, _, residual, of = setting(4)
+    w = np.array([0.4, -0.2, 0.1])
+    for one, rows in zip(residual, of.basis.rows):
+        one[:, 0] += w @ rows
+    beside = of.whitened([white(n) for n in N])
+    found = beside.products([[], []], residual).trained((0.003,) * 4)[0]
+    # eighty samples of noise 0.5 know each weight to 0.056
+    assert found == pytest.approx(w, abs=4 * 0.056)
+
+
+def test_as_much_of_a_residual_is_predicted_as_the_features_bear_out_and_nothing_of_noise():
+    _, _, residual, of = setting(5)
+    beside = of.whitened([white(n) for n in N])
+    nothing = beside.predicted(residual)
+    assert sum(float(np.sum(x ** 2)) for x in nothing) < 3.0 * SIGMA ** 2 * 3
+    for one, rows in zip(residual, of.basis.rows):
+        one[:, 0] += 2.0 * rows[0]
+    for one, rows in zip(beside.predicted(residual), of.basis.rows):
+        assert np.std(one[:, 0] - 2.0 * rows[0]) < 0.3
+
+
+def signals(n, seed):
+    rng = np.random.default_rng(seed)
+    walk = lambda k: np.cumsum(rng.standard_normal((4 * n, k)), axis=0)  # noqa: E731
+    rotations = np.broadcast_to(np.eye(3), (4 * n, 3, 3)).copy()
+    return Signals(0.0, walk(6), walk(3), walk(1)[:, 0], walk(3), rotations, walk(3), walk(3),
+                   walk(3), walk(3), walk(1)[:, 0], np.zeros((4 * n, 6)), walk(3))
+
+
+def test_features_are_of_one_size_whatever_varies_and_groups_share_the_variance():
+    found = basis([signals(500, 1), signals(300, 2)], [20.0])
+    every = np.concatenate(found.rows, axis=1)
+    assert np.sqrt(np.mean(every ** 2, axis=1)) == pytest.approx(1.0, rel=1e-4)
+    assert found.variance.sum() == pytest.approx(1.0)
+    # 13 cosines less the constant, and a wave of two phases, are each recording's own
+    own = [np.flatnonzero(~np.abs(r).max(axis=1).astype(bool)) for r in found.rows]
+    assert len(own[0]) == 0 or set(own[0]).isdisjoint(own[1])
+
+
+def test_an_effect_is_doubted_by_what_it_brings_beside_what_is_left():
+    assert doubt(100.0, 0.0) == 0.0
+    assert doubt(100.0, 1e5) > 0.95
+    assert doubt(1e6, 1e5) < 0.05

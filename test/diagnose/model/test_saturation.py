@@ -1,0 +1,14 @@
+"""Limits of a channel, found in noise."""
+
+from forcecal_ros.diagnose.model.saturation import _best_limit
+import numpy as np
+import pytest
+
+
+def test_a_soft_limit_under_noise_is_found_where_it_is():
+    rng = np.random.default_rng(0)
+    signal = 100.0 * np.sin(np.linspace(0.0, 60.0, 6000))
+    measured = np.clip(signal, -80.0, 80.0) + 0.3 * rng.standard_normal(6000)
+    limit, removed = _best_limit(signal, measured)
+    assert limit == pytest.approx(80.0, abs=100.0 * 0.5 / 40)
+    assert removed > 0.9 * np.sum((measured - signal) ** 2)

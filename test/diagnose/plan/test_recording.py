@@ -1,0 +1,86 @@
+"""Plans for some effects: what they need, what the limits allow, what they cannot show."""
+
+from dataclasses import replace
+
+from forcecal_ros.diagnose.plan.excitation import Alias, Excitation, Shown
+from forcecal_ros.diagnose.plan.recording import (
+    LONG_REST,
+    motion_for,
+    parts_for,
+    Planned,
+    timing_for,
+)
+from forcecal_ros.diagnose.plan.text import as_text, cannot, to_parameters
+from forcecal_ros.effects import EFFECTS
+from forcecal_ros.motion.limits import Limits
+from forcecal_ros.motion.plan import Timing
+from forcecal_ros.simulators.rig.file import load_rig
+import numpy as np
+import pytest
+
+RIG = load_rig()
+
+
+def test_a_lag_wants_quick_moves_and_no_slow_reversals():
+    timing = timing_for(['wrench_delay'])
+    assert timing.shakes and timing.steps and timing.sweeps and not timing.reversals
+
+
+def test_a_drift_wants_a_long_rest_and_no_sweeps():
+    timing = timing_for(['wrench_bias_drift'])
+    assert timing.rest == LONG_REST and not (timing.sweeps or timing.steps or timing.reversals)
+
+
+def test_friction_wants_reversals():
+    assert timing_for(['tool_friction']).reversals and not timing_for(['tool_mass']).reversals
+
+
+def test_all_effects_want_everything():
+    assert timing_for(()) == Timing(measure=1.0)
+    both = timing_for(['wrench_delay', 'tool_friction'])
+    assert both.shakes and both.reversals
+
+
+@pytest.mark.parametrize('name', EFFECTS)
+def test_each_effect_gets_a_motion_that_excites_it(name):
+    timing, parts = timing_for([name]), parts_for([name])
+    recorded = {'measure', 'move'} | {phase for phase, count in (
+        ('step', timing.steps), ('reverse', timing.reversals),
+        ('sweep', timing.sweeps + timing.turns + timing.shakes)) if count}
+    only_touching = EFFECTS[name].excited_by == ('contact',)
+    assert only_touching or recorded & set(EFFECTS[name].excited_by)
+    assert parts <= parts_for(()) | {'rest'}
+
+
+def test_a_slow_robot_moves_less_and_poses_outside_the_box_are_left_out():
+    limits = Limits(speed=0.05, acceleration=1.8, jerk=200.0, angular_speed=0.5,
+                    workspace_min=(0.85, -0.15, 0.8), workspace_max=(1.25, 0.15, 1.1))
+    motion = motion_for(RIG, contact=False, limits=limits)
+    assert 0.0 < motion.timing.amplitude < 0.5
+    assert 'h' in motion.left_out and 'v' in motion.poses
+    speed = np.linalg.norm(np.diff(motion.target.position, axis=0), axis=1) / RIG.robot.period
+    assert speed.max() <= 0.05
+
+
+def planned(timing=Timing(), asked=('tool_mass', 'contact_stiffness', 'wrench_delay')):
+    motion = motion_for(RIG, contact=False, effects=['tool_mass'])
+    shown = tuple(Shown(name, '1', energy, '', energy, EFFECTS[name].excited_by) for name, energy
+                  in (('tool_mass', 100.0), ('contact_stiffness', 0.0), ('wrench_delay', 9.0),
+                      ('wrench_lowpass', 90.0), ('base_tilt', 90.0)))
+    return Planned(motion._replace(timing=replace(motion.timing, amplitude=0.5)), Excitation(
+        shown, (Alias('wrench_delay', 'wrench_lowpass', 9.0), Alias('base_tilt', 'tool_mass', 8.0),
+                Alias('base_tilt', 'wrench_lowpass', 7.0))), asked)
+
+
+def test_a_plan_says_what_it_cannot_show_and_what_it_would_confound():
+    text = as_text(planned())
+    assert 'wrench_delay / wrench_lowpass' in text and 'base_tilt / wrench_lowpass' not in text
+    assert [line.split(':')[0] for line in cannot(planned())] == [
+        'contact_stiffness', 'wrench_delay', 'the limits allow 50% of the usual distances']
+    assert '--contact' in cannot(planned())[0]
+    assert planned().unclear == ['wrench_delay']
+
+
+def test_the_file_holds_the_parts_that_differ_from_the_defaults():
+    text = to_parameters(planned())
+    assert 'reversals: 0' in text and 'amplitude: 0.5' in text and 'workspace' not in text

@@ -1,0 +1,79 @@
+"""What a diagnosis claims, measured again by its own rig file and ``forcecal simulate``."""
+
+from dataclasses import replace
+import json
+import re
+
+from bag_samples import START_NS
+from forcecal_ros.cli import main
+from forcecal_ros.diagnose.inputs.dataset import prepare, split
+from forcecal_ros.effects import with_effects
+from forcecal_ros.recording.bags import read_recording, write_recording
+from forcecal_ros.recording.streams import PoseStream, Recording
+from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rig.offline import simulate
+import numpy as np
+import pytest
+from rig_recordings import FREE, motion, PERIOD
+
+EFFECTS = {'wrench_delay': {'delay': 0.006}}
+
+
+@pytest.fixture(scope='module')
+def diagnosed(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('patched')
+    positions, rotations, phases = motion(FREE)
+    target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
+    recording = simulate(with_effects(load_rig(), EFFECTS), target, seed=4)
+    write_recording(folder / 'bag', replace(recording, phases=phases,
+                                            start_ns=START_NS))
+    assert main(['diagnose', str(folder / 'bag'), '-o', str(folder / 'out')]) == 0
+    assert main(['simulate', '--rig', str(folder / 'out' / 'rig_patched.yaml'), '--commands',
+                 str(folder / 'bag'), '--noise-free', '-o', str(folder / 'again')]) == 0
+    return folder
+
+
+def test_who_names_no_robot_is_told_what_it_was_compared_with(diagnosed):
+    document = json.loads((diagnosed / 'out' / 'diagnosis.json').read_text())
+    assert 'the rig that this package simulates' in document['notes'][0]
+
+
+def gap_rms(measured: Recording, simulated: np.ndarray, held: np.ndarray, noise: np.ndarray):
+    """RMS of the wrench's gap on held-out samples, in its noise."""
+    rest = measured.wrench.values[held] - simulated[held]
+    energy = np.maximum(np.mean(rest ** 2, axis=0) - noise ** 2, 0.0)
+    return float(np.sqrt(np.mean(energy / noise ** 2)))
+
+
+def test_the_patched_rig_shrinks_the_gap_as_claimed(diagnosed):
+    document = json.loads((diagnosed / 'out' / 'diagnosis.json').read_text())
+    assert [e['name'] for e in document['effects']] == list(EFFECTS)
+    measured = read_recording(diagnosed / 'bag')
+    again = read_recording(diagnosed / 'again')
+    np.testing.assert_allclose(again.wrench.t, measured.wrench.t, atol=1e-6)
+    nominal = simulate(load_rig(), measured.target, noise=False).wrench.values
+    case = split(prepare(measured, load_rig()))
+    held = np.interp(measured.wrench.t, case.times, case.held.astype(float)) > 0.5
+    channels = [f'{kind}.{axis}' for kind in ('force', 'torque') for axis in 'xyz']
+    claimed = document['gap']['per_channel']
+    noise = np.array([claimed[c]['noise_rms'] for c in channels])
+
+    def overall(arm):
+        return float(np.sqrt(np.mean([(claimed[c][f'{arm}_rms'] / claimed[c]['noise_rms']) ** 2
+                                      for c in channels])))
+
+    shrink = 1.0 - (gap_rms(measured, again.wrench.values, held, noise)
+                    / gap_rms(measured, nominal, held, noise))
+    assert shrink == pytest.approx(1.0 - overall('explained') / overall('nominal'), abs=0.05)
+    assert shrink > 0.9
+
+
+def test_the_report_is_one_file_with_all_parts(diagnosed):
+    page = (diagnosed / 'out' / 'report.html').read_text()
+    assert 'The wrench comes ' in page and ' ms late (' in page
+    for part in ('Where it shows most', 'How far', 'Where else', 'Signals', 'What is left',
+                 'Spectra', 'What it may be', 'Its numbers'):
+        assert f'<h2>{part}' in page
+    assert page.index('come late (wrench_delay)') < page.index('forcecal simulate --rig')
+    assert page.count('src="data:image/png;base64,') == 5
+    assert not re.search(r'(?:src|href)="(?!data:)', page)

@@ -1,0 +1,31 @@
+"""Which hypothesis is fitted in full, and which is likelier."""
+
+from forcecal_ros.diagnose.model.evidence import Score
+from forcecal_ros.diagnose.search.fitted import HypothesisFit
+from forcecal_ros.diagnose.search.ranking import weights
+from forcecal_ros.diagnose.search.selection import _near
+import numpy as np
+
+
+def hypothesis_fit(name, evidence, free=1):
+    return HypothesisFit(name, np.zeros(free), np.zeros(free), np.arange(free), np.zeros(0),
+                         frozenset(), evidence / 2.0, evidence, Score(10.0, 100.0, 100.0), 1.0,
+                         0.0, 1000, True)
+
+
+def test_what_has_nearly_the_evidence_of_an_effect_is_fitted_in_full_whatever_it_gains():
+    own, other = hypothesis_fit('wrench_lowpass', 355.0, 2), hypothesis_fit('wrench_delay', 337.0)
+    others = hypothesis_fit('tool_friction', 5.0), hypothesis_fit('tool_mass', -3.0)
+    results = [own, other._replace(gain=-28.0), *others]
+    assert [t.name for t in _near(results, 'wrench_lowpass', 100)] == ['wrench_delay']
+    nothing = [own._replace(evidence=-1.0), other._replace(evidence=-0.9, gain=-1.0)]
+    assert not _near(nothing, 'wrench_lowpass', 100)
+
+
+def test_beside_a_large_effect_a_small_lead_does_not_decide_and_fewer_parameters_do():
+    weight = weights([hypothesis_fit('wrench_lowpass', 150_070.0, 2),
+                      hypothesis_fit('wrench_delay', 150_000.0)])
+    assert 0.0 < weight['wrench_delay'] - weight['wrench_lowpass'] < 1.0
+    small = weights([hypothesis_fit('wrench_lowpass', 170.0, 2),
+                     hypothesis_fit('wrench_delay', 100.0)])
+    assert small['wrench_lowpass'] - small['wrench_delay'] > np.log(1e6)

@@ -1,0 +1,155 @@
+"""Recordings without commands: the wrench is compared with the measured motion."""
+
+from dataclasses import replace
+import json
+from pathlib import Path
+
+from forcecal_ros.calibration.file import load
+from forcecal_ros.cli import main
+from forcecal_ros.diagnose.by_motion import diagnose_motion
+from forcecal_ros.effects import with_effects
+from forcecal_ros.recording.bags import read_recording
+from forcecal_ros.recording.streams import PoseStream, Recording, Stream
+from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.simulators.rigid_tool import rigid_tool_of_calibration, rigid_tool_of_rig
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+GRAVITY = '9.8209'
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope='module')
+def kuka(kuka_data, tmp_path_factory):
+    """Calibrated on the poses and diagnosed on a trajectory, by the commands."""
+    folder = tmp_path_factory.mktemp('kuka')
+    for name in ('poses', 'baseline'):
+        assert main(['import', str(ROOT / f'config/examples/kuka_{name}.yaml'),
+                     '--tables', str(kuka_data), '-o', str(folder / name)]) == 0
+    known = folder / 'calibration.yaml'
+    assert main(['calibrate', str(folder / 'poses'), '--gravity', GRAVITY, '-o', str(known)]) == 0
+    assert main(['diagnose', str(folder / 'baseline'), '--calibration', str(known),
+                 '-o', str(folder / 'out')]) == 0
+    return folder
+
+
+@pytest.fixture(scope='module')
+def found(kuka):
+    return json.loads((kuka / 'out' / 'diagnosis.json').read_text())
+
+
+def recalibrated(document, name):
+    note, = (n for n in document['notes'] if n.startswith(f'recalibrated: {name} by'))
+    value, std = note.split(' by ')[1].split()[0:3:2]
+    return float(value), float(std)
+
+
+def test_delay_and_offset_of_a_real_arm_come_out_by_themselves(found):
+    delay, std = recalibrated(found, 'accelerometer.delay')
+    # by an engine that judged slow motion only it was 6.8 +- 1.0 ms
+    assert abs(delay - 0.0068) < 2.0 * std < 0.002
+    # the zero moved since the calibration, after the turning arm's centripetal force is taken off
+    assert recalibrated(found, 'wrench.bias.fz')[0] == pytest.approx(0.21, abs=0.05)
+
+
+def test_the_gap_of_a_real_arm_shrinks_on_every_axis_held_out(found):
+    for axis, least in zip('xyz', (0.5, 0.3, 0.7)):
+        channel = found['gap']['per_channel'][f'force.{axis}']
+        assert channel['explained_rms'] < (1.0 - least) * channel['nominal_rms']
+
+
+def test_an_arm_to_which_nothing_was_done_is_not_given_an_effect_for_sure(found):
+    assert all(e['probability'] < 0.9 for e in found['effects'])
+
+
+@pytest.mark.long
+def test_the_patched_calibration_leaves_what_was_claimed(kuka, found):
+    patched = load(kuka / 'out' / 'calibration_patched.yaml')
+    again = diagnose_motion(read_recording(kuka / 'baseline'), None,
+                            rigid_tool_of_calibration(patched, load_rig('rigid_tool.yaml')),
+                            patched)
+    assert again.diagnosis.gap.nominal < 0.2 * found['gap']['nominal']
+    delay, std = again.recalibrations['accelerometer.delay']
+    assert abs(delay) < 3.0 * std
+    for axis in 'xyz':
+        more, std = again.recalibrations[f'tool.inertia.{axis}']
+        assert abs(more) < 3.0 * std
+
+
+def test_the_patched_calibration_knows_the_delay_as_well_as_it_was_found(kuka, found, capsys):
+    delay = load(kuka / 'out' / 'calibration_patched.yaml').accelerometer.delay
+    value, std = recalibrated(found, 'accelerometer.delay')
+    assert float(delay) == pytest.approx(value, rel=0.01)
+    assert delay.std == pytest.approx(std, rel=0.05)
+    capsys.readouterr()
+    assert main(['estimate', str(kuka / 'baseline'), '--calibration',
+                 str(kuka / 'out' / 'calibration_patched.yaml'), '-o', str(kuka / 'contact')]) == 0
+    assert 'does not know the delay' not in capsys.readouterr().err
+
+
+@pytest.fixture(scope='module')
+def commands():
+    """Poses of different orientation and some steps, without phases and contact."""
+    rig, t = load_rig(), 0.004 * np.arange(3000)
+    u = np.clip(t - 1.5, 0.0, 8.0)
+    rise = np.minimum(1.0, np.minimum(u, 8.0 - u))
+    rise = rise ** 3 * (10.0 - 15.0 * rise + 6.0 * rise ** 2)
+    turn = (0.8 * rise * np.sin(u * np.pi / 2.0))[:, None] * [0.5, 1, 0.3]
+    rest = np.array(rig.home.R_base_sensor)
+    sway = (0.005 * rise * np.sin(6.0 * np.pi * u))[:, None] * [1.0, 0.5, 0.7]
+    return PoseStream(t, np.array(rig.home.position) + sway,
+                      rest @ Rotation.from_rotvec(turn).as_matrix())
+
+
+@pytest.mark.parametrize('rig_name, effects, name', [
+    ('rig.yaml', {}, None),
+    ('rigid_tool.yaml', {'tool_mass': {'change': 0.05}}, 'tool_mass'),
+    pytest.param('rigid_tool.yaml', {'accel_bias': {'y': 0.2}}, 'accel_bias',
+                 marks=pytest.mark.long),
+    pytest.param('rigid_tool.yaml', {'wrench_gain': {'fx': 0.05}}, 'wrench_gain',
+                 marks=pytest.mark.long),
+    pytest.param('rigid_tool.yaml', {'wrench_crosstalk': {'fy_of_fx': 0.05}}, 'wrench_crosstalk',
+                 marks=pytest.mark.long),
+    pytest.param('rigid_tool.yaml', {'wrench_bias_drift': {'fz': 0.1}}, 'wrench_bias_drift',
+                 marks=pytest.mark.long),
+])
+def test_one_effect_is_named_and_none_without(commands, rig_name, effects, name):
+    rig = load_rig(rig_name)
+    recording = simulate(with_effects(rig, effects), commands, seed=1)
+    diagnosis = diagnose_motion(replace(recording, target=None), None,
+                                rigid_tool_of_rig(rig)).diagnosis
+    assert [e.name for e in diagnosis.effects] == ([name] if name else [])
+    if name is None:
+        assert diagnosis.verdict == 'no_gap'
+
+
+@pytest.mark.long
+def test_a_late_wrench_is_told_though_a_low_pass_is_much_like_it(commands):
+    rig = load_rig()
+    late = with_effects(rig, {'wrench_delay': {'delay': 0.006}})
+    diagnosis = diagnose_motion(replace(simulate(late, commands, seed=1), target=None), None,
+                                rigid_tool_of_rig(rig)).diagnosis
+    given = dict(diagnosis.candidates)
+    assert set(given) <= {'wrench_delay', 'wrench_lowpass', 'unknown'}
+    assert given['wrench_delay'] + given['wrench_lowpass'] > 0.9
+
+
+def test_without_accelerometer_the_position_says_how_the_tool_moves(commands):
+    rig = load_rig('rigid_tool.yaml')
+    recording = replace(simulate(rig, commands, seed=1), target=None, accelerometer=None)
+    diagnosis = diagnose_motion(recording, None, rigid_tool_of_rig(rig)).diagnosis
+    assert diagnosis.verdict == 'no_gap'
+    assert not {n for n, _ in diagnosis.candidates} | {
+        n for n in diagnosis.not_excited if n.startswith('accel')}
+
+
+def test_a_robot_that_stands_still_excites_nothing():
+    t = 0.002 * np.arange(4000)
+    rng = np.random.default_rng(0)
+    still = Recording(wrench=Stream(t, rng.standard_normal((len(t), 6))),
+                      pose=PoseStream(t, np.zeros((len(t), 3)), np.tile(np.eye(3),
+                                                                         (len(t), 1, 1))))
+    rig = load_rig('rigid_tool.yaml')
+    assert diagnose_motion(still, None, rigid_tool_of_rig(rig)).diagnosis.verdict == 'not_excited'

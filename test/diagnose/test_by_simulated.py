@@ -1,0 +1,178 @@
+"""The robot's recording beside what another simulator recorded of the same commands."""
+
+from dataclasses import replace
+import json
+from pathlib import Path
+import re
+
+from forcecal_ros.cli import main
+from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair, UNTESTED
+from forcecal_ros.diagnose.inputs.alignment import aligned, shifted
+from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool
+from forcecal_ros.diagnose.localise.tracking import tracking
+from forcecal_ros.diagnose.model.hypotheses import within_load
+from forcecal_ros.effects import EFFECTS, with_effects
+from forcecal_ros.errors import DataError
+from forcecal_ros.recording.bags import write_recording
+from forcecal_ros.simulators.poses import in_base_of, merged
+from forcecal_ros.simulators.rig.offline import simulate
+import numpy as np
+from own_arm import commands, GRIPPER, LATE, real, RIG, simulated, TOLERANCES
+import pytest
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+PAGE = Path(__file__).resolve().parents[2] / 'docs/simulator.md'
+
+
+@pytest.fixture(scope='module')
+def clean():
+    return diagnose_simulated(Pair(real({}), simulated()), None, TOLERANCES)
+
+
+def test_a_sound_robot_that_moves_a_little_otherwise_has_no_gap(clean):
+    assert clean.outcome.diagnosis.verdict == 'no_gap'
+    assert not clean.outcome.diagnosis.effects
+    assert UNTESTED in clean.outcome.diagnosis.notes
+    assert clean.outcome.diagnosis.reason.endswith('mrad (RMS) from the simulated')
+
+
+def test_the_tool_is_that_of_the_simulator_and_its_unknown_zero_is_told(clean):
+    tool = clean.tool.rigid_tool.tool
+    assert tool.mass == pytest.approx(GRIPPER.mass, rel=1e-3)
+    np.testing.assert_allclose(tool.com, GRIPPER.com, atol=1e-4)
+    assert any(note.startswith('zero of the wrench against the simulated: fx +4')
+               for note in clean.outcome.diagnosis.notes)
+    assert clean.outcome.diagnosis.gap.nominal < 0.2
+
+
+def test_a_hysteresis_is_sought_no_wider_than_the_load_that_was_there(clean):
+    effect = within_load(clean.outcome.datasets, EFFECTS['wrench_hysteresis'])
+    width, = (q for q in effect.parameters if q.name == 'width')
+    assert width.starts == (0.5, 2.0, 10.0)
+    assert 1.2 * 9.81 < width.high < 2.5 * 1.2 * 9.81
+
+
+def test_the_robots_delay_is_told_by_the_commands(clean):
+    found, = clean.tracking
+    recording = simulate(RIG, commands(), seed=3)
+    other, alignment = aligned(recording, simulated())
+    assert alignment.by == 'target'
+    own = tracking(recording.pose, other.pose, own_delay=True)  # of the rig's loop and servo
+    for part, without in zip(found, own):
+        assert part.delay_std < 1e-3
+        assert part.delay - without.delay == pytest.approx(0.008, abs=5e-4)
+        assert part.unexplained < 0.15 * part.rms
+
+
+@pytest.mark.parametrize('effect, name, value', [
+    pytest.param({'tool_mass': {'change': 0.05}}, 'change', 0.05, marks=pytest.mark.long),
+    pytest.param({'cable_force': {'x': 1.0, 'y': 0.5, 'z': 0.0, 'stiffness': 20.0}}, 'stiffness',
+                 20.0, marks=pytest.mark.long)])
+def test_what_the_robot_has_beside_its_simulation_is_named_with_its_size(effect, name, value):
+    found = diagnose_simulated(Pair(real(effect), simulated()), None, TOLERANCES)
+    first, *others = found.outcome.diagnosis.effects
+    assert first.name in effect and not others
+    assert abs(first.parameters[name].value - value) < max(3.0 * first.parameters[name].std,
+                                                           0.05 * value)
+
+
+def test_two_recordings_are_brought_to_one_clock_by_commands_and_else_by_poses():
+    recording, other = real({}), simulated(start=-77.0)
+    _, alignment = aligned(recording, other)
+    assert alignment.by == 'target'
+    assert alignment.shift == pytest.approx(77.0, abs=1e-4)
+    _, alignment = aligned(recording, replace(other, target=None))
+    assert alignment.by == 'pose'
+    # the rig's own lag and delay are in it
+    assert 77.0 < alignment.shift < 77.05
+
+
+def test_another_motion_is_refused():
+    with pytest.raises(DataError, match='run the simulator with the recorded commands'):
+        aligned(real({}), simulated(phase=1.5))
+    bare = replace(simulated(), target=None, pose=None)
+    with pytest.raises(DataError, match='neither commands nor poses'):
+        aligned(real({}), bare)
+
+
+def test_a_wrench_of_the_other_sign_or_without_weight_is_refused_by_name():
+    recording = shifted(simulated(), -1000.0)
+    for factor, why in ((-1.0, '--simulated-wrench-sign -1'), (1e-3, 'holds no weight')):
+        wrench = replace(recording.wrench, values=factor * recording.wrench.values)
+        with pytest.raises(DataError, match=why):
+            simulated_tool(replace(recording, wrench=wrench), 0.2, 2500, TOLERANCES)
+
+
+def turned(pose, base=(0.0, 0.0, 0.0), sensor=(0.0, 0.0, 0.0)):
+    B, S = (Rotation.from_rotvec(v).as_matrix() for v in (base, sensor))
+    return replace(pose, position=pose.position @ B.T, R_base_sensor=B @ pose.R_base_sensor @ S)
+
+
+def test_a_base_turned_about_the_vertical_is_brought_back_and_other_frames_are_refused():
+    measured, made = real({}).pose, shifted(simulated(), -1000.0).pose
+    assert in_base_of(measured, made) is made
+    back = in_base_of(measured, turned(made, base=(0.0, 0.0, 2.0)))
+    # as far as the robot is from its simulation on the mean
+    assert np.abs(back.R_base_sensor - made.R_base_sensor).max() < 0.03
+    for how, why in (({'sensor': (0.0, 0.0, np.pi / 2)}, 'turned by 90 deg to each other in the'),
+                     ({'base': (1.0, 0.0, 0.0)}, 'bases are turned by 57 deg')):
+        with pytest.raises(DataError, match=why):
+            in_base_of(measured, turned(made, **how))
+
+
+def thinned(pose, every):
+    return replace(pose, t=pose.t[::every], position=pose.position[::every],
+                   R_base_sensor=pose.R_base_sensor[::every])
+
+
+@pytest.mark.parametrize('every', [(1, 1), (2, 5)], ids=['250 and 500 Hz', '125 and 100 Hz'])
+def test_a_merged_motion_has_less_noise_than_the_measured_and_none_of_the_simulations_error(every):
+    noisy = thinned(real({}).pose, every[0])
+    made = thinned(shifted(simulated(), -1000.0).pose, every[1])
+    sound = replace(RIG, pose_sensor=replace(
+        RIG.pose_sensor, position_noise=1e-9, orientation_noise=1e-9))
+    quiet = simulate(with_effects(sound, LATE), commands(), seed=3).pose
+    both = merged(noisy, made)
+    truth = CubicSpline(quiet.t, quiet.position)(both.t)
+    error = (both.position - truth)[250:-250]
+    assert np.sqrt(np.mean(error ** 2)) < 2e-5
+    assert np.diff(error, 2, axis=0).std() < 0.03 * np.diff(noisy.position - CubicSpline(
+        quiet.t, quiet.position)(noisy.t), 2, axis=0).std()
+    there = CubicSpline(made.t, made.position)(both.t)[250:-250]
+    assert np.abs(there - truth[250:-250]).max() > 1e-3
+
+
+def test_the_commands_of_the_page_write_what_was_found(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    alone, judged = re.findall(r'^    forcecal (diagnose .+ --simulated .+)$', PAGE.read_text(),
+                               re.MULTILINE)
+    write_recording(tmp_path / 'real', real({'wrench_crosstalk': {'fy_of_fx': 0.03}}))
+    write_recording(tmp_path / 'sim', simulated())
+    assert main(alone.split()) == 0
+    document = json.loads((tmp_path / 'gap' / 'diagnosis.json').read_text())
+    assert document['explained_by'] == 'simulated recording'
+    effect, = document['effects']
+    assert effect['name'] == 'wrench_crosstalk'
+    found = effect['parameters']['fy_of_fx']
+    assert found['value'] == pytest.approx(0.03, abs=max(3.0 * found['std'], 0.05 * 0.03))
+    assert document['tracking'][0]['aligned_by'] == 'target'
+    assert document['simulated_tool']['mass'] == pytest.approx(1.2, rel=1e-3)
+    assert (tmp_path / 'gap' / 'report.html').is_file()
+    assert 'wrench_crosstalk' in capsys.readouterr().out
+    write_recording(tmp_path / 'real2', real({}, seed=4, phase=0.7))
+    write_recording(tmp_path / 'sim2', simulated(phase=1.5))
+    assert main(judged.split()) == 1
+    assert 'run the simulator with the recorded commands' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('options, why', [
+    (['--rig', 'rigid_tool.yaml'], 'exclude each other'),
+    (['--calibration', 'c.yaml'], 'exclude each other'),
+    (['--heldout', 'x'], 'go together'),
+    (['more'], 'exactly one BAG'),
+    (['--simulated-topic', 'wrench=a', '--simulated-topic', 'wrench=b'], 'name one')])
+def test_what_makes_no_pair_is_wrong_usage(options, why, tmp_path, capsys):
+    given = ['diagnose', 'real', *options, '--simulated', 'sim', '-o', str(tmp_path / 'o')]
+    assert main(given) == 2
+    assert why in capsys.readouterr().err

@@ -1,0 +1,186 @@
+"""Somebody's simulator, run with recorded commands: the page's example, and what may be wrong."""
+
+from dataclasses import replace
+from importlib.util import module_from_spec, spec_from_file_location
+import json
+from pathlib import Path
+import re
+
+from forcecal_ros.cli import main
+from forcecal_ros.effects import EFFECTS
+from forcecal_ros.errors import ConfigError, DataError
+from forcecal_ros.geometry import rotation_from_vector
+from forcecal_ros.recording.bags import read_recording, write_recording
+from forcecal_ros.recording.streams import JointStream, Recording, Stream
+from forcecal_ros.simulators.protocol import Inputs, Parameter
+from forcecal_ros.simulators.rerun import Runs
+from forcecal_ros.simulators.simulated_robot import addable, library_of
+from forcecal_ros.simulators.third_party import load_simulator, third_party
+import numpy as np
+from own_arm import commands, SECONDS
+import pytest
+
+PAGE = Path(__file__).resolve().parents[2] / 'docs/simulator.md'
+INPUTS = Inputs(0.0, SECONDS, commands())
+
+
+@pytest.fixture(scope='module')
+def example(tmp_path_factory):
+    """Return the module that the page shows, and its folder."""
+    folder = tmp_path_factory.mktemp('example')
+    source = re.search(r'```python\n(.+?)```', PAGE.read_text(), re.DOTALL).group(1)
+    (folder / 'my_robot.py').write_text(source)
+    spec = spec_from_file_location('example_of_the_page', folder / 'my_robot.py')
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module, folder
+
+
+@pytest.fixture
+def robot(example):
+    return third_party('my_robot', example[0].make())
+
+
+def measured(simulator, payload, lag):
+    """Return what a robot with other numbers has, its wrench and poses noisy and not zeroed."""
+    made, rng = simulator.run(INPUTS, (payload, lag)), np.random.default_rng(5)
+    wrench, pose = made.wrench, made.pose
+    noisy = wrench.values + rng.normal(size=wrench.values.shape) * np.repeat([0.15, 0.006], 3)
+    turned = rotation_from_vector(2e-4 * rng.normal(size=(len(pose), 3)))
+    return replace(
+        made, wrench=replace(wrench, values=noisy + [3.0, -1.0, 2.0, 0.1, 0.0, -0.2]),
+        pose=replace(pose, position=pose.position + 1e-4 * rng.normal(size=pose.position.shape),
+                     R_base_sensor=pose.R_base_sensor @ turned), start_ns=10**18)
+
+
+def test_the_commands_of_the_page_say_what_to_change(example, robot, monkeypatch, capsys):
+    monkeypatch.chdir(example[1])
+    check, diagnose = (re.search(f'^    forcecal ({word} .+make.*)$', PAGE.read_text(),
+                                 re.MULTILINE).group(1).split()
+                       for word in ('check-simulator', 'diagnose'))
+    write_recording('real', measured(robot, 1.272, 0.0735))
+    assert main(check) == 0
+    assert re.search(r'payload +0\.1\d+ N', capsys.readouterr().out)
+    assert main(diagnose) == 0
+    document = json.loads((example[1] / 'why' / 'diagnosis.json').read_text())
+    assert document['explained_by'] == 'my_robot:make'
+    assert document['effects'][0]['name'] == 'payload'
+    changed, = (one for one in document['parameters'] if one['name'] == 'payload')
+    assert changed['before'] == 1.2
+    assert changed['after'] == pytest.approx(1.272, abs=4 * changed['std'])
+    assert changed['std'] < 0.005
+    assert document['recomputed'] > 0.5
+    assert re.search(r'^change payload 1\.2 -> 1\.2[67]\d* \+- 0\.00\d+ kg$',
+                     capsys.readouterr().out, re.MULTILINE)
+
+
+def test_what_checks_of_the_data_may_find_is_known_beside_any_simulator():
+    library = library_of((Parameter('payload', 1.2, 0.02, stands_for=('tool_mass',)),))
+    assert set(EFFECTS) - set(library) == {'tool_mass'}
+    added = {name for name, effect in library.items() if addable(effect, accelerated=False)}
+    assert {'payload', 'robot_delay', 'tool_com', 'wrench_gain'} <= added
+    assert added.isdisjoint({'accel_saturation', 'clock_skew', 'tool_friction'})
+    assert addable(library['accel_saturation'], accelerated=True)
+
+
+def test_between_runs_its_streams_are_those_of_a_line(robot):
+    runs = Runs(robot, INPUTS, commands())
+    runs.try_all(robot.nominal)
+    assert runs.count == 3
+    linear, exact = runs.at((1.26, 0.072)), robot.run(INPUTS, (1.26, 0.072))
+    np.testing.assert_allclose(linear.wrench.values, exact.wrench.values, atol=1e-9)
+    later, own = runs.at((1.2, 0.073)), robot.run(INPUTS, (1.2, 0.073))
+    moved = np.abs(own.pose.position - runs.exact(robot.nominal).pose.position).max()
+    assert np.abs(later.pose.position - own.pose.position).max() < 0.05 * moved
+    assert runs.repeats()
+
+
+class Own:
+    """A simulator whose answers a test chooses."""
+
+    def __init__(self, answer=None, listed=None):
+        self.answer = answer
+        self.listed = [Parameter('mass', 1.0, 0.1)] if listed is None else listed
+
+    def parameters(self):
+        return self.listed
+
+    def simulate(self, inputs, parameters):
+        return self.answer(inputs) if callable(self.answer) else self.answer
+
+
+T = np.arange(0.0, SECONDS, 0.01)
+WRENCH = (T, np.zeros((len(T), 6)))
+POSE = (T, np.tile([0.0, 0, 0, 0, 0, 0, 1], (len(T), 1)))
+
+
+def spoilt(value):
+    rows = np.array(WRENCH[1])
+    rows[7, 2] = value
+    return T, rows
+
+
+@pytest.mark.parametrize('answer, why', [
+    (None, 'returned NoneType, expected a mapping'),
+    ({'wrench': WRENCH}, 'returned no pose, but wrench; return wrench and pose'),
+    ({'wrench': WRENCH, 'pose': WRENCH}, r'pose: stamps \(1600,\) and rows \(1600, 6\)'),
+    ({'wrench': spoilt(np.nan), 'pose': POSE}, r'wrench: row 7 is not finite \(1 of 1600\)'),
+    ({'wrench': WRENCH, 'pose': (T, 2.0 * POSE[1])}, 'has norm 2.0000; expected x, y, z, w'),
+    ({'wrench': (T[::-1], WRENCH[1]), 'pose': POSE}, 'wrench: stamps do not increase at'),
+    ({'wrench': (T + 900.0, WRENCH[1]), 'pose': POSE}, 'wrench goes from 900.00 to'),
+    ({'wrench': 'x', 'pose': POSE}, r'wrench: expected \(stamps, rows\) of numbers'),
+    (lambda inputs: inputs.nothing, r'simulate raised AttributeError: .+\(.+_simulator.py:\d+')])
+def test_answers_that_are_none_are_refused_in_one_line(answer, why):
+    with pytest.raises((ConfigError, DataError), match=why):
+        third_party('own', Own(answer)).run(INPUTS, (1.0,))
+
+
+@pytest.mark.parametrize('listed, why', [
+    ([('mass', 1.0)], 'expected forcecal_ros.simulators.protocol.Parameter'),
+    ([Parameter('mass', 1.0, 0.0)], 'sigma 0.0, expected how well it is known'),
+    ([Parameter('mass', 1.0, 0.1, 'kg', 2.0)], 'nominal 1.0 is not within 2.0 to inf'),
+    ([Parameter('mass', 1.0, 0.1, stage='arm')], "stage 'arm', expected one of robot"),
+    ([Parameter('mass', 1.0, 0.1)] * 2, 'parameter mass is there twice')])
+def test_parameters_that_cannot_be_are_refused(listed, why):
+    with pytest.raises(ConfigError, match=why):
+        third_party('own', Own(listed=listed))
+
+
+@pytest.mark.parametrize('spec, why', [
+    ('my_robot', 'expected MODULE:FACTORY'),
+    ('no_such_module_here:make', 'no module no_such_module_here in this folder'),
+    ('json:make', 'json has no function make'),
+    ('json:dumps', r'dumps\(\) raised TypeError: .+missing 1 required'),
+    ('time:time', 'float has no method parameters')])
+def test_what_cannot_be_loaded_is_said(spec, why):
+    with pytest.raises(ConfigError, match=why):
+        load_simulator(spec)
+
+
+def test_another_answer_the_second_time_is_noticed():
+    rng = np.random.default_rng(0)
+    noisy = third_party('own', Own(lambda inputs: {
+        'wrench': (T, rng.normal(size=(len(T), 6))), 'pose': POSE}))
+    still = third_party('own', Own({'wrench': WRENCH, 'pose': POSE})).run(INPUTS, (1.0,)).pose
+    runs = Runs(noisy, INPUTS, still)
+    runs.exact(noisy.nominal)
+    assert not runs.repeats()
+
+
+@pytest.mark.parametrize('options, why', [
+    (['--rig', 'rigid_tool.yaml'], 'exclude each other'),
+    (['--simulated', 'sim'], 'exclude each other'),
+    (['more'], 'exactly one BAG')])
+def test_what_goes_not_with_a_simulator_is_wrong_usage(options, why, tmp_path, capsys):
+    given = ['diagnose', 'real', *options, '--simulator', 'm:f', '-o', str(tmp_path / 'o')]
+    assert main(given) == 2
+    assert why in capsys.readouterr().err
+
+
+def test_commands_of_joints_are_read_as_they_were_told(tmp_path):
+    told = JointStream(T, np.sin(np.outer(T, [1.0, 2.0])), '', ('shoulder', 'elbow'))
+    write_recording(tmp_path / 'bag', Recording(
+        wrench=Stream(*WRENCH), joint_commands=told, start_ns=10**18))
+    read = read_recording(tmp_path / 'bag').joint_commands
+    assert read.names == ('shoulder', 'elbow')
+    np.testing.assert_array_equal(read.values, told.values)
