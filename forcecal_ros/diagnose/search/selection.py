@@ -192,7 +192,9 @@ def _drop(start: LinearisedModel, bare: LinearisedModel, now: JointFit) -> Joint
         full = ModelComparison(now.model, now.jacobians).null_predictive
         less = without_effect(start, now, a.name)
         fitted = joint_fit(less.model, less.accepted)
-        worse = fitted.model.misfit() - now.model.misfit()
+        # a discrepancy that grows in the effect's place would take up what it explained
+        as_before = replace(fitted.model, discrepancy_scales=now.model.discrepancy_scales)
+        worse = as_before.misfit() - now.model.misfit()
         if ModelComparison(less.model, less.jacobians).null_predictive > full - LEAST_GAIN \
                 or worse < 2.0 * LEAST_GAIN \
                 or not explains_beyond(bare, fitted.model, now.model):
