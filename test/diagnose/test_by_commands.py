@@ -9,14 +9,16 @@ from forcecal_ros.diagnose.judge.found_effects import from_checks
 from forcecal_ros.diagnose.localise import spectral_lines
 from forcecal_ros.diagnose.model.evidence import fit, Gram, Prior
 from forcecal_ros.diagnose.say.result import to_document
+from forcecal_ros.effects import with_effects
 from forcecal_ros.recording.bags import read_recording
 from forcecal_ros.recording.checks.clipping import quantisation
 from forcecal_ros.recording.checks.clocks import clocks, dropouts, skew_between
-from forcecal_ros.recording.streams import CHANNELS, Recording, Stream
+from forcecal_ros.recording.streams import CHANNELS, PoseStream, Recording, Stream
 from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rig.offline import simulate
 import numpy as np
 import pytest
-from rig_recordings import FREE, free_part, own_recording
+from rig_recordings import FREE, free_part, motion, own_recording, PERIOD
 
 
 def test_a_nuisance_takes_up_three_spreads_and_no_more():
@@ -157,3 +159,16 @@ def test_a_step_in_the_second_recording_alone_is_named_as_such():
     second, _ = _stepped(own_recording(21, FREE), 2, 1.0)
     diagnosis = diagnose(own_recording(20, FREE), second, load_rig()).diagnosis
     assert [(e.name, e.recording) for e in diagnosis.effects] == [('wrench_bias_step', 1)]
+
+
+@pytest.mark.long
+def test_of_two_small_effects_neither_is_given_to_a_discrepancy():
+    real = with_effects(load_rig(), {
+        'wrench_crosstalk': {'fx_of_fz': 0.00426},
+        'tool_friction': {'force': 0.0276, 'velocity_scale': 0.002}})
+    positions, rotations, phases = motion()
+    target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
+    pair = [replace(simulate(real, target, seed=seed), phases=phases) for seed in (1100, 1101)]
+    diagnosis = diagnose(*pair, load_rig()).diagnosis
+    assert {e.name for e in diagnosis.effects} == {'wrench_crosstalk', 'tool_friction'}
+    assert diagnosis.verdict == 'identified', diagnosis.reason
