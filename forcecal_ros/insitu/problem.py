@@ -19,6 +19,7 @@ from forcecal_ros.insitu.motion import inertia_matrix, inertia_vector, PHYSICAL
 from forcecal_ros.insitu.rank import data_rank, RankReport
 from forcecal_ros.insitu.reduce import DataSet
 from forcecal_ros.insitu.result import DataSetResult, SensorResult
+from forcecal_ros.insitu.stated import Stated
 from forcecal_ros.insitu.uncertainty import propagate
 from forcecal_ros.insitu.validate import estimate_load, LoadEstimate
 import numpy as np
@@ -139,6 +140,23 @@ class MatrixProblem:
         wrench = (raw - np.outer(m.ones, fitted.offset)) @ matrix.T
         return estimate_load(wrench, m.directions, fitted.body, self.gravity,
                              stated is not None and stated.mass > 0)
+
+    def stated(self, body: bool) -> Stated:
+        """Return what is stated of the data sets to train on, beside what was measured there."""
+        train = self.training()
+        channels = eq.six_channels(train.raw, self.noise)
+        n = len(self.offset)
+        numbers = np.concatenate([np.arange(n), *(
+            np.arange(self.part(k).start, self.part(k).stop) for k in train.numbers)])
+        covariance = self.covariance[np.ix_(numbers, numbers)].reshape((len(numbers) // n, n) * 2)
+        covariance = np.einsum('anbm,ni,mj->aibj', covariance, channels, channels)
+        size = 6 * len(covariance)
+        values, vectors = np.linalg.eigh(covariance.reshape(size, size))
+        return Stated(
+            tuple(self.data_sets[k].name for k in train.numbers),
+            tuple(raw @ channels for raw in train.raw), tuple(train.gravity),
+            tuple(self.moments[k].ones for k in train.numbers), tuple(train.loads),
+            vectors * np.sqrt(np.maximum(values, 0.0)), body)
 
     def rank(self) -> RankReport:
         """

@@ -109,7 +109,7 @@ class Reduced:
     A data set after both passes over its samples.
 
     ``gravity_scatter`` is the standard deviation of |g| [m/s^2]; ``departure`` from the subspace
-    is None in motion.
+    is None in motion and of poses, whose noise one sample does not tell.
     """
 
     blocks: Blocks
@@ -174,7 +174,7 @@ def reduce(data_sets: Sequence[DataSet], mounting: Mounting, options: Options
                 prepare(data_set.source(), mounting, options.moving), screening.kept, window,
                 options.filter_order, blocks.raw_noise, blocks.gravity_noise,
                 None if options.moving else options.gravity), scatter,
-                None if options.moving else departure(blocks, screening.use)))
+                None if options.moving or options.poses else departure(blocks, screening.use)))
     return reduced, found
 
 
