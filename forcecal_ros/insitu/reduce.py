@@ -63,6 +63,10 @@ class Options:
     accelerometer_noise : float or None
         White noise of a sample [m/s^2]; None: measured.
     raw_unit : str
+    mass_error : float
+        Standard error of a stated mass, as a share; standard errors of what is found hold it.
+    place_error : float
+        The same of a stated place, along each axis [m].
     """
 
     gravity: float = STANDARD_GRAVITY
@@ -77,6 +81,8 @@ class Options:
     compensate_hysteresis: bool = True
     accelerometer_noise: float | None = None
     raw_unit: str = 'raw'
+    mass_error: float = 0.0
+    place_error: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -229,6 +229,9 @@ class Spec(Section, name=''):
         ] = 'samples'
     body: Annotated[str, Row(
         'What hangs there beside the added masses', words=('unknown', 'none'))] = 'unknown'
+    mass_error: Annotated[float, Row('Standard error of added masses, as a share', low=0.0)
+                          ] = 0.001
+    position_error: Annotated[float, Row('The same of their positions', 'm', low=0.0)] = 0.001
     time: Time | None = None
     rate: Annotated[float | None, Row('Rows a second of tables without time', 'Hz', above=0.0)
                     ] = None
@@ -300,7 +303,8 @@ class Spec(Section, name=''):
             poses=self.rows == 'poses', body=self.body == 'unknown',
             matrix=(self.estimate or ('matrix' if stated else 'offset')) == 'matrix',
             level_accelerometer=self.accelerometer.offset == 'estimate',
-            accelerometer_noise=self.accelerometer.noise)
+            accelerometer_noise=self.accelerometer.noise, mass_error=self.mass_error,
+            place_error=self.position_error)
 
 
 def load_spec(path: Path | str) -> Spec:

@@ -173,8 +173,9 @@ class Misfit:
         noise = s.root[6:].reshape(len(ones), 6, -1) - ones[:, None, None] * s.root[:6]
         yield np.einsum('ij,qjk->qik', C, noise).reshape(6 * len(ones), -1)
         starts = np.cumsum([0, *(6 * len(raw) for raw in s.raw)])
+        heaviest = max(one.mass for one in s.loads)
         for k, load in enumerate(s.loads):
-            for change in _load_errors(load, max(one.mass for one in s.loads)):
+            for change in off_by(load, MASS * max(load.mass, heaviest / 10), PLACE):
                 column = np.zeros((6 * len(ones), 1))
                 column[starts[k]:starts[k + 1], 0] = eq.known_side(
                     s.gravity[k], change) - eq.known_side(s.gravity[k], load)
@@ -207,12 +208,11 @@ class Misfit:
         return float(mass), np.array(moment) / (mass or 1.0)
 
 
-def _load_errors(load: Load, heaviest: float) -> Iterator[Load]:
-    """Loads that are off by one standard deviation; a place where nothing is has none."""
-    mass = load.mass + MASS * max(load.mass, heaviest / 10)
-    yield replace(load, mass=mass)
+def off_by(load: Load, mass: float, place: float) -> Iterator[Load]:
+    """Loads whose mass [kg], or place [m] along an axis, is off; nothing has no place."""
+    yield replace(load, mass=load.mass + mass)
     if load.mass:
-        for shift in PLACE * np.eye(3):
+        for shift in place * np.eye(3):
             x, y, z = np.array(load.position) + shift
             yield replace(load, position=(float(x), float(y), float(z)))
 
