@@ -124,8 +124,9 @@ def affine_misfit(result: SensorResult) -> Iterator[str]:
     if shares[worst] > LIMITS:
         yield (f'{worst}: the raw channels are off an affine map of gravity by '
                f'{shares[worst]:.0%} of their range (RMS): a sensor that is not linear, '
-               'hysteresis, drift, a dead or clipped channel, or a bend; this, not noise, limits the calibration; where nothing '
-               'hangs there but the added mass, `body: none` asks less of it')
+               'hysteresis, drift, a dead or clipped channel, or a bend; this, not noise, limits '
+               'the calibration; where nothing hangs there but the added mass, `body: none` '
+               'asks less of it')
 
 
 def _off_affine(data_set: DataSetResult) -> float:

@@ -15,7 +15,7 @@ from forcecal_ros.insitu.misfit import hidden_covariance
 from forcecal_ros.insitu.moments import Moments
 from forcecal_ros.insitu.motion import MOVING, STATIC
 from forcecal_ros.insitu.offset import offset_of, shared_offset
-from forcecal_ros.insitu.offset_moves import offset_moves
+from forcecal_ros.insitu.offset_moves import explained, offset_moves
 from forcecal_ros.insitu.prepare import Mounting
 from forcecal_ros.insitu.problem import MatrixProblem, with_matrix
 from forcecal_ros.insitu.rank import require
@@ -40,6 +40,13 @@ import numpy as np
 
 FORBIDDEN = 4.0
 """Standard errors below zero from which on a mass is refused: once in 30 000 by chance."""
+
+ALIVE = 0.5
+"""Share of a channel's changes that gravity explains in some data set at least: more than 0.9 of
+those of bent sensors, hysteresis and drift, next to none of noise."""
+
+RIDGE = 1e-6
+"""Share of the white noise that keeps the noise of few blocks, less than channels, invertible."""
 
 GROSS = 0.05
 """Share of the known wrenches left over from which on contradicting loads give no calibration:
@@ -84,6 +91,8 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
         reduced = without_hysteresis(reduced, found_causes.lags)
     moments = [r.moments for r in reduced]
     excited = excitation(moments, options.gravity)
+    if options.matrix and not options.moving:
+        _require_alive(reduced)
     offset = np.zeros_like(moments[0].mean) if options.moving else shared_offset(moments)
     used = [(r.moments, r.blocks, r.use) for r in reduced]
     held_out = residuals(used)
@@ -103,7 +112,8 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
         data_sets=tuple(_data_set(d, r, options) for d, r in zip(data_sets, reduced)),
         manufacturer_matrix=manufacturer_matrix)
     if options.matrix:
-        noise = np.mean([one.long_run for one in held_out], axis=0)
+        noise = np.mean([one.long_run for one in held_out], axis=0) + RIDGE * np.diag(
+            np.mean([np.diag(r.blocks.raw_noise) for r in reduced], axis=0))
         problem = MatrixProblem(tuple(data_sets), tuple(moments), offset, noise, covariance,
                                 options.gravity)
         try:
@@ -127,7 +137,7 @@ def _cut_down(reduced: Sequence[Reduced]) -> Iterator[str]:
 
 
 def _require_possible(result: SensorResult) -> None:
-    """Refuse loads that contradict each other grossly, and what nature forbids: masses below zero."""
+    """Refuse loads that contradict each other grossly, and masses below zero."""
     causes = [*offsets_of(result), *misfits_of(result), *affine_misfit(result)]
     found = result.contradiction
     if found and found.explained and found.share > GROSS:
@@ -164,6 +174,17 @@ def _check_channels(data_sets: Sequence[DataSet], moments: Sequence[Moments], op
     if manufacturer_matrix is not None and manufacturer_matrix.shape != (6, channels):
         raise DataError(f"the manufacturer's matrix is {manufacturer_matrix.shape}, "
                         f'{channels} raw channels need (6, {channels})')
+
+
+def _require_alive(reduced: Sequence[Reduced]) -> None:
+    """Refuse fewer than six channels that gravity moves."""
+    shares = explained([(r.blocks, r.use) for r in reduced])
+    dead = np.flatnonzero(shares < ALIVE)
+    if len(shares) - len(dead) < 6 and len(dead):
+        raise DataError(
+            f'channel {", ".join(str(k + 1) for k in dead)} does not follow gravity (it explains '
+            f'{max(float(shares[dead].max()), 0.0):.0%} of the changes at most): dead, not '
+            'connected, or the wrong column; a six-axis matrix needs six that do')
 
 
 def _covariance(moments: Sequence[Moments], held_out: Sequence[Residual]) -> Array:

@@ -1,4 +1,4 @@
-"""Whether the offset stayed where it was from data set to data set: a tare, a cable, temperature."""
+"""Whether the offset stayed from data set to data set: a tare, a cable, temperature move it."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,7 @@ from forcecal_ros.insitu.blocks import Blocks, Mask
 import numpy as np
 
 MISFITS = 4.0
-"""Moves that are fewer misfits of the data set's own affine map than this are not told from them."""
+"""Moves that are fewer misfits of a data set's own affine map than this are not told from them."""
 
 
 def offset_moves(data_sets: Sequence[tuple[Blocks, Mask]]) -> Array:
@@ -29,14 +29,30 @@ def offset_moves(data_sets: Sequence[tuple[Blocks, Mask]]) -> Array:
     offsets = np.array([offset for offset, *_ in fits])
     span = np.max([size for _, _, size in fits], axis=0)
     moves = np.abs(offsets - np.median(offsets, axis=0))
-    sure = moves > MISFITS * np.array([misfit for _, misfit, _ in fits])
+    levers = [_lever(blocks.regressors[use, :3]) for blocks, use in data_sets]
+    sure = moves > MISFITS * np.array([lever * rms for lever, (_, rms, _) in zip(levers, fits)])
     return np.asarray((np.where(sure, moves, 0.0) / np.maximum(span, 1e-12)).max(axis=1))
 
 
+def explained(data_sets: Sequence[tuple[Blocks, Mask]]) -> Array:
+    """Share of each channel's variance that own affine maps of gravity explain, shape (n,)."""
+    left, all_of_it = 0.0, 1e-24
+    for blocks, use in data_sets:
+        raw = blocks.raw[use]
+        left = left + len(raw) * _affine(blocks.regressors[use, :3], raw)[1] ** 2
+        all_of_it = all_of_it + len(raw) * raw.var(axis=0, ddof=1)
+    return np.asarray(1 - left / all_of_it)
+
+
 def _affine(gravity: Array, raw: Array) -> tuple[Array, Array, Array]:
-    """Offset, what a misfit as large as the residual may do to it, and span of the fit."""
+    """Offset, RMS of the misfit, and span of the fit."""
     x = np.column_stack([np.ones(len(gravity)), gravity])
     theta = np.linalg.lstsq(x, raw, rcond=None)[0]
     rms = np.linalg.norm(raw - x @ theta, axis=0) / np.sqrt(max(len(x) - 4, 1))
-    lever = np.sqrt(len(x) * np.linalg.pinv(x.T @ x)[0, 0])
-    return theta[0], rms * lever, np.ptp(x @ theta, axis=0)
+    return theta[0], rms, np.ptp(x @ theta, axis=0)
+
+
+def _lever(gravity: Array) -> float:
+    """How far a misfit of RMS 1 may move the offset."""
+    x = np.column_stack([np.ones(len(gravity)), gravity])
+    return float(np.sqrt(len(x) * np.linalg.pinv(x.T @ x)[0, 0]))

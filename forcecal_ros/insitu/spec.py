@@ -10,6 +10,9 @@ from forcecal_ros.insitu.matrix import Load
 from forcecal_ros.insitu.prepare import Mounting
 from forcecal_ros.insitu.reduce import Options
 from forcecal_ros.insitu.smoothing import PAPER_ORDER, PAPER_WINDOW
+from forcecal_ros.recording.csv_import.names import contradiction
+from forcecal_ros.recording.csv_import.specification import Written
+from forcecal_ros.recording.csv_import.table import Column
 from forcecal_ros.recording.csv_import.units import NANOSECONDS, UNITS
 from forcecal_ros.schema import load, Matrix3, Mismatch, path, read, Row, Section, TEXT, Vector3
 import numpy as np
@@ -21,8 +24,6 @@ DEFAULT_RATE = 100.0
 """Rows a second of a table that has neither a column of time nor a rate [Hz]."""
 
 _MEASURES = {'specific_force': 1.0, 'gravity': -1.0}
-
-Column = str | int
 
 
 class _Columns(Row):
@@ -71,6 +72,7 @@ class Channels(Section):
     fields: Annotated[tuple[str, ...], Row("Empty: what the topic's type has")] = ()
 
     counts: ClassVar[tuple[int, float, str]] = (3, 3, 'a list of 3')
+    quantity: ClassVar[str] = ''
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -78,6 +80,9 @@ class Channels(Section):
         for name in ('columns', 'fields'):
             if getattr(self, name) and not least <= len(getattr(self, name)) <= most:
                 raise self.wrong(name, wanted)
+        unit, names = getattr(self, 'unit', ''), [str(name) for name in self.columns]
+        if self.quantity and (said := contradiction(names, unit, UNITS[self.quantity])):
+            raise self.wrong('unit', said)
 
     @property
     def named(self) -> bool:
@@ -90,6 +95,8 @@ class Gyro(Channels):
     """The gyro; on the accelerometer's topic where it has none of its own."""
 
     unit: Annotated[str, Row(words=tuple(UNITS['angular velocity']))] = 'rad/s'
+
+    quantity = 'angular velocity'
 
     @property
     def scale(self) -> float:
@@ -108,6 +115,8 @@ class Accelerometer(Channels):
     offset: Annotated[str, Row(
         'Whether it is taken off where |g| shows it', words=('estimate', 'ignore'))] = 'estimate'
     gyro: Gyro = Gyro()
+
+    quantity = 'acceleration'
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -207,6 +216,11 @@ class Time(Section):
     column: Annotated[Column, _Columns()]
     unit: Annotated[str, Row(words=tuple(NANOSECONDS))] = 's'
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if said := contradiction((str(self.column),), self.unit, NANOSECONDS):
+            raise self.wrong('unit', said)
+
     @property
     def scale(self) -> float:
         """Makes seconds of the numbers."""
@@ -214,7 +228,7 @@ class Time(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Spec(Section, name=''):
+class Spec(Written, name=''):
     """Everything a SPEC says."""
 
     gravity: Annotated[float, Row('Magnitude there', 'm/s^2', above=0.0)] = STANDARD_GRAVITY
@@ -235,7 +249,6 @@ class Spec(Section, name=''):
     time: Time | None = None
     rate: Annotated[float | None, Row('Rows a second of tables without time', 'Hz', above=0.0)
                     ] = None
-    delimiter: Annotated[str, Row('Of tables', pattern='.', wanted='one character')] = ','
     accelerometer: Accelerometer
     sensors: Mapping[str, Sensor]
     data_sets: tuple[Recorded, ...]

@@ -1,11 +1,11 @@
-"""Whether the stated loads agree with each other: [Traversaro2014] Eq. 21 has more rows than unknowns.
+"""Whether the stated loads agree with each other.
 
-What the rows leave over is compared with the noise and with what masses and places are off by when
-they are weighed and measured with care. Where it is more, loads, data sets and frames are tried
-that would make it no more.
+[Traversaro2014] Eq. 21 has more rows than unknowns. What they leave over is compared with the
+noise and with what masses and places are off by when they are weighed and measured with care. Where
+it is more, loads, data sets and frames are tried that would make it no more.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, permutations, product
@@ -19,12 +19,15 @@ import numpy as np
 from scipy import optimize, stats
 from scipy.spatial.transform import Rotation
 
-MASS, PLACE, TILT = 0.005, 0.003, np.deg2rad(0.5)
+MASS, PLACE, TILT = 0.003, 0.002, np.deg2rad(0.5)
 """Errors of masses (share), of places [m] and of the direction of gravity [rad] that careful hands
 make: kitchen scales, calipers to a centre of mass that nobody marked, pinned mounts."""
 
 CHANCE = 1e-6
 """Stated loads contradict each other where chance leaves so much over less often than that."""
+
+TURNED = np.deg2rad(2.0)
+"""Smaller turns of gravity against the places are those of mounts [rad]."""
 
 LINEAR = 0.003
 """Share of its load to which no sensor is linear: data sheets say 0.002 to 0.005."""
@@ -97,7 +100,8 @@ class Misfit:
     free: int | None = None
 
     @cached_property
-    def _equations(self) -> tuple[Array, Array]:
+    def equations(self) -> tuple[Array, Array]:
+        """Left and right side."""
         left, right = eq.system(self.stated.raw, self.stated.gravity, self.stated.loads)
         of_body, left = left[:, UNKNOWNS:], left[:, :UNKNOWNS]
         columns = [left, of_body] if self.stated.body else [left]
@@ -110,7 +114,7 @@ class Misfit:
     @cached_property
     def _solution(self) -> tuple[Array, Array]:
         """Least squares, and the directions of the equations that no unknown reaches (6 N, d)."""
-        left, right = self._equations
+        left, right = self.equations
         scale = np.linalg.norm(left, axis=0)
         scale[scale == 0] = 1.0
         u, s, vh = np.linalg.svd(left / scale, full_matrices=True)
@@ -131,18 +135,34 @@ class Misfit:
     @property
     def size(self) -> float:
         """Root of the squared misfit, forces and torques alike."""
-        return float(np.linalg.norm(self._solution[1].T @ self._equations[1]))
+        return float(np.linalg.norm(self._solution[1].T @ self.equations[1]))
 
     @cached_property
     def chi2(self) -> float:
         """Squared misfit in units of noise and careful hands."""
-        right = self._equations[1]
+        right = self.equations[1]
+        z = self._solution[1].T @ right
+        return float(z @ np.linalg.solve(self._covariance, z))
+
+    @cached_property
+    def _covariance(self) -> Array:
+        """Of the misfit along the directions that no unknown reaches."""
         beside = self._solution[1]
-        J = beside.T @ np.hstack(list(self._errors()))
-        z = beside.T @ right
+        J = beside.T @ np.hstack([*self._errors(), *(TILT * one for one in self._turns())])
         covariance = J @ J.T + (beside.T * self._linear() ** 2) @ beside
-        covariance += RELATIVE * np.trace(covariance) * np.eye(len(z))
-        return float(z @ np.linalg.solve(covariance, z))
+        return np.asarray(covariance + RELATIVE * np.trace(covariance) * np.eye(len(covariance)))
+
+    def turn(self) -> tuple[Array, bool]:
+        """Small turn of gravity that makes the misfit least [rad], and whether it is no chance."""
+        columns = list(self._turns())
+        if not columns:
+            return np.zeros(3), False
+        beside, right = self._solution[1], self.equations[1]
+        J = beside.T @ np.hstack(columns)
+        weighted = np.linalg.solve(self._covariance, J)
+        step = np.linalg.solve(J.T @ weighted, weighted.T @ (beside.T @ right))
+        gain = float(step @ (J.T @ weighted) @ step)
+        return step, float(stats.chi2.sf(gain, 3)) < CHANCE
 
     @property
     def believable(self) -> bool:
@@ -153,21 +173,21 @@ class Misfit:
     def possible(self) -> bool:
         """Whether there are equations left, and forces as large as those of the loads alone."""
         wrench = np.vstack(self.stated.raw) @ self.unknowns[:UNKNOWNS].reshape(6, 6)
-        known = self._equations[1].reshape(-1, 6)
+        known = self.equations[1].reshape(-1, 6)
         return self.freedom > 0 and bool(
             np.linalg.norm(wrench[:, :3]) > NO_FORCE * np.linalg.norm(known[:, :3]))
 
     @property
     def share(self) -> float:
         """Share of the known wrenches that is left over, forces and torques in their own sizes."""
-        left, right = self._equations
+        left, right = self.equations
         off, right = (left @ self.unknowns - right).reshape(-1, 6), right.reshape(-1, 6)
         shares = [np.linalg.norm(off[:, part]) / max(np.linalg.norm(right[:, part]), 1e-12)
                   for part in (slice(0, 3), slice(3, 6))]
         return float(max(shares))
 
     def _errors(self) -> Iterator[Array]:
-        """Columns of one standard deviation each: noise, masses, places, direction of gravity."""
+        """Columns of one standard deviation each: noise, masses, places."""
         s, C = self.stated, self.unknowns[:UNKNOWNS].reshape(6, 6).T
         ones = np.concatenate(s.ones)
         noise = s.root[6:].reshape(len(ones), 6, -1) - ones[:, None, None] * s.root[:6]
@@ -180,11 +200,15 @@ class Misfit:
                 column[starts[k]:starts[k + 1], 0] = eq.known_side(
                     s.gravity[k], change) - eq.known_side(s.gravity[k], load)
                 yield column
+
+    def _turns(self) -> Iterator[Array]:
+        """Columns of the misfit's change by a turn of gravity about each axis, of one radian."""
+        s, small = self.stated, 1e-4
         if s.gravity[0].shape[1] == STATIC:
             plain = self._misfit_of(s)
-            for turn in TILT * np.eye(3):
-                yield (self._misfit_of(s.turned(Rotation.from_rotvec(turn).as_matrix()))
-                       - plain)[:, None]
+            for turn in small * np.eye(3):
+                R = Rotation.from_rotvec(turn).as_matrix()
+                yield ((self._misfit_of(s.turned(R)) - plain) / small)[:, None]
 
     def _linear(self) -> Array:
         """Return what a sensor is not linear by in every equation."""
@@ -195,7 +219,7 @@ class Misfit:
         return np.asarray(np.tile(LINEAR * np.maximum(size, 1e-12), len(wrench)))
 
     def _misfit_of(self, stated: Stated) -> Array:
-        left, right = Misfit(stated, self.free)._equations
+        left, right = Misfit(stated, self.free).equations
         return np.asarray(left @ self.unknowns - right)
 
     @property
@@ -209,7 +233,7 @@ class Misfit:
 
 
 def off_by(load: Load, mass: float, place: float) -> Iterator[Load]:
-    """Loads whose mass [kg], or place [m] along an axis, is off; nothing has no place."""
+    """Yield loads whose mass [kg], or place [m] along an axis, is off; nothing has no place."""
     yield replace(load, mass=load.mass + mass)
     if load.mass:
         for shift in place * np.eye(3):
@@ -232,7 +256,7 @@ class Explanation(NamedTuple):
 
 
 class Contradiction(NamedTuple):
-    """``words``; ``share`` of the known wrenches left over; ``explained`` whether a cause is named."""
+    """``words``; ``share`` of the known wrenches left over; ``explained``: a cause is named."""
 
     words: str
     share: float
@@ -242,9 +266,15 @@ class Contradiction(NamedTuple):
 def contradiction(stated: Stated) -> Contradiction | None:
     """Say what of the stated loads, data sets and frames cannot be; None where all agree."""
     found = Misfit(stated)
-    if found.freedom == 0 or found.believable:
+    if found.freedom == 0:
+        return None
+    turn, sure = found.turn()
+    if found.believable and not (sure and np.linalg.norm(turn) > TURNED):
         return None
     told = list(_explanations(stated, found.freedom))
+    if sure:
+        R = Rotation.from_rotvec(turn).as_matrix()
+        told.append(Explanation(Misfit(stated.turned(R)), 3, _of_turn(R)))
     if stated.gravity[0].shape[1] == STATIC and not any(one.misfit.believable for one in told):
         told.append(_nearest_turn(stated, np.eye(3)))
     told = [one for one in told if one.misfit.believable
@@ -254,8 +284,8 @@ def contradiction(stated: Stated) -> Contradiction | None:
         'no single data set or turned frame explains it: masses, places (in which frame?), the '
         'direction of gravity, the order of the channels, or a sensor that is not linear')
     return Contradiction(
-        f'the stated loads contradict each other: the best matrix leaves {found.share:.1%} of their '
-        f'wrenches; {why}', found.share, best is not None)
+        f'the stated loads contradict each other: the best matrix leaves {found.share:.1%} of '
+        f'their wrenches; {why}', found.share, best is not None)
 
 
 def _explanations(stated: Stated, freedom: int) -> Iterator[Explanation]:
@@ -268,7 +298,8 @@ def _explanations(stated: Stated, freedom: int) -> Iterator[Explanation]:
         turned = min(_quarter_turns(), key=lambda R: Misfit(stated.turned(R)).size)
         yield Explanation(Misfit(stated.turned(turned)), 3, _of_turn(turned))
     for k, name in enumerate(stated.names):
-        free, rest, equations = Misfit(stated, k), Misfit(stated.without(k)), 6 * len(stated.raw[k])
+        free, rest = Misfit(stated, k), Misfit(stated.without(k))
+        equations = 6 * len(stated.raw[k])
         if free.freedom == freedom - 4:
             yield Explanation(free, 4, _of_load(stated, k, free))
         if rest.freedom == freedom - equations:
@@ -280,6 +311,8 @@ def _explanations(stated: Stated, freedom: int) -> Iterator[Explanation]:
 def _of_load(stated: Stated, number: int, free: Misfit) -> str:
     mass, place = free.free_load
     load, name = stated.loads[number], stated.names[number]
+    if mass < 0:
+        return f'by the others gravity points the other way in {name}: is its sign another there?'
     words = (f'by the others {name} has {mass:.3f} kg at {_place(place)} m, '
              f'stated {load.mass:g} kg at {_place(np.array(load.position))} m')
     for other, one in zip(stated.names, stated.loads):
@@ -325,7 +358,7 @@ def _of_turn(R: Array) -> str:
     mirrored = np.argwhere(np.abs(np.abs(R) - 1) < 1e-6)
     if len(mirrored) == 3:
         signs = (-R).round().astype(int)
-        axes = ', '.join(('-' if signs[i].sum() < 0 else '') + 'xyz'[int(np.abs(signs[i]).argmax())]
-                         for i in range(3))
+        axes = ', '.join('-' * int(row.sum() < 0) + 'xyz'[int(np.abs(row).argmax())]
+                         for row in signs)
         words += f', or its axes are left-handed ({axes} where x, y, z are stated)'
     return words
