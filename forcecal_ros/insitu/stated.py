@@ -1,8 +1,8 @@
 """Whether the stated loads agree with each other.
 
 [Traversaro2014] Eq. 21 has more rows than unknowns. What they leave over is compared with the
-noise and with what masses and places are off by when they are weighed and measured with care. Where
-it is more, loads, data sets and frames are tried that would make it no more.
+noise and with what masses and places are off by when they are weighed and measured with care.
+Where it is more, loads, data sets and frames are tried that would make it no more.
 """
 
 from collections.abc import Iterator

@@ -12,6 +12,7 @@ from forcecal_ros.insitu.prepare import Chunk
 from forcecal_ros.insitu.spec import DEFAULT_RATE, Spec
 from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.values import Unreadable
+from forcecal_ros.recording.csv_import.doubts import doubtful_rate
 from forcecal_ros.recording.csv_import.table import (
     Column,
     not_a_number,
@@ -40,6 +41,8 @@ class TableSource:
     ----------
     left_out : int
         Rows of the last reading without finite numbers, or not later than the one before.
+    notes : tuple of str
+        What the user should look at after the last reading.
     """
 
     def __init__(self, spec: Spec, path: Path, raw: Sequence[Column]) -> None:
@@ -49,6 +52,7 @@ class TableSource:
         time = (spec.time.column,) if spec.time else ()
         self._parts = (time, tuple(raw), spec.accelerometer.columns, gyro)
         self.left_out = 0
+        self.notes: tuple[str, ...] = ()
         for part, name in zip(self._parts[1:3], ('sensor', 'accelerometer')):
             if not part:
                 raise DataError(f'{spec.path}: {path.name} is a table; name the columns of the '
@@ -60,7 +64,7 @@ class TableSource:
         names = [f'column {name}' for part in self._parts[1:] for name in part]
         unreadable = Unreadable(self._path.name, names, limits.ABSURD_RAW)
         accelerometer, gyro = self._spec.accelerometer.scale, self._spec.gyro
-        self.left_out, row, last = 0, 0, -np.inf
+        self.left_out, row, first, last = 0, 0, np.inf, -np.inf
         for rows in self._rows([column for part in self._parts for column in part]):
             t, raw, f, turn = np.split(rows, ends, axis=1)
             if self._spec.time:
@@ -76,9 +80,18 @@ class TableSource:
                 self.left_out += int((~good).sum())
                 stamps, raw, f, turn = stamps[good], raw[good], f[good], turn[good]
             if len(stamps):
-                last = stamps[-1]
+                first, last = min(first, stamps[0]), stamps[-1]
                 yield Chunk(stamps, raw, f * accelerometer, turn * gyro.scale if gyro else None)
         unreadable.note()
+        self.notes = tuple(self._notes(row, last - first))
+
+    def _notes(self, rows: int, span: float) -> Iterator[str]:
+        name, time = self._path.name, self._spec.time
+        if self.left_out:
+            yield (f'{name}: {self.left_out} rows without numbers or not in order of time were '
+                   'left out')
+        if time and self._spec.rows == 'samples':
+            yield from doubtful_rate(rows, span, f'{name}, column {time.column!r}', time.unit)
 
     def _rows(self, columns: Sequence[Column]) -> Iterator[Array]:
         if self._path.suffix == '.npy':

@@ -318,6 +318,19 @@ def test_a_cell_that_is_no_number_is_named_with_its_line(tmp_path, old, new, wor
         list(TableSource(spec, tmp_path / 'a.csv', spec.sensors['leg'].columns)())
 
 
+def test_milliseconds_taken_for_seconds_are_questioned(tmp_path):
+    rows = table_of(PROTOCOL[0], LEG, 1)
+    rows[:, 0] *= 1000
+    np.savetxt(tmp_path / 'a.csv', rows, delimiter=',', header=','.join(COLUMNS), comments='')
+    for unit, said in (('s', ('2000 rows over 5.6 h', 'not in s')), ('ms', ())):
+        spec = load_spec(write_spec(tmp_path, document(
+            data_sets=[{'file': 'a.csv'}], time={'column': 't', 'unit': unit})))
+        source = TableSource(spec, tmp_path / 'a.csv', spec.sensors['leg'].columns)
+        assert len(list(source())) == 1
+        assert len(source.notes) == bool(said)
+        assert all(words in source.notes[0] for words in said)
+
+
 def test_units_in_the_names_of_columns_hold(tmp_path):
     for change, words in (
             ({'accelerometer': {'columns': ['ax [g]', 'ay', 'az']}}, 'accelerometer.unit .*g, as'),

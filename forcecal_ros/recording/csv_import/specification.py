@@ -22,6 +22,7 @@ class Part:
 
     columns: tuple[str, ...]
     factors: tuple[float, ...]
+    unit: str = '1'
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class _Columns(Row):
         if self.width == 4 and not is_xyzw(entry.columns):
             raise Mismatch(where, entry.columns, 'the columns of x, y, z and w in this order')
         return Part(entry.columns, tuple(units[entry.unit] * sign for sign in
-                                         entry.signs or (1,) * self.width))
+                                         entry.signs or (1,) * self.width), entry.unit)
 
 
 _FORCE, _TORQUE = _Columns(quantity='force', width=3), _Columns(quantity='torque', width=3)

@@ -101,6 +101,12 @@ class Table:
     """
     The cells of a CSV file, one row of which names the columns.
 
+    Attributes
+    ----------
+    names : list of str
+    skipped : list of (int, list of str)
+        Lines that the key skip leaves out.
+
     Raises
     ------
     DataError
@@ -109,7 +115,9 @@ class Table:
 
     def __init__(self, path: Path, dialect: Dialect = Dialect()) -> None:
         self.path = path
-        rows = self._read(dialect)
+        rows = self._read(dialect._replace(skip=0))
+        self.skipped = rows[1:1 + dialect.skip]
+        rows = rows[:1] + rows[1 + dialect.skip:]
         if len(rows) < 2:
             raise DataError(f'{path}: no rows; expected the names of the columns and then numbers')
         self.names = [name.strip() for name in rows[0][1]]
