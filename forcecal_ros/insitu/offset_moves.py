@@ -36,12 +36,10 @@ def offset_moves(data_sets: Sequence[tuple[Blocks, Mask]]) -> Array:
 
 def explained(data_sets: Sequence[tuple[Blocks, Mask]]) -> Array:
     """Share of each channel's variance that own affine maps of gravity explain, shape (n,)."""
-    left, all_of_it = 0.0, 1e-24
-    for blocks, use in data_sets:
-        raw = blocks.raw[use]
-        left = left + len(raw) * _affine(blocks.regressors[use, :3], raw)[1] ** 2
-        all_of_it = all_of_it + len(raw) * raw.var(axis=0, ddof=1)
-    return np.asarray(1 - left / all_of_it)
+    used = [(blocks.regressors[use, :3], blocks.raw[use]) for blocks, use in data_sets]
+    left = np.sum([len(raw) * _affine(gravity, raw)[1] ** 2 for gravity, raw in used], axis=0)
+    whole = np.sum([len(raw) * raw.var(axis=0, ddof=1) for _, raw in used], axis=0)
+    return np.asarray(1 - left / np.maximum(whole, 1e-24))
 
 
 def _affine(gravity: Array, raw: Array) -> tuple[Array, Array, Array]:

@@ -68,8 +68,10 @@ class Stated(NamedTuple):
         keep = [k for k in range(len(self.names)) if k != number]
         rows = np.concatenate([np.arange(6), *(
             np.arange(self._start(k), self._start(k + 1)) for k in keep)])
-        return Stated(*(tuple(part[k] for k in keep) for part in self[:5]),
-                      self.root[rows], self.body)
+        return Stated(
+            tuple(self.names[k] for k in keep), tuple(self.raw[k] for k in keep),
+            tuple(self.gravity[k] for k in keep), tuple(self.ones[k] for k in keep),
+            tuple(self.loads[k] for k in keep), self.root[rows], self.body)
 
     def swapped(self, one: int, other: int) -> 'Stated':
         """Exchange the loads of two data sets."""
@@ -130,7 +132,7 @@ class Misfit:
     @property
     def freedom(self) -> int:
         """Number of equations beyond the unknowns."""
-        return self._solution[1].shape[1]
+        return int(self._solution[1].shape[1])
 
     @property
     def size(self) -> float:
