@@ -1,6 +1,7 @@
 """Stated loads, frames and channels that cannot be are named; those of careful hands are not."""
 
 from dataclasses import replace
+from functools import partial
 import re
 
 from forcecal_ros.errors import ConfigError, DataError, ForcecalError, UnobservableError
@@ -38,7 +39,7 @@ def sets_of(seed, loads=LOADS, change=lambda k, raw, g: (raw, g), **errors):
     for k, ((raw, g), load) in enumerate(zip(recorded(seed, **errors), loads)):
         raw, g = change(k, raw, g)
         chunk = Chunk(np.arange(len(g)) * 1.0, raw, -g, None)
-        found.append(DataSet(f'set {k}', lambda chunk=chunk: [chunk], load))
+        found.append(DataSet(f'set {k}', partial(list, [chunk]), load))
     return found
 
 
