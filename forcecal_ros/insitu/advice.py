@@ -28,6 +28,9 @@ FACTORS = {2.2046: 'are forces of the manufacturer in lbf, or masses stated twic
            1 / 9.80665: "are the manufacturer's in kgf?"}
 """Forces by the manufacturer over those by the matrix found, and what makes them so."""
 
+BENT = 0.05
+"""The same of half of the data sets from which on loads are not blamed: sensors are within 0.02."""
+
 LIMITS = 0.02
 """Share of the range by which the linear model may be off unnamed: that of a poor sensor."""
 
@@ -127,6 +130,11 @@ def affine_misfit(result: SensorResult) -> Iterator[str]:
                'hysteresis, drift, a dead or clipped channel, or a bend; this, not noise, limits '
                'the calibration; where nothing hangs there but the added mass, `body: none` '
                'asks less of it')
+
+
+def bent(result: SensorResult) -> bool:
+    """Whether most data sets, each by itself, are far from an affine map of gravity."""
+    return float(np.median([_off_affine(d) for d in result.data_sets])) > BENT
 
 
 def _off_affine(data_set: DataSetResult) -> float:
