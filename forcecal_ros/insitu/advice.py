@@ -29,7 +29,7 @@ FACTORS = {2.2046: 'are forces of the manufacturer in lbf, or masses stated twic
 """Forces by the manufacturer over those by the matrix found, and what makes them so."""
 
 BENT = 0.05
-"""The same of half of the data sets from which on loads are not blamed: sensors are within 0.02."""
+"""The same of half of the data sets from which on loads are not blamed: sensors have 0.02."""
 
 LIMITS = 0.02
 """Share of the range by which the linear model may be off unnamed: that of a poor sensor."""
