@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from forcecal_ros.commands.common import new_parser, say
+from forcecal_ros.commands.common import new_parser, say, warn
 from forcecal_ros.commands.outputs import add_output, RECORDING
 
 
@@ -33,6 +33,8 @@ def run(args: argparse.Namespace) -> int:
     write_signals(args.output, imported.signals, imported.start_ns, args.storage, imported.topics)
     for role, signal in imported.signals.items():
         say(f'{imported.topics.get(role, ROLES[role].topic)}: {len(signal)} messages')
+    for note in imported.notes:
+        warn(note)
     if imported.shift:
         say(f'times are {imported.shift} s later than in the tables: stamps begin after zero')
     return 0

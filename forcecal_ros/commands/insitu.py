@@ -116,9 +116,9 @@ def _source(args: argparse.Namespace, spec: 'Spec', name: str, path: Path) -> 'S
             for chunk in chunks:
                 done.update(len(chunk.t))
                 yield chunk
-        if table and table.left_out and len(told) == 1:
-            told.append(f'{path.name}: {table.left_out} rows without numbers or not in order of '
-                        'time were left out')
-            warn(told[-1])
+        if table and len(told) == 1:
+            told.extend(['', *table.notes])
+            for note in table.notes:
+                warn(note)
 
     return read

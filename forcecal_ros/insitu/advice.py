@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.departure import Cause
 from forcecal_ros.insitu.result import DataSetResult, SensorResult
+from forcecal_ros.insitu.stated import MASS, PLACE
 import numpy as np
 
 MOVES = 0.1
@@ -12,6 +13,23 @@ MOVES = 0.1
 
 DISAGREES = 5.0
 """A data set whose own offset is more standard errors from the shared one is warned of."""
+
+MOVED = 0.05
+"""Share of what gravity moves a channel by which offsets may differ: a bent sensor's by 0.03."""
+
+FAR_OFF = 5.0
+"""Standard errors from which on a load that was kept back is not as stated: once in a million."""
+
+ALIKE = 0.1
+"""Share by which two matrices' forces may differ and still be the same but for sign and unit."""
+
+FACTORS = {2.2046: 'are forces of the manufacturer in lbf, or masses stated twice converted?',
+           0.45359: 'are added masses stated in lb?', 1e-3: 'are added masses stated in g?',
+           1 / 9.80665: "are the manufacturer's in kgf?"}
+"""Forces by the manufacturer over those by the matrix found, and what makes them so."""
+
+BENT = 0.05
+"""The same of half of the data sets from which on loads are not blamed: sensors have 0.02."""
 
 LIMITS = 0.02
 """Share of the range by which the linear model may be off unnamed: that of a poor sensor."""
@@ -22,8 +40,8 @@ OFF_GRAVITY = 0.005
 
 def warnings_of(result: SensorResult) -> tuple[str, ...]:
     """Collect what is weak, cut, suspicious or contradictory."""
-    return (*_excitation(result), *_accelerometer(result), *_cuts(result), *_subspace(result),
-            *_offsets(result))
+    return (*offsets_of(result), *_contradictions(result), *_by_manufacturer(result),
+            *_excitation(result), *_accelerometer(result), *_cuts(result), *_subspace(result))
 
 
 def _excitation(result: SensorResult) -> Iterator[str]:
@@ -51,6 +69,26 @@ def _accelerometer(result: SensorResult) -> Iterator[str]:
                    'accelerates; move slower or use a gyro (motion: true)')
 
 
+def _by_manufacturer(result: SensorResult) -> Iterator[str]:
+    """Compare total forces with those by the manufacturer's matrix: a sign, a unit of mass."""
+    maker = result.manufacturer_matrix
+    if result.matrix is None or maker is None:
+        return
+    raw = np.vstack([d.raw for d in result.data_sets]) - result.offset.value
+    mine, other = (raw @ matrix[:3].T for matrix in (result.matrix.value, maker))
+    ratio = float((mine * other).sum() / (mine ** 2).sum())
+    if np.linalg.norm(other - ratio * mine) > ALIKE * np.linalg.norm(other):
+        return
+    if ratio < 0:
+        yield ("forces by the manufacturer's matrix point the other way: `measures` of the "
+               'accelerometer is specific_force where it shows gravity, or the reverse, or the '
+               'manufacturer counts forces on the environment')
+    for factor, unit in FACTORS.items():
+        if abs(abs(ratio) / factor - 1) < ALIKE:
+            yield (f"forces by the manufacturer's matrix are {abs(ratio):.4g} times as large: "
+                   f'{unit}')
+
+
 def _cuts(result: SensorResult) -> Iterator[str]:
     for d in result.data_sets:
         for cut in d.cuts:
@@ -73,21 +111,30 @@ def _subspace(result: SensorResult) -> Iterator[str]:
 def affine_misfit(result: SensorResult) -> Iterator[str]:
     """Name a misfit of the linear model that is large against what the sensor shows."""
     found = result.nonlinearity
+    shares = {d.name: _off_affine(d) for d in result.data_sets}
+    worst = max(shares, key=lambda name: shares[name])
+    contradicting = result.contradiction is not None and result.contradiction.explained
+    if contradicting and shares[worst] < LIMITS:
+        return  # what such loads leave over is not the sensor's
     if found is not None and found.share > LIMITS:
         more = 'squares of the channels would make them smaller' if found.squares else \
             'squares of the channels do not make them smaller for data sets left out'
         yield (f'wrenches are off the linear map by {found.share:.0%} of their range (RMS): the '
-               'sensor is not linear, or has hysteresis; this, not noise, limits the '
+               'sensor is not linear, or has hysteresis or drift; this, not noise, limits the '
                f'calibration, and the standard errors hold it; {more}')
     if found is not None:
         return
-    shares = {d.name: _off_affine(d) for d in result.data_sets}
-    worst = max(shares, key=lambda name: shares[name])
     if shares[worst] > LIMITS:
         yield (f'{worst}: the raw channels are off an affine map of gravity by '
                f'{shares[worst]:.0%} of their range (RMS): a sensor that is not linear, '
-               'hysteresis or a bend; this, not noise, limits the calibration; where nothing '
-               'hangs there but the added mass, `body: none` asks less of it')
+               'hysteresis, drift, a dead or clipped channel, or a bend; this, not noise, limits '
+               'the calibration; where nothing hangs there but the added mass, `body: none` '
+               'asks less of it')
+
+
+def bent(result: SensorResult) -> bool:
+    """Whether most data sets, each by itself, are far from an affine map of gravity."""
+    return float(np.median([_off_affine(d) for d in result.data_sets])) > BENT
 
 
 def _off_affine(data_set: DataSetResult) -> float:
@@ -130,9 +177,40 @@ def _size(result: SensorResult, cause: Cause) -> str:
             f'(torque {"xyz"[t]})')
 
 
-def _offsets(result: SensorResult) -> Iterator[str]:
-    if len(result.data_sets) > 1 and result.offset_scatter.max() > DISAGREES:
-        worst = int(result.offset_scatter.argmax())
+def offsets_of(result: SensorResult) -> Iterator[str]:
+    """Say that the offset moved between data sets."""
+    if len(result.data_sets) < 2:
+        return
+    worst = int(result.offset_moves.argmax())
+    if result.offset_moves[worst] > MOVED:
+        yield (f'the offset moved between data sets, that of {result.data_sets[worst].name} by '
+               f'{result.offset_moves[worst]:.0%} of what gravity moves a channel: a tare (leave '
+               'it out, and what the driver does at its start), temperature, a cable, or channels '
+               'in another order')
+        return
+    worst = int(result.offset_scatter.argmax())
+    if result.offset_scatter[worst] > DISAGREES:
         yield (f'the offset of {result.data_sets[worst].name} alone is '
                f'{result.offset_scatter[worst]:.0f} standard errors from the shared one: it moved '
                '(temperature, a cable), or what the standard errors leave out did')
+
+
+def _contradictions(result: SensorResult) -> Iterator[str]:
+    """Stated loads that cannot be, of data sets to train on and of those kept back."""
+    if result.contradiction:
+        yield result.contradiction.words
+    heaviest = max((d.load.mass for d in result.data_sets if d.load), default=0.0)
+    for d in result.data_sets:
+        if d.train or d.load is None or d.added_mass is None:
+            continue
+        off = float(d.added_mass.value) - d.load.mass
+        careful = np.hypot(float(d.added_mass.std), MASS * heaviest)
+        if abs(off) > FAR_OFF * careful:
+            yield (f'{d.name}: the calibrated sensor finds {float(d.added_mass.value):.3f} kg '
+                   f'added, stated {d.load.mass:g} kg; another recording, or another mass')
+        elif d.position is not None and d.load.mass:
+            away = d.position.value - d.load.position
+            if (np.abs(away) > FAR_OFF * np.hypot(d.position.std, PLACE)).any():
+                yield (f'{d.name}: the calibrated sensor finds the added mass '
+                       f'{1000 * np.linalg.norm(away):.0f} mm from its stated place; another '
+                       'recording, or another place')

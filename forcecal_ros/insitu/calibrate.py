@@ -6,7 +6,7 @@ from dataclasses import replace
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import Array
-from forcecal_ros.insitu.advice import affine_misfit, misfits_of, warnings_of
+from forcecal_ros.insitu.advice import affine_misfit, bent, misfits_of, offsets_of, warnings_of
 from forcecal_ros.insitu.departure import causes
 from forcecal_ros.insitu.excitation import excitation
 from forcecal_ros.insitu.known import with_known_wrenches
@@ -15,6 +15,7 @@ from forcecal_ros.insitu.misfit import hidden_covariance
 from forcecal_ros.insitu.moments import Moments
 from forcecal_ros.insitu.motion import MOVING, STATIC
 from forcecal_ros.insitu.offset import offset_of, shared_offset
+from forcecal_ros.insitu.offset_moves import explained, offset_moves
 from forcecal_ros.insitu.prepare import Mounting
 from forcecal_ros.insitu.problem import MatrixProblem, with_matrix
 from forcecal_ros.insitu.rank import require
@@ -28,6 +29,7 @@ from forcecal_ros.insitu.reduce import (
     without_hysteresis,
 )
 from forcecal_ros.insitu.result import DataSetResult, SensorResult
+from forcecal_ros.insitu.stated import contradiction, MASS
 from forcecal_ros.insitu.uncertainty import (
     doubt_covariance,
     Residual,
@@ -38,6 +40,20 @@ import numpy as np
 
 FORBIDDEN = 4.0
 """Standard errors below zero from which on a mass is refused: once in 30 000 by chance."""
+
+ALIVE = 0.2
+"""Share of a channel's changes that gravity explains at least: 0.4 of those of a sensor that bends
+by twice its range, next to none of noise."""
+
+RIDGE = 1e-6
+"""Share of the white noise that keeps the noise of few blocks, less than channels, invertible."""
+
+UNTOLD = ('the stated loads contradict each other, or seem to, as the sensor is far from linear '
+          'or drifts: what is wrong cannot be told')
+
+GROSS = 0.05
+"""Share of the known wrenches left over from which on contradicting loads give no calibration:
+sensors that are used come within 0.02."""
 
 COARSE = 1.0
 """Longer blocks, as recordings of many hours have, do not tell why they leave the subspace [s]."""
@@ -78,6 +94,8 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
         reduced = without_hysteresis(reduced, found_causes.lags)
     moments = [r.moments for r in reduced]
     excited = excitation(moments, options.gravity)
+    if options.matrix and not options.moving:
+        _require_alive(reduced)
     offset = np.zeros_like(moments[0].mean) if options.moving else shared_offset(moments)
     used = [(r.moments, r.blocks, r.use) for r in reduced]
     held_out = residuals(used)
@@ -91,20 +109,27 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
         offset=Estimate(offset, np.sqrt(np.diag(offset_covariance)), options.raw_unit),
         offset_scatter=np.zeros(len(moments)) if options.moving else _scatter(
             moments, held_out, offset),
+        offset_moves=np.zeros(len(moments)) if options.moving else offset_moves(
+            [(r.blocks, r.use) for r in reduced]),
         causes=found_causes, compensated=compensate,
         data_sets=tuple(_data_set(d, r, options) for d, r in zip(data_sets, reduced)),
         manufacturer_matrix=manufacturer_matrix)
-    if options.matrix and not options.body:
-        result = with_known_wrenches(result, data_sets, reduced)
-    elif options.matrix:
-        noise = np.mean([one.long_run for one in held_out], axis=0)
+    if options.matrix:
+        noise = np.mean([one.long_run for one in held_out], axis=0) + RIDGE * np.diag(
+            np.mean([np.diag(r.blocks.raw_noise) for r in reduced], axis=0))
+        problem = MatrixProblem(tuple(data_sets), tuple(moments), offset, noise, covariance,
+                                options.gravity)
         try:
-            result = with_matrix(result, MatrixProblem(
-                tuple(data_sets), tuple(moments), offset, noise, covariance, options.gravity))
+            result = with_matrix(result, problem) if options.body else with_known_wrenches(
+                result, data_sets, reduced)
         except UnobservableError as error:
             raise UnobservableError('; '.join([
-                str(error), *misfits_of(result), *affine_misfit(result),
+                *offsets_of(result), str(error), *misfits_of(result), *affine_misfit(result),
                 *_cut_down(reduced)])) from error
+        found = contradiction(problem.stated(options.body))
+        if found and bent(result):
+            found = found._replace(words=UNTOLD, explained=False)
+        result = replace(result, contradiction=found)
     _require_possible(result)
     return replace(result, warnings=warnings_of(result))
 
@@ -118,16 +143,22 @@ def _cut_down(reduced: Sequence[Reduced]) -> Iterator[str]:
 
 
 def _require_possible(result: SensorResult) -> None:
-    """Refuse what nature forbids: masses below zero beyond their standard errors."""
-    masses = [('the body', result.mass), *(
-        (f'what was added in {d.name}', d.added_mass) for d in result.data_sets)]
-    for name, mass in masses:
-        if mass is not None and float(mass.value) < -FORBIDDEN * float(mass.std):
+    """Refuse loads that contradict each other grossly, and masses below zero."""
+    causes = [*offsets_of(result), *misfits_of(result), *affine_misfit(result)]
+    found = result.contradiction
+    if found and found.explained and found.share > GROSS:
+        raise DataError('; '.join([*offsets_of(result), found.words, *affine_misfit(result)]))
+    careful = MASS * max(d.load.mass if d.load else 0.0 for d in result.data_sets)
+    masses = [('the body', result.mass, 0.0), *(
+        (f'what was added in {d.name}', d.added_mass, careful) for d in result.data_sets)]
+    for name, mass, known in masses:
+        if mass is not None and float(mass.value) < -FORBIDDEN * np.hypot(float(mass.std), known):
+            words = [found.words] if found else [
+                'stated masses, places or the direction of gravity are wrong']
             raise DataError(
                 f'{name} has a mass of {float(mass.value):.3g} +- {float(mass.std):.2g} kg, which '
-                'nature forbids: stated masses, places or the direction of gravity are wrong, or '
-                + '; '.join([*misfits_of(result), *affine_misfit(result)]
-                            or ['the sensor is not linear']))
+                'nature forbids: ' + '; '.join(
+                    [*causes, *words] if causes else [*words, 'or the sensor is not linear']))
 
 
 def _training_loads(data_sets: Sequence[DataSet]) -> list[Load]:
@@ -149,6 +180,17 @@ def _check_channels(data_sets: Sequence[DataSet], moments: Sequence[Moments], op
     if manufacturer_matrix is not None and manufacturer_matrix.shape != (6, channels):
         raise DataError(f"the manufacturer's matrix is {manufacturer_matrix.shape}, "
                         f'{channels} raw channels need (6, {channels})')
+
+
+def _require_alive(reduced: Sequence[Reduced]) -> None:
+    """Refuse fewer than six channels that gravity moves."""
+    shares = explained([(r.blocks, r.use) for r in reduced])
+    dead = np.flatnonzero(shares < ALIVE)
+    if len(shares) - len(dead) < 6 and len(dead):
+        raise DataError(
+            f'channel {", ".join(str(k + 1) for k in dead)} does not follow gravity (it explains '
+            f'{max(float(shares[dead].max()), 0.0):.0%} of the changes at most): dead, not '
+            'connected, or the wrong column; a six-axis matrix needs six that do')
 
 
 def _covariance(moments: Sequence[Moments], held_out: Sequence[Residual]) -> Array:

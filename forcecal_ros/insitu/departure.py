@@ -19,8 +19,9 @@ from scipy import stats
 SIGNIFICANT = 1e-4
 """Probability by noise alone below which a departure, or a cause of it, is taken to be there."""
 
-ENOUGH = 2
-"""Blocks for each regressor that are needed to tell causes apart."""
+ENOUGH = 5
+"""Blocks for each regressor that are needed to tell causes apart: with two, means of sound poses
+show a hysteresis once in four times."""
 
 PLAYS = (0.0025, 0.005, 0.01)
 """Widths of the play operators that make up a hysteresis, as shares of a channel's span."""

@@ -112,7 +112,8 @@ class Norm:
     @property
     def usable(self) -> bool:
         """Whether the offset is there and known well enough to be taken off."""
-        return self.p < SIGNIFICANT and bool(self.std.max() < TRUSTED)
+        return self.p < SIGNIFICANT and bool(self.std.max() < TRUSTED) and bool(
+            np.linalg.norm(self.offset) < WRONG_UNIT * self.magnitude)
 
 
 def norm(data_sets: Sequence[tuple[Blocks, Mask]], gravity: float) -> Norm:

@@ -19,6 +19,7 @@ from forcecal_ros.insitu.motion import inertia_matrix, inertia_vector, PHYSICAL
 from forcecal_ros.insitu.rank import data_rank, RankReport
 from forcecal_ros.insitu.reduce import DataSet
 from forcecal_ros.insitu.result import DataSetResult, SensorResult
+from forcecal_ros.insitu.stated import off_by, Stated
 from forcecal_ros.insitu.uncertainty import propagate
 from forcecal_ros.insitu.validate import estimate_load, LoadEstimate
 import numpy as np
@@ -90,7 +91,9 @@ class MatrixProblem:
 
     def fit(self) -> Fitted:
         """Return matrix and body, [Traversaro2014] Eq. 21."""
-        train = self.training()
+        return self._solved(self.training())
+
+    def _solved(self, train: Training) -> Fitted:
         found = eq.solve(train.raw, train.gravity, train.loads,
                          eq.six_channels(train.raw, self.noise))
         return Fitted(found.matrix, found.body, self._offset(found))
@@ -133,12 +136,54 @@ class MatrixProblem:
                 constant - np.einsum('ink,n->ik', matrix, fitted.offset))
         return out
 
+    def load_errors(self, fitted: Fitted, mass: float, place: float) -> Array:
+        """
+        How the fit changes with each stated mass and place, by one of their standard errors.
+
+        Parameters
+        ----------
+        mass : float
+            Share.
+        place : float
+            [m]
+
+        Returns
+        -------
+        ndarray
+            One row for each number of :meth:`Fitted.pack`.
+        """
+        train, size = self.training(), len(fitted.body)
+        changes = []
+        for k, load in enumerate(train.loads):
+            for change in off_by(load, mass * load.mass, place):
+                loads = [*train.loads[:k], change, *train.loads[k + 1:]]
+                found = self._solved(train._replace(loads=loads))
+                changes.append(found.pack() - fitted.pack())
+        return np.array(changes).T.reshape(fitted.matrix.size + size + len(fitted.offset), -1)
+
     def load(self, number: int, fitted: Fitted, raw: Array, matrix: Array) -> LoadEstimate:
         """Tables I to III for one data set, by a matrix."""
         m, stated = self.moments[number], self.data_sets[number].load
         wrench = (raw - np.outer(m.ones, fitted.offset)) @ matrix.T
         return estimate_load(wrench, m.directions, fitted.body, self.gravity,
                              stated is not None and stated.mass > 0)
+
+    def stated(self, body: bool) -> Stated:
+        """Return what is stated of the data sets to train on, beside what was measured there."""
+        train = self.training()
+        channels = eq.six_channels(train.raw, self.noise)
+        n = len(self.offset)
+        numbers = np.concatenate([np.arange(n), *(
+            np.arange(self.part(k).start, self.part(k).stop) for k in train.numbers)])
+        covariance = self.covariance[np.ix_(numbers, numbers)].reshape((len(numbers) // n, n) * 2)
+        covariance = np.einsum('anbm,ni,mj->aibj', covariance, channels, channels)
+        size = 6 * len(covariance)
+        values, vectors = np.linalg.eigh(covariance.reshape(size, size))
+        return Stated(
+            tuple(self.data_sets[k].name for k in train.numbers),
+            tuple(raw @ channels for raw in train.raw), tuple(train.gravity),
+            tuple(self.moments[k].ones for k in train.numbers), tuple(train.loads),
+            vectors * np.sqrt(np.maximum(values, 0.0)), body)
 
     def rank(self) -> RankReport:
         """
@@ -169,11 +214,12 @@ def with_matrix(result: SensorResult, problem: MatrixProblem) -> SensorResult:
     UnobservableError
         The data do not determine the matrix.
     """
-    rank, fitted = problem.rank(), problem.fit()
+    rank, fitted, options = problem.rank(), problem.fit(), result.options
     change = problem.sensitivity(fitted)
-    spread = change @ problem.covariance @ change.T
+    of_loads = problem.load_errors(fitted, options.mass_error, options.place_error)
+    spread = change @ problem.covariance @ change.T + of_loads @ of_loads.T
     std = fitted.unpack(np.sqrt(np.diag(spread)))
-    n, unit, at = len(fitted.offset), result.options.raw_unit, fitted.matrix.size
+    n, unit, at = len(fitted.offset), options.raw_unit, fitted.matrix.size
     bias = fitted.matrix @ spread[-n:, -n:] @ fitted.matrix.T
     body = _named(fitted.body)
     body_std = np.sqrt(np.diag(propagate(
@@ -186,7 +232,7 @@ def with_matrix(result: SensorResult, problem: MatrixProblem) -> SensorResult:
         mass=Estimate(body[0], body_std[0], 'kg'), com=Estimate(body[1:4], body_std[1:4], 'm'),
         inertia=Estimate(inertia_matrix(body[4:]), inertia_matrix(body_std[4:]), 'kg m^2')
         if known else None,
-        data_sets=tuple(_tables(result, problem, fitted, change)))
+        data_sets=tuple(_tables(result, problem, fitted, change, of_loads)))
 
 
 def _named(body: Array) -> Array:
@@ -196,8 +242,8 @@ def _named(body: Array) -> Array:
     return np.concatenate(parts if inertia is None else [*parts, inertia_vector(inertia)])
 
 
-def _tables(result: SensorResult, problem: MatrixProblem, fitted: Fitted, change: Array
-            ) -> Iterator[DataSetResult]:
+def _tables(result: SensorResult, problem: MatrixProblem, fitted: Fitted, change: Array,
+            of_loads: Array) -> Iterator[DataSetResult]:
     count = len(change)
     for k, data_set in enumerate(result.data_sets):
         shape, part = problem.moments[k].raw.shape, problem.part(k)
@@ -208,9 +254,11 @@ def _tables(result: SensorResult, problem: MatrixProblem, fitted: Fitted, change
             return np.concatenate([found.semi_axes, [found.mass], found.position])
 
         own = np.vstack([change, np.eye(len(problem.covariance))[part]])
+        spread = own @ problem.covariance @ own.T
+        spread[:count, :count] += of_loads @ of_loads.T
         numbers = np.concatenate([fitted.pack(), problem.moments[k].raw.ravel()])
         value = tables(numbers)
-        std = np.sqrt(np.diag(propagate(tables, numbers, own @ problem.covariance @ own.T)))
+        std = np.sqrt(np.diag(propagate(tables, numbers, spread)))
         maker = result.manufacturer_matrix
         yield replace(
             data_set, semi_axes=Estimate(value[:3], std[:3], 'N'),

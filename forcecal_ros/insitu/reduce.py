@@ -63,6 +63,10 @@ class Options:
     accelerometer_noise : float or None
         White noise of a sample [m/s^2]; None: measured.
     raw_unit : str
+    mass_error : float
+        Standard error of a stated mass, as a share; standard errors of what is found hold it.
+    place_error : float
+        The same of a stated place, along each axis [m].
     """
 
     gravity: float = STANDARD_GRAVITY
@@ -77,6 +81,8 @@ class Options:
     compensate_hysteresis: bool = True
     accelerometer_noise: float | None = None
     raw_unit: str = 'raw'
+    mass_error: float = 0.0
+    place_error: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -109,7 +115,7 @@ class Reduced:
     A data set after both passes over its samples.
 
     ``gravity_scatter`` is the standard deviation of |g| [m/s^2]; ``departure`` from the subspace
-    is None in motion.
+    is None in motion and of poses, whose noise one sample does not tell.
     """
 
     blocks: Blocks
@@ -174,7 +180,7 @@ def reduce(data_sets: Sequence[DataSet], mounting: Mounting, options: Options
                 prepare(data_set.source(), mounting, options.moving), screening.kept, window,
                 options.filter_order, blocks.raw_noise, blocks.gravity_noise,
                 None if options.moving else options.gravity), scatter,
-                None if options.moving else departure(blocks, screening.use)))
+                None if options.moving or options.poses else departure(blocks, screening.use)))
     return reduced, found
 
 

@@ -11,6 +11,7 @@ from forcecal_ros.insitu.matrix import Load
 from forcecal_ros.insitu.rank import RankReport
 from forcecal_ros.insitu.reduce import Options
 from forcecal_ros.insitu.screen import Cut
+from forcecal_ros.insitu.stated import Contradiction
 from forcecal_ros.insitu.validate import LoadEstimate
 
 
@@ -85,6 +86,8 @@ class SensorResult:
         [raw units]
     offset_scatter : ndarray, shape (k,)
         How far each data set's own offset is from the shared one, in its standard errors.
+    offset_moves : ndarray, shape (k,)
+        How far each data set's own offset is from the usual one, as a share of what gravity moves.
     causes : Causes or None
         What the residuals of the affine maps of gravity come from; None in motion.
     compensated : bool
@@ -101,6 +104,8 @@ class SensorResult:
         Of the unknowns, on the data.
     nonlinearity : NonLinearity or None
         Where nothing hangs there but the added masses.
+    contradiction : Contradiction or None
+        Which stated loads cannot be.
     """
 
     name: str
@@ -109,6 +114,7 @@ class SensorResult:
     norm: Norm | None
     offset: Estimate
     offset_scatter: Array
+    offset_moves: Array
     causes: Causes | None
     compensated: bool
     data_sets: tuple[DataSetResult, ...]
@@ -120,4 +126,5 @@ class SensorResult:
     inertia: Estimate | None = None
     rank: RankReport | None = None
     nonlinearity: NonLinearity | None = None
+    contradiction: Contradiction | None = None
     warnings: tuple[str, ...] = ()

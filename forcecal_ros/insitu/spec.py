@@ -10,17 +10,20 @@ from forcecal_ros.insitu.matrix import Load
 from forcecal_ros.insitu.prepare import Mounting
 from forcecal_ros.insitu.reduce import Options
 from forcecal_ros.insitu.smoothing import PAPER_ORDER, PAPER_WINDOW
+from forcecal_ros.recording.csv_import.names import contradiction
+from forcecal_ros.recording.csv_import.specification import Written
+from forcecal_ros.recording.csv_import.table import Column
 from forcecal_ros.recording.csv_import.units import NANOSECONDS, UNITS
 from forcecal_ros.schema import load, Matrix3, Mismatch, path, read, Row, Section, TEXT, Vector3
 import numpy as np
 
 FORMAT = 'forcecal-insitu/1'
+MOST_MASS, MOST_REACH = 100.0, 2.0
+"""More is no mass that is screwed on by hand [kg], and no place on what a sensor carries [m]."""
 DEFAULT_RATE = 100.0
 """Rows a second of a table that has neither a column of time nor a rate [Hz]."""
 
 _MEASURES = {'specific_force': 1.0, 'gravity': -1.0}
-
-Column = str | int
 
 
 class _Columns(Row):
@@ -69,6 +72,7 @@ class Channels(Section):
     fields: Annotated[tuple[str, ...], Row("Empty: what the topic's type has")] = ()
 
     counts: ClassVar[tuple[int, float, str]] = (3, 3, 'a list of 3')
+    quantity: ClassVar[str] = ''
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -76,6 +80,9 @@ class Channels(Section):
         for name in ('columns', 'fields'):
             if getattr(self, name) and not least <= len(getattr(self, name)) <= most:
                 raise self.wrong(name, wanted)
+        unit, names = getattr(self, 'unit', ''), [str(name) for name in self.columns]
+        if self.quantity and (said := contradiction(names, unit, UNITS[self.quantity])):
+            raise self.wrong('unit', said)
 
     @property
     def named(self) -> bool:
@@ -88,6 +95,8 @@ class Gyro(Channels):
     """The gyro; on the accelerometer's topic where it has none of its own."""
 
     unit: Annotated[str, Row(words=tuple(UNITS['angular velocity']))] = 'rad/s'
+
+    quantity = 'angular velocity'
 
     @property
     def scale(self) -> float:
@@ -106,6 +115,8 @@ class Accelerometer(Channels):
     offset: Annotated[str, Row(
         'Whether it is taken off where |g| shows it', words=('estimate', 'ignore'))] = 'estimate'
     gyro: Gyro = Gyro()
+
+    quantity = 'acceleration'
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -163,6 +174,12 @@ class Recorded(Section):
         object.__setattr__(self, 'name', self.name or Path(self.file).stem)
         if self.added_mass and self.position is None:
             raise self.wrong('position', 'the position of the added mass')
+        if self.added_mass and self.added_mass > MOST_MASS:
+            raise self.wrong('added_mass', f'kg, {MOST_MASS:g} at most; is it in g?')
+        places = self.position.values() if isinstance(self.position, Mapping) else [
+            self.position or (0.0, 0.0, 0.0)]
+        if any(max(map(abs, place)) > MOST_REACH for place in places):
+            raise self.wrong('position', f'm, {MOST_REACH:g} at most; is it in mm or cm?')
         if self.window is not None and not self.window[0] < self.window[1]:
             raise self.wrong('window', 'its start before its end')
 
@@ -199,6 +216,11 @@ class Time(Section):
     column: Annotated[Column, _Columns()]
     unit: Annotated[str, Row(words=tuple(NANOSECONDS))] = 's'
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if said := contradiction((str(self.column),), self.unit, NANOSECONDS):
+            raise self.wrong('unit', said)
+
     @property
     def scale(self) -> float:
         """Makes seconds of the numbers."""
@@ -206,7 +228,7 @@ class Time(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Spec(Section, name=''):
+class Spec(Written, name=''):
     """Everything a SPEC says."""
 
     gravity: Annotated[float, Row('Magnitude there', 'm/s^2', above=0.0)] = STANDARD_GRAVITY
@@ -221,10 +243,12 @@ class Spec(Section, name=''):
         ] = 'samples'
     body: Annotated[str, Row(
         'What hangs there beside the added masses', words=('unknown', 'none'))] = 'unknown'
+    mass_error: Annotated[float, Row('Standard error of added masses, as a share', low=0.0)
+                          ] = 0.001
+    position_error: Annotated[float, Row('The same of their positions', 'm', low=0.0)] = 0.001
     time: Time | None = None
     rate: Annotated[float | None, Row('Rows a second of tables without time', 'Hz', above=0.0)
                     ] = None
-    delimiter: Annotated[str, Row('Of tables', pattern='.', wanted='one character')] = ','
     accelerometer: Accelerometer
     sensors: Mapping[str, Sensor]
     data_sets: tuple[Recorded, ...]
@@ -292,7 +316,8 @@ class Spec(Section, name=''):
             poses=self.rows == 'poses', body=self.body == 'unknown',
             matrix=(self.estimate or ('matrix' if stated else 'offset')) == 'matrix',
             level_accelerometer=self.accelerometer.offset == 'estimate',
-            accelerometer_noise=self.accelerometer.noise)
+            accelerometer_noise=self.accelerometer.noise, mass_error=self.mass_error,
+            place_error=self.position_error)
 
 
 def load_spec(path: Path | str) -> Spec:

@@ -1,16 +1,25 @@
 """Tables of any length as chunks: CSV text, or a two-dimensional array in a .npy file."""
 
 from collections.abc import Iterator, Sequence
+import csv
+from itertools import chain, islice
 from pathlib import Path
 from typing import TextIO
-import warnings
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.prepare import Chunk
-from forcecal_ros.insitu.spec import Column, DEFAULT_RATE, Spec
+from forcecal_ros.insitu.spec import DEFAULT_RATE, Spec
 from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.values import Unreadable
+from forcecal_ros.recording.csv_import.doubts import doubtful_rate
+from forcecal_ros.recording.csv_import.table import (
+    Column,
+    not_a_number,
+    place_of,
+    require_width,
+    rows_of,
+)
 import numpy as np
 
 ROWS = 50_000
@@ -32,6 +41,8 @@ class TableSource:
     ----------
     left_out : int
         Rows of the last reading without finite numbers, or not later than the one before.
+    notes : tuple of str
+        What the user should look at after the last reading.
     """
 
     def __init__(self, spec: Spec, path: Path, raw: Sequence[Column]) -> None:
@@ -41,6 +52,7 @@ class TableSource:
         time = (spec.time.column,) if spec.time else ()
         self._parts = (time, tuple(raw), spec.accelerometer.columns, gyro)
         self.left_out = 0
+        self.notes: tuple[str, ...] = ()
         for part, name in zip(self._parts[1:3], ('sensor', 'accelerometer')):
             if not part:
                 raise DataError(f'{spec.path}: {path.name} is a table; name the columns of the '
@@ -52,7 +64,7 @@ class TableSource:
         names = [f'column {name}' for part in self._parts[1:] for name in part]
         unreadable = Unreadable(self._path.name, names, limits.ABSURD_RAW)
         accelerometer, gyro = self._spec.accelerometer.scale, self._spec.gyro
-        self.left_out, row, last = 0, 0, -np.inf
+        self.left_out, row, first, last = 0, 0, np.inf, -np.inf
         for rows in self._rows([column for part in self._parts for column in part]):
             t, raw, f, turn = np.split(rows, ends, axis=1)
             if self._spec.time:
@@ -68,45 +80,59 @@ class TableSource:
                 self.left_out += int((~good).sum())
                 stamps, raw, f, turn = stamps[good], raw[good], f[good], turn[good]
             if len(stamps):
-                last = stamps[-1]
+                first, last = min(first, stamps[0]), stamps[-1]
                 yield Chunk(stamps, raw, f * accelerometer, turn * gyro.scale if gyro else None)
         unreadable.note()
+        self.notes = tuple(self._notes(row, last - first))
+
+    def _notes(self, rows: int, span: float) -> Iterator[str]:
+        name, time = self._path.name, self._spec.time
+        if self.left_out:
+            yield (f'{name}: {self.left_out} rows without numbers or not in order of time were '
+                   'left out')
+        if time and self._spec.rows == 'samples':
+            yield from doubtful_rate(rows, span, f'{name}, column {time.column!r}', time.unit)
 
     def _rows(self, columns: Sequence[Column]) -> Iterator[Array]:
         if self._path.suffix == '.npy':
             yield from self._array_rows(columns)
             return
         try:
-            with self._path.open(encoding='utf-8-sig') as file:
+            with self._path.open(encoding='utf-8-sig', newline='') as file:
                 yield from self._text_rows(file, columns)
         except OSError as error:
             raise DataError(f'{self._path}: cannot be read ({error.strerror}); paths count from '
                             'the folder of the SPEC') from error
-        except (ValueError, UnicodeDecodeError) as error:
-            raise DataError(f'{self._path}: {error}') from error
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise DataError(f'{self._path}: not a table of text ({error})') from error
 
     def _text_rows(self, file: TextIO, columns: Sequence[Column]) -> Iterator[Array]:
-        delimiter = self._spec.delimiter
-        places = [column for column in columns if isinstance(column, int)]
-        if len(places) < len(columns):
-            header = [name.strip() for name in file.readline().split(delimiter)]
-            places = [self._place(header, column) for column in columns]
-        while True:
-            with warnings.catch_warnings():
-                warnings.simplefilter('ignore', UserWarning)
-                rows = np.loadtxt(file, delimiter=delimiter, usecols=places, max_rows=ROWS,
-                                  ndmin=2, comments=None)
-            if not len(rows):
-                return
-            yield rows
-
-    def _place(self, header: Sequence[str], column: Column) -> int:
-        if isinstance(column, int):
-            return column
-        if header.count(column) != 1:
-            problem = 'several columns' if column in header else 'no column'
-            raise DataError(f'{self._path}: {problem} {column!r}; there are {", ".join(header)}')
-        return header.index(column)
+        dialect = self._spec.dialect
+        by_number = all(isinstance(column, int) for column in columns)
+        rows = rows_of(file, dialect._replace(skip=0) if by_number else dialect)
+        if by_number:
+            rows = islice(rows, dialect.skip, None)
+        header, names = next(rows, (0, []))
+        places = [column if isinstance(column, int) else place_of(
+            column, [name.strip() for name in names], self._path) for column in columns]
+        if max(places) >= len(names):
+            raise DataError(f'{self._path}: {len(names)} columns, counted from 0; no column '
+                            f'{max(places)}')
+        if by_number:
+            rows = chain([(header, names)], rows)
+        while part := list(islice(rows, ROWS)):
+            require_width(self._path, part, len(names), header)
+            if dialect.decimal != '.':
+                part = [(line, [cell.replace(dialect.decimal, '.') for cell in cells])
+                        for line, cells in part]
+            try:
+                yield np.array([[cells[place] for place in places] for _, cells in part],
+                               dtype=float)
+            except ValueError:
+                for place, column in zip(places, columns):
+                    _require_numbers(self._path, [(line, cells[place]) for line, cells in part],
+                                     column)
+                raise
 
     def _array_rows(self, columns: Sequence[Column]) -> Iterator[Array]:
         if not all(isinstance(column, int) for column in columns):
@@ -121,3 +147,10 @@ class TableSource:
                 yield np.array(mapped[start:start + ROWS, list(columns)], dtype=float)
         except (OSError, ValueError) as error:
             raise DataError(f'{self._path}: cannot be read ({error})') from error
+
+
+def _require_numbers(path: Path, cells: Sequence[tuple[int, str]], column: Column) -> None:
+    try:
+        np.array([cell for _, cell in cells], dtype=float)
+    except ValueError:
+        raise not_a_number(path, cells, column, float) from None

@@ -291,6 +291,54 @@ def test_rows_without_numbers_or_out_of_order_are_left_out(tmp_path):
     assert (np.diff(t) > 0).all()
 
 
+@pytest.mark.parametrize('keys, change', [
+    ({'delimiter': ';', 'decimal': ','}, lambda text: text.replace(',', ';').replace('.', ',')),
+    ({'header': 3}, lambda text: 'A logger\nof 2019\n' + text),
+    ({'comment': '#', 'skip': 1}, lambda text: '# a logger\n' + text.replace(
+        '\n', '\n' + ','.join(['s'] * len(COLUMNS)) + '\n', 1))])
+def test_tables_of_other_programs_hold_the_same_numbers(tmp_path, keys, change):
+    rows = table_of(PROTOCOL[0], LEG, 1)[:50]
+    np.savetxt(tmp_path / 'a.csv', rows, delimiter=',', header=','.join(COLUMNS), comments='')
+    (tmp_path / 'a.csv').write_text(change((tmp_path / 'a.csv').read_text()))
+    spec = load_spec(write_spec(tmp_path, document(data_sets=[{'file': 'a.csv'}], **keys)))
+    chunk, = TableSource(spec, tmp_path / 'a.csv', spec.sensors['leg'].columns)()
+    np.testing.assert_array_equal(chunk.raw, rows[:, 1:7])
+
+
+@pytest.mark.parametrize('old, new, words', [
+    ('\n3,', '\n3,three,', 'line 4: 11 cells, but 10 columns in line 1'),
+    ('\n3,3', '\n3,three', "a.csv line 4: 'three' in column 'r0' is not a number"),
+    ('\n3,3', '\n3,', "line 4: '' in column 'r0' is not a number; take out rows with empty")])
+def test_a_cell_that_is_no_number_is_named_with_its_line(tmp_path, old, new, words):
+    names = COLUMNS[:7] + COLUMNS[13:16]
+    text = '\n'.join([','.join(names), *(','.join([str(k)] * len(names)) for k in range(1, 9))])
+    (tmp_path / 'a.csv').write_text(text.replace(old, new))
+    spec = load_spec(write_spec(tmp_path, document(data_sets=[{'file': 'a.csv'}])))
+    with pytest.raises(DataError, match=words):
+        list(TableSource(spec, tmp_path / 'a.csv', spec.sensors['leg'].columns)())
+
+
+def test_milliseconds_taken_for_seconds_are_questioned(tmp_path):
+    rows = table_of(PROTOCOL[0], LEG, 1)
+    rows[:, 0] *= 1000
+    np.savetxt(tmp_path / 'a.csv', rows, delimiter=',', header=','.join(COLUMNS), comments='')
+    for unit, said in (('s', ('2000 rows over 5.6 h', 'not in s')), ('ms', ())):
+        spec = load_spec(write_spec(tmp_path, document(
+            data_sets=[{'file': 'a.csv'}], time={'column': 't', 'unit': unit})))
+        source = TableSource(spec, tmp_path / 'a.csv', spec.sensors['leg'].columns)
+        assert len(list(source())) == 1
+        assert len(source.notes) == bool(said)
+        assert all(words in source.notes[0] for words in said)
+
+
+def test_units_in_the_names_of_columns_hold(tmp_path):
+    for change, words in (
+            ({'accelerometer': {'columns': ['ax [g]', 'ay', 'az']}}, 'accelerometer.unit .*g, as'),
+            ({'time': {'column': 'time [ms]', 'unit': 's'}}, "time.unit is 's', expected ms")):
+        with pytest.raises(ConfigError, match=words):
+            load_spec(write_spec(tmp_path, document(**change)))
+
+
 def peak_of(samples):
     """Return the most memory that a data set of so many samples takes [bytes]."""
     log = record(PROTOCOL[0], Leg(duration=50.0), 2)

@@ -386,3 +386,116 @@ def test_same_signal_twice_and_strange_time_bases_are_refused(tmp_path):
     late = table('t,ax,ay,az\n1708857503,1,2,3\n', tmp_path, 'c.csv', signals=accel)
     with pytest.raises(DataError, match='c.csv begins 19778 days after .*a.csv ends'):
         imported(tmp_path, first, late)
+
+
+def weighed(seed=0, n=400, spread=0.6):
+    """Poses of a robot that points down and tilts, and the force of a tool of 1 kg there."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(n) / 100.0
+    angles = spread * np.stack([np.sin((k + 1) * t + k) for k in range(3)], axis=1)
+    R = Rotation.from_euler('xyz', angles)
+    force = R.inv().apply([0.0, 0.0, -9.81]) + 0.05 * rng.normal(size=(n, 3)) + [3.0, -2.0, 1.0]
+    return t, R, force
+
+
+def moved(folder, written, spread=0.6, **orientation):
+    t, _, force = weighed(spread=spread)
+    names = [f'o{i}' for i in range(written.shape[1])]
+    rows = np.column_stack([t, force, 0 * force, written])
+    text = ','.join(['t', 'fx', 'fy', 'fz', 'tx', 'ty', 'tz', *names]) + '\n' + '\n'.join(
+        ','.join(map(repr, row)) for row in rows.tolist()) + '\n'
+    (key, unit), = orientation.items()
+    columns = {'columns': names, 'unit': unit} if unit else names
+    return imported(folder, table(text, folder, signals={
+        'wrench': WRENCH, 'pose': {'frame': 'base', key: columns}}))
+
+
+@pytest.mark.parametrize('key', ['rpy', 'rotation_vector'])
+@pytest.mark.parametrize('unit, other, spread', [('rad', 'deg', 0.6), ('deg', 'rad', 0.1)])
+def test_angles_in_another_unit_do_not_turn_as_the_weight_does(tmp_path, key, unit, other, spread):
+    R = weighed(spread=spread)[1]
+    angles = R.as_euler('xyz') if key == 'rpy' else R.as_rotvec()
+    angles = {'rad': angles, 'deg': np.rad2deg(angles)}
+    assert moved(tmp_path, angles[unit], spread, **{key: unit}).notes == ()
+    with pytest.raises(DataError, match=rf'{key}.*(\(unit: {unit}\)|its unit is {unit} )'):
+        moved(tmp_path, angles[unit], spread, **{key: other})
+
+
+def test_quaternions_and_matrices_of_another_order_do_not_turn_as_the_weight_does(tmp_path):
+    R = weighed()[1]
+    q = R.as_quat()
+    assert moved(tmp_path, q, quaternion_xyzw='').notes == ()
+    with pytest.raises(DataError, match='in the order w, x, y, z'):
+        moved(tmp_path, q[:, [3, 0, 1, 2]], quaternion_xyzw='')
+    with pytest.raises(DataError, match='rows are columns'):
+        moved(tmp_path, R.as_matrix().reshape(-1, 9), R_sensor_base='')
+
+
+def poses_alone(folder, t, angles, unit):
+    text = 't,a,b,c\n' + '\n'.join(','.join(map(repr, row)) for row in np.column_stack(
+        [t, angles]).tolist()) + '\n'
+    return imported(folder, table(text, folder, signals={'pose': {
+        'frame': 'base', 'rpy': {'columns': ['a', 'b', 'c'], 'unit': unit}}}))
+
+
+def test_small_degrees_without_a_wrench_are_told_by_their_speed(tmp_path):
+    t = np.arange(500) / 100.0
+    degrees = np.stack([12 * np.sin(t), 9 * np.cos(1.3 * t), 5 * np.sin(0.7 * t)], axis=1)
+    assert poses_alone(tmp_path, t, degrees, 'deg').notes == ()
+    with pytest.raises(DataError, match='rpy in rad the sensor turns by .*unit: deg'):
+        poses_alone(tmp_path, t, degrees, 'rad')
+
+
+def test_radians_without_a_wrench_are_told_by_their_jumps(tmp_path):
+    t = np.arange(500) / 100.0
+    roll = np.angle(np.exp(1j * (np.pi + 0.3 * np.sin(t))))
+    radians = np.stack([roll, 0.2 * np.cos(t), 0.1 * t], axis=1)
+    assert poses_alone(tmp_path, t, radians, 'rad').notes == ()
+    with pytest.raises(DataError, match=r'line \d+: rpy jumps .* in radians'):
+        poses_alone(tmp_path, t, radians, 'deg')
+
+
+def rows_at(times, cell='1'):
+    return HEADER + ''.join(f'{t!r},{cell},2,3,4,5,6\n' for t in times)
+
+
+def test_a_rate_that_no_sensor_has_is_questioned(tmp_path):
+    milliseconds = [float(k) for k in range(1, 2001)]
+    assert imported(tmp_path, table(rows_at(milliseconds), tmp_path, unit='ms')).notes == ()
+    note, = imported(tmp_path, table(rows_at(milliseconds), tmp_path)).notes
+    assert "column 't': 2000 rows over 0.56 h, 1 a second" in note and 'not in s' in note
+    seconds = [k / 1000 for k in range(1, 2001)]
+    note, = imported(tmp_path, table(rows_at(seconds), tmp_path, unit='us')).notes
+    assert 'more than any sensor sends' in note
+
+
+def test_cells_that_are_nan_are_counted_and_many_refused(tmp_path):
+    text = rows_at(range(1, 1001)).replace('\n7,1,', '\n7,nan,')
+    note, = (one for one in imported(tmp_path, table(text, tmp_path, unit='ms')).notes)
+    assert '1 of 1000 rows of wrench are not finite, first in line 8' in note
+    with pytest.raises(DataError, match='1000 of 1000 rows of wrench are not finite'):
+        imported(tmp_path, table(rows_at(range(1, 1001), 'nan'), tmp_path, unit='ms'))
+
+
+def test_lines_that_skip_leaves_out_are_counted(tmp_path, capsys):
+    text = ROWS.replace(HEADER, HEADER + 's,N,N,N,Nm,Nm,Nm\n')
+    run_import(specify(tmp_path, table(text, tmp_path, skip=2)), tmp_path / 'bag')
+    assert 'skip leaves out 2 lines; line 3 holds numbers' in capsys.readouterr().err
+    note, = imported(tmp_path, table(text, tmp_path, skip=1)).notes
+    assert note.endswith('skip leaves out 1 line')
+
+
+def test_the_example_of_a_universal_robot_is_imported(tmp_path):
+    t, R, _ = weighed(1)
+    names = ['timestamp', *(f'actual_TCP_pose_{k}' for k in range(6)),
+             *(f'actual_TCP_force_{k}' for k in range(6))]
+    place = np.stack([0.4 + 0.1 * np.sin(t), 0.1 * np.cos(t), 0.3 + 0 * t], axis=1)
+    contact = 0.2 * np.random.default_rng(2).normal(size=(len(t), 6))
+    rows = np.hstack([5000.0 + t[:, None], place, R.as_rotvec(), contact])
+    np.savetxt(tmp_path / 'robot_data.csv', rows, header=' '.join(names), comments='', fmt='%.9f')
+    recording = run_import(Path(example('poses')).with_name('ur_rtde.yaml'), tmp_path / 'bag',
+                           '--tables', tmp_path)
+    np.testing.assert_allclose(recording.wrench.values, contact, atol=1e-8)
+    np.testing.assert_allclose(recording.pose.R_base_sensor, R.as_matrix(), atol=1e-8)
+    np.testing.assert_allclose(recording.pose.position, place, atol=1e-8)
+    assert recording.wrench.frame == 'base'

@@ -1,12 +1,13 @@
 """Tables to signals on one time base."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby, pairwise
 from pathlib import Path
 
 from forcecal_ros.errors import ConfigError, DataError
 from forcecal_ros.geometry import Array, matrix_from_quaternion
+from forcecal_ros.recording.csv_import import doubts
 from forcecal_ros.recording.csv_import.specification import (
     ORIENTATIONS,
     Signal,
@@ -14,7 +15,7 @@ from forcecal_ros.recording.csv_import.specification import (
     TableSpecification,
 )
 from forcecal_ros.recording.csv_import.table import Table
-from forcecal_ros.recording.csv_import.units import NANOSECONDS
+from forcecal_ros.recording.csv_import.units import NANOSECONDS, UNITS
 from forcecal_ros.recording.streams import Phase, PHASES, PoseStream, Stream
 import numpy as np
 from numpy.typing import NDArray
@@ -43,12 +44,15 @@ class Imported:
         [ns since the epoch]
     shift : int
         How much later all times are than in the tables [s]: a recording begins after zero.
+    notes : tuple of str
+        What the user should look at.
     """
 
     signals: Mapping[str, Stream | PoseStream | tuple[Phase, ...]]
     topics: Mapping[str, str]
     start_ns: int
     shift: int
+    notes: tuple[str, ...] = ()
 
 
 def assemble(specification: Specification) -> Imported:
@@ -67,7 +71,8 @@ def assemble(specification: Specification) -> Imported:
     _check_time_base(specification, stamps)
     start = int(min(times[0] for times in stamps))
     signals: dict[str, Stream | PoseStream | tuple[Phase, ...]] = {}
-    topics = {}
+    topics: dict[str, str] = {}
+    notes: list[str] = []
     for (one, table), times in zip(tables, stamps):
         t = (times - start) / 1e9
         found: dict[str, Stream | PoseStream | tuple[Phase, ...]] = {
@@ -81,10 +86,66 @@ def assemble(specification: Specification) -> Imported:
             raise ConfigError(f'{specification.path}: {", ".join(repeated)} in more than one '
                               'table; import them into recordings of their own')
         signals.update(found)
+        notes.extend(_notes(one, table, t, found))
         topics.update({role: signal.topic for role, signal in one.signals.given.items()
                        if signal.topic is not None})
+    _refuse_other_readings(tables, signals)
     shift = max(0, 1 - start // _SECOND)
-    return Imported(signals, topics, start + shift * _SECOND, shift)
+    return Imported(signals, topics, start + shift * _SECOND, shift, tuple(notes))
+
+
+def _notes(specification: TableSpecification, table: Table, t: Array,
+           signals: Mapping[str, Stream | PoseStream | tuple[Phase, ...]]) -> Iterator[str]:
+    yield from doubts.left_out(table)
+    if specification.time is not None:
+        yield from doubts.doubtful_rate(
+            len(t), float(t[-1] - t[0]),
+            f'{table.path}, column {specification.time.column!r}', specification.time.unit)
+    for role, signal in signals.items():
+        if isinstance(signal, Stream):
+            yield from doubts.missing(table, role, signal.values)
+        elif isinstance(signal, PoseStream) and specification.time is not None:
+            given = specification.signals.given[role]
+            name = _orientation(given)
+            if name in ('rpy', 'rotation_vector'):
+                doubts.refuse_degrees_and_radians(
+                    table, t, name, table.numbers(given.parts[name].columns),
+                    given.parts[name].unit, signal.R_base_sensor)
+
+
+def _refuse_other_readings(tables: Sequence[tuple[TableSpecification, Table]],
+                           signals: Mapping[str, Stream | PoseStream | tuple[Phase, ...]]) -> None:
+    wrench, pose = signals.get('wrench'), signals.get('pose')
+    if not (isinstance(wrench, Stream) and isinstance(pose, PoseStream)):
+        return
+    table, signal = next((table, one.signals.pose) for one, table in tables if one.signals.pose)
+    name = _orientation(signal)
+    doubts.refuse_other_reading(wrench, pose, _other_readings(table, signal, name),
+                                f'{table.path}: {name}')
+
+
+def _other_readings(table: Table, signal: Signal, name: str) -> Mapping[str, Array]:
+    """R_base_sensor as it would be with the other unit, or the other order."""
+    if name in ('rpy', 'rotation_vector'):
+        stated = signal.parts[name].unit
+        unit = 'deg' if stated == 'rad' else 'rad'
+        size = UNITS['angle'][unit] / UNITS['angle'][stated]
+        return {f'its unit is {unit}': _turn(name, size * _part(table, signal, name))}
+    if name == 'quaternion_xyzw':
+        return {'its columns are in the order w, x, y, z': matrix_from_quaternion(
+            _part(table, signal, name)[:, [1, 2, 3, 0]])}
+    return {"rows are columns (R_base_sensor, R_sensor_base are each other's transpose)":
+            _rotations(table, signal).transpose(0, 2, 1)}
+
+
+def _orientation(signal: Signal) -> str:
+    return next(name for name in ORIENTATIONS if name in signal.parts)
+
+
+def _turn(name: str, angles: Array) -> Array:
+    turn = (Rotation.from_euler('xyz', angles) if name == 'rpy'
+            else Rotation.from_rotvec(angles))
+    return np.asarray(turn.as_matrix())
 
 
 def _stamps(specification: TableSpecification, table: Table) -> NDArray[np.int64]:
@@ -126,16 +187,14 @@ def _signal(table: Table, t: Array, signal: Signal) -> Stream | PoseStream:
 
 
 def _rotations(table: Table, signal: Signal) -> Array:
-    name = next(name for name in ORIENTATIONS if name in signal.parts)
+    name = _orientation(signal)
     values = _part(table, signal, name)
     if name in ('rpy', 'rotation_vector'):
         _refuse(table, ~np.isfinite(values).all(axis=1), 'no angles')
         _refuse(table, (np.abs(values) > _TOO_FAR).any(axis=1),
                 f'more than two turns ({np.abs(values).max():.4g} rad); is {name} in degrees '
                 '(unit: deg)?')
-        turn = (Rotation.from_euler('xyz', values) if name == 'rpy'
-                else Rotation.from_rotvec(values))
-        return np.asarray(turn.as_matrix())
+        return _turn(name, values)
     if name == 'quaternion_xyzw':
         wrong = ~(np.abs(np.linalg.norm(values, axis=1) - 1.0) < _NOT_A_ROTATION)
         _refuse(table, wrong, 'no quaternion of norm 1')

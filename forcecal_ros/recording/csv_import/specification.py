@@ -22,6 +22,7 @@ class Part:
 
     columns: tuple[str, ...]
     factors: tuple[float, ...]
+    unit: str = '1'
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class _Columns(Row):
         if self.width == 4 and not is_xyzw(entry.columns):
             raise Mismatch(where, entry.columns, 'the columns of x, y, z and w in this order')
         return Part(entry.columns, tuple(units[entry.unit] * sign for sign in
-                                         entry.signs or (1,) * self.width))
+                                         entry.signs or (1,) * self.width), entry.unit)
 
 
 _FORCE, _TORQUE = _Columns(quantity='force', width=3), _Columns(quantity='torque', width=3)
@@ -188,15 +189,37 @@ class Phases(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TableSpecification(Section):
-    """One table, with a column of time or a rate."""
+class Written(Section):
+    """How tables are written."""
 
-    file: Annotated[str, Row('Path', pattern=TEXT)]
     delimiter: Annotated[str, Row('', pattern='[^"\r\n]', wanted='one character')] = ','
     decimal: Annotated[str, Row('Of numbers', words=('.', ','))] = '.'
     comment: Annotated[str, Row('Lines that begin with it are left out')] = ''
     header: Annotated[int, Row('Line that names the columns', low=1)] = 1
     skip: Annotated[int, Row('Lines between that and the numbers, as one of units', low=0)] = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.decimal == self.delimiter:
+            raise self.wrong('delimiter', 'another character than decimal')
+
+    @property
+    def dialect(self) -> Dialect:
+        """How the table is written."""
+        return Dialect(self.delimiter, self.decimal, self.comment, self.header, self.skip)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _File(Section):
+    """The file of one table, which messages name it by."""
+
+    file: Annotated[str, Row('Path', pattern=TEXT)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableSpecification(Written, _File):
+    """One table, with a column of time or a rate."""
+
     time: Time | None = None
     rate: Annotated[float | None, Row('Rows a second', 'Hz', above=0.0)] = None
     start: Annotated[float | None, Row('Time of the first row of a table without time', 's')
@@ -211,13 +234,6 @@ class TableSpecification(Section):
                                      'table without time)')
         if self.time is not None and self.start is not None:
             raise self.wrong('start', 'none: start is for tables without time')
-        if self.decimal == self.delimiter:
-            raise self.wrong('delimiter', 'another character than decimal')
-
-    @property
-    def dialect(self) -> Dialect:
-        """How the table is written."""
-        return Dialect(self.delimiter, self.decimal, self.comment, self.header, self.skip)
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,12 @@
 """One CSV file: named columns of cells, and numbers and times out of them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 import csv
 from decimal import Decimal, InvalidOperation
+from itertools import islice
 from pathlib import Path
 import re
-from typing import NamedTuple
+from typing import NamedTuple, TextIO
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
@@ -18,6 +19,10 @@ _FARTHEST = 1 << 62
 
 _DECIMAL_COMMA = re.compile(r'\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*')
 _DATE = re.compile(r'\s*\d{1,4}[-/.:]\d{1,2}[-/.:]\d{1,4}')
+
+
+Column = str | int
+"""Name of a column, or its number from 0 in tables without names."""
 
 
 class Dialect(NamedTuple):
@@ -45,9 +50,62 @@ class Dialect(NamedTuple):
     skip: int = 0
 
 
+def rows_of(file: TextIO, dialect: Dialect) -> Iterator[tuple[int, list[str]]]:
+    """Yield the names of the columns and then the rows, each with its line in the file."""
+    reader = csv.reader(file, delimiter=dialect.delimiter, strict=True)
+    rows = ((reader.line_num, cells) for cells in reader if cells
+            and reader.line_num >= dialect.header
+            and not (dialect.comment and cells[0].startswith(dialect.comment)))
+    yield from islice(rows, 1)
+    yield from islice(rows, dialect.skip, None)
+
+
+def place_of(name: str, names: Sequence[str], path: Path) -> int:
+    """
+    Return where a column stands.
+
+    Raises
+    ------
+    DataError
+        There is no column of that name, or more than one.
+    """
+    if names.count(name) != 1:
+        problem = 'several columns' if name in names else 'no column'
+        raise DataError(f'{path}: {problem} {name!r}; there are {", ".join(names)}')
+    return names.index(name)
+
+
+def require_width(path: Path, rows: Iterable[tuple[int, list[str]]], width: int, header: int
+                  ) -> None:
+    """Refuse rows that have more or fewer cells than the line that names the columns."""
+    for line, cells in rows:
+        if len(cells) != width:
+            raise DataError(
+                f'{path} line {line}: {len(cells)} cells, but {width} columns in line {header}, '
+                'which names them; compare the keys delimiter, header and comment')
+
+
+def not_a_number(path: Path, cells: Iterable[tuple[int, str]], name: Column,
+                 convert: Callable[[str], object]) -> DataError:
+    """Return the complaint about the first cell of a column, given with lines, that is none."""
+    for line, cell in cells:
+        try:
+            convert(cell)
+        except (ValueError, InvalidOperation):
+            break
+    return DataError(f'{path} line {line}: {cell[:40]!r} in column {name!r} is not a number'
+                     f'{_remedy(cell)}')
+
+
 class Table:
     """
     The cells of a CSV file, one row of which names the columns.
+
+    Attributes
+    ----------
+    names : list of str
+    skipped : list of (int, list of str)
+        Lines that the key skip leaves out.
 
     Raises
     ------
@@ -57,16 +115,13 @@ class Table:
 
     def __init__(self, path: Path, dialect: Dialect = Dialect()) -> None:
         self.path = path
-        rows = self._read(dialect)
+        rows = self._read(dialect._replace(skip=0))
+        self.skipped = rows[1:1 + dialect.skip]
+        rows = rows[:1] + rows[1 + dialect.skip:]
         if len(rows) < 2:
             raise DataError(f'{path}: no rows; expected the names of the columns and then numbers')
         self.names = [name.strip() for name in rows[0][1]]
-        for line, cells in rows:
-            if len(cells) != len(self.names):
-                raise DataError(
-                    f'{path} line {line}: {len(cells)} cells, but {len(self.names)} columns in '
-                    f'line {rows[0][0]}, which names them; compare the keys delimiter, header and '
-                    'comment')
+        require_width(path, rows, len(self.names), rows[0][0])
         self._lines = [line for line, _ in rows[1:]]
         self._columns = [tuple(cell.replace(dialect.decimal, '.') for cell in column)
                          for column in zip(*(cells for _, cells in rows[1:]))]
@@ -77,11 +132,7 @@ class Table:
     def _read(self, dialect: Dialect) -> list[tuple[int, list[str]]]:
         try:
             with self.path.open(encoding='utf-8-sig', newline='') as file:
-                reader = csv.reader(file, delimiter=dialect.delimiter, strict=True)
-                rows = [(reader.line_num, cells) for cells in reader if cells
-                        and reader.line_num >= dialect.header
-                        and not (dialect.comment and cells[0].startswith(dialect.comment))]
-                return rows[:1] + rows[1 + dialect.skip:]
+                return list(rows_of(file, dialect))
         except OSError as error:
             raise DataError(f'{self.path}: cannot be read ({error.strerror}); paths count '
                             'from the folder of the specification or from --tables') from error
@@ -97,10 +148,7 @@ class Table:
         DataError
             There is no column of that name, or more than one.
         """
-        if self.names.count(name) != 1:
-            problem = 'several columns' if name in self.names else 'no column'
-            raise DataError(f'{self.path}: {problem} {name!r}; there are {", ".join(self.names)}')
-        return self._columns[self.names.index(name)]
+        return self._columns[place_of(name, self.names, self.path)]
 
     def numbers(self, names: Sequence[str]) -> Array:
         """
@@ -120,14 +168,8 @@ class Table:
         except ValueError:
             raise self._not_a_number(name, float) from None
 
-    def _not_a_number(self, name: str, convert: type) -> DataError:
-        for line, cell in zip(self._lines, self.cells(name)):
-            try:
-                convert(cell)
-            except (ValueError, InvalidOperation):
-                break
-        return DataError(f'{self.path} line {line}: {cell[:40]!r} in column {name!r} is not a '
-                         f'number{_remedy(cell)}')
+    def _not_a_number(self, name: str, convert: Callable[[str], object]) -> DataError:
+        return not_a_number(self.path, zip(self._lines, self.cells(name)), name, convert)
 
     def nanoseconds(self, name: str, unit: int) -> NDArray[np.int64]:
         """

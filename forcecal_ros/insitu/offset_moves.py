@@ -1,0 +1,56 @@
+"""Whether the offset stayed from data set to data set: a tare, a cable, temperature move it."""
+
+from collections.abc import Sequence
+
+from forcecal_ros.geometry import Array
+from forcecal_ros.insitu.blocks import Blocks, Mask
+import numpy as np
+
+MISFITS = 4.0
+"""Moves that are fewer misfits of a data set's own affine map than this are not told from them."""
+
+
+def offset_moves(data_sets: Sequence[tuple[Blocks, Mask]]) -> Array:
+    """
+    Compare each data set's own offset with the median of all.
+
+    Unlike the residuals under one shared offset, those of own affine maps do not hold the move.
+
+    Parameters
+    ----------
+    data_sets : sequence of (Blocks, ndarray of bool)
+
+    Returns
+    -------
+    ndarray, shape (k,)
+        Largest move of a channel over its span; zero where misfits explain it.
+    """
+    fits = [_affine(blocks.regressors[use, :3], blocks.raw[use]) for blocks, use in data_sets]
+    offsets = np.array([offset for offset, *_ in fits])
+    span = np.max([size for _, _, size in fits], axis=0)
+    moves = np.abs(offsets - np.median(offsets, axis=0))
+    levers = [_lever(blocks.regressors[use, :3]) for blocks, use in data_sets]
+    sure = moves > MISFITS * np.array([lever * rms for lever, (_, rms, _) in zip(levers, fits)])
+    return np.asarray((np.where(sure, moves, 0.0) / np.maximum(span, 1e-12)).max(axis=1))
+
+
+def explained(data_sets: Sequence[tuple[Blocks, Mask]]) -> Array:
+    """Share of each channel's variance that own affine maps of gravity explain, shape (n,)."""
+    used = [(blocks.regressors[use, :3], blocks.raw[use]) for blocks, use in data_sets]
+    left = np.sum([len(raw) * _affine(gravity, raw)[1] ** 2 for gravity, raw in used], axis=0)
+    whole = np.sum([len(raw) * raw.var(axis=0, ddof=1) for _, raw in used], axis=0)
+    return np.asarray(1 - left / np.maximum(whole, 1e-24))
+
+
+def _affine(gravity: Array, raw: Array) -> tuple[Array, Array, Array]:
+    """Offset, RMS of the misfit, and span of the fit."""
+    x = np.column_stack([np.ones(len(gravity)), gravity])
+    theta = np.linalg.lstsq(x, raw, rcond=None)[0]
+    rms = np.linalg.norm(raw - x @ theta, axis=0) / np.sqrt(max(len(x) - 4, 1))
+    return theta[0], rms, np.ptp(x @ theta, axis=0)
+
+
+def _lever(gravity: Array) -> float:
+    """How far a misfit of RMS 1 may move the offset."""
+    x = np.column_stack([np.ones(len(gravity)), gravity])
+    return float(np.sqrt(len(x) * np.linalg.pinv(x.T @ x)[0, 0]))
