@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.diagnose.carried_tool import beyond
 from forcecal_ros.diagnose.case import Case, made_up
+from forcecal_ros.diagnose.measured_joints import compared, measured_joints, of_same_joints
 from forcecal_ros.diagnose.motion_case import (
     held_out,
     kinds,
@@ -20,6 +21,7 @@ from forcecal_ros.diagnose.pipeline import answered, Outcome
 from forcecal_ros.diagnose.rerun import Numbers, refuse_unsteady, Rerun, Runs
 from forcecal_ros.diagnose.residual import Measured
 from forcecal_ros.diagnose.result import Diagnosis
+from forcecal_ros.diagnose.run_limit import refuse_too_many, runs_short
 from forcecal_ros.diagnose.simulated_robot import simulated_robot, SimulatedRobot
 from forcecal_ros.diagnose.simulated_tool import simulated_tool, SimulatedTool
 from forcecal_ros.diagnose.stamps import Corrected, evened
@@ -116,12 +118,14 @@ def diagnose_rerun(recording: Recording, heldout: Recording | None, simulator: T
     Raises
     ------
     ConfigError
-        The simulator does not keep to the protocol, or answers otherwise the second time.
+        The simulator does not keep to the protocol, answers otherwise the second time, or has so
+        many parameters that it would be run too often.
     """
-    given = [one for one in (recording, heldout) if one is not None]
+    given = of_same_joints([one for one in (recording, heldout) if one is not None])
+    refuse_too_many(simulator, len(given))
     try:
         check_alike(given)
-        first = _prepared(recording, simulator, None, rig)
+        first = _prepared(given[0], simulator, None, rig)
         ready = [first, *(_prepared(one, simulator, first.tool, rig) for one in given[1:])]
     except DataError as error:
         return Rerunning(Outcome(Diagnosis('invalid_data', str(error)), rig))
@@ -136,8 +140,10 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Case, ...], given: Seq
               simulator: ThirdParty) -> Rerunning:
     """Try all parameters, where they are and, if that was too far off, where they should be."""
     robot = ready[0].robot
-    outcome, point = Outcome(STANDS, robot), robot.numbers
+    outcome, point, short = Outcome(STANDS, robot), robot.numbers, ''
     for _ in range(ROUNDS):
+        if short := runs_short(simulator, [one.runs for one in ready]):
+            break
         for one in ready:
             one.runs.try_all(point)
             one.simulation.forget()
@@ -148,7 +154,8 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Case, ...], given: Seq
         if _predicted(ready, point):
             break
     changed = _changes(simulator, outcome)
-    notes = (*outcome.diagnosis.notes, *simulator.notes, *_recalibrated(simulator, outcome))
+    notes = (*outcome.diagnosis.notes, *simulator.notes, *_recalibrated(simulator, outcome),
+             *filter(None, [short]))
     outcome = replace(outcome, diagnosis=replace(outcome.diagnosis, notes=notes))
     recomputed = _recomputed(ready, judged, outcome) if changed else None
     return Rerunning(outcome, changed, sum(one.runs.count for one in ready), recomputed)
@@ -177,7 +184,8 @@ def _prepared(recording: Recording, simulator: ThirdParty, tool: SimulatedTool |
     simulation = Rerun(runs, start, n, known.body)
     felt = real.accelerometer if real.accelerometer_unit == 'm/s^2' else None
     seen = replace(real, target=None, optidrive=None,
-                   accelerometer=felt if simulation.accelerated else None)
+                   accelerometer=felt if simulation.accelerated else None,
+                   joints=compared(real.joints, simulation.joints))
     robot = simulated_robot(known.body, simulator.parameters)
     nominal = simulation.signals(robot)
     if tool is None:
@@ -206,7 +214,7 @@ def inputs_of(recording: Recording) -> Inputs:
     streams = [s.t for s in (recording.wrench, recording.pose) if s is not None]
     start = min(float(told[0].t[0]), *(float(t[0]) for t in streams))
     return Inputs(start, max(float(t[-1]) for t in streams), recording.target,
-                  recording.joint_commands)
+                  recording.joint_commands, measured_joints(recording.joints))
 
 
 def _predicted(ready: Sequence[_Prepared], point: Numbers) -> bool:

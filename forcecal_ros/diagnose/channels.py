@@ -1,9 +1,13 @@
-"""The signals that are compared: sixteen channels, their units, and the stage that makes them."""
+"""The signals that are compared: their channels, units, and the stage that makes them."""
 
 from typing import NamedTuple
 
 STAGES = ('robot', 'tool', 'environment', 'wrench_sensor', 'accelerometer', 'pose', 'timing')
 """Along the chain from command to sensor; the clocks last."""
+
+
+JOINTS = 8
+"""Joints whose positions can be compared: an arm of seven, and the rail that it stands on."""
 
 
 class Channel(NamedTuple):
@@ -22,12 +26,13 @@ CHANNELS = (
     Channel('optidrive', 'm', 'optidrive', 'tool'),
     *(Channel(f'pose.{a}', 'm', 'pose', 'robot') for a in 'xyz'),
     *(Channel(f'pose.r{a}', 'rad', 'pose', 'robot') for a in 'xyz'),
+    *(Channel(f'joint.{i}', 'rad', 'joints', 'robot') for i in range(JOINTS)),
 )
 """In the order of the columns of every residual."""
 
 COLUMNS = {
     'wrench': slice(0, 6), 'accelerometer': slice(6, 9), 'optidrive': slice(9, 10),
-    'pose': slice(10, 16),
+    'pose': slice(10, 16), 'joints': slice(16, 16 + JOINTS),
 }
 """Columns of each stream."""
 

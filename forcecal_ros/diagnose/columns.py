@@ -40,8 +40,8 @@ def column(difference: Array, level: Array) -> Column:
 
     Parameters
     ----------
-    difference : ndarray, shape (n, 16)
-    level : ndarray, shape (16,)
+    difference : ndarray, shape (n, channels)
+    level : ndarray, shape (channels,)
         Of the noise.
 
     Returns
@@ -68,9 +68,9 @@ def nuisance_column(case: Case, nuisance: Nuisance, size: float, rig: Rig, refer
         Where the column is taken.
     reference : Signals
         Of that rig.
-    blocks : ndarray, shape (n, 16)
+    blocks : ndarray, shape (n, channels)
         Measured less reference.
-    level : ndarray, shape (16,)
+    level : ndarray, shape (channels,)
         Of the noise.
 
     Returns
@@ -104,7 +104,7 @@ def gram(noise: Autoregression, columns: Sequence[Column], residual: Array,
     ----------
     noise : Autoregression
     columns : sequence of Column
-    residual : ndarray, shape (n, 16)
+    residual : ndarray, shape (n, channels)
     parts : sequence of ndarray of bool, shape (n,)
         Which blocks count; one Gram for each.
 
@@ -135,7 +135,7 @@ def gram(noise: Autoregression, columns: Sequence[Column], residual: Array,
 
 
 def combined(columns: Sequence[Column], x: Array, n: int) -> Array:
-    """Sum columns times parameters of one recording, shape (n, 16)."""
+    """Sum columns times parameters of one recording, shape (n, channels)."""
     out = np.zeros((n, len(CHANNELS)))
     for one, value in zip(columns, x):
         if value:

@@ -49,6 +49,9 @@ Bytes that whitened features may take: of a pair of a minute each two hundred co
 kept, of ten minutes the forty strongest.
 """
 
+SHARING = 16
+"""Channels that share that memory: all but those of joints, whose features are the same."""
+
 STREAM = tuple(i for i, name in enumerate(COLUMNS) for c in CHANNELS if c.stream == name)
 """Of each channel, its stream's place among sizes."""
 
@@ -82,7 +85,7 @@ class Discrepancy:
     Parameters
     ----------
     of : Basis
-    signal : ndarray, shape (16,)
+    signal : ndarray, shape (channels,)
         Standard deviation of what each channel shows [channel's unit].
     train : sequence of ndarray of bool, shape (n,)
         Blocks to fit on, of each recording.
@@ -108,7 +111,7 @@ class Beside:
     Parameters
     ----------
     of : Basis
-    signal : ndarray, shape (16,)
+    signal : ndarray, shape (channels,)
     train : sequence of ndarray of bool, shape (n,)
     noise : list of Autoregression
         Of each recording.
@@ -127,7 +130,7 @@ class Beside:
                  if n.sigma[:, c].any() else np.zeros(rows.shape, dtype=np.float32)
                  for n, rows in zip(self.noise, self.basis.rows)]
         values, vectors = np.linalg.eigh(sum((w @ w.T).astype(float) for w in white))
-        most = int(MEMORY / (4 * len(CHANNELS) * sum(w.shape[1] for w in white)))
+        most = int(MEMORY / (4 * SHARING * sum(w.shape[1] for w in white)))
         kept = np.flatnonzero(values * max(FREE) ** 2 > LEAST_WEIGHT)[-most:]
         turn = vectors[:, kept]
         rows = [(turn.T.astype(np.float32) @ w) for w in white]
@@ -151,11 +154,11 @@ class Beside:
 
         Parameters
         ----------
-        residual : sequence of ndarray, shape (n, 16)
+        residual : sequence of ndarray, shape (n, channels)
 
         Returns
         -------
-        list of ndarray, shape (n, 16)
+        list of ndarray, shape (n, channels)
         """
         products = self.products([[] for _ in residual], residual)
         weights = products.likeliest()
@@ -179,7 +182,7 @@ class Beside:
         ----------
         columns : sequence of sequence of Column
             Of each recording, as many in each.
-        residual : sequence of ndarray, shape (n, 16)
+        residual : sequence of ndarray, shape (n, channels)
         absent : bool
             Whether they are wanted for a size of 0 only.
         """

@@ -57,11 +57,11 @@ class Errors(NamedTuple):
     covariance: Array
 
     def expected(self) -> Array:
-        """Mean square that wrong parameters leave in each channel, shape (16,)."""
+        """Mean square that wrong parameters leave in each channel, shape (channels,)."""
         return np.asarray(np.einsum('cij,ij->c', self.grams, self.covariance))
 
     def drawn(self, rng: np.random.Generator) -> Array:
-        """Return what one draw of parameters leaves, shape (16,)."""
+        """Return what one draw of parameters leaves, shape (channels,)."""
         values, vectors = np.linalg.eigh(self.covariance)
         x = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))
         return np.asarray(np.einsum('cij,i,j->c', self.grams, x, x))
@@ -69,7 +69,7 @@ class Errors(NamedTuple):
 
 class Arms(NamedTuple):
     """
-    Block means of one recording, shape (n, 16) each.
+    Block means of one recording, shape (n, channels) each.
 
     Attributes
     ----------
@@ -101,9 +101,9 @@ def gap(cases: tuple[Case, ...], arms: list[Arms], noise: Array, cell_energy: Ar
     ----------
     cases : tuple of Case
     arms : list of Arms
-    noise : ndarray, shape (16,)
+    noise : ndarray, shape (channels,)
         RMS of one sample of each channel; 0 where there is none.
-    cell_energy : ndarray, shape (16,)
+    cell_energy : ndarray, shape (channels,)
         Mean square that is left in cells beyond what ``left`` predicts.
     errors : Errors, optional
         Of the parameters; taken as exact where none are given.

@@ -42,7 +42,7 @@ class Left(NamedTuple):
         The strongest first.
     lines : tuple of Line
         Not those of a vibration that is explained.
-    impulses : ndarray, shape (16,)
+    impulses : ndarray, shape (channels,)
         How many innovations of each channel noise does not make.
     notes : tuple of str
     unnamed : float
@@ -96,7 +96,7 @@ def discrepant(p: Problem) -> list[Array]:
 
     Returns
     -------
-    list of ndarray, shape (n, 16)
+    list of ndarray, shape (n, channels)
         In each recording.
     """
     weights = p.unexplained().trained(p.allowed)
@@ -233,7 +233,7 @@ def predictable(ceiling: Ceiling, case: int) -> Array:
 
     Returns
     -------
-    ndarray, shape (n, 16)
+    ndarray, shape (n, channels)
     """
     real = (ceiling.z > remainder.PREDICTABLE) & (ceiling.size > SMALL)
     return np.where(real, ceiling.prediction[case], 0.0)

@@ -21,14 +21,14 @@ def sample_noise(p: Problem, explained: Array, left: Sequence[Array] = ()) -> Ar
     ----------
     p : Problem
         As far as is explained.
-    explained : ndarray, shape (16,)
+    explained : ndarray, shape (channels,)
         Mean square of what else is no noise, such as what wrong parameters leave.
-    left : sequence of ndarray, shape (n, 16)
+    left : sequence of ndarray, shape (n, channels)
         What else is predicted, in each recording.
 
     Returns
     -------
-    ndarray, shape (16,)
+    ndarray, shape (channels,)
         0 where there is no channel.
     """
     total, weight, within = np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS)), []
@@ -81,12 +81,12 @@ def unpredictable(p: Problem, cells: list[Cell], left: Sequence[Array]) -> Array
     p : Problem
     cells : list of Cell
         Of its remainder.
-    left : sequence of ndarray, shape (n, 16)
+    left : sequence of ndarray, shape (n, channels)
         What of it is predicted, in each recording.
 
     Returns
     -------
-    ndarray, shape (16,)
+    ndarray, shape (channels,)
         0 where a channel has no strong cell, or a predicted part that stands for it.
     """
     energy = np.zeros(len(CHANNELS))
@@ -107,12 +107,12 @@ def measured_gap(p: Problem, final: Problem, residuals: tuple[list[Array], ...],
     ----------
     p, final : Problem
         Recalibrated; with the effects.
-    residuals : tuple of three lists of ndarray, shape (n, 16)
+    residuals : tuple of three lists of ndarray, shape (n, channels)
         Of each recording: measured less nominal, measured less recalibrated, and what of the
         final remainder is predictable.
-    noise : ndarray, shape (16,)
+    noise : ndarray, shape (channels,)
         RMS of one sample.
-    energy : ndarray, shape (16,)
+    energy : ndarray, shape (channels,)
         Mean square of what else is left and is no noise.
     errors : Errors
 

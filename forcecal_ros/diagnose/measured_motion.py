@@ -113,7 +113,7 @@ class MeasuredMotion:
 
     def smooth(self, signals: Signals) -> Signals:
         """Return signals without the noise of pose and accelerometer, which is in them all."""
-        start, *parts = signals
+        start, *parts = signals[:-1]  # no joints
         smooth = [slow(part.reshape(len(part), -1), RATE, SMOOTH).reshape(part.shape)
                   for part in parts]
         return Signals(start, *smooth)

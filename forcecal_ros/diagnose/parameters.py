@@ -67,7 +67,7 @@ def from_checks(stamps: Sequence[Corrected], noise: Array, model: AccelerometerM
     Parameters
     ----------
     stamps : sequence of Corrected
-    noise : ndarray, shape (16,)
+    noise : ndarray, shape (channels,)
         RMS of one sample.
     model : AccelerometerModel
         Of the accelerometer that was mounted.

@@ -87,10 +87,10 @@ class Outcome:
         Recalibrated, with the effects.
     recalibrations : dict of str to (float, float)
         Nuisance -> how far it moved, and its standard error; relative where its spread is.
-    recalibrated, explained : tuple of ndarray, shape (n, 16)
+    recalibrated, explained : tuple of ndarray, shape (n, channels)
         Measured less simulated, in block means, of each recording.
     cases : tuple of Case
-    noise : ndarray, shape (16,)
+    noise : ndarray, shape (channels,)
         RMS of one sample of each channel.
     """
 

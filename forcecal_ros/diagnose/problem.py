@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from forcecal_ros.diagnose.basis import Basis, basis
 from forcecal_ros.diagnose.case import Case
-from forcecal_ros.diagnose.channels import CHANNELS
+from forcecal_ros.diagnose.channels import CHANNELS, JOINTS
 from forcecal_ros.diagnose.columns import Column, column, combined, nuisance_column
 from forcecal_ros.diagnose.discrepancy import Beside, Discrepancy, NONE, Products, Sizes
 from forcecal_ros.diagnose.evidence import Fit, fit, Gram, Prior
@@ -48,6 +48,9 @@ FAR = 2.0
 
 FRACTIONS = (1.0, 0.5, 0.25, 0.1)
 """Of a step along curved nuisances that are tried in turn."""
+
+ENCODER = 2e-5
+"""Noise of a joint's position in one block mean [rad]: a step of a UR's encoders or two."""
 
 Values = Mapping[str, Mapping[str, float]]
 """Effect -> parameter -> value."""
@@ -125,11 +128,11 @@ class Problem:
                      np.where(endless, np.inf, LIMIT))
 
     def simulate(self, effects: Values, case: int) -> Array:
-        """Return measured less simulated of one recording with other effects, (n, 16)."""
+        """Return measured less simulated of one recording with other effects, (n, channels)."""
         return self._left(case, self.cases[case].simulation.signals(self.current(effects)))
 
     def _left(self, case: int, signals: Signals) -> Array:
-        """Return measured less simulated of one recording, its steps taken off, (n, 16)."""
+        """Return measured less simulated of one recording, its steps taken off, (n, channels)."""
         out = self.cases[case].measured.blocks(signals)
         if not np.isfinite(out).all() or np.abs(out).max(initial=0.0) > ENDLESS:
             raise Diverged('a simulation is not finite')
@@ -273,12 +276,13 @@ class Problem:
 
 
 def noise_level(rig: Rig, streams: tuple[str, ...], accelerometer: str) -> Array:
-    """Return the rig's noise of every channel in one block mean, shape (16,)."""
+    """Return the rig's noise of every channel in one block mean, shape (channels,)."""
     optidrive = rig.optidrive.noise if rig.optidrive else 1.0
     level = [rig.wrench_sensor.force_noise] * 3 + [rig.wrench_sensor.torque_noise] * 3
     level += [rig.accelerometer.noise] * 3 + [optidrive]
     level += [2.0 * rig.pose_sensor.position_noise] * 3
     level += [2.0 * rig.pose_sensor.orientation_noise] * 3
+    level += [2.0 * ENCODER] * JOINTS
     return np.maximum(np.array(level) / 2.0, 1e-12)
 
 
@@ -310,12 +314,14 @@ def _no_less(noise: Autoregression, floor: Array) -> Autoregression:
 
 
 def _signal(p: Problem) -> Array:
-    """Return what each channel shows, the largest of its vector: standard deviation, (16,)."""
+    """Return what each channel shows, the largest of its vector: standard deviation."""
     shown = []
     for s in p.base:
         rotation = rotation_vector(s.R_base_sensor[0].T @ s.R_base_sensor)
+        joints = np.zeros((len(rotation), JOINTS)) if s.joints is None else s.joints
         shown.append(block_means(np.concatenate(
-            [s.wrench, s.volts, s.optidrive[:, np.newaxis], s.position, rotation], axis=1)))
+            [s.wrench, s.volts, s.optidrive[:, np.newaxis], s.position, rotation, joints],
+            axis=1)))
     std = np.concatenate(shown).std(axis=0)
     vectors = np.array([c.name[:-1] for c in CHANNELS])
     return np.array([std[vectors == vector].max() for vector in vectors])

@@ -50,11 +50,11 @@ class Ceiling(NamedTuple):
 
     Attributes
     ----------
-    z : ndarray, shape (16,)
+    z : ndarray, shape (channels,)
         Held out; N(0, 1) where nothing is left.
-    size : ndarray, shape (16,)
+    size : ndarray, shape (channels,)
         RMS of the prediction in noise RMS, largest kind of motion.
-    prediction : tuple of ndarray, shape (n, 16)
+    prediction : tuple of ndarray, shape (n, channels)
         One for each recording.
     """
 
@@ -123,7 +123,7 @@ def ceiling(problem: Problem, signals: list[Signals], blocks: list[Array]) -> Ce
         Its noise belongs to ``blocks``.
     signals : list of Signals
         Simulated, as far as is explained.
-    blocks : list of ndarray, shape (n, 16)
+    blocks : list of ndarray, shape (n, channels)
         What remains.
 
     Returns
@@ -214,7 +214,7 @@ def cells(case: Blocked, noise: Autoregression, blocks: Array) -> list[Cell]:
     ----------
     case : Blocked
     noise : Autoregression
-    blocks : ndarray, shape (n, 16)
+    blocks : ndarray, shape (n, channels)
 
     Returns
     -------
@@ -287,7 +287,7 @@ def _octaves(white: Array, rows: NDArray[np.bool_], spacing: float) -> tuple[Arr
 
 
 def impulses(noise: Autoregression, blocks: Array) -> Array:
-    """Count innovations of each channel that noise does not make, shape (16,)."""
+    """Count innovations of each channel that noise does not make, shape (channels,)."""
     return np.array([
         np.sum(np.abs(noise.whiten(blocks[:, c][np.newaxis], c)) > IMPULSE)
         if noise.sigma[:, c].any() else 0 for c in range(len(CHANNELS))])

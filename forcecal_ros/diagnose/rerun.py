@@ -15,6 +15,7 @@ from forcecal_ros.diagnose.carried_tool import CarriedTool
 from forcecal_ros.diagnose.clear_band import MOST
 from forcecal_ros.diagnose.measured_motion import EXACT
 from forcecal_ros.diagnose.nuisances import LEAST, Nuisance, of_sensors, scaled, shifted
+from forcecal_ros.diagnose.residual import padded
 from forcecal_ros.diagnose.same_frames import in_base_of
 from forcecal_ros.diagnose.simulated_robot import (
     addable,
@@ -42,12 +43,13 @@ Numbers = tuple[float, ...]
 
 
 class _Change(NamedTuple):
-    """What one sigma of a parameter does: to wrench, position, turn and accelerometer."""
+    """What one sigma of a parameter does: to wrench, position, turn, accelerometer, joints."""
 
     wrench: Array
     position: Array
     turn: Array
     accelerometer: Array | None
+    joints: Array | None = None
 
 
 class Runs:
@@ -123,8 +125,8 @@ class Runs:
 def _arrays(made: Recording) -> list[Array]:
     assert made.wrench is not None
     assert made.pose is not None
-    felt = [] if made.accelerometer is None else [made.accelerometer.values]
-    return [made.wrench.values, made.pose.position, made.pose.R_base_sensor, *felt]
+    others = [one.values for one in (made.accelerometer, made.joints) if one is not None]
+    return [made.wrench.values, made.pose.position, made.pose.R_base_sensor, *others]
 
 
 def _change(here: Recording, there: Recording, scale: float) -> _Change:
@@ -132,20 +134,21 @@ def _change(here: Recording, there: Recording, scale: float) -> _Change:
     assert one is not None
     assert other is not None
     turn = rotation_vector(np.swapaxes(one.R_base_sensor, 1, 2) @ other.R_base_sensor)
-    accelerated = here.accelerometer is not None and there.accelerometer is not None
-    return _Change(scale * _less(there.wrench, here.wrench),
-                   scale * (other.position - one.position), scale * turn,
-                   scale * _less(there.accelerometer, here.accelerometer) if accelerated else None)
+    wrench = _less(there.wrench, here.wrench, scale)
+    assert wrench is not None
+    return _Change(wrench, scale * (other.position - one.position), scale * turn,
+                   _less(there.accelerometer, here.accelerometer, scale),
+                   _less(there.joints, here.joints, scale))
 
 
-def _less(one: Stream | None, other: Stream | None) -> Array:
-    assert one is not None
-    assert other is not None
-    return np.asarray(one.values - other.values)
+def _less(one: Stream | None, other: Stream | None, scale: float) -> Array | None:
+    if one is None or other is None:
+        return None
+    return np.asarray(scale * (one.values - other.values))
 
 
 def _moved(base: Recording, changes: Sequence[_Change], away: Array) -> Recording:
-    wrench, pose, felt = base.wrench, base.pose, base.accelerometer
+    wrench, pose, felt, joints = base.wrench, base.pose, base.accelerometer, base.joints
     assert wrench is not None
     assert pose is not None
     turn = sum((x * c.turn for c, x in zip(changes, away)), np.zeros_like(pose.position))
@@ -155,7 +158,11 @@ def _moved(base: Recording, changes: Sequence[_Change], away: Array) -> Recordin
         felt = replace(felt, values=sum(
             (x * c.accelerometer for c, x in zip(changes, away) if c.accelerometer is not None),
             np.array(felt.values)))
-    return replace(base, wrench=replace(wrench, values=values), accelerometer=felt,
+    if joints is not None:
+        joints = replace(joints, values=sum(
+            (x * c.joints for c, x in zip(changes, away) if c.joints is not None),
+            np.array(joints.values)))
+    return replace(base, wrench=replace(wrench, values=values), accelerometer=felt, joints=joints,
                    pose=replace(pose, position=position,
                                 R_base_sensor=pose.R_base_sensor @ rotation_from_vector(turn)))
 
@@ -166,6 +173,14 @@ def refuse_unsteady(runs: Runs) -> None:
         raise ConfigError(f'{runs.simulator.name}: the same commands and parameters gave another '
                           'answer the second time; seed its noise or leave it out, and begin '
                           'each run from the same state')
+
+
+class _Carried(NamedTuple):
+    """A tool along one motion, what an accelerometer feels there, and where the joints are."""
+
+    tool: CarriedTool
+    felt: Array | None
+    joints: Array | None
 
 
 class Rerun:
@@ -186,9 +201,11 @@ class Rerun:
 
     def __init__(self, runs: Runs, start: float, n_blocks: int, body: Body) -> None:
         self.runs, self.start, self.n_blocks, self._body = runs, start, n_blocks, body
-        self.accelerated = runs.exact(runs.simulator.nominal).accelerometer is not None
+        nominal = runs.exact(runs.simulator.nominal)
+        self.accelerated = nominal.accelerometer is not None
+        self.joints = () if nominal.joints is None else nominal.joints.names
         self.library: Mapping[str, Effect] = library_of(runs.simulator.parameters)
-        self._carried: dict[tuple[Numbers, float], tuple[CarriedTool, Array | None]] = {}
+        self._carried: dict[tuple[Numbers, float], _Carried] = {}
 
     def can_show(self, effect: str, rig: Rig) -> bool:
         """Say whether an effect could be there and be seen."""
@@ -196,7 +213,7 @@ class Rerun:
 
     def nuisances(self, rig: Rig, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """List what a sound robot may differ in: parameters, tool, mounting and sensors."""
-        found = nuisances_of(self.runs.simulator.parameters)
+        found = nuisances_of(self.runs.simulator.parameters, len(self.joints))
         if 'tool_mass' in self.library:
             found.append(Nuisance('tool.mass', 'mass', scaled('tool', 'mass'), least=LEAST))
         if 'tool_com' in self.library:
@@ -227,15 +244,17 @@ class Rerun:
         Signals
         """
         assert isinstance(rig, SimulatedRobot)
-        carried, felt = self._along(rig.numbers, rig.late)
+        carried, felt, joints = self._along(rig.numbers, rig.late)
         place, turn = np.array(rig.mounting[:3]), np.array(rig.mounting[3:])
         n = len(carried.t)
         volts = np.zeros((n, 3)) if felt is None else self._volts(rig, carried, felt)
+        if joints is not None:
+            joints = padded(joints + rig.zeros[:len(self.joints)])
         return Signals(
             self.start, carried.wire(rig), volts, carried.slide, carried.position + place,
             carried.R_base_sensor @ rotation_from_vector(turn), carried.velocity,
             carried.acceleration, carried.omega, carried.alpha, np.zeros(n), np.zeros((n, 6)),
-            carried.specific_force(rig))
+            carried.specific_force(rig), joints)
 
     def _volts(self, rig: Rig, carried: CarriedTool, felt: Array) -> Array:
         body = physical_rig(rig)
@@ -244,7 +263,7 @@ class Rerun:
         on_volts = AccelerometerEffects(rig, self.accelerometer, 1.0 / RATE)
         return on_volts.after_noise(on_volts.before_noise(felt * model.gain + model.offset))
 
-    def _along(self, numbers: Numbers, late: float) -> tuple[CarriedTool, Array | None]:
+    def _along(self, numbers: Numbers, late: float) -> '_Carried':
         """Carry the simulator's tool along its own motion, so much later; the last are kept."""
         if (numbers, late) not in self._carried:
             if len(self._carried) >= KEPT:
@@ -253,6 +272,7 @@ class Rerun:
             motion = replace(made, accelerometer=None)
             carried = CarriedTool(motion, self.start - late, self.n_blocks, self.accelerometer)
             carried.beyond = carried.seen(made) - carried.wire(self._body)
-            felt = None if made.accelerometer is None else made.accelerometer.at(carried.t)
-            self._carried[numbers, late] = carried, felt
+            felt, joints = (None if one is None else one.at(carried.t)
+                            for one in (made.accelerometer, made.joints))
+            self._carried[numbers, late] = _Carried(carried, felt, joints)
         return self._carried[numbers, late]

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.channels import BLOCK, CHANNELS, COLUMNS
+from forcecal_ros.diagnose.channels import BLOCK, CHANNELS, COLUMNS, JOINTS
 from forcecal_ros.diagnose.simulation import RATE, Signals
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import Recording
@@ -59,11 +59,16 @@ class Measured:
         if pose is not None:
             values = np.concatenate([pose.position, pose.R_base_sensor.reshape(-1, 9)], axis=1)
             self._add('pose', pose.t, values)
+        joints = recording.joints
+        if joints is not None:
+            self._add('joints', joints.t, padded(joints.values))
         self.present = np.zeros((n_blocks, len(CHANNELS)), dtype=bool)
         for name, stream in self._streams.items():
             rows = np.zeros(n_blocks, dtype=bool)
             rows[stream.blocks] = True
             self.present[:, COLUMNS[name]] = rows[:, np.newaxis]
+        if joints is not None:
+            self.present[:, COLUMNS['joints'].start + joints.values.shape[1]:] = False
 
     def _add(self, name: str, t: Array, values: Array) -> None:
         u = (t - self.start) * RATE - 1.0
@@ -138,7 +143,7 @@ class Measured:
         return self._streams[name].t
 
     def scatter(self, signals: Signals) -> Array:
-        """Mean square of the samples about their block means, shape (16,)."""
+        """Mean square of the samples about their block means, shape (channels,)."""
         out = np.zeros(len(CHANNELS))
         for name, stream in self._streams.items():
             rows = self._rows(name, stream, signals)
@@ -167,6 +172,11 @@ class Measured:
         return np.concatenate([stream.values[:, :3] - simulated[:, :3], turn], axis=1)
 
 
+def padded(joints: Array) -> Array:
+    """Return a column for each joint that there may be, 0 where there is none."""
+    return np.pad(joints, ((0, 0), (0, JOINTS - joints.shape[1])))
+
+
 def _simulated(name: str, s: Signals) -> Array:
     if name == 'wrench':
         return s.wrench
@@ -174,6 +184,9 @@ def _simulated(name: str, s: Signals) -> Array:
         return s.volts
     if name == 'optidrive':
         return s.optidrive[:, np.newaxis]
+    if name == 'joints':
+        assert s.joints is not None
+        return s.joints
     return np.concatenate([s.position, s.R_base_sensor.reshape(-1, 9)], axis=1)
 
 

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from forcecal_ros.diagnose.body import Body
 from forcecal_ros.diagnose.carried_tool import CABLE
+from forcecal_ros.diagnose.channels import JOINTS
 from forcecal_ros.diagnose.nuisances import Nuisance
 from forcecal_ros.diagnose.simulation import UNSEEN
 from forcecal_ros.effects import Effect, EFFECTS, Quantity
@@ -19,6 +20,9 @@ MOUNTING = (0.005, 0.01)
 
 LATE = 0.001
 """Of the robot behind its commands beyond the simulator, 1 sigma [s]: a cycle of a fast driver."""
+
+ZERO = 2e-4
+"""Of a joint's encoder against its simulation, 1 sigma [rad]: as exactly as arms are mastered."""
 
 VISIBLE = 10.0
 """A clearly visible change of a parameter, in its sigma: beyond what a nuisance may take."""
@@ -38,12 +42,15 @@ class SimulatedRobot(Body):
         A value of each of the simulator's parameters.
     mounting : tuple of float
         Of the measured pose against the simulated: position in base [m], turn in ft_sensor [rad].
+    zeros : tuple of float
+        Of the measured joints against the simulated [rad].
     late : float
         How much later than its simulation the robot does what it is told [s].
     """
 
     numbers: Annotated[tuple[float, ...], Row('of the parameters')] = ()
     mounting: Annotated[tuple[float, ...], Row('position and turn')] = (0.0,) * 6
+    zeros: Annotated[tuple[float, ...], Row('of the joints')] = (0.0,) * JOINTS
     late: Annotated[float, Row('robot behind its simulation', 's')] = 0.0
 
 
@@ -80,13 +87,15 @@ def _effect(p: Parameter) -> Effect:
     return Effect(p.name, p.stage, (value,), MOVING, True, 'rig', p.name)
 
 
-def nuisances_of(parameters: tuple[Parameter, ...]) -> list[Nuisance]:
-    """List how far a sound robot may be from the simulator's parameters, and its base."""
+def nuisances_of(parameters: tuple[Parameter, ...], joints: int = 0) -> list[Nuisance]:
+    """List how far a sound robot may be from the simulator's parameters, its base and joints."""
     found = [Nuisance(p.name, p.name, _number(i), least=p.low - p.nominal, spread=p.sigma)
              for i, p in enumerate(parameters)]
     found.append(Nuisance('robot.delay', 'late', _later, spread=LATE))
-    return found + [Nuisance(f'mounting.{i}', 'mounting', _mounting(i), spread=MOUNTING[i // 3])
-                    for i in range(6)]
+    found += [Nuisance(f'mounting.{i}', 'mounting', _mounting(i), spread=MOUNTING[i // 3])
+              for i in range(6)]
+    return found + [Nuisance(f'joint.zero.{i}', 'zeros', _zero(i), spread=ZERO)
+                    for i in range(joints)]
 
 
 def _number(index: int) -> Callable[[Rig, float], Rig]:
@@ -100,6 +109,13 @@ def _mounting(index: int) -> Callable[[Rig, float], Rig]:
     def apply(rig: Rig, x: float) -> Rig:
         assert isinstance(rig, SimulatedRobot)
         return replace(rig, mounting=_added(rig.mounting, index, x))
+    return apply
+
+
+def _zero(index: int) -> Callable[[Rig, float], Rig]:
+    def apply(rig: Rig, x: float) -> Rig:
+        assert isinstance(rig, SimulatedRobot)
+        return replace(rig, zeros=_added(rig.zeros, index, x))
     return apply
 
 

@@ -46,6 +46,8 @@ class Signals(NamedTuple):
         Environment on tool, in S [N], [N m].
     specific_force : ndarray, shape (n, 3)
         [m/s^2]
+    joints : ndarray, shape (n, JOINTS) or None
+        Positions, 0 of those that there are not [rad] or [m].
     """
 
     start: float
@@ -61,6 +63,7 @@ class Signals(NamedTuple):
     speed: Array
     contact: Array
     specific_force: Array
+    joints: Array | None = None
 
 
 def block_means(values: Array) -> Array:

@@ -63,7 +63,7 @@ def tangent(problem: Problem, name: str, theta: Array, free: NDArray[np.intp],
     theta : ndarray, shape (p,)
     free : ndarray of int, shape (k,)
         Which parameters.
-    blocks : sequence of ndarray, shape (n, 16)
+    blocks : sequence of ndarray, shape (n, channels)
         Measured less simulated with the effect at ``theta``, of the chosen recordings.
     cases : sequence of int
         Chosen recordings; the others get empty columns.

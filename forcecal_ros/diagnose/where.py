@@ -55,7 +55,7 @@ def stage_of(channel: str, phase: str, touched: set[str]) -> str:
     -------
     str
     """
-    if any(name.startswith('pose') for name in touched):
+    if any(name.startswith(('pose', 'joint')) for name in touched):
         return 'robot'
     if phase == 'contact' and not channel.startswith('accel') and 'optidrive' in touched:
         return 'environment'
@@ -74,7 +74,7 @@ def places(cases: Sequence[Blocked], noise: list[Autoregression], residual: list
     ----------
     cases : sequence of Blocked
     noise : list of Autoregression
-    residual, difference : list of ndarray, shape (n, 16)
+    residual, difference : list of ndarray, shape (n, channels)
         Measured less the one simulation; the other less the one.
     stage : callable
         (channel, phase, touched channels) -> stage.

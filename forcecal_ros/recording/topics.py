@@ -37,6 +37,7 @@ ROLES: Mapping[str, Role] = {
     'pose': Role('current_pose', (POSE,)),
     'target': Role('target_frame', (POSE,)),
     'joint_commands': Role('joint_commands', (JOINT_STATE, CONTROLLER_STATE, MULTI_ARRAY)),
+    'joint_states': Role('joint_states', (JOINT_STATE,)),
     'optidrive': Role('optidrive', (JOINT_STATE,)),
     'contact_truth': Role('sim/contact_wrench', (WRENCH,)),
     'contact_wrench': Role('observer/contact_wrench', (WRENCH,)),

@@ -41,9 +41,9 @@ class View:
     times : ndarray, shape (n,)
     groups : ndarray of int, shape (n,)
         0 at rest.
-    present : ndarray of bool, shape (n, 16)
-    measured : ndarray, shape (n, 16)
-    nominal, recalibrated, explained : ndarray, shape (n, 16)
+    present : ndarray of bool, shape (n, channels)
+    measured : ndarray, shape (n, channels)
+    nominal, recalibrated, explained : ndarray, shape (n, channels)
         Measured less simulated.
     cells : tuple of Cell
         Excess of the recalibrated residual.
