@@ -8,12 +8,12 @@ An arm in MuJoCo stands for the robot: integrated four times as finely as its si
 too: MuJoCo's RK4 is 0.1 to 0.3 N from it on this arm at any step, which is a gap of its own), with
 every number off by 0.5 to 2 %, with one effect or none, a sensor that nobody zeroed,
 and the noise of a UR's wrench (0.15 N, 6 mN m), of poses (0.1 mm, 0.2 mrad), joints (0.03 mrad)
-and, where there is one, an Imu (0.05 m/s^2). What is in the joints moves the arm otherwise and is no
-departure of the wrench from the motion: there, no effect
-is the right answer of two bags, and the difference of the motions tells it. With --rerun the
-simulation is run again with other numbers, and what is in the joints has a name. With --fit-rig
-there is no simulation: a rig is fitted to a recording of the robot without an effect, and others
-of the same robot and day are compared with that.
+and, where there is one, an Imu (0.05 m/s^2). What is in the joints moves the arm otherwise and is
+no departure of the wrench from the motion: there, no effect is the right answer of two bags, and
+the difference of the motions tells it. With --rerun the simulation is run again with other
+numbers, and what is in the joints has a name. With --fit-rig there is no simulation: a rig is
+fitted to a recording of the robot without an effect, and others of the same robot and day are
+compared with that.
 """
 
 import os
@@ -111,7 +111,7 @@ ARMS = {'payload': payload, 'tilt': tilt, 'cable': cable, 'joint friction': fric
 SENSORS = {'delay': late, 'crosstalk': crosstalk, 'gain': gain, 'drift': drift}
 """Name -> what it makes of a wrench."""
 
-BIAS = np.array([0.1, 0.0, 0.0])
+BIAS = np.array([0.2, 0.0, 0.0])
 """Of the Imu [m/s^2]."""
 
 NONE = ('none', 'none, table', 'none, Imu')

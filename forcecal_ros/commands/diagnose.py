@@ -202,12 +202,12 @@ def _by_simulated(args: argparse.Namespace) -> Answer:
                  for real, simulated in ((args.bag, args.simulated),
                                          (args.heldout, args.heldout_simulated)) if real]
         stage('comparing the wrench with the simulated')
-        rig = load_rig(RIGID)
+        rig, of_channels = load_rig(RIGID), units('m/s^2')
         found = diagnose_simulated(pairs[0], pairs[1] if len(pairs) > 1 else None, rig)
-        document = to_document(found.outcome.diagnosis, units(), None)
+        document = to_document(found.outcome.diagnosis, of_channels, None)
         document |= {'explained_by': 'simulated recording', **found.document()}
-        return _written(args, tuple(pair.real for pair in pairs), found.outcome, rig, units(),
-                        document, {})
+        return _written(args, tuple(pair.real for pair in pairs), found.outcome, rig,
+                        of_channels, document, {})
 
 
 def _by_simulator(args: argparse.Namespace) -> Answer:

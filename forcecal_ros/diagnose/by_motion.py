@@ -67,7 +67,7 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, body: Body,
     outcome = answered(body, held_out(cases), stamps, given)
     d = outcome.diagnosis
     return replace(outcome, diagnosis=replace(
-        d, effects=tuple(_in(body.accelerometer_unit, e) for e in d.effects),
+        d, effects=tuple(in_unit(body.accelerometer_unit, e) for e in d.effects),
         notes=(*d.notes, *told(outcome, body.accelerometer_unit))))
 
 
@@ -89,7 +89,7 @@ def inertia_std(outcome: Outcome) -> tuple[float, float, float] | None:
     return (x, y, z) if all(0.0 < std < most for std in stds) else None
 
 
-def _in(unit: str, effect: Found) -> Found:
+def in_unit(unit: str, effect: Found) -> Found:
     """Name the unit that the accelerometer speaks."""
     return replace(effect, parameters={
         k: replace(p, unit=unit) if p.unit == 'V' else p for k, p in effect.parameters.items()})

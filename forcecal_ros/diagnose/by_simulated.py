@@ -4,8 +4,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from forcecal_ros.diagnose.by_motion import told
+from forcecal_ros.diagnose.by_motion import in_unit, told
 from forcecal_ros.diagnose.case import Case
+from forcecal_ros.diagnose.imu import as_compared, imus_compared
 from forcecal_ros.diagnose.motion_case import held_out, moves, prepare_simulated, STANDS
 from forcecal_ros.diagnose.one_clock import aligned, Alignment
 from forcecal_ros.diagnose.pairing import check_alike
@@ -103,15 +104,17 @@ def diagnose_simulated(pair: Pair, heldout: Pair | None, rig: Rig) -> Compared:
     cases = [one.case for one in prepared]
     if not moves(cases):
         return Compared(Outcome(STANDS, rig))
-    outcome = answered(tool.body, held_out(cases), [one.stamps for one in prepared],
-                       [one.real for one in pairs])
+    outcome = answered(tool.body, held_out(cases), [one.stamps for one in prepared], [
+        as_compared(one.real, case.measured.streams) for one, case in zip(pairs, cases)])
     d = outcome.diagnosis
     moved = (note for note in told(outcome, 'm/s^2') if ZERO not in note)
     notes = (*d.notes, *moved, *_about(prepared, outcome), UNTESTED)
     apart = prepared[0].tracking
     reason = (f'{d.reason}; the motion itself is {1e3 * apart.translation.rms:.2g} mm and '
               f'{1e3 * apart.rotation.rms:.2g} mrad (RMS) from the simulated')
-    return Compared(replace(outcome, diagnosis=replace(d, reason=reason, notes=notes)),
+    effects = tuple(in_unit('m/s^2', e) for e in d.effects)
+    return Compared(replace(outcome, diagnosis=replace(d, reason=reason, notes=notes,
+                                                       effects=effects)),
                     tuple(one.alignment for one in prepared),
                     tuple(one.tracking for one in prepared), tool)
 
@@ -122,6 +125,7 @@ class _Prepared(NamedTuple):
     alignment: Alignment
     tracking: Tracking
     tool: SimulatedTool
+    note: str
 
 
 def _prepared(pair: Pair, tool: SimulatedTool | None, rig: Rig) -> _Prepared:
@@ -134,11 +138,14 @@ def _prepared(pair: Pair, tool: SimulatedTool | None, rig: Rig) -> _Prepared:
     measured = stamps.recording.pose
     if measured is not None and simulated.pose is not None:
         simulated = replace(simulated, pose=in_base_of(measured, simulated.pose))
-    case, tool = prepare_simulated(stamps.recording, simulated, tool, rig)
+    real, note = stamps.recording, ''
+    if measured is not None and simulated.pose is not None:
+        real, simulated, note = imus_compared(real, simulated)
+    case, tool = prepare_simulated(real, simulated, tool, rig)
     assert measured is not None
     assert simulated.pose is not None
     return _Prepared(case, stamps, alignment,
-                     tracking(measured, simulated.pose, alignment.by == 'target'), tool)
+                     tracking(measured, simulated.pose, alignment.by == 'target'), tool, note)
 
 
 def _about(prepared: list[_Prepared], outcome: Outcome) -> Iterator[str]:
@@ -153,6 +160,7 @@ def _about(prepared: list[_Prepared], outcome: Outcome) -> Iterator[str]:
     yield ('zero of the wrench against the simulated: '
            + ', '.join(f'{axis} {value:+.3g}' for axis, value in zip(FORCES, zero))
            + ' N, N m; taken off')
+    yield from dict.fromkeys(one.note for one in prepared if one.note)
     for one in prepared:
         for name, part, unit in zip(one.tracking._fields, one.tracking, ('mm', 'mrad')):
             motion = f'{name}: {1e3 * part.rms:.2g} {unit} from the simulated'

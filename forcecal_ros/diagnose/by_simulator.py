@@ -4,8 +4,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from forcecal_ros.diagnose.by_motion import in_unit
 from forcecal_ros.diagnose.carried_tool import beyond
 from forcecal_ros.diagnose.case import Case, made_up
+from forcecal_ros.diagnose.imu import as_compared, imus_compared
 from forcecal_ros.diagnose.measured_joints import compared, measured_joints, of_same_joints
 from forcecal_ros.diagnose.motion_case import (
     held_out,
@@ -133,6 +135,9 @@ def diagnose_rerun(recording: Recording, heldout: Recording | None, simulator: T
     if not moves(cases):
         return Rerunning(Outcome(STANDS, rig))
     refuse_unsteady(first.runs)
+    joints = first.simulation.joints
+    given = [replace(as_compared(one, case.measured.streams), joints=compared(one.joints, joints))
+             for one, case in zip(given, cases)]
     return _searched(ready, held_out(cases), given, simulator)
 
 
@@ -155,8 +160,9 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Case, ...], given: Seq
             break
     changed = _changes(simulator, outcome)
     notes = (*outcome.diagnosis.notes, *simulator.notes, *_recalibrated(simulator, outcome),
-             *filter(None, [short]))
-    outcome = replace(outcome, diagnosis=replace(outcome.diagnosis, notes=notes))
+             *dict.fromkeys(filter(None, [*(one.note for one in ready), short])))
+    effects = tuple(in_unit('m/s^2', e) for e in outcome.diagnosis.effects)
+    outcome = replace(outcome, diagnosis=replace(outcome.diagnosis, notes=notes, effects=effects))
     recomputed = _recomputed(ready, judged, outcome) if changed else None
     return Rerunning(outcome, changed, sum(one.runs.count for one in ready), recomputed)
 
@@ -168,6 +174,7 @@ class _Prepared(NamedTuple):
     simulation: Rerun
     tool: SimulatedTool
     robot: SimulatedRobot
+    note: str
 
 
 def _prepared(recording: Recording, simulator: ThirdParty, tool: SimulatedTool | None, rig: Rig
@@ -180,11 +187,12 @@ def _prepared(recording: Recording, simulator: ThirdParty, tool: SimulatedTool |
     assert real.pose is not None
     runs = Runs(simulator, inputs_of(real), real.pose)
     made = runs.exact(simulator.nominal)
-    known = tool or simulated_tool(replace(made, accelerometer=None), start, n, rig)
-    simulation = Rerun(runs, start, n, known.body)
-    felt = real.accelerometer if real.accelerometer_unit == 'm/s^2' else None
+    known = tool or simulated_tool(replace(made, accelerometer=None), start, n, rig).felt()
+    simulation = Rerun(runs, start, n, known.simulated)
+    felt, _, note = imus_compared(real, made)
+    simulation.accelerated = felt.accelerometer is not None
     seen = replace(real, target=None, optidrive=None,
-                   accelerometer=felt if simulation.accelerated else None,
+                   accelerometer=felt.accelerometer,
                    joints=compared(real.joints, simulation.joints))
     robot = simulated_robot(known.body, simulator.parameters)
     nominal = simulation.signals(robot)
@@ -195,7 +203,7 @@ def _prepared(recording: Recording, simulator: ThirdParty, tool: SimulatedTool |
     groups = kinds(nominal)
     case = Case(real, simulation, Measured(seen, start, n), nominal, groups,
                 real.phases or made_up(groups, start), np.ones(n, bool), np.zeros(n, bool))
-    return _Prepared(case, stamps, runs, simulation, known, robot)
+    return _Prepared(case, stamps, runs, simulation, known, robot, note)
 
 
 def inputs_of(recording: Recording) -> Inputs:

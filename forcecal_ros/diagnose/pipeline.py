@@ -191,6 +191,8 @@ def _strongest(lines: Sequence[Line]) -> list[float]:
 
 def _observed(case: Case, recording: Recording, rig: Rig) -> Measured:
     """Take a recording by the stamps that it came with."""
+    if 'joints' not in case.measured.streams:
+        recording = replace(recording, joints=None)
     return Measured(in_volts(recording, rig, case.simulation.accelerometer),
                     case.measured.start, case.measured.n_blocks)
 

@@ -3,7 +3,8 @@ A simulator that cannot be run again: its recorded wrench, carried over to the m
 
 The robot does not move exactly as its simulation did, and a wrench follows the motion. What is
 compared with the measured wrench is therefore the simulated one, plus what a rigid tool makes of
-the difference of the two motions: w_sim + W(measured motion) - W(simulated motion).
+the difference of the two motions: w_sim + W(measured motion) - W(simulated motion). So is the
+specific force, where both have an Imu.
 """
 
 from dataclasses import replace
@@ -12,7 +13,11 @@ from forcecal_ros.diagnose.body import Body
 from forcecal_ros.diagnose.carried_tool import CarriedTool
 from forcecal_ros.diagnose.measured_motion import MeasuredMotion
 from forcecal_ros.diagnose.merged_motion import merged
+from forcecal_ros.diagnose.simulation import RATE, Signals
+from forcecal_ros.effects import AccelerometerEffects, physical_rig
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.recording.streams import Recording
+import numpy as np
 
 
 class RecordedSimulation(MeasuredMotion):
@@ -24,7 +29,7 @@ class RecordedSimulation(MeasuredMotion):
     recording : Recording
         Of the robot: its pose.
     simulated : Recording
-        Of the simulator, on the robot's clock: wrench and pose.
+        Of the simulator, on the robot's clock: wrench and pose, and specific force where it has.
     start : float
         When block 0 begins [s].
     n_blocks : int
@@ -39,7 +44,23 @@ class RecordedSimulation(MeasuredMotion):
         measured, made = recording.pose, simulated.pose
         assert measured is not None
         assert made is not None
-        super().__init__(replace(recording, pose=merged(measured, made)), start, n_blocks,
-                         accelerometer, body)
+        felt, simulated = simulated.accelerometer, replace(simulated, accelerometer=None)
+        super().__init__(replace(recording, pose=merged(measured, made), accelerometer=None),
+                         start, n_blocks, accelerometer, body)
         own = CarriedTool(simulated, start, n_blocks, accelerometer)
         self._full.beyond = self._clear.beyond = own.seen(simulated) - own.wire(body)
+        self._felt = None if felt is None else (
+            felt.at(own.t) + self._full.specific_force_of_origin(body)
+            - own.specific_force_of_origin(body) - self._full.weight(body))
+
+    def signals(self, rig: Rig) -> Signals:
+        """Carry a tool along, and the simulator's Imu."""
+        found = super().signals(rig)
+        if self._felt is None:
+            return found
+        body = physical_rig(rig)
+        model = body.accelerometer.model(self.accelerometer)
+        on_volts = AccelerometerEffects(rig, self.accelerometer, 1.0 / RATE)
+        felt = np.asarray(self._felt + self._full.weight(body))
+        return found._replace(volts=on_volts.after_noise(on_volts.before_noise(
+            felt * model.gain + model.offset)))

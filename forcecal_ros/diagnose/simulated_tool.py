@@ -6,6 +6,7 @@ from typing import NamedTuple
 from forcecal_ros.diagnose.body import Body, body_of_rig, GYRATION
 from forcecal_ros.diagnose.carried_tool import CarriedTool
 from forcecal_ros.diagnose.channels import BLOCK
+from forcecal_ros.diagnose.imu import with_imu
 from forcecal_ros.diagnose.nuisances import possible, rows_of
 from forcecal_ros.diagnose.simulation import block_means, RATE
 from forcecal_ros.effects.rig import Rig, Spreads, Tool
@@ -52,6 +53,17 @@ class SimulatedTool(NamedTuple):
     body: Body
     left: tuple[float, float]
     zero: tuple[float, ...] = (0.0,) * 6
+
+    def felt(self) -> 'SimulatedTool':
+        """Give it an accelerometer that speaks m/s^2."""
+        return self._replace(body=with_imu(self.body))
+
+    @property
+    def simulated(self) -> Body:
+        """The body as simulated, with no zero of the robot's sensor."""
+        sensor = self.body.wrench_sensor
+        bias = tuple((np.array(sensor.bias) - self.zero).tolist())
+        return replace(self.body, wrench_sensor=replace(sensor, bias=bias))
 
     def zeroed(self, apart: Array) -> 'SimulatedTool':
         """Take off what the middle of the robot's wrench less the simulated is, shape (n, 6)."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from forcecal_ros.diagnose.blocked import Blocked
-from forcecal_ros.diagnose.channels import CHANNELS, units
+from forcecal_ros.diagnose.channels import CHANNELS, JOINTS, units
 from forcecal_ros.diagnose.pipeline import Outcome
 from forcecal_ros.diagnose.remainder import Cell, cells
 from forcecal_ros.diagnose.result import Diagnosis
@@ -144,6 +144,8 @@ def _cells(case: Blocked, present: NDArray[np.bool_], before: Array, after: Arra
 
 def _means(s: Signals, n: int) -> Array:
     """Block means of what noise-free sensors say; turns, which are differences, as zero."""
-    rows = np.concatenate([s.wrench, s.volts, s.optidrive[:, np.newaxis], s.position], axis=1)
-    blocks = rows.reshape(n, -1, rows.shape[1]).mean(axis=1)
-    return np.concatenate([blocks, np.zeros((n, 3))], axis=1)
+    length, joints = len(s.wrench), s.joints
+    rows = np.concatenate([s.wrench, s.volts, s.optidrive[:, np.newaxis], s.position,
+                           np.zeros((length, 3)),
+                           np.zeros((length, JOINTS)) if joints is None else joints], axis=1)
+    return np.asarray(rows.reshape(n, -1, rows.shape[1]).mean(axis=1))
