@@ -67,7 +67,8 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, body: Body,
     outcome = answered(body, held_out(cases), stamps, given)
     d = outcome.diagnosis
     return replace(outcome, diagnosis=replace(
-        d, effects=tuple(in_unit(body.accelerometer_unit, e) for e in d.effects),
+        d, reason=said_in(body.accelerometer_unit, d.reason),
+        effects=tuple(in_unit(body.accelerometer_unit, e) for e in d.effects),
         notes=(*d.notes, *told(outcome, body.accelerometer_unit))))
 
 
@@ -93,6 +94,11 @@ def in_unit(unit: str, effect: Found) -> Found:
     """Name the unit that the accelerometer speaks."""
     return replace(effect, parameters={
         k: replace(p, unit=unit) if p.unit == 'V' else p for k, p in effect.parameters.items()})
+
+
+def said_in(unit: str, sentence: str) -> str:
+    """Say what is left of accelerometers in the unit that they speak."""
+    return sentence.replace(' V RMS in accel', f' {unit} RMS in accel')
 
 
 def told(outcome: Outcome, unit: str) -> list[str]:

@@ -4,13 +4,15 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from forcecal_ros.diagnose.by_motion import in_unit, told
+from forcecal_ros.diagnose.by_motion import in_unit, said_in, told
 from forcecal_ros.diagnose.case import Case
+from forcecal_ros.diagnose.channels import BLOCK
 from forcecal_ros.diagnose.imu import as_compared, imus_compared
 from forcecal_ros.diagnose.motion_case import held_out, moves, prepare_simulated, STANDS
 from forcecal_ros.diagnose.one_clock import aligned, Alignment
 from forcecal_ros.diagnose.pairing import check_alike
 from forcecal_ros.diagnose.pipeline import answered, Outcome
+from forcecal_ros.diagnose.recorded_simulation import RecordedSimulation
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.same_frames import in_base_of
 from forcecal_ros.diagnose.simulated_tool import SimulatedTool
@@ -110,7 +112,8 @@ def diagnose_simulated(pair: Pair, heldout: Pair | None, rig: Rig) -> Compared:
     moved = (note for note in told(outcome, 'm/s^2') if ZERO not in note)
     notes = (*d.notes, *moved, *_about(prepared, outcome), UNTESTED)
     apart = prepared[0].tracking
-    reason = (f'{d.reason}; the motion itself is {1e3 * apart.translation.rms:.2g} mm and '
+    said = said_in('m/s^2', d.reason)
+    reason = (f'{said}; the motion itself is {1e3 * apart.translation.rms:.2g} mm and '
               f'{1e3 * apart.rotation.rms:.2g} mrad (RMS) from the simulated')
     effects = tuple(in_unit('m/s^2', e) for e in d.effects)
     return Compared(replace(outcome, diagnosis=replace(d, reason=reason, notes=notes,
@@ -148,10 +151,17 @@ def _prepared(pair: Pair, tool: SimulatedTool | None, rig: Rig) -> _Prepared:
                      tracking(measured, simulated.pose, alignment.by == 'target'), tool, note)
 
 
+def _touched(case: Case) -> float:
+    """Return for how long the simulated tool touches something [s]."""
+    assert isinstance(case.simulation, RecordedSimulation)
+    return float(BLOCK * case.simulation.touching.sum())
+
+
 def _about(prepared: list[_Prepared], outcome: Outcome) -> Iterator[str]:
     """Say how the recordings were compared, and how the motions differ."""
     force, torque = prepared[0].tool.left
-    if force > STIFF:
+    touched = sum(_touched(one.case) for one in prepared)
+    if force > STIFF and not touched:
         yield (f'the simulated wrench is not that of a rigid tool: {force:.2g} N and {torque:.2g} '
                'N m are something else (contact, play, noise, another frame), and are taken as '
                'they are')
@@ -161,6 +171,10 @@ def _about(prepared: list[_Prepared], outcome: Outcome) -> Iterator[str]:
            + ', '.join(f'{axis} {value:+.3g}' for axis, value in zip(FORCES, zero))
            + ' N, N m; taken off')
     yield from dict.fromkeys(one.note for one in prepared if one.note)
+    if touched:
+        yield (f'for {touched:.1f} s the simulated tool touches something: left out, as a '
+               'millimetre between the two motions changes such a force more than any effect; '
+               'only a simulator that is run can tell how stiff a contact is')
     for one in prepared:
         for name, part, unit in zip(one.tracking._fields, one.tracking, ('mm', 'mrad')):
             motion = f'{name}: {1e3 * part.rms:.2g} {unit} from the simulated'

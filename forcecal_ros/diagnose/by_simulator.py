@@ -4,11 +4,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from forcecal_ros.diagnose.by_motion import in_unit
+from forcecal_ros.diagnose.by_motion import in_unit, said_in
 from forcecal_ros.diagnose.carried_tool import beyond
 from forcecal_ros.diagnose.case import Case, made_up
 from forcecal_ros.diagnose.imu import as_compared, imus_compared
-from forcecal_ros.diagnose.measured_joints import compared, measured_joints, of_same_joints
+from forcecal_ros.diagnose.measured_joints import (
+    compared,
+    measured_joints,
+    named_joints,
+    of_same_joints,
+)
 from forcecal_ros.diagnose.motion_case import (
     held_out,
     kinds,
@@ -160,9 +165,12 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Case, ...], given: Seq
             break
     changed = _changes(simulator, outcome)
     notes = (*outcome.diagnosis.notes, *simulator.notes, *_recalibrated(simulator, outcome),
-             *dict.fromkeys(filter(None, [*(one.note for one in ready), short])))
+             *dict.fromkeys(filter(None, [*(one.note for one in ready), short])),
+             *named_joints(ready[0].simulation.joints, given))
     effects = tuple(in_unit('m/s^2', e) for e in outcome.diagnosis.effects)
-    outcome = replace(outcome, diagnosis=replace(outcome.diagnosis, notes=notes, effects=effects))
+    outcome = replace(outcome, diagnosis=replace(
+        outcome.diagnosis, notes=notes, effects=effects,
+        reason=said_in('m/s^2', outcome.diagnosis.reason)))
     recomputed = _recomputed(ready, judged, outcome) if changed else None
     return Rerunning(outcome, changed, sum(one.runs.count for one in ready), recomputed)
 

@@ -1,6 +1,6 @@
 """Measured positions of joints beside those of a simulator that is run."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from forcecal_ros.diagnose.channels import JOINTS
@@ -43,3 +43,10 @@ def compared(joints: JointStream | None, names: Sequence[str]) -> JointStream | 
     if not good.any():
         return None
     return replace(joints, t=joints.t[good], values=rows[good], names=tuple(names))
+
+
+def named_joints(names: Sequence[str], recordings: Sequence[Recording]) -> Iterator[str]:
+    """Say by which names the channels of joints go."""
+    listed = [one.joints for one in recordings if one.joints is not None]
+    if listed:
+        yield 'joints compared: ' + ', '.join(f'joint.{i} {name}' for i, name in enumerate(names))

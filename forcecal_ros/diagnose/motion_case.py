@@ -88,7 +88,8 @@ def prepare_simulated(recording: Recording, simulated: Recording, tool: Simulate
     Returns
     -------
     Case
-        Its pose is an input; accelerometers count where both have one.
+        Its pose is an input; accelerometers count where both have one, and nothing does where the
+        simulated tool touches something.
     SimulatedTool
         The simulator's tool.
 
@@ -108,7 +109,9 @@ def prepare_simulated(recording: Recording, simulated: Recording, tool: Simulate
     if tool is None:
         known = known.zeroed(beyond(moved, nominal))
         nominal = simulation.signals(known.body)
-    return _case(recording, simulation, nominal, None, recording.accelerometer), known
+    case = _case(recording, simulation, nominal, None, recording.accelerometer)
+    case.measured.present[simulation.touching] = False
+    return case, known
 
 
 def require_wrench_and_pose(recording: Recording, otherwise: str) -> None:

@@ -13,9 +13,11 @@ from forcecal_ros.diagnose.body import Body
 from forcecal_ros.diagnose.carried_tool import CarriedTool
 from forcecal_ros.diagnose.measured_motion import MeasuredMotion
 from forcecal_ros.diagnose.merged_motion import merged
-from forcecal_ros.diagnose.simulation import RATE, Signals
+from forcecal_ros.diagnose.simulated_contact import touches
+from forcecal_ros.diagnose.simulation import block_means, RATE, Signals
 from forcecal_ros.effects import AccelerometerEffects, physical_rig
 from forcecal_ros.effects.rig import Rig
+from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import Recording
 import numpy as np
 
@@ -37,6 +39,11 @@ class RecordedSimulation(MeasuredMotion):
         ``acc1`` or ``acc2``.
     body : Body
         The simulator's, see :func:`~forcecal_ros.diagnose.simulated_tool.simulated_tool`.
+
+    Attributes
+    ----------
+    touching : ndarray of bool, shape (n_blocks,)
+        Where the simulated tool touches something.
     """
 
     def __init__(self, recording: Recording, simulated: Recording, start: float, n_blocks: int,
@@ -49,9 +56,15 @@ class RecordedSimulation(MeasuredMotion):
                          start, n_blocks, accelerometer, body)
         own = CarriedTool(simulated, start, n_blocks, accelerometer)
         self._full.beyond = self._clear.beyond = own.seen(simulated) - own.wire(body)
-        self._felt = None if felt is None else (
-            felt.at(own.t) + self._full.specific_force_of_origin(body)
-            - own.specific_force_of_origin(body) - self._full.weight(body))
+        self.touching = touches(block_means(self._full.beyond))
+        self._felt = None if felt is None else self._carried_over(felt.at(own.t), own, body)
+
+    def _carried_over(self, felt: Array, own: CarriedTool, body: Body) -> Array:
+        """Take what is felt without weight, where the Imu is, to the robot's motion, (n, 3)."""
+        f = own.specific_force_of_origin(body)
+        place = np.linalg.lstsq(own.lever.reshape(-1, 3), (felt - f).ravel(), rcond=1e-6)[0]
+        there = self._full.specific_force_of_origin(body) + self._full.lever @ place
+        return np.asarray(felt - f - own.lever @ place + there - self._full.weight(body))
 
     def signals(self, rig: Rig) -> Signals:
         """Carry a tool along, and the simulator's Imu."""

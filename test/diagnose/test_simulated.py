@@ -116,6 +116,24 @@ def test_imus_of_both_are_compared_in_motion(bias):
         assert found.parameters['x'].unit == 'm/s^2'
 
 
+def test_where_the_simulated_tool_touches_something_nothing_is_compared():
+    def pressed(recording, stiffness):
+        wrench, t0 = recording.wrench, recording.wrench.t[0]
+        t = wrench.t - t0
+        push = stiffness * np.clip(1e-3 - 1e-3 * np.abs(t - 8.0) / 0.5, 0.0, None)
+        return replace(recording, wrench=replace(
+            wrench, values=wrench.values + np.outer(push, [0, 0, 1, 0, 0, 0])))
+
+    case, _ = prepare_simulated(pressed(real({}), 7e3), pressed(
+        shifted(simulated(), -1000.0), 1e4), None, TOLERANCES)
+    left_out = case.times[~case.measured.present[:, 2]]
+    assert 7.2 < left_out.min() < 7.6 and 8.4 < left_out.max() < 8.9
+    free = case.measured.present[:, 2]
+    assert np.abs(case.measured.blocks(case.nominal)[free, 2]).max() < 1.0
+    quiet, _ = prepare_simulated(real({}), shifted(simulated(), -1000.0), None, TOLERANCES)
+    assert quiet.measured.present[:, 2].all()
+
+
 def test_an_imu_in_other_axes_is_left_out_with_the_reason():
     given, made = with_imu(real({})), shifted(simulated(imu=True), -1000.0)
     imu = given.accelerometer
