@@ -238,7 +238,7 @@ def _row(name, truth, rows):
     n, told = len(rows), [r for r in rows if truth in r['effects']]
     first = sum(next(iter(r['effects']), '') == truth for r in rows)
     offered = sum(not truth or truth in dict(r['candidates']) for r in rows)
-    false = sum(bool(set(r['effects']) - {truth}) for r in rows)
+    false = sum(bool(set(r['effects']) - {truth, 'unknown'}) for r in rows)
     sizes = ', '.join(_size(r['effects'][truth]) for r in told)
     closed, again = (', '.join(f'{100 * r[key]:.0f}' for r in told if r.get(key) is not None)
                      for key in ('closed', 'recomputed'))
