@@ -52,6 +52,12 @@ Misfit of the linear prediction at the parameters found, in that of the nominal 
 they are all tried again there: a tenth leaves the explained share within a hundredth.
 """
 
+LESS = 0.05
+"""
+Share of the misfit that is gone in the prediction and not when the simulator is run, from which
+all parameters are tried again: the width of most confidence intervals of that share.
+"""
+
 CERTAIN = 3.0
 """Standard errors from which a recalibrated parameter is told: once in 400 by chance."""
 
@@ -151,6 +157,8 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Case, ...], given: Seq
     """Try all parameters, where they are and, if that was too far off, where they should be."""
     robot = ready[0].robot
     outcome, point, short = Outcome(STANDS, robot), robot.numbers, ''
+    changed: tuple[Changed, ...] = ()
+    recomputed = None
     for _ in range(ROUNDS):
         if short := runs_short(simulator, [one.runs for one in ready]):
             break
@@ -158,12 +166,14 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Case, ...], given: Seq
             one.runs.try_all(point)
             one.simulation.forget()
         outcome = answered(robot, judged, [one.stamps for one in ready], given)
+        changed, recomputed = _changes(simulator, outcome), None
         if not isinstance(outcome.rig, SimulatedRobot):
             break
         point = outcome.rig.numbers
-        if _predicted(ready, point):
+        straight = _predicted(ready, point)  # before it is run there
+        recomputed = _recomputed(ready, judged, outcome) if changed else None
+        if straight and not _falls_short(outcome, recomputed):
             break
-    changed = _changes(simulator, outcome)
     notes = (*outcome.diagnosis.notes, *simulator.notes, *_recalibrated(simulator, outcome),
              *dict.fromkeys(filter(None, [*(one.note for one in ready), short])),
              *named_joints(ready[0].simulation.joints, given))
@@ -171,7 +181,6 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Case, ...], given: Seq
     outcome = replace(outcome, diagnosis=replace(
         outcome.diagnosis, notes=notes, effects=effects,
         reason=said_in('m/s^2', outcome.diagnosis.reason)))
-    recomputed = _recomputed(ready, judged, outcome) if changed else None
     return Rerunning(outcome, changed, sum(one.runs.count for one in ready), recomputed)
 
 
@@ -243,6 +252,12 @@ def _predicted(ready: Sequence[_Prepared], point: Numbers) -> bool:
             if np.linalg.norm(wrong) > ROUGH * np.linalg.norm(moved):
                 return False
     return True
+
+
+def _falls_short(outcome: Outcome, recomputed: float | None) -> bool:
+    """Say whether a run with what was found leaves more than was predicted."""
+    gap = outcome.diagnosis.gap
+    return gap is not None and recomputed is not None and recomputed < gap.closed - LESS
 
 
 def _wrench(recording: Recording) -> Array:
