@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from forcecal_ros.diagnose.basis import Basis, basis
 from forcecal_ros.diagnose.case import Case
-from forcecal_ros.diagnose.channels import CHANNELS, JOINTS
+from forcecal_ros.diagnose.channels import CHANNELS, COLUMNS, JOINTS
 from forcecal_ros.diagnose.columns import Column, column, combined, nuisance_column
 from forcecal_ros.diagnose.discrepancy import Beside, Discrepancy, NONE, Products, Sizes
 from forcecal_ros.diagnose.evidence import Fit, fit, Gram, Prior
@@ -49,8 +49,12 @@ FAR = 2.0
 FRACTIONS = (1.0, 0.5, 0.25, 0.1)
 """Of a step along curved nuisances that are tried in turn."""
 
-ENCODER = 2e-5
-"""Noise of a joint's position in one block mean [rad]: a step of a UR's encoders or two."""
+JOINT = 1e-4
+"""
+Noise of a joint's position in one block mean, at least [rad]. Encoders show a tenth of that, but
+gears turn by so much more or less in each turn, and a load of the tool that is simulated beside
+the arm, a cable's say, moves no joint: a tenth of a millimetre at arm's length, as poses have.
+"""
 
 Values = Mapping[str, Mapping[str, float]]
 """Effect -> parameter -> value."""
@@ -228,6 +232,7 @@ class Problem:
         rest = [b - combined(columns, x, len(b)) for b, columns in zip(self.blocks, self.columns)]
         signal = _signal(self) if self.discrepancy is None else self.discrepancy.signal
         floor = QUIETEST * signal
+        floor[COLUMNS['joints']] = JOINT
         if not self.noise and self.cases[0].simulation.starts_white:
             self.noise = [_no_less(white(r, c.measured.present, c.groups), floor)
                           for r, c in zip(rest, self.cases)]
@@ -282,7 +287,7 @@ def noise_level(rig: Rig, streams: tuple[str, ...], accelerometer: str) -> Array
     level += [rig.accelerometer.noise] * 3 + [optidrive]
     level += [2.0 * rig.pose_sensor.position_noise] * 3
     level += [2.0 * rig.pose_sensor.orientation_noise] * 3
-    level += [2.0 * ENCODER] * JOINTS
+    level += [2.0 * JOINT] * JOINTS
     return np.maximum(np.array(level) / 2.0, 1e-12)
 
 
