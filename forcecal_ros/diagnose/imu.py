@@ -71,14 +71,14 @@ def _unusable(recording: Recording) -> str:
     assert pose is not None
     if recording.accelerometer_unit != 'm/s^2':
         return 'speaks volts; record an Imu or AccelStamped'
-    angle = _from_gravity(stream, pose)
+    angle = from_gravity(stream, pose)
     if angle > TURNED:
         return (f'feels gravity {np.degrees(angle):.0f} deg from where the pose has it; publish '
                 'it along the axes of the frame of the wrench')
     return ''
 
 
-def _from_gravity(stream: Stream, pose: PoseStream) -> float:
+def from_gravity(stream: Stream, pose: PoseStream) -> float:
     """Return the median angle between what is felt and up by the pose [rad]."""
     inside = (stream.t >= pose.t[0]) & (stream.t <= pose.t[-1])
     felt: Array = stream.values[inside]
