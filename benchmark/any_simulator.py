@@ -1,18 +1,19 @@
-"""A robot against somebody else's simulation of it: what two bags of the same commands tell.
+"""A robot against somebody else's simulation of it: what can be told of it in three ways.
 
     pip install mujoco
     python benchmark/any_simulator.py --out any_simulator.jsonl [--rerun | --fit-rig] [--jobs N]
-        [--clean N] [--seeds N]
+        [--clean N] [--seeds N] [--first N] [--effects NAME ...]
 
 An arm in MuJoCo stands for the robot: integrated four times as finely as its simulation (by Euler,
 too: MuJoCo's RK4 is 0.1 to 0.3 N from it on this arm at any step, which is a gap of its own), with
 every number off by 0.5 to 2 %, with one effect or none, a sensor that nobody zeroed,
-and the noise of a UR's wrench (0.15 N, 6 mN m) and of poses (0.1 mm, 0.2 mrad). What is in the
-joints moves the arm otherwise and is no departure of the wrench from the motion: there, no effect
-is the right answer of two bags, and the difference of the motions tells it. With --rerun the
-simulation is run again with other numbers, and what is in the joints has a name. With --fit-rig
-there is no simulation: a rig is fitted to a recording of the robot without an effect, and others
-of the same robot and day are compared with that.
+and the noise of a UR's wrench (0.15 N, 6 mN m), of poses (0.1 mm, 0.2 mrad), joints (0.03 mrad)
+and, where there is one, an Imu (0.05 m/s^2). What is in the joints moves the arm otherwise and is
+no departure of the wrench from the motion: there, no effect is the right answer of two bags, and
+the difference of the motions tells it. With --rerun the simulation is run again with other
+numbers, and what is in the joints has a name. With --fit-rig there is no simulation: a rig is
+fitted to a recording of the robot without an effect, and others of the same robot and day are
+compared with that.
 """
 
 import os
@@ -37,13 +38,17 @@ from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.rig_fit.fit import fit_rig
 from forcecal_ros.simulators.rig.file import dump_rig, load_rig
 from forcecal_ros.simulators.third_party import third_party
-from mujoco_arm import Arm, ArmSimulator, commands, run, varied
+from mujoco_arm import Arm, ArmSimulator, commands, forward, model_of, run, varied
 import numpy as np
 from resumable import resumed
 
 SECONDS = 30.0
 NOISE = np.array([0.15] * 3 + [0.006] * 3)
-PLACE, TURN = 1e-4, 2e-4
+PLACE, TURN, ENCODER, FELT = 1e-4, 2e-4, 3e-5, 0.05
+"""Noise of a pose [m], [rad], of a joint [rad], of an Imu [m/s^2]."""
+
+DEEP = 0.005
+"""By which the motion would go below a table [m]."""
 
 
 def payload(arm):
@@ -71,6 +76,18 @@ def cable(arm):
     return replace(arm, pull=lambda x: 10.0 * (hook - x))
 
 
+def softness(arm):
+    return replace(arm, stiffness=0.7 * arm.stiffness)
+
+
+def backlash(arm):
+    return replace(arm, play=(0.0, 0.0, 1e-3, 0.0, 0.0, 0.0))
+
+
+def same_arm(arm):
+    return arm
+
+
 def late(t, w):
     return np.stack([np.interp(t - 0.008, t, x) for x in w.T], axis=1)
 
@@ -87,17 +104,27 @@ def drift(t, w):
     return w + np.outer(t, 0.02 * np.eye(6)[2])
 
 
+ARMS = {'payload': payload, 'tilt': tilt, 'cable': cable, 'joint friction': friction,
+        'joint gain': stiffness, 'joint backlash': backlash, 'contact softness': softness}
+"""Name -> what it makes of an arm."""
+
+SENSORS = {'delay': late, 'crosstalk': crosstalk, 'gain': gain, 'drift': drift}
+"""Name -> what it makes of a wrench."""
+
+BIAS = np.array([0.2, 0.0, 0.0])
+"""Of the Imu [m/s^2]."""
+
+NONE = ('none', 'none, table', 'none, Imu')
+
+TRUTH = {'payload': 'tool_mass', 'tilt': 'base_tilt', 'cable': 'cable_force',
+         'joint friction': '', 'joint gain': '', 'joint backlash': '', 'contact softness': '',
+         'delay': 'wrench_delay', 'crosstalk': 'wrench_crosstalk', 'gain': 'wrench_gain',
+         'drift': 'wrench_bias_drift', 'Imu bias': 'accel_bias'}
+"""Name -> how the library calls it; '' where it has no name for it."""
+
 RERUN = {'payload': 'payload', 'tilt': 'tilt.x', 'joint friction': 'frictionloss[2]',
-         'joint gain': 'kp[1]'}
+         'joint gain': 'kp[1]', 'contact softness': 'table'}
 """Name -> the number of the simulator that tells it, where it can be run again."""
-
-ARMS = {'payload': (payload, 'tool_mass'), 'tilt': (tilt, 'base_tilt'),
-        'cable': (cable, 'cable_force'), 'joint friction': (friction, ''),
-        'joint gain': (stiffness, '')}
-"""Name -> what it makes of an arm, and how the library calls it; '' where the wrench is right."""
-
-SENSORS = {'delay': (late, 'wrench_delay'), 'crosstalk': (crosstalk, 'wrench_crosstalk'),
-           'gain': (gain, 'wrench_gain'), 'drift': (drift, 'wrench_bias_drift')}
 
 
 def zero(rng):
@@ -107,62 +134,79 @@ def zero(rng):
 
 def measured(recording, effect, rng, of_sensor=None):
     """Give a recording what a sensor adds."""
-    wrench, pose = recording.wrench, recording.pose
+    wrench, pose, joints = recording.wrench, recording.pose, recording.joints
     values = wrench.values + (zero(rng) if of_sensor is None else of_sensor)
     if effect in SENSORS:
-        values = SENSORS[effect][0](wrench.t, values)
+        values = SENSORS[effect](wrench.t, values)
     values = values + rng.normal(size=values.shape) * NOISE
     turned = rotation_from_vector(rng.normal(size=(len(pose), 3)) * TURN)
     pose = replace(pose, position=pose.position + rng.normal(size=pose.position.shape) * PLACE,
                    R_base_sensor=pose.R_base_sensor @ turned)
-    return replace(recording, wrench=replace(wrench, values=values), pose=pose)
+    encoders = joints.values + rng.normal(size=joints.values.shape) * ENCODER
+    felt = recording.accelerometer
+    if felt is not None:
+        rows = felt.values + rng.normal(size=felt.values.shape) * FELT
+        felt = replace(felt, values=rows + BIAS if effect == 'Imu bias' else rows)
+    return replace(recording, wrench=replace(wrench, values=values), pose=pose,
+                   joints=replace(joints, values=encoders), accelerometer=felt)
+
+
+def simulated_arm(effect, joints):
+    """Return the arm of the simulation: with a table or an Imu where the effect wants them."""
+    table = None
+    if effect in ('contact softness', 'none, table'):
+        table = float(forward(model_of(Arm()), joints)[0][:, 2].min()) + DEEP
+    return Arm(table=table, imu=effect in ('Imu bias', 'none, Imu'))
 
 
 def answer(case):
     """Diagnose one case."""
-    effect, seed = case['effect'], case['seed']
-    if case.get('fit'):
-        return {**case, **_fitted(effect, seed, Path(case['fit']))}
-    rng = np.random.default_rng([seed, *effect.encode()])
-    joints = commands(seed, SECONDS)
-    robot = varied(Arm(step=0.00025), rng)
-    if effect in ARMS:
-        robot = ARMS[effect][0](robot)
-    real = measured(run(robot, joints, every=0.004), effect, rng)
-    return {**case, **(_rerun if case['rerun'] else _compared)(real, joints)}
+    effect, seed, began = case['effect'], case['seed'], time.process_time()
+    if case['way'] == 'fit-rig':
+        found = _fitted(effect, seed, Path(case['folder']))
+    else:
+        rng = np.random.default_rng([seed, *effect.encode()])
+        joints = commands(seed, SECONDS)
+        arm = simulated_arm(effect, joints)
+        robot = ARMS.get(effect, same_arm)(varied(replace(arm, step=0.00025), rng))
+        real = measured(run(robot, joints, every=0.004), effect, rng)
+        found = (_rerun if case['way'] == 'rerun' else _compared)(real, joints, arm)
+    return {**case, **found, 'seconds': time.process_time() - began}
 
 
 def _fitted(effect, seed, folder):
     rng = np.random.default_rng([seed, 1])
-    robot, of_sensor = varied(Arm(step=0.00025), rng), zero(rng)
+    imu = simulated_arm(effect, commands(seed, SECONDS)).imu
+    robot, of_sensor = varied(Arm(step=0.00025, imu=imu), rng), zero(rng)
 
     def recorded(arm, effect, motion):
         return measured(run(arm, commands(motion, SECONDS), every=0.004), effect,
                         np.random.default_rng([motion, *effect.encode()]), of_sensor)
 
-    file = folder / f'robot{seed}.yaml'
+    file = folder / f'robot{seed}{"_imu" if imu else ""}.yaml'
     if not file.exists():
         fit = fit_rig([recorded(robot, 'none', 5000 + seed)], None, load_rig('rigid_tool.yaml'))
         file.write_text(dump_rig(fit.rig))
     rig = load_rig(file)
-    real = recorded(ARMS[effect][0](robot) if effect in ARMS else robot, effect, 6000 + seed)
-    return _said((diagnose_tracked if is_tracked(rig) else diagnose)(real, None, rig).diagnosis)
+    real = recorded(ARMS.get(effect, same_arm)(robot), effect, 6000 + seed)
+    found = (diagnose_tracked if is_tracked(rig) else diagnose)(real, None, rig).diagnosis
+    left = rig.robot.unexplained
+    return {**_said(found), 'left': [1e3 * left.position, 1e3 * left.orientation]}
 
 
-def _compared(real, joints):
-    found = diagnose_simulated(Pair(real, shifted(run(Arm(), joints), 1234.5)), None,
+def _compared(real, joints, arm):
+    found = diagnose_simulated(Pair(real, shifted(run(arm, joints), 1234.5)), None,
                                load_rig('rigid_tool.yaml'))
     return {**_said(found.outcome.diagnosis),
             'translation': [1e3 * x for x in found.tracking[0].translation[:4]],
             'rotation': [1e3 * x for x in found.tracking[0].rotation[:4]]}
 
 
-def _rerun(real, joints):
-    began = time.process_time()
-    found = diagnose_rerun(real, None, third_party('arm', ArmSimulator()),
+def _rerun(real, joints, arm):
+    found = diagnose_rerun(real, None, third_party('arm', ArmSimulator(arm)),
                            load_rig('rigid_tool.yaml'))
     return {**_said(found.outcome.diagnosis), 'runs': found.runs,
-            'recomputed': found.recomputed, 'seconds': time.process_time() - began}
+            'recomputed': found.recomputed}
 
 
 def _said(d):
@@ -171,29 +215,36 @@ def _said(d):
                 k: [p.value, p.std] for k, p in e.parameters.items() if p.value}}
                 for e in d.effects},
             'candidates': [(name, round(p, 3)) for name, p in d.candidates],
-            'closed': d.gap.closed if d.gap else None}
+            'closed': d.gap.closed if d.gap else None, 'notes': d.notes,
+            'where': [[p.stage, p.channel, p.phase] for p in d.where[:3]]}
 
 
 def same(case, result):
-    return all(case.get(k) == result.get(k) for k in ('effect', 'seed', 'rerun', 'fit'))
+    return all(case.get(k) == result.get(k) for k in ('effect', 'seed', 'way'))
 
 
-def table(results):
-    print('| effect | first | effects named falsely | size | closed |')
-    print('|---|---|---|---|---|')
-    names = {name: truth for name, (_, truth) in {**ARMS, **SENSORS}.items()}
-    if any(r['rerun'] for r in results):
-        names |= RERUN
-    for name, truth in {'none': '', **names}.items():
-        rows = [r for r in results if r['effect'] == name]
-        if not rows:
-            continue
-        first = sum(next(iter(r['effects']), '') == truth for r in rows)
-        false = sum(bool(set(r['effects']) - {truth}) for r in rows)
-        sizes = ', '.join(_size(r['effects'][truth]) for r in rows if truth in r['effects'])
-        closed = [r['closed'] for r in rows if truth and r['closed'] is not None]
-        print(f'| {name} | {first} of {len(rows)} | {false} of {len(rows)} | {sizes} | '
-              f'{100 * np.mean(closed) if closed else 0:.0f} % |')
+def table(results, way):
+    """Print what was told of each effect."""
+    print('| effect | first | offered | false | verdict | size | explained | recomputed | CPU s |')
+    print('|---|---|---|---|---|---|---|---|---|')
+    names = {**dict.fromkeys(NONE, ''), **TRUTH, **(RERUN if way == 'rerun' else {})}
+    for name, truth in names.items():
+        rows = [r for r in results if r['effect'] == name and r['way'] == way]
+        if rows:
+            _row(name, truth, rows)
+
+
+def _row(name, truth, rows):
+    n, told = len(rows), [r for r in rows if truth in r['effects']]
+    first = sum(next(iter(r['effects']), '') == truth for r in rows)
+    offered = sum(not truth or truth in dict(r['candidates']) for r in rows)
+    false = sum(bool(set(r['effects']) - {truth, 'unknown'}) for r in rows)
+    sizes = ', '.join(_size(r['effects'][truth]) for r in told)
+    closed, again = (', '.join(f'{100 * r[key]:.0f}' for r in told if r.get(key) is not None)
+                     for key in ('closed', 'recomputed'))
+    verdicts = ', '.join(sorted({r['verdict'] for r in rows}))
+    print(f'| {name} | {first} of {n} | {offered} of {n} | {false} of {n} | {verdicts} | {sizes} '
+          f'| {closed} | {again} | {np.mean([r["seconds"] for r in rows]):.0f} |')
 
 
 def _size(effect):
@@ -211,17 +262,22 @@ def main():
     parser.add_argument('--fit-rig', action='store_true',
                         help='compare with a rig that is fitted to another recording')
     parser.add_argument('--jobs', type=int, default=1)
-    parser.add_argument('--clean', type=int, default=20, help='recordings without an effect')
+    parser.add_argument('--clean', type=int, default=4, help='recordings of a free arm without '
+                        'an effect, beside one on a table and one with an Imu')
     parser.add_argument('--seeds', type=int, default=2, help='recordings of each effect')
+    parser.add_argument('--first', type=int, default=0, help='the first seed')
+    parser.add_argument('--effects', nargs='*', default=(*NONE, *TRUTH))
     args = parser.parse_args()
-    wanted = [{'effect': 'none', 'seed': 100 + i, 'rerun': args.rerun} for i in range(args.clean)]
-    wanted += [{'effect': name, 'seed': i, 'rerun': args.rerun} for name in (*ARMS, *SENSORS)
-               for i in range(args.seeds)]
-    if args.fit_rig:
+    way = 'rerun' if args.rerun else 'fit-rig' if args.fit_rig else 'compared'
+    each = {'none': args.clean, **dict.fromkeys(NONE[1:], 1), **dict.fromkeys(TRUTH, args.seeds)}
+    left_out = {'fit-rig': ('none, table', 'contact softness')}.get(way, ())
+    wanted = [{'effect': name, 'seed': args.first + i, 'way': way} for name in args.effects
+              if name not in left_out for i in range(each[name])]
+    if way == 'fit-rig':
         folder = args.out.with_suffix('')
         folder.mkdir(exist_ok=True)
-        wanted = [{**one, 'fit': str(folder)} for one in wanted]
-    table(resumed(answer, wanted, args.out, args.jobs, same))
+        wanted = [{**one, 'folder': str(folder)} for one in wanted]
+    table(resumed(answer, wanted, args.out, args.jobs, same), way)
 
 
 if __name__ == '__main__':

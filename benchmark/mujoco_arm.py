@@ -27,6 +27,9 @@ LINKS = (  # axis, offset of the next joint [m], mass [kg], radius [m], armature
 
 JOINTS = tuple(f'joint{i}' for i in range(len(LINKS)))
 
+TABLE = 2e4
+"""Stiffness of a table [N/m]."""
+
 HOME = np.array([0.3, -1.3, 1.7, -1.9, -1.5, 0.4])
 
 
@@ -53,6 +56,14 @@ class Arm:
         Of gravity in the base, a rotation vector about X and Y [rad].
     pull : callable or None
         (position of the flange, time) -> force in base on the flange [N].
+    table : float or None
+        Height of a table under the flange [m]; None: there is none.
+    stiffness : float
+        Of the table.
+    play : tuple of float
+        Of the drive of each joint, half of it [rad].
+    imu : bool
+        Whether there is an accelerometer in the flange.
     """
 
     step: float = 0.001
@@ -67,6 +78,10 @@ class Arm:
     friction: tuple[float, ...] = (1.5, 1.5, 1.0, 0.5, 0.5, 0.3)
     tilt: tuple[float, float] = (0.0, 0.0)
     pull: Callable[[np.ndarray], np.ndarray] | None = field(default=None, compare=False)
+    table: float | None = None
+    stiffness: float = 1.0
+    play: tuple[float, ...] = (0.0,) * 6
+    imu: bool = False
 
 
 def varied(arm: Arm, rng: np.random.Generator) -> Arm:
@@ -76,8 +91,9 @@ def varied(arm: Arm, rng: np.random.Generator) -> Arm:
 
     six = {name: tuple(v * (1 + d) for v, d in zip(getattr(arm, name), off(6)))
            for name in ('links', 'kp', 'kv', 'armature', 'friction')}
-    return replace(arm, mass=arm.mass * (1 + off()), com=arm.com * (1 + off()),
-                   inertia=arm.inertia * (1 + off()), **six)
+    arm = replace(arm, mass=arm.mass * (1 + off()), com=arm.com * (1 + off()),
+                  inertia=arm.inertia * (1 + off()), **six)
+    return arm if arm.table is None else replace(arm, stiffness=arm.stiffness * (1 + off()))
 
 
 def model_of(arm: Arm) -> mujoco.MjModel:
@@ -109,7 +125,7 @@ def model_of(arm: Arm) -> mujoco.MjModel:
         f'gravity="{gravity[0]} {gravity[1]} {gravity[2]}"/><worldbody>{bodies}{tool}{ends}'
         f'</worldbody><actuator>{actuators}</actuator><sensor><force site="ft"/>'
         '<torque site="ft"/><framepos objtype="site" objname="ft"/>'
-        '<framequat objtype="site" objname="ft"/></sensor></mujoco>')
+        '<framequat objtype="site" objname="ft"/><accelerometer site="ft"/></sensor></mujoco>')
 
 
 def commands(seed: int, seconds: float) -> np.ndarray:
@@ -142,7 +158,7 @@ def run(arm: Arm, joints: np.ndarray, every: float = 0.002) -> Recording:
     Returns
     -------
     Recording
-        Wrench, pose and commanded pose, without noise.
+        Wrench, pose, joints and commands of both, without noise.
     """
     model = model_of(arm)
     data = mujoco.MjData(model)
@@ -156,32 +172,50 @@ def run(arm: Arm, joints: np.ndarray, every: float = 0.002) -> Recording:
         mujoco.mj_step(model, data)
     at = np.arange(len(joints) * hold) / hold
     fine = np.stack([np.interp(at, np.arange(len(joints)), q) for q in joints.T], axis=1)
-    rows = []
+    fine = np.stack([_behind_play(q, play) for q, play in zip(fine.T, arm.play)], axis=1)
+    rows, places = [], []
     for k in range(len(joints) * hold):
         data.ctrl[:] = fine[k]
         _pulled(arm, data, site, body)
+        if k % steps == 0:
+            places.append(data.qpos.copy())
         mujoco.mj_step(model, data)
         if k % steps == 0:
             rows.append(data.sensordata.copy())
     t = arm.step * steps * np.arange(len(rows))
     seen = np.array(rows)
-    target, told = _forward(model, joints), PERIOD * np.arange(len(joints))
+    felt = Stream(t, seen[:, 13:], 'ft_sensor') if arm.imu else None
+    target, told = forward(model, joints), PERIOD * np.arange(len(joints))
     return Recording(
         wrench=Stream(t, -seen[:, :6], 'ft_sensor'),
-        pose=PoseStream(t, seen[:, 6:9], matrix_from_quaternion(np.roll(seen[:, 9:], -1, axis=1))),
-        target=PoseStream(told, *target),
+        pose=PoseStream(t, seen[:, 6:9],
+                        matrix_from_quaternion(np.roll(seen[:, 9:13], -1, axis=1))),
+        target=PoseStream(told, *target), accelerometer=felt, accelerometer_unit='m/s^2',
+        joints=JointStream(t, np.array(places), '', JOINTS),
         joint_commands=JointStream(told, joints, '', JOINTS))
 
 
 def _pulled(arm, data, site, body):
-    if arm.pull is None:
+    if arm.pull is None and arm.table is None:
         return
-    force = arm.pull(data.site_xpos[site])
+    force = np.zeros(3) if arm.pull is None else arm.pull(data.site_xpos[site])
+    if arm.table is not None:
+        force[2] += TABLE * arm.stiffness * max(0.0, arm.table - data.site_xpos[site][2])
     data.xfrc_applied[body, :3] = force
     data.xfrc_applied[body, 3:] = np.cross(data.site_xpos[site] - data.xipos[body], force)
 
 
-def _forward(model, joints):
+def _behind_play(q, play):
+    """Follow a command as a drive with play does, whose friction holds it in between."""
+    if not play:
+        return q
+    out = q.copy()
+    for k in range(1, len(q)):
+        out[k] = np.clip(out[k - 1], q[k] - play, q[k] + play)
+    return out
+
+
+def forward(model, joints):
     data = mujoco.MjData(model)
     position, R = np.empty((len(joints), 3)), np.empty((len(joints), 3, 3))
     site = model.site('ft').id
@@ -193,7 +227,10 @@ def _forward(model, joints):
 
 
 class ArmSimulator:
-    """The nominal arm as a simulator that can be run again with other numbers."""
+    """The nominal arm, or one like it, as a simulator that can be run again with other numbers."""
+
+    def __init__(self, arm: Arm = Arm()) -> None:
+        self.arm = arm
 
     def parameters(self) -> list[Parameter]:
         """List payload, joints and the tilt of the base, all as well known as by a drawing."""
@@ -204,8 +241,11 @@ class ArmSimulator:
                    for name, sigma in (('kp', 0.02), ('kv', 0.03)) for i in range(len(LINKS))]
         tilts = [Parameter(f'tilt.{a}', 0.0, 0.003, 'rad', -0.5, 0.5, 'robot', ('base_tilt',))
                  for a in 'xy']
+        table = [] if self.arm.table is None else [
+            Parameter('table', TABLE, 0.05 * TABLE, 'N/m', 0.1 * TABLE, 5.0 * TABLE,
+                      'environment')]
         return [Parameter('payload', 1.2, 0.012, 'kg', 0.1, 5.0, 'tool', ('tool_mass',)),
-                *joints, *tilts]
+                *joints, *tilts, *table]
 
     def simulate(self, inputs: Inputs, parameters: Mapping[str, float]):
         """Move the arm by the commands of its joints."""
@@ -214,9 +254,16 @@ class ArmSimulator:
         def each(name):
             return tuple(parameters[f'{name}[{i}]'] for i in range(len(LINKS)))
 
-        made = run(Arm(mass=parameters['payload'] / 1.2, friction=each('frictionloss'),
-                       kp=each('kp'), kv=each('kv'),
-                       tilt=(parameters['tilt.x'], parameters['tilt.y'])), told.values)
+        made = run(replace(
+            self.arm, mass=parameters['payload'] / 1.2, friction=each('frictionloss'),
+            kp=each('kp'), kv=each('kv'), tilt=(parameters['tilt.x'], parameters['tilt.y']),
+            stiffness=parameters.get('table', TABLE) / TABLE), told.values)
         t, pose = made.wrench.t + told.t[0], made.pose
-        return {'wrench': (t, made.wrench.values), 'pose': (t, np.hstack(
-            [pose.position, quaternion_from_matrix(pose.R_base_sensor)]))}
+        found = {'wrench': (t, made.wrench.values), 'joints': (t, made.joints.values),
+                 'pose': (t, np.hstack([pose.position,
+                                        quaternion_from_matrix(pose.R_base_sensor)]))}
+        if made.accelerometer is not None:
+            found['accelerometer'] = t, made.accelerometer.values
+        if not inputs.measured_joints:
+            del found['joints']
+        return found

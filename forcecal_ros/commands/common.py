@@ -147,7 +147,8 @@ def topic_names(args: argparse.Namespace, option: str = '--topic') -> dict[str, 
 
 def read_poses_of_sensor(
         args: argparse.Namespace, bag: str, option: str = '--sensor-from-pose',
-        topics: str = '--topic', wrench_sign: int | None = None) -> 'Recording':
+        topics: str = '--topic', wrench_sign: int | None = None, *, joints: bool = False
+        ) -> 'Recording':
     """
     Read a recording as the arguments say, its poses taken to ft_sensor where they say how.
 
@@ -157,6 +158,8 @@ def read_poses_of_sensor(
         Those of :func:`add_sensor_pose` and :func:`add_topics`.
     wrench_sign : int, optional
         By default that of ``--wrench-sign``, or 1 where there is no such option.
+    joints : bool
+        Whether to read the measured positions of joints, too.
     """
     from forcecal_ros.observe.mounting import mounting_of, taken_to_sensor
     from forcecal_ros.recording.bags import read_recording
@@ -164,8 +167,8 @@ def read_poses_of_sensor(
     with from_arguments():
         mounting = mounting_of(getattr(args, option.strip('-').replace('-', '_')) or (), option)
     sign = getattr(args, 'wrench_sign', None) if wrench_sign is None else wrench_sign
-    return taken_to_sensor(
-        read_recording(bag, topics=topic_names(args, topics), wrench_sign=sign or 1), mounting)
+    return taken_to_sensor(read_recording(
+        bag, topics=topic_names(args, topics), wrench_sign=sign or 1, joints=joints), mounting)
 
 
 def read_checked(args: argparse.Namespace, bag: str, wanted: Collection[str] = ('wrench',), *,

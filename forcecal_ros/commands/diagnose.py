@@ -137,10 +137,10 @@ def answer(args: argparse.Namespace) -> Answer:
         return _by_commands(args, recording, heldout, rig)
 
 
-def _read(args: argparse.Namespace) -> tuple[Any, Any]:
+def _read(args: argparse.Namespace, joints: bool = False) -> tuple[Any, Any]:
     """Return the recording, and the one to judge on if there is one."""
-    return (read_poses_of_sensor(args, args.bag),
-            read_poses_of_sensor(args, args.heldout) if args.heldout else None)
+    return (read_poses_of_sensor(args, args.bag, joints=joints),
+            read_poses_of_sensor(args, args.heldout, joints=joints) if args.heldout else None)
 
 
 def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any) -> Answer:
@@ -208,12 +208,12 @@ def _by_simulated(args: argparse.Namespace) -> Answer:
                  for real, simulated in ((args.bag, args.simulated),
                                          (args.heldout, args.heldout_simulated)) if real]
         stage('comparing the wrench with the simulated')
-        rig = load_rig(RIGID)
+        rig, of_channels = load_rig(RIGID), units('m/s^2')
         found = diagnose_simulated(pairs[0], pairs[1] if len(pairs) > 1 else None, rig)
-        document = to_document(found.outcome.diagnosis, units(), None)
+        document = to_document(found.outcome.diagnosis, of_channels, None)
         document |= {'explained_by': 'simulated recording', **found.document()}
-        return _written(args, tuple(pair.real for pair in pairs), found.outcome, rig, units(),
-                        document, {})
+        return _written(args, tuple(pair.real for pair in pairs), found.outcome, rig,
+                        of_channels, document, {})
 
 
 def _by_simulator(args: argparse.Namespace) -> Answer:
@@ -226,7 +226,7 @@ def _by_simulator(args: argparse.Namespace) -> Answer:
     with stages(args) as stage:
         simulator = simulator_of(args)
         stage(f'reading {args.bag}')
-        recording, heldout = _read(args)
+        recording, heldout = _read(args, joints=True)
         stage(f'running {simulator.name} with {len(simulator.parameters)} parameters')
         rig, of_channels = load_rig(RIGID), units('m/s^2')
         found = diagnose_rerun(recording, heldout, simulator, rig)

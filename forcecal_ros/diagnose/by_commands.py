@@ -45,8 +45,8 @@ def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
     given = [recording] if heldout is None else [recording, heldout]
     try:
         require_same_sensors(given)
-        for one in given:
-            refuse_other_axes(one, rig.tool.mass, np.array(rig.tool.com), np.array(rig.gravity))
+        for each in given:
+            refuse_other_axes(each, rig.tool.mass, np.array(rig.tool.com), np.array(rig.gravity))
         stamps = [corrected(r, rig, SHORTEST) for r in given]
         datasets = [prepare(s.recording, rig, accelerometer) for s in stamps]
     except DataError as error:

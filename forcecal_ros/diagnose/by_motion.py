@@ -55,8 +55,8 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, rigid_tool:
     given = [r for r in (recording, heldout) if r is not None]
     try:
         require_same_sensors(given)
-        for one in given:
-            refuse_other_axes(one, rigid_tool.tool.mass, np.array(rigid_tool.tool.com),
+        for each in given:
+            refuse_other_axes(each, rigid_tool.tool.mass, np.array(rigid_tool.tool.com),
                               np.array(rigid_tool.gravity))
         stamps = [evened(r) for r in given]
         if calibration is not None:
@@ -73,7 +73,8 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, rigid_tool:
     outcome = diagnose_datasets(rigid_tool, held_out(datasets), stamps, given)
     d = outcome.diagnosis
     return replace(outcome, diagnosis=replace(
-        d, effects=tuple(_in(rigid_tool.accelerometer_unit, e) for e in d.effects),
+        d, reason=said_in(rigid_tool.accelerometer_unit, d.reason),
+        effects=tuple(in_unit(rigid_tool.accelerometer_unit, e) for e in d.effects),
         notes=(*d.notes, *told(outcome, rigid_tool.accelerometer_unit))))
 
 
@@ -95,10 +96,15 @@ def inertia_std(outcome: Outcome) -> tuple[float, float, float] | None:
     return (x, y, z) if all(0.0 < std < most for std in stds) else None
 
 
-def _in(unit: str, effect: Found) -> Found:
+def in_unit(unit: str, effect: Found) -> Found:
     """Name the unit that the accelerometer speaks."""
     return replace(effect, parameters={
         k: replace(p, unit=unit) if p.unit == 'V' else p for k, p in effect.parameters.items()})
+
+
+def said_in(unit: str, sentence: str) -> str:
+    """Say what is left of accelerometers in the unit that they speak."""
+    return sentence.replace(' V RMS in accel', f' {unit} RMS in accel')
 
 
 def told(outcome: Outcome, unit: str) -> list[str]:

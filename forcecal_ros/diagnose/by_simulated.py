@@ -4,10 +4,11 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from forcecal_ros.diagnose.by_motion import told
+from forcecal_ros.diagnose.by_motion import in_unit, said_in, told
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
 from forcecal_ros.diagnose.inputs.alignment import aligned, Alignment
 from forcecal_ros.diagnose.inputs.dataset import Dataset
+from forcecal_ros.diagnose.inputs.imu import as_compared, imus_compared
 from forcecal_ros.diagnose.inputs.motion_dataset import held_out, moves, prepare_simulated
 from forcecal_ros.diagnose.inputs.requirements import require_same_sensors
 from forcecal_ros.diagnose.inputs.simulated_tool import SimulatedTool
@@ -19,7 +20,9 @@ from forcecal_ros.effects.signals import FORCES
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.checks.entry import computed
 from forcecal_ros.recording.streams import Recording
+from forcecal_ros.simulators.measured_motion import RecordedSimulation
 from forcecal_ros.simulators.poses import in_base_of
+from forcecal_ros.simulators.signals import BLOCK
 import numpy as np
 
 STIFF = 0.1
@@ -100,17 +103,21 @@ def diagnose_simulated(pair: Pair, heldout: Pair | None, rig: Rig) -> SimulatedD
     datasets = [one.dataset for one in prepared]
     if not moves(datasets):
         return SimulatedDiagnosis(Outcome(NO_MOTION, rig))
-    outcome = diagnose_datasets(tool.rigid_tool, held_out(datasets),
-                                [one.stamps for one in prepared], [one.real for one in pairs])
+    outcome = diagnose_datasets(
+        tool.rigid_tool, held_out(datasets), [one.stamps for one in prepared],
+        [as_compared(one.real, dataset.measured.streams)
+         for one, dataset in zip(pairs, datasets)])
     d = outcome.diagnosis
     moved = (note for note in told(outcome, 'm/s^2') if ZERO not in note)
     notes = (*d.notes, *moved, *_about(prepared, outcome), UNTESTED)
     apart = prepared[0].tracking
-    reason = (f'{d.reason}; the motion itself is {1e3 * apart.translation.rms:.2g} mm and '
+    said = said_in('m/s^2', d.reason)
+    reason = (f'{said}; the motion itself is {1e3 * apart.translation.rms:.2g} mm and '
               f'{1e3 * apart.rotation.rms:.2g} mrad (RMS) from the simulated')
-    return SimulatedDiagnosis(replace(outcome, diagnosis=replace(d, reason=reason, notes=notes)),
-                              tuple(one.alignment for one in prepared),
-                              tuple(one.tracking for one in prepared), tool)
+    effects = tuple(in_unit('m/s^2', e) for e in d.effects)
+    return SimulatedDiagnosis(
+        replace(outcome, diagnosis=replace(d, reason=reason, notes=notes, effects=effects)),
+        tuple(one.alignment for one in prepared), tuple(one.tracking for one in prepared), tool)
 
 
 class _Prepared(NamedTuple):
@@ -119,6 +126,7 @@ class _Prepared(NamedTuple):
     alignment: Alignment
     tracking: Tracking
     tool: SimulatedTool
+    note: str
 
 
 def _prepared(pair: Pair, tool: SimulatedTool | None, rig: Rig) -> _Prepared:
@@ -131,17 +139,27 @@ def _prepared(pair: Pair, tool: SimulatedTool | None, rig: Rig) -> _Prepared:
     measured = stamps.recording.pose
     if measured is not None and simulated.pose is not None:
         simulated = replace(simulated, pose=in_base_of(measured, simulated.pose))
-    dataset, tool = prepare_simulated(stamps.recording, simulated, tool, rig)
+    real, note = stamps.recording, ''
+    if measured is not None and simulated.pose is not None:
+        real, simulated, note = imus_compared(real, simulated)
+    dataset, tool = prepare_simulated(real, simulated, tool, rig)
     assert measured is not None
     assert simulated.pose is not None
     return _Prepared(dataset, stamps, alignment,
-                     tracking(measured, simulated.pose, alignment.by == 'target'), tool)
+                     tracking(measured, simulated.pose, alignment.by == 'target'), tool, note)
+
+
+def _touched(dataset: Dataset) -> float:
+    """Return for how long the simulated tool touches something [s]."""
+    assert isinstance(dataset.simulation, RecordedSimulation)
+    return float(BLOCK * dataset.simulation.touching.sum())
 
 
 def _about(prepared: list[_Prepared], outcome: Outcome) -> Iterator[str]:
     """Say how the recordings were compared, and how the motions differ."""
     force, torque = prepared[0].tool.unexplained
-    if force > STIFF:
+    touched = sum(_touched(one.dataset) for one in prepared)
+    if force > STIFF and not touched:
         yield (f'the simulated wrench is not that of a rigid tool: {force:.2g} N and {torque:.2g} '
                'N m are something else (contact, play, noise, another frame), and are taken as '
                'they are')
@@ -150,6 +168,11 @@ def _about(prepared: list[_Prepared], outcome: Outcome) -> Iterator[str]:
     yield ('zero of the wrench against the simulated: '
            + ', '.join(f'{axis} {value:+.3g}' for axis, value in zip(FORCES, zero))
            + ' N, N m; taken off')
+    yield from dict.fromkeys(one.note for one in prepared if one.note)
+    if touched:
+        yield (f'for {touched:.1f} s the simulated tool touches something: left out, as a '
+               'millimetre between the two motions changes such a force more than any effect; '
+               'only a simulator that is run can tell how stiff a contact is')
     for one in prepared:
         for name, part, unit in zip(one.tracking._fields, one.tracking, ('mm', 'mrad')):
             motion = f'{name}: {1e3 * part.rms:.2g} {unit} from the simulated'

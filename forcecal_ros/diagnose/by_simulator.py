@@ -4,8 +4,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from forcecal_ros.diagnose.by_motion import in_unit, said_in
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
 from forcecal_ros.diagnose.inputs.dataset import Dataset, made_up
+from forcecal_ros.diagnose.inputs.imu import as_compared, imus_compared
+from forcecal_ros.diagnose.inputs.measured_joints import (
+    compared,
+    measured_joints,
+    named_joints,
+    of_same_joints,
+)
 from forcecal_ros.diagnose.inputs.motion_dataset import (
     held_out,
     kinds,
@@ -26,6 +34,7 @@ from forcecal_ros.recording.streams import Recording
 from forcecal_ros.simulators.carried_tool import beyond
 from forcecal_ros.simulators.protocol import Inputs
 from forcecal_ros.simulators.rerun import Numbers, refuse_unsteady, Rerun, Runs
+from forcecal_ros.simulators.run_limit import refuse_too_many, runs_short
 from forcecal_ros.simulators.simulated_robot import simulated_robot, SimulatedRobot
 from forcecal_ros.simulators.third_party import ThirdParty
 import numpy as np
@@ -40,6 +49,12 @@ ROUGH = 0.1
 """
 Misfit of the linear prediction at the parameters found, in that of the nominal ones, from which
 they are all tried again there: a tenth leaves the explained share within a hundredth.
+"""
+
+LESS = 0.05
+"""
+Share of the misfit that is gone in the prediction and not when the simulator is run, from which
+all parameters are tried again: the width of most confidence intervals of that share.
 """
 
 CERTAIN = 3.0
@@ -113,12 +128,14 @@ def diagnose_rerun(recording: Recording, heldout: Recording | None, simulator: T
     Raises
     ------
     ConfigError
-        The simulator does not keep to the protocol, or answers otherwise the second time.
+        The simulator does not keep to the protocol, answers otherwise the second time, or has so
+        many parameters that it would be run too often.
     """
-    given = [one for one in (recording, heldout) if one is not None]
+    given = of_same_joints([one for one in (recording, heldout) if one is not None])
+    refuse_too_many(simulator, len(given))
     try:
         require_same_sensors(given)
-        first = _prepared(recording, simulator, None, rig)
+        first = _prepared(given[0], simulator, None, rig)
         ready = [first, *(_prepared(one, simulator, first.tool, rig) for one in given[1:])]
     except DataError as error:
         return RerunDiagnosis(Outcome(Diagnosis('invalid_data', str(error)), rig))
@@ -126,6 +143,10 @@ def diagnose_rerun(recording: Recording, heldout: Recording | None, simulator: T
     if not moves(datasets):
         return RerunDiagnosis(Outcome(NO_MOTION, rig))
     refuse_unsteady(first.runs)
+    joints = first.simulation.joints
+    given = [replace(as_compared(one, dataset.measured.streams),
+                     joints=compared(one.joints, joints))
+             for one, dataset in zip(given, datasets)]
     return _searched(ready, held_out(datasets), given, simulator)
 
 
@@ -133,21 +154,31 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...],
               given: Sequence[Recording], simulator: ThirdParty) -> RerunDiagnosis:
     """Try all parameters, where they are and, if that was too far off, where they should be."""
     robot = ready[0].robot
-    outcome, point = Outcome(NO_MOTION, robot), robot.numbers
+    outcome, point, short = Outcome(NO_MOTION, robot), robot.numbers, ''
+    changed: tuple[Changed, ...] = ()
+    recomputed = None
     for _ in range(ROUNDS):
+        if short := runs_short(simulator, [one.runs for one in ready]):
+            break
         for one in ready:
             one.runs.try_all(point)
             one.simulation.forget()
         outcome = diagnose_datasets(robot, judged, [one.stamps for one in ready], given)
+        changed, recomputed = _changes(simulator, outcome), None
         if not isinstance(outcome.rig, SimulatedRobot):
             break
         point = outcome.rig.numbers
-        if _predicted(ready, point):
+        straight = _predicted(ready, point)  # before it is run there
+        recomputed = _recomputed(ready, judged, outcome) if changed else None
+        if straight and not _falls_short(outcome, recomputed):
             break
-    changed = _changes(simulator, outcome)
-    notes = (*outcome.diagnosis.notes, *simulator.notes, *_recalibrated(simulator, outcome))
-    outcome = replace(outcome, diagnosis=replace(outcome.diagnosis, notes=notes))
-    recomputed = _recomputed(ready, judged, outcome) if changed else None
+    notes = (*outcome.diagnosis.notes, *simulator.notes, *_recalibrated(simulator, outcome),
+             *dict.fromkeys(filter(None, [*(one.note for one in ready), short])),
+             *named_joints(ready[0].simulation.joints, given))
+    effects = tuple(in_unit('m/s^2', e) for e in outcome.diagnosis.effects)
+    outcome = replace(outcome, diagnosis=replace(
+        outcome.diagnosis, notes=notes, effects=effects,
+        reason=said_in('m/s^2', outcome.diagnosis.reason)))
     return RerunDiagnosis(outcome, changed, sum(one.runs.count for one in ready), recomputed)
 
 
@@ -158,6 +189,7 @@ class _Prepared(NamedTuple):
     simulation: Rerun
     tool: SimulatedTool
     robot: SimulatedRobot
+    note: str
 
 
 def _prepared(recording: Recording, simulator: ThirdParty, tool: SimulatedTool | None, rig: Rig
@@ -170,11 +202,13 @@ def _prepared(recording: Recording, simulator: ThirdParty, tool: SimulatedTool |
     assert real.pose is not None
     runs = Runs(simulator, inputs_of(real), real.pose)
     made = runs.exact(simulator.nominal)
-    known = tool or simulated_tool(replace(made, accelerometer=None), start, n, rig)
-    simulation = Rerun(runs, start, n, known.rigid_tool)
-    readings = real.accelerometer if real.accelerometer_unit == 'm/s^2' else None
+    known = tool or simulated_tool(replace(made, accelerometer=None), start, n, rig).felt()
+    simulation = Rerun(runs, start, n, known.simulated)
+    felt, _, note = imus_compared(real, made)
+    simulation.accelerated = felt.accelerometer is not None
     seen = replace(real, target=None, optidrive=None,
-                   accelerometer=readings if simulation.accelerated else None)
+                   accelerometer=felt.accelerometer,
+                   joints=compared(real.joints, simulation.joints))
     robot = simulated_robot(known.rigid_tool, simulator.parameters)
     nominal = simulation.signals(robot)
     if tool is None:
@@ -184,7 +218,7 @@ def _prepared(recording: Recording, simulator: ThirdParty, tool: SimulatedTool |
     groups = kinds(nominal)
     dataset = Dataset(real, simulation, MeasuredBlocks(seen, start, n), nominal, groups,
                       real.phases or made_up(groups, start), np.ones(n, bool), np.zeros(n, bool))
-    return _Prepared(dataset, stamps, runs, simulation, known, robot)
+    return _Prepared(dataset, stamps, runs, simulation, known, robot, note)
 
 
 def inputs_of(recording: Recording) -> Inputs:
@@ -203,7 +237,7 @@ def inputs_of(recording: Recording) -> Inputs:
     streams = [s.t for s in (recording.wrench, recording.pose) if s is not None]
     start = min(float(told[0].t[0]), *(float(t[0]) for t in streams))
     return Inputs(start, max(float(t[-1]) for t in streams), recording.target,
-                  recording.joint_commands)
+                  recording.joint_commands, measured_joints(recording.joints))
 
 
 def _predicted(ready: Sequence[_Prepared], point: Numbers) -> bool:
@@ -216,6 +250,12 @@ def _predicted(ready: Sequence[_Prepared], point: Numbers) -> bool:
             if np.linalg.norm(wrong) > ROUGH * np.linalg.norm(moved):
                 return False
     return True
+
+
+def _falls_short(outcome: Outcome, recomputed: float | None) -> bool:
+    """Say whether a run with what was found leaves more than was predicted."""
+    gap = outcome.diagnosis.gap
+    return gap is not None and recomputed is not None and recomputed < gap.closed - LESS
 
 
 def _wrench(recording: Recording) -> Array:

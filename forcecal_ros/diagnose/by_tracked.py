@@ -72,8 +72,12 @@ def diagnose_tracked(recording: Recording, heldout: Recording | None, rig: Rig,
     if d.verdict == 'invalid_data':
         return replace(outcome, rig=rig)
     own = {f.name: getattr(outcome.rig, f.name) for f in fields(Rig)}
+    left = rig.robot.unexplained
+    assert left is not None
     reason = (f'{d.reason}; the motion itself is {1e3 * apart.translation.rms:.2g} mm and '
-              f'{1e3 * apart.rotation.rms:.2g} mrad (RMS) from the simulated')
+              f'{1e3 * apart.rotation.rms:.2g} mrad (RMS) from the simulated, the rig states '
+              f'{1e3 * _whole(left.position, left.position_offset):.2g} mm and '
+              f'{1e3 * _whole(left.orientation, left.orientation_offset):.2g} mrad')
     notes = [*d.notes, ('the model of the robot leaves more than the noise of the poses, so the '
              'tool is carried along the measured motion')]
     for _, one in moved:
@@ -104,17 +108,25 @@ def _merged(recording: Recording, rig: Rig, accelerometer: str | None
 def _about(apart: Tracking, rig: Rig) -> Iterator[str]:
     unexplained = rig.robot.unexplained
     assert unexplained is not None
-    for name, one, stated, noise, unit in (('translation', apart.translation, unexplained.position,
-                                            rig.pose_sensor.position_noise, 'mm'),
-                                           ('rotation', apart.rotation, unexplained.orientation,
-                                            rig.pose_sensor.orientation_noise, 'mrad')):
-        yield _one(name, one, stated, noise, unit, rig.robot.period)
+    for name, one, stated, offset, noise, unit in (
+            ('translation', apart.translation, unexplained.position, unexplained.position_offset,
+             rig.pose_sensor.position_noise, 'mm'),
+            ('rotation', apart.rotation, unexplained.orientation, unexplained.orientation_offset,
+             rig.pose_sensor.orientation_noise, 'mrad')):
+        yield _one(name, one, (stated, offset), noise, unit, rig.robot.period)
 
 
-def _one(name: str, one: Difference, stated: float, noise: float, unit: str, period: float
-         ) -> str:
+def _whole(left: float, offset: float) -> float:
+    """Return the RMS of a difference, that of its mean among it."""
+    return float(np.hypot(left, offset))
+
+
+def _one(name: str, one: Difference, states: tuple[float, float], noise: float, unit: str,
+         period: float) -> str:
+    stated, offset = states
     words = (f'{name}: {1e3 * one.rms:.2g} {unit} from the simulated, the rig states '
-             f'{1e3 * stated:.2g} {unit}')
+             f'{1e3 * _whole(stated, offset):.2g} {unit}, {1e3 * offset:.2g} of it fixed and '
+             f'{1e3 * stated:.2g} not')
     if np.isfinite(one.delay):
         words += (f'; the robot is {1e3 * one.delay:.1f} +- {1e3 * one.delay_std:.1f} ms later, '
                   f'which leaves {1e3 * one.unexplained:.2g} {unit}')

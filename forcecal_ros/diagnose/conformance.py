@@ -12,18 +12,20 @@ from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import Recording
 from forcecal_ros.simulators.rerun import refuse_unsteady, Runs
+from forcecal_ros.simulators.run_limit import MOST
 from forcecal_ros.simulators.third_party import STREAMS, ThirdParty
 import numpy as np
 
 
 class Sensitivity(NamedTuple):
-    """What one sigma of a parameter does, RMS [N], [N m], [m], [rad]."""
+    """What one sigma of a parameter does, RMS [N], [N m], [m], [rad]; to all joints [rad]."""
 
     name: str
     force: float
     torque: float
     position: float
     turn: float
+    joints: float = 0.0
 
 
 class Conformance(NamedTuple):
@@ -50,7 +52,7 @@ class Conformance(NamedTuple):
         return {**self._asdict(), 'sensitivity': [s._asdict() for s in self.sensitivity]}
 
     def __str__(self) -> str:
-        runs = 2 * (len(self.sensitivity) + 2)
+        runs = min(MOST, 2 * (len(self.sensitivity) + 2))
         return '\n'.join([
             f'{self.name}: keeps to the protocol and does the same again',
             f'simulates {", ".join(self.streams)}',
@@ -58,7 +60,9 @@ class Conformance(NamedTuple):
             f'a diagnosis runs it at most {runs} times a recording: {runs * self.seconds:.0f} s',
             'one sigma of a parameter moves, RMS:',
             *(f'  {s.name}  {s.force:.3g} N  {s.torque:.3g} N m  {1e3 * s.position:.3g} mm  '
-              f'{1e3 * s.turn:.3g} mrad' + ('' if any(s[1:]) else '  (nothing)')
+              f'{1e3 * s.turn:.3g} mrad' + (f'  joints {1e3 * s.joints:.3g} mrad'
+                                              if 'joints' in self.streams else '')
+                + ('' if any(s[1:]) else '  (nothing)')
               for s in self.sensitivity), *(f'note: {note}' for note in self.notes)])
 
 
@@ -91,10 +95,10 @@ def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Confor
     refuse_unsteady(runs)
     simulated_tool(replace(made, accelerometer=None), start, n, rig)
     runs.try_all(simulator.nominal)
-    streams = tuple(name for name in STREAMS if getattr(made, name) is not None)
+    streams = tuple(name for name in (*STREAMS, 'joints') if getattr(made, name) is not None)
     return Conformance(simulator.name, seconds, inputs.end - inputs.start, streams, tuple(
         Sensitivity(p.name, _rms(c.wrench[:, :3]), _rms(c.wrench[:, 3:]), _rms(c.position),
-                    _rms(c.turn))
+                    _rms(c.turn), 0.0 if c.joints is None else _rms(c.joints))
         for p, c in zip(simulator.parameters, runs.changes(simulator.nominal))), simulator.notes)
 
 

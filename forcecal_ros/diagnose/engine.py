@@ -97,9 +97,9 @@ class Outcome:
     recalibrations : dict of str to (float, float)
         Nuisance -> how far it moved, and its standard error; relative where its
         tolerance is.
-    recalibrated, explained : tuple of ndarray, shape (n, 16)
+    recalibrated, explained : tuple of ndarray, shape (n, channels)
         Measured less simulated, in block means, of each recording.
-    noise : ndarray, shape (16,)
+    noise : ndarray, shape (channels,)
         RMS of one sample of each channel.
     """
 
@@ -188,6 +188,8 @@ def _strongest(lines: Sequence[Line]) -> list[float]:
 
 def _observed(dataset: Dataset, recording: Recording, rig: Rig) -> MeasuredBlocks:
     """Take a recording by the stamps that it came with."""
+    if 'joints' not in dataset.measured.streams:
+        recording = replace(recording, joints=None)
     return MeasuredBlocks(in_volts(recording, rig, dataset.simulation.accelerometer),
                           dataset.measured.start, dataset.measured.n_blocks)
 

@@ -208,6 +208,8 @@ class Recording:
         (n, 3) of an IMU's gyro, in its frame [rad/s].
     joint_commands : JointStream or None
         What a controller of joints was told.
+    joints : JointStream or None
+        Measured, of the joints that are commanded where these are named.
     phases : tuple of Phase
         In order, without gaps or overlaps; empty where none was recorded.
     start_ns : int
@@ -232,6 +234,7 @@ class Recording:
     contact_truth: Stream | None = None
     angular_velocity: Stream | None = None
     joint_commands: JointStream | None = None
+    joints: JointStream | None = None
     phases: tuple[Phase, ...] = ()
     start_ns: int = 0
     source: str = ''

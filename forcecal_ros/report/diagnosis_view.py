@@ -10,7 +10,7 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.autoregression import fit_autoregression
 from forcecal_ros.recording.streams import Phase
 from forcecal_ros.report.panels import joined
-from forcecal_ros.simulators.signals import Signals
+from forcecal_ros.simulators.signals import JOINTS, Signals
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,9 +40,9 @@ class View:
     times : ndarray, shape (n,)
     groups : ndarray of int, shape (n,)
         0 at rest.
-    present : ndarray of bool, shape (n, 16)
-    measured : ndarray, shape (n, 16)
-    nominal, recalibrated, explained : ndarray, shape (n, 16)
+    present : ndarray of bool, shape (n, channels)
+    measured : ndarray, shape (n, channels)
+    nominal, recalibrated, explained : ndarray, shape (n, channels)
         Measured less simulated.
     cells : tuple of Cell
         Excess of the recalibrated residual.
@@ -143,6 +143,8 @@ def _cells(dataset: Blocks, present: NDArray[np.bool_], before: Array, after: Ar
 
 def _means(s: Signals, n: int) -> Array:
     """Block means of what noise-free sensors say; turns, which are differences, as zero."""
-    rows = np.concatenate([s.wrench, s.volts, s.optidrive[:, np.newaxis], s.position], axis=1)
-    blocks = rows.reshape(n, -1, rows.shape[1]).mean(axis=1)
-    return np.concatenate([blocks, np.zeros((n, 3))], axis=1)
+    length, joints = len(s.wrench), s.joints
+    rows = np.concatenate([s.wrench, s.volts, s.optidrive[:, np.newaxis], s.position,
+                           np.zeros((length, 3)),
+                           np.zeros((length, JOINTS)) if joints is None else joints], axis=1)
+    return np.asarray(rows.reshape(n, -1, rows.shape[1]).mean(axis=1))

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.calibration.model import Accelerometer as CalibratedAccelerometer
 from forcecal_ros.calibration.model import Calibration, Estimate
+from forcecal_ros.diagnose.inputs.imu import from_gravity, GAIN, OFFSET, TURNED
 from forcecal_ros.diagnose.inputs.motion_dataset import span
 from forcecal_ros.diagnose.inputs.simulated_tool import DRAWN, LIGHTEST, tool_along, with_moments
 from forcecal_ros.effects.nuisances import possible, rows_of
@@ -17,6 +18,7 @@ from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.recording.streams import Recording
 from forcecal_ros.rig_fit.sensors import noise_of, rate_beside
 from forcecal_ros.simulators.carried_tool import CarriedTool
+from forcecal_ros.simulators.low_pass import slowed
 from forcecal_ros.simulators.rigid_tool import GYRATION
 import numpy as np
 
@@ -130,6 +132,29 @@ def _with_accelerometer(rig: Rig, a: CalibratedAccelerometer, notes: tuple[str, 
     return ToolFit(replace(rig, accelerometer=mounted, spreads=spreads), notes)
 
 
+def _with_imu(rig: Rig, recording: Recording, motion: CarriedTool) -> Rig:
+    """Mount an accelerometer that speaks m/s^2, its place and offset as the motion tells them."""
+    stream = recording.accelerometer
+    if stream is None or len(stream) < 2 or recording.accelerometer_unit != 'm/s^2':
+        return rig
+    assert recording.pose is not None
+    turned = from_gravity(stream, recording.pose)
+    if turned > TURNED:
+        raise DataError(f'accelerometer: it feels gravity {np.degrees(turned):.0f} deg from where '
+                        'the pose has it, expected along the axes of ft_sensor; record it in that '
+                        'frame, or leave it out of the recording')
+    felt = slowed(stream)(np.clip(motion.t, stream.t[0], stream.t[-1]))
+    offsets = np.broadcast_to(np.eye(3), motion.lever.shape)
+    columns = np.concatenate([motion.lever, offsets], axis=2)
+    told = np.linalg.lstsq(columns.reshape(-1, 6),
+                           (felt - motion.specific_force_of_origin(rig)).ravel(), rcond=1e-6)[0]
+    model = AccelerometerModel((1.0, 1.0, 1.0), tuple(told[3:].tolist()), 0.0)
+    mounted: Accelerometer = replace(rig.accelerometer, mounted='acc1', acc1=model,
+                                     position=tuple(told[:3].tolist()))
+    return replace(rig, accelerometer=mounted, spreads=replace(
+        rig.spreads, accelerometer_offset=OFFSET, accelerometer_gain=GAIN))
+
+
 def _by_motion(rig: Rig, recording: Recording, why: str) -> ToolFit:
     """Take the tool that explains the wrench along the measured motion best."""
     first, n = span(replace(recording, accelerometer=None))
@@ -144,8 +169,9 @@ def _by_motion(rig: Rig, recording: Recording, why: str) -> ToolFit:
     spreads = _no_surer(rig.spreads, mass=DRAWN[0], com=DRAWN[1], inertia=UNKNOWN_INERTIA)
     force, torque = (float(np.sqrt(np.mean(left[:, part] ** 2)))
                      for part in (slice(0, 3), slice(3, 6)))
+    rig = replace(rig, tool=replace(tool, tip=tool.com), spreads=spreads,
+                  wrench_sensor=replace(rig.wrench_sensor, bias=tuple(bias.tolist())))
     return ToolFit(
-        replace(rig, tool=replace(tool, tip=tool.com), spreads=spreads,
-                wrench_sensor=replace(rig.wrench_sensor, bias=tuple(bias.tolist()))),
+        _with_imu(rig, recording, motion),
         ((f'the tool is told by the motion, which leaves {force:.2g} N and {torque:.2g} N m RMS; '
          f'static poses would tell it better ({why})'),))

@@ -13,12 +13,14 @@ from forcecal_ros.effects.nuisances import (
 )
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import INVERTIBLE
+from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import Recording
 from forcecal_ros.simulators.carried_tool import CABLE, CarriedTool, only, SMOOTH
 from forcecal_ros.simulators.low_pass import MOST, slow
 from forcecal_ros.simulators.poses import merged
 from forcecal_ros.simulators.rigid_tool import RigidTool, UNKNOWN_DELAY
-from forcecal_ros.simulators.signals import RATE, Signals
+from forcecal_ros.simulators.signals import block_means, RATE, Signals
+from forcecal_ros.simulators.simulated_contact import touches
 import numpy as np
 
 EXACT = 0.2
@@ -114,7 +116,7 @@ class MeasuredMotion:
 
     def smooth(self, signals: Signals) -> Signals:
         """Return signals without the noise of pose and accelerometer, which is in them all."""
-        start, *parts = signals
+        start, *parts = signals[:-1]  # no joints
         smooth = [slow(part.reshape(len(part), -1), RATE, SMOOTH).reshape(part.shape)
                   for part in parts]
         return Signals(start, *smooth)
@@ -134,13 +136,18 @@ class RecordedSimulation(MeasuredMotion):
     recording : Recording
         Of the robot: its pose.
     simulated : Recording
-        Of the simulator, on the robot's clock: wrench and pose.
+        Of the simulator, on the robot's clock: wrench and pose, and specific force where it has.
     start : float
         When block 0 begins [s].
     accelerometer : str
         ``acc1`` or ``acc2``.
     rigid_tool : RigidTool
         The simulator's tool, as its wrench and motion tell it.
+
+    Attributes
+    ----------
+    touching : ndarray of bool, shape (n_blocks,)
+        Where the simulated tool touches something.
     """
 
     def __init__(self, recording: Recording, simulated: Recording, start: float, n_blocks: int,
@@ -148,7 +155,29 @@ class RecordedSimulation(MeasuredMotion):
         measured, made = recording.pose, simulated.pose
         assert measured is not None
         assert made is not None
-        super().__init__(replace(recording, pose=merged(measured, made)), start, n_blocks,
-                         accelerometer, rigid_tool)
+        felt, simulated = simulated.accelerometer, replace(simulated, accelerometer=None)
+        super().__init__(replace(recording, pose=merged(measured, made), accelerometer=None),
+                         start, n_blocks, accelerometer, rigid_tool)
         own = CarriedTool(simulated, start, n_blocks, accelerometer)
         self._full.beyond = self._clear.beyond = own.seen(simulated) - own.wire(rigid_tool)
+        self.touching = touches(block_means(self._full.beyond))
+        self._felt = None if felt is None else self._carried_over(felt.at(own.t), own, rigid_tool)
+
+    def _carried_over(self, felt: Array, own: CarriedTool, rigid_tool: RigidTool) -> Array:
+        """Take what is felt without weight, where the Imu is, to the robot's motion, (n, 3)."""
+        f = own.specific_force_of_origin(rigid_tool)
+        place = np.linalg.lstsq(own.lever.reshape(-1, 3), (felt - f).ravel(), rcond=1e-6)[0]
+        there = self._full.specific_force_of_origin(rigid_tool) + self._full.lever @ place
+        return np.asarray(felt - f - own.lever @ place + there - self._full.weight(rigid_tool))
+
+    def signals(self, rig: Rig) -> Signals:
+        """Carry a tool along, and the simulator's Imu."""
+        found = super().signals(rig)
+        if self._felt is None:
+            return found
+        rigid_tool = physical_rig(rig)
+        model = rigid_tool.accelerometer.model(self.accelerometer)
+        on_volts = AccelerometerEffects(rig, self.accelerometer, 1.0 / RATE)
+        felt = np.asarray(self._felt + self._full.weight(rigid_tool))
+        return found._replace(volts=on_volts.after_noise(on_volts.before_noise(
+            felt * model.gain + model.offset)))

@@ -109,13 +109,28 @@ class MujocoRobot:
         data.ctrl[actuators] = ctrl[0]
         for _ in range(round(SETTLING / step)):
             mujoco.mj_step(model, data)
-        rows, skipped = [], max(1, round(EVERY / step))
+        rows, places, skipped = [], [], max(1, round(EVERY / step))
         for k, q in enumerate(ctrl):
             data.ctrl[actuators] = q
+            if k % skipped == 0:
+                places.append(data.qpos.copy())
             mujoco.mj_step(model, data)
             if k % skipped == 0:
                 rows.append(data.sensordata.copy())
-        return self._streams(t[::skipped], np.array(rows))
+        joints = self._joints(inputs.measured_joints, np.array(places))
+        return {**self._streams(t[::skipped], np.array(rows)), 'joints': (t[::skipped], joints)}
+
+    def _joints(self, names: Sequence[str], places: Array) -> Array:
+        """Return a column for each joint that is named, NaN for those that the model lacks."""
+        import mujoco
+
+        model, out = self.model, np.full((len(places), len(names)), np.nan)
+        column = {model.joint(i).name: int(model.jnt_qposadr[i]) for i in range(model.njnt)
+                  if _is_scalar(mujoco, model, i)}
+        for i, name in enumerate(names):
+            if name in column:
+                out[:, i] = places[:, column[name]]
+        return out
 
     def _streams(self, t: NDArray[Any], rows: Array) -> Mapping[str, Any]:
         def of(kind: str) -> Array:
@@ -257,11 +272,15 @@ def _axes(mujoco: Any, model: Any, site: str) -> Array:
 
 def _positions(mujoco: Any, model: Any, i: int) -> bool:
     """Say whether an actuator holds a joint at a position: the gain is that of its bias."""
-    scalar = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
     return bool(model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
-                and int(model.jnt_type[model.actuator_trnid[i, 0]]) in scalar
+                and _is_scalar(mujoco, model, int(model.actuator_trnid[i, 0]))
                 and model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_AFFINE
                 and model.actuator_gainprm[i, 0] == -model.actuator_biasprm[i, 1] != 0.0)
+
+
+def _is_scalar(mujoco: Any, model: Any, joint: int) -> bool:
+    return int(model.jnt_type[joint]) in (int(mujoco.mjtJoint.mjJNT_HINGE),
+                                          int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 
 def _of_tool(model: Any, body: str, site: str) -> list[_Number]:

@@ -53,12 +53,16 @@ class Inputs:
         Commanded poses of ft_sensor in base.
     joints : JointStream or None
         Commanded positions of joints, and their names [rad] or [m].
+    measured_joints : tuple of str
+        Joints whose measured positions a simulator may be compared with, in the order of the
+        columns wanted.
     """
 
     start: float
     end: float
     target: PoseStream | None = None
     joints: JointStream | None = None
+    measured_joints: tuple[str, ...] = ()
 
 
 class Simulator(Protocol):
@@ -69,7 +73,9 @@ class Simulator(Protocol):
     inputs, and its rows: ``wrench`` (n, 6) of all but the arm on the tool, so that at rest it is
     the tool's weight and points down, in ft_sensor [N], [N m]; ``pose`` (n, 7) position of
     ft_sensor in base [m] and quaternion x, y, z, w; where it has one, ``accelerometer`` (n, 3)
-    specific force [m/s^2]. No stream has noise.
+    specific force [m/s^2]; where it has joints, ``joints`` (n, k) their positions [rad] or [m], a
+    column for each of the inputs' ``measured_joints``, NaN for those that it has not. No stream
+    has noise.
     """
 
     def parameters(self) -> Sequence[Parameter]:

@@ -22,7 +22,7 @@ from forcecal_ros.simulators.measured_motion import EXACT
 from forcecal_ros.simulators.poses import in_base_of
 from forcecal_ros.simulators.protocol import Inputs
 from forcecal_ros.simulators.rigid_tool import RigidTool
-from forcecal_ros.simulators.signals import RATE, Signals
+from forcecal_ros.simulators.signals import padded, RATE, Signals
 from forcecal_ros.simulators.simulated_robot import (
     addable,
     library_of,
@@ -42,12 +42,13 @@ Numbers = tuple[float, ...]
 
 
 class _Change(NamedTuple):
-    """What one sigma of a parameter does: to wrench, position, turn and accelerometer."""
+    """What one sigma of a parameter does: to wrench, position, turn, accelerometer, joints."""
 
     wrench: Array
     position: Array
     turn: Array
     accelerometer: Array | None
+    joints: Array | None = None
 
 
 class Runs:
@@ -121,8 +122,8 @@ class Runs:
 def _arrays(made: Recording) -> list[Array]:
     assert made.wrench is not None
     assert made.pose is not None
-    readings = [] if made.accelerometer is None else [made.accelerometer.values]
-    return [made.wrench.values, made.pose.position, made.pose.R_base_sensor, *readings]
+    others = [one.values for one in (made.accelerometer, made.joints) if one is not None]
+    return [made.wrench.values, made.pose.position, made.pose.R_base_sensor, *others]
 
 
 def _change(here: Recording, there: Recording, scale: float) -> _Change:
@@ -130,30 +131,35 @@ def _change(here: Recording, there: Recording, scale: float) -> _Change:
     assert one is not None
     assert other is not None
     turn = rotation_vector(np.swapaxes(one.R_base_sensor, 1, 2) @ other.R_base_sensor)
-    accelerated = here.accelerometer is not None and there.accelerometer is not None
-    return _Change(scale * _less(there.wrench, here.wrench),
-                   scale * (other.position - one.position), scale * turn,
-                   scale * _less(there.accelerometer, here.accelerometer) if accelerated else None)
+    wrench = _less(there.wrench, here.wrench, scale)
+    assert wrench is not None
+    return _Change(wrench, scale * (other.position - one.position), scale * turn,
+                   _less(there.accelerometer, here.accelerometer, scale),
+                   _less(there.joints, here.joints, scale))
 
 
-def _less(one: Stream | None, other: Stream | None) -> Array:
-    assert one is not None
-    assert other is not None
-    return np.asarray(one.values - other.values)
+def _less(one: Stream | None, other: Stream | None, scale: float) -> Array | None:
+    if one is None or other is None:
+        return None
+    return np.asarray(scale * (one.values - other.values))
 
 
 def _moved(base: Recording, changes: Sequence[_Change], away: Array) -> Recording:
-    wrench, pose, readings = base.wrench, base.pose, base.accelerometer
+    wrench, pose, felt, joints = base.wrench, base.pose, base.accelerometer, base.joints
     assert wrench is not None
     assert pose is not None
     turn = sum((x * c.turn for c, x in zip(changes, away)), np.zeros_like(pose.position))
     position = sum((x * c.position for c, x in zip(changes, away)), np.array(pose.position))
     values = sum((x * c.wrench for c, x in zip(changes, away)), np.array(wrench.values))
-    if readings is not None:
-        readings = replace(readings, values=sum(
+    if felt is not None:
+        felt = replace(felt, values=sum(
             (x * c.accelerometer for c, x in zip(changes, away) if c.accelerometer is not None),
-            np.array(readings.values)))
-    return replace(base, wrench=replace(wrench, values=values), accelerometer=readings,
+            np.array(felt.values)))
+    if joints is not None:
+        joints = replace(joints, values=sum(
+            (x * c.joints for c, x in zip(changes, away) if c.joints is not None),
+            np.array(joints.values)))
+    return replace(base, wrench=replace(wrench, values=values), accelerometer=felt, joints=joints,
                    pose=replace(pose, position=position,
                                 R_base_sensor=pose.R_base_sensor @ rotation_from_vector(turn)))
 
@@ -164,6 +170,14 @@ def refuse_unsteady(runs: Runs) -> None:
         raise ConfigError(f'{runs.simulator.name}: the same commands and parameters gave another '
                           'answer the second time; seed its noise or leave it out, and begin '
                           'each run from the same state')
+
+
+class _Carried(NamedTuple):
+    """A tool along one motion, what an accelerometer feels there, and where the joints are."""
+
+    tool: CarriedTool
+    felt: Array | None
+    joints: Array | None
 
 
 class Rerun:
@@ -182,9 +196,11 @@ class Rerun:
 
     def __init__(self, runs: Runs, start: float, n_blocks: int, rigid_tool: RigidTool) -> None:
         self.runs, self.start, self.n_blocks, self._rigid_tool = runs, start, n_blocks, rigid_tool
-        self.accelerated = runs.exact(runs.simulator.nominal).accelerometer is not None
+        nominal = runs.exact(runs.simulator.nominal)
+        self.accelerated = nominal.accelerometer is not None
+        self.joints = () if nominal.joints is None else nominal.joints.names
         self.library: Mapping[str, Effect] = library_of(runs.simulator.parameters)
-        self._carried: dict[tuple[Numbers, float], tuple[CarriedTool, Array | None]] = {}
+        self._carried: dict[tuple[Numbers, float], _Carried] = {}
 
     def can_show(self, effect: str, rig: Rig) -> bool:
         """Say whether an effect could be there and be seen."""
@@ -192,7 +208,7 @@ class Rerun:
 
     def nuisances(self, rig: Rig, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """List the nuisance parameters: those of the simulator, tool, mounting and sensors."""
-        found = nuisances_of(self.runs.simulator.parameters)
+        found = nuisances_of(self.runs.simulator.parameters, len(self.joints))
         if 'tool_mass' in self.library:
             found.append(Nuisance('tool.mass', 'mass', scaled('tool', 'mass'), least=LEAST))
         if 'tool_com' in self.library:
@@ -219,15 +235,17 @@ class Rerun:
             A SimulatedRobot.
         """
         assert isinstance(rig, SimulatedRobot)
-        carried, readings = self._along(rig.numbers, rig.late)
+        carried, felt, joints = self._along(rig.numbers, rig.late)
         place, turn = np.array(rig.mounting[:3]), np.array(rig.mounting[3:])
         n = len(carried.t)
-        volts = np.zeros((n, 3)) if readings is None else self._volts(rig, carried, readings)
+        volts = np.zeros((n, 3)) if felt is None else self._volts(rig, carried, felt)
+        if joints is not None:
+            joints = padded(joints + rig.zeros[:len(self.joints)])
         return Signals(
             self.start, carried.wire(rig), volts, carried.slide, carried.position + place,
             carried.R_base_sensor @ rotation_from_vector(turn), carried.velocity,
             carried.acceleration, carried.omega, carried.alpha, np.zeros(n), np.zeros((n, 6)),
-            carried.specific_force(rig))
+            carried.specific_force(rig), joints)
 
     def _volts(self, rig: Rig, carried: CarriedTool, readings: Array) -> Array:
         rigid_tool = physical_rig(rig)
@@ -236,7 +254,7 @@ class Rerun:
         on_volts = AccelerometerEffects(rig, self.accelerometer, 1.0 / RATE)
         return on_volts.after_noise(on_volts.before_noise(readings * model.gain + model.offset))
 
-    def _along(self, numbers: Numbers, late: float) -> tuple[CarriedTool, Array | None]:
+    def _along(self, numbers: Numbers, late: float) -> '_Carried':
         """Carry the simulator's tool along its own motion, so much later; the last are kept."""
         if (numbers, late) not in self._carried:
             if len(self._carried) >= KEPT:
@@ -245,6 +263,9 @@ class Rerun:
             motion = replace(made, accelerometer=None)
             carried = CarriedTool(motion, self.start - late, self.n_blocks, self.accelerometer)
             carried.beyond = carried.seen(made) - carried.wire(self._rigid_tool)
-            readings = None if made.accelerometer is None else made.accelerometer.at(carried.t)
-            self._carried[numbers, late] = carried, readings
-        return self._carried[numbers, late]
+            felt, joints = (None if one is None else one.at(carried.t)
+                            for one in (made.accelerometer, made.joints))
+            self._carried[numbers, late] = _Carried(carried, felt, joints)
+        # the point that all others are compared with is asked for most, and is not to go first
+        self._carried[numbers, late] = found = self._carried.pop((numbers, late))
+        return found

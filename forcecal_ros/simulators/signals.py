@@ -21,6 +21,9 @@ UNSEEN = ('wrench_quantisation', 'clock_skew', 'dropouts')
 BLOCK = 0.004
 """Length of the blocks over whose means measured and simulated are compared [s]."""
 
+JOINTS = 8
+"""Joints whose positions can be compared: an arm of seven, and the rail that it stands on."""
+
 
 class Signals(NamedTuple):
     """
@@ -48,6 +51,8 @@ class Signals(NamedTuple):
         Environment on tool, in S [N], [N m].
     specific_force : ndarray, shape (n, 3)
         [m/s^2]
+    joints : ndarray, shape (n, JOINTS) or None
+        Positions, 0 of those that there are not [rad] or [m].
     """
 
     start: float
@@ -63,6 +68,12 @@ class Signals(NamedTuple):
     speed: Array
     contact: Array
     specific_force: Array
+    joints: Array | None = None
+
+
+def padded(joints: Array) -> Array:
+    """Return a column for each joint that there may be, 0 where there is none."""
+    return np.pad(joints, ((0, 0), (0, JOINTS - joints.shape[1])))
 
 
 def block_means(values: Array) -> Array:

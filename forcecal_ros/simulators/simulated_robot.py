@@ -12,13 +12,16 @@ from forcecal_ros.schema import Row
 from forcecal_ros.simulators.carried_tool import CABLE
 from forcecal_ros.simulators.protocol import Parameter
 from forcecal_ros.simulators.rigid_tool import RigidTool
-from forcecal_ros.simulators.signals import UNSEEN
+from forcecal_ros.simulators.signals import JOINTS, UNSEEN
 
 MOUNTING = (0.005, 0.01)
 """Place of sensor and base, 1 sigma [m], [rad]: as far as a drawing and an arm are apart."""
 
 LATE = 0.001
 """Delay of the robot beyond its simulator's, 1 sigma [s]: a cycle of a fast driver."""
+
+ZERO = 2e-4
+"""Of a joint's encoder against its simulation, 1 sigma [rad]: as exactly as arms are mastered."""
 
 VISIBLE = 10.0
 """A clearly visible change of a parameter, in its sigma: beyond what a nuisance may take."""
@@ -38,12 +41,15 @@ class SimulatedRobot(RigidTool):
         A value of each of the simulator's parameters.
     mounting : tuple of float
         Of the measured pose against the simulated: position in base [m], turn in ft_sensor [rad].
+    zeros : tuple of float
+        Of the measured joints against the simulated [rad].
     late : float
         How much later than its simulation the robot does what it is told [s].
     """
 
     numbers: Annotated[tuple[float, ...], Row('of the parameters')] = ()
     mounting: Annotated[tuple[float, ...], Row('position and turn')] = (0.0,) * 6
+    zeros: Annotated[tuple[float, ...], Row('of the joints')] = (0.0,) * JOINTS
     late: Annotated[float, Row('robot behind its simulation', 's')] = 0.0
 
 
@@ -80,13 +86,15 @@ def _effect(p: Parameter) -> Effect:
     return Effect(p.name, p.stage, (value,), MOVING, True, 'rig', p.name)
 
 
-def nuisances_of(parameters: tuple[Parameter, ...]) -> list[Nuisance]:
-    """List the simulator's parameters, and where base and sensor are, as nuisance parameters."""
+def nuisances_of(parameters: tuple[Parameter, ...], joints: int = 0) -> list[Nuisance]:
+    """List the simulator's parameters, and where base, sensor and joints are, as nuisances."""
     found = [Nuisance(p.name, p.name, _number(i), least=p.low - p.nominal, prior_std=p.sigma)
              for i, p in enumerate(parameters)]
     found.append(Nuisance('robot.delay', 'late', _later, prior_std=LATE))
-    return found + [Nuisance(f'mounting.{i}', 'mounting', _mounting(i), prior_std=MOUNTING[i // 3])
-                    for i in range(6)]
+    found += [Nuisance(f'mounting.{i}', 'mounting', _mounting(i), prior_std=MOUNTING[i // 3])
+              for i in range(6)]
+    return found + [Nuisance(f'joint.zero.{i}', 'zeros', _zero(i), prior_std=ZERO)
+                    for i in range(joints)]
 
 
 def _number(index: int) -> Callable[[Rig, float], Rig]:
@@ -100,6 +108,13 @@ def _mounting(index: int) -> Callable[[Rig, float], Rig]:
     def apply(rig: Rig, x: float) -> Rig:
         assert isinstance(rig, SimulatedRobot)
         return replace(rig, mounting=_added(rig.mounting, index, x))
+    return apply
+
+
+def _zero(index: int) -> Callable[[Rig, float], Rig]:
+    def apply(rig: Rig, x: float) -> Rig:
+        assert isinstance(rig, SimulatedRobot)
+        return replace(rig, zeros=_added(rig.zeros, index, x))
     return apply
 
 

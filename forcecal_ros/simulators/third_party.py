@@ -10,13 +10,13 @@ import traceback
 from typing import Any
 
 from forcecal_ros.errors import ConfigError, DataError, ForcecalError
-from forcecal_ros.geometry import matrix_from_quaternion
-from forcecal_ros.recording.streams import PoseStream, Recording, Stream
+from forcecal_ros.geometry import Array, matrix_from_quaternion
+from forcecal_ros.recording.streams import JointStream, PoseStream, Recording, Stream
 from forcecal_ros.simulators.protocol import Inputs, Parameter, Simulator
 import numpy as np
 
 STREAMS = {'wrench': 6, 'pose': 7, 'accelerometer': 3}
-"""What may be simulated, and how many columns it has."""
+"""What may be simulated, and how many columns it has; beside it as many joints as are measured."""
 
 NEEDED = ('wrench', 'pose')
 
@@ -83,13 +83,15 @@ class ThirdParty:
                 raise ConfigError(f'{self.name}: simulate returned no {name}, but '
                                   f'{", ".join(sorted(map(str, answer))) or "nothing"}; return '
                                   'wrench and pose')
-        for name, stream in rows.items():
+        joints = self._joints(answer, inputs.measured_joints)
+        for name, stream in [*rows.items(), *([('joints', joints)] if joints else [])]:
             if stream.t[0] > inputs.start + 0.1 or stream.t[-1] < inputs.end - 0.1:
                 raise ConfigError(
                     f'{self.name}: {name} goes from {stream.t[0]:.2f} to {stream.t[-1]:.2f} s, '
                     f'expected {inputs.start:.2f} to {inputs.end:.2f} s; use inputs.start and end')
         return Recording(wrench=rows['wrench'], pose=_poses(self.name, rows['pose']),
                          accelerometer=rows.get('accelerometer'), accelerometer_unit='m/s^2',
+                         joints=joints,
                          target=inputs.target, source=self.name)
 
     def patched(self, values: Sequence[float]) -> str | None:
@@ -104,8 +106,22 @@ class ThirdParty:
                               'text of a model')
         return text
 
+    def _joints(self, answer: Mapping[str, Any], names: tuple[str, ...]) -> JointStream | None:
+        """Return the positions of those joints that the simulator has."""
+        if 'joints' not in answer or not names:
+            return None
+        t, rows = self._numbers('joints', answer['joints'], len(names))
+        had = np.flatnonzero(~np.isnan(rows).all(axis=0))
+        if not len(had):
+            return None
+        stream = self._sound('joints', t, rows[:, had])
+        return JointStream(stream.t, stream.values, '', tuple(names[i] for i in had))
+
     def _stream(self, name: str, answer: Any) -> Stream:
-        where, columns = f'{self.name}: {name}', STREAMS[name]
+        return self._sound(name, *self._numbers(name, answer, STREAMS[name]))
+
+    def _numbers(self, name: str, answer: Any, columns: int) -> tuple[Array, Array]:
+        where = f'{self.name}: {name}'
         try:
             t, rows = (np.asarray(part, dtype=float) for part in answer)
         except (TypeError, ValueError):
@@ -114,6 +130,10 @@ class ThirdParty:
         if t.ndim != 1 or rows.shape != (len(t), columns) or len(t) < 20:
             raise ConfigError(f'{where}: stamps {t.shape} and rows {rows.shape}, expected (n,) '
                               f'and (n, {columns}), n at least 20')
+        return t, rows
+
+    def _sound(self, name: str, t: Array, rows: Array) -> Stream:
+        where = f'{self.name}: {name}'
         for what, part in (('stamp', t), ('row', rows)):
             bad = np.flatnonzero(~np.isfinite(part.reshape(len(t), -1)).all(axis=1))
             if len(bad):

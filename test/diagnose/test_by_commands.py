@@ -168,7 +168,8 @@ def test_of_two_small_effects_neither_is_given_to_a_discrepancy():
         'tool_friction': {'force': 0.0276, 'velocity_scale': 0.002}})
     positions, rotations, phases = motion()
     target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
-    pair = [replace(simulate(real, target, seed=seed), phases=phases) for seed in (1100, 1101)]
-    diagnosis = diagnose(*pair, load_rig()).diagnosis
+    first, second = (replace(simulate(real, target, seed=seed), phases=phases)
+                     for seed in (1100, 1101))
+    diagnosis = diagnose(first, second, load_rig()).diagnosis
     assert {e.name for e in diagnosis.effects} == {'wrench_crosstalk', 'tool_friction'}
     assert diagnosis.verdict == 'identified', diagnosis.reason

@@ -8,6 +8,8 @@ import re
 from forcecal_ros.cli import main
 from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair, UNTESTED
 from forcecal_ros.diagnose.inputs.alignment import aligned, shifted
+from forcecal_ros.diagnose.inputs.imu import imus_compared
+from forcecal_ros.diagnose.inputs.motion_dataset import prepare_simulated
 from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool
 from forcecal_ros.diagnose.localise.tracking import tracking
 from forcecal_ros.diagnose.model.hypotheses import within_load
@@ -17,7 +19,7 @@ from forcecal_ros.recording.bags import write_recording
 from forcecal_ros.simulators.poses import in_base_of, merged
 from forcecal_ros.simulators.rig.offline import simulate
 import numpy as np
-from own_arm import commands, GRIPPER, LATE, real, RIG, simulated, TOLERANCES
+from own_arm import commands, GRIPPER, LATE, real, RIG, simulated, TOLERANCES, with_imu
 import pytest
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
@@ -86,6 +88,63 @@ def test_two_recordings_are_brought_to_one_clock_by_commands_and_else_by_poses()
     assert alignment.by == 'pose'
     # the rig's own lag and delay are in it
     assert 77.0 < alignment.shift < 77.05
+
+
+def test_the_zero_of_the_sensor_is_that_of_the_first_recording_in_the_second_too():
+    first, second = ((real({}, seed, phase), shifted(simulated(phase), -1000.0))
+                     for seed, phase in ((3, 0.0), (4, 0.7)))
+    _, tool = prepare_simulated(*first, None, TOLERANCES)
+    case, _ = prepare_simulated(*second, tool, TOLERANCES)
+    left = case.measured.residual(case.nominal)[:, :6]
+    assert np.abs(tool.zero).max() > 2.0
+    assert np.abs(np.median(left, axis=0)).max() < 0.1
+
+
+@pytest.mark.parametrize('bias', [0.0, 0.2])
+def test_imus_of_both_are_compared_in_motion(bias):
+    pair = Pair(with_imu(real({}), bias), simulated(imu=True))
+    d = diagnose_simulated(pair, None, TOLERANCES).outcome.diagnosis
+    assert d.used['accelerometer'] > 0.9
+    assert 'accelerometer' not in d.reason
+    if not bias:
+        assert d.verdict == 'no_gap'
+    else:
+        found, = d.effects
+        assert found.name == 'accel_bias'
+        assert found.parameters['x'].value == pytest.approx(bias, abs=0.03)
+        assert found.parameters['x'].unit == 'm/s^2'
+
+
+def test_where_the_simulated_tool_touches_something_nothing_is_compared():
+    def pressed(recording, stiffness):
+        wrench, t0 = recording.wrench, recording.wrench.t[0]
+        t = wrench.t - t0
+        push = stiffness * np.clip(1e-3 - 1e-3 * np.abs(t - 8.0) / 0.5, 0.0, None)
+        return replace(recording, wrench=replace(
+            wrench, values=wrench.values + np.outer(push, [0, 0, 1, 0, 0, 0])))
+
+    case, _ = prepare_simulated(pressed(real({}), 7e3), pressed(
+        shifted(simulated(), -1000.0), 1e4), None, TOLERANCES)
+    left_out = case.times[~case.measured.present[:, 2]]
+    assert 7.2 < left_out.min() < 7.6 and 8.4 < left_out.max() < 8.9
+    free = case.measured.present[:, 2]
+    assert np.abs(case.measured.residual(case.nominal)[free, 2]).max() < 1.0
+    quiet, _ = prepare_simulated(real({}), shifted(simulated(), -1000.0), None, TOLERANCES)
+    assert quiet.measured.present[:, 2].all()
+
+
+def test_an_imu_in_other_axes_is_left_out_with_the_reason():
+    given, made = with_imu(real({})), shifted(simulated(imu=True), -1000.0)
+    imu = given.accelerometer
+    turned = replace(given, accelerometer=replace(imu, values=imu.values[:, [1, 2, 0]]))
+    one, other, note = imus_compared(turned, made)
+    assert one.accelerometer is other.accelerometer is None
+    assert re.fullmatch("accelerometer not compared: the robot's feels gravity [0-9]+ deg from "
+                        'where the pose has it; publish it along the axes of the frame of the '
+                        'wrench', note)
+    assert imus_compared(given, made)[2] == ''
+    assert "the robot's speaks volts" in imus_compared(
+        replace(given, accelerometer_unit='V'), made)[2]
 
 
 def test_another_motion_is_refused():

@@ -7,6 +7,7 @@ from pathlib import Path
 import re
 
 from forcecal_ros.cli import main
+from forcecal_ros.diagnose.inputs.measured_joints import compared, of_same_joints
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.errors import ConfigError, DataError
 from forcecal_ros.geometry import rotation_from_vector
@@ -14,6 +15,7 @@ from forcecal_ros.recording.bags import read_recording, write_recording
 from forcecal_ros.recording.streams import JointStream, Recording, Stream
 from forcecal_ros.simulators.protocol import Inputs, Parameter
 from forcecal_ros.simulators.rerun import Runs
+from forcecal_ros.simulators.run_limit import refuse_too_many, runs_short
 from forcecal_ros.simulators.simulated_robot import addable, library_of
 from forcecal_ros.simulators.third_party import load_simulator, third_party
 import numpy as np
@@ -175,6 +177,59 @@ def test_what_goes_not_with_a_simulator_is_wrong_usage(options, why, tmp_path, c
     given = ['diagnose', 'real', *options, '--simulator', 'm:f', '-o', str(tmp_path / 'o')]
     assert main(given) == 2
     assert why in capsys.readouterr().err
+
+
+def of_parameters(n):
+    return third_party('own', Own(listed=[Parameter(f'p{i}', 1.0, 0.1) for i in range(n)]))
+
+
+@pytest.mark.parametrize('n, recordings, why', [
+    (72, 2, 'its 72 parameters on 2 recordings .+ at most 71, .+, or diagnose without --heldout$'),
+    (147, 1, 'on 1 recording it would be run .+ at most 146, those that are least certain$')])
+def test_a_simulator_that_would_be_run_too_often_is_refused(n, recordings, why):
+    with pytest.raises(ConfigError, match=why):
+        refuse_too_many(of_parameters(n), recordings)
+    refuse_too_many(of_parameters(n - 1), recordings)
+
+
+def test_a_second_round_that_would_be_too_many_runs_is_told():
+    runs = Runs(of_parameters(40), INPUTS, commands())
+    for count, said in ((0, False), (66, False), (67, True)):
+        runs.count = count
+        short = runs_short(runs.simulator, [runs, Runs(runs.simulator, INPUTS, commands())])
+        assert bool(short) == said
+    assert 'was run 67 times, of at most 150, so its 40 parameters were not tried again' in short
+
+
+def test_joints_are_read_in_the_order_of_their_commands(tmp_path):
+    q = np.sin(np.outer(T, [1.0, 2.0, 3.0]))
+    write_recording(tmp_path / 'bag', Recording(
+        wrench=Stream(*WRENCH), start_ns=10**18,
+        joint_commands=JointStream(T, q[:, :2], '', ('shoulder', 'elbow')),
+        joints=JointStream(T, q[:, [2, 1, 0]], '', ('finger', 'elbow', 'shoulder'))))
+    read = read_recording(tmp_path / 'bag', joints=True).joints
+    assert read.names == ('shoulder', 'elbow')
+    np.testing.assert_array_equal(read.values, q[:, :2])
+    assert read_recording(tmp_path / 'bag').joints is None
+
+
+def test_joints_that_a_simulator_has_are_compared_and_no_others():
+    inputs = replace(INPUTS, measured_joints=('shoulder', 'elbow', 'finger'))
+    rows = np.tile([0.1, 0.2, np.nan], (len(T), 1))
+    made = third_party('own', Own({'wrench': WRENCH, 'pose': POSE, 'joints': (T, rows)})).run(
+        inputs, (1.0,)).joints
+    assert made.names == ('shoulder', 'elbow')
+    measured = JointStream(T, np.tile([3.0, 1.0, 2.0], (len(T), 1)), '',
+                           ('finger', 'shoulder', 'elbow'))
+    seen = compared(measured, made.names)
+    np.testing.assert_array_equal(seen.values[0], [1.0, 2.0])
+    one = Recording(joints=measured)
+    assert of_same_joints([one, Recording(joints=made)])[0].joints is None
+    assert of_same_joints([one, one])[0].joints is measured
+    with pytest.raises(ConfigError, match=r'joints: stamps \(1600,\) and rows \(1600, 2\), '
+                                          r'expected \(n,\) and \(n, 3\)'):
+        third_party('own', Own({'wrench': WRENCH, 'pose': POSE, 'joints': (T, rows[:, :2])})).run(
+            inputs, (1.0,))
 
 
 def test_commands_of_joints_are_read_as_they_were_told(tmp_path):

@@ -35,7 +35,15 @@ def real(effects, seed=3, phase=0.0):
     return simulate(with_effects(RIG, {**LATE, **effects}), commands(phase), seed=seed)
 
 
-def simulated(phase=0.0, start=1000.0):
+def with_imu(recording, bias=0.0):
+    """Turn volts into what an Imu says."""
+    model, stream = RIG.accelerometer.acc1, recording.accelerometer
+    felt = (stream.values - model.offset) / model.gain
+    return replace(recording, accelerometer_unit='m/s^2',
+                   accelerometer=replace(stream, values=felt + [bias, 0.0, 0.0]))
+
+
+def simulated(phase=0.0, start=1000.0, imu=False):
     """
     Return what a simulator of the test's own records, without noise, at 500 Hz on its own clock.
 
@@ -54,6 +62,9 @@ def simulated(phase=0.0, start=1000.0):
     f += np.cross(alpha, c) + np.cross(omega, np.cross(omega, c))
     force = -GRIPPER.mass * f
     torque = np.cross(c, force) - alpha @ inertia - np.cross(omega, omega @ inertia)
+    a = np.array(RIG.accelerometer.position) - c
+    felt = f + np.cross(alpha, a) + np.cross(omega, np.cross(omega, a))
     recording = Recording(
-        wrench=Stream(t, np.hstack([force, torque])), pose=PoseStream(t, p, R), target=target)
+        wrench=Stream(t, np.hstack([force, torque])), pose=PoseStream(t, p, R), target=target,
+        accelerometer=Stream(t, felt) if imu else None, accelerometer_unit='m/s^2')
     return shifted(recording, start)

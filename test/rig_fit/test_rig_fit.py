@@ -5,17 +5,21 @@ from functools import cache
 
 from forcecal_ros.cli import main
 from forcecal_ros.diagnose.by_tracked import is_tracked
+from forcecal_ros.diagnose.one_clock import shifted
 from forcecal_ros.effects.rig import Axis, Unexplained
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import rotation_from_vector
+from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.recording.bags import write_recording
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.rig_fit.fit import fit_rig
 from forcecal_ros.rig_fit.sensors import command_period, noise_of
+from forcecal_ros.rig_fit.tool import fit_tool
 from forcecal_ros.simulators.rig.file import dump_rig, load_rig
 from forcecal_ros.simulators.rig.offline import simulate
 from forcecal_ros.simulators.rig.plant import Plant
 import numpy as np
+from own_arm import simulated, TOLERANCES
 import pytest
 from scipy.signal import lsim, TransferFunction
 
@@ -173,3 +177,16 @@ def test_the_command_writes_a_rig_and_says_which_axis_never_moved(tmp_path, caps
     assert 'the model of the robot leaves' in out and 'written to' in out
     robot = load_rig(tmp_path / 'rig.yaml').robot
     assert robot.period == PERIOD and robot.x and robot.x == robot.y == robot.z
+
+
+def test_without_static_poses_the_motion_tells_where_an_imu_sits():
+    made = shifted(simulated(imu=True), -1000.0)
+    accelerometer = fit_tool(TOLERANCES, [made], IdentificationSettings()).rig.accelerometer
+    np.testing.assert_allclose(accelerometer.position, TOLERANCES.accelerometer.position,
+                               atol=1e-3)
+    assert accelerometer.acc1.gain == (1.0, 1.0, 1.0)
+    np.testing.assert_allclose(accelerometer.acc1.offset, 0.0, atol=5e-3)
+    imu = made.accelerometer
+    turned = replace(made, accelerometer=replace(imu, values=imu.values[:, [1, 2, 0]]))
+    with pytest.raises(DataError, match='feels gravity [0-9]+ deg from where the pose has it'):
+        fit_tool(TOLERANCES, [turned], IdentificationSettings())

@@ -135,6 +135,19 @@ def test_an_accelerometer_reads_along_the_axes_of_the_wrench(model):
         load_mujoco(model(tool=on_base), imu='rail')
 
 
+def test_joints_are_said_in_the_order_asked_for_and_show_what_acts_in_them(model):
+    robot = load_mujoco(model())
+    inputs = Inputs(0.0, 3.0, joints=told(3.0), measured_joints=('lift', 'finger', 'pan'))
+    sound, rubbed = (robot.simulate(inputs, {**nominal(robot), 'dof_frictionloss[lift]': value})
+                     for value in (0.5, 5.0))
+    t, joints = sound['joints']
+    assert np.isnan(joints[:, 1]).all()
+    commanded = np.stack([np.interp(t, inputs.joints.t, q) for q in inputs.joints.values.T])
+    np.testing.assert_allclose(joints[:, [2, 0]].T, commanded[:2], atol=0.05)
+    moved = np.abs(rubbed['joints'][1] - joints).max(axis=0)
+    assert moved[0] > 5 * moved[2] > 0.0
+
+
 def test_a_file_says_how_well_numbers_are_known(model, tmp_path):
     robot, path = third_party('arm', load_mujoco(model())), tmp_path / 'priors.yaml'
     path.write_text('body_mass[gripper]: 0.2\nkp[pan]: 50\n')

@@ -1,9 +1,10 @@
-"""The signals that are compared: sixteen channels, their units and stages; block by block."""
+"""The signals that are compared: their channels, units and stages; block by block."""
 
 from collections.abc import Mapping
 from typing import NamedTuple, Protocol
 
 from forcecal_ros.geometry import Array
+from forcecal_ros.simulators.signals import JOINTS
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,7 +13,7 @@ STAGES = ('robot', 'tool', 'environment', 'wrench_sensor', 'accelerometer', 'pos
 
 STREAM_SLICES = {
     'wrench': slice(0, 6), 'accelerometer': slice(6, 9), 'optidrive': slice(9, 10),
-    'pose': slice(10, 16),
+    'pose': slice(10, 16), 'joints': slice(16, 16 + JOINTS),
 }
 """Which channels each stream has, by their place in CHANNELS."""
 
@@ -33,8 +34,9 @@ CHANNELS = (
     Channel('optidrive', 'm', 'optidrive', 'tool'),
     *(Channel(f'pose.{a}', 'm', 'pose', 'robot') for a in 'xyz'),
     *(Channel(f'pose.r{a}', 'rad', 'pose', 'robot') for a in 'xyz'),
+    *(Channel(f'joint.{i}', 'rad', 'joints', 'robot') for i in range(JOINTS)),
 )
-"""All channels, in the order of the columns of every residual."""
+"""In the order of the columns of every residual."""
 
 
 def units(accelerometer: str = 'V') -> dict[str, str]:

@@ -111,7 +111,7 @@ def prepare(recording: Recording, rig: Rig, accelerometer: str | None = None) ->
     replay = Replay(rig, recording.target, start, end, name)
     nominal = replay.signals(rig)
     n = replay.n_blocks
-    measured = MeasuredBlocks(in_volts(recording, rig, name), start, n)
+    measured = MeasuredBlocks(in_volts(replace(recording, joints=None), rig, name), start, n)
     groups = _kinds(nominal, n)
     phases = recording.phases or made_up(groups, start)
     return Dataset(recording, replay, measured, nominal, groups, phases,

@@ -82,7 +82,8 @@ def prepare_simulated(recording: Recording, simulated: Recording, tool: Simulate
     Returns
     -------
     Dataset
-        Its pose is an input; its accelerometer does not count.
+        Its pose is an input; accelerometers count where both have one, and nothing does where the
+        simulated tool touches something.
     SimulatedTool
         The simulator's tool.
 
@@ -94,15 +95,17 @@ def prepare_simulated(recording: Recording, simulated: Recording, tool: Simulate
     for one, whose in ((recording, "the robot's"), (simulated, 'the simulated')):
         require_wrench_and_pose(one, f'{whose} recording lacks wrench or measured pose; record '
                                 'wrench and current_pose in both')
-    moved, made = (replace(one, accelerometer=None) for one in (recording, simulated))
-    first, n = span(moved, made)
-    known = tool or simulated_tool(made, first, n, rig)
-    simulation = RecordedSimulation(moved, made, first, n, 'acc1', known.rigid_tool)
+    first, n = span(recording, simulated)
+    known = tool or simulated_tool(replace(simulated, accelerometer=None), first, n, rig).felt()
+    moved = replace(recording, accelerometer=None)
+    simulation = RecordedSimulation(moved, simulated, first, n, 'acc1', known.simulated)
     nominal = simulation.signals(known.rigid_tool)
     if tool is None:
         known = known.zeroed(beyond(moved, nominal))
         nominal = simulation.signals(known.rigid_tool)
-    return _case(moved, simulation, nominal, None), known
+    dataset = _case(recording, simulation, nominal, None, recording.accelerometer)
+    dataset.measured.present[simulation.touching] = False
+    return dataset, known
 
 
 def require_wrench_and_pose(recording: Recording, otherwise: str) -> None:
@@ -125,12 +128,12 @@ def span(*recordings: Recording) -> tuple[float, int]:
 
 
 def _case(recording: Recording, simulation: MeasuredMotion, nominal: Signals,
-          volts: Stream | None) -> Dataset:
-    """Compare the wrench in motion, and the accelerometer at rest."""
+          volts: Stream | None, felt: Stream | None = None) -> Dataset:
+    """Compare wrench and what is felt in motion, and else an accelerometer at rest."""
     first, n = simulation.start, simulation.n_blocks
     groups = kinds(nominal)
-    seen = replace(recording, target=None, pose=None, optidrive=None,
-                   accelerometer=_at_rest(volts, groups, first))
+    seen = replace(recording, target=None, pose=None, optidrive=None, joints=None,
+                   accelerometer=felt or _at_rest(volts, groups, first))
     measured = MeasuredBlocks(seen, first, n)
     dataset = Dataset(recording, simulation, measured, nominal, groups,
                       recording.phases or made_up(groups, first), np.ones(n, bool),

@@ -5,7 +5,7 @@ from typing import NamedTuple
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import Recording
-from forcecal_ros.simulators.signals import BLOCK, RATE, Signals
+from forcecal_ros.simulators.signals import BLOCK, padded, RATE, Signals
 import numpy as np
 from numpy.typing import NDArray
 
@@ -58,11 +58,16 @@ class MeasuredBlocks:
         if pose is not None:
             values = np.concatenate([pose.position, pose.R_base_sensor.reshape(-1, 9)], axis=1)
             self._add('pose', pose.t, values)
+        joints = recording.joints
+        if joints is not None:
+            self._add('joints', joints.t, padded(joints.values))
         self.present = np.zeros((n_blocks, len(CHANNELS)), dtype=bool)
         for name, stream in self._streams.items():
             rows = np.zeros(n_blocks, dtype=bool)
             rows[stream.blocks] = True
             self.present[:, STREAM_SLICES[name]] = rows[:, np.newaxis]
+        if joints is not None:
+            self.present[:, STREAM_SLICES['joints'].start + joints.values.shape[1]:] = False
 
     def _add(self, name: str, t: Array, values: Array) -> None:
         u = (t - self.start) * RATE - 1.0
@@ -133,7 +138,7 @@ class MeasuredBlocks:
         return self._streams[name].t
 
     def scatter(self, signals: Signals) -> Array:
-        """Mean square of the samples about their block means, shape (16,)."""
+        """Mean square of the samples about their block means, shape (channels,)."""
         out = np.zeros(len(CHANNELS))
         for name, stream in self._streams.items():
             rows = self._rows(name, stream, signals)
@@ -169,6 +174,9 @@ def _simulated(name: str, s: Signals) -> Array:
         return s.volts
     if name == 'optidrive':
         return s.optidrive[:, np.newaxis]
+    if name == 'joints':
+        assert s.joints is not None
+        return s.joints
     return np.concatenate([s.position, s.R_base_sensor.reshape(-1, 9)], axis=1)
 
 

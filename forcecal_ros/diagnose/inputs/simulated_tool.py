@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import NamedTuple
 
+from forcecal_ros.diagnose.inputs.imu import with_imu
 from forcecal_ros.effects.nuisances import possible, rows_of
 from forcecal_ros.effects.rig import Rig, Spreads, Tool
 from forcecal_ros.errors import DataError
@@ -50,6 +51,17 @@ class SimulatedTool(NamedTuple):
     rigid_tool: RigidTool
     unexplained: tuple[float, float]
     zero: tuple[float, ...] = (0.0,) * 6
+
+    def felt(self) -> 'SimulatedTool':
+        """Give it an accelerometer that speaks m/s^2."""
+        return self._replace(rigid_tool=with_imu(self.rigid_tool))
+
+    @property
+    def simulated(self) -> RigidTool:
+        """The tool as simulated, with no zero of the robot's sensor."""
+        sensor = self.rigid_tool.wrench_sensor
+        bias = tuple((np.array(sensor.bias) - self.zero).tolist())
+        return replace(self.rigid_tool, wrench_sensor=replace(sensor, bias=bias))
 
     def zeroed(self, apart: Array) -> 'SimulatedTool':
         """Take off what the middle of the robot's wrench less the simulated is, shape (n, 6)."""

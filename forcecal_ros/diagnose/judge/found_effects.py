@@ -109,7 +109,7 @@ def from_checks(stamps: Sequence[Corrected], noise: Array, model: AccelerometerM
 
     Parameters
     ----------
-    noise : ndarray, shape (16,)
+    noise : ndarray, shape (channels,)
         RMS of one sample.
     model : AccelerometerModel
         Of the accelerometer that was mounted.

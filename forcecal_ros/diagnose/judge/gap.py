@@ -56,11 +56,11 @@ class Errors(NamedTuple):
     covariance: Array
 
     def expected(self) -> Array:
-        """Mean square that wrong parameters leave in each channel, shape (16,)."""
+        """Mean square that wrong parameters leave in each channel, shape (channels,)."""
         return np.asarray(np.einsum('cij,ij->c', self.grams, self.covariance))
 
     def drawn(self, rng: np.random.Generator) -> Array:
-        """Return what one draw of parameters leaves, shape (16,)."""
+        """Return what one draw of parameters leaves, shape (channels,)."""
         values, vectors = np.linalg.eigh(self.covariance)
         x = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))
         return np.asarray(np.einsum('cij,i,j->c', self.grams, x, x))
@@ -68,7 +68,7 @@ class Errors(NamedTuple):
 
 class Arms(NamedTuple):
     """
-    Block means of one recording, shape (n, 16) each.
+    Block means of one recording, shape (n, channels) each.
 
     Attributes
     ----------
@@ -98,9 +98,9 @@ def gap(datasets: tuple[Dataset, ...], arms: list[Arms], noise: Array, cell_ener
 
     Parameters
     ----------
-    noise : ndarray, shape (16,)
+    noise : ndarray, shape (channels,)
         RMS of one sample of each channel; 0 where there is none.
-    cell_energy : ndarray, shape (16,)
+    cell_energy : ndarray, shape (channels,)
         Mean square of time-frequency bins beyond what ``predictable`` predicts.
     errors : Errors, optional
         Of the parameters; taken as exact where none are given.

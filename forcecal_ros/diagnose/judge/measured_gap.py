@@ -21,14 +21,14 @@ def sample_noise(model: LinearisedModel, explained: Array,
     ----------
     model : LinearisedModel
         As far as is explained.
-    explained : ndarray, shape (16,)
+    explained : ndarray, shape (channels,)
         Mean square of what else is no noise, such as what wrong parameters leave.
-    predictable : sequence of ndarray, shape (n, 16)
+    predictable : sequence of ndarray, shape (n, channels)
         What else is predicted, in each recording.
 
     Returns
     -------
-    ndarray, shape (16,)
+    ndarray, shape (channels,)
         0 where there is no channel.
     """
     total, weight, within = np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS)), []
@@ -77,12 +77,12 @@ def unpredictable(model: LinearisedModel, bins: list[TimeFrequencyBin],
     ----------
     bins : list of TimeFrequencyBin
         Of what is unexplained.
-    predictable : sequence of ndarray, shape (n, 16)
+    predictable : sequence of ndarray, shape (n, channels)
         What of it is predicted, in each recording.
 
     Returns
     -------
-    ndarray, shape (16,)
+    ndarray, shape (channels,)
         0 where a channel has no strong bin, or a predicted part that stands for it.
     """
     energy = np.zeros(len(CHANNELS))
@@ -104,12 +104,12 @@ def measured_gap(model: LinearisedModel, final: LinearisedModel,
     ----------
     model, final : LinearisedModel
         Recalibrated; with the effects.
-    residuals : tuple of three lists of ndarray, shape (n, 16)
+    residuals : tuple of three lists of ndarray, shape (n, channels)
         Of each recording: measured less nominal, measured less recalibrated, and what of the
         final residual is predictable.
-    noise : ndarray, shape (16,)
+    noise : ndarray, shape (channels,)
         RMS of one sample.
-    energy : ndarray, shape (16,)
+    energy : ndarray, shape (channels,)
         Mean square of what else is unexplained and is no noise.
     """
     arms, contact = [], []
@@ -119,6 +119,8 @@ def measured_gap(model: LinearisedModel, final: LinearisedModel,
         contact.append([dataset.measured.of_wrench(s.contact) for s in (
             dataset.nominal, model.base[i], final.base[i])])
     out = gap(model.datasets, arms, noise, energy, errors)
-    remaining = np.array([out.channels[c.name][2] ** 2 for c in CHANNELS[:3]
-                          if c.name in out.channels])
+    forces = [out.channels.get(c.name) for c in CHANNELS[:3]]
+    # one whose rest is all explained has no noise left, and counts as met
+    remaining = np.array([0.0 if one is None else one[2] ** 2 for one in forces]
+                         if any(forces) else [])
     return out._replace(contact_force=contact_error(model.datasets, arms, contact, remaining))

@@ -53,7 +53,7 @@ class ResidualSummary(NamedTuple):
         The strongest first.
     lines : tuple of Line
         Not those of a vibration that is explained.
-    impulses : ndarray, shape (16,)
+    impulses : ndarray, shape (channels,)
         How many innovations of each channel noise does not make.
     discrepancy_evidence : float
         Log-evidence of the discrepancy.
@@ -120,7 +120,7 @@ def discrepant(model: LinearisedModel) -> list[Array]:
 
     Returns
     -------
-    list of ndarray, shape (n, 16)
+    list of ndarray, shape (n, channels)
         In each recording.
     """
     weights = model.residual_products().trained(model.discrepancy_scales)
@@ -241,7 +241,7 @@ def predictable(predictability: Predictability, dataset: int) -> Array:
 
     Returns
     -------
-    ndarray, shape (n, 16)
+    ndarray, shape (n, channels)
     """
     real = (predictability.z > PREDICTABLE) & (predictability.size > SMALL)
     return np.where(real, predictability.prediction[dataset], 0.0)

@@ -47,7 +47,7 @@ def stage_of(channel: str, phase: str, touched: set[str]) -> str:
     touched : set of str
         Channels with an excess anywhere.
     """
-    if any(name.startswith('pose') for name in touched):
+    if any(name.startswith(('pose', 'joint')) for name in touched):
         return 'robot'
     if phase == 'contact' and not channel.startswith('accel') and 'optidrive' in touched:
         return 'environment'
@@ -64,7 +64,7 @@ def localise(datasets: Sequence[Blocks], noise: list[Autoregression], residual: 
 
     Parameters
     ----------
-    residual, difference : list of ndarray, shape (n, 16)
+    residual, difference : list of ndarray, shape (n, channels)
         Measured less the one simulation; the other less the one.
     stage : callable
         (channel, phase, touched channels) -> stage.

@@ -23,11 +23,11 @@ class Predictability(NamedTuple):
 
     Attributes
     ----------
-    z : ndarray, shape (16,)
+    z : ndarray, shape (channels,)
         On held-out blocks; N(0, 1) where only noise is left.
-    size : ndarray, shape (16,)
+    size : ndarray, shape (channels,)
         RMS of the prediction in noise RMS, largest kind of motion.
-    prediction : tuple of ndarray, shape (n, 16)
+    prediction : tuple of ndarray, shape (n, channels)
         One for each recording.
     """
 
@@ -78,7 +78,7 @@ def predictability_of(model: LinearisedModel, signals: list[Signals],
         Its noise belongs to ``residuals``.
     signals : list of Signals
         Simulated, as far as is explained.
-    residuals : list of ndarray, shape (n, 16)
+    residuals : list of ndarray, shape (n, channels)
         Measured less simulated.
     """
     inputs = [features(s) for s in signals]

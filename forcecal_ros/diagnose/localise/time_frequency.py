@@ -60,7 +60,7 @@ def time_frequency_bins(dataset: Blocks, noise: Autoregression,
 
     Parameters
     ----------
-    residual : ndarray, shape (n, 16)
+    residual : ndarray, shape (n, channels)
     """
     resting = max(1, int((dataset.groups == 0).sum()))
     scatter = 2.0 / max(20.0, resting / 10.0)
@@ -130,7 +130,7 @@ def _octaves(white: Array, rows: NDArray[np.bool_], spacing: float) -> tuple[Arr
 
 
 def count_impulses(noise: Autoregression, residual: Array) -> Array:
-    """Count innovations of each channel that noise does not make, shape (16,)."""
+    """Count innovations of each channel that noise does not make, shape (channels,)."""
     return np.array([
         np.sum(np.abs(noise.whiten(residual[:, c][np.newaxis], c)) > IMPULSE)
         if noise.sigma[:, c].any() else 0 for c in range(len(CHANNELS))])

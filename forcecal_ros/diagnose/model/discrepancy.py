@@ -49,6 +49,9 @@ Bytes that whitened features may take: of a pair of a minute each two hundred co
 kept, of ten minutes the forty strongest.
 """
 
+SHARING = 16
+"""Channels that share that memory: all but those of joints, whose features are the same."""
+
 STREAM = tuple(i for i, name in enumerate(STREAM_SLICES) for c in CHANNELS if c.stream == name)
 """Place of each channel's stream among the scales."""
 
@@ -81,7 +84,7 @@ class Discrepancy:
 
     Parameters
     ----------
-    signal : ndarray, shape (16,)
+    signal : ndarray, shape (channels,)
         Standard deviation of what each channel shows [channel's unit].
     train : sequence of ndarray of bool, shape (n,)
         Blocks to fit on, of each recording.
@@ -107,7 +110,7 @@ class WhitenedDiscrepancy:
 
     Parameters
     ----------
-    signal : ndarray, shape (16,)
+    signal : ndarray, shape (channels,)
     train : sequence of ndarray of bool, shape (n,)
     noise : list of Autoregression
         Of each recording.
@@ -126,7 +129,7 @@ class WhitenedDiscrepancy:
                  if n.sigma[:, c].any() else np.zeros(rows.shape, dtype=np.float32)
                  for n, rows in zip(self.noise, self.basis.rows)]
         values, vectors = np.linalg.eigh(sum((w @ w.T).astype(float) for w in white))
-        most = int(MEMORY / (4 * len(CHANNELS) * sum(w.shape[1] for w in white)))
+        most = int(MEMORY / (4 * SHARING * sum(w.shape[1] for w in white)))
         kept = np.flatnonzero(values * max(FREE) ** 2 > LEAST_WEIGHT)[-most:]
         turn = vectors[:, kept]
         rows = [(turn.T.astype(np.float32) @ w) for w in white]
@@ -150,11 +153,11 @@ class WhitenedDiscrepancy:
 
         Parameters
         ----------
-        residual : sequence of ndarray, shape (n, 16)
+        residual : sequence of ndarray, shape (n, channels)
 
         Returns
         -------
-        list of ndarray, shape (n, 16)
+        list of ndarray, shape (n, channels)
         """
         products = self.products([[] for _ in residual], residual)
         weights = products.likeliest()
@@ -178,7 +181,7 @@ class WhitenedDiscrepancy:
         ----------
         columns : sequence of sequence of Column
             Of each recording, as many in each.
-        residual : sequence of ndarray, shape (n, 16)
+        residual : sequence of ndarray, shape (n, channels)
         absent : bool
             Whether they are wanted for a size of 0 only.
         """

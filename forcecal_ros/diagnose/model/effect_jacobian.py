@@ -60,7 +60,7 @@ def effect_jacobian(model: LinearisedModel, name: str, theta: Array, free: NDArr
     theta : ndarray, shape (p,)
     free : ndarray of int, shape (k,)
         Which parameters.
-    residuals : sequence of ndarray, shape (n, 16)
+    residuals : sequence of ndarray, shape (n, channels)
         Measured less simulated with the effect at ``theta``, of the chosen recordings.
     datasets : sequence of int
         Chosen recordings; the others get empty columns.

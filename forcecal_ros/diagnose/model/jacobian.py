@@ -24,8 +24,8 @@ def column(difference: Array, level: Array) -> Column:
 
     Parameters
     ----------
-    difference : ndarray, shape (n, 16)
-    level : ndarray, shape (16,)
+    difference : ndarray, shape (n, channels)
+    level : ndarray, shape (channels,)
         Of the noise.
     """
     largest = np.abs(difference).max(axis=0)
@@ -46,9 +46,9 @@ def nuisance_column(dataset: Dataset, nuisance: Nuisance, size: float, rig: Rig,
         Where the column is taken.
     reference : Signals
         Of that rig.
-    residual : ndarray, shape (n, 16)
+    residual : ndarray, shape (n, channels)
         Measured less reference.
-    level : ndarray, shape (16,)
+    level : ndarray, shape (channels,)
         Of the noise.
     """
     if nuisance.acts_on == 'step':
@@ -70,7 +70,7 @@ def nuisance_column(dataset: Dataset, nuisance: Nuisance, size: float, rig: Rig,
 
 
 def combined(columns: Sequence[Column], x: Array, n: int) -> Array:
-    """Sum columns times parameters of one recording, shape (n, 16)."""
+    """Sum columns times parameters of one recording, shape (n, channels)."""
     out = np.zeros((n, len(CHANNELS)))
     for one, value in zip(columns, x):
         if value:

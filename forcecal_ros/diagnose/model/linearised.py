@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.inputs.dataset import Dataset
 from forcecal_ros.diagnose.model.basis import Basis, basis
 from forcecal_ros.diagnose.model.discrepancy import (
@@ -21,7 +21,7 @@ from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import ForcecalError
 from forcecal_ros.geometry import Array, rotation_vector
 from forcecal_ros.recording.noise.autoregression import Autoregression, fit_autoregression, white
-from forcecal_ros.simulators.signals import block_means, Signals
+from forcecal_ros.simulators.signals import block_means, JOINTS, Signals
 import numpy as np
 
 EFFECT = 1.0 / 3.0 ** 2
@@ -51,6 +51,13 @@ FAR = 2.0
 FRACTIONS = (1.0, 0.5, 0.25, 0.1)
 """Parts of a step along curved nuisances that are tried in turn."""
 
+JOINT = 1e-4
+"""
+Noise of a joint's position in one block mean, at least [rad]. Encoders show a tenth of that, but
+gears turn by so much more or less in each turn, and a load of the tool that is simulated beside
+the arm, a cable's say, moves no joint: a tenth of a millimetre at arm's length, as poses have.
+"""
+
 Values = Mapping[str, Mapping[str, float]]
 """Values by effect and parameter."""
 
@@ -78,10 +85,10 @@ class LinearisedModel:
         Nuisances about which the simulation is linearised, in prior std.
     released : frozenset of str
         Nuisances that an accepted effect frees from their prior.
-    level : ndarray, shape (16,)
+    level : ndarray, shape (channels,)
         The rig's noise of each channel in one block mean.
     base, residuals : list
-        Of each recording at the centre: simulated signals; measured less these, shape (n, 16).
+        Of each recording at the centre: simulated signals; measured less these, shape (n, channels).
     jacobian : list of list of Column
         Of each recording: what each nuisance changes, by one prior std.
     discrepancy_scales : tuple of float
@@ -136,12 +143,12 @@ class LinearisedModel:
                      np.where(endless, np.inf, LIMIT))
 
     def simulate(self, effects: Values, dataset: int) -> Array:
-        """Return measured less simulated of one recording with other effects, (n, 16)."""
+        """Return measured less simulated of one recording with other effects, (n, channels)."""
         return self._residual(dataset, self.datasets[dataset].simulation.signals(
             self.current(effects)))
 
     def _residual(self, dataset: int, signals: Signals) -> Array:
-        """Return measured less simulated of one recording, its steps taken off, (n, 16)."""
+        """Return measured less simulated of one recording, its steps taken off, (n, channels)."""
         out = self.datasets[dataset].measured.residual(signals)
         if not np.isfinite(out).all() or np.abs(out).max(initial=0.0) > ENDLESS:
             raise Diverged('a simulation is not finite')
@@ -240,6 +247,7 @@ class LinearisedModel:
                      for b, columns in zip(self.residuals, self.jacobian)]
         signal = _signal(self) if self.discrepancy is None else self.discrepancy.signal
         floor = QUIETEST * signal
+        floor[STREAM_SLICES['joints']] = JOINT
         if not self.noise and self.datasets[0].simulation.starts_white:
             self.noise = [_no_less(white(r, c.measured.present, c.groups), floor)
                           for r, c in zip(residuals, self.datasets)]
@@ -289,12 +297,13 @@ class LinearisedModel:
 
 
 def noise_level(rig: Rig, streams: tuple[str, ...], accelerometer: str) -> Array:
-    """Return the rig's noise of every channel in one block mean, shape (16,)."""
+    """Return the rig's noise of every channel in one block mean, shape (channels,)."""
     optidrive = rig.optidrive.noise if rig.optidrive else 1.0
     level = [rig.wrench_sensor.force_noise] * 3 + [rig.wrench_sensor.torque_noise] * 3
     level += [rig.accelerometer.noise] * 3 + [optidrive]
     level += [2.0 * rig.pose_sensor.position_noise] * 3
     level += [2.0 * rig.pose_sensor.orientation_noise] * 3
+    level += [2.0 * JOINT] * JOINTS
     return np.maximum(np.array(level) / 2.0, 1e-12)
 
 
@@ -315,12 +324,14 @@ def _no_less(noise: Autoregression, floor: Array) -> Autoregression:
 
 
 def _signal(model: LinearisedModel) -> Array:
-    """Return what each channel shows, the largest of its vector: standard deviation, (16,)."""
+    """Return what each channel shows, the largest of its vector: standard deviation."""
     shown = []
     for s in model.base:
         rotation = rotation_vector(s.R_base_sensor[0].T @ s.R_base_sensor)
+        joints = np.zeros((len(rotation), JOINTS)) if s.joints is None else s.joints
         shown.append(block_means(np.concatenate(
-            [s.wrench, s.volts, s.optidrive[:, np.newaxis], s.position, rotation], axis=1)))
+            [s.wrench, s.volts, s.optidrive[:, np.newaxis], s.position, rotation, joints],
+            axis=1)))
     std = np.concatenate(shown).std(axis=0)
     vectors = np.array([c.name[:-1] for c in CHANNELS])
     return np.array([std[vectors == vector].max() for vector in vectors])

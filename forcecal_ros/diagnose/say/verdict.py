@@ -54,6 +54,10 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
                                f'{part.words}')
         what = 'the recording' if whole else 'what could be looked at'
         return 'no_gap', f'the recalibrated rig explains {what} down to its noise'
+    if closed is not None and closed < 0.0:
+        more = f'; unexplained: {part.words}' if significant else ''
+        return 'unknown', (f'no effect of the library explains the gap: {listed} fits what it was '
+                           f'fitted to and makes the rest worse{more}')
     done = f'explains {percent(closed or 0.0)} of the misfit'
     if closed is None:
         done, closed = 'shows in stamps and values', 1.0

@@ -1,6 +1,6 @@
 """Recordings to arrays."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
@@ -25,8 +25,8 @@ _DAY = 86400.0
 
 
 def read_recording(
-        path: Path | str, topics: Mapping[str, str] | None = None, wrench_sign: int = 1
-        ) -> Recording:
+        path: Path | str, topics: Mapping[str, str] | None = None, wrench_sign: int = 1, *,
+        joints: bool = False) -> Recording:
     """
     Read a rosbag2 recording: a folder or one file, SQLite or MCAP, compressed or not.
 
@@ -46,6 +46,8 @@ def read_recording(
         URDF, which may be a topic of the recording.
     wrench_sign : int
         -1 for a driver that reports the wrench of the tool on its environment.
+    joints : bool
+        Whether to read the measured positions of joints, too.
 
     Returns
     -------
@@ -62,8 +64,9 @@ def read_recording(
     named = dict(topics or {})
     chain = named.pop('pose') if named.get('pose', '').startswith((PREFIX, URDF)) else ''
     with Bag(path) as bag:
-        found, mismatches = find_topics(bag.topics, named, (*_STREAMS, 'phase', 'joint_states'))
-        joint_states = found.pop('joint_states', None)
+        wanted = (*_STREAMS, 'phase', 'joint_states')
+        found, mismatches = find_topics(bag.topics, named, wanted)
+        joint_states = found.get('joint_states') if joints else found.pop('joint_states', None)
         for mismatch in mismatches:
             bag.notes.add(mismatch)
         _choose_accelerometer(found, named, bag.notes)
@@ -111,8 +114,11 @@ def _choose_accelerometer(
 
 
 def _read_series(bag: Bag, found: Mapping[str, Topic]) -> dict[Topic, Series]:
+    measured = _measured_joints(bag, found)
     collectors = {
-        topic: Collector(bag, topic, ['status[0].message'], text=True) if role == 'phase'
+        topic: Collector(bag, topic, [f'position[{name}]' for name in measured])
+        if role == 'joint_states'
+        else Collector(bag, topic, ['status[0].message'], text=True) if role == 'phase'
         else Collector(bag, topic, (JOINTS[topic.type],)) if role == 'joint_commands'
         else Collector(bag, topic, FIELDS[topic.type]) for role, topic in found.items()}
     for batch in bag.batches(set(collectors)):
@@ -171,10 +177,9 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
         return PoseStream(one.seconds(start_ns), one.values[:, :3],
                           frozen(_rotations(one.values[:, 3:])), one.frame, of)
 
-    def joints() -> JointStream | None:
-        told = stream('joint_commands')
-        return None if told is None else JointStream(
-            told.t, told.values, told.frame, _joint_names(bag, found['joint_commands']))
+    def joints(role: str, names: Callable[[], tuple[str, ...]]) -> JointStream | None:
+        one = stream(role)
+        return None if one is None else JointStream(one.t, one.values, one.frame, names())
 
     in_volts = 'accelerometer' not in found or found['accelerometer'].type == VECTOR3
     return Recording(
@@ -183,11 +188,12 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
         accelerometer_unit='V' if in_volts else 'm/s^2',
         pose=poses('pose', pose_of), target=poses('target'), optidrive=stream('optidrive'),
         contact_truth=stream('contact_truth'), angular_velocity=stream('imu', slice(3, 6)),
-        joint_commands=joints(),
+        joint_commands=joints('joint_commands',
+                              lambda: _joint_names(bag, found['joint_commands'])),
+        joints=joints('joint_states', lambda: _measured_joints(bag, found)),
         phases=_phases(series.get(found['phase']) if 'phase' in found else None, start_ns, end),
         start_ns=start_ns, source=str(bag.path), notes=tuple(bag.notes),
         candidates=candidates(bag.topics, found, _STREAMS))
-
 
 
 def _rotations(quaternions: Array) -> Array:
@@ -210,6 +216,14 @@ def _joint_names(bag: Bag, topic: Topic) -> tuple[str, ...]:
             batch.buffer[start:start + length], topic.type)
         return tuple(getattr(message, JOINT_NAMES[topic.type]))
     return ()
+
+
+def _measured_joints(bag: Bag, found: Mapping[str, Topic]) -> tuple[str, ...]:
+    """Return the joints to be read of joint_states: as commanded, else as first listed."""
+    if 'joint_states' not in found:
+        return ()
+    told = _joint_names(bag, found['joint_commands']) if 'joint_commands' in found else ()
+    return told or _joint_names(bag, found['joint_states'])
 
 
 def _phases(series: Series | None, start_ns: int, end: float) -> tuple[Phase, ...]:

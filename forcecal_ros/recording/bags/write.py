@@ -243,5 +243,6 @@ def write_recording(path: Path | str, recording: Recording, storage: str = 'mcap
         signals['imu'] = Stream(force.t, np.hstack([force.values, rates.values]), force.frame)
     elif force is not None:
         signals['accel'] = force
+    signals['joint_states'] = recording.joints
     signals['phase'] = recording.phases or None
     write_signals(path, signals, recording.start_ns, storage)
