@@ -104,7 +104,7 @@ class MeasuredBlocks:
 
         Returns
         -------
-        ndarray, shape (n_blocks, 16)
+        ndarray, shape (n_blocks, channels)
             Zero where nothing was measured, see ``present``.
         """
         out = np.zeros((self.n_blocks, len(CHANNELS)))

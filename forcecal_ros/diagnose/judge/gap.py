@@ -47,7 +47,7 @@ class Errors(NamedTuple):
 
     Attributes
     ----------
-    grams : ndarray, shape (16, k, k)
+    grams : ndarray, shape (channels, k, k)
         Mean products of the parameters' columns over the held-out blocks, not whitened.
     covariance : ndarray, shape (k, k)
     """

@@ -88,7 +88,7 @@ class LinearisedModel:
     level : ndarray, shape (channels,)
         The rig's noise of each channel in one block mean.
     base, residuals : list
-        Of each recording at the centre: simulated signals; measured less these, shape (n, channels).
+        Of each recording at the centre: simulated signals; measured less these, (n, channels).
     jacobian : list of list of Column
         Of each recording: what each nuisance changes, by one prior std.
     discrepancy_scales : tuple of float
