@@ -5,7 +5,7 @@ from functools import cache
 
 from forcecal_ros.cli import main
 from forcecal_ros.diagnose.by_tracked import is_tracked
-from forcecal_ros.diagnose.one_clock import shifted
+from forcecal_ros.diagnose.inputs.alignment import shifted
 from forcecal_ros.effects.rig import Axis, Unexplained
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import rotation_from_vector
