@@ -226,11 +226,6 @@ class LinearisedModel:
         return -0.5 * (self.residual_products().at(self.discrepancy_scales)[0].square
                        + self._cost())
 
-    def misfit(self) -> float:
-        """Whitened squares of the residual on all blocks, and what the priors cost."""
-        trained, held = self.residual_products().at(self.discrepancy_scales)
-        return trained.square + held.square + self._cost()
-
     def residual_products(self) -> Products:
         """Return inner products of the residuals alone."""
         return self.whitened_discrepancy().products(

@@ -189,14 +189,14 @@ def _drop(start: LinearisedModel, bare: LinearisedModel, now: JointFit) -> Joint
     for a in list(now.accepted):
         if len(now.accepted) == 1:
             break
-        full = ModelComparison(now.model, now.jacobians).null_predictive
+        full = ModelComparison(now.model, now.jacobians)
         less = without_effect(start, now, a.name)
         fitted = joint_fit(less.model, less.accepted)
-        # a discrepancy that grows in the effect's place would take up what it explained
-        as_before = replace(fitted.model, discrepancy_scales=now.model.discrepancy_scales)
-        worse = as_before.misfit() - now.model.misfit()
-        if ModelComparison(less.model, less.jacobians).null_predictive > full - LEAST_GAIN \
-                or worse < 2.0 * LEAST_GAIN \
+        # evidence, not squares: a discrepancy that grows in its place takes up what it explained
+        anew = ModelComparison(fitted.model, fitted.jacobians)
+        as_it_was = ModelComparison(less.model, less.jacobians)
+        if as_it_was.null_predictive > full.null_predictive - LEAST_GAIN \
+                or anew.null_evidence > full.null_evidence - LEAST_GAIN \
                 or not explains_beyond(bare, fitted.model, now.model):
             now = fitted
     return now
