@@ -45,9 +45,10 @@ def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
     given = [recording] if heldout is None else [recording, heldout]
     try:
         require_same_sensors(given)
-        for each in given:
-            refuse_other_axes(each, rig.tool.mass, np.array(rig.tool.com), np.array(rig.gravity))
         stamps = [corrected(r, rig, SHORTEST) for r in given]
+        for s in stamps:
+            refuse_other_axes(s.recording, rig.tool.mass, np.array(rig.tool.com),
+                              np.array(rig.gravity))
         datasets = [prepare(s.recording, rig, accelerometer) for s in stamps]
     except DataError as error:
         return Outcome(Diagnosis('invalid_data', str(error)), rig)

@@ -55,10 +55,10 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, rigid_tool:
     given = [r for r in (recording, heldout) if r is not None]
     try:
         require_same_sensors(given)
-        for each in given:
-            refuse_other_axes(each, rigid_tool.tool.mass, np.array(rigid_tool.tool.com),
-                              np.array(rigid_tool.gravity))
         stamps = [evened(r) for r in given]
+        for s in stamps:
+            refuse_other_axes(s.recording, rigid_tool.tool.mass, np.array(rigid_tool.tool.com),
+                              np.array(rigid_tool.gravity))
         if calibration is not None:
             stamps = [s._replace(recording=as_specific_force(s.recording,
                                                              calibration.accelerometer))

@@ -215,7 +215,7 @@ def test_without_a_wrench_nothing_piles_up():
 
 def test_replay_refuses_what_it_cannot_use():
     from forcecal_ros.errors import DataError
-    with pytest.raises(DataError, match='no wrench'):
+    with pytest.raises(DataError, match='no messages of wrench'):
         replay(Recording(), calibration())
     with pytest.raises(DataError, match='m/s'):
         replay(replace(record(0.1), accelerometer_unit='m/s^2'), calibration())

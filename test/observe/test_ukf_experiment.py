@@ -140,7 +140,7 @@ def test_a_wrench_and_its_reaction_to_contact_come_out_whole(short):
 
 def test_what_is_missing_is_named(short):
     recording, calibration = short.recording, short.calibration
-    with pytest.raises(DataError, match='no wrench'):
+    with pytest.raises(DataError, match='no messages of wrench'):
         replay(replace(recording, wrench=None), calibration)
     with pytest.raises(UnobservableError, match='no pose, which filter static'):
         replay(replace(recording, pose=None), calibration, ObserverSettings('static'))
