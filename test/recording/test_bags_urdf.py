@@ -1,5 +1,6 @@
 """Poses out of joint states and a URDF, as who records no /tf has them."""
 
+from bag_samples import header, START_NS, wrench_message, write_messages
 from forcecal_ros.cli import main
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.bags import read_recording
@@ -94,6 +95,40 @@ def test_a_file_describes_the_robot_as_well_as_a_topic(bag, tmp_path):
     one, other = (read_recording(bag, {'pose': f'urdf:{source}:base_link:ft_sensor'}).pose
                   for source in ('/robot_description', tmp_path / 'arm.urdf'))
     assert np.array_equal(one.position, other.position) and np.ptp(one.position, axis=0).min() > 0
+
+
+def test_two_arms_joint_states_are_ambiguous_only_to_who_wants_them(tmp_path):
+    kind = STORE.types
+    wrenches = [('/wrench', START_NS + i, wrench_message(START_NS + i, [1.0] * 6))
+                for i in range(1, 5)]
+    states = [(f'/{arm}/joint_states', START_NS + i, kind['sensor_msgs/msg/JointState'](
+        header(START_NS + i), ['lift'], *np.zeros((3, 1)))) for arm in 'ab' for i in range(1, 5)]
+    write_messages(tmp_path / 'bag', [*wrenches, *states])
+    assert len(read_recording(tmp_path / 'bag').wrench) == 4
+    for wanting in ({'topics': {'pose': 'urdf:x.urdf:base_link:hand'}}, {'joints': True}):
+        with pytest.raises(DataError, match='could be joint_states: /a/joint_states, /b/joint_s'):
+            read_recording(tmp_path / 'bag', **wanting)
+
+
+def test_stamps_of_zero_and_nan_are_dealt_with_as_of_any_topic(tmp_path):
+    kind = STORE.types
+
+    def states(stamp, position):
+        return kind['sensor_msgs/msg/JointState'](
+            header(stamp), ['lift', 'reach', 'wrist'], np.array([position, 0.1, 0.2]),
+            np.empty(0), np.empty(0))
+
+    logged = [('/joint_states', START_NS + 10**7 * i, states(0, 0.01 * i if i != 5 else np.nan))
+              for i in range(1, 20)]
+    write_messages(tmp_path / 'bag', logged)
+    (tmp_path / 'arm.urdf').write_text(ROBOT)
+    recording = read_recording(tmp_path / 'bag', {
+        'pose': f'urdf:{tmp_path}/arm.urdf:base_link:ft_sensor'})
+    assert '/joint_states: header stamps are zero; the times of recording were used' in (
+        recording.notes)
+    assert any('1 messages with NaN' in note for note in recording.notes)
+    assert len(recording.pose) == 19 and np.isfinite(recording.pose.position).all()
+    np.testing.assert_allclose(np.diff(recording.pose.t), 0.01, atol=1e-9)
 
 
 @pytest.mark.parametrize('named, why', [

@@ -64,8 +64,9 @@ def read_recording(
     named = dict(topics or {})
     chain = named.pop('pose') if named.get('pose', '').startswith((PREFIX, URDF)) else ''
     with Bag(path) as bag:
-        wanted = (*_STREAMS, 'phase', 'joint_states')
-        found, mismatches = find_topics(bag.topics, named, wanted)
+        # two arms' joint states are ambiguous only to who wants them
+        wanted = ('joint_states',) if joints or chain.startswith(URDF) else ()
+        found, mismatches = find_topics(bag.topics, named, (*_STREAMS, 'phase', *wanted))
         joint_states = found.get('joint_states') if joints else found.pop('joint_states', None)
         for mismatch in mismatches:
             bag.notes.add(mismatch)

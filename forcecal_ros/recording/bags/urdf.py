@@ -2,12 +2,10 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
 
 from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array
-from forcecal_ros.recording.bags.batch import Integers
-from forcecal_ros.recording.bags.collect import Series
+from forcecal_ros.recording.bags.cdr import Decoder
+from forcecal_ros.recording.bags.collect import Collector, Series
 from forcecal_ros.recording.bags.storage import Bag
 from forcecal_ros.recording.kinematic_chain import pose_along
 from forcecal_ros.recording.topics import STRING, Topic
@@ -17,13 +15,6 @@ import numpy as np
 
 PREFIX = 'urdf:'
 """``urdf:FILE:BASE:LINK`` in place of a topic's name; FILE may be a topic of the recording."""
-
-
-class _Told(NamedTuple):
-    """Positions of one joint [rad or m] at increasing stamps [ns]."""
-
-    stamp_ns: Integers
-    position: Array
 
 
 def pose_of_joints(bag: Bag, named: str, joint_states: Topic | None) -> tuple[Series, str]:
@@ -67,30 +58,23 @@ def pose_of_joints(bag: Bag, named: str, joint_states: Topic | None) -> tuple[Se
     busiest = max(told.values(), key=lambda one: len(one.stamp_ns)).stamp_ns
     stamps = busiest[(busiest >= max(one.stamp_ns[0] for one in told.values()))
                      & (busiest <= min(one.stamp_ns[-1] for one in told.values()))]
-    positions = {joint: np.interp(_since(stamps, busiest), _since(one.stamp_ns, busiest),
-                                  one.position) for joint, one in told.items()}
+    start = int(busiest[0])
+    positions = {joint: np.interp((stamps - start) / 1e9, one.seconds(start), one.values[:, 0])
+                 for joint, one in told.items()}
     bag.notes.add(f'pose: of {link} in {base}, from {joint_states.name} and {source}')
     poses = pose_along(way, lambda frame: joints[frame].placement(positions, len(stamps)),
                        len(stamps))
     return Series(stamps, poses, base), link
 
 
-def _since(stamps: Integers, start: Integers) -> Array:
-    return np.asarray((stamps - start[0]) * 1e-9)
-
-
 def _description(bag: Bag, source: str) -> bytes:
     """Return the URDF of a file, or of a topic that holds it."""
-    topics = {topic for topic in bag.topics
-              if topic.name.lstrip('/') == source.lstrip('/') and topic.type == STRING}
-    told = b''
-    for batch in bag.batches(topics):
-        for start, length in zip(batch.start.tolist(), batch.length.tolist()):
-            message: Any = bag.typestore().deserialize_cdr(
-                batch.buffer[start:start + length], STRING)
-            told = message.data.encode()
-    if told:
-        return told
+    topic = next((topic for topic in bag.topics if topic.type == STRING
+                  and topic.name.lstrip('/') == source.lstrip('/')), None)
+    if topic is not None:
+        told = _series(bag, topic, {'data': Collector(bag, topic, ['data'], text=True)})['data']
+        if told is not None:
+            return str(told.values[-1, 0]).encode()
     try:
         return Path(source).read_bytes()
     except OSError as error:
@@ -98,27 +82,28 @@ def _description(bag: Bag, source: str) -> bytes:
                         'recording; name a URDF, or the topic that holds it') from error
 
 
-def _told(bag: Bag, topic: Topic, drivers: set[str], named: str) -> Mapping[str, _Told]:
+def _told(bag: Bag, topic: Topic, drivers: set[str], named: str) -> dict[str, Series]:
     """Return what joints were said to be at, in whatever messages and order."""
-    read: dict[str, list[tuple[int, float]]] = {}
-    for batch in bag.batches({topic}):
-        for start, length in zip(batch.start.tolist(), batch.length.tolist()):
-            message: Any = bag.typestore().deserialize_cdr(
-                batch.buffer[start:start + length], topic.type)
-            stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-            for joint, position in zip(message.name, message.position):
-                read.setdefault(joint, []).append((stamp, float(position)))
-    if missing := sorted(drivers - set(read)):
+    series = _series(bag, topic, {
+        joint: Collector(bag, topic, [f'position[{joint}]']) for joint in sorted(drivers)})
+    told = {joint: one for joint, one in series.items() if one is not None}
+    if missing := sorted(drivers - set(told)):
         raise DataError(f'{named}: {topic.name} holds no joint {", ".join(missing)}; joints are '
-                        f'{", ".join(sorted(read)) or "none"}')
-    told = {joint: _increasing(read[joint]) for joint in drivers}
+                        f'{", ".join(sorted(_names(bag, topic))) or "none"}')
     if short := sorted(joint for joint, one in told.items() if len(one.stamp_ns) < 2):
         raise DataError(f'{named}: {topic.name} tells {", ".join(short)} less than twice')
     return told
 
 
-def _increasing(rows: list[tuple[int, float]]) -> _Told:
-    """Leave out what is no number, and all but the first of a stamp."""
-    stamps, first = np.unique(np.array([stamp for stamp, x in rows if np.isfinite(x)], np.int64),
-                              return_index=True)
-    return _Told(stamps, np.array([x for _, x in rows if np.isfinite(x)])[first])
+def _series(bag: Bag, topic: Topic, collectors: Mapping[str, Collector]
+            ) -> dict[str, Series | None]:
+    for batch in bag.batches({topic}):
+        for collector in collectors.values():
+            collector.add(batch)
+    return {name: collector.series(bag.notes) for name, collector in collectors.items()}
+
+
+def _names(bag: Bag, topic: Topic) -> set[str]:
+    decoder = Decoder(bag.typestore(), topic.type)
+    return {text for batch in bag.batches({topic}) for group in decoder.groups(batch)
+            for path, text in group.layout.text.items() if path.startswith('name[')}
