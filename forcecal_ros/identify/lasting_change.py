@@ -1,5 +1,6 @@
 """A bias or a load that changes for good while a recording goes on: a tare, a payload."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
@@ -17,10 +18,14 @@ LEAVES = 0.25
 """A change is told where it leaves less than this share of what is left without: of 300 simulated
 recordings with pushes of up to 10 s for up to half of the time none leaves less than 0.31."""
 
+SPLITS = 200
+"""Times of a change that are tried at first; of 100 s of means that is each of them."""
+
 
 class _Change(NamedTuple):
-    """One that is fitted: what it leaves and how it is said, of some forces after a time."""
+    """One that is fitted: from which mean on, what it leaves, and how it is said."""
 
+    at: int
     left: float
     size: float
     said: str
@@ -47,15 +52,29 @@ def lasting_change(forces: Forces, times: Array, off: Array, least: float) -> st
         Empty where nothing changed for good, or orientations do not tell it.
     """
     side = max(FEWEST, int(SHARE * len(times)))
-    told = [i for i in range(side, len(times) - side + 1)
-            if _spanned(forces.in_sensor[:i]) and _spanned(forces.in_sensor[i:])]
-    if not told:
+    best = _likeliest(forces, times, off, range(side, len(times) - side + 1))
+    if best is None or best.size <= least:
         return ''
     without = _sum(off - np.median(off, axis=0))
-    changes = [change for i in told for change in (
-        _bias(off, i, times[i]), _load(off, forces.in_sensor, i, times[i]))]
-    best = min(changes, key=lambda one: one.left)
-    return best.said if best.left < LEAVES * without and best.size > least else ''
+    return best.said if best.left < LEAVES * without else ''
+
+
+def _likeliest(forces: Forces, times: Array, off: Array, splits: range) -> _Change | None:
+    """Return the change that leaves least, of a few times at first, then of those about it."""
+    step = max(1, len(splits) // SPLITS)
+    best = min((change for i in splits[::step] for change in _changes(forces, times, off, i)),
+               key=lambda one: one.left, default=None)
+    if best is None or step == 1:
+        return best
+    near = range(max(splits.start, best.at - step), min(splits.stop, best.at + step + 1))
+    return _likeliest(forces, times, off, near)
+
+
+def _changes(forces: Forces, times: Array, off: Array, i: int) -> Iterator[_Change]:
+    """Fit a change of bias and one of load; none where orientations do not tell them."""
+    if _spanned(forces.in_sensor[:i]) and _spanned(forces.in_sensor[i:]):
+        yield _bias(off, i, times[i])
+        yield _load(off, forces.in_sensor, i, times[i])
 
 
 def _bias(off: Array, i: int, t: float) -> _Change:
@@ -63,7 +82,7 @@ def _bias(off: Array, i: int, t: float) -> _Change:
     jump = after - before
     x, y, z = jump
     return _Change(
-        _sum(off[:i] - before) + _sum(off[i:] - after), float(np.linalg.norm(jump)),
+        i, _sum(off[:i] - before) + _sum(off[i:] - after), float(np.linalg.norm(jump)),
         f'from {t:.1f} s on the wrench is {x:+.2g} {y:+.2g} {z:+.2g} N off, however the sensor '
         'turns: it was tared, or its driver started anew, while this was recorded; that is no '
         'contact: use either part alone')
@@ -75,7 +94,7 @@ def _load(off: Array, in_sensor: Array, i: int, t: float) -> _Change:
     rest = off[i:] - np.median(off[:i], axis=0)
     mass = float(np.median((rest * in_sensor[i:]).sum(axis=1))) / g**2
     return _Change(
-        _sum(before) + _sum(rest - mass * in_sensor[i:]), abs(mass) * g,
+        i, _sum(before) + _sum(rest - mass * in_sensor[i:]), abs(mass) * g,
         f'from {t:.1f} s on the sensor carries {abs(mass):.3g} kg '
         f'{"more" if mass > 0 else "less"}: something was gripped or let go; its weight counts as '
         'contact (--track-tool follows it)')
