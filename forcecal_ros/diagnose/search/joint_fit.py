@@ -39,6 +39,10 @@ class JointFit(NamedTuple):
     accepted: list[Accepted]
     jacobians: list[EffectJacobian]
 
+    def comparison(self) -> ModelComparison:
+        """Weigh it, and further hypotheses beside it."""
+        return ModelComparison(self.model, self.jacobians)
+
 
 def joint_fit(model: LinearisedModel, accepted: Sequence[Accepted], step: Array | None = None
               ) -> JointFit:

@@ -95,7 +95,7 @@ def select(model: LinearisedModel, found: Sequence[Hypothesis], bare: Linearised
     while len(now.accepted) < MOST_EFFECTS:
         untried = [h for h in found if h.name not in out | {a.name for a in now.accepted}]
         tested, others = sum(h.ways for h in untried), now.accepted or now.model.fixed
-        results = ranked(ModelComparison(now.model, now.jacobians), untried, tested)
+        results = ranked(now.comparison(), untried, tested)
         fitted = None
         while (best := next((t for t in results if t.name not in out
                              and acceptable(t, tested)), None)) is not None:
@@ -137,11 +137,11 @@ def _in_full(now: JointFit, results: Sequence[HypothesisFit], out: set[str]) -> 
     best = max((t for t in results if t.name not in out), key=lambda t: t.evidence, default=None)
     if best is None or not standing_in or best.evidence < LEAST_GAIN:
         return None
-    before = ModelComparison(now.model, now.jacobians)
+    before = now.comparison()
     fitted = _with(now, best)
     if fitted is None:
         return None
-    after = ModelComparison(fitted.model, fitted.jacobians)
+    after = fitted.comparison()
     explained = 1.0 - after.excess / before.excess
     return fitted if (after.null_predictive > before.null_predictive + LEAST_GAIN
                       and explained > LEAST_FRACTION) else None
@@ -151,7 +151,7 @@ def _certain(start: LinearisedModel, now: JointFit, factors: Mapping[str, float]
              ) -> tuple[JointFit, ModelComparison]:
     """Drop what a discrepancy as large as what is unexplained could do as well."""
     while True:
-        last = ModelComparison(now.model, now.jacobians)
+        last = now.comparison()
         now = now._replace(model=replace(now.model, discrepancy_scales=last.scales))
         # what the strongest effect leaves if its form is another is no effect of its own
         least = max([SHARE * last.missing_evidence,
@@ -186,20 +186,19 @@ def _shaped(now: JointFit) -> JointFit:
 
 def _drop(start: LinearisedModel, bare: LinearisedModel, now: JointFit) -> JointFit:
     """Take out what the others, fitted anew, explain as well but for a wrong form of theirs."""
+    full = now.comparison()
     for a in list(now.accepted):
         if len(now.accepted) == 1:
             break
-        full = ModelComparison(now.model, now.jacobians)
         less = without_effect(start, now, a.name)
         fitted = joint_fit(less.model, less.accepted)
         # evidence, not squares: a discrepancy that grows in its place takes up what it explained
-        anew = ModelComparison(fitted.model, fitted.jacobians)
-        as_it_was = ModelComparison(less.model, less.jacobians)
-        if as_it_was.null_predictive > full.null_predictive - LEAST_GAIN \
-                or anew.null_evidence > full.null_evidence - LEAST_GAIN \
+        if less.comparison().null_predictive > full.null_predictive - LEAST_GAIN \
+                or fitted.comparison().null_evidence > full.null_evidence - LEAST_GAIN \
                 or not explains_beyond(bare, fitted.model, now.model):
-            now = fitted
+            now, full = fitted, fitted.comparison()
     return now
+
 
 
 def _near(results: Sequence[HypothesisFit], name: str, tested: int) -> list[HypothesisFit]:
@@ -223,8 +222,8 @@ def _exchange(start: LinearisedModel, now: JointFit, found: Sequence[Hypothesis]
     for a in list(now.accepted):
         less = without_effect(start, now, a.name)
         taken = {b.name for b in less.accepted}
-        comparison = ModelComparison(less.model, less.jacobians)
-        log_evidence = ModelComparison(now.model, now.jacobians).null_evidence
+        comparison = less.comparison()
+        log_evidence = now.comparison().null_evidence
         # screened anew an effect may lie far from where it was fitted to
         fitted = log_evidence - comparison.null_evidence
         anew = ranked(comparison, [h for h in found if h.name not in taken], len(found))
@@ -245,7 +244,7 @@ def _exchange(start: LinearisedModel, now: JointFit, found: Sequence[Hypothesis]
                 weight[t.name] = -np.inf
                 continue
             other = _shaped(refitted)
-            evidence = ModelComparison(other.model, other.jacobians).null_evidence
+            evidence = other.comparison().null_evidence
             more = evidence - log_evidence
             odds = more / temperature_of(results) - PARSIMONY * (t.degrees - degrees)
             weight[t.name] = own + odds
