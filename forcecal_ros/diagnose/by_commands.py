@@ -10,14 +10,12 @@ from forcecal_ros.diagnose.inputs.dataset import (
     split,
     without_touches,
 )
-from forcecal_ros.diagnose.inputs.requirements import require_same_sensors
+from forcecal_ros.diagnose.inputs.requirements import require_axes_of, require_same_sensors
 from forcecal_ros.diagnose.inputs.stamps import corrected
 from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
-from forcecal_ros.recording.checks.at_rest import refuse_other_axes
 from forcecal_ros.recording.streams import Recording
-import numpy as np
 
 NO_WALL = ('phases that touch something are left out, as the rig has no wall within reach; write '
            'where it is into the rig to have them compared')
@@ -46,9 +44,7 @@ def diagnose(recording: Recording, heldout: Recording | None, rig: Rig,
     try:
         require_same_sensors(given)
         stamps = [corrected(r, rig, SHORTEST) for r in given]
-        for s in stamps:
-            refuse_other_axes(s.recording, rig.tool.mass, np.array(rig.tool.com),
-                              np.array(rig.gravity))
+        require_axes_of(rig, [s.recording for s in stamps])
         datasets = [prepare(s.recording, rig, accelerometer) for s in stamps]
     except DataError as error:
         return Outcome(Diagnosis('invalid_data', str(error)), rig)

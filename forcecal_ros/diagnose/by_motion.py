@@ -6,16 +6,17 @@ from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
 from forcecal_ros.diagnose.inputs.accelerometer import as_specific_force
 from forcecal_ros.diagnose.inputs.motion_dataset import held_out, moves, prepare_motion, SHORTEST
-from forcecal_ros.diagnose.inputs.requirements import require_overlap, require_same_sensors
+from forcecal_ros.diagnose.inputs.requirements import (
+    require_axes_of,
+    require_overlap,
+    require_same_sensors,
+)
 from forcecal_ros.diagnose.inputs.stamps import evened
-from forcecal_ros.diagnose.judge.found_effects import Found
 from forcecal_ros.diagnose.say.result import Diagnosis, NO_MOTION
 from forcecal_ros.effects.signals import FORCES
 from forcecal_ros.errors import DataError
-from forcecal_ros.recording.checks.at_rest import refuse_other_axes
 from forcecal_ros.recording.streams import Recording
 from forcecal_ros.simulators.rigid_tool import RigidTool
-import numpy as np
 
 DELAY = 'accelerometer.delay'
 """The nuisance that says how far the accelerometer is behind the wrench."""
@@ -56,9 +57,7 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, rigid_tool:
     try:
         require_same_sensors(given)
         stamps = [evened(r) for r in given]
-        for s in stamps:
-            refuse_other_axes(s.recording, rigid_tool.tool.mass, np.array(rigid_tool.tool.com),
-                              np.array(rigid_tool.gravity))
+        require_axes_of(rigid_tool, [s.recording for s in stamps])
         if calibration is not None:
             stamps = [s._replace(recording=as_specific_force(s.recording,
                                                              calibration.accelerometer))
@@ -71,11 +70,9 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, rigid_tool:
     if not moves(datasets):
         return Outcome(NO_MOTION, rigid_tool)
     outcome = diagnose_datasets(rigid_tool, held_out(datasets), stamps, given)
-    d = outcome.diagnosis
-    return replace(outcome, diagnosis=replace(
-        d, reason=said_in(rigid_tool.accelerometer_unit, d.reason),
-        effects=tuple(in_unit(rigid_tool.accelerometer_unit, e) for e in d.effects),
-        notes=(*d.notes, *told(outcome, rigid_tool.accelerometer_unit))))
+    unit = rigid_tool.accelerometer_unit
+    d = in_unit(unit, outcome.diagnosis)
+    return replace(outcome, diagnosis=replace(d, notes=(*d.notes, *told(outcome, unit))))
 
 
 def delay_std(outcome: Outcome) -> float | None:
@@ -96,15 +93,13 @@ def inertia_std(outcome: Outcome) -> tuple[float, float, float] | None:
     return (x, y, z) if all(0.0 < std < most for std in stds) else None
 
 
-def in_unit(unit: str, effect: Found) -> Found:
-    """Name the unit that the accelerometer speaks."""
-    return replace(effect, parameters={
-        k: replace(p, unit=unit) if p.unit == 'V' else p for k, p in effect.parameters.items()})
-
-
-def said_in(unit: str, sentence: str) -> str:
-    """Say what is left of accelerometers in the unit that they speak."""
-    return sentence.replace(' V RMS in accel', f' {unit} RMS in accel')
+def in_unit(unit: str, diagnosis: Diagnosis) -> Diagnosis:
+    """Name the unit that the accelerometer speaks, in sentence and parameters."""
+    return replace(
+        diagnosis, reason=diagnosis.reason.replace(' V RMS in accel', f' {unit} RMS in accel'),
+        effects=tuple(replace(e, parameters={
+            k: replace(p, unit=unit) if p.unit == 'V' else p for k, p in e.parameters.items()})
+            for e in diagnosis.effects))
 
 
 def told(outcome: Outcome, unit: str) -> list[str]:

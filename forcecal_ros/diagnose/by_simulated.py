@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from forcecal_ros.diagnose.by_motion import in_unit, said_in, told
+from forcecal_ros.diagnose.by_motion import in_unit, told
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
 from forcecal_ros.diagnose.inputs.alignment import aligned, Alignment
 from forcecal_ros.diagnose.inputs.dataset import Dataset
@@ -107,16 +107,14 @@ def diagnose_simulated(pair: Pair, heldout: Pair | None, rig: Rig) -> SimulatedD
         tool.rigid_tool, held_out(datasets), [one.stamps for one in prepared],
         [as_compared(one.real, dataset.measured.streams)
          for one, dataset in zip(pairs, datasets)])
-    d = outcome.diagnosis
+    d = in_unit('m/s^2', outcome.diagnosis)
     moved = (note for note in told(outcome, 'm/s^2') if ZERO not in note)
     notes = (*d.notes, *moved, *_about(prepared, outcome), UNTESTED)
     apart = prepared[0].tracking
-    said = said_in('m/s^2', d.reason)
-    reason = (f'{said}; the motion itself is {1e3 * apart.translation.rms:.2g} mm and '
+    reason = (f'{d.reason}; the motion itself is {1e3 * apart.translation.rms:.2g} mm and '
               f'{1e3 * apart.rotation.rms:.2g} mrad (RMS) from the simulated')
-    effects = tuple(in_unit('m/s^2', e) for e in d.effects)
     return SimulatedDiagnosis(
-        replace(outcome, diagnosis=replace(d, reason=reason, notes=notes, effects=effects)),
+        replace(outcome, diagnosis=replace(d, reason=reason, notes=notes)),
         tuple(one.alignment for one in prepared), tuple(one.tracking for one in prepared), tool)
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from forcecal_ros.diagnose.by_motion import in_unit, said_in
+from forcecal_ros.diagnose.by_motion import in_unit
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
 from forcecal_ros.diagnose.inputs.dataset import Dataset, made_up
 from forcecal_ros.diagnose.inputs.imu import as_compared, imus_compared
@@ -175,10 +175,8 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...],
     notes = (*outcome.diagnosis.notes, *simulator.notes, *_recalibrated(simulator, outcome),
              *dict.fromkeys(filter(None, [*(one.note for one in ready), short])),
              *named_joints(ready[0].simulation.joints, given))
-    effects = tuple(in_unit('m/s^2', e) for e in outcome.diagnosis.effects)
     outcome = replace(outcome, diagnosis=replace(
-        outcome.diagnosis, notes=notes, effects=effects,
-        reason=said_in('m/s^2', outcome.diagnosis.reason)))
+        in_unit('m/s^2', outcome.diagnosis), notes=notes))
     return RerunDiagnosis(outcome, changed, sum(one.runs.count for one in ready), recomputed)
 
 

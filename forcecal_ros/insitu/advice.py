@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.departure import Cause
+from forcecal_ros.insitu.offset_moves import affine
 from forcecal_ros.insitu.result import DataSetResult, SensorResult
 from forcecal_ros.insitu.stated import MASS, PLACE
 import numpy as np
@@ -139,10 +140,7 @@ def bent(result: SensorResult) -> bool:
 
 def _off_affine(data_set: DataSetResult) -> float:
     """RMS of the residual of a data set's own affine map over the range, worst channel."""
-    x = np.column_stack([np.ones(len(data_set.raw)), data_set.gravity])
-    off = data_set.raw - x @ np.linalg.lstsq(x, data_set.raw, rcond=None)[0]
-    freedom = max(len(x) - x.shape[1], 1)
-    rms = np.sqrt((off ** 2).sum(axis=0) / freedom)
+    _, rms, _ = affine(data_set.gravity, data_set.raw)
     return float((rms / np.maximum(np.ptp(data_set.raw, axis=0), 1e-12)).max())
 
 

@@ -25,7 +25,7 @@ def offset_moves(data_sets: Sequence[tuple[Blocks, Mask]]) -> Array:
     ndarray, shape (k,)
         Largest move of a channel over its span; zero where misfits explain it.
     """
-    fits = [_affine(blocks.regressors[use, :3], blocks.raw[use]) for blocks, use in data_sets]
+    fits = [affine(blocks.regressors[use, :3], blocks.raw[use]) for blocks, use in data_sets]
     offsets = np.array([offset for offset, *_ in fits])
     span = np.max([size for _, _, size in fits], axis=0)
     moves = np.abs(offsets - np.median(offsets, axis=0))
@@ -37,16 +37,16 @@ def offset_moves(data_sets: Sequence[tuple[Blocks, Mask]]) -> Array:
 def explained(data_sets: Sequence[tuple[Blocks, Mask]]) -> Array:
     """Share of each channel's variance that own affine maps of gravity explain, shape (n,)."""
     used = [(blocks.regressors[use, :3], blocks.raw[use]) for blocks, use in data_sets]
-    left = np.sum([len(raw) * _affine(gravity, raw)[1] ** 2 for gravity, raw in used], axis=0)
+    left = np.sum([len(raw) * affine(gravity, raw)[1] ** 2 for gravity, raw in used], axis=0)
     whole = np.sum([len(raw) * raw.var(axis=0, ddof=1) for _, raw in used], axis=0)
     return np.asarray(1 - left / np.maximum(whole, 1e-24))
 
 
-def _affine(gravity: Array, raw: Array) -> tuple[Array, Array, Array]:
-    """Offset, RMS of the misfit, and span of the fit."""
+def affine(gravity: Array, raw: Array) -> tuple[Array, Array, Array]:
+    """Offset, RMS of the misfit, and span of each channel's own affine map of gravity."""
     x = np.column_stack([np.ones(len(gravity)), gravity])
     theta = np.linalg.lstsq(x, raw, rcond=None)[0]
-    rms = np.linalg.norm(raw - x @ theta, axis=0) / np.sqrt(max(len(x) - 4, 1))
+    rms = np.linalg.norm(raw - x @ theta, axis=0) / np.sqrt(max(len(x) - x.shape[1], 1))
     return theta[0], rms, np.ptp(x @ theta, axis=0)
 
 

@@ -95,7 +95,7 @@ class MeasuredMotion:
         Parameters
         ----------
         rig : Rig
-            A Body.
+            A rigid tool.
 
         Returns
         -------

@@ -62,7 +62,7 @@ def prepare_motion(recording: Recording, rigid_tool: RigidTool,
     moved = replace(moved, accelerometer=volts)
     first, n = span(moved)
     simulation = MeasuredMotion(moved, first, n, name, rigid_tool)
-    return _case(moved, simulation, simulation.signals(rigid_tool), volts)
+    return _dataset(moved, simulation, simulation.signals(rigid_tool), volts)
 
 
 def prepare_simulated(recording: Recording, simulated: Recording, tool: SimulatedTool | None,
@@ -103,7 +103,7 @@ def prepare_simulated(recording: Recording, simulated: Recording, tool: Simulate
     if tool is None:
         known = known.zeroed(beyond(moved, nominal))
         nominal = simulation.signals(known.rigid_tool)
-    dataset = _case(recording, simulation, nominal, None, recording.accelerometer)
+    dataset = _dataset(recording, simulation, nominal, None, recording.accelerometer)
     dataset.measured.present[simulation.touching] = False
     return dataset, known
 
@@ -127,8 +127,8 @@ def span(*recordings: Recording) -> tuple[float, int]:
     return first, int((last - first) / BLOCK)
 
 
-def _case(recording: Recording, simulation: MeasuredMotion, nominal: Signals,
-          volts: Stream | None, felt: Stream | None = None) -> Dataset:
+def _dataset(recording: Recording, simulation: MeasuredMotion, nominal: Signals,
+             volts: Stream | None, felt: Stream | None = None) -> Dataset:
     """Compare wrench and what is felt in motion, and else an accelerometer at rest."""
     first, n = simulation.start, simulation.n_blocks
     groups = kinds(nominal)

@@ -1,10 +1,12 @@
 """What recordings must hold to be compared, and pauses that are bridged."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
+from forcecal_ros.recording.checks.at_rest import refuse_other_axes
 from forcecal_ros.recording.checks.pauses import pauses, SENSORS
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.recording.topics import ROLES
@@ -36,6 +38,24 @@ def require_same_sensors(recordings: Sequence[Recording]) -> None:
         if odd := there[0] ^ other:
             raise DataError(f'only one of the two recordings holds {", ".join(sorted(odd))}; '
                             'record the same topics in both')
+
+
+def require_axes_of(rig: Rig, recordings: Iterable[Recording]) -> None:
+    """
+    Refuse wrenches whose frame, axes or units are not those of a rig.
+
+    Parameters
+    ----------
+    recordings : iterable of Recording
+        Checked.
+
+    Raises
+    ------
+    DataError
+        Names cause and remedy.
+    """
+    for recording in recordings:
+        refuse_other_axes(recording, rig.tool.mass, np.array(rig.tool.com), np.array(rig.gravity))
 
 
 def require_overlap(recording: Recording, reference: str, shortest: float) -> None:
