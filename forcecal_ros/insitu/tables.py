@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 import csv
 from itertools import chain, islice
 from pathlib import Path
-from typing import TextIO
+from typing import NamedTuple, TextIO
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
@@ -15,6 +15,7 @@ from forcecal_ros.recording.checks.values import Unreadable
 from forcecal_ros.recording.csv_import.doubts import doubtful_rate
 from forcecal_ros.recording.csv_import.table import (
     Column,
+    Dialect,
     not_a_number,
     place_of,
     require_width,
@@ -109,30 +110,31 @@ class TableSource:
     def _text_rows(self, file: TextIO, columns: Sequence[Column]) -> Iterator[Array]:
         dialect = self._spec.dialect
         by_number = all(isinstance(column, int) for column in columns)
-        rows = rows_of(file, dialect._replace(skip=0) if by_number else dialect)
-        if by_number:
-            rows = islice(rows, dialect.skip, None)
+        rows = rows_of(file, dialect._replace(skip=0))
+        skipped = list(islice(rows, dialect.skip)) if by_number else []
         header, names = next(rows, (0, []))
         places = [column if isinstance(column, int) else place_of(
             column, [name.strip() for name in names], self._path) for column in columns]
         if max(places) >= len(names):
             raise DataError(f'{self._path}: {len(names)} columns, counted from 0; no column '
                             f'{max(places)}')
+        skipped = skipped if by_number else list(islice(rows, dialect.skip))
+        wanted = _Wanted(self._path, places, columns, len(names), header, dialect)
         if by_number:
-            rows = chain([(header, names)], rows)
-        while part := list(islice(rows, ROWS)):
-            require_width(self._path, part, len(names), header)
-            if dialect.decimal != '.':
-                part = [(line, [cell.replace(dialect.decimal, '.') for cell in cells])
-                        for line, cells in part]
-            try:
-                yield np.array([[cells[place] for place in places] for _, cells in part],
-                               dtype=float)
-            except ValueError:
-                for place, column in zip(places, columns):
-                    _require_numbers(self._path, [(line, cells[place]) for line, cells in part],
-                                     column)
-                raise
+            yield wanted.of_cells([(header, names)])
+        before = max(header, skipped[-1][0] if skipped else 0)
+        while lines := list(islice(file, ROWS)):
+            found = wanted.of_lines(lines)
+            if found is None:
+                # a cell in quotes may go on in the next block
+                whole = chain(lines, file) if any('"' in line for line in lines) else lines
+                rows = ((before + line, cells)
+                        for line, cells in rows_of(whole, dialect._replace(header=1, skip=0)))
+                while part := list(islice(rows, ROWS)):
+                    yield wanted.of_cells(part)
+            else:
+                yield found
+            before += len(lines)
 
     def _array_rows(self, columns: Sequence[Column]) -> Iterator[Array]:
         if not all(isinstance(column, int) for column in columns):
@@ -149,8 +151,46 @@ class TableSource:
             raise DataError(f'{self._path}: cannot be read ({error})') from error
 
 
-def _require_numbers(path: Path, cells: Sequence[tuple[int, str]], column: Column) -> None:
+class _Wanted(NamedTuple):
+    """Columns of a table of text: their places, their names, and how it is written."""
+
+    path: Path
+    places: Sequence[int]
+    columns: Sequence[Column]
+    width: int
+    header: int
+    dialect: Dialect
+
+    def of_lines(self, lines: Sequence[str]) -> Array | None:
+        """Read lines of plain numbers at once; None where some have to be looked at."""
+        delimiter = self.dialect.delimiter
+        if self.dialect.decimal != '.' or self.dialect.comment or any(
+                line.count(delimiter) != self.width - 1 or '"' in line for line in lines):
+            return None
+        try:
+            return np.loadtxt(lines, delimiter=delimiter, usecols=self.places, ndmin=2,
+                              comments=None)
+        except ValueError:
+            return None
+
+    def of_cells(self, rows: Sequence[tuple[int, list[str]]]) -> Array:
+        """
+        Read rows cell by cell, each with its line.
+
+        Raises
+        ------
+        DataError
+            Names the first cell that is no number.
+        """
+        require_width(self.path, rows, self.width, self.header)
+        of_column = [[(line, cells[place].replace(self.dialect.decimal, '.'))
+                      for line, cells in rows] for place in self.places]
+        return np.stack([_numbers(self.path, cells, column)
+                         for cells, column in zip(of_column, self.columns)], axis=1)
+
+
+def _numbers(path: Path, cells: Sequence[tuple[int, str]], column: Column) -> Array:
     try:
-        np.array([cell for _, cell in cells], dtype=float)
+        return np.array([cell for _, cell in cells], dtype=float)
     except ValueError:
         raise not_a_number(path, cells, column, float) from None

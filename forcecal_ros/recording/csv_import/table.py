@@ -6,7 +6,7 @@ from decimal import Decimal, InvalidOperation
 from itertools import islice
 from pathlib import Path
 import re
-from typing import NamedTuple, TextIO
+from typing import NamedTuple
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
@@ -50,7 +50,7 @@ class Dialect(NamedTuple):
     skip: int = 0
 
 
-def rows_of(file: TextIO, dialect: Dialect) -> Iterator[tuple[int, list[str]]]:
+def rows_of(file: Iterable[str], dialect: Dialect) -> Iterator[tuple[int, list[str]]]:
     """Yield the names of the columns and then the rows, each with its line in the file."""
     reader = csv.reader(file, delimiter=dialect.delimiter, strict=True)
     rows = ((reader.line_num, cells) for cells in reader if cells
