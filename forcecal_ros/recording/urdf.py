@@ -30,7 +30,7 @@ class Joint(NamedTuple):
     origin : tuple of Rotation and ndarray, shape (3,)
         Frame of the joint in the parent [m].
     axis : ndarray, shape (3,)
-        Unit vector, in the frame of the joint.
+        Unit vector, in the frame of the joint; zero where it is fixed.
     slides : bool
         Along the axis, in place of turning about it.
     """
@@ -54,24 +54,65 @@ class Joint(NamedTuple):
         return R * Rotation.from_rotvec(moved), np.tile(p, (n, 1))
 
 
-def joints_of(description: bytes, name: str) -> dict[str, Joint]:
+class Description:
     """
-    Return the joint that holds each link.
-
-    Only links and joints are read: what simulators and controllers put beside them is not judged.
+    Links and joints of a URDF; what simulators and controllers put beside them is not judged.
 
     Parameters
     ----------
-    description : bytes
-        XML of a URDF.
+    text : bytes
+        XML.
     name : str
         Where it came from, for messages.
 
     Raises
     ------
     DataError
-        It is no URDF, or a joint cannot be computed.
+        It is no URDF.
     """
+
+    def __init__(self, text: bytes, name: str) -> None:
+        self._name = name
+        self._joints = {_attribute(joint, 'child', 'link', ''): joint
+                        for joint in _root(text, name).findall('joint')}
+
+    @property
+    def parents(self) -> dict[str, str]:
+        """Each link's parent."""
+        return {link: _attribute(joint, 'parent', 'link', '')
+                for link, joint in self._joints.items()}
+
+    def joint(self, link: str) -> Joint:
+        """
+        Return the joint that holds a link.
+
+        Raises
+        ------
+        DataError
+            It cannot be computed.
+        """
+        told = self._joints[link]
+        kind, name = told.get('type', ''), told.get('name', '')
+        place = f'{self._name}: joint {name}'
+        if kind not in ('fixed', *_TURNS, *_SLIDES):
+            raise DataError(f'{place} is {kind or "of no type"}; fixed, revolute, continuous and '
+                            'prismatic joints are known')
+        xyz, rpy = (_numbers(_attribute(told, 'origin', part, '0 0 0'), f'{place}: {part}')
+                    for part in ('xyz', 'rpy'))
+        origin, parent = (Rotation.from_euler('xyz', rpy), xyz), self.parents[link]
+        if kind == 'fixed':
+            return Joint(parent, '', 1.0, 0.0, origin, np.zeros(3), False)
+        axis = _numbers(_attribute(told, 'axis', 'xyz', '1 0 0'), f'{place}: axis')
+        if not axis.any():
+            raise DataError(f'{place}: its axis is zero; expected a direction')
+        (gain,), (offset,) = (
+            _numbers(_attribute(told, 'mimic', part, otherwise), f'{place}: {part}', 1)
+            for part, otherwise in (('multiplier', '1'), ('offset', '0')))
+        return Joint(parent, _attribute(told, 'mimic', 'joint', name), gain, offset, origin,
+                     axis / np.linalg.norm(axis), kind in _SLIDES)
+
+
+def _root(description: bytes, name: str) -> Element:
     try:
         text = description.decode()
         if '<!DOCTYPE' in text or '<!ENTITY' in text:
@@ -83,31 +124,7 @@ def joints_of(description: bytes, name: str) -> dict[str, Joint]:
     if robot.tag != 'robot' or robot.find('joint') is None:
         raise DataError(f'{name}: it is no URDF of joints (a {robot.tag}); of a xacro make one by '
                         'xacro robot.urdf.xacro > robot.urdf')
-    joints = [_joint(joint, name) for joint in robot.findall('joint')]
-    return dict(joints)
-
-
-def _joint(told: Element, file: str) -> tuple[str, Joint]:
-    """Return the link that a joint holds, and how."""
-    kind, name = told.get('type', ''), told.get('name', '')
-    place = f'{file}: joint {name}'
-    parent, child = (_attribute(told, tag, 'link', '') for tag in ('parent', 'child'))
-    if kind not in ('fixed', *_TURNS, *_SLIDES) or not parent or not child or not name:
-        raise DataError(f'{place} is {kind or "of no type"}, of {child or "no link"} on '
-                        f'{parent or "no link"}; what is known are fixed, revolute, continuous '
-                        'and prismatic joints of two links')
-    xyz, rpy, axis = (
-        _numbers(_attribute(told, tag, attribute, otherwise), f'{place}: {attribute}')
-        for tag, attribute, otherwise in (
-            ('origin', 'xyz', '0 0 0'), ('origin', 'rpy', '0 0 0'), ('axis', 'xyz', '1 0 0')))
-    if not axis.any():
-        raise DataError(f'{place}: its axis is zero; expected a direction')
-    driver = '' if kind == 'fixed' else _attribute(told, 'mimic', 'joint', name)
-    (gain,), (offset,) = (
-        _numbers(_attribute(told, 'mimic', attribute, otherwise), f'{place}: {attribute}', 1)
-        for attribute, otherwise in (('multiplier', '1'), ('offset', '0')))
-    return child, Joint(parent, driver, gain, offset, (Rotation.from_euler('xyz', rpy), xyz),
-                        axis / np.linalg.norm(axis), kind in _SLIDES)
+    return robot
 
 
 def _attribute(joint: Element, tag: str, attribute: str, otherwise: str) -> str:

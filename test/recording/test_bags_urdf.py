@@ -29,8 +29,11 @@ ROBOT = f"""<robot name="arm"><mujoco><compiler fusestatic="false"/></mujoco>{LI
   <limit lower="-1" upper="1" effort="1" velocity="1"/>
   <mimic joint="reach" multiplier="-0.5" offset="0.02"/></joint>
 <joint name="mount" type="fixed"><parent link="finger"/><child link="ft_sensor"/>
-  <origin xyz="0 0.02 0.11" rpy="0.1 -0.2 0.3"/></joint>
+  <origin xyz="0 0.02 0.11" rpy="0.1 -0.2 0.3"/><axis xyz="0 0 0"/></joint>
 <transmission name="of_another_program"/></robot>"""
+ASIDE = ('<joint name="hung" type="floating"><parent link="upper"/><child link="camera"/></joint>'
+         '</robot>')
+"""What is not on the way between two links may be anything."""
 POSITIONS = {'lift': np.sin(2.0 * T), 'reach': 0.3 * np.cos(T), 'wrist': 1.0 - T,
              'gripper': 0.0 * T}
 
@@ -44,7 +47,7 @@ def bag(tmp_path_factory):
         states = writer.add_connection('/joint_states', 'sensor_msgs/msg/JointState',
                                        typestore=STORE)
         text = writer.add_connection('/robot_description', 'std_msgs/msg/String', typestore=STORE)
-        message = kind['std_msgs/msg/String'](ROBOT)
+        message = kind['std_msgs/msg/String'](ROBOT.replace('</robot>', ASIDE))
         writer.write(text, 10**9, STORE.serialize_cdr(message, 'std_msgs/msg/String'))
         for k, t in enumerate(T):
             stamp = 10**9 + round(1e9 * t)
@@ -146,6 +149,7 @@ def test_what_gives_no_pose_is_refused_by_name(bag, named, why):
     (('<axis xyz="1 0 1"/>', '<axis xyz="0 0 0"/>'), 'joint reach: its axis is zero'),
     (('rpy="0 0 1.2"', 'rpy="0 0 ${pi}"'), r"joint wrist: rpy is '0 0 \$\{pi\}'; expected 3 num"),
     (('<robot', '<!DOCTYPE robot [<!ENTITY a "aa">]><robot'), 'it defines entities'),
+    ((ROBOT, '<robot><link name="a"/></robot>'), 'no URDF of joints'),
     (('</robot>', ''), 'it is no XML'), (('robot>', 'sdf>'), 'it is no XML'),
     (('"wrist"', '"elbow"'), 'holds no joint elbow; joints are gripper, lift, reach, wrist')])
 def test_descriptions_that_cannot_be_computed_are_refused(bag, tmp_path, change, why):

@@ -10,7 +10,7 @@ from forcecal_ros.recording.bags.storage import Bag
 from forcecal_ros.recording.kinematic_chain import pose_along
 from forcecal_ros.recording.topics import STRING, Topic
 from forcecal_ros.recording.transforms import route
-from forcecal_ros.recording.urdf import joints_of
+from forcecal_ros.recording.urdf import Description
 import numpy as np
 
 PREFIX = 'urdf:'
@@ -44,13 +44,13 @@ def pose_of_joints(bag: Bag, named: str, joint_states: Topic | None) -> tuple[Se
         raise DataError(f'{named}: expected urdf:FILE:BASE:LINK, e.g. '
                         'urdf:robot.urdf:base_link:tool0')
     source, base, link = parts
-    joints = joints_of(_description(bag, source), source)
-    way = route({child: joint.parent for child, joint in joints.items()}, base, link, named,
-                source)
+    description = Description(_description(bag, source), source)
+    way = route(description.parents, base, link, named, source)
+    joints = {frame: description.joint(frame) for frame in (*way.up, *way.down)}
     if joint_states is None:
         raise DataError(f'{named}: there are no joint states in the recording; record '
                         '/joint_states, or name the topic with --topic joint_states=NAME')
-    drivers = {joints[frame].driver for frame in (*way.up, *way.down)} - {''}
+    drivers = {joint.driver for joint in joints.values()} - {''}
     if not drivers:
         raise DataError(f'{named}: no joint moves between {base} and {link}; name the frame of '
                         'the sensor and that of the base')
