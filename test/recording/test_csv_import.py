@@ -398,8 +398,9 @@ def weighed(seed=0, n=400, spread=0.6):
     return t, R, force
 
 
-def moved(folder, written, spread=0.6, **orientation):
-    t, _, force = weighed(spread=spread)
+def moved(folder, written, spread=0.6, in_base=False, **orientation):
+    t, R, force = weighed(spread=spread)
+    force = R.apply(force) if in_base else force
     names = [f'o{i}' for i in range(written.shape[1])]
     rows = np.column_stack([t, force, 0 * force, written])
     text = ','.join(['t', 'fx', 'fy', 'fz', 'tx', 'ty', 'tz', *names]) + '\n' + '\n'.join(
@@ -429,6 +430,13 @@ def test_quaternions_and_matrices_of_another_order_do_not_turn_as_the_weight_doe
         moved(tmp_path, q[:, [3, 0, 1, 2]], quaternion_xyzw='')
     with pytest.raises(DataError, match='rows are columns'):
         moved(tmp_path, R.as_matrix().reshape(-1, 9), R_sensor_base='')
+
+
+def test_a_wrench_in_base_is_not_blamed_on_the_orientation(tmp_path):
+    R = weighed()[1].as_matrix()
+    for seen, key in ((R, 'R_base_sensor'), (R.transpose(0, 2, 1), 'R_sensor_base')):
+        one = moved(tmp_path, seen.reshape(-1, 9), in_base=True, **{key: ''})
+        assert len(one.signals['pose']) == 400
 
 
 def poses_alone(folder, t, angles, unit):

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
-from forcecal_ros.recording.checks.limits import FEW, SPOILT
+from forcecal_ros.recording.checks.limits import FEW, SPOILT, VERTICAL
 from forcecal_ros.recording.csv_import.table import Table
 from forcecal_ros.recording.streams import PoseStream, Stream
 import numpy as np
@@ -120,18 +120,30 @@ def refuse_other_reading(wrench: Stream, pose: PoseStream, others: Mapping[str, 
     inside, force = inside[good], force[good]
     if len(inside) < 10 or not np.ptp(force, axis=0).any():
         return
-    mine = _left_of_weight(force, pose.R_base_sensor[inside])
+    mine, _ = _left_of_weight(force, pose.R_base_sensor[inside])
     for words, R in others.items():
-        left = _left_of_weight(force, R[inside])
-        if left < FOLLOWS and WORSE * left < mine:
+        left, (weight, bias) = _left_of_weight(force, R[inside])
+        if left < FOLLOWS and WORSE * left < mine and (
+                _is_vertical(weight) or not _is_vertical(bias)):
             raise DataError(
                 f'{key}: force turns as a weight does if {words} ({1 - left:.0%} of its changes '
                 f'follow), not as stated ({1 - mine:.0%}); mend {key}')
 
 
-def _left_of_weight(force: Array, R: Array) -> float:
-    """Share of the changes of force that a constant force in base and a bias leave over."""
+def _left_of_weight(force: Array, R: Array) -> tuple[float, Array]:
+    """Share of the changes of force that a constant one in base and a bias leave; these two."""
     x = np.concatenate([R.transpose(0, 2, 1), np.broadcast_to(np.eye(3), R.shape)], axis=2)
     x, y = x.reshape(-1, 6), force.ravel()
-    off = y - x @ np.linalg.lstsq(x, y, rcond=1e-9)[0]
-    return float((off ** 2).sum() / ((force - force.mean(axis=0)) ** 2).sum())
+    found = np.linalg.lstsq(x, y, rcond=1e-9)[0]
+    left = float(((y - x @ found) ** 2).sum() / ((force - force.mean(axis=0)) ** 2).sum())
+    return left, found.reshape(2, 3)
+
+
+def _is_vertical(force: Array) -> bool:
+    """
+    Whether a force is a weight's, were base level.
+
+    A wrench expressed in base fits orientations the other way round, with weight and bias
+    exchanged; that is for the checks of frames to say.
+    """
+    return bool(np.hypot(force[0], force[1]) < VERTICAL * np.linalg.norm(force))
