@@ -216,7 +216,7 @@ def _said(d):
                 for e in d.effects},
             'candidates': [(name, round(p, 3)) for name, p in d.candidates],
             'closed': d.gap.closed if d.gap else None, 'notes': d.notes,
-            'where': [[p.stage, p.channel, p.phase] for p in d.where[:3]]}
+            'where': [[p.stage, p.channel, p.phase] for p in d.localisation[:3]]}
 
 
 def same(case, result):
