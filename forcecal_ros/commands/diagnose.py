@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import shlex
 from typing import Any
 
 from forcecal_ros.commands.common import (
@@ -28,6 +29,9 @@ ASSUMED = ('nothing says what was recorded, so it is compared with the rig that 
            'simulates; unless it is that one, name your tool by --calibration, your robot by '
            '--rig (forcecal fit-rig makes one), or your simulator by --simulated, --simulator or '
            '--mujoco')
+
+UNLIKE = ('unknown', 'partial')
+"""Verdicts after which it matters that nobody named what was recorded."""
 
 SIMULATORS = ('simulator', 'mujoco', 'simulated')
 """Options that name a simulator of the user's."""
@@ -263,6 +267,15 @@ def _named(args: argparse.Namespace) -> str:
         args.rig)))
 
 
+def _name_it(args: argparse.Namespace) -> Any:
+    """Say what to do where a recording is unlike the rig that nobody named."""
+    from forcecal_ros.report.words import Step
+
+    return Step('Name the tool that was recorded (forcecal calibrate makes the file), and '
+                'diagnose again:', shlex.join(('forcecal', 'diagnose', args.bag, '--calibration',
+                                      'calibration.yaml', '-o', args.output)))
+
+
 def _source(args: argparse.Namespace, recording: Any) -> dict[str, str]:
     """Say whose recording it was, and when it was made and diagnosed."""
     from datetime import datetime, timezone
@@ -292,7 +305,8 @@ def _written(args: argparse.Namespace, given: tuple[Any, ...], outcome: Any, rig
     document['source'] = _source(args, recordings[0])
     view = (view_of(outcome, advice(diagnosis, rig), of_channels) if outcome.datasets
             else view_without_signals(diagnosis))
-    step = next_step(diagnosis, args.bag, folder, tuple(files))
+    step = (_name_it(args) if assumed and diagnosis.verdict in UNLIKE
+            else next_step(diagnosis, args.bag, folder, tuple(files)))
     write_results(folder, {
         'diagnosis.json': json.dumps(document, indent=2, allow_nan=False) + '\n',
         'report.html': render(

@@ -22,6 +22,7 @@ from forcecal_ros.diagnose.judge.coverage import (
     unjudged,
 )
 from forcecal_ros.diagnose.judge.found_effects import (
+    at_limit,
     Checks,
     Found,
     found_steps,
@@ -211,18 +212,19 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
         [(a.name, selection.alternatives.get(a.name, {})) for a in selection.accepted], part,
         gap.closed, len(model.fixed) + len(sudden), doubts if with_discrepancy else None)
     candidates = _sorted([*candidates, *sudden.items(), *((n, CHECKED) for n in checks.effects)])
-    named = [a.name for a in selection.accepted]
+    numbers = {a.name: parameters_of(final, a) for a in selection.accepted}
+    named = list(numbers)
     word, sentence = verdict(
         [*named, *sudden, *checks.effects], candidates, part,
         gap.closed if named or model.fixed or sudden else None,
         signal_to_noise(model) > ENOUGH or bool(checks.effects) or bool(steps),
-        whole=not unjudged(model), with_discrepancy=with_discrepancy)
+        whole=not unjudged(model), with_discrepancy=with_discrepancy,
+        at_limit=[x for name, values in numbers.items() for x in at_limit(name, values)])
     possible = {name: 1.0 - doubt(factor, selection.missing_evidence)
                 for name, factor in selection.doubtful.items()}
     candidates = _sorted([*candidates, *((n, p) for n, p in possible.items() if p > FAINT)])
     sentence += steps_in_words(steps) + missing_streams(final.datasets[0].recording)
-    effects = (*(Found(a.name, parameters_of(final, a), probability[a.name])
-                 for a in selection.accepted),
+    effects = (*(Found(name, values, probability[name]) for name, values in numbers.items()),
                *steps, *(Found(n, v, CHECKED) for n, v in checks.effects.items()))
     return _Judged(summary, part, gap, noise, effects, candidates, word,
                    sentence + unjudged(model))

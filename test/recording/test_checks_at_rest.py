@@ -41,6 +41,7 @@ def turned(degrees):
 @pytest.mark.parametrize('change', [
     lambda w, R: w, lambda w, R: w * [1.1, 0.9, 1.05, 0.9, 1.1, 1.0], turned(1.0),
     lambda w, R: w + [40.0, -20.0, 10.0, 1.0, 2.0, -3.0], lambda w, R: 1.3 * w,
+    lambda w, R: 0.65 * w, lambda w, R: 2.5 * w,
     lambda w, R: w.clip([-8.0] * 6, [12.0] * 6)])
 def test_pushes_gains_biases_and_small_turns_are_left_to_whoever_looks_for_them(change):
     for seed in range(10):
@@ -49,6 +50,7 @@ def test_pushes_gains_biases_and_small_turns_are_left_to_whoever_looks_for_them(
 
 @pytest.mark.parametrize('change, said', [
     (lambda w, R: w / 9.80665, 'its forces are in kgf; multiply by 9.8066'),
+    (lambda w, R: 0.4 * w, r'the tool of 1.3 kg weighs 0.\d* kg in this recording: another one'),
     (lambda w, R: -w, 'it has the opposite sign'),
     (lambda w, R: w[:, [1, 0, 2, 4, 3, 5]], r'mirrored \(left-handed\): x, y, z show y, x, z'),
     (turned(30.0), r'are turned by -(29|30)\S* \+- \S+ deg about z'),

@@ -21,6 +21,10 @@ NAME = 'wrench_bias_step'
 PROBABILITY = 0.95
 """Probability of a bias step: a slip of the tool or a change of gain begins with one, too."""
 
+AT_LIMIT, KNOWN = 0.01, 3.0
+"""A number nearer than this to the end of its range, as a share of the range, stands there, if it
+is more than so many standard errors: one that nothing shows may stand anywhere."""
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -89,6 +93,26 @@ def parameters_of(model: LinearisedModel, a: Accepted) -> dict[str, Parameter]:
         value = np.clip(q.nominal + model.centre[i] * scale, q.low, q.high)
         out[q.name] = Parameter(
             float(value), abs(scale) * float(np.sqrt(covariance[i, i])), q.unit)
+    return out
+
+
+def at_limit(name: str, found: Mapping[str, Parameter]) -> list[str]:
+    """
+    Name the numbers of an effect that stand at a limit of the library.
+
+    Returns
+    -------
+    list of str
+        ``wrench_gain.fx = -0.9``; empty for effects of a simulator's own.
+    """
+    out = []
+    for q in EFFECTS[name].parameters if name in EFFECTS else ():
+        p = found.get(q.name)
+        if p is None or q.shapes or abs(p.value - q.nominal) <= KNOWN * p.std:
+            continue
+        if any(end != q.nominal and abs(p.value - end) <= AT_LIMIT * abs(end - q.nominal)
+               for end in (q.low, q.high)):
+            out.append(f'{name}.{q.name} = {p.value:.3g}{"" if q.unit == "1" else " " + q.unit}')
     return out
 
 

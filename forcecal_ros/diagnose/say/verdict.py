@@ -25,7 +25,8 @@ def percent(share: float) -> str:
 
 def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
             part: UnexplainedPart, closed: float | None, excited: bool, whole: bool = True,
-            with_discrepancy: bool = False) -> tuple[str, str]:
+            with_discrepancy: bool = False,
+            at_limit: Sequence[str] = ()) -> tuple[str, str]:
     """
     Say it in one word and one sentence.
 
@@ -42,8 +43,11 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
         Whether every stream could be looked at.
     with_discrepancy : bool
         Whether the effects were weighed beside a discrepancy, which then is what remains.
+    at_limit : sequence of str
+        Numbers of accepted effects that would be larger if their limits let them.
     """
     listed = ' and '.join(named)
+    closest = f'{listed} {"come" if len(named) > 1 else "comes"} closest'
     significant = part.ratio >= 1.0
     if not excited:
         return 'not_excited', ('the recording moves too little to tell effects apart; record '
@@ -58,15 +62,19 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
         more = f'; unexplained: {part.words}' if significant else ''
         return 'unknown', (f'no effect of the library explains the gap: {listed} fits what it was '
                            f'fitted to and makes the rest worse{more}')
+    if at_limit:
+        return 'unknown', (f'no effect of the library explains the gap: {closest}, but '
+                           f'{" and ".join(at_limit)} is as large as that can be: another '
+                           'robot, tool or unit was recorded than it is compared with')
     done = f'explains {percent(closed or 0.0)} of the misfit'
     if closed is None:
         done, closed = 'shows in stamps and values', 1.0
     doubtful = dict(candidates).get(UNKNOWN, 0.0) > 0.5
     beside = with_discrepancy and not doubtful
     if not beside and significant and (closed < NAMED or doubtful):
-        closest = (f'{listed} comes closest and would explain {percent(closed)} of the misfit'
-                   ', too little to be named; unexplained: ') if closed > 0.0 else ''
-        return 'unknown', (f'no effect of the library explains the gap: {closest}'
+        nearly = (f'{closest} and would explain {percent(closed)} of the misfit'
+                  ', too little to be named; unexplained: ') if closed > 0.0 else ''
+        return 'unknown', (f'no effect of the library explains the gap: {nearly}'
                            f'{part.words}')
     rest = ''
     if significant:

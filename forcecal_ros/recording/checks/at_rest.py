@@ -37,6 +37,9 @@ TURNED_LEAVES = 0.1
 """Turned axes are believed that leave less than this share: gains 25 % too large in one axis and
 15 % too small in another leave 0.29."""
 
+OTHER_TOOL = 0.5
+"""What weighs less than this share of a model's tool is another one: tool_mass ends there, too."""
+
 THOUSAND = 0.3
 """A centre of mass that torques show a thousand times as far off, to this share, is in N mm."""
 
@@ -163,6 +166,7 @@ def refuse_other_axes(recording: Recording, mass: float, com: Array, gravity: Ar
     if best is not plain:
         return
     refuse_other_force_unit(plain.mass, mass)
+    _refuse_other_tool(plain.mass, mass)
     weight = mass * found.forces.in_sensor
     refuse_other_torques(weight, found.torque, None)
     _refuse_other_lever(weight, found.torque, com)
@@ -187,6 +191,15 @@ def _refuse_other_lever(weight: Array, torque: Array, com: Array) -> None:
             f'wrench: its torques put the centre of mass at {_metres(shown)}, the model has it at '
             f'{_metres(com)}: they are in N mm; divide them by 1000 in the driver or in the '
             'import')
+
+
+def _refuse_other_tool(shown: float, mass: float) -> None:
+    """Refuse a recording in which far less than a tool's mass [kg] weighs on the sensor."""
+    if shown < OTHER_TOOL * mass:
+        raise DataError(
+            f'wrench: the tool of {mass:.4g} kg weighs {shown:.4g} kg in this recording: another '
+            'one hung there, or the driver takes its weight off; name it by a calibration '
+            '(forcecal calibrate) or a rig of its own (forcecal fit-rig)')
 
 
 def _metres(place: Array) -> str:
