@@ -14,7 +14,7 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.identify.static_readings import Statics
 from forcecal_ros.identify.tool import design_of, slide_noise, ToolFit
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 _ESTIMABLE = 1e-6
 """Eigenvalue of M_kk below which the other poses do not predict a direction: it is rounding."""
@@ -68,7 +68,7 @@ def _error(residual: Array, basis: Array, lower: Array, gravity: Array) -> PoseE
     shift = lower @ vectors[:, known] @ (along / values[known])
     statistic = float((along**2 / values[known]).sum())
     return PoseError(shift, float(shift[:3] @ gravity / (gravity @ gravity)),
-                     float(chi2.sf(statistic, int(known.sum()))))
+                     float(chdtrc(int(known.sum()), statistic)))
 
 
 def rejected(errors: Sequence[PoseError], probability: float) -> int | None:

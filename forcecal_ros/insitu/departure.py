@@ -14,7 +14,7 @@ from forcecal_ros.insitu.blocks import Blocks, Mask, TINY
 from forcecal_ros.jit import compiled
 from forcecal_ros.recording.noise.autocovariance import noise_of_residuals
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc, fdtrc
 
 SIGNIFICANT = 1e-4
 """Probability by noise alone below which a departure, or a cause of it, is taken to be there."""
@@ -65,7 +65,7 @@ def departure(blocks: Blocks, use: Mask) -> Departure:
     energy = (np.linalg.svd(white, compute_uv=False)[3:] ** 2).sum()
     freedom = (len(white) - 4) * (white.shape[1] - 3)
     return Departure(float(np.sqrt(max(energy / freedom - 1, 0.0))),
-                     float(stats.chi2.sf(energy, freedom)))
+                     float(chdtrc(freedom, energy)))
 
 
 @dataclass(frozen=True)
@@ -229,9 +229,9 @@ def _cause(residual: Array, these: Array, others: Array, root: Array) -> tuple[C
     unknowns = these.shape[1] * residual.shape[1]
     size = theta[:these.shape[1]] @ root.T
     part = these @ size
-    return Cause(part.T @ part / len(residual), float(stats.f.sf(
-        explained / unknowns / _inflation(unexplained @ white), unknowns,
-        freedom * residual.shape[1]))), size
+    return Cause(part.T @ part / len(residual), float(fdtrc(
+        unknowns, freedom * residual.shape[1],
+        max(0.0, explained / unknowns / _inflation(unexplained @ white))))), size
 
 
 def _inflation(residual: Array) -> float:

@@ -9,7 +9,7 @@ from forcecal_ros.insitu.blocks import Blocks, Mask
 from forcecal_ros.insitu.moments import Moments
 from forcecal_ros.recording.noise.autocovariance import noise_of_residuals
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc
 
 WEAK = 0.07
 """Spread of gravity along a direction, over its magnitude, below which it is weak: 4 deg."""
@@ -146,7 +146,7 @@ def norm(data_sets: Sequence[tuple[Blocks, Mask]], gravity: float) -> Norm:
     b = theta[:3]
     wald = float(b @ np.linalg.solve(covariance, b))
     return Norm(b, np.sqrt(np.diag(covariance)), float(np.sqrt(max(theta[3] + b @ b, 0.0))),
-                float(stats.chi2.sf(wald, 3)))
+                float(chdtrc(3, wald)))
 
 
 def _long_run(residual: Array) -> float:

@@ -2,8 +2,6 @@
 
 import os
 import signal
-import subprocess
-import sys
 import tempfile
 import time
 
@@ -13,6 +11,7 @@ from forcecal_ros.motion.poses import nominal_poses
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT
 from forcecal_ros.nodes.wire import Reader, Writer
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
+from node_process import NodeProcess
 import numpy as np
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters
@@ -82,11 +81,9 @@ class Live:
         arguments += [part for key, value in parameters.items()
                      for part in ('-p', f'{key.replace("__", ".")}:={value}')]
         arguments += [part for rule in remap for part in ('-r', rule)]
-        self.output[name] = tempfile.TemporaryFile()  # noqa: SIM115 - outlives this call
-        self.processes[name] = subprocess.Popen(
-            [sys.executable, '-m', f'forcecal_ros.nodes.{module}', '--ros-args', *arguments],
-            stdin=subprocess.DEVNULL, stdout=self.output[name], stderr=subprocess.STDOUT,
-            env=os.environ.copy(), start_new_session=True)
+        self.output[name] = tempfile.NamedTemporaryFile()  # noqa: SIM115 - outlives this call
+        self.processes[name] = NodeProcess(module, ['--ros-args', *arguments],
+                                           self.output[name].name, os.environ)
 
     def said(self, module):
         self.output[module].seek(0)
