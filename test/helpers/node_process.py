@@ -72,4 +72,5 @@ def _run(module: str, arguments: list[str], output: str, environment: dict[str, 
     os.environ.clear()
     os.environ.update(environment)
     sys.argv = [module, *arguments]
+    sys.modules.pop(module, None)  # what is run is run anew, as by python -m
     runpy.run_module(module, run_name='__main__', alter_sys=True)

@@ -56,8 +56,17 @@ def begin(live):
 
 
 def until_moving(live, robot):
+    """Start, and again where this machine is so busy that it ended the motion by itself."""
     begin(live)
-    live.until(robot.moving, 'motion')
+
+    def moving():
+        if not robot.moving() and live.phases and live.phases[-1] == 'aborted':
+            live.phases.clear()
+            live.reasons.clear()
+            begin(live)
+        return robot.moving()
+
+    live.until(moving, 'motion')
 
 
 def assert_came_to_rest(live, robot, since_ns=None, sensors=False):
