@@ -1,11 +1,16 @@
 """Recordings played to observers over DDS."""
 
+import time
+
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.nodes.wire import JointWriter, Writer
 from forcecal_ros.observe.playback import events
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
 import numpy as np
 from sensor_msgs.msg import JointState
+
+LOST = 5.0
+"""Messages that nobody answers for so long are lost: a busy machine answers within a second [s]."""
 
 START = 1_700_000_000_000_000_000
 
@@ -44,12 +49,15 @@ class Player:
                 values = np.array(values) + [shift, 0, 0, 0, 0, 0]
             publisher.publish(
                 write(stamp, values[0] if kind == 'displacement' else list(values)))
-            if kind == 'wrench' and len(stamps) % 20 == 0:
-                self.live.until(  # any will do: a busy machine may lose some
-                    lambda: not stamps[20:] or all(
-                        answers.keys() & stamps[-20:] for answers in self.heard.values()),
-                    f'an answer to one of {stamps[-20:]}')
+            if kind == 'wrench' and len(stamps) % 20 == 0 and stamps[20:]:
+                self._wait_for_one_of(stamps[-20:])
         return stamps
+
+    def _wait_for_one_of(self, stamps):
+        """Wait for any answer: a busy machine may lose some, and, once in a while, all of them."""
+        silent = time.monotonic() + LOST
+        self.live.until(lambda: time.monotonic() > silent or all(
+            answers.keys() & stamps for answers in self.heard.values()), f'one of {stamps}')
 
     def array(self, stamps, observer='observer'):
         answers = self.heard[observer]
