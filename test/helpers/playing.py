@@ -10,7 +10,7 @@ import numpy as np
 from sensor_msgs.msg import JointState
 
 LOST = 5.0
-"""Messages that nobody answers for so long are lost: a busy machine answers within a second [s]."""
+"""Messages that nobody answers for so long are lost: a busy machine answers within one [s]."""
 
 START = 1_700_000_000_000_000_000
 
