@@ -100,7 +100,9 @@ class MujocoRobot:
             one.write(model, parameters[one.parameter.name])
         data = mujoco.MjData(model)
         mujoco.mj_setConst(model, data)
-        told, actuators = _commands(model, inputs.joints)
+        if model.nkey:  # joints that are not commanded, a gripper's, hold that
+            mujoco.mj_resetDataKeyframe(model, data, 0)
+        told, actuators = _commands(mujoco, model, inputs.joints)
         step = float(model.opt.timestep)
         t = inputs.start + step * np.arange(int((inputs.end - inputs.start) / step) + 1)
         ctrl = np.stack([np.interp(t, told.t, q) for q in told.values.T], axis=1)
@@ -391,13 +393,15 @@ def _drag(i: int) -> _Both:
     return _writer('actuator_biasprm', (i, 2), -1.0), patch
 
 
-def _commands(model: Any, joints: JointStream | None) -> tuple[JointStream, list[int]]:
+def _commands(mujoco: Any, model: Any, joints: JointStream | None
+              ) -> tuple[JointStream, list[int]]:
     """Return the commands, and which actuator each column drives."""
     if joints is None:
         raise ConfigError('--mujoco drives joints, and the recording holds no commands of any; '
                           'record what the controller is told and name it with --topic '
                           'joint_commands=NAME')
-    driven = {model.joint(int(model.actuator_trnid[i, 0])).name: i for i in range(model.nu)}
+    driven = {model.joint(int(model.actuator_trnid[i, 0])).name: i for i in range(model.nu)
+              if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT}
     if not joints.names:
         if joints.values.shape[1] != len(driven):
             raise ConfigError(f'the commands are of {joints.values.shape[1]} joints without '

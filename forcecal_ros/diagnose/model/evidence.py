@@ -69,6 +69,13 @@ class Prior(NamedTuple):
         return Prior(self.centre[index], self.precision[index], self.bound[index])
 
 
+ROUNDED = 1e-7
+"""
+Share of the largest information below which a direction is lost in rounding: products with the
+features of a discrepancy, which are taken off, are held in single precision.
+"""
+
+
 class Fit(NamedTuple):
     """
     Outcome of a bounded fit.
@@ -132,7 +139,12 @@ def fit(gram: Gram, prior: Prior) -> Fit:
 def _cholesky(matrix: Array) -> Array:
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     scaled = matrix * np.outer(scale, scale) + 1e-12 * np.eye(len(matrix))
-    return np.asarray(np.linalg.cholesky(scaled) / scale[:, np.newaxis])
+    try:
+        factor = np.linalg.cholesky(scaled)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(scaled)
+        factor = np.linalg.cholesky((vectors * np.maximum(values, ROUNDED)) @ vectors.T)
+    return np.asarray(factor / scale[:, np.newaxis])
 
 
 def _solve(factor: Array, right: Array) -> Array:
