@@ -46,7 +46,8 @@ def add_parser(subparsers: Any) -> None:
 def add_identification(parser: argparse.ArgumentParser) -> None:
     """Add how a recording is calibrated."""
     parser.add_argument('--gravity', metavar='M/S^2', type=gravity,
-                        help='magnitude of gravity where the robot stands (default: 9.80665)')
+                        help='magnitude of gravity where the robot stands (default: '
+                             '9.80665 m/s^2)')
     parser.add_argument('--gravity-direction', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
                         help="direction of gravity in the robot's base, of any length, where base "
                              'is not level (default: 0 0 -1)')
@@ -66,7 +67,8 @@ def add_identification(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--design', choices=('kalman', 'poles'), default='kalman',
                         help="how the paper's gain is designed: Riccati equation or pole "
                              'placement')
-    add_bandwidth(parser, 'default: 2.5 N/sqrt(s), 2 to 250 Hz; kept in the calibration')
+    add_bandwidth(parser, ('2.5 N/sqrt(s); kept in the calibration', '2 Hz; kept likewise',
+                           '250 Hz; kept likewise'))
     parser.add_argument('--robot', metavar='NAME',
                         help='whose sensor it is, kept in the calibration for forcecal fleet')
 

@@ -13,6 +13,9 @@ from forcecal_ros.commands import COMMANDS
 CLEAR = '\r\033[K'
 """Takes away a line that a terminal shows of progress."""
 
+UNITS = {'S': ' s', 'HZ': ' Hz', 'KG': ' kg', 'RAD': ' rad', 'NS/M': ' N s/m', 'N/M': ' N/m'}
+"""What follows a default, by the name that the help gives a number."""
+
 CLOSE = 0.75
 """Share of letters that a wrong word has in common with what may have been meant."""
 
@@ -24,8 +27,11 @@ class Formatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescriptionH
     """Help with defaults shown where they say something, and the example as it was written."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
-        if action.default is None or action.default is False or action.default == []:
+        if action.default is None or action.default is False or action.default in ('', []):
             return action.help
+        if isinstance(action.default, float):
+            unit = UNITS.get(str(action.metavar), '')
+            return f'{action.help} (default: {action.default:g}{unit})'
         return super()._get_help_string(action)
 
 
@@ -38,12 +44,19 @@ def new_parser(subparsers: Any, name: str, *, example: str) -> argparse.Argument
     return parser
 
 
-def add_bag(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
-    """Add the recording to read, how its topics are called, and the sign of its wrench."""
+def add_bag(parser: argparse.ArgumentParser, *, several: str = '') -> None:
+    """
+    Add the recording to read, how its topics are called, and the sign of its wrench.
+
+    Parameters
+    ----------
+    several : str
+        What becomes of several; without it there is one.
+    """
     if several:
         parser.add_argument('bag', metavar='BAG', nargs='+', action=Listed,
                             help='rosbag2 folder or file (mcap, sqlite3); several, or @FILE with '
-                                 'one a line: each by itself')
+                                 f'one a line: {several}')
     else:
         parser.add_argument('bag', metavar='BAG', help='rosbag2 folder or file (mcap, sqlite3)')
     add_topics(parser)

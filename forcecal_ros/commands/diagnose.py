@@ -26,9 +26,8 @@ RIGID = 'rigid_tool.yaml'
 NOMINAL = "this package's rig.yaml, nominal"
 
 ASSUMED = ('nothing says what was recorded, so it is compared with the rig that this package '
-           'simulates; unless it is that one, name your tool by --calibration, your robot by '
-           '--rig (forcecal fit-rig makes one), or your simulator by --simulated, --simulator or '
-           '--mujoco')
+           'simulates; if it is another robot, calibrate its tool (forcecal calibrate) and give '
+           '--calibration')
 
 UNLIKE = ('unknown', 'partial')
 """Verdicts after which it matters that nobody named what was recorded."""
@@ -300,13 +299,13 @@ def _written(args: argparse.Namespace, given: tuple[Any, ...], outcome: Any, rig
 
     diagnosis, folder = outcome.diagnosis, args.output
     recordings, named = [one for one in given if one is not None], _named(args)
-    assumed = () if named else (ASSUMED,)
+    assumed = () if named or not outcome.datasets else (ASSUMED,)
     document['notes'] = [*assumed, *document['notes']]
     document['source'] = _source(args, recordings[0])
     view = (view_of(outcome, advice(diagnosis, rig), of_channels) if outcome.datasets
             else view_without_signals(diagnosis))
     step = (_name_it(args) if assumed and diagnosis.verdict in UNLIKE
-            else next_step(diagnosis, args.bag, folder, tuple(files)))
+            else next_step(diagnosis, args.bag, folder, tuple(files), view.advice))
     write_results(folder, {
         'diagnosis.json': json.dumps(document, indent=2, allow_nan=False) + '\n',
         'report.html': render(

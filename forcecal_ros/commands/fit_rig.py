@@ -32,12 +32,13 @@ def add_parser(subparsers: Any) -> None:
     parser = new_parser(
         subparsers, 'fit-rig',
         example='forcecal fit-rig my_bag --heldout another_bag -o my_rig.yaml')
-    add_bag(parser, several=True)
+    add_bag(parser, several='the rig is fitted to all of them')
     parser.add_argument('--heldout', metavar='BAG',
                         help='recording that chooses the order and judges the model (default: '
                              'every third second)')
     parser.add_argument('--gravity', metavar='M/S^2', type=gravity,
-                        help='magnitude of gravity where the robot stands (default: 9.80665)')
+                        help='magnitude of gravity where the robot stands (default: '
+                             '9.80665 m/s^2)')
     parser.add_argument('--gravity-direction', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
                         help="direction of gravity in the robot's base, of any length, where base "
                              'is not level (default: 0 0 -1)')

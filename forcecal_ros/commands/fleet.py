@@ -41,7 +41,7 @@ def add_parser(subparsers: Any) -> None:
                help='folder for fleet.html, fleet.csv and fleet.json, by which the next run knows '
                     'what it has read')
     parser.add_argument('--no-bags', action='store_true',
-                        help='leave recordings out, which are calibrated by themselves')
+                        help='leave recordings out; without it each of them is calibrated')
     parser.add_argument('--run-length', metavar='N', type=positive, default=1000.0,
                         help='calibrations of a robot between two false alarms, on average, over '
                              'all its numbers')

@@ -67,9 +67,10 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--criterion', choices=CRITERIA,
                         help='calibration: D-optimal, or c-optimal for one parameter (default: D)')
     parser.add_argument('--time', metavar='S', type=positive,
-                        help='calibration: time that the sequence may take (default: 16)')
+                        help='calibration: time that the sequence may take (default: 16 s)')
     parser.add_argument('--tilt', metavar='DEG', type=positive,
-                        help='calibration: largest rotation of a pose from home (default: 100)')
+                        help='calibration: largest rotation of a pose from home (default: '
+                             '100 deg)')
     add_output(parser, '-o', '--output', kind=FILE, metavar='PLAN.yaml',
                help='parameters for the sequencer to write, - for standard output')
     add_quiet(parser)

@@ -59,7 +59,7 @@ def render(recording: Recording, calibration: Calibration, contact: Stream | Non
         word=f'calibrated, {len(warnings)} to look at' if warnings else 'calibrated',
         headline=_headline(calibration, free), facts=_facts(calibration, free, warnings),
         warnings=warnings,
-        head=['estimate', 'value', '95 % interval', 'unit'] + ['truth', 'off by'] * with_truth,
+        head=['estimate', 'value', 'unit', '95 % interval'] + ['truth', 'off by'] * with_truth,
         rows=[_cells(handy(row), with_truth) for row in rows],
         first=list(_before_and_after(recording, calibration, contact)),
         figures=list(_pictures(recording, calibration, contact)),
@@ -120,7 +120,7 @@ def _origin(recording: Recording, c: Calibration) -> list[str]:
 
 
 def _cells(row: Row, with_truth: bool) -> list[str]:
-    cells = [row.name, value(row), interval(row), row.unit]
+    cells = [row.name, value(row), '' if row.unit == '1' else row.unit, interval(row)]
     if with_truth:
         cells += ['' if row.truth is None else f'{row.truth:.6g}',
                   '' if row.sigmas is None else f'{row.sigmas:+.1f} σ']

@@ -10,7 +10,7 @@ from forcecal_ros.report.diagnosis_words import explained, facts, headline, NAME
 from forcecal_ros.report.effect_words import phrase
 from forcecal_ros.report.page import Picture, picture, render_page
 from forcecal_ros.report.panels import Shown
-from forcecal_ros.report.quantity import beside, rounded
+from forcecal_ros.report.quantity import beside, rounded, with_error
 from forcecal_ros.report.words import Step
 from matplotlib.figure import Figure
 
@@ -21,11 +21,11 @@ TONES = {'no_gap': 'good', 'identified': 'known', 'ambiguous': 'doubt', 'partial
 CAPTIONS = {
     'Where it shows most': 'The channel and the phase that the verdict names, and what is left '
                            'of them.',
-    'Where else': 'Excess of the recalibrated residual over the noise at rest, by stage and '
-                  'channel, phase and octave. Grey: within the noise.',
+    'Where else': 'How far measured and simulated are apart beyond the noise at rest, by stage '
+                  'and channel, phase and octave. Grey: no farther than noise.',
     'Signals': 'Simulated: after what differs from robot to robot was fitted within its '
                'tolerances; explained: with the effects, too.',
-    'What is left': 'The same channels, measured less simulated.',
+    'What is left': 'The same channels, measured less simulated, and less explained.',
     'Spectra': 'What is left in motion, against the noise at rest.',
 }
 
@@ -48,7 +48,7 @@ def render(view: View, origin: list[str], step: Step) -> str:
     """
     d = view.diagnosis
     named = d.verdict in NAMED
-    arms = ('nominal', 'recalibrated', *(('explained',) if named else ()), 'noise')
+    arms = ('as the file has it', 'simulated', *(('explained',) if named else ()), 'noise')
     kept = [0, 1, *((2,) if named else ()), 3]
     return render_page(
         'diagnosis.html.j2', 'Sim-to-real gap', origin=origin, verdict=d.verdict.replace('_', ' '),
@@ -57,7 +57,7 @@ def render(view: View, origin: list[str], step: Step) -> str:
         gap=None if d.gap is None else {
             'nominal': rounded(d.gap.nominal), 'recalibrated': rounded(d.gap.recalibrated),
             'explained': rounded(d.gap.explained) if named else ''},
-        advice=view.advice if d.verdict != 'invalid_data' else '',
+        advice='' if view.advice == step.words else view.advice,
         candidates=[(name, percent(p), phrase(name), 100.0 * p) for name, p in d.candidates
                     ] if d.verdict != 'not_excited' else [],
         head=('channel', 'unit', *arms),
@@ -85,7 +85,7 @@ def _pictures(view: View, *, first: bool) -> Iterator[Picture]:
 
 def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:
     """Return every number of every effect in SI units, as a rig file wants them."""
-    out = [(e.name, name, f'{p.value:.5g}', f'{p.std:.2g}', '' if p.unit == '1' else p.unit)
+    out = [(e.name, name, *with_error(p.value, p.std), '' if p.unit == '1' else p.unit)
            for e in d.effects for name, p in e.parameters.items()]
     return out + [(e.name, 'from', f'{e.begin:.3f}',
                    f'{e.begin_ci95[0]:.3f} to {e.begin_ci95[1]:.3f} (95 %)', 's')

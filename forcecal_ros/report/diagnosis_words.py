@@ -1,6 +1,6 @@
 """The first screen of a diagnosis: what, how large, how sure, where, when, and what to do next."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 import shlex
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
@@ -35,13 +35,13 @@ def headline(d: Diagnosis) -> str:
     Returns
     -------
     str
-        ``The wrench comes 4.000 ± 0.014 ms late (92 %). Adding it explains 94 % of the misfit
-        (95 %: 87 to 98 %).``
+        ``The wrench comes 4.000 ± 0.014 ms late (92 % sure). Adding it explains 94 % of the
+        misfit (95 % interval: 87 to 98 %).``
     """
     if d.verdict not in NAMED:
         head = HEADS[d.verdict]
         return f'{head}{d.reason}.' if head.endswith(' ') else head
-    found = ' '.join(f'{sentence(e)} ({percent(e.probability)}).' for e in d.effects)
+    found = ' '.join(f'{sentence(e)} ({percent(e.probability)} sure).' for e in d.effects)
     return ' '.join(part for part in (found, explained(d), *_but(d)) if part)
 
 
@@ -51,7 +51,7 @@ def explained(d: Diagnosis) -> str:
         return ''
     low, high = d.gap.closed_ci95
     them = 'it' if len(d.effects) == 1 else 'them'
-    return (f'Adding {them} explains {percent(d.gap.closed)} of the misfit (95 %: '
+    return (f'Adding {them} explains {percent(d.gap.closed)} of the misfit (95 % interval: '
             f'{max(0.0, 100.0 * low):.0f} to {100.0 * high:.0f} %).')
 
 
@@ -87,7 +87,8 @@ def _in_full(d: Diagnosis) -> str:
     return f'{d.reason}.'
 
 
-def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str]) -> Step:
+def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
+              advice: str = '') -> Step:
     """
     Say what to do with a diagnosis.
 
@@ -97,7 +98,11 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str]) -> Step
         The recording that was diagnosed, and where the results are.
     files : sequence of str
         What lies there beside the report.
+    advice : str
+        Which motion to record next; empty where none would tell more.
     """
+    if d.verdict == 'ambiguous' and advice:
+        return Step(advice)
     rig, calibration, model = (
         next((f'{folder.rstrip("/")}/{f}' for f in files if f.startswith(kind)), '')
         for kind in ('rig', 'calibration_patched', 'model_patched'))
@@ -133,22 +138,26 @@ def _how_large(view: View) -> str:
         name = CHANNELS[place.channel].name
         rms = d.gap.channels.get(name)
         if rms is not None:
-            parts.append(f'{name} differs by {size(rms[1], view.units[name], 2)} RMS above a '
-                         f'noise of {size(rms[3], view.units[name], 2)}')
+            parts.append(f'{name} by {size(rms[1], view.units[name], 2)}, whose noise is '
+                         f'{size(rms[3], view.units[name], 2)}')
     if before > 0.0:
-        left = f', {size(after, "N", 2)} after' if d.verdict in NAMED else ''
-        parts.append(f'the contact force by {size(before, "N", 2)}{left}')
-    return '; '.join(parts) + '.' if parts else ''
+        left = f' ({size(after, "N", 2)} with it added)' if d.verdict in NAMED else ''
+        parts.insert(0, f'the contact force by {size(before, "N", 2)}{left}')
+    return f'Beyond noise, {" and ".join(parts)} RMS.' if parts else ''
 
 
 def _how_sure(d: Diagnosis) -> str:
     if d.verdict in ('not_excited', 'invalid_data', 'no_gap') or not d.candidates:
         return ''
-    return ', '.join(f'{percent(p)} {_called(name)}' for name, p in d.candidates) + '.'
+    named = {e.name for e in d.effects}
+    return ', '.join(f'{percent(p)} {_called(name, named)}' for name, p in d.candidates) + '.'
 
 
-def _called(name: str) -> str:
-    return 'none of the known effects' if name == 'unknown' else name
+def _called(name: str, named: Collection[str]) -> str:
+    """Call an effect by its name, and say what it is where that does not stand above."""
+    if name == 'unknown':
+        return 'none of the known effects'
+    return name if name in named else f'{name} ({phrase(name)})'
 
 
 def _listed(names: Sequence[str]) -> str:
