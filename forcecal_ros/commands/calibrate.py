@@ -6,12 +6,17 @@ import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.commands.common import from_arguments, new_parser, read_checked
+from forcecal_ros.commands.common import (
+    from_arguments,
+    new_parser,
+    read_checked,
+    read_likewise,
+)
 from forcecal_ros.commands.contact import add_bandwidth, bandwidth_of
 from forcecal_ros.commands.each_recording import add_bags, Answer
 from forcecal_ros.commands.each_recording import run as run_each
 from forcecal_ros.commands.numbers import angle, gravity, nearby, positive, real
-from forcecal_ros.commands.outputs import add_output, FILE
+from forcecal_ros.commands.outputs import add_output, FILE, is_stdout
 from forcecal_ros.errors import UsageError
 
 if TYPE_CHECKING:
@@ -115,7 +120,7 @@ def answer(args: argparse.Namespace) -> Answer:
     if motion:
         calibration = with_delay(calibration, estimate_delay(motion, calibration))
     if args.report:
-        write_report(args.report, recording, calibration)
+        write_report(args, recording, calibration)
     if matrix:
         calibration = with_matrix_of(calibration, matrix)
     return _written(calibration, args, recording.notes)
@@ -174,13 +179,17 @@ def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration
     return with_kalman_gains(calibration, ObserverSettings(**bandwidth_of(args)))
 
 
-def write_report(path: str, recording: 'Recording', calibration: 'Calibration') -> None:
+def write_report(args: argparse.Namespace, recording: 'Recording', calibration: 'Calibration'
+                 ) -> None:
     """Write the HTML report, with the observer run over the same recording."""
     from forcecal_ros.atomic_files import write_text
     from forcecal_ros.observe import replay
     from forcecal_ros.recording.streams import Stream
     from forcecal_ros.report.calibration import render
+    from forcecal_ros.report.words import estimated_by
 
     estimate = replay(recording, calibration)
     contact = Stream(estimate.t, estimate.contact, calibration.sensor_frame)
-    write_text(path, render(recording, calibration, contact))
+    write_text(args.report, render(
+        recording, calibration, contact, step=None if is_stdout(args.output) else estimated_by(
+            args.bag, args.output, read_likewise(args, poses=False))))

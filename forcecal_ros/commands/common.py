@@ -158,6 +158,13 @@ def topic_names(args: argparse.Namespace, option: str = '--topic') -> dict[str, 
     return names
 
 
+def read_likewise(args: argparse.Namespace, *, poses: bool = True) -> tuple[str, ...]:
+    """Return the words by which another command finds the same in the recording."""
+    topics = [word for role, name in args.topic for word in ('--topic', f'{role}={name}')]
+    given = args.sensor_from_pose if poses else None
+    return (*topics, *(('--sensor-from-pose', *(f'{x:g}' for x in given)) if given else ()))
+
+
 def read_poses_of_sensor(
         args: argparse.Namespace, bag: str, option: str = '--sensor-from-pose',
         topics: str = '--topic', wrench_sign: int | None = None, *, joints: bool = False

@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
                     **to_document(counted, robots)})
     else:
         say(f'{headline(robots)}\n{len(entries) - len(failed)} of {len(entries)} could be read, '
-            f'{fresh} of them new; written to {args.output}')
+            f'{fresh} were new; written to {args.output}')
     return 1 if failed else 0
 
 

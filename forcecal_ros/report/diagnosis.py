@@ -24,10 +24,15 @@ CAPTIONS = {
     'Where else': 'How far measured and simulated are apart beyond the noise at rest, by stage '
                   'and channel, phase and octave. Grey: no farther than noise.',
     'Signals': 'Simulated: after what differs from robot to robot was fitted within its '
-               'tolerances; explained: with the effects, too.',
-    'What is left': 'The same channels, measured less simulated, and less explained.',
+               'tolerances.',
+    'What is left': 'The same channels, measured less simulated.',
     'Spectra': 'What is left in motion, against the noise at rest.',
 }
+
+
+WITH_EFFECTS = {'Signals': ' Explained: with the effects, too.',
+                'What is left': ' Less explained: with the effects, too.'}
+"""What follows where effects are named."""
 
 
 def render(view: View, origin: list[str], step: Step) -> str:
@@ -57,7 +62,7 @@ def render(view: View, origin: list[str], step: Step) -> str:
         gap=None if d.gap is None else {
             'nominal': rounded(d.gap.nominal), 'recalibrated': rounded(d.gap.recalibrated),
             'explained': rounded(d.gap.explained) if named else ''},
-        advice='' if view.advice == step.words else view.advice,
+        advice=view.advice if d.verdict != 'invalid_data' else '',
         candidates=[(name, percent(p), phrase(name), 100.0 * p) for name, p in d.candidates
                     ] if d.verdict != 'not_excited' else [],
         head=('channel', 'unit', *arms),
@@ -80,7 +85,8 @@ def _pictures(view: View, *, first: bool) -> Iterator[Picture]:
         'What is left': figures.residuals(view), 'Spectra': figures.spectra(view)}
     for title, what in shown.items():
         if what is not None:
-            yield picture(title, CAPTIONS[title], what)
+            more = WITH_EFFECTS.get(title, '') if figures.named(view) else ''
+            yield picture(title, CAPTIONS[title] + more, what)
 
 
 def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:

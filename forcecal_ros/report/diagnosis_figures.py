@@ -36,7 +36,7 @@ def heat_map(view: View) -> Figure | None:
     figure = Figure(figsize=(10.0, 1.4 + 0.27 * len(rows)), layout='constrained')
     axes = figure.subplots()
     axes.set_facecolor('#f2f2f2')
-    image = axes.imshow(table, aspect='auto', cmap='viridis', interpolation='none',
+    image = axes.imshow(table, aspect='auto', cmap='viridis_r', interpolation='none',
                         norm=LogNorm(FAINT, max(1.0, float(np.nanmax(table)))))
     for i in range(1, len(phases)):
         axes.axvline(i * len(bands) - 0.5, color='white', linewidth=2)

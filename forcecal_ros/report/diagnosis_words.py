@@ -1,6 +1,7 @@
 """The first screen of a diagnosis: what, how large, how sure, where, when, and what to do next."""
 
 from collections.abc import Collection, Iterator, Sequence
+from math import inf
 import shlex
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
@@ -24,6 +25,9 @@ HEADS = {
 
 SHARE = ' of the misfit'
 """A verdict of effects that show in stamps and values alone says no share, nor does its page."""
+
+SAID = (SHARE, 'explains it about as well', 'explains the recording down to its noise')
+"""A verdict that ends so says no more than its first sentence on the page."""
 
 _CHANNELS = {c.name for c in CHANNELS}
 
@@ -82,13 +86,13 @@ def _begun(words: str) -> str:
 
 def _in_full(d: Diagnosis) -> str:
     """Return the verdict's own sentence where it says more than what stands above."""
-    if HEADS.get(d.verdict, '').endswith(' ') or d.reason.endswith(SHARE):
+    if HEADS.get(d.verdict, '').endswith(' ') or d.reason.endswith(SAID):
         return ''
     return f'{d.reason}.'
 
 
-def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
-              advice: str = '') -> Step:
+def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice: str = '',
+              how: Sequence[str] = ()) -> Step:
     """
     Say what to do with a diagnosis.
 
@@ -100,9 +104,11 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
         What lies there beside the report.
     advice : str
         Which motion to record next; empty where none would tell more.
+    how : sequence of str
+        What a command has to say of the recording to find the same in it.
     """
     if d.verdict == 'ambiguous' and advice:
-        return Step(advice)
+        return Step(f'{advice.partition(";")[0].rstrip(".")}.')
     rig, calibration, model = (
         next((f'{folder.rstrip("/")}/{f}' for f in files if f.startswith(kind)), '')
         for kind in ('rig', 'calibration_patched', 'model_patched'))
@@ -111,10 +117,10 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
                     model)
     if d.verdict in NAMED and rig:
         return Step('Simulate the same commands with what was found, and compare:', shlex.join(
-            ('forcecal', 'simulate', '--rig', rig, '--commands', bag, '-o', 'corrected')))
+            ('forcecal', 'simulate', '--rig', rig, '--commands', bag, *how, '-o', 'corrected')))
     if d.verdict in NAMED and calibration:
         return Step('Estimate the contact force with what was found:', shlex.join(
-            ('forcecal', 'estimate', bag, '--calibration', calibration, '-o', 'contact')))
+            ('forcecal', 'estimate', bag, '--calibration', calibration, *how, '-o', 'contact')))
     return {
         'no_gap': Step('Nothing has to be changed.'),
         'unknown': Step('Record the same motion again: what comes again belongs to the rig or '
@@ -133,17 +139,16 @@ def _how_large(view: View) -> str:
     if d.verdict == 'no_gap':
         return f'{size(before, "N", 2)} RMS above the noise in the contact force.' if (
             before) else ''
-    place = view.focus()
-    if place is not None:
-        name = CHANNELS[place.channel].name
-        rms = d.gap.channels.get(name)
-        if rms is not None:
-            parts.append(f'{name} by {size(rms[1], view.units[name], 2)}, whose noise is '
-                         f'{size(rms[3], view.units[name], 2)}')
+    worst = max(d.gap.channels.items(), key=lambda one: one[1][1] / (one[1][3] or inf),
+                default=None)
+    if worst is not None:
+        name, (_, apart, _, noise) = worst
+        parts.append(f'{name} by {size(apart, view.units[name], 2)} RMS, where noise is '
+                     f'{size(noise, view.units[name], 2)}')
     if before > 0.0:
         left = f' ({size(after, "N", 2)} with it added)' if d.verdict in NAMED else ''
-        parts.insert(0, f'the contact force by {size(before, "N", 2)}{left}')
-    return f'Beyond noise, {" and ".join(parts)} RMS.' if parts else ''
+        parts.insert(0, f'the contact force by {size(before, "N", 2)} RMS{left}')
+    return f'Apart beyond noise: {"; ".join(parts)}.' if parts else ''
 
 
 def _how_sure(d: Diagnosis) -> str:
