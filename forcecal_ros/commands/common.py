@@ -127,7 +127,7 @@ def _role_and_name(text: str) -> tuple[str, str]:
         raise argparse.ArgumentTypeError(f'{text} is not ROLE=NAME, as wrench=/ft/data')
     if role not in ROLES:
         raise argparse.ArgumentTypeError(
-            f'{role} is no role{or_nearest(role, ROLES)}; roles are {", ".join(ROLES)}')
+            f'{role} is no role{or_nearest(role, ROLES) or one_of(ROLES)}')
     return role, name
 
 
@@ -138,6 +138,11 @@ def or_nearest(word: str, names: Collection[str]) -> str:
     near = [name for name in names if word and name.startswith(word)] or get_close_matches(
         word, list(names), 1, CLOSE)
     return f' (did you mean {near[0]}?)' if near else ''
+
+
+def one_of(names: Collection[str]) -> str:
+    """Return what to say after a word that is like none of the names."""
+    return f'; take one of {", ".join(names)}'
 
 
 def topic_names(args: argparse.Namespace, option: str = '--topic') -> dict[str, str]:

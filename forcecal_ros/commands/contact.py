@@ -43,7 +43,8 @@ def bandwidth_of(args: Any) -> dict[str, Any]:
     """
     low, high = args.bandwidth_min, args.bandwidth_max
     if low is not None and high is not None and low > high:
-        raise UsageError(f'--bandwidth-min {low:g} is above --bandwidth-max {high:g}')
+        raise UsageError(f'--bandwidth-min {low:g} is above --bandwidth-max {high:g}; exchange '
+                         'them')
     return {'contact_walk': args.contact_walk, 'bandwidth_min_hz': low, 'bandwidth_max_hz': high}
 
 

@@ -9,6 +9,7 @@ from forcecal_ros.commands.common import (
     add_topics,
     from_arguments,
     new_parser,
+    one_of,
     or_nearest,
     print_json,
     read_poses_of_sensor,
@@ -83,7 +84,7 @@ def _effect(name: str) -> str:
 
     if name not in EFFECTS:
         raise argparse.ArgumentTypeError(
-            f'{name} is no effect{or_nearest(name, EFFECTS)}; effects are {", ".join(EFFECTS)}')
+            f'{name} is no effect{or_nearest(name, EFFECTS) or one_of(EFFECTS)}')
     return name
 
 
@@ -140,7 +141,7 @@ def _check(args: argparse.Namespace) -> None:
              else ('calibration', 'criterion', 'time', 'tilt'))
     for name in other:
         if getattr(args, name):
-            raise UsageError(f'--{name} is not for --for {args.purpose}')
+            raise UsageError(f'--{name} is not for --for {args.purpose}; leave it out')
     if args.tilt and args.tilt > LARGEST_TILT:
         raise UsageError(f'--tilt {args.tilt:g}: at most {LARGEST_TILT:g} deg')
 

@@ -91,8 +91,8 @@ def test_a_number_of_somebodys_simulator_is_called_by_its_name():
 
 
 def test_the_first_sentence_says_what_how_large_how_sure_and_how_much_it_explains():
-    assert headline(IDENTIFIED) == ('The wrench comes 4.00 ± 0.14 ms late (97 %). Adding it '
-                                    'explains 98 % of the misfit (95 %: 97 to 99 %).')
+    assert headline(IDENTIFIED) == ('The wrench comes 4.00 ± 0.14 ms late (97 % sure). Adding it '
+                                    'explains 98 % of the misfit (95 % interval: 97 to 99 %).')
 
 
 def test_the_facts_name_place_time_and_next_command():
@@ -125,7 +125,7 @@ def test_a_verdict_that_names_nothing_says_no_share(verdict):
 def test_an_effect_that_shows_in_stamps_alone_explains_no_share():
     lost = replace(IDENTIFIED, reason='dropouts shows in stamps and values', effects=(
         Found('dropouts', {'wrench': Parameter(0.02, 0.001, '1')}, 0.99),))
-    assert headline(lost) == 'Messages get lost: wrench 2.00 ± 0.10 % (99 %).'
+    assert headline(lost) == 'Messages get lost: wrench 2.00 ± 0.10 % (99 % sure).'
 
 
 def test_every_share_on_the_page_is_the_same_one():
