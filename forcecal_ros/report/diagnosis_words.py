@@ -70,7 +70,7 @@ def _but(d: Diagnosis) -> Iterator[str]:
 def facts(view: View, step: Step) -> list[Fact]:
     """Return the lines below the first sentence."""
     d = view.diagnosis
-    what = '; '.join(f'{phrase(e.name)} ({e.name})' for e in d.effects if e.name != 'unknown')
+    what = '; '.join(_explained_name(e.name) for e in d.effects if e.name != 'unknown')
     return [one for one in (
         Fact('What', _begun(what)), Fact('How large', _begun(_how_large(view))),
         Fact('How sure', _how_sure(d)), Fact('Where', _begun(_where(view))),
@@ -113,8 +113,8 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice:
         next((f'{folder.rstrip("/")}/{f}' for f in files if f.startswith(kind)), '')
         for kind in ('rig', 'calibration_patched', 'model_patched'))
     if d.verdict in NAMED and model:
-        return Step('Give the simulation what was found; the model has it, put it beside yours:',
-                    model)
+        return Step('Simulate with the model that has what was found; put it beside yours, '
+                    'where its meshes are:', model)
     if d.verdict in NAMED and rig:
         return Step('Simulate the same commands with what was found, and compare:', shlex.join(
             ('forcecal', 'simulate', '--rig', rig, '--commands', bag, *how, '-o', 'corrected')))
@@ -162,11 +162,17 @@ def _called(name: str, named: Collection[str]) -> str:
     """Call an effect by its name, and say what it is where that does not stand above."""
     if name == 'unknown':
         return 'none of the known effects'
-    return name if name in named else f'{name} ({phrase(name)})'
+    said = phrase(name)
+    return name if name in named or name in said else f'{name} ({said})'
 
 
 def _listed(names: Sequence[str]) -> str:
-    return ' or '.join(f'{phrase(n)} ({n})' for n in names)
+    return ' or '.join(map(_explained_name, names))
+
+
+def _explained_name(name: str) -> str:
+    said = phrase(name)
+    return said if name in said else f'{said} ({name})'
 
 
 def _where(view: View) -> str:
