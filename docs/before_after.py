@@ -14,7 +14,7 @@ from forcecal_ros.report.calibration import forces
 from forcecal_ros.report.page import png
 from forcecal_ros.report.panels import drawn
 
-SIZE = (7.0, 2.8)
+SIZE = (8.0, 3.0)
 """Of the picture [in]: its words are still read where a phone makes it 10 cm wide."""
 
 PICTURE = Path(__file__).with_suffix('.png')

@@ -19,8 +19,8 @@ TINTS = {'exciting': '#0072B2', 'touching': '#E69F00', 'moving': '#777777'}
 
 EXCITING, STANDING = ('step', 'sweep', 'reverse'), ('measure', 'settle', 'idle', 'done')
 
-WIDER = {'measured': 2.4}
-"""How much wider than others a line is, that shows beside what covers it."""
+WIDER = {'measured': 2.4, 'other': 2.4}
+"""How much wider than others a line is, so that it shows beside what covers it."""
 
 MOST_POINTS = 2400
 """Most points of a line: more than two for each dot across a page."""
