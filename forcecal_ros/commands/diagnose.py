@@ -301,7 +301,7 @@ def _written(args: argparse.Namespace, given: tuple[Any, ...], outcome: Any, rig
 
     diagnosis, folder = outcome.diagnosis, args.output
     recordings, named = [one for one in given if one is not None], _named(args)
-    assumed = () if named or not outcome.datasets else (ASSUMED,)
+    assumed = () if named else (ASSUMED,)
     document['notes'] = [*assumed, *document['notes']]
     document['source'] = _source(args, recordings[0])
     view = (view_of(outcome, advice(diagnosis, rig), of_channels) if outcome.datasets
