@@ -1,6 +1,7 @@
 """``forcecal fit-rig``: a rig of somebody's robot from recordings of it."""
 
 import argparse
+import shlex
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands.common import (
@@ -8,6 +9,7 @@ from forcecal_ros.commands.common import (
     add_json,
     new_parser,
     print_json,
+    read_likewise,
     read_poses_of_sensor,
     say,
     say_if_compiling,
@@ -83,6 +85,9 @@ def run(args: argparse.Namespace) -> int:
         print_json(document(fit, args.output))
     else:
         say(f'{as_text(fit)}\n\nwritten to {args.output}')
+        say('next, with another recording: ' + shlex.join((
+            'forcecal', 'diagnose', 'BAG', '--rig', args.output, *read_likewise(args), '-o',
+            'gap')))
     return 0
 
 
@@ -116,4 +121,4 @@ def as_text(fit: 'RigFit') -> str:
 def _reach(fit: 'RigFit') -> str:
     if fit.good_up_to < fit.moved_up_to:
         return f'from {fit.good_up_to:.1f} Hz on that is a tenth of the motion or more'
-    return f'below a tenth of the motion as far as it moved, {fit.moved_up_to:.1f} Hz'
+    return f'that is below a tenth of the motion up to {fit.moved_up_to:.1f} Hz, where that ends'

@@ -1,6 +1,7 @@
 """``forcecal plan``: a sequence for the sequencer, for a diagnosis or for a calibration."""
 
 import argparse
+import shlex
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from forcecal_ros.commands.common import (
@@ -234,4 +235,5 @@ def _say(args: argparse.Namespace, document: dict[str, Any], text: str, duration
         say(text)
         say(f'the sequence takes about {duration:.0f} s')
         if args.output:
-            say(f'written to {args.output}')
+            say(f'written to {args.output}\nnext: ros2 run forcecal_ros sequencer --ros-args '
+                f'--params-file {shlex.quote(args.output)}')
