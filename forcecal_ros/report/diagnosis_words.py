@@ -74,7 +74,7 @@ def facts(view: View, step: Step) -> list[Fact]:
     return [one for one in (
         Fact('What', _begun(what)), Fact('How large', _begun(_how_large(view))),
         Fact('How sure', _how_sure(d)), Fact('Where', _begun(_where(view))),
-        Fact('When', _begun(_when(view))), Fact('In full', _begun(_in_full(d))),
+        Fact('When', _begun(_when(view))), _in_full(d),
         Fact('Next', step.words, step.command)) if one.words]
 
 
@@ -84,11 +84,14 @@ def _begun(words: str) -> str:
     return words if first in _CHANNELS or '_' in first else words[:1].upper() + words[1:]
 
 
-def _in_full(d: Diagnosis) -> str:
-    """Return the verdict's own sentence where it says more than what stands above."""
+def _in_full(d: Diagnosis) -> Fact:
+    """Return the verdict's own sentence, as far as it says more than what stands above."""
     if HEADS.get(d.verdict, '').endswith(' ') or d.reason.endswith(SAID):
-        return ''
-    return f'{d.reason}.'
+        return Fact('In full', '')
+    _, share, more = d.reason.partition(SHARE)
+    if share and d.verdict in NAMED:
+        return Fact('Besides', _begun(f'{more.lstrip(",; ")}.'))
+    return Fact('In full', _begun(f'{d.reason}.'))
 
 
 def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice: str = '',
