@@ -14,6 +14,9 @@ from forcecal_ros.report.calibration import forces
 from forcecal_ros.report.page import png
 from forcecal_ros.report.panels import drawn
 
+SIZE = (8.0, 3.0)
+"""Of the picture [in]: its words are still read where a phone makes it 10 cm wide."""
+
 PICTURE = Path(__file__).with_suffix('.png')
 
 
@@ -22,7 +25,9 @@ def main(demo: Path) -> None:
     calibration, recording = load(demo / 'calibration.yaml'), read_recording(demo / 'bag')
     estimate = replay(recording, calibration)
     shown = forces(recording, calibration, Stream(estimate.t, estimate.contact))
-    PICTURE.write_bytes(png(drawn(shown._replace(panels=shown.panels[:1])), dpi=110))
+    figure = drawn(shown._replace(panels=shown.panels[:1]))
+    figure.set_size_inches(*SIZE)
+    PICTURE.write_bytes(png(figure, dpi=140))
 
 
 if __name__ == '__main__':

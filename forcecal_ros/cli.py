@@ -6,23 +6,29 @@ from importlib import import_module
 from io import TextIOWrapper
 import os
 import sys
+from textwrap import fill
 from typing import Any, NoReturn
 
 from forcecal_ros import __version__
-from forcecal_ros.commands import COMMANDS
+from forcecal_ros.commands import COMMANDS, GROUPS
 from forcecal_ros.commands.common import or_nearest
 from forcecal_ros.commands.outputs import check_outputs
 from forcecal_ros.errors import ForcecalError, UsageError
 from forcecal_ros.places import remedy
 
 EPILOG = """\
+forcecal COMMAND --help tells the options of a command, with an example.
 exit status: 0 done, 1 the data cannot answer (one line on stderr says why), 2 wrong usage
 
 example:
-  forcecal demo                          calibrate a simulated rig over ROS 2, end to end
-  forcecal calibrate BAG -o cal.yaml     identify tool, sensor and noise from a recording
-  forcecal estimate BAG --calibration cal.yaml -o OUT_BAG
+  forcecal sample rig -o sample                            two recordings, in seconds
+  forcecal calibrate sample/sound --report report.html     writes calibration.yaml, too
+  forcecal estimate sample/sound --calibration calibration.yaml -o contact
+  forcecal diagnose sample/late -o diagnosis
 """
+
+NAMES = 17
+"""Columns that the names of commands take in the help: the longest and two more."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -67,15 +73,26 @@ def build_parser(command: str = '') -> Parser:
         description='Calibrate wrist force/torque sensors, estimate contact forces, and find '
                     'out why simulation and robot disagree.')
     parser.add_argument('--version', action='version', version=f'forcecal {__version__}')
-    subparsers = parser.add_subparsers(metavar='COMMAND', required=True)
+    subparsers = parser.add_subparsers(metavar='COMMAND', required=True, help='one of those below')
     if command in COMMANDS:
         module = import_module(f'forcecal_ros.commands.{COMMANDS[command].module}')
         module.add_parser(subparsers)
     else:
-        for name, one in COMMANDS.items():
-            subparsers.add_parser(name, help=one.summary)
+        for name in COMMANDS:
+            subparsers.add_parser(name)
+        parser.epilog = f'{listed()}\n\n{EPILOG}'
     parser.commands = subparsers.choices
     return parser
+
+
+def listed() -> str:
+    """Return every command with what it does, by what it is for."""
+    lines = []
+    for purpose, commands in GROUPS.items():
+        lines.append(f'{purpose}:')
+        lines += [fill(one.summary, 79, initial_indent=f'  {name:<{NAMES}}',
+                       subsequent_indent=' ' * (NAMES + 2)) for name, one in commands.items()]
+    return '\n'.join(lines)
 
 
 def parsed(arguments: Sequence[str]) -> argparse.Namespace:

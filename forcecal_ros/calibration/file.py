@@ -15,6 +15,8 @@ import yaml
 DAY = 86_400.0
 """[s]"""
 
+NAME_ONE = 'name a file written by `forcecal calibrate`'
+
 _CHECKSUM, _ALGORITHM = 'checksum: ', 'sha256-'
 
 
@@ -75,11 +77,9 @@ def load(path: Path | str) -> Calibration:
         with path.open('rb') as file:
             text = file.read(LARGEST + 1).decode()
     except OSError as error:
-        raise ConfigError(f'{path}: cannot be read ({error.strerror}); '
-                          'name a file written by `forcecal calibrate`') from error
+        raise ConfigError(f'{path}: cannot be read ({error.strerror}); {NAME_ONE}') from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f'{path}: not a text file; '
-                          'name a file written by `forcecal calibrate`') from error
+        raise ConfigError(f'{path}: not a text file; {NAME_ONE}') from error
     return parse(text, str(path))
 
 
@@ -133,10 +133,16 @@ def parse(text: str, name: str = 'calibration') -> Calibration:
     document = load_yaml(text, name)
     _check_sum(text, name)
     if not isinstance(document, dict):
-        raise ConfigError(f'{name}: expected keys such as mass, com and wrench_bias')
+        raise ConfigError(f'{name}: is no calibration (expected keys such as mass, com and '
+                          f'wrench_bias); {NAME_ONE}')
     if 'format' not in document and (foreign := recognise(document, name)) is not None:
         return foreign
     if document.get('format') != FORMAT:
-        raise ConfigError(f'{name}: format is {str(document.get("format"))[:80]!r}, this version '
-                          f'reads {FORMAT!r}; calibrate again')
+        stated = str(document.get('format', 'not stated'))[:80]
+        kind, _, version = FORMAT.partition('/')
+        older = stated.startswith(f'{kind}/')
+        raise ConfigError(
+            f'{name}: is a calibration of format {stated}, this version reads {version}; '
+            'calibrate again' if older else
+            f'{name}: is no calibration (its format is {stated}, expected {FORMAT}); {NAME_ONE}')
     return from_document(document, name)

@@ -6,12 +6,17 @@ import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.commands.common import from_arguments, new_parser, read_checked
+from forcecal_ros.commands.common import (
+    from_arguments,
+    new_parser,
+    read_checked,
+    read_likewise,
+)
 from forcecal_ros.commands.contact import add_bandwidth, bandwidth_of
 from forcecal_ros.commands.each_recording import add_bags, Answer
 from forcecal_ros.commands.each_recording import run as run_each
 from forcecal_ros.commands.numbers import angle, gravity, nearby, positive, real
-from forcecal_ros.commands.outputs import add_output, FILE
+from forcecal_ros.commands.outputs import add_output, FILE, is_stdout
 from forcecal_ros.errors import UsageError
 
 if TYPE_CHECKING:
@@ -46,7 +51,8 @@ def add_parser(subparsers: Any) -> None:
 def add_identification(parser: argparse.ArgumentParser) -> None:
     """Add how a recording is calibrated."""
     parser.add_argument('--gravity', metavar='M/S^2', type=gravity,
-                        help='magnitude of gravity where the robot stands (default: 9.80665)')
+                        help='magnitude of gravity where the robot stands (default: '
+                             '9.80665 m/s^2)')
     parser.add_argument('--gravity-direction', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
                         help="direction of gravity in the robot's base, of any length, where base "
                              'is not level (default: 0 0 -1)')
@@ -66,7 +72,8 @@ def add_identification(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--design', choices=('kalman', 'poles'), default='kalman',
                         help="how the paper's gain is designed: Riccati equation or pole "
                              'placement')
-    add_bandwidth(parser, 'default: 2.5 N/sqrt(s), 2 to 250 Hz; kept in the calibration')
+    add_bandwidth(parser, ('2.5 N/sqrt(s); kept in the calibration', '2 Hz; kept likewise',
+                           '250 Hz; kept likewise'))
     parser.add_argument('--robot', metavar='NAME',
                         help='whose sensor it is, kept in the calibration for forcecal fleet')
 
@@ -113,7 +120,7 @@ def answer(args: argparse.Namespace) -> Answer:
     if motion:
         calibration = with_delay(calibration, estimate_delay(motion, calibration))
     if args.report:
-        write_report(args.report, recording, calibration)
+        write_report(args, recording, calibration)
     if matrix:
         calibration = with_matrix_of(calibration, matrix)
     return _written(calibration, args, recording.notes)
@@ -172,13 +179,17 @@ def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration
     return with_kalman_gains(calibration, ObserverSettings(**bandwidth_of(args)))
 
 
-def write_report(path: str, recording: 'Recording', calibration: 'Calibration') -> None:
+def write_report(args: argparse.Namespace, recording: 'Recording', calibration: 'Calibration'
+                 ) -> None:
     """Write the HTML report, with the observer run over the same recording."""
     from forcecal_ros.atomic_files import write_text
     from forcecal_ros.observe import replay
     from forcecal_ros.recording.streams import Stream
     from forcecal_ros.report.calibration import render
+    from forcecal_ros.report.words import estimated_by
 
     estimate = replay(recording, calibration)
     contact = Stream(estimate.t, estimate.contact, calibration.sensor_frame)
-    write_text(path, render(recording, calibration, contact))
+    write_text(args.report, render(
+        recording, calibration, contact, step=None if is_stdout(args.output) else estimated_by(
+            args.bag, args.output, read_likewise(args, poses=False))))

@@ -1,6 +1,7 @@
 """``forcecal check-simulator``: whether somebody's simulator can be compared with a robot."""
 
 import argparse
+import shlex
 from typing import Any
 
 from forcecal_ros.commands.common import (
@@ -47,4 +48,14 @@ def run(args: argparse.Namespace) -> int:
         print_json(found.document())
     else:
         say(str(found))
+        say(f'next: {_next(args)}')
     return 0
+
+
+def _next(args: argparse.Namespace) -> str:
+    """Return the command that diagnoses with the simulator that was checked."""
+    named = [word for name in ('simulator', 'mujoco', 'imu', 'ft_site', 'priors')
+             if (value := getattr(args, name))
+             for word in (f'--{name.replace("_", "-")}', value)]
+    topics = [word for role, name in args.topic for word in ('--topic', f'{role}={name}')]
+    return shlex.join(('forcecal', 'diagnose', args.bag, *named, *topics, '-o', 'why'))

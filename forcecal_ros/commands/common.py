@@ -13,6 +13,9 @@ from forcecal_ros.commands import COMMANDS
 CLEAR = '\r\033[K'
 """Takes away a line that a terminal shows of progress."""
 
+UNITS = {'S': ' s', 'HZ': ' Hz', 'KG': ' kg', 'RAD': ' rad', 'NS/M': ' N s/m', 'N/M': ' N/m'}
+"""What follows a default, by the name that the help gives a number."""
+
 CLOSE = 0.75
 """Share of letters that a wrong word has in common with what may have been meant."""
 
@@ -24,8 +27,11 @@ class Formatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescriptionH
     """Help with defaults shown where they say something, and the example as it was written."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
-        if action.default is None or action.default is False or action.default == []:
+        if action.default is None or action.default is False or action.default in ('', []):
             return action.help
+        if isinstance(action.default, float):
+            unit = UNITS.get(str(action.metavar), '')
+            return f'{action.help} (default: {action.default:g}{unit})'
         return super()._get_help_string(action)
 
 
@@ -38,12 +44,19 @@ def new_parser(subparsers: Any, name: str, *, example: str) -> argparse.Argument
     return parser
 
 
-def add_bag(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
-    """Add the recording to read, how its topics are called, and the sign of its wrench."""
+def add_bag(parser: argparse.ArgumentParser, *, several: str = '') -> None:
+    """
+    Add the recording to read, how its topics are called, and the sign of its wrench.
+
+    Parameters
+    ----------
+    several : str
+        What becomes of several; without it there is one.
+    """
     if several:
         parser.add_argument('bag', metavar='BAG', nargs='+', action=Listed,
                             help='rosbag2 folder or file (mcap, sqlite3); several, or @FILE with '
-                                 'one a line: each by itself')
+                                 f'one a line: {several}')
     else:
         parser.add_argument('bag', metavar='BAG', help='rosbag2 folder or file (mcap, sqlite3)')
     add_topics(parser)
@@ -114,7 +127,7 @@ def _role_and_name(text: str) -> tuple[str, str]:
         raise argparse.ArgumentTypeError(f'{text} is not ROLE=NAME, as wrench=/ft/data')
     if role not in ROLES:
         raise argparse.ArgumentTypeError(
-            f'{role} is no role{or_nearest(role, ROLES)}; roles are {", ".join(ROLES)}')
+            f'{role} is no role{or_nearest(role, ROLES) or one_of(ROLES)}')
     return role, name
 
 
@@ -125,6 +138,11 @@ def or_nearest(word: str, names: Collection[str]) -> str:
     near = [name for name in names if word and name.startswith(word)] or get_close_matches(
         word, list(names), 1, CLOSE)
     return f' (did you mean {near[0]}?)' if near else ''
+
+
+def one_of(names: Collection[str]) -> str:
+    """Return what to say after a word that is like none of the names."""
+    return f'; take one of {", ".join(names)}'
 
 
 def topic_names(args: argparse.Namespace, option: str = '--topic') -> dict[str, str]:
@@ -143,6 +161,13 @@ def topic_names(args: argparse.Namespace, option: str = '--topic') -> dict[str, 
         if names.setdefault(role, name) != name:
             raise UsageError(f'{option}: {role} is called {names[role]} and {name}; name one')
     return names
+
+
+def read_likewise(args: argparse.Namespace, *, poses: bool = True) -> tuple[str, ...]:
+    """Return the words by which another command finds the same in the recording."""
+    topics = [word for role, name in args.topic for word in ('--topic', f'{role}={name}')]
+    given = args.sensor_from_pose if poses else None
+    return (*topics, *(('--sensor-from-pose', *(f'{x:g}' for x in given)) if given else ()))
 
 
 def read_poses_of_sensor(

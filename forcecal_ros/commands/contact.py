@@ -21,14 +21,15 @@ LEVELS = ('ok', 'warn', 'error')
 """As diagnostic_msgs/DiagnosticStatus counts them."""
 
 
-def add_bandwidth(parser: Any, otherwise: str) -> None:
-    """Add what filter kalman's bandwidth follows from besides the noise."""
+def add_bandwidth(parser: Any, defaults: tuple[str, str, str]) -> None:
+    """Add what filter kalman's bandwidth follows from besides the noise, and say the defaults."""
+    walk, low, high = (f'default: {one}' for one in defaults)
     parser.add_argument('--contact-walk', metavar='N/SQRT(S)', type=positive,
                         help='how fast a contact force is expected to wander, which together with '
-                             f'the noise makes the bandwidth of filter kalman ({otherwise})')
-    for name, words in (('--bandwidth-min', 'slowest'), ('--bandwidth-max', 'fastest')):
-        parser.add_argument(name, metavar='HZ', type=positive,
-                            help=f'{words} bandwidth that may follow ({otherwise})')
+                             f'the noise makes the bandwidth of filter kalman ({walk})')
+    for name, words in (('--bandwidth-min', f'slowest bandwidth that may follow ({low})'),
+                        ('--bandwidth-max', f'fastest bandwidth that may follow ({high})')):
+        parser.add_argument(name, metavar='HZ', type=positive, help=words)
 
 
 def bandwidth_of(args: Any) -> dict[str, Any]:
@@ -42,7 +43,8 @@ def bandwidth_of(args: Any) -> dict[str, Any]:
     """
     low, high = args.bandwidth_min, args.bandwidth_max
     if low is not None and high is not None and low > high:
-        raise UsageError(f'--bandwidth-min {low:g} is above --bandwidth-max {high:g}')
+        raise UsageError(f'--bandwidth-min {low:g} is above --bandwidth-max {high:g}; exchange '
+                         'them')
     return {'contact_walk': args.contact_walk, 'bandwidth_min_hz': low, 'bandwidth_max_hz': high}
 
 

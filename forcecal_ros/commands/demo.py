@@ -53,6 +53,7 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.recording.streams import Stream
     from forcecal_ros.report.calibration import render
     from forcecal_ros.report.rows import as_text, table
+    from forcecal_ros.report.words import estimated_by
     from forcecal_ros.simulators.rig import simulator
     from forcecal_ros.simulators.rig.file import load_rig
     from forcecal_ros.simulators.rig.truth import true_calibration
@@ -69,7 +70,9 @@ def run(args: argparse.Namespace) -> int:
     replayed = replay(recording, calibration)
     again = Stream(replayed.t, replayed.contact, calibration.sensor_frame)
     write_results(out, {'calibration.yaml': dump(calibration),
-                        'report.html': render(recording, calibration, again, truth)})
+                        'report.html': render(
+                            recording, calibration, again, truth,
+                            estimated_by(f'{out}/bag', f'{out}/calibration.yaml'))})
     step = step_figures(recording, calibration, again)
     touch = contact_figures(recording, published)
     if args.json:

@@ -9,6 +9,7 @@ from forcecal_ros.commands.common import (
     add_sensor_pose,
     add_topics,
     new_parser,
+    read_likewise,
     read_poses_of_sensor,
     say_if_compiling,
     topic_names,
@@ -26,9 +27,8 @@ RIGID = 'rigid_tool.yaml'
 NOMINAL = "this package's rig.yaml, nominal"
 
 ASSUMED = ('nothing says what was recorded, so it is compared with the rig that this package '
-           'simulates; unless it is that one, name your tool by --calibration, your robot by '
-           '--rig (forcecal fit-rig makes one), or your simulator by --simulated, --simulator or '
-           '--mujoco')
+           'simulates; if it is another robot, calibrate its tool (forcecal calibrate) and give '
+           '--calibration')
 
 UNLIKE = ('unknown', 'partial')
 """Verdicts after which it matters that nobody named what was recorded."""
@@ -272,8 +272,9 @@ def _name_it(args: argparse.Namespace) -> Any:
     from forcecal_ros.report.words import Step
 
     return Step('Name the tool that was recorded (forcecal calibrate makes the file), and '
-                'diagnose again:', shlex.join(('forcecal', 'diagnose', args.bag, '--calibration',
-                                      'calibration.yaml', '-o', args.output)))
+                'diagnose again:', shlex.join((
+                    'forcecal', 'diagnose', args.bag, '--calibration', 'calibration.yaml',
+                    *read_likewise(args), '-o', args.output)))
 
 
 def _source(args: argparse.Namespace, recording: Any) -> dict[str, str]:
@@ -306,7 +307,8 @@ def _written(args: argparse.Namespace, given: tuple[Any, ...], outcome: Any, rig
     view = (view_of(outcome, advice(diagnosis, rig), of_channels) if outcome.datasets
             else view_without_signals(diagnosis))
     step = (_name_it(args) if assumed and diagnosis.verdict in UNLIKE
-            else next_step(diagnosis, args.bag, folder, tuple(files)))
+            else next_step(diagnosis, args.bag, folder, tuple(files), view.advice,
+                            read_likewise(args)))
     write_results(folder, {
         'diagnosis.json': json.dumps(document, indent=2, allow_nan=False) + '\n',
         'report.html': render(

@@ -49,7 +49,7 @@ class Answer(NamedTuple):
 
 def add_bags(parser: argparse.ArgumentParser) -> None:
     """Add the recordings, what :func:`add_bag` adds, ``--jobs``, ``--dask`` and ``--json``."""
-    add_bag(parser, several=True)
+    add_bag(parser, several='each by itself')
     add_workers(parser)
     add_quiet(parser)
     add_json(parser)

@@ -29,7 +29,7 @@ def add_parser(subparsers: Any) -> None:
                         help='last stage of the observer (default: as the calibration says)')
     parser.add_argument('--bandwidth', metavar='HZ', type=positive,
                         help='of the contact wrench with filter kalman (default: from the noise)')
-    contact.add_bandwidth(parser, 'default: as the calibration says')
+    contact.add_bandwidth(parser, ('as the calibration says',) * 3)
     parser.add_argument('--inertial-wrench', action='store_true',
                         help="write the wrench of the tool's weight and inertia as well")
     parser.add_argument('--innovation', action='store_true',

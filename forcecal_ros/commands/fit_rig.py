@@ -1,6 +1,7 @@
 """``forcecal fit-rig``: a rig of somebody's robot from recordings of it."""
 
 import argparse
+import shlex
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands.common import (
@@ -8,6 +9,7 @@ from forcecal_ros.commands.common import (
     add_json,
     new_parser,
     print_json,
+    read_likewise,
     read_poses_of_sensor,
     say,
     say_if_compiling,
@@ -32,12 +34,13 @@ def add_parser(subparsers: Any) -> None:
     parser = new_parser(
         subparsers, 'fit-rig',
         example='forcecal fit-rig my_bag --heldout another_bag -o my_rig.yaml')
-    add_bag(parser, several=True)
+    add_bag(parser, several='the rig is fitted to all of them')
     parser.add_argument('--heldout', metavar='BAG',
                         help='recording that chooses the order and judges the model (default: '
                              'every third second)')
     parser.add_argument('--gravity', metavar='M/S^2', type=gravity,
-                        help='magnitude of gravity where the robot stands (default: 9.80665)')
+                        help='magnitude of gravity where the robot stands (default: '
+                             '9.80665 m/s^2)')
     parser.add_argument('--gravity-direction', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
                         help="direction of gravity in the robot's base, of any length, where base "
                              'is not level (default: 0 0 -1)')
@@ -82,6 +85,9 @@ def run(args: argparse.Namespace) -> int:
         print_json(document(fit, args.output))
     else:
         say(f'{as_text(fit)}\n\nwritten to {args.output}')
+        say('next, with another recording: ' + shlex.join((
+            'forcecal', 'diagnose', 'BAG', '--rig', args.output, *read_likewise(args), '-o',
+            'gap')))
     return 0
 
 
@@ -115,4 +121,4 @@ def as_text(fit: 'RigFit') -> str:
 def _reach(fit: 'RigFit') -> str:
     if fit.good_up_to < fit.moved_up_to:
         return f'from {fit.good_up_to:.1f} Hz on that is a tenth of the motion or more'
-    return f'below a tenth of the motion as far as it moved, {fit.moved_up_to:.1f} Hz'
+    return f'that is below a tenth of the motion up to {fit.moved_up_to:.1f} Hz, where that ends'

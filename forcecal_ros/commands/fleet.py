@@ -41,7 +41,7 @@ def add_parser(subparsers: Any) -> None:
                help='folder for fleet.html, fleet.csv and fleet.json, by which the next run knows '
                     'what it has read')
     parser.add_argument('--no-bags', action='store_true',
-                        help='leave recordings out, which are calibrated by themselves')
+                        help='leave recordings out; without it each of them is calibrated')
     parser.add_argument('--run-length', metavar='N', type=positive, default=1000.0,
                         help='calibrations of a robot between two false alarms, on average, over '
                              'all its numbers')
@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
                     **to_document(counted, robots)})
     else:
         say(f'{headline(robots)}\n{len(entries) - len(failed)} of {len(entries)} could be read, '
-            f'{fresh} of them new; written to {args.output}')
+            f'{fresh} were new; written to {args.output}')
     return 1 if failed else 0
 
 

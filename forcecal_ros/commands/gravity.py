@@ -49,13 +49,13 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--covariances', choices=('measured', 'paper'), default='measured',
                         help="Q, R and P0 from the calibration's noise, or as the paper prints")
     parser.add_argument('--rise-time', metavar='S', type=positive,
-                        help='10-90 %% rise of a contact force (default: 0.012)')
+                        help='10-90 %% rise of a contact force (default: 0.012 s)')
     parser.add_argument('--contact-floor', metavar=('N', 'NM'), nargs=2, type=not_negative,
                         help='residual of vibration and model errors that does not count as '
-                        'contact (default: 0.03 0.003)')
+                        'contact (default: 0.03 N 0.003 N m)')
     parser.add_argument('--bias-prior', metavar=('N', 'NM'), nargs=2, type=not_negative,
                         help='standard deviation of what the biases have changed since the '
-                        'calibration (default: 0 0)')
+                        'calibration (default: 0 N 0 N m)')
     parser.add_argument('--payload', metavar='KG', type=not_negative, default=0.0,
                         help='standard deviation of a payload taken up since the calibration '
                         '(imu only)')

@@ -56,16 +56,17 @@ def run(args: argparse.Namespace) -> int:
     folder = Path(args.output)
     document = to_document(tuple(results))
     drawn = {result.name: pictures(result) for result in results}
+    named = {r.name: f'{"" if len(results) == 1 else f"{r.name}/"}calibration.yaml'
+             for r in results}
     files: dict[str, str | bytes] = {
         'insitu.json': json.dumps(document, indent=2, allow_nan=False),
-        'report.html': render(tuple(results), drawn, str(spec.path)),
+        'report.html': render(tuple(results), drawn, str(spec.path),
+                              {name: str(folder / file) for name, file in named.items()}),
         **{f'{name}_{title}.png': png for name, images in drawn.items()
            for title, png in images.items()}}
     for (name, sensor), result in zip(spec.sensors.items(), results):
         if result.matrix is not None:
-            place = '' if len(results) == 1 else f'{name}/'
-            files[f'{place}calibration.yaml'] = dump(
-                to_calibration(result, sensor.frame, str(spec.path)))
+            files[named[name]] = dump(to_calibration(result, sensor.frame, str(spec.path)))
     write_results(folder, files, earlier(folder))
     if args.json:
         print_json(document)

@@ -86,6 +86,8 @@ def _checked(args: argparse.Namespace, output: Output, value: str) -> Path:
         value = str(STANDARD_OUTPUT)
         setattr(args, output.name, value)
     if many:
+        if output.suffix and value.endswith(output.suffix) and not Path(value).is_dir():
+            raise ConfigError(f'of several {value} would be a folder; name one, as results/')
         refuse_folder(value, replaced=False)
     elif output.kind == FILE:
         refuse_file(value)

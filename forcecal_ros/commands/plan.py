@@ -1,6 +1,7 @@
 """``forcecal plan``: a sequence for the sequencer, for a diagnosis or for a calibration."""
 
 import argparse
+import shlex
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from forcecal_ros.commands.common import (
@@ -9,6 +10,7 @@ from forcecal_ros.commands.common import (
     add_topics,
     from_arguments,
     new_parser,
+    one_of,
     or_nearest,
     print_json,
     read_poses_of_sensor,
@@ -67,9 +69,10 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--criterion', choices=CRITERIA,
                         help='calibration: D-optimal, or c-optimal for one parameter (default: D)')
     parser.add_argument('--time', metavar='S', type=positive,
-                        help='calibration: time that the sequence may take (default: 16)')
+                        help='calibration: time that the sequence may take (default: 16 s)')
     parser.add_argument('--tilt', metavar='DEG', type=positive,
-                        help='calibration: largest rotation of a pose from home (default: 100)')
+                        help='calibration: largest rotation of a pose from home (default: '
+                             '100 deg)')
     add_output(parser, '-o', '--output', kind=FILE, metavar='PLAN.yaml',
                help='parameters for the sequencer to write, - for standard output')
     add_quiet(parser)
@@ -82,7 +85,7 @@ def _effect(name: str) -> str:
 
     if name not in EFFECTS:
         raise argparse.ArgumentTypeError(
-            f'{name} is no effect{or_nearest(name, EFFECTS)}; effects are {", ".join(EFFECTS)}')
+            f'{name} is no effect{or_nearest(name, EFFECTS) or one_of(EFFECTS)}')
     return name
 
 
@@ -139,7 +142,7 @@ def _check(args: argparse.Namespace) -> None:
              else ('calibration', 'criterion', 'time', 'tilt'))
     for name in other:
         if getattr(args, name):
-            raise UsageError(f'--{name} is not for --for {args.purpose}')
+            raise UsageError(f'--{name} is not for --for {args.purpose}; leave it out')
     if args.tilt and args.tilt > LARGEST_TILT:
         raise UsageError(f'--tilt {args.tilt:g}: at most {LARGEST_TILT:g} deg')
 
@@ -232,4 +235,5 @@ def _say(args: argparse.Namespace, document: dict[str, Any], text: str, duration
         say(text)
         say(f'the sequence takes about {duration:.0f} s')
         if args.output:
-            say(f'written to {args.output}')
+            say(f'written to {args.output}\nnext: ros2 run forcecal_ros sequencer --ros-args '
+                f'--params-file {shlex.quote(args.output)}')

@@ -17,14 +17,14 @@ def add_simulators(parser: Any) -> None:
                         help='your robot as an MJCF, which MuJoCo runs with the recorded commands '
                              'of its joints')
     parser.add_argument('--imu', metavar='NAME',
-                        help="site of its accelerometer, on the tool (default: the model's is not "
-                             'compared)')
+                        help="with --mujoco: site of the model's accelerometer, on the tool "
+                             '(default: it is not compared)')
     parser.add_argument('--priors', metavar='FILE.yaml',
-                        help='how well its parameters are known, lines of NAME: SIGMA (1 sigma, '
-                             "in the parameter's unit)")
+                        help="how well the simulator's parameters are known, lines of NAME: SIGMA "
+                             "(1 sigma, in the parameter's unit)")
     parser.add_argument('--ft-site', metavar='NAME',
-                        help='where its force-torque sensor sits (default: the site of its only '
-                             'force sensor)')
+                        help="with --mujoco: site of the model's force-torque sensor (default: "
+                             'that of its only force sensor)')
 
 
 def check_simulators(args: argparse.Namespace) -> None:

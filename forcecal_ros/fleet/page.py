@@ -4,14 +4,17 @@ from collections.abc import Iterator, Sequence
 import csv
 from datetime import datetime, timezone
 from io import StringIO
-from math import isfinite
+from math import floor, isfinite, log10
+import shlex
 from typing import Any
 
-from forcecal_ros.fleet.entries import DIAGNOSIS, Entry, Number
+from forcecal_ros.fleet.control import LEAST
+from forcecal_ros.fleet.entries import BAG, DIAGNOSIS, Entry, Number
 from forcecal_ros.fleet.history import Robot, Series
 from forcecal_ros.report.page import render_page
 from forcecal_ros.report.quantity import quantity
 from forcecal_ros.report.rows import HALF
+from forcecal_ros.report.words import Fact
 
 COLUMNS = ('robot', 'time', 'kind', 'path', 'said', 'error', 'key', 'unit', 'value', 'std', 'low',
            'high', 'cusum', 'change')
@@ -62,24 +65,49 @@ def render(entries: Sequence[Entry], robots: Sequence[Robot], run_length: float)
     changed = [robot for robot in robots if robot.changed]
     return render_page(
         'fleet.html.j2', 'Fleet', tone='doubt' if changed else 'bad' if failed else 'good',
-        word=f'{len(changed)} of {len(robots)} robots changed' if changed else 'steady',
-        headline=headline(robots), facts=[],
+        word=f'{len(changed)} of {len(robots)} robots changed' if changed else (
+            f'{len(failed)} not read' if failed else 'steady'),
+        headline=headline(robots), facts=list(_facts(robots, run_length, failed)),
         origin=[f'{len(entries) - len(failed)} calibrations and diagnoses of {len(robots)} robots',
                 f'{len(failed)} could not be read'] if failed else [
                     f'{len(entries)} calibrations and diagnoses of {len(robots)} robots'],
-        run_length=f'{run_length:g}', head=('robot', 'read', 'last', 'verdict', 'drifted first'),
+        head=('robot', 'drifted first', 'last verdict', 'last', 'read'),
         rows=[_line(robot) for robot in robots], robots=[_shown(robot) for robot in robots],
         failed=[(one.robot, one.path, one.error) for one in failed],
         width=WIDTH, height=HEIGHT + STRIP, strip=HEIGHT)
 
 
+def _first(robots: Sequence[Robot]) -> tuple[Robot, Series] | None:
+    """Return what drifted first of all."""
+    changed = [(robot, robot.changed[0]) for robot in robots if robot.changed]
+    return min(changed, key=lambda one: one[1].began, default=None)
+
+
+def _facts(robots: Sequence[Robot], run_length: float, failed: Sequence[Entry]) -> Iterator[Fact]:
+    """Say how sure that is, and what to do next."""
+    first = _first(robots)
+    yield Fact('How sure', (f'By chance a robot leaves its limits once in {run_length:g} '
+                            'calibrations, all its numbers counted.'))
+    if first is not None:
+        _, series = first
+        change = series.chart.changes[0]
+        pair = [series.entries[i] for i in (change.onset - 1, change.noticed)]
+        if any(entry.kind == BAG for entry in pair):
+            yield Fact('Next', f'Ask what was done to it at {_day(series.began)}.')
+        else:
+            yield Fact('Next', 'See what else changed with it:', shlex.join(
+                ('forcecal', 'compare', *(entry.path for entry in pair))))
+    elif failed:
+        yield Fact('Next', 'Mend or take away what could not be read; it is listed below.')
+
+
 def headline(robots: Sequence[Robot]) -> str:
     """Say in a sentence or two what drifted first."""
-    changed = [(series.began, robot, series) for robot in robots for series in robot.changed[:1]]
-    if not changed:
+    first = _first(robots)
+    if first is None:
         return 'No number of any robot left its control limits.'
-    _, robot, series = min(changed, key=lambda one: one[0])
-    more = len(changed) - 1
+    robot, series = first
+    more = sum(1 for one in robots if one.changed) - 1
     rest = f' {more} other robot{"s" * (more > 1)} changed later.' if more else ''
     return f'First to drift: {in_words(robot, series)}.{rest}'
 
@@ -111,10 +139,11 @@ def to_document(entries: Sequence[Entry], robots: Sequence[Robot]) -> dict[str, 
 def _line(robot: Robot) -> list[str]:
     said = [entry.said for entry in robot.entries if entry.kind == DIAGNOSIS]
     first = robot.changed[0] if robot.changed else None
-    return [robot.name, str(len(robot.entries)), _day(robot.entries[-1].time),
-            said[-1] if said else '-',
+    return [robot.name,
             'nothing' if first is None else in_words(robot, first).replace(
-                f' of {robot.name}', '', 1)]
+                f' of {robot.name}', '', 1),
+            said[-1].replace('_', ' ') if said else '-', _day(robot.entries[-1].time),
+            str(len(robot.entries))]
 
 
 def _shown(robot: Robot) -> dict[str, Any]:
@@ -142,8 +171,9 @@ def _picture(series: Series) -> dict[str, Any]:
     unit = series.numbers[0].unit
     return {
         'title': series.numbers[0].name, 'from': _day(times[0]), 'to': _day(times[-1]),
-        'range': f'{low:.5g} to {high:.5g} {unit if unit != "1" else ""}'.rstrip(),
-        'said': '; '.join(_changes(series)) or 'within its limits',
+        'range': _range(low, high, unit),
+        'said': '; '.join(_changes(series)) or (
+            'within its limits' if len(values) >= LEAST else 'too few to say'),
         'intervals': _path(f'M{a:.1f} {y(v - s):.1f}V{y(v + s):.1f}'
                            for a, v, s in zip(x, values, spans) if s),
         'dots': _path(f'M{a:.1f} {y(v):.1f}h0' for a, v in zip(x, values)),
@@ -152,6 +182,14 @@ def _picture(series: Series) -> dict[str, Any]:
         'sums': _path(f'{"L" if i else "M"}{a:.1f} {HEIGHT + STRIP - 2 - min(level, 1.2) * 18:.1f}'
                       for i, (a, level) in enumerate(zip(x, series.chart.level))),
         'limit': HEIGHT + STRIP - 20.0}
+
+
+def _range(low: float, high: float, unit: str) -> str:
+    """Say what the bottom and the top of a picture are, to the digits that tell them apart."""
+    if unit == '1':
+        low, high, unit = 100.0 * low, 100.0 * high, '%'
+    decimals = max(0, 1 - floor(log10(high - low))) if high > low else 3
+    return f'bottom {low:.{decimals}f}, top {high:.{decimals}f} {unit}'
 
 
 def _changes(series: Series) -> Iterator[str]:

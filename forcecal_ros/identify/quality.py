@@ -200,9 +200,9 @@ def _notes(stages: Stages, c: Calibration, plain: Plain) -> Iterator[str]:
         yield from in_words(Axes(a.gain.value, a.map.value, a.gain.std, a.map.std))
         off = plain.gain / plain.gain_aligned - 1
         if np.isfinite(off):
-            yield (f'Eq. 17 as printed gives {plain.gain:.5g}, {off:+.2%} off the same with the '
-                   f'delay of {1e3 * float(a.delay):.2f} ms and the noise of its regressor '
-                   f'taken out ({plain.gain_aligned:.5g})')
+            yield (f'the gain by [Gamez2005] Eq. 17 as printed is {plain.gain:.5g}; with the '
+                   f'delay of {1e3 * float(a.delay):.2f} ms and the noise of its regressor taken '
+                   f'out it is {plain.gain_aligned:.5g} ({off:+.2%} between them)')
         if a.position is None:
             yield ("the accelerometer's place is not identified and taken to be the centre of "
                    'mass; rotate faster, or state accelerometer.position')

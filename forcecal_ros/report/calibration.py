@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
-from forcecal_ros.calibration.model import Calibration
+from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.level import levelled
 from forcecal_ros.recording.mount import in_axes_of_pose
@@ -14,10 +14,13 @@ from forcecal_ros.report.page import Picture, picture, render_page
 from forcecal_ros.report.panels import Line, Panel, Shown
 from forcecal_ros.report.quality_words import in_words
 from forcecal_ros.report.quantity import handy, quantity, size
-from forcecal_ros.report.rows import interval, promises, Row, table, value
-from forcecal_ros.report.words import Fact
+from forcecal_ros.report.rows import HALF, interval, promises, Row, table, value
+from forcecal_ros.report.words import Fact, Step
 from matplotlib.figure import Figure
 import numpy as np
+
+MEND = Step('Do what the warnings below say, and calibrate again; what they do not name can be '
+            'used.')
 
 
 class Free(NamedTuple):
@@ -29,7 +32,7 @@ class Free(NamedTuple):
 
 
 def render(recording: Recording, calibration: Calibration, contact: Stream | None = None,
-           truth: Mapping[str, Array] | None = None) -> str:
+           truth: Mapping[str, Array] | None = None, step: Step | None = None) -> str:
     """
     Return a calibration report: what it is worth first, then numbers, then details.
 
@@ -41,6 +44,8 @@ def render(recording: Recording, calibration: Calibration, contact: Stream | Non
         (n, 6) contact wrench by the observer over the same recording [N, N m].
     truth : mapping of str to ndarray, optional
         True values by key, where a simulator knows them.
+    step : Step, optional
+        What to do next where nothing is called into question.
 
     Returns
     -------
@@ -57,9 +62,9 @@ def render(recording: Recording, calibration: Calibration, contact: Stream | Non
         'calibration.html.j2', 'Calibration report', origin=_origin(recording, calibration),
         tone='doubt' if warnings else 'good',
         word=f'calibrated, {len(warnings)} to look at' if warnings else 'calibrated',
-        headline=_headline(calibration, free), facts=_facts(calibration, free, warnings),
+        headline=_headline(calibration, free), facts=_facts(calibration, free, warnings, step),
         warnings=warnings,
-        head=['estimate', 'value', '95 % interval', 'unit'] + ['truth', 'off by'] * with_truth,
+        head=['estimate', 'value', 'unit', '95 % interval'] + ['truth', 'off by'] * with_truth,
         rows=[_cells(handy(row), with_truth) for row in rows],
         first=list(_before_and_after(recording, calibration, contact)),
         figures=list(_pictures(recording, calibration, contact)),
@@ -95,7 +100,8 @@ def _headline(c: Calibration, free: Free | None) -> str:
             f'become {size(free.observer, "N", 2)} of contact force.')
 
 
-def _facts(c: Calibration, free: Free | None, warnings: list[str]) -> list[Fact]:
+def _facts(c: Calibration, free: Free | None, warnings: list[str], step: Step | None
+           ) -> list[Fact]:
     com = ', '.join(f'{axis} {quantity(float(v), float(s), "m")}'
                     for axis, v, s in zip('xyz', c.com.value, c.com.std))
     facts = [Fact('Tool', f'Centre of mass {com} from the sensor.')]
@@ -106,11 +112,20 @@ def _facts(c: Calibration, free: Free | None, warnings: list[str]) -> list[Fact]
             f'({free.samples:,} samples).')))
     if c.accelerometer is not None and float(c.accelerometer.delay.std) > 0.0:
         delay = c.accelerometer.delay
-        facts.append(Fact('Accelerometer', (
-            f'{quantity(float(delay), float(delay.std), "s", signed=True)} behind the wrench.')))
-    checks = ('Every estimate passed its checks.' if not warnings else
-              f'{len(warnings)} did not pass; see below.')
-    return [*facts, Fact('Checks', checks)]
+        facts.append(Fact('Accelerometer', f'{_begun(delay)}.'))
+    if warnings:
+        return [*facts, Fact('Checks', f'{len(warnings)} did not pass; see below.'),
+                Fact('Next', MEND.words)]
+    facts.append(Fact('Checks', 'Every estimate passed its checks.'))
+    return [*facts, Fact('Next', *step)] if step else facts
+
+
+def _begun(delay: Estimate) -> str:
+    """Say by how much the accelerometer is late or early, or that it is neither."""
+    late, std = float(delay), float(delay.std)
+    if abs(late) < HALF * std:
+        return f'In step with the wrench, within {size(HALF * std, "s", 2)}'
+    return f'{quantity(abs(late), std, "s")} {"behind" if late > 0.0 else "ahead of"} the wrench'
 
 
 def _origin(recording: Recording, c: Calibration) -> list[str]:
@@ -120,7 +135,7 @@ def _origin(recording: Recording, c: Calibration) -> list[str]:
 
 
 def _cells(row: Row, with_truth: bool) -> list[str]:
-    cells = [row.name, value(row), interval(row), row.unit]
+    cells = [row.name, value(row), '' if row.unit == '1' else row.unit, interval(row)]
     if with_truth:
         cells += ['' if row.truth is None else f'{row.truth:.6g}',
                   '' if row.sigmas is None else f'{row.sigmas:+.1f} σ']

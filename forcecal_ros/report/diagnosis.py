@@ -10,7 +10,7 @@ from forcecal_ros.report.diagnosis_words import explained, facts, headline, NAME
 from forcecal_ros.report.effect_words import phrase
 from forcecal_ros.report.page import Picture, picture, render_page
 from forcecal_ros.report.panels import Shown
-from forcecal_ros.report.quantity import beside, rounded
+from forcecal_ros.report.quantity import beside, rounded, with_error
 from forcecal_ros.report.words import Step
 from matplotlib.figure import Figure
 
@@ -21,13 +21,18 @@ TONES = {'no_gap': 'good', 'identified': 'known', 'ambiguous': 'doubt', 'partial
 CAPTIONS = {
     'Where it shows most': 'The channel and the phase that the verdict names, and what is left '
                            'of them.',
-    'Where else': 'Excess of the recalibrated residual over the noise at rest, by stage and '
-                  'channel, phase and octave. Grey: within the noise.',
+    'Where else': 'How far measured and simulated are apart beyond the noise at rest, by stage '
+                  'and channel, phase and octave. Grey: no farther than noise.',
     'Signals': 'Simulated: after what differs from robot to robot was fitted within its '
-               'tolerances; explained: with the effects, too.',
+               'tolerances.',
     'What is left': 'The same channels, measured less simulated.',
     'Spectra': 'What is left in motion, against the noise at rest.',
 }
+
+
+WITH_EFFECTS = {'Signals': ' Explained: with the effects, too.',
+                'What is left': ' Less explained: with the effects, too.'}
+"""What follows where effects are named."""
 
 
 def render(view: View, origin: list[str], step: Step) -> str:
@@ -48,7 +53,7 @@ def render(view: View, origin: list[str], step: Step) -> str:
     """
     d = view.diagnosis
     named = d.verdict in NAMED
-    arms = ('nominal', 'recalibrated', *(('explained',) if named else ()), 'noise')
+    arms = ('as the file has it', 'simulated', *(('explained',) if named else ()), 'noise')
     kept = [0, 1, *((2,) if named else ()), 3]
     return render_page(
         'diagnosis.html.j2', 'Sim-to-real gap', origin=origin, verdict=d.verdict.replace('_', ' '),
@@ -80,12 +85,13 @@ def _pictures(view: View, *, first: bool) -> Iterator[Picture]:
         'What is left': figures.residuals(view), 'Spectra': figures.spectra(view)}
     for title, what in shown.items():
         if what is not None:
-            yield picture(title, CAPTIONS[title], what)
+            more = WITH_EFFECTS.get(title, '') if figures.named(view) else ''
+            yield picture(title, CAPTIONS[title] + more, what)
 
 
 def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:
     """Return every number of every effect in SI units, as a rig file wants them."""
-    out = [(e.name, name, f'{p.value:.5g}', f'{p.std:.2g}', '' if p.unit == '1' else p.unit)
+    out = [(e.name, name, *with_error(p.value, p.std), '' if p.unit == '1' else p.unit)
            for e in d.effects for name, p in e.parameters.items()]
     return out + [(e.name, 'from', f'{e.begin:.3f}',
                    f'{e.begin_ci95[0]:.3f} to {e.begin_ci95[1]:.3f} (95 %)', 's')

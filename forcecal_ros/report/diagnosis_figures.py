@@ -36,7 +36,7 @@ def heat_map(view: View) -> Figure | None:
     figure = Figure(figsize=(10.0, 1.4 + 0.27 * len(rows)), layout='constrained')
     axes = figure.subplots()
     axes.set_facecolor('#f2f2f2')
-    image = axes.imshow(table, aspect='auto', cmap='viridis', interpolation='none',
+    image = axes.imshow(table, aspect='auto', cmap='viridis_r', interpolation='none',
                         norm=LogNorm(FAINT, max(1.0, float(np.nanmax(table)))))
     for i in range(1, len(phases)):
         axes.axvline(i * len(bands) - 0.5, color='white', linewidth=2)
@@ -51,7 +51,7 @@ def heat_map(view: View) -> Figure | None:
 
 def closest(view: View) -> Shown | None:
     """Show the channel and the time that the verdict speaks of; None where all is noise."""
-    span, place = view.span(), view.focus()
+    span, place, part = view.span(), view.focus(), view.closer()
     if span is None or place is None:
         return None
     margin = AROUND * (span.end - span.start)
@@ -59,7 +59,8 @@ def closest(view: View) -> Shown | None:
     for at in begun(view):
         start, end = min(start, at - margin), max(end, at + margin)
     return Shown((_signals(view, place.channel), _residuals(view, place.channel)), view.phases,
-                 max(start, float(view.times[0])), min(end, float(view.times[-1])), begun(view))
+                 max(start, float(view.times[0])), min(end, float(view.times[-1])), begun(view),
+                 None if begun(view) or part is None else (part.start, part.end))
 
 
 def signals(view: View) -> Shown:
@@ -129,11 +130,15 @@ def spectra(view: View) -> Figure:
                 _spectrum(ax, rows, COLOURS[role], label)
         name = CHANNELS[c].name
         ax.set(xlabel='frequency [Hz]')
-        ax.set_title(f'{name} [({view.units[name]})²/Hz]', fontsize=9)
+        ax.set_title(f'{name} [{_squared(view.units[name])}/Hz]', fontsize=9)
     axes[0].set_ylabel('power density')
     figure.legend(*axes[0].get_legend_handles_labels(), loc='outside upper left', ncols=3,
                   frameon=False, fontsize=9)
     return figure
+
+
+def _squared(unit: str) -> str:
+    return f'({unit})²' if ' ' in unit or '/' in unit else f'{unit}²'
 
 
 def _spectrum(axes: Axes, rows: Array, color: str, label: str) -> None:

@@ -23,6 +23,10 @@ FAINT = 0.05
 LOOKED_AT = 2.0
 """What is shown at most of a phase that is twice as long [s]: some 500 block means."""
 
+PERIODS = 8
+"""Of the lowest frequency of a band, that are seen at first: of the highest they are some twenty,
+each of 15 px on a phone."""
+
 _INDEX = {c.name: i for i, c in enumerate(CHANNELS)}
 
 
@@ -74,18 +78,27 @@ class View:
     def span(self) -> Phase | None:
         """Return when the misfit of the focus is largest: a phase, or the worst part of it."""
         place = self.focus()
-        if place is None:
+        return None if place is None else self._worst(place.channel, [
+            part for phase in joined(self.phases) if phase.name == place.phase
+            for part in _parts(phase, LOOKED_AT)])
+
+    def closer(self) -> Phase | None:
+        """Return the worst part of that span, so short that single periods show; None: all."""
+        span, place = self.span(), self.focus()
+        if span is None or place is None or place.band[0] <= 0.0:
             return None
-        square = np.where(self.present[:, place.channel],
-                          self.recalibrated[:, place.channel] ** 2, 0.0)
+        parts = _parts(span, PERIODS / place.band[0])
+        return self._worst(place.channel, parts) if len(parts) > 1 else None
+
+    def _worst(self, channel: int, parts: list[Phase]) -> Phase | None:
+        """Return the part of the largest misfit."""
+        square = np.where(self.present[:, channel], self.recalibrated[:, channel] ** 2, 0.0)
         total = np.concatenate([[0.0], np.cumsum(square)])
 
         def misfit(part: Phase) -> float:
             first, last = np.searchsorted(self.times, [part.start, part.end])
             return float(total[last] - total[first])
 
-        parts = [part for phase in joined(self.phases) if phase.name == place.phase
-                 for part in _parts(phase)]
         return max(parts, key=misfit, default=None)
 
     def channels(self, count: int) -> list[int]:
@@ -97,13 +110,13 @@ class View:
         return list(dict.fromkeys(listed))[:count]
 
 
-def _parts(phase: Phase) -> list[Phase]:
-    """Cut a phase that is too long to look at into parts that overlap by half."""
-    halves = int((phase.end - phase.start) / (0.5 * LOOKED_AT))
+def _parts(phase: Phase, length: float) -> list[Phase]:
+    """Cut a phase that is twice as long as ``length``, or longer, into parts that overlap."""
+    halves = int((phase.end - phase.start) / (0.5 * length))
     if halves < 4:
         return [phase]
-    starts = np.linspace(phase.start, phase.end - LOOKED_AT, halves)
-    return [Phase(phase.name, float(start), float(start) + LOOKED_AT) for start in starts]
+    starts = np.linspace(phase.start, phase.end - length, halves)
+    return [Phase(phase.name, float(start), float(start) + length) for start in starts]
 
 
 def view_without_signals(diagnosis: Diagnosis) -> View:

@@ -1,6 +1,7 @@
 """The first screen of a diagnosis: what, how large, how sure, where, when, and what to do next."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from math import inf
 import shlex
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
@@ -25,6 +26,9 @@ HEADS = {
 SHARE = ' of the misfit'
 """A verdict of effects that show in stamps and values alone says no share, nor does its page."""
 
+SAID = (SHARE, 'explains it about as well', 'explains the recording down to its noise')
+"""A verdict that ends so says no more than its first sentence on the page."""
+
 _CHANNELS = {c.name for c in CHANNELS}
 
 
@@ -35,13 +39,13 @@ def headline(d: Diagnosis) -> str:
     Returns
     -------
     str
-        ``The wrench comes 4.000 ± 0.014 ms late (92 %). Adding it explains 94 % of the misfit
-        (95 %: 87 to 98 %).``
+        ``The wrench comes 4.000 ± 0.014 ms late (92 % sure). Adding it explains 94 % of the
+        misfit (95 % interval: 87 to 98 %).``
     """
     if d.verdict not in NAMED:
         head = HEADS[d.verdict]
         return f'{head}{d.reason}.' if head.endswith(' ') else head
-    found = ' '.join(f'{sentence(e)} ({percent(e.probability)}).' for e in d.effects)
+    found = ' '.join(f'{sentence(e)} ({percent(e.probability)} sure).' for e in d.effects)
     return ' '.join(part for part in (found, explained(d), *_but(d)) if part)
 
 
@@ -51,7 +55,7 @@ def explained(d: Diagnosis) -> str:
         return ''
     low, high = d.gap.closed_ci95
     them = 'it' if len(d.effects) == 1 else 'them'
-    return (f'Adding {them} explains {percent(d.gap.closed)} of the misfit (95 %: '
+    return (f'Adding {them} explains {percent(d.gap.closed)} of the misfit (95 % interval: '
             f'{max(0.0, 100.0 * low):.0f} to {100.0 * high:.0f} %).')
 
 
@@ -66,11 +70,11 @@ def _but(d: Diagnosis) -> Iterator[str]:
 def facts(view: View, step: Step) -> list[Fact]:
     """Return the lines below the first sentence."""
     d = view.diagnosis
-    what = '; '.join(f'{phrase(e.name)} ({e.name})' for e in d.effects if e.name != 'unknown')
+    what = '; '.join(_explained_name(e.name) for e in d.effects if e.name != 'unknown')
     return [one for one in (
         Fact('What', _begun(what)), Fact('How large', _begun(_how_large(view))),
         Fact('How sure', _how_sure(d)), Fact('Where', _begun(_where(view))),
-        Fact('When', _begun(_when(view))), Fact('In full', _begun(_in_full(d))),
+        Fact('When', _begun(_when(view))), _in_full(d),
         Fact('Next', step.words, step.command)) if one.words]
 
 
@@ -80,14 +84,18 @@ def _begun(words: str) -> str:
     return words if first in _CHANNELS or '_' in first else words[:1].upper() + words[1:]
 
 
-def _in_full(d: Diagnosis) -> str:
-    """Return the verdict's own sentence where it says more than what stands above."""
-    if HEADS.get(d.verdict, '').endswith(' ') or d.reason.endswith(SHARE):
-        return ''
-    return f'{d.reason}.'
+def _in_full(d: Diagnosis) -> Fact:
+    """Return the verdict's own sentence, as far as it says more than what stands above."""
+    if HEADS.get(d.verdict, '').endswith(' ') or d.reason.endswith(SAID):
+        return Fact('In full', '')
+    _, share, more = d.reason.partition(SHARE)
+    if share and d.verdict in NAMED:
+        return Fact('Besides', _begun(f'{more.lstrip(",; ")}.'))
+    return Fact('In full', _begun(f'{d.reason}.'))
 
 
-def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str]) -> Step:
+def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice: str = '',
+              how: Sequence[str] = ()) -> Step:
     """
     Say what to do with a diagnosis.
 
@@ -97,19 +105,25 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str]) -> Step
         The recording that was diagnosed, and where the results are.
     files : sequence of str
         What lies there beside the report.
+    advice : str
+        Which motion to record next; empty where none would tell more.
+    how : sequence of str
+        What a command has to say of the recording to find the same in it.
     """
+    if d.verdict == 'ambiguous' and advice:
+        return Step(f'{advice.partition(";")[0].rstrip(".")}.')
     rig, calibration, model = (
         next((f'{folder.rstrip("/")}/{f}' for f in files if f.startswith(kind)), '')
         for kind in ('rig', 'calibration_patched', 'model_patched'))
     if d.verdict in NAMED and model:
-        return Step('Give the simulation what was found; the model has it, put it beside yours:',
-                    model)
+        return Step('Simulate with the model that has what was found; put it beside yours, '
+                    'where its meshes are:', model)
     if d.verdict in NAMED and rig:
         return Step('Simulate the same commands with what was found, and compare:', shlex.join(
-            ('forcecal', 'simulate', '--rig', rig, '--commands', bag, '-o', 'corrected')))
+            ('forcecal', 'simulate', '--rig', rig, '--commands', bag, *how, '-o', 'corrected')))
     if d.verdict in NAMED and calibration:
         return Step('Estimate the contact force with what was found:', shlex.join(
-            ('forcecal', 'estimate', bag, '--calibration', calibration, '-o', 'contact')))
+            ('forcecal', 'estimate', bag, '--calibration', calibration, *how, '-o', 'contact')))
     return {
         'no_gap': Step('Nothing has to be changed.'),
         'unknown': Step('Record the same motion again: what comes again belongs to the rig or '
@@ -128,31 +142,40 @@ def _how_large(view: View) -> str:
     if d.verdict == 'no_gap':
         return f'{size(before, "N", 2)} RMS above the noise in the contact force.' if (
             before) else ''
-    place = view.focus()
-    if place is not None:
-        name = CHANNELS[place.channel].name
-        rms = d.gap.channels.get(name)
-        if rms is not None:
-            parts.append(f'{name} differs by {size(rms[1], view.units[name], 2)} RMS above a '
-                         f'noise of {size(rms[3], view.units[name], 2)}')
+    worst = max(d.gap.channels.items(), key=lambda one: one[1][1] / (one[1][3] or inf),
+                default=None)
+    if worst is not None:
+        name, (_, apart, _, noise) = worst
+        parts.append(f'{name} by {size(apart, view.units[name], 2)} RMS, where noise is '
+                     f'{size(noise, view.units[name], 2)}')
     if before > 0.0:
-        left = f', {size(after, "N", 2)} after' if d.verdict in NAMED else ''
-        parts.append(f'the contact force by {size(before, "N", 2)}{left}')
-    return '; '.join(parts) + '.' if parts else ''
+        left = f' ({size(after, "N", 2)} with it added)' if d.verdict in NAMED else ''
+        parts.insert(0, f'the contact force by {size(before, "N", 2)} RMS{left}')
+    return f'Apart beyond noise: {"; ".join(parts)}.' if parts else ''
 
 
 def _how_sure(d: Diagnosis) -> str:
     if d.verdict in ('not_excited', 'invalid_data', 'no_gap') or not d.candidates:
         return ''
-    return ', '.join(f'{percent(p)} {_called(name)}' for name, p in d.candidates) + '.'
+    named = {e.name for e in d.effects}
+    return ', '.join(f'{percent(p)} {_called(name, named)}' for name, p in d.candidates) + '.'
 
 
-def _called(name: str) -> str:
-    return 'none of the known effects' if name == 'unknown' else name
+def _called(name: str, named: Collection[str]) -> str:
+    """Call an effect by its name, and say what it is where that does not stand above."""
+    if name == 'unknown':
+        return 'none of the known effects'
+    said = phrase(name)
+    return name if name in named or name in said else f'{name} ({said})'
 
 
 def _listed(names: Sequence[str]) -> str:
-    return ' or '.join(f'{phrase(n)} ({n})' for n in names)
+    return ' or '.join(map(_explained_name, names))
+
+
+def _explained_name(name: str) -> str:
+    said = phrase(name)
+    return said if name in said else f'{said} ({name})'
 
 
 def _where(view: View) -> str:

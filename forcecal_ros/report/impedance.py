@@ -7,6 +7,7 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.report import impedance_figures as drawn
 from forcecal_ros.report.page import picture, png, render_page
 from forcecal_ros.report.text import aligned
+from forcecal_ros.report.words import Fact
 from forcecal_ros.reproduce.assess import Figures
 from forcecal_ros.reproduce.experiment import Experiment
 from forcecal_ros.reproduce.printed_gains import continuous, error_poles, PRINTED
@@ -31,6 +32,10 @@ class Table(NamedTuple):
     head: list[str]
     rows: list[list[str]]
     notes: list[str]
+
+
+NEXT = Fact('Next', 'Identify how your own robot follows commands, for a law that fits it:',
+            'forcecal identify-robot shaken_bag -o plant.yaml')
 
 
 def tables(experiment: Experiment) -> Iterator[Table]:
@@ -126,7 +131,7 @@ def render(experiment: Experiment, images: Mapping[str, bytes], origin: str) -> 
         title, words = WORDS[number]
         figures.append(picture(f'{title} ({PAPER[accelerometer]})', words, image))
     return render_page('impedance.html.j2', 'Contact experiment', origin=origin,
-                       headlines=list(conclusions(experiment)),
+                       headlines=list(conclusions(experiment)), steps=[NEXT],
                        tables=list(tables(experiment)), figures=figures)
 
 

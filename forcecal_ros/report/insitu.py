@@ -1,6 +1,7 @@
 """The report of an in-situ calibration: tables for a terminal, pictures, one HTML page."""
 
 from collections.abc import Iterator, Mapping, Sequence
+import shlex
 
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.geometry import Array
@@ -8,11 +9,14 @@ from forcecal_ros.insitu import SensorResult
 from forcecal_ros.insitu.result import DataSetResult
 from forcecal_ros.report.insitu_figures import force_clouds, singular_values, subspace_clouds
 from forcecal_ros.report.page import picture, png, render_page
-from forcecal_ros.report.quantity import rounded
+from forcecal_ros.report.quantity import pair, rounded
 from forcecal_ros.report.text import aligned
+from forcecal_ros.report.words import Fact
 import numpy as np
 
 Rows = list[list[str]]
+
+AXES = ('fx', 'fy', 'fz', 'tx', 'ty', 'tz')
 
 WORDS = {
     'forces': 'Forces by the estimated matrix, and by the manufacturer’s where there is one. '
@@ -33,7 +37,7 @@ def pictures(result: SensorResult) -> dict[str, bytes]:
 
 
 def render(results: Sequence[SensorResult], drawn: Mapping[str, Mapping[str, bytes]],
-           origin: str) -> str:
+           origin: str, written: Mapping[str, str]) -> str:
     """
     Return the report as HTML, one file without network.
 
@@ -43,14 +47,33 @@ def render(results: Sequence[SensorResult], drawn: Mapping[str, Mapping[str, byt
         Of :func:`pictures`, by sensor.
     origin : str
         What it was made from.
+    written : mapping of str to str
+        Sensor -> file of its calibration.
     """
     sensors = [{
         'name': r.name, 'warnings': r.warnings, 'headline': conclusion(r),
+        'facts': list(_facts(r, written.get(r.name, ''))),
         'tone': 'doubt' if r.warnings else 'good', 'tables': list(tables(r)),
         'figures': [picture(title.replace('_', ' ').capitalize(), WORDS[title], image)
                     for title, image in drawn[r.name].items()],
     } for r in results]
     return render_page('insitu.html.j2', 'In-situ calibration', origin=origin, sensors=sensors)
+
+
+def _facts(result: SensorResult, file: str) -> Iterator[Fact]:
+    """Say how large, how sure, and what to do next."""
+    if result.matrix is not None and result.mass is not None and result.com is not None:
+        yield Fact('Body', (
+            f'What hangs on the sensor besides weighs {_estimate(result.mass)} kg, its centre of '
+            f'mass at {_estimate(result.com)} m (x, y, z).'))
+    if result.warnings:
+        yield Fact('Next', 'Do what the warnings below say, and calibrate again.')
+    elif result.matrix is None:
+        yield Fact('Next', ('State added_mass and position of three data sets or more in the '
+                            'specification, for the matrix.'))
+    else:
+        yield Fact('Next', 'Identify the tool through the matrix, from raw channels and poses:',
+                   shlex.join(('forcecal', 'calibrate', 'my_bag', '--matrix', file)))
 
 
 def conclusion(result: SensorResult) -> str:
@@ -89,52 +112,63 @@ def text(result: SensorResult) -> str:
 
 
 def tables(result: SensorResult) -> Iterator[tuple[str, list[str], Rows]]:
-    """Yield every table of one sensor."""
-    e = result.excitation
-    yield ('Spread of gravity in the sensor frame', ['direction', 'm/s^2'],
-           [[_vector(v, 2), f'{s:.3g}'] for v, s in zip(e.directions, e.spreads)])
-    yield ('Data used', ['data set', 'use', 'samples', 'stretches [s]', 'singular values'],
-           [[d.name, 'train' if d.train else 'validate', str(d.samples),
-             ', '.join(f'{a:.1f}..{b:.1f}' for a, b in d.kept),
-             ' '.join(f'{s:.3g}' for s in d.singular_values)] for d in result.data_sets])
+    """Yield every table of one sensor: how well it does, what it is, what it was found from."""
     unit = result.options.raw_unit
-    yield (f'Offset [{unit}]', ['channel', 'offset', 'standard error'],
-           [[str(k + 1), f'{v:.6g}', f'{s:.2g}']
+    if result.matrix is not None and result.mass is not None and result.com is not None:
+        yield from _masses(result)
+        yield (f'Matrix [N per {unit}, N m per {unit}]', ['', *(str(k + 1) for k in range(len(
+            result.offset.value)))],
+               [[axis, *map(pair, row, std)] for axis, row, std in zip(
+                   AXES, result.matrix.value, result.matrix.std)])
+        yield 'Body', ['', 'estimate'], list(_body(result, result.mass, result.com))
+    yield (f'Offset [{unit}]', ['channel', 'offset'],
+           [[str(k + 1), pair(v, s)]
             for k, (v, s) in enumerate(zip(result.offset.value, result.offset.std))])
-    if result.matrix is None or result.mass is None or result.com is None:
-        return
-    axes = ('fx', 'fy', 'fz', 'tx', 'ty', 'tz')
-    yield (f'Matrix [N/{unit}, N m/{unit}]', ['', *(str(k + 1) for k in range(len(
-        result.offset.value)))],
-           [[axis, *(f'{v:.5g} ± {s:.1g}' for v, s in zip(row, std))]
-            for axis, row, std in zip(axes, result.matrix.value, result.matrix.std)])
-    body = [['mass [kg]', f'{float(result.mass):.4f}', f'{float(result.mass.std):.2g}'],
-            ['centre of mass [m]', _vector(result.com.value, 4), _vector(result.com.std, 4)]]
+    if result.matrix is not None:
+        yield _ellipsoids(result)
+    e = result.excitation
+    yield ('Spread of gravity in the sensor frame', ['direction x, y, z', 'm/s^2'],
+           [[_vector(v, 2), rounded(s)] for v, s in zip(e.directions, e.spreads)])
+    yield ('Data used', ['data set', 'use', 'samples', 'stretches [s]',
+            f'RMS along each direction [{unit}]'],
+           [[d.name, 'train' if d.train else 'validate', str(d.samples),
+             ', '.join(f'{a:.1f} to {b:.1f}' for a, b in d.kept),
+             ', '.join(map(rounded, d.singular_values))] for d in result.data_sets])
+
+
+def _body(result: SensorResult, mass: Estimate, com: Estimate) -> Iterator[list[str]]:
+    yield ['mass [kg]', pair(float(mass), float(mass.std))]
+    yield ['centre of mass x, y, z [m]', _estimate(com)]
     if result.inertia is not None:
-        body.append(['inertia about it [kg m^2]', _vector(np.diag(result.inertia.value), 4),
-                     _vector(np.diag(result.inertia.std), 4)])
-    yield 'Body', ['', 'estimate', 'standard error'], body
-    yield from _papers(result)
+        yield ['inertia about it xx, yy, zz [kg m^2]', _pairs(
+            np.diag(result.inertia.value), np.diag(result.inertia.std))]
 
 
-def _papers(result: SensorResult) -> Iterator[tuple[str, list[str], Rows]]:
-    """[Traversaro2014] Tables I, II and III."""
-    maker = result.manufacturer_matrix is not None
-    more = ['by manufacturer'] if maker else []
-    loads = [d for d in result.data_sets if d.load is not None]
-    yield ('Semi-axes of the force ellipsoid [N] (Table I)',
-           ['data set', 'added mass [kg]', 'calibrated', *more],
-           [[_name(d), _mass(d), _estimate(d.semi_axes, 2),
-             *([_vector(d.by_manufacturer.semi_axes, 1)] if d.by_manufacturer else [])]
-            for d in result.data_sets])
-    yield ('Added mass [kg] (Table II)', ['data set', 'stated', 'calibrated', *more],
-           [[_name(d), _mass(d), _estimate(d.added_mass, 4),
+def _ellipsoids(result: SensorResult) -> tuple[str, list[str], Rows]:
+    """[Traversaro2014] Table I."""
+    return ('Semi-axes of the force ellipsoid [N] (Table I)',
+            ['data set', 'added mass [kg]', 'calibrated', *_maker(result)],
+            [[_name(d), _mass(d), _estimate(d.semi_axes),
+              *([_vector(d.by_manufacturer.semi_axes, 1)] if d.by_manufacturer else [])]
+             for d in result.data_sets])
+
+
+def _masses(result: SensorResult) -> Iterator[tuple[str, list[str], Rows]]:
+    """[Traversaro2014] Tables II and III."""
+    loads = [d for d in result.data_sets
+             if d.load is not None and (d.load.mass > 0.0 or not d.train)]
+    yield ('Added mass [kg] (Table II)', ['data set', 'stated', 'calibrated', *_maker(result)],
+           [[_name(d), _mass(d), _estimate(d.added_mass),
              *([f'{d.by_manufacturer.mass:.2f}'] if d.by_manufacturer else [])] for d in loads])
-    yield ('Position of the added mass [m] (Table III)',
-           ['data set', 'stated', 'calibrated', *more],
-           [[_name(d), _vector(np.array(d.load.position), 3), _estimate(d.position, 4),
+    yield ('Position x, y, z of the added mass [m] (Table III)',
+           ['data set', 'stated', 'calibrated', *_maker(result)],
+           [[_name(d), _vector(np.array(d.load.position), 3), _estimate(d.position),
              *([_vector(d.by_manufacturer.position, 3)] if d.by_manufacturer else [])]
             for d in loads if d.load is not None and d.position is not None])
+
+
+def _maker(result: SensorResult) -> list[str]:
+    return [] if result.manufacturer_matrix is None else ['by manufacturer']
 
 
 def _name(data_set: DataSetResult) -> str:
@@ -146,11 +180,12 @@ def _mass(data_set: DataSetResult) -> str:
 
 
 def _vector(values: Array, digits: int) -> str:
-    return ' '.join(f'{value:.{digits}f}' for value in values)
+    return ', '.join(f'{round(float(value), digits) + 0.0:.{digits}f}' for value in values)
 
 
-def _estimate(estimate: Estimate | None, digits: int) -> str:
-    if estimate is None:
-        return '-'
-    value, std = np.atleast_1d(estimate.value), np.atleast_1d(estimate.std)
-    return f'{_vector(value, digits)} ± {_vector(std, digits)}'
+def _pairs(values: Array, errors: Array) -> str:
+    return ', '.join(map(pair, np.atleast_1d(values), np.atleast_1d(errors)))
+
+
+def _estimate(estimate: Estimate | None) -> str:
+    return '-' if estimate is None else _pairs(estimate.value, estimate.std)

@@ -57,7 +57,9 @@ def force_clouds(result: SensorResult) -> Figure | None:
             _ellipsoid(one, _map(data_set.gravity, force) * result.options.gravity, np.zeros(3),
                        colour)
             _cloud(one, force, colour, label)
-        one.set(xlabel='x', ylabel='y', zlabel='z')
+        for axis, name in zip((one.xaxis, one.yaxis, one.zaxis), 'xyz'):
+            axis.set_label_text(name, fontsize=8)
+            axis.labelpad = -7.0
         one.set_title(data_set.name, fontsize=8)
         one.set_aspect('equal')
     _head(figure, axes[0], f'{result.name}: measured force; gravity makes a sphere of it [N]')
@@ -65,7 +67,7 @@ def force_clouds(result: SensorResult) -> Figure | None:
 
 
 def singular_values(result: SensorResult) -> Figure:
-    """Draw the singular values of each data set: three stand out, [Traversaro2014] Lemma 1."""
+    """Draw singular values over sqrt(n), which are RMS: [Traversaro2014] Lemma 1."""
     figure = Figure(figsize=(8.0, 3.2), layout='constrained')
     axes = figure.subplots()
     for data_set in result.data_sets:
@@ -73,7 +75,7 @@ def singular_values(result: SensorResult) -> Figure:
         axes.semilogy(np.arange(1, len(values) + 1), values, 'o-', linewidth=0.7, markersize=4,
                       label=data_set.name)
     axes.axvline(3.5, color=TRUE, linewidth=0.8, linestyle='--')
-    axes.set(xlabel='singular value', ylabel=f'over sqrt(N) [{result.options.raw_unit}]')
+    axes.set(xlabel='direction', ylabel=f'RMS along it [{result.options.raw_unit}]')
     axes.set_xticks(np.arange(1, len(result.offset.value) + 1))
     axes.grid(alpha=0.25)
     axes.spines[['top', 'right']].set_visible(False)
@@ -90,8 +92,8 @@ def _grid(data_sets: Sequence[DataSetResult]) -> tuple[Figure, list[Any]]:
     axes = [figure.add_subplot(rows, columns, k + 1, projection='3d')
             for k in range(len(data_sets))]
     for one in axes:
-        one.tick_params(labelsize=5, pad=-2)
-        one.locator_params(nbins=4)
+        one.tick_params(labelsize=6, pad=-3)
+        one.locator_params(nbins=3)
     return figure, axes
 
 

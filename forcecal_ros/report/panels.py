@@ -19,6 +19,9 @@ TINTS = {'exciting': '#0072B2', 'touching': '#E69F00', 'moving': '#777777'}
 
 EXCITING, STANDING = ('step', 'sweep', 'reverse'), ('measure', 'settle', 'idle', 'done')
 
+WIDER = {'measured': 2.4, 'other': 2.4}
+"""How much wider than others a line is, so that it shows beside what covers it."""
+
 MOST_POINTS = 2400
 """Most points of a line: more than two for each dot across a page."""
 
@@ -62,9 +65,11 @@ class Shown(NamedTuple):
     panels : tuple of Panel
     phases : tuple of Phase
     start, end : float
-        [s]
+        Of what is there [s].
     instants : tuple of float
         That are marked [s].
+    closer : tuple of (float, float)
+        Begin and end of what is seen before anybody zooms out [s]; by default all of it.
     """
 
     panels: tuple[Panel, ...]
@@ -72,6 +77,12 @@ class Shown(NamedTuple):
     start: float
     end: float
     instants: tuple[float, ...] = ()
+    closer: tuple[float, float] | None = None
+
+    @property
+    def seen(self) -> tuple[float, float]:
+        """Begin and end of what is seen first [s]."""
+        return self.closer or (self.start, self.end)
 
 
 def joined(phases: Iterable[Phase]) -> tuple[Phase, ...]:
@@ -116,13 +127,15 @@ def thinned(t: Array, values: Array, most: int = MOST_POINTS) -> tuple[Array, Ar
 def drawn(shown: Shown) -> Figure:
     """Draw a picture; the legend stands above the panels."""
     n = len(shown.panels)
+    shown = shown._replace(start=shown.seen[0], end=shown.seen[1])
     figure = Figure(figsize=(WIDTH, 0.7 + HEIGHT * n), layout='constrained')
     rows = list(np.atleast_1d(figure.subplots(n, 1, sharex=True)))
     for axes, panel in zip(rows, shown.panels):
         for line in panel.lines:
             if not line.hidden:
                 cut = between(line, shown.start, shown.end)
-                axes.plot(cut.t, cut.values, color=COLOURS[line.role], linewidth=0.9,
+                axes.plot(cut.t, cut.values, color=COLOURS[line.role],
+                          linewidth=0.9 * WIDER.get(line.role, 1.0),
                           label=line.name)
         axes.set_ylabel(f'{panel.title} [{panel.unit}]')
         axes.spines[['top', 'right']].set_visible(False)
@@ -175,7 +188,7 @@ def live(shown: Shown) -> dict[str, Any]:
                     'activecolor': 'var(ink)'},
         'hoverlabel': {'bgcolor': 'var(paper)', 'font': {'color': 'var(ink)'}},
         'legend': {'orientation': 'h', 'x': 0, 'y': 1.02 + 0.1 / n, 'yanchor': 'bottom'},
-        'xaxis': {'title': {'text': 'time [s]'}, 'range': [shown.start, shown.end],
+        'xaxis': {'title': {'text': 'time [s]'}, 'range': [*shown.seen],
                   'anchor': f'y{n if n > 1 else ""}', **_axis()},
         'shapes': list(_shapes(shown)), 'annotations': list(_labels(shown))}
     data = []
@@ -199,7 +212,7 @@ def _trace(line: Line, panel: Panel, shown: Shown, suffix: str, first: bool) -> 
         'type': 'scatter', 'mode': 'lines', 'name': line.name, 'legendgroup': line.name,
         'showlegend': first, 'yaxis': f'y{suffix}', 'xaxis': 'x',
         'visible': 'legendonly' if line.hidden else True,
-        'line': {'color': f'var({line.role})', 'width': 1.2},
+        'line': {'color': f'var({line.role})', 'width': 1.2 * WIDER.get(line.role, 1.0)},
         'hovertemplate': f'%{{y:.4g}} {panel.unit}',
         'x': [round(float(x), 4) for x in cut.t],
         'y': [float(f'{y:.5g}') if np.isfinite(y) else None for y in cut.values]}
@@ -217,8 +230,9 @@ def _shapes(shown: Shown) -> Iterator[dict[str, Any]]:
 
 
 def _labels(shown: Shown) -> Iterator[dict[str, Any]]:
-    for phase, start, end in _visible(shown):
-        share = (end - start) / (shown.end - shown.start)
+    first, last = shown.seen
+    for phase, start, end in _visible(shown._replace(start=first, end=last)):
+        share = (end - start) / (last - first)
         if share > LABELLED:
             yield {'name': phase if share > ON_A_PHONE else '', 'text': phase,
                    'x': 0.5 * (start + end), 'xref': 'x', 'y': 1, 'yref': 'paper',

@@ -35,10 +35,14 @@ def in_words(quality: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if 'force_eq26' in errors:
         yield 'Expected error', (
             f'{size(abs(float(errors["force_eq26"])), "N", 2)} of contact force at 10 m/s^2, and '
-            f'{size(abs(float(errors["acceleration_eq27"])), "m/s^2", 2)} of acceleration.')
-    for key, title in (('pose_delay', 'Pose'), ('optidrive_delay', 'Displacement')):
+            f'{size(abs(float(errors["acceleration_eq27"])), "m/s^2", 2)} of acceleration, by '
+            'what is uncertain here alone; noise comes on top.')
+    for key, title in (('pose_delay', 'Delay of the pose'),
+                       ('optidrive_delay', 'Delay of the displacement')):
         if key in quality:
-            yield title, f'{size(float(quality[key]), "s")} behind the wrench.'
+            late = float(quality[key])
+            yield title, (f'{size(abs(late), "s", 2)} {"behind" if late > 0.0 else "ahead of"} '
+                          'the wrench.')
     if quality.get('removed_samples'):
         yield 'Samples left out', str(quality['removed_samples'])
     yield from (('Note', _sentence(note)) for note in quality.get('notes', ()))

@@ -42,8 +42,8 @@ def quantity(value: float, std: float, unit: str, *, signed: bool = False) -> st
     sign = '+' if signed and value > 0 else ''
     if abs(value) >= LARGE:
         power = floor(log10(abs(value)))
-        return (f'({sign}{_pair(value / 10 ** power, std / 10 ** power)}) x 10^{power} {shown}')
-    return f'{sign}{_pair(value, std)} {shown}'
+        return (f'({sign}{pair(value / 10 ** power, std / 10 ** power)}) x 10^{power} {shown}')
+    return f'{sign}{pair(value, std)} {shown}'
 
 
 def size(value: float, unit: str, digits: int = 3) -> str:
@@ -66,7 +66,8 @@ def beside(values: Sequence[float], unit: str) -> tuple[str, list[str]]:
     shown, factor = _scale(max(map(abs, values)), unit)
     noise = abs(values[-1]) * factor
     decimals = max(0, 2 - floor(log10(noise))) if noise > 0.0 else 3
-    return shown, [f'{value * factor:.{decimals}f}' for value in values]
+    written = [f'{value * factor:.{decimals}f}' for value in values]
+    return shown, [one if float(one) else '0' for one in written]
 
 
 def rounded(value: float, digits: int = 3) -> str:
@@ -87,10 +88,16 @@ def _scale(value: float, unit: str) -> tuple[str, float]:
     return shown, factor
 
 
-def _pair(value: float, std: float) -> str:
+def with_error(value: float, std: float) -> tuple[str, str]:
     """Write both to the digits of the error: two where it begins with 1 or 2, else one."""
     if not std > 0.0 or not isfinite(std):
-        return rounded(value)
+        return rounded(value), '-'
     power = floor(log10(std))
     decimals = max(0, (1 if std / 10.0 ** power < 2.95 else 0) - power)
-    return f'{value:.{decimals}f} ± {std:.{decimals}f}'
+    return f'{round(value, decimals) + 0.0:.{decimals}f}', f'{std:.{decimals}f}'
+
+
+def pair(value: float, std: float) -> str:
+    """Write both, the error where it is known."""
+    number, error = with_error(value, std)
+    return number if error == '-' else f'{number} ± {error}'

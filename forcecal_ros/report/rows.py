@@ -146,11 +146,9 @@ def as_text(shown: list[Row]) -> str:
 
 
 def interval(row: Row) -> str:
-    """Return the 95 % interval as text, or a dash where the standard error is not known."""
-    if not row.std > 0:
-        return '-'
-    half = HALF * row.std
-    return f'{number(row.value - half, row.std)} … {number(row.value + half, row.std)}'
+    """Return the 95 % interval as text, or a dash where it is not known, or too small to show."""
+    low, high = (number(row.value + k * row.std, row.std) for k in (-HALF, HALF))
+    return f'{low} … {high}' if row.std > 0 and low != high else '-'
 
 
 def value(row: Row) -> str:
@@ -168,4 +166,4 @@ def number(x: float, std: float) -> str:
     if not std > 0:
         return f'{x:.6g}'
     decimals = min(MOST_DECIMALS, max(0, 1 - int(np.floor(np.log10(std)))))
-    return f'{x:.{decimals}f}'
+    return f'{round(x, decimals) + 0.0:.{decimals}f}'  # + 0.0: no minus before a zero

@@ -1,5 +1,7 @@
 """What every report begins with: sentences with a label, and commands."""
 
+from collections.abc import Sequence
+import shlex
 from typing import NamedTuple
 
 
@@ -8,6 +10,12 @@ class Step(NamedTuple):
 
     words: str
     command: str = ''
+
+
+def estimated_by(bag: str, calibration: str, how: Sequence[str] = ()) -> Step:
+    """Say how a calibration is put to use; ``how``: what the command says of the recording."""
+    return Step('Take weight, inertia and bias off this recording, or another one:', shlex.join(
+        ('forcecal', 'estimate', bag, '--calibration', calibration, *how, '-o', 'contact')))
 
 
 class Fact(NamedTuple):

@@ -13,6 +13,9 @@ if TYPE_CHECKING:
 
 T = TypeVar('T')
 
+OURS = 'forcecal-'
+"""Begins the formats of this package's files."""
+
 
 def load(kind: type[T], source: 'Path | Traversable', *, name: str = '', form: str = '',
          remedy: str = 'correct the file', extra: bool = False) -> T:
@@ -39,6 +42,9 @@ def load(kind: type[T], source: 'Path | Traversable', *, name: str = '', form: s
             raise ConfigError(f'{name}: format is {shown(document.get("format"))}, expected '
                               f'{form}; {remedy}')
         document = {key: value for key, value in document.items() if key != 'format'}
+    elif isinstance(document, dict) and str(document.get('format')).startswith(OURS):
+        raise ConfigError(f'{name}: is a file of format {shown(document["format"])}, which is not '
+                          f'what is read here; {remedy}')
     try:
         return read(kind, document, extra=extra)
     except ConfigError as error:

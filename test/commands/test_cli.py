@@ -209,12 +209,34 @@ def test_what_cannot_be_answered_is_one_line_and_status_1(capsys, sample, tmp_pa
     (('calibrate', 'bag', '--topic', 'wrnch=/wrench'), 'wrnch is no role (did you mean wrench?)'),
     (('gravity', 'bag', '-o', 'x', '--filter', 'uk'), "invalid choice: 'uk'"),
     (('sim', 'bag'), 'sim is no command (did you mean simulate?)'),
+    (('plan', '--effects', 'magic', '-o', 'p'), 'magic is no effect; take one of wrench_delay,'),
     (('--verbose', 'calibrate', 'bag'), '--verbose is no argument here; forcecal --help'),
 ])
 def test_wrong_usage_is_status_2_and_one_line_with_the_nearest_name(capsys, arguments, said):
     status, out, err = run(capsys, *arguments)
     assert status == 2 and out == ''
     assert said in err and err.count('\n') == 1 and err.endswith(' --help tells more\n')
+
+
+@pytest.mark.parametrize('arguments, said', [
+    (('calibrate', 'a', 'b', '-o', '{tmp}/c.yaml'), (2, 'would be a folder; name one, as resu')),
+    (('compare', '{tmp}/spec.yaml', '{tmp}/spec.yaml'),
+     (1, 'is no calibration (its format is forcecal-insitu/1, expected forcecal-calibration/1)')),
+    (('simulate', '--commands', '{sample}', '--rig', '{tmp}/spec.yaml', '-o', '{tmp}/s'),
+     (1, "is a file of format 'forcecal-insitu/1', which is not what is read here; compare"))])
+def test_a_file_of_another_kind_is_called_what_it_is(capsys, sample, tmp_path, arguments, said):
+    (tmp_path / 'spec.yaml').write_text('format: forcecal-insitu/1\n')
+    status, out, err = run(capsys, *(a.format(tmp=tmp_path, sample=sample) for a in arguments))
+    assert (status, out) == (said[0], '') and said[1] in err and err.count('\n') == 1
+    assert [*tmp_path.iterdir()] == [tmp_path / 'spec.yaml']
+
+
+def test_a_default_is_shown_once_with_its_unit(capsys):
+    for command in COMMANDS:
+        _, out, _ = run(capsys, command, '--help')
+        assert '(default: )' not in out and not re.search(r'default: [\d.]+\.0\b', out), command
+    said = ' '.join(run(capsys, 'start', '--help')[1].split())
+    assert 'for its answer (default: 10 s)' in said
 
 
 def test_no_command_at_all_shows_the_help_as_wrong_usage(capsys):

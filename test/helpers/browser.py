@@ -52,6 +52,21 @@ class Page:
         self._ask('Emulation.setEmulatedMedia', features=[
             {'name': 'prefers-color-scheme', 'value': 'dark' if dark else 'light'}])
 
+    def mouse(self, kind, x, y, **more):
+        """Move the mouse, or press or release its left button."""
+        self._ask('Input.dispatchMouseEvent', type=f'mouse{kind}', x=x, y=y, **(
+            {} if kind == 'Moved' else {'button': 'left', 'clickCount': 1}), **more)
+
+    def drag(self, start, end):
+        """Press at one place, and release at another."""
+        self.mouse('Moved', *start)
+        self.mouse('Pressed', *start)
+        self.mouse('Moved', *end, buttons=1)
+        self.mouse('Released', *end)
+
+    def click(self, x, y):
+        self.drag((x, y), (x, y))
+
     def picture(self, whole=False):
         """Return what is seen as PNG."""
         return base64.b64decode(self._ask(

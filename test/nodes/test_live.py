@@ -64,6 +64,7 @@ def test_a_browser_shows_the_rig_and_starts_it_and_ctrl_c_ends_all(ros_domain, t
             assert process.wait(20.0) == 0
         assert not [pid for pid in started if _lives(pid)]
         page.until('document.getElementById("phase").textContent === "disconnected"')
+        assert page.run('[...document.querySelectorAll("button")].every(one => one.disabled)')
 
 
 def _lives(pid):

@@ -88,11 +88,31 @@ def test_a_sentence_leaves_out_what_is_chance():
 def test_a_number_of_somebodys_simulator_is_called_by_its_name():
     friction = Found('friction', {'value': Parameter(0.4213, 0.004, '1')}, 0.9)
     assert sentence(friction) == 'friction should be 0.421 ± 0.004'
+    said = {one.label: one.words for one in facts(view_without_signals(replace(
+        IDENTIFIED, effects=(friction,), candidates=(('friction', 0.9), ('kp', 0.1)))), NEXT)}
+    assert said['What'] == 'Friction is not what the simulator has'
+    assert said['How sure'] == '90 % friction, 10 % kp.'
+
+
+def test_other_causes_are_explained_and_an_ambiguous_verdict_says_what_tells_them_apart():
+    two = replace(IDENTIFIED, verdict='ambiguous', candidates=(
+        ('wrench_delay', 0.7), ('wrench_lowpass', 0.3)),
+        reason='wrench_delay explains 98 % of the misfit, but wrench_lowpass explains it about '
+               'as well')
+    said = {one.label: one.words for one in facts(view_without_signals(two), NEXT)}
+    assert said['How sure'] == ('70 % wrench_delay, 30 % wrench_lowpass (force and torque are '
+                                'smoothed by a filter).')
+    assert 'In full' not in said and 'Besides' not in said  # the first sentence says it
+    left = replace(IDENTIFIED, reason=f'{IDENTIFIED.reason}; what remains: force.x in step')
+    said = {one.label: one.words for one in facts(view_without_signals(left), NEXT)}
+    assert said['Besides'] == 'What remains: force.x in step.'
+    step = next_step(two, 'bag', 'out', ('rig_patched.yaml',), 'Record phase step: why; more.')
+    assert step == Step('Record phase step: why.')
 
 
 def test_the_first_sentence_says_what_how_large_how_sure_and_how_much_it_explains():
-    assert headline(IDENTIFIED) == ('The wrench comes 4.00 ± 0.14 ms late (97 %). Adding it '
-                                    'explains 98 % of the misfit (95 %: 97 to 99 %).')
+    assert headline(IDENTIFIED) == ('The wrench comes 4.00 ± 0.14 ms late (97 % sure). Adding it '
+                                    'explains 98 % of the misfit (95 % interval: 97 to 99 %).')
 
 
 def test_the_facts_name_place_time_and_next_command():
@@ -125,7 +145,7 @@ def test_a_verdict_that_names_nothing_says_no_share(verdict):
 def test_an_effect_that_shows_in_stamps_alone_explains_no_share():
     lost = replace(IDENTIFIED, reason='dropouts shows in stamps and values', effects=(
         Found('dropouts', {'wrench': Parameter(0.02, 0.001, '1')}, 0.99),))
-    assert headline(lost) == 'Messages get lost: wrench 2.00 ± 0.10 % (99 %).'
+    assert headline(lost) == 'Messages get lost: wrench 2.00 ± 0.10 % (99 % sure).'
 
 
 def test_every_share_on_the_page_is_the_same_one():
@@ -140,6 +160,9 @@ def test_the_next_step_is_a_command_that_a_shell_takes():
                             '-o corrected')
     by_motion = next_step(IDENTIFIED, 'bag', 'out', ('calibration_patched.yaml',))
     assert by_motion.command.endswith('--calibration out/calibration_patched.yaml -o contact')
+    renamed = next_step(IDENTIFIED, 'bag', 'out', ('rig_patched.yaml',),
+                        how=('--topic', 'wrench=/ft'))
+    assert '--commands bag --topic wrench=/ft -o' in renamed.command
 
 
 def test_a_recording_says_which_when_and_how_long():
