@@ -148,6 +148,30 @@ def test_joints_are_said_in_the_order_asked_for_and_show_what_acts_in_them(model
     assert moved[0] > 5 * moved[2] > 0.0
 
 
+GRIPPER = TOOL.replace('</body>', (
+    '<body name="finger"><joint name="finger" type="slide" axis="0 1 0" damping="5"/>'
+    '<inertial pos="0 0 0" mass="0.02" diaginertia="1e-6 1e-6 1e-6"/></body></body>'))
+SPLIT = ('<tendon><fixed name="split"><joint joint="finger" coef="1"/></fixed></tendon>'
+         '<actuator><general tendon="split" gainprm="50" biastype="affine" biasprm="0 -50"/>'
+         '</actuator><keyframe><key qpos="0.4 -0.3 0.2 0.03" ctrl="0.4 -0.3 0.2 0.03"/></keyframe>'
+         '</mujoco>')
+
+
+def test_a_gripper_that_nobody_commands_holds_and_takes_no_joint_for_its_own(tmp_path):
+    path = tmp_path / 'arm.xml'
+    path.write_text(mjcf(tool=GRIPPER).replace('</mujoco>', SPLIT))
+    robot = load_mujoco(str(path))
+    commands = told(4.0)
+    pan = replace(commands, values=commands.values[:, :1], names=NAMES[:1])
+    inputs = Inputs(0.0, 4.0, joints=pan, measured_joints=(*NAMES, 'finger'))
+    t, joints = robot.simulate(inputs, nominal(robot))['joints']
+    followed = np.interp(t, pan.t, pan.values[:, 0])
+    assert np.abs(joints[:, 0] - followed).max() < 0.1 < np.ptp(followed)
+    # the tool's weight bends the two by a hundredth
+    np.testing.assert_allclose(joints[:, 1:], np.broadcast_to([-0.3, 0.2, 0.03], (len(t), 3)),
+                               atol=0.02)
+
+
 def test_a_file_says_how_well_numbers_are_known(model, tmp_path):
     robot, path = third_party('arm', load_mujoco(model())), tmp_path / 'priors.yaml'
     path.write_text('body_mass[gripper]: 0.2\nkp[pan]: 50\n')
