@@ -15,6 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 
+STARTS = 2.0
+"""One message of stamp zero begins a recording where the next comes within so many seconds, or so
+many periods of a slower topic: clocks that were set count from 1970 or from when they started."""
+
+
 class Series(NamedTuple):
     """Increasing stamps [ns since the epoch] and rows of numbers or of text, read-only."""
 
@@ -143,7 +148,7 @@ class Collector:
                         ) -> tuple[Integers, Integers, NDArray[Any]]:
         """Return stamps, times of recording and values of the messages that can be used."""
         stamps, log, values = self._stamps.take(), self._log.take(), self._values.take()
-        broken = stamps == 0
+        broken = _unstamped(stamps)
         if broken.mean() > 0.5:
             notes.add(f'{self._topic.name}: header stamps are zero; the times of recording were '
                       'used')
@@ -175,6 +180,16 @@ class Collector:
         if len(kept) < len(stamps) or (np.diff(kept) != 1).any():
             stamps, values = stamps[kept], values[kept]
         return Series(frozen(stamps), frozen(values), frame)
+
+
+def _unstamped(stamps: Integers) -> NDArray[np.bool_]:
+    """Tell whose stamp is zero because none was set; simulated time may begin at zero."""
+    unset = stamps == 0
+    later = stamps[~unset]
+    if unset.sum() == 1 and len(later) > 1 and later.min() < STARTS * max(
+            10**9, float(np.median(np.abs(np.diff(later))))):
+        return np.zeros_like(unset)
+    return unset
 
 
 def _unusable_poses(values: NDArray[Any]) -> NDArray[np.bool_]:
