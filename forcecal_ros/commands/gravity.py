@@ -71,6 +71,7 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.calibration.file import load
     from forcecal_ros.commands import contact
     from forcecal_ros.observe.mounting import taken_as_calibrated
+    from forcecal_ros.recording.stamps import with_even_bursts
 
     refuse_unused(args)
     settings = settings_of(args)
@@ -80,6 +81,7 @@ def run(args: argparse.Namespace) -> int:
     calibration, source = calibration_for(args, recording)
     recording = contact.in_sign_of(calibration, args.wrench_sign, taken_as_calibrated(
         recording, calibration, args.calibration or args.bag))
+    recording = with_even_bursts(recording)
     foreign = contact.refuse_foreign(recording, calibration)
     calibration, about = contact.prepared(calibration, recording, settings)
     about = (*doubts(calibration, source), *foreign, *about)

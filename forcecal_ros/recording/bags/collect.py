@@ -9,6 +9,7 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.recording.bags.batch import Batch, Integers, Notes
 from forcecal_ros.recording.bags.cdr import CdrError, Decoder, Group
 from forcecal_ros.recording.bags.storage import Bag
+from forcecal_ros.recording.checks.header_stamps import usable_stamps
 from forcecal_ros.recording.checks.order import increasing
 from forcecal_ros.recording.topics import POSE, Topic
 import numpy as np
@@ -164,7 +165,18 @@ class Collector:
             notes.add(f'{self._topic.name}: {int(broken.sum())} messages with NaN, infinite or no '
                       'values or without stamp were left out')
             stamps, log, values = stamps[~broken], log[~broken], values[~broken]
-        return stamps, log, values
+        return self._stamped(stamps, log, values, notes), log, values
+
+    def _stamped(self, stamps: Integers, log: Integers, values: NDArray[Any], notes: Notes
+                 ) -> Integers:
+        """Return the stamps, or the times of recording where those are of no clock."""
+        if self._text:
+            return stamps
+        measured = values[:, :3] if self._topic.type == POSE else values
+        found = usable_stamps(self._topic.name, stamps, log, measured)
+        if found.note:
+            notes.add(found.note)
+        return found.stamps
 
     def _in_order(self, stamps: Integers, log: Integers, values: NDArray[Any], frame: str,
                   notes: Notes) -> Series:

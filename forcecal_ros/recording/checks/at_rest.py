@@ -169,14 +169,20 @@ def refuse_other_axes(recording: Recording, mass: float, com: Array, gravity: Ar
     _refuse_other_tool(plain.mass, mass)
     weight = mass * found.forces.in_sensor
     refuse_other_torques(weight, found.torque, None)
-    _refuse_other_lever(weight, found.torque, com)
+    refuse_other_lever(weight, found.torque, com)
 
 
-def _refuse_other_lever(weight: Array, torque: Array, com: Array) -> None:
-    """Refuse torques of the opposite sign, or a thousand times too large."""
+def place_of(weight: Array, torque: Array) -> Array:
+    """Return the centre of mass that torques show, shape (3,) [m]."""
     lever = -skew(weight)
     rows = (lever - lever.mean(axis=0)).reshape(-1, 3)
-    shown = np.linalg.lstsq(rows, (torque - torque.mean(axis=0)).ravel(), rcond=1e-6)[0]
+    return np.asarray(
+        np.linalg.lstsq(rows, (torque - torque.mean(axis=0)).ravel(), rcond=1e-6)[0])
+
+
+def refuse_other_lever(weight: Array, torque: Array, com: Array) -> None:
+    """Refuse torques of the opposite sign, or a thousand times too large."""
+    shown = place_of(weight, torque)
     times = float(shown @ com) / max(float(com @ com), limits.NIL)
     off = np.linalg.norm(shown - times * com) / max(float(np.linalg.norm(shown)), limits.NIL)
     if off > THOUSAND:
