@@ -13,6 +13,7 @@ from forcecal_ros.recording.checks.header_stamps import usable_stamps
 from forcecal_ros.recording.checks.units import doubt_of_force_unit, refuse_other_mass
 import numpy as np
 import pytest
+from static_sets import static_set
 from wrong_recordings import COM, log, MASS, recording_of, work, write, WRONG
 
 SHORT = {'hold': 2.0, 'move': 1.2, 'rate': 100.0}
@@ -147,9 +148,16 @@ def test_a_tool_as_heavy_as_counts_make_it_is_questioned_and_a_scale_decides():
     assert 'counts of a converter' in doubt_of_force_unit(1300.0)
     assert doubt_of_force_unit(90.0) == ''
     refuse_other_mass(1.31, 0.002, 1.3)
-    for found, said in ((1.3 / 9.80665, 'its forces are in kgf'), (3.0 / 9.80665, 'another')):
+    for found, said in ((1.3 / 9.80665, 'its forces are in kgf'), (0.9, 'the driver takes a load off')):
         with pytest.raises(DataError, match=said):
             refuse_other_mass(found, 0.002, 1.3)
+
+
+def test_counts_that_wrap_are_refused_and_poses_that_were_joined_are_not():
+    with pytest.raises(DataError, match='its counts wrap around'):
+        checked(at_work('a channel of 16 bits wraps'))
+    for seed in range(20):
+        checked(static_set(seed, 100.0)[0])
 
 
 def test_counts_beyond_all_readings_are_named_as_such():

@@ -67,8 +67,8 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
         if stream is not None:
             refuse_dead(stream, name, CHANNELS[name])
             refuse_stuck(stream, name, CHANNELS[name], recording.pose or recording.target)
-    if recording.wrench is not None:
-        refuse_wrapped(recording.wrench, CHANNELS['wrench'])
+    if recording.wrench is not None and recording.pose is not None and len(recording.pose):
+        refuse_wrapped(recording.wrench, CHANNELS['wrench'], recording.pose)
     refuse_frozen_pose(recording)
     refuse_silent_pose(recording)
     recording = without_held(recording)

@@ -97,7 +97,7 @@ def _fresh(t: Array, rows: Array) -> tuple[NDArray[np.intp], int]:
     alike = np.abs(usual - every) <= max(1, every // 4)
     if every < OFTEN or alike.mean() < REGULAR:
         return first, 0
-    kept = [np.arange(i, i + n, every) for i, n in zip(runs.first, runs.samples)]
+    kept = [np.arange(i, i + n - every // 2, every) for i, n in zip(runs.first, runs.samples)]
     return np.concatenate(kept), every
 
 
