@@ -4,10 +4,10 @@
     python benchmark/wrong_recordings.py --wrong counts --say   # some, with what is said
 
 A gripper of 1.3 kg is simulated in fourteen poses, to be calibrated, and at work with contacts
-(test/helpers/wrong_recordings.py). ``right``: as of the sound log. ``told``: something is off, and a
-note or warning names the cause. ``refused``: with the true cause. ``other cause``: refused or noted,
-but not for what is wrong. ``SILENT``: off, and nothing said. ``CRASHED``: a traceback, or no answer
-in time.
+(test/helpers/wrong_recordings.py). ``right``: as of the sound log. ``told``: something is off, and
+a note or warning names the cause. ``refused``: with the true cause. ``other cause``: refused or
+noted, but not for what is wrong. ``SILENT``: off, and nothing said. ``CRASHED``: a traceback, or
+no answer in time.
 """
 
 from argparse import ArgumentParser
@@ -56,7 +56,7 @@ def said(*arguments):
         signal.alarm(LONGEST)
         try:
             status = forcecal([str(argument) for argument in arguments])
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001, a crash is a result here
             return None, [f'CRASHED: {error!r}']
         finally:
             signal.alarm(0)
@@ -140,7 +140,9 @@ def word(off, lines, cause):
         return 'refused' if named else 'other cause'
     if not off:
         return 'right'
-    return 'told' if named else 'other cause' if any('suspect' in one for one in lines) else 'SILENT'
+    if named:
+        return 'told'
+    return 'other cause' if any('suspect' in one for one in lines) else 'SILENT'
 
 
 def cells(name, folder, known, sound):

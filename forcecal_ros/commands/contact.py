@@ -88,9 +88,8 @@ def other_frame(recording: 'Recording', calibration: 'Calibration') -> tuple[str
         recording.wrench.frame if recording.wrench else '', calibration.sensor_frame))
     if not named or named == known or 'of' in calibration.source:
         return ()
-    return ((f'wrench: its frame_id is {named!r}, the calibration is of {known!r}: weight and bias '
-             f'are those of {known!r}, and so is what is written; if {named!r} is another frame or '
-             'sensor, calibrate in it'),)
+    return ((f'wrench: its frame_id is {named!r}, the calibration is of {known!r}, whose weight '
+             f'and bias are taken off; if {named!r} is another frame or sensor, calibrate in it'),)
 
 
 def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'ObserverSettings'

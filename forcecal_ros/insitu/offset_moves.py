@@ -1,13 +1,58 @@
-"""Whether the offset stayed from data set to data set: a tare, a cable, temperature move it."""
+"""Whether the offset stayed, from data set to data set and within each: a tare moves it."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
-from forcecal_ros.insitu.blocks import Blocks, Mask
+from forcecal_ros.insitu.blocks import Blocks, Mask, TINY
 import numpy as np
 
 MISFITS = 4.0
 """Moves that are fewer misfits of a data set's own affine map than this are not told from them."""
+
+
+LEAVES = 0.25
+"""A jump is told where it leaves less than this share of what is left beyond noise: a steady drift
+leaves as much of itself, hysteresis and bends more."""
+
+SURE = 200.0
+"""Chi-square that a jump explains at least: of eight channels once in 10^30 by chance, and noise
+is known to some percent only."""
+
+SIDE = 0.15
+"""Share of a data set on either side of a jump, at least."""
+
+
+class Jump(NamedTuple):
+    """From when on [s] channels are off by up to which share of what gravity moves them."""
+
+    start: float
+    share: float
+
+
+def jump_within(blocks: Blocks, use: Mask) -> Jump | None:
+    """Find the instant from which on a data set's channels are off, however gravity turns."""
+    g, raw, start = blocks.regressors[use, :3], blocks.raw[use], blocks.start[use]
+    n = len(raw)
+    root = np.linalg.cholesky(blocks.raw_noise / blocks.samples)
+    white = np.linalg.solve(root, (raw - raw.mean(axis=0)).T).T
+    q, _ = np.linalg.qr(np.column_stack([np.ones(n), g]))
+    off = white - q @ (q.T @ white)
+    freedom = off.size - q.shape[1] * off.shape[1]
+    beyond = float((off**2).sum()) - freedom
+    splits = range(max(1, round(SIDE * n)), n - round(SIDE * n))
+    if beyond < SURE or not splits:
+        return None
+    steps = (np.arange(n)[:, None] >= np.array(splits)).astype(float)
+    steps -= q @ (q.T @ steps)
+    gains = ((steps.T @ off)**2).sum(axis=1) / np.maximum((steps**2).sum(axis=0), TINY)
+    best = int(np.argmax(gains))
+    if gains[best] < SURE or beyond - gains[best] > LEAVES * beyond:
+        return None
+    column = steps[:, best]
+    size = np.abs(root @ (column @ off) / float(column @ column))
+    span = np.maximum(affine(g, raw)[2], 1e-12)
+    return Jump(float(start[splits[best]]), float((size / span).max()))
 
 
 def offset_moves(data_sets: Sequence[tuple[Blocks, Mask]]) -> Array:

@@ -221,5 +221,5 @@ def with_even_bursts(recording: Recording) -> Recording:
         changes[name], _ = with_even_stamps(stream)
         if changes[name] is not stream:
             notes.append(f'stamps of {name} come in bursts, {1e3 * jitter.std:.2g} ms around '
-                         f'{1e3 * jitter.period:.3g} ms: evened out, and so are those of the result')
+                         f'{1e3 * jitter.period:.3g} ms: evened out, as are those of the result')
     return replace(recording, **changes, notes=(*recording.notes, *notes)) if notes else recording

@@ -425,7 +425,8 @@ WRONG = {
     'wrench behind a low-pass of 10 Hz': Wrong(lambda one, rng: lowpass(one, 10.0)),
     'wrench behind a low-pass of 0.5 Hz': Wrong(
         lambda one, rng: lowpass(one, 0.5), 'filter|smooth'),
-    'wrench averaged over 1 s': Wrong(lambda one, rng: averaged(one, 1.0), 'filter|smooth|average'),
+    'wrench averaged over 1 s': Wrong(
+        lambda one, rng: averaged(one, 1.0), 'filter|smooth|average'),
     'wrench of 10 Hz published at 200': Wrong(
         lambda one, rng: replace(one, wrench=one.wrench[held(one.t, 10.0)]), 'repeat|10 Hz'),
     'wrench 80 ms late': Wrong(lambda one, rng: replace(
@@ -451,8 +452,7 @@ WRONG = {
         lambda one, rng: without_drift(one, 20.0), 'drift|tared'),
     '2 % zero packets': Wrong(
         lambda one, rng: zeros_between(one, 0.02, rng), 'zero'),
-    'last reading where the line fails': Wrong(
-        lambda one, rng: held_where_lost(one, rng), 'repeat'),
+    'last reading where the line fails': Wrong(held_where_lost, 'repeat'),
     'a channel of 16 bits wraps': Wrong(lambda one, rng: wrapped(one, 10.0), 'wrap'),
     'base tilts by 5 deg half-way': Wrong(
         lambda one, rng: on_a_slope(one, 5.0), 'base|level|tilt'),

@@ -15,7 +15,6 @@ from forcecal_ros.recording.topics import POSE, Topic
 import numpy as np
 from numpy.typing import NDArray
 
-
 STARTS = 2.0
 """One message of stamp zero begins a recording where the next comes within so many seconds, or so
 many periods of a slower topic: clocks that were set count from 1970 or from when they started."""

@@ -75,7 +75,8 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
     follows = _how_it_follows(recording) if not raw_wrench else ''
     if not raw_wrench:
         refuse_offset(recording, 'smooths' in follows)
-    notes = (*([follows] if follows else []), *_coarse(recording), *silences(recording), *(str(one) for one in clipped(recording)))
+    notes = (*([follows] if follows else []), *_coarse(recording), *silences(recording),
+             *(str(one) for one in clipped(recording)))
     fresh = [note for note in notes if note not in recording.notes]
     return Checked(replace(recording, notes=(*recording.notes, *fresh)), removed)
 

@@ -33,8 +33,8 @@ IN_MICROSECONDS = 10**6
 """Nanoseconds of stamps that are all below it, several a second, are microseconds [ns]."""
 
 ALTERNATES = 5.0
-"""Messages of two senders differ from the next by so many times what they differ from the one after
-that by: motion makes that half, noise one, and a ripple of half the sampling rate is in few
+"""Messages of two senders differ from the next by so many times what they differ from the one
+after that by: motion makes that half, noise one, and a ripple of half the sampling rate is in few
 channels."""
 
 CHANNELS = 0.5

@@ -1,4 +1,4 @@
-"""Messages that hold no new reading: one that is repeated until the next comes, zeros in between."""
+"""Messages that hold no new reading: those repeated until the next comes, zeros in between."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -86,7 +86,7 @@ def _chosen(stream: Any, kept: NDArray[np.intp]) -> Any:
 
 
 def _fresh(t: Array, rows: Array) -> tuple[NDArray[np.intp], int]:
-    """Samples that are no repetition, and how often each is sent; 0: they are no habit."""
+    """Return the samples that are no repetition, and how often each is sent; 0: no habit."""
     first = np.flatnonzero(np.append(True, (rows[1:] != rows[:-1]).any(axis=1)))
     samples = np.diff(np.append(first, len(rows)))
     runs = _Runs(first, samples, samples * float(np.median(np.diff(t))))

@@ -32,7 +32,7 @@ def refuse_other_orientation(forces: Forces, judgement: Judgement) -> None:
     readings = {
         'it is that of base in the sensor: publish the pose of the sensor in base':
             np.swapaxes(R, 1, 2),
-        'its quaternions are in the order w, x, y, z: fill orientation.x, y, z and w by their names':
+        'its quaternions are in the order w, x, y, z: fill x, y, z and w by their names':
             matrix_from_quaternion(quaternion_from_matrix(R)[:, [1, 2, 3, 0]])}
     if words := other_reading(forces.wire, R, readings, believed):
         raise DataError(f'pose: {words}')

@@ -30,8 +30,8 @@ times as much it leaves unexplained as it is."""
 
 
 TURNS, AFTER, FEWEST = 0.1, 0.5, 50
-"""Gravity turns where it does so faster [rad/s], or has done so before within so long [s]; of fewer
-means nothing is said."""
+"""Gravity turns where it does so faster [rad/s], or has done so before within so long [s]; of
+fewer means nothing is said."""
 
 ROUNDS, PUSHED = 4, 9.0
 """Fits without what is pushed: what is off by three times what half of the readings are."""
@@ -139,5 +139,5 @@ def told(stream: Stream, pose: PoseStream) -> str:
         return (f'wrench follows gravity {found.said}: its driver smooths it; contacts are as '
                 'smooth, and while the robot moves its weight is taken off where it is not yet '
                 'felt; switch the filter off')
-    return (f'wrench shows gravity turn {found.said}, by the stamps of wrench and pose: weight and '
-            'inertia are taken off too early while the robot moves; stamp when it is measured')
+    return (f'wrench shows gravity turn {found.said}, by the stamps of wrench and pose: weight '
+            'and inertia are taken off too early while the robot moves; stamp when it is measured')

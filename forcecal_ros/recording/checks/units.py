@@ -124,11 +124,11 @@ def refuse_other_length(pose: PoseStream | None) -> None:
 
 
 def doubt_of_force_unit(mass: float) -> str:
-    """Question a mass that is light or heavy for a tool [kg], as another unit makes it; or empty."""
+    """Question a mass that is odd for a tool [kg], as another unit makes it; or empty."""
     if mass > limits.HEAVY:
         return (f'a mass of {mass:.3g} kg is much for a wrist to carry: if it weighs '
-                f'{mass / 1000:.3g} kg, the wrench is in mN; else it may be counts of a converter: '
-                'divide them by the counts a newton')
+                f'{mass / 1000:.3g} kg, the wrench is in mN; else it may be counts of a '
+                'converter: divide them by the counts a newton')
     if mass > limits.LIGHT:
         return ''
     kgf, lbf = mass * STANDARD_GRAVITY, mass * _POUND_FORCE
