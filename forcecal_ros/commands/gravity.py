@@ -13,6 +13,7 @@ from forcecal_ros.commands.common import (
     say,
     topic_names,
     warn,
+    with_reading_of,
 )
 from forcecal_ros.commands.numbers import not_negative, positive
 from forcecal_ros.commands.outputs import add_output, RECORDING
@@ -85,7 +86,8 @@ def run(args: argparse.Namespace) -> int:
     foreign = contact.refuse_foreign(recording, calibration)
     calibration, about = contact.prepared(calibration, recording, settings)
     about = (*doubts(calibration, source), *foreign, *about)
-    with bar(args, total=len(recording.wrench or ()), unit=' samples') as done:
+    with (bar(args, total=len(recording.wrench or ()), unit=' samples') as done,
+          with_reading_of(recording)):
         estimate = estimated(recording, calibration, settings,
                              args.payload if by_imu else None, done.update)
     contact.write_estimate(args.output, estimate, calibration, recording.start_ns,

@@ -11,9 +11,9 @@ MISFITS = 4.0
 """Moves that are fewer misfits of a data set's own affine map than this are not told from them."""
 
 
-LEAVES = 0.25
-"""A jump is told where it leaves less than this share of what is left beyond noise: a steady drift
-leaves as much of itself, hysteresis and bends more."""
+EXPLAINS, DRIFTS = 0.5, 3.0
+"""A jump is told where it explains this share of what an affine map leaves, and so many times what
+a steady drift explains: of hysteresis and bends a jump explains 0.18 at most."""
 
 SURE = 200.0
 """Chi-square that a jump explains at least: of eight channels once in 10^30 by chance, and noise
@@ -38,16 +38,15 @@ def jump_within(blocks: Blocks, use: Mask) -> Jump | None:
     white = np.linalg.solve(root, (raw - raw.mean(axis=0)).T).T
     q, _ = np.linalg.qr(np.column_stack([np.ones(n), g]))
     off = white - q @ (q.T @ white)
-    freedom = off.size - q.shape[1] * off.shape[1]
-    beyond = float((off**2).sum()) - freedom
     splits = range(max(1, round(SIDE * n)), n - round(SIDE * n))
-    if beyond < SURE or not splits:
+    if not splits:
         return None
-    steps = (np.arange(n)[:, None] >= np.array(splits)).astype(float)
+    at = np.arange(n)[:, None]
+    steps = np.hstack([at >= np.array(splits), at / n]).astype(float)
     steps -= q @ (q.T @ steps)
-    gains = ((steps.T @ off)**2).sum(axis=1) / np.maximum((steps**2).sum(axis=0), TINY)
+    *gains, drift = ((steps.T @ off)**2).sum(axis=1) / np.maximum((steps**2).sum(axis=0), TINY)
     best = int(np.argmax(gains))
-    if gains[best] < SURE or beyond - gains[best] > LEAVES * beyond:
+    if gains[best] < max(SURE, EXPLAINS * float((off**2).sum()), DRIFTS * drift):
         return None
     column = steps[:, best]
     size = np.abs(root @ (column @ off) / float(column @ column))

@@ -400,7 +400,7 @@ WRONG = {
     'another arm on the same topic': Wrong(
         lambda one, rng: with_other_arm(one, 'ft_sensor'), 'two|another|several|merged'),
     'another arm of another frame_id': Wrong(
-        lambda one, rng: with_other_arm(one, 'ft_left'), 'frame_id'),
+        lambda one, rng: with_other_arm(one, 'ft_left'), 'frame_id|two'),
     'wrench of another arm': Wrong(
         lambda one, rng: of_another_arm(one), 'not of the same|not belong|another'),
     'frame_id and axes change half-way': Wrong(lambda one, rng: replace(

@@ -4,6 +4,8 @@ from dataclasses import replace
 from functools import cache
 import re
 
+from forcecal_ros.commands.common import with_reading_of
+from forcecal_ros.commands.contact import other_frame
 from forcecal_ros.errors import DataError
 from forcecal_ros.identify.agreement import refuse_foreign
 from forcecal_ros.identify.pipeline import identify
@@ -11,6 +13,7 @@ from forcecal_ros.recording.bags import read_recording
 from forcecal_ros.recording.checks.entry import checked
 from forcecal_ros.recording.checks.header_stamps import usable_stamps
 from forcecal_ros.recording.checks.units import doubt_of_force_unit, refuse_other_mass
+from forcecal_ros.recording.stamps import with_even_bursts
 import numpy as np
 import pytest
 from static_sets import static_set
@@ -151,6 +154,34 @@ def test_a_tool_as_heavy_as_counts_make_it_is_questioned_and_a_scale_decides():
     for found, said in ((1.3 / 9.80665, 'its forces are in kgf'), (0.9, 'takes a load off')):
         with pytest.raises(DataError, match=said):
             refuse_other_mass(found, 0.002, 1.3)
+
+
+def test_messages_that_come_in_bursts_are_put_back_where_they_were_measured():
+    one = at_work('stamped on arrival, in bursts of 10')
+    even = with_even_bursts(one)
+    assert 'stamps of wrench come in bursts' in even.notes[0] and len(even.notes) == 1
+    sound = at_work('nothing')
+    late = even.wrench.t - sound.wrench.t
+    assert np.abs(late - late.mean()).max() < 0.01 < np.ptp(one.wrench.t - sound.wrench.t)
+    assert with_even_bursts(sound) is sound
+
+
+def test_a_wrench_of_another_frame_than_calibrated_is_noted():
+    one = at_work('nothing')
+    assert other_frame(one, known()) == ()
+    renamed = replace(one, wrench=replace(one.wrench, frame='/left_tool0'))
+    note, = other_frame(renamed, known())
+    assert "its frame_id is 'left_tool0', the calibration is of 'ft_sensor'" in note
+    assert other_frame(replace(one, wrench=replace(one.wrench, frame='')), known()) == ()
+    of_others = replace(known(), source={'of': 'force_torque_tools'})
+    assert other_frame(renamed, of_others) == ()
+
+
+def test_a_refusal_says_that_messages_named_two_frames():
+    notes = ("/wrench: frame_id is 'a' in 9 messages, but 'b' in 9", 'something else')
+    with pytest.raises(DataError, match="not of one robot; /wrench: frame_id is 'a' in 9"):
+        with with_reading_of(replace(poses('nothing'), notes=notes)):
+            raise DataError('not of one robot')
 
 
 def test_counts_that_wrap_are_refused_and_poses_that_were_joined_are_not():
