@@ -29,6 +29,14 @@ GRAVITY_OFF = 0.2
 offsets wander by a hundredth."""
 
 
+HALF = 0.5
+"""Another tool or bias is noted where it leaves less than this share of what the calibration
+leaves; a sensor that drifts, or is tared now and then, leaves more than a frame may."""
+
+BETTER = 0.6
+"""Another frame that leaves more than this share of what another tool leaves is not believed:
+drift fits a turn by a quarter better."""
+
 ARM = 0.05
 """Torques of a tool whose centre of mass is nearer are judged as of one so far [m]."""
 
@@ -102,13 +110,16 @@ def _judged(found: AtRest, calibration: Calibration) -> tuple[str, ...]:
     judgement = judge(forces)
     refuse_exchanged(forces, found.torque)
     refuse_other_orientation(forces, judgement)
-    best = judgement.likely[0]
-    if best.rms > LEAVES * left:
+    best, plain = judgement.likely[0], judgement.plain
+    if plain.mass > 0.0 and best.rms > BETTER * plain.rms:
+        best = plain
+    if best.rms > (HALF if best is plain else LEAVES) * left:
         return _made_worse(forces, mass)
-    if best is not judgement.plain and best.name not in ('tilted', 'both'):
+    if best is not plain and best.name not in ('tilted', 'both'):
         refuse_other_frame(judgement, DOWN, calibration.wrench_sign, calibration.sensor_rotation)
-    refuse_other_force_unit(judgement.plain.mass, mass)
-    if best is not judgement.plain:
+    if best.rms < LEAVES * left:
+        refuse_other_force_unit(plain.mass, mass)
+    if best is not plain:
         return ((f'a force of {left:.2g} N RMS keeps its direction in base beside the weight: '
                  'steady contact, or a base that is not level as it was calibrated'),)
     now = best.gravity @ forces.R_base_sensor * best.mass + best.residuals
@@ -116,7 +127,7 @@ def _judged(found: AtRest, calibration: Calibration) -> tuple[str, ...]:
     return ((f'what weighs on the sensor all along is {best.mass:.4g} +- {best.mass_std:.2g} kg '
              f'and a bias {" ".join(f"{x:+.2g}" for x in off)} N off, {mass:.4g} kg by the '
              f'calibration, which leaves {left:.2g} N RMS of that as contact: another tool, a '
-             'payload, or a sensor tared since; calibrate again, or tare'),)
+             'payload, a sensor tared since, or one whose zero drifts; calibrate again, or tare'),)
 
 
 def _torques_judged(found: AtRest, calibration: Calibration) -> tuple[str, ...]:

@@ -11,9 +11,10 @@ MISFITS = 4.0
 """Moves that are fewer misfits of a data set's own affine map than this are not told from them."""
 
 
-EXPLAINS, DRIFTS = 0.5, 3.0
+EXPLAINS, DRIFTS = 0.5, 1.2
 """A jump is told where it explains this share of what an affine map leaves, and so many times what
-a steady drift explains: of hysteresis and bends a jump explains 0.18 at most."""
+a steady drift explains: half-way a drift explains three quarters of a jump, and a jump of a drift.
+Of the hysteresis and bends of usual sensors a jump explains a fifth."""
 
 SURE = 200.0
 """Chi-square that a jump explains at least: of eight channels once in 10^30 by chance, and noise

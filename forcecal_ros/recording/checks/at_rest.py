@@ -7,6 +7,7 @@ from forcecal_ros.geometry import Array, skew
 from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.frame_faults import refuse_other_frame
 from forcecal_ros.recording.checks.frames import Forces, judge
+from forcecal_ros.recording.checks.orientations import read_from_w
 from forcecal_ros.recording.checks.torques import refuse_other_torques
 from forcecal_ros.recording.checks.units import force_unit_of
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
@@ -67,7 +68,8 @@ class AtRest(NamedTuple):
         forces, eye = self.forces, np.broadcast_to(np.eye(3), (len(self.begins), 3, 3))
         in_sensor = np.einsum('ij,nk->nijk', np.eye(3), forces.in_sensor).reshape(-1, 3, 9)
         off = min((_deviations(np.concatenate([columns, eye], axis=2), forces.wire)
-                   for columns in (in_sensor, forces.R_base_sensor)), key=np.median)
+                   for columns in (in_sensor, forces.R_base_sensor, np.swapaxes(
+                       read_from_w(forces.R_base_sensor), 1, 2))), key=np.median)
         keep = off <= UNTOUCHED * max(float(np.median(off)), limits.NIL)
         return AtRest(self.begins[keep], Forces(
             forces.R_base_sensor[keep], forces.wire[keep], forces.gravity, None),

@@ -33,9 +33,14 @@ def refuse_other_orientation(forces: Forces, judgement: Judgement) -> None:
         'it is that of base in the sensor: publish the pose of the sensor in base':
             np.swapaxes(R, 1, 2),
         'its quaternions are in the order w, x, y, z: fill x, y, z and w by their names':
-            matrix_from_quaternion(quaternion_from_matrix(R)[:, [1, 2, 3, 0]])}
+            read_from_w(R)}
     if words := other_reading(forces.wire, R, readings, believed):
         raise DataError(f'pose: {words}')
+
+
+def read_from_w(R_base_sensor: Array) -> Array:
+    """Return orientations as they are if quaternions in the order w, x, y, z were read as xyzw."""
+    return matrix_from_quaternion(quaternion_from_matrix(R_base_sensor)[:, [1, 2, 3, 0]])
 
 
 def other_reading(force: Array, R_base_sensor: Array, others: Mapping[str, Array],
