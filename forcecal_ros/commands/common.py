@@ -207,11 +207,11 @@ def read_checked(args: argparse.Namespace, bag: str, wanted: Collection[str] = (
 @contextmanager
 def with_reading_of(recording: 'Recording') -> Iterator[None]:
     """Add to what is refused what reading found: several frames, a clock that jumps."""
-    from forcecal_ros.errors import DataError, UnobservableError
+    from forcecal_ros.errors import ForcecalError
 
     try:
         yield
-    except (DataError, UnobservableError) as error:
+    except ForcecalError as error:
         found = [note for note in recording.notes if any(words in note for words in WORDS)]
         raise type(error)('; '.join([str(error), *found])) from error
 

@@ -74,6 +74,7 @@ def test_torques_about_another_point_are_told_by_the_calibration():
     ('wrench of 10 Hz published at 200', 'wrench: each reading is sent 10 times: it comes at 10 '),
     ('2 % zero packets', r'wrench: \d+ messages are zero in all channels'),
     ('dead band of 2 N', r'force\.\w is never between 0 and 2: a dead band'),
+    ('30 % lost in bursts', r'wrench: \d\d% of its messages are missing'),
     ('poses of two digits', 'pose: its position comes in steps of 10 mm'),
     ('wrench behind a low-pass of 0.5 Hz', 'wrench follows gravity as behind a low-pass of 0.5'),
     ('wrench averaged over 1 s', r'wrench follows gravity as averaged over (0.8|1.3) s'),

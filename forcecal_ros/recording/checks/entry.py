@@ -10,7 +10,7 @@ from forcecal_ros.recording.checks.clipping import clipped, refuse_wrapped, reso
 from forcecal_ros.recording.checks.clocks import refuse_clocks_apart, refuse_offset
 from forcecal_ros.recording.checks.held import dead_bands, lost_packets, without_held
 from forcecal_ros.recording.checks.motion import refuse_frozen_pose, refuse_silent_pose
-from forcecal_ros.recording.checks.pauses import silences
+from forcecal_ros.recording.checks.pauses import lost_messages, silences
 from forcecal_ros.recording.checks.repeats import refuse_dead, refuse_stuck
 from forcecal_ros.recording.checks.slowness import told
 from forcecal_ros.recording.checks.units import refuse_other_length
@@ -76,6 +76,7 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
     if not raw_wrench:
         refuse_offset(recording, 'smooths' in follows)
     notes = (*([follows] if follows else []), *_coarse(recording), *silences(recording),
+             *lost_messages(recording),
              *(str(one) for one in clipped(recording)))
     fresh = [note for note in notes if note not in recording.notes]
     return Checked(replace(recording, notes=(*recording.notes, *fresh)), removed)

@@ -97,6 +97,9 @@ FARTHEST = 0.02
 LOST = 5e-4
 """Fraction of missing samples that counts as dropouts."""
 
+LOST_TOLD = 0.05
+"""The same that is told: gaps of a few messages are bridged, and worth no word."""
+
 JITTER = 0.15
 """Scatter of the stamps about their line, in periods, that counts."""
 
