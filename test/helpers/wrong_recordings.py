@@ -395,7 +395,8 @@ WRONG = {
     'wrench since boot, pose of the epoch': Wrong(
         lambda one, rng: replace(one, stamp=_since(5 * 10**12)(one.t)), 'another clock|stamps'),
     'every message twice': Wrong(lambda one, rng: twice(one)),
-    'stamped on arrival, in bursts of 10': Wrong(lambda one, rng: bursts(one, 10), 'jitter|bursts'),
+    'stamped on arrival, in bursts of 10': Wrong(
+        lambda one, rng: bursts(one, 10), 'jitter|bursts'),
     '30 % lost in bursts': Wrong(lambda one, rng: lost(one, 0.3, rng), 'messages are missing'),
     'another arm on the same topic': Wrong(
         lambda one, rng: with_other_arm(one, 'ft_sensor'), 'two|another|several|merged'),

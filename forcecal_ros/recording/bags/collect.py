@@ -195,7 +195,7 @@ class Collector:
 
 def _unstamped(stamps: Integers) -> NDArray[np.bool_]:
     """Tell whose stamp is zero because none was set; simulated time may begin at zero."""
-    unset = stamps == 0
+    unset: NDArray[np.bool_] = stamps == 0
     later = stamps[~unset]
     if unset.sum() == 1 and len(later) > 1 and later.min() < STARTS * max(
             10**9, float(np.median(np.abs(np.diff(later))))):

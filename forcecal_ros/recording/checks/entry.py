@@ -147,7 +147,8 @@ def _without_lost_packets(recording: Recording, removed: dict[str, int]) -> Reco
     if wrench is None or lost is None or not lost.any():
         return recording
     removed['wrench'] = removed.get('wrench', 0) + int(lost.sum())
-    return replace(recording, wrench=_chosen(wrench, ~lost), notes=(*recording.notes, (
+    kept = replace(wrench, t=wrench.t[~lost], values=wrench.values[~lost])
+    return replace(recording, wrench=kept, notes=(*recording.notes, (
         f'wrench: {int(lost.sum())} messages are zero in all channels between others that are '
         'not, as of lost packets; left out')))
 

@@ -1,7 +1,7 @@
 """What becomes of recordings that drivers, loggers and clocks have spoilt, by command.
 
-    python benchmark/wrong_recordings.py                 # the table of docs/faults.md
-    python benchmark/wrong_recordings.py --wrong counts --say   # some, with what is said
+    python benchmark/spoilt_recordings.py                 # the table of docs/faults.md
+    python benchmark/spoilt_recordings.py --wrong counts --say   # some, with what is said
 
 A gripper of 1.3 kg is simulated in fourteen poses, to be calibrated, and at work with contacts
 (test/helpers/wrong_recordings.py). ``right``: as of the sound log. ``told``: something is off, and
@@ -20,6 +20,7 @@ import re
 import signal
 import sys
 import tempfile
+from typing import Any
 
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 ROOT = Path(__file__).resolve().parents[1]
@@ -101,7 +102,7 @@ def valid(bag, stamps):
     with AnyReader([bag]) as reader:
         wanted = [one for one in reader.connections if one.topic == '/observer/status']
         for connection, _, raw in reader.messages(wanted):
-            message = reader.deserialize(raw, connection.msgtype)
+            message: Any = reader.deserialize(raw, connection.msgtype)
             stamp = message.header.stamp
             level = message.status[0].level
             good[stamps >= stamp.sec * 10**9 + stamp.nanosec - 1000] = ord(level) < 2 if (
