@@ -11,6 +11,7 @@ from forcecal_ros.commands.common import (
     new_parser,
     read_checked,
     read_likewise,
+    with_reading_of,
 )
 from forcecal_ros.commands.contact import add_bandwidth, bandwidth_of
 from forcecal_ros.commands.each_recording import add_bags, Answer
@@ -39,6 +40,9 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--matrix', metavar='C.yaml',
                         help='calibration.yaml of forcecal insitu whose matrix turns the raw '
                              'channels of the wrench topic into a wrench')
+    parser.add_argument('--tool-mass', metavar='KG', type=positive,
+                        help='what a scale says the tool weighs: forces that make something else '
+                             'of it are refused, with the unit that they may be in')
     add_output(parser, '-o', '--output', kind=FILE, suffix='.yaml', metavar='FILE',
                default='calibration.yaml',
                help='calibration to write, - for standard output; one that is there is kept as '
@@ -106,7 +110,7 @@ def answer(args: argparse.Namespace) -> Answer:
     from forcecal_ros.identify.delay import estimate_delay, with_delay
 
     if Path(args.bag).suffix in ('.yaml', '.yml'):
-        return _written(_with_mounting(load(args.bag), args), args, ())
+        return _written(_of_stated_mass(_with_mounting(load(args.bag), args), args), args, ())
     matrix = load(args.matrix) if args.matrix else None
     recording = read_checked(args, args.bag, ['wrench', 'pose'], raw_wrench=matrix is not None)
     if matrix:
@@ -116,7 +120,8 @@ def answer(args: argparse.Namespace) -> Answer:
         motion = read_checked(args, args.free_motion, raw_wrench=matrix is not None)
         if matrix:
             motion = recording_corrected(motion, required_six_axis(matrix, args.matrix))
-    calibration = calibrated(recording, args)
+    with with_reading_of(recording):
+        calibration = _of_stated_mass(calibrated(recording, args), args)
     if motion:
         calibration = with_delay(calibration, estimate_delay(motion, calibration))
     if args.report:
@@ -124,6 +129,17 @@ def answer(args: argparse.Namespace) -> Answer:
     if matrix:
         calibration = with_matrix_of(calibration, matrix)
     return _written(calibration, args, recording.notes)
+
+
+def _of_stated_mass(calibration: 'Calibration', args: argparse.Namespace) -> 'Calibration':
+    """Return a calibration whose tool weighs what a scale says."""
+    from forcecal_ros.recording.checks.units import refuse_other_mass
+
+    if args.tool_mass is not None:
+        std = float(calibration.mass.std)
+        refuse_other_mass(float(calibration.mass), std if math.isfinite(std) else 0.0,
+                          args.tool_mass)
+    return calibration
 
 
 def _with_mounting(calibration: 'Calibration', args: argparse.Namespace) -> 'Calibration':

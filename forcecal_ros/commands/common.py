@@ -19,6 +19,9 @@ UNITS = {'S': ' s', 'HZ': ' Hz', 'KG': ' kg', 'RAD': ' rad', 'NS/M': ' N s/m', '
 CLOSE = 0.75
 """Share of letters that a wrong word has in common with what may have been meant."""
 
+WORDS = (': frame_id is ', 'because their stamps jump', 'by another clock')
+"""What is noted when a recording is read and may be why it is refused later."""
+
 if TYPE_CHECKING:
     from forcecal_ros.recording.streams import Recording
 
@@ -219,9 +222,23 @@ def read_checked(args: argparse.Namespace, bag: str, wanted: Collection[str] = (
     from forcecal_ros.recording.checks.entry import checked
     from forcecal_ros.recording.required import require
 
-    recording = checked(read_poses_of_sensor(args, bag), raw_wrench).recording
+    recording = read_poses_of_sensor(args, bag)
+    with with_reading_of(recording):
+        recording = checked(recording, raw_wrench).recording
     require(recording, wanted)
     return recording
+
+
+@contextmanager
+def with_reading_of(recording: 'Recording') -> Iterator[None]:
+    """Add to what is refused what reading found: several frames, a clock that jumps."""
+    from forcecal_ros.errors import ForcecalError
+
+    try:
+        yield
+    except ForcecalError as error:
+        found = [note for note in recording.notes if any(words in note for words in WORDS)]
+        raise type(error)('; '.join([str(error), *found])) from error
 
 
 def print_json(document: Mapping[str, Any]) -> None:

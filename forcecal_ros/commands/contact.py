@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any, TYPE_CHECKING
 
+from forcecal_ros.commands.common import with_reading_of
 from forcecal_ros.commands.numbers import positive
 from forcecal_ros.errors import UsageError
 
@@ -78,7 +79,19 @@ def refuse_foreign(recording: 'Recording', calibration: 'Calibration') -> tuple[
 
     if part := six_axis(calibration):
         recording = recording_corrected(recording, part)
-    return agreement.refuse_foreign(as_calibrated(recording, calibration)[0], calibration)
+    with with_reading_of(recording):
+        found = agreement.refuse_foreign(as_calibrated(recording, calibration)[0], calibration)
+    return (*other_frame(recording, calibration), *found)
+
+
+def other_frame(recording: 'Recording', calibration: 'Calibration') -> tuple[str, ...]:
+    """Note that a wrench names another frame than the one calibrated."""
+    named, known = (name.strip('/') for name in (
+        recording.wrench.frame if recording.wrench else '', calibration.sensor_frame))
+    if not named or named == known or 'of' in calibration.source:
+        return ()
+    return ((f'wrench: its frame_id is {named!r}, the calibration is of {known!r}, whose weight '
+             f'and bias are taken off; if {named!r} is another frame or sensor, calibrate in it'),)
 
 
 def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'ObserverSettings'

@@ -64,6 +64,7 @@ def answer(args: argparse.Namespace) -> Answer:
     from forcecal_ros.observe.batch import waits_for_compiler
     from forcecal_ros.observe.mounting import taken_as_calibrated
     from forcecal_ros.observe.payload.replay import follow
+    from forcecal_ros.recording.stamps import with_even_bursts
 
     settings = ObserverSettings(filter=args.filter, bandwidth_hz=args.bandwidth,
                                 **contact.bandwidth_of(args))
@@ -71,6 +72,7 @@ def answer(args: argparse.Namespace) -> Answer:
     recording = contact.in_sign_of(calibration, args.wrench_sign, taken_as_calibrated(
         read_checked(args, args.bag, raw_wrench=calibration.matrix is not None), calibration,
         args.calibration))
+    recording = with_even_bursts(recording)
     foreign = contact.refuse_foreign(recording, calibration)
     calibration, about = contact.prepared(calibration, recording, settings)
     about = (*foreign, *about)

@@ -13,6 +13,7 @@ from forcecal_ros.commands.common import (
     say,
     topic_names,
     warn,
+    with_reading_of,
 )
 from forcecal_ros.commands.numbers import not_negative, positive
 from forcecal_ros.commands.outputs import add_output, RECORDING
@@ -71,6 +72,7 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.calibration.file import load
     from forcecal_ros.commands import contact
     from forcecal_ros.observe.mounting import taken_as_calibrated
+    from forcecal_ros.recording.stamps import with_even_bursts
 
     refuse_unused(args)
     settings = settings_of(args)
@@ -80,10 +82,12 @@ def run(args: argparse.Namespace) -> int:
     calibration, source = calibration_for(args, recording)
     recording = contact.in_sign_of(calibration, args.wrench_sign, taken_as_calibrated(
         recording, calibration, args.calibration or args.bag))
+    recording = with_even_bursts(recording)
     foreign = contact.refuse_foreign(recording, calibration)
     calibration, about = contact.prepared(calibration, recording, settings)
     about = (*doubts(calibration, source), *foreign, *about)
-    with bar(args, total=len(recording.wrench or ()), unit=' samples') as done:
+    with (bar(args, total=len(recording.wrench or ()), unit=' samples') as done,
+          with_reading_of(recording)):
         estimate = estimated(recording, calibration, settings,
                              args.payload if by_imu else None, done.update)
     contact.write_estimate(args.output, estimate, calibration, recording.start_ns,

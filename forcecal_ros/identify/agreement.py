@@ -9,10 +9,14 @@ from forcecal_ros.recording.checks.at_rest import (
     AtRest,
     LEAVES,
     means_at,
+    place_of,
     refuse_other_force_unit,
+    refuse_other_lever,
 )
 from forcecal_ros.recording.checks.frame_faults import refuse_other_frame
 from forcecal_ros.recording.checks.frames import Forces, judge
+from forcecal_ros.recording.checks.orientations import refuse_other_orientation
+from forcecal_ros.recording.checks.torques import refuse_exchanged, refuse_other_torques
 from forcecal_ros.recording.level import DOWN
 from forcecal_ros.recording.streams import Recording
 import numpy as np
@@ -23,6 +27,21 @@ SLIGHT = 0.05
 GRAVITY_OFF = 0.2
 """An accelerometer that shows gravity off by this share of it is not as it was calibrated:
 offsets wander by a hundredth."""
+
+
+HALF = 0.5
+"""Another tool or bias is noted where it leaves less than this share of what the calibration
+leaves; a sensor that drifts, or is tared now and then, leaves more than a frame may."""
+
+BETTER = 0.6
+"""Another frame that leaves more than this share of what another tool leaves is not believed:
+drift fits a turn by a quarter better."""
+
+ARM = 0.05
+"""Torques of a tool whose centre of mass is nearer are judged as of one so far [m]."""
+
+MOVED = 0.01
+"""A centre of mass that is off by less may be a gripper that has opened [m]."""
 
 
 def refuse_foreign(recording: Recording, calibration: Calibration) -> tuple[str, ...]:
@@ -49,7 +68,10 @@ def refuse_foreign(recording: Recording, calibration: Calibration) -> tuple[str,
         return ()
     _refuse_other_gravity(recording, calibration, found.begins, found.forces.R_base_sensor)
     changed = _changed(found.forces, found.begins, calibration)
-    return (changed,) if changed else _judged(found.untouched, calibration)
+    if changed:
+        return (changed,)
+    untouched = found.untouched
+    return _judged(untouched, calibration) or _torques_judged(untouched, calibration)
 
 
 def _refuse_other_gravity(recording: Recording, calibration: Calibration, begins: Array, R: Array
@@ -86,13 +108,18 @@ def _judged(found: AtRest, calibration: Calibration) -> tuple[str, ...]:
     if left < SLIGHT * weight or not found.tells:
         return ()
     judgement = judge(forces)
-    best = judgement.likely[0]
-    if best.rms > LEAVES * left:
+    refuse_exchanged(forces, found.torque)
+    refuse_other_orientation(forces, judgement)
+    best, plain = judgement.likely[0], judgement.plain
+    if plain.mass > 0.0 and best.rms > BETTER * plain.rms:
+        best = plain
+    if best.rms > (HALF if best is plain else LEAVES) * left:
         return _made_worse(forces, mass)
-    if best is not judgement.plain and best.name not in ('tilted', 'both'):
+    if best is not plain and best.name not in ('tilted', 'both'):
         refuse_other_frame(judgement, DOWN, calibration.wrench_sign, calibration.sensor_rotation)
-    refuse_other_force_unit(judgement.plain.mass, mass)
-    if best is not judgement.plain:
+    if best.rms < LEAVES * left:
+        refuse_other_force_unit(plain.mass, mass)
+    if best is not plain:
         return ((f'a force of {left:.2g} N RMS keeps its direction in base beside the weight: '
                  'steady contact, or a base that is not level as it was calibrated'),)
     now = best.gravity @ forces.R_base_sensor * best.mass + best.residuals
@@ -100,7 +127,34 @@ def _judged(found: AtRest, calibration: Calibration) -> tuple[str, ...]:
     return ((f'what weighs on the sensor all along is {best.mass:.4g} +- {best.mass_std:.2g} kg '
              f'and a bias {" ".join(f"{x:+.2g}" for x in off)} N off, {mass:.4g} kg by the '
              f'calibration, which leaves {left:.2g} N RMS of that as contact: another tool, a '
-             'payload, or a sensor tared since; calibrate again, or tare'),)
+             'payload, a sensor tared since, or one whose zero drifts; calibrate again, or tare'),)
+
+
+def _torques_judged(found: AtRest, calibration: Calibration) -> tuple[str, ...]:
+    """Compare the torques that the weight makes with the calibrated centre of mass."""
+    if not found.tells:
+        return ()
+    com = calibration.com.value
+    weight = float(calibration.mass) * found.forces.in_sensor
+    size = float(calibration.mass) * calibration.gravity
+    torque = found.torque - calibration.wrench_bias.value[3:]
+    left = _rms(torque - np.cross(com, weight))
+    if left < SLIGHT * size * max(ARM, float(np.linalg.norm(com))):
+        return ()
+    refuse_other_torques(weight, found.torque, None, found.forces.R_base_sensor)
+    refuse_other_lever(weight, found.torque, com)
+    shown = place_of(weight, found.torque)
+    off = torque - np.cross(shown, weight)
+    if np.linalg.norm(shown - com) < MOVED or _rms(off - off.mean(axis=0)) > LEAVES * left:
+        return ()
+    return ((f'torques put the centre of mass at {_metres(shown)} m, the calibration has it at '
+             f'{_metres(com)} m, though the weight is the same: they are about another point (the '
+             'tool centre, not the sensor), or another tool hangs there; torques that are left '
+             'count as contact'),)
+
+
+def _metres(place: Array) -> str:
+    return f'({" ".join(f"{x:.3f}" for x in place)})'
 
 
 def _made_worse(forces: Forces, mass: float) -> tuple[str, ...]:

@@ -11,7 +11,8 @@ from forcecal_ros.recording.checks.frame_faults import (
     slightly_off,
 )
 from forcecal_ros.recording.checks.frames import Forces, judge
-from forcecal_ros.recording.checks.torques import refuse_other_torques
+from forcecal_ros.recording.checks.orientations import refuse_other_orientation
+from forcecal_ros.recording.checks.torques import refuse_exchanged, refuse_other_torques
 from forcecal_ros.recording.level import DOWN, level_from_base
 import numpy as np
 
@@ -35,9 +36,11 @@ def slight_misfit(poses: list[StaticPose], statics: Statics,
     noise = None
     if statics.covariance is not None:
         noise = np.sqrt(np.trace(statics.covariance[:, :3, :3], axis1=1, axis2=2) / 3.0)
-    judgement = judge(Forces(
-        back @ np.stack([pose.R_base_sensor for pose in poses]), statics.wrench[:, :3],
-        settings.gravity * believed, noise))
+    forces = Forces(back @ np.stack([pose.R_base_sensor for pose in poses]),
+                    statics.wrench[:, :3], settings.gravity * believed, noise)
+    judgement = judge(forces)
+    refuse_exchanged(forces, statics.wrench[:, 3:])
+    refuse_other_orientation(forces, judgement)
     refuse_other_frame(judgement, believed, settings.wrench_sign, settings.sensor_rotation)
     check_weight(statics.gravity, settings.thresholds.condition)
     refuse_weightless(judgement)
@@ -45,5 +48,5 @@ def slight_misfit(poses: list[StaticPose], statics: Statics,
     torque_noise = None if statics.covariance is None else np.sqrt(np.diagonal(
         statics.covariance[:, 3:, 3:], axis1=1, axis2=2).mean(axis=0))
     refuse_other_torques(judgement.plain.mass * statics.gravity, statics.wrench[:, 3:],
-                         torque_noise)
+                         torque_noise, forces.R_base_sensor)
     return slightly_off(judgement, believed)

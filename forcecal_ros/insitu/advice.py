@@ -176,7 +176,12 @@ def _size(result: SensorResult, cause: Cause) -> str:
 
 
 def offsets_of(result: SensorResult) -> Iterator[str]:
-    """Say that the offset moved between data sets."""
+    """Say that the offset moved between data sets, or within one."""
+    for d, jump in zip(result.data_sets, result.jumps):
+        if jump is not None:
+            yield (f'{d.name}: from {jump.start:.1f} s on channels are off by up to '
+                   f'{jump.share:.1%} of what gravity moves them, however it points: a tare, or a '
+                   'driver started anew, within it; use either part alone (window)')
     if len(result.data_sets) < 2:
         return
     worst = int(result.offset_moves.argmax())

@@ -159,7 +159,7 @@ def to_blocks(pieces: Iterable[Prepared], window: tuple[float, float] | None = N
             piece = held.take(slice(whole * samples))
             tally, differences = _tally(piece, samples)
             tallies.append(tally)
-            if samples > 1 and (tally.low == tally.high).any():
+            if samples > 1 and ((tally.low == tally.high).any() or _stands(piece, samples)):
                 _refuse_stuck(before, piece, window)
             before = piece.take(slice(-BEFORE, None))
             if loudness is None:
@@ -170,20 +170,32 @@ def to_blocks(pieces: Iterable[Prepared], window: tuple[float, float] | None = N
             tallies = [_merge(_join(tallies))]
             samples *= 2
     if not tallies:
-        raise DataError(f'{0 if held is None else len(held.t)} samples are too few for one block '
+        if held is None:
+            raise DataError('there are no samples in it; look at its file')
+        raise DataError(f'{len(held.t)} samples are too few for one block '
                         f'of {BLOCK:g} s; is the time in seconds?')
     return _finish(_join(tallies), samples, period, correlation)
 
 
 def _refuse_stuck(before: Prepared | None, piece: Prepared, window: tuple[float, float] | None
                   ) -> None:
-    """Look closer where a channel repeats itself for a whole block."""
-    t, raw = piece.t, piece.raw
-    if before is not None:
-        t, raw = np.concatenate([before.t, t]), np.concatenate([before.raw, raw])
-    used = Stream(t, raw) if window is None else Stream(t, raw).between(*window)
-    if len(used) > 1:
-        refuse_stuck(used, 'the sensor', [f'channel {k + 1}' for k in range(raw.shape[1])])
+    """Look closer where a channel or the accelerometer repeats itself for a whole block."""
+    both = [piece] if before is None else [before, piece]
+    t = np.concatenate([one.t for one in both])
+    for name, channels, values in (
+            ('the sensor', [f'channel {k + 1}' for k in range(piece.raw.shape[1])],
+             np.concatenate([one.raw for one in both])),
+            ('accelerometer', [f'gravity along {axis}' for axis in 'xyz'],
+             np.concatenate([one.regressors[:, :3] for one in both]))):
+        used = Stream(t, values) if window is None else Stream(t, values).between(*window)
+        if len(used) > 1:
+            refuse_stuck(used, name, channels)
+
+
+def _stands(piece: Prepared, samples: int) -> bool:
+    """Say whether an axis of measured gravity is the same throughout any block."""
+    blocks = piece.regressors[:, :3].reshape(-1, samples, 3)
+    return bool((blocks == blocks[:, :1]).all(axis=1).any())
 
 
 def _tally(piece: Prepared, samples: int) -> tuple[_Tally, Array]:

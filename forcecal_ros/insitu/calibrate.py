@@ -15,7 +15,7 @@ from forcecal_ros.insitu.misfit import hidden_covariance
 from forcecal_ros.insitu.moments import Moments
 from forcecal_ros.insitu.motion import MOVING, STATIC
 from forcecal_ros.insitu.offset import offset_of, shared_offset
-from forcecal_ros.insitu.offset_moves import explained, offset_moves
+from forcecal_ros.insitu.offset_moves import explained, jump_within, offset_moves
 from forcecal_ros.insitu.prepare import Mounting
 from forcecal_ros.insitu.problem import MatrixProblem, with_matrix
 from forcecal_ros.insitu.rank import require
@@ -90,6 +90,7 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
         [(r.blocks, r.use) for r in reduced])
     compensate = (options.compensate_hysteresis and options.body
                   and len(data_sets) >= AGREEING)
+    unlagged = reduced
     if found_causes and compensate:
         reduced = without_hysteresis(reduced, found_causes.lags)
     moments = [r.moments for r in reduced]
@@ -111,6 +112,8 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
             moments, held_out, offset),
         offset_moves=np.zeros(len(moments)) if options.moving else offset_moves(
             [(r.blocks, r.use) for r in reduced]),
+        jumps=() if options.moving or options.poses or coarse else tuple(
+            jump_within(r.blocks, r.use) for r in unlagged),
         causes=found_causes, compensated=compensate,
         data_sets=tuple(_data_set(d, r, options) for d, r in zip(data_sets, reduced)),
         manufacturer_matrix=manufacturer_matrix)

@@ -1,13 +1,58 @@
-"""Whether the offset stayed from data set to data set: a tare, a cable, temperature move it."""
+"""Whether the offset stayed, from data set to data set and within each: a tare moves it."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
-from forcecal_ros.insitu.blocks import Blocks, Mask
+from forcecal_ros.insitu.blocks import Blocks, Mask, TINY
 import numpy as np
 
 MISFITS = 4.0
 """Moves that are fewer misfits of a data set's own affine map than this are not told from them."""
+
+
+EXPLAINS, DRIFTS = 0.5, 1.2
+"""A jump is told where it explains this share of what an affine map leaves, and so many times what
+a steady drift explains: half-way a drift explains three quarters of a jump, and a jump of a drift.
+Of the hysteresis and bends of usual sensors a jump explains a fifth."""
+
+SURE = 200.0
+"""Chi-square that a jump explains at least: of eight channels once in 10^30 by chance, and noise
+is known to some percent only."""
+
+SIDE = 0.15
+"""Share of a data set on either side of a jump, at least."""
+
+
+class Jump(NamedTuple):
+    """From when on [s] channels are off by up to which share of what gravity moves them."""
+
+    start: float
+    share: float
+
+
+def jump_within(blocks: Blocks, use: Mask) -> Jump | None:
+    """Find the instant from which on a data set's channels are off, however gravity turns."""
+    g, raw, start = blocks.regressors[use, :3], blocks.raw[use], blocks.start[use]
+    n = len(raw)
+    root = np.linalg.cholesky(blocks.raw_noise / blocks.samples)
+    white = np.linalg.solve(root, (raw - raw.mean(axis=0)).T).T
+    q, _ = np.linalg.qr(np.column_stack([np.ones(n), g]))
+    off = white - q @ (q.T @ white)
+    splits = range(max(1, round(SIDE * n)), n - round(SIDE * n))
+    if not splits:
+        return None
+    at = np.arange(n)[:, None]
+    steps = np.hstack([at >= np.array(splits), at / n]).astype(float)
+    steps -= q @ (q.T @ steps)
+    *gains, drift = ((steps.T @ off)**2).sum(axis=1) / np.maximum((steps**2).sum(axis=0), TINY)
+    best = int(np.argmax(gains))
+    if gains[best] < max(SURE, EXPLAINS * float((off**2).sum()), DRIFTS * drift):
+        return None
+    column = steps[:, best]
+    size = np.abs(root @ (column @ off) / float(column @ column))
+    span = np.maximum(affine(g, raw)[2], 1e-12)
+    return Jump(float(start[splits[best]]), float((size / span).max()))
 
 
 def offset_moves(data_sets: Sequence[tuple[Blocks, Mask]]) -> Array:

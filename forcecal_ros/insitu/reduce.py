@@ -206,8 +206,13 @@ def without_hysteresis(reduced: Sequence[Reduced], lags: Sequence[Array]) -> lis
 
 def _require_signal(blocks: Blocks) -> None:
     """Refuse channels that stand still all the time, and an accelerometer that does."""
-    if not np.ptp(blocks.regressors[:, :3], axis=0).any():
+    gravity = blocks.regressors[:, :3]
+    if not np.ptp(gravity, axis=0).any():
         raise DataError(f'accelerometer: the values never change; {REMEDY}')
+    if len(stands := np.flatnonzero(np.ptp(gravity, axis=0) == 0)):
+        named = ', '.join('xyz'[k] for k in stands)
+        raise DataError(f'accelerometer: gravity along {named} of the sensor never changes, not '
+                        f'even by noise (the right columns?); {REMEDY}')
     still = np.flatnonzero(np.ptp(blocks.raw, axis=0) == 0)
     if len(still):
         named = '; '.join(f'channel {k + 1} stands at {blocks.raw[0, k]:.6g} throughout'

@@ -8,6 +8,7 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.departure import Causes, Departure
 from forcecal_ros.insitu.excitation import Excitation, Norm
 from forcecal_ros.insitu.matrix import Load
+from forcecal_ros.insitu.offset_moves import Jump
 from forcecal_ros.insitu.rank import RankReport
 from forcecal_ros.insitu.reduce import Options
 from forcecal_ros.insitu.screen import Cut
@@ -88,6 +89,8 @@ class SensorResult:
         How far each data set's own offset is from the shared one, in its standard errors.
     offset_moves : ndarray, shape (k,)
         How far each data set's own offset is from the usual one, as a share of what gravity moves.
+    jumps : tuple of Jump or None
+        Of the offset within each data set; empty in motion and of poses.
     causes : Causes or None
         What the residuals of the affine maps of gravity come from; None in motion.
     compensated : bool
@@ -127,4 +130,5 @@ class SensorResult:
     rank: RankReport | None = None
     nonlinearity: NonLinearity | None = None
     contradiction: Contradiction | None = None
+    jumps: tuple[Jump | None, ...] = ()
     warnings: tuple[str, ...] = ()

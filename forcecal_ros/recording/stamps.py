@@ -1,10 +1,10 @@
 """Stamps that jitter: set on arrival by a busy computer, around instants that were regular."""
 
 from dataclasses import replace
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from forcecal_ros.geometry import Array
-from forcecal_ros.recording.streams import PoseStream, Stream
+from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
@@ -47,6 +47,9 @@ sample in five is lost and nothing jitters, it takes all.
 
 PAUSE = 6.0
 """An interval longer than the period by so many standard deviations of the jitter is a pause."""
+
+BURSTS = 1.0
+"""Jitter of so many periods is no delay on the way but messages that arrive together."""
 
 _TimedStream = TypeVar('_TimedStream', Stream, PoseStream)
 
@@ -204,3 +207,19 @@ def _columns(stream: Stream | PoseStream) -> Array:
         return stream.values
     rotation = stream.R_base_sensor.reshape(len(stream), 9)
     return np.hstack([rotation, stream.position]) if stream.has_position else rotation
+
+
+def with_even_bursts(recording: Recording) -> Recording:
+    """Even the stamps of what was stamped on arrival, several messages at once; and note it."""
+    changes: dict[str, Any] = {}
+    notes = []
+    for name in ('wrench', 'pose', 'accelerometer', 'angular_velocity', 'optidrive'):
+        stream = getattr(recording, name)
+        jitter = None if stream is None else jitter_of(stream.t)
+        if stream is None or jitter is None or not jitter.std > BURSTS * jitter.period:
+            continue
+        changes[name], _ = with_even_stamps(stream)
+        if changes[name] is not stream:
+            notes.append(f'stamps of {name} come in bursts, {1e3 * jitter.std:.2g} ms around '
+                         f'{1e3 * jitter.period:.3g} ms: evened out, as are those of the result')
+    return replace(recording, **changes, notes=(*recording.notes, *notes)) if notes else recording

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+import re
 import tracemalloc
 
 from forcecal_ros.calibration.file import load
@@ -337,6 +338,48 @@ def test_units_in_the_names_of_columns_hold(tmp_path):
             ({'time': {'column': 'time [ms]', 'unit': 's'}}, "time.unit is 's', expected ms")):
         with pytest.raises(ConfigError, match=words):
             load_spec(write_spec(tmp_path, document(**change)))
+
+@pytest.mark.parametrize('spoil, said', [
+    (lambda rows: rows[:0], 'there are no samples in it'),
+    (lambda rows: np.where(np.arange(len(rows))[:, None] > 1000, rows[1000], rows)
+     * (np.arange(10) == 8) + rows * (np.arange(10) != 8),
+     r'gravity along y repeats \S+ from 10.0'),
+    (lambda rows: np.where(np.arange(10) == 8, 0.0, rows), 'gravity along y of the sensor never'),
+    (lambda rows: np.where((np.arange(len(rows))[:, None] % 10 == 0) & (np.arange(10) == 3),
+                           np.nan, rows), r'10.0 % of the samples are not finite')])
+def test_a_spoilt_table_among_sound_ones_is_refused_by_cause(tables, tmp_path, capsys, spoil,
+                                                            said):
+    names = ['t', *(f'r{k}' for k in range(6)), 'ax', 'ay', 'az']
+    at = [COLUMNS.index(name) for name in names]
+    for k, one in enumerate(PROTOCOL):
+        rows = table_of(one, LEG, 700 + k)[:, at]
+        np.savetxt(tmp_path / f'set{k + 1}.csv', spoil(rows) if k == 1 else rows, delimiter=',',
+                   header=','.join(names), comments='', fmt='%.9g')
+    spec = write_spec(tmp_path, document())
+    assert main(['insitu', str(spec), '-o', str(tmp_path / 'out'), '--quiet']) == 1
+    complaint = capsys.readouterr().err.strip().splitlines()[-1]
+    assert re.search(said, complaint) and 'set2' in complaint
+    assert not (tmp_path / 'out').exists()
+
+
+def test_time_that_runs_back_and_rows_that_are_repeated_leave_the_result_alone(
+        tables, done, tmp_path, capsys):
+    names = ['t', *(f'r{k}' for k in range(6)), 'ax', 'ay', 'az']
+    at = [COLUMNS.index(name) for name in names]
+    for k, one in enumerate(PROTOCOL):
+        rows = table_of(one, LEG, 700 + k)[:, at]
+        if k == 1:
+            rows = np.vstack([rows[:1000], rows[500:]])
+        if k == 2:
+            rows = np.repeat(rows, 2, axis=0)
+        np.savetxt(tmp_path / f'set{k + 1}.csv', rows, delimiter=',', header=','.join(names),
+                   comments='', fmt='%.9g')
+    spec = write_spec(tmp_path, document())
+    assert main(['insitu', str(spec), '-o', str(tmp_path / 'out'), '--quiet']) == 0
+    said = capsys.readouterr().err
+    assert 'set2.csv: 500 rows' in said and 'set3.csv: 2000 rows' in said
+    mine, other = load(tmp_path / 'out/calibration.yaml'), load(done / 'calibration.yaml')
+    np.testing.assert_allclose(mine.matrix.value, other.matrix.value, rtol=1e-9)
 
 
 def peak_of(samples):

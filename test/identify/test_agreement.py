@@ -86,12 +86,12 @@ def test_a_tare_and_a_payload_half_way_are_told_with_time_and_size():
         assert ' kg more' in note and abs(float(note.split(' carries ')[1].split()[0]) - 3.0) < 0.1
 
 
-def test_poses_turned_the_other_way_round_are_doubted():
+def test_poses_turned_the_other_way_round_are_refused():
     recording = recorded()
     inverse = np.swapaxes(recording.pose.R_base_sensor, 1, 2)
-    note, = refuse_foreign(replace(recording, pose=replace(
-        recording.pose, R_base_sensor=inverse)), C)
-    assert 'the pose is that of base in the sensor' in note
+    with pytest.raises(DataError, match='it is that of base in the sensor'):
+        refuse_foreign(replace(recording, pose=replace(
+            recording.pose, R_base_sensor=inverse)), C)
 
 
 def test_an_accelerometer_in_another_unit_or_mount_is_refused():

@@ -9,10 +9,15 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.recording.bags.batch import Batch, Integers, Notes
 from forcecal_ros.recording.bags.cdr import CdrError, Decoder, Group
 from forcecal_ros.recording.bags.storage import Bag
+from forcecal_ros.recording.checks.header_stamps import usable_stamps
 from forcecal_ros.recording.checks.order import increasing
 from forcecal_ros.recording.topics import POSE, Topic
 import numpy as np
 from numpy.typing import NDArray
+
+STARTS = 2.0
+"""One message of stamp zero begins a recording where the next comes within so many seconds, or so
+many periods of a slower topic: clocks that were set count from 1970 or from when they started."""
 
 
 class Series(NamedTuple):
@@ -143,7 +148,7 @@ class Collector:
                         ) -> tuple[Integers, Integers, NDArray[Any]]:
         """Return stamps, times of recording and values of the messages that can be used."""
         stamps, log, values = self._stamps.take(), self._log.take(), self._values.take()
-        broken = stamps == 0
+        broken = _unstamped(stamps)
         if broken.mean() > 0.5:
             notes.add(f'{self._topic.name}: header stamps are zero; the times of recording were '
                       'used')
@@ -159,7 +164,18 @@ class Collector:
             notes.add(f'{self._topic.name}: {int(broken.sum())} messages with NaN, infinite or no '
                       'values or without stamp were left out')
             stamps, log, values = stamps[~broken], log[~broken], values[~broken]
-        return stamps, log, values
+        return self._stamped(stamps, log, values, notes), log, values
+
+    def _stamped(self, stamps: Integers, log: Integers, values: NDArray[Any], notes: Notes
+                 ) -> Integers:
+        """Return the stamps, or the times of recording where those are of no clock."""
+        if self._text:
+            return stamps
+        measured = values[:, :3] if self._topic.type == POSE else values
+        found = usable_stamps(self._topic.name, stamps, log, measured)
+        if found.note:
+            notes.add(found.note)
+        return found.stamps
 
     def _in_order(self, stamps: Integers, log: Integers, values: NDArray[Any], frame: str,
                   notes: Notes) -> Series:
@@ -175,6 +191,16 @@ class Collector:
         if len(kept) < len(stamps) or (np.diff(kept) != 1).any():
             stamps, values = stamps[kept], values[kept]
         return Series(frozen(stamps), frozen(values), frame)
+
+
+def _unstamped(stamps: Integers) -> NDArray[np.bool_]:
+    """Tell whose stamp is zero because none was set; simulated time may begin at zero."""
+    unset: NDArray[np.bool_] = stamps == 0
+    later = stamps[~unset]
+    if unset.sum() == 1 and len(later) > 1 and later.min() < STARTS * max(
+            10**9, float(np.median(np.abs(np.diff(later))))):
+        return np.zeros_like(unset)
+    return unset
 
 
 def _unusable_poses(values: NDArray[Any]) -> NDArray[np.bool_]:

@@ -7,6 +7,7 @@ from forcecal_ros.geometry import Array, skew
 from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.frame_faults import refuse_other_frame
 from forcecal_ros.recording.checks.frames import Forces, judge
+from forcecal_ros.recording.checks.orientations import read_from_w
 from forcecal_ros.recording.checks.torques import refuse_other_torques
 from forcecal_ros.recording.checks.units import force_unit_of
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
@@ -67,7 +68,8 @@ class AtRest(NamedTuple):
         forces, eye = self.forces, np.broadcast_to(np.eye(3), (len(self.begins), 3, 3))
         in_sensor = np.einsum('ij,nk->nijk', np.eye(3), forces.in_sensor).reshape(-1, 3, 9)
         off = min((_deviations(np.concatenate([columns, eye], axis=2), forces.wire)
-                   for columns in (in_sensor, forces.R_base_sensor)), key=np.median)
+                   for columns in (in_sensor, forces.R_base_sensor, np.swapaxes(
+                       read_from_w(forces.R_base_sensor), 1, 2))), key=np.median)
         keep = off <= UNTOUCHED * max(float(np.median(off)), limits.NIL)
         return AtRest(self.begins[keep], Forces(
             forces.R_base_sensor[keep], forces.wire[keep], forces.gravity, None),
@@ -169,14 +171,20 @@ def refuse_other_axes(recording: Recording, mass: float, com: Array, gravity: Ar
     _refuse_other_tool(plain.mass, mass)
     weight = mass * found.forces.in_sensor
     refuse_other_torques(weight, found.torque, None)
-    _refuse_other_lever(weight, found.torque, com)
+    refuse_other_lever(weight, found.torque, com)
 
 
-def _refuse_other_lever(weight: Array, torque: Array, com: Array) -> None:
-    """Refuse torques of the opposite sign, or a thousand times too large."""
+def place_of(weight: Array, torque: Array) -> Array:
+    """Return the centre of mass that torques show, shape (3,) [m]."""
     lever = -skew(weight)
     rows = (lever - lever.mean(axis=0)).reshape(-1, 3)
-    shown = np.linalg.lstsq(rows, (torque - torque.mean(axis=0)).ravel(), rcond=1e-6)[0]
+    return np.asarray(
+        np.linalg.lstsq(rows, (torque - torque.mean(axis=0)).ravel(), rcond=1e-6)[0])
+
+
+def refuse_other_lever(weight: Array, torque: Array, com: Array) -> None:
+    """Refuse torques of the opposite sign, or a thousand times too large."""
+    shown = place_of(weight, torque)
     times = float(shown @ com) / max(float(com @ com), limits.NIL)
     off = np.linalg.norm(shown - times * com) / max(float(np.linalg.norm(shown)), limits.NIL)
     if off > THOUSAND:

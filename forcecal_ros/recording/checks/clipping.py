@@ -1,12 +1,13 @@
 """Channels whose values stop at a limit, or come in steps."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
+from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.noise.white import difference_gain
-from forcecal_ros.recording.streams import CHANNELS, Recording, Stream
+from forcecal_ros.recording.streams import CHANNELS, PoseStream, Recording, Stream
 import numpy as np
 
 
@@ -128,3 +129,43 @@ def columns(recording: Recording) -> Iterator[tuple[str, Array, Array]]:
         if stream is not None and len(stream):
             for channel, values in zip(CHANNELS[name], stream.values.T):
                 yield channel, stream.t, values
+
+
+def refuse_wrapped(stream: Stream, channels: Sequence[str], pose: PoseStream) -> None:
+    """
+    Refuse channels that leap from one end of their range to the other, as counts that wrap do.
+
+    Parameters
+    ----------
+    pose : PoseStream
+        Which does not leap meanwhile.
+
+    Raises
+    ------
+    DataError
+        Names the channels and the ends.
+    """
+    found = [f'{channel} leaps from one end of its range to the other ({values.min():.4g}, '
+             f'{values.max():.4g}) {count} times'
+             for channel, values in zip(channels, stream.values.T)
+             if (count := _wraps(stream.t, values, pose))]
+    if found:
+        raise DataError(f'{"; ".join(found)}: its counts wrap around; raise the range of the '
+                        'sensor, or take the bias off before its driver converts them')
+
+
+def _wraps(t: Array, values: Array, pose: PoseStream) -> int:
+    """Count how often a channel leaps from one end of its range to the other; 0: it does not."""
+    span = float(np.ptp(values))
+    steps = np.abs(np.diff(values))
+    at = np.flatnonzero(steps > limits.LEAP * span)
+    if len(values) <= limits.DEAD or len(at) < limits.WRAPS or (
+            np.median(np.diff(at)) < limits.STAYS or np.median(steps) > limits.SMOOTH * span):
+        return 0
+    ends = np.sort(np.stack([values[at], values[at + 1]]), axis=0)
+    off = np.maximum(ends[0] - values.min(), values.max() - ends[1])
+    before, after = (pose.R_base_sensor[np.searchsorted(pose.t, t[i]).clip(max=len(pose) - 1)]
+                     for i in (at, at + 1))
+    turned = np.linalg.norm(after - before, axis=(1, 2))
+    return len(at) if (np.median(off) < limits.SMOOTH * span
+                       and np.median(turned) < limits.TILTED) else 0

@@ -120,16 +120,21 @@ def refuse_clocks_apart(recording: Recording) -> None:
                   if (stream := getattr(recording, name)) is not None and len(stream)})
 
 
-def refuse_offset(recording: Recording) -> None:
+def refuse_offset(recording: Recording, smoothed: bool = False) -> None:
     """
     Refuse a sensor whose readings follow gravity as the pose turns it at another time.
+
+    Parameters
+    ----------
+    smoothed : bool
+        The wrench is known to be late because its driver smooths it.
 
     Raises
     ------
     DataError
         Names the sensor and how far its stamps are off those of the pose.
     """
-    for name in ('wrench', 'accelerometer'):
+    for name in ('accelerometer',) if smoothed else ('wrench', 'accelerometer'):
         stream = getattr(recording, name)
         if stream is not None and recording.pose is not None:
             late = offset_from_gravity(stream, recording.pose)
@@ -162,7 +167,7 @@ def offset_from_gravity(stream: Stream, pose: PoseStream) -> float:
     if min(len(stream), len(pose)) < 100 or end - start < 100 * step:
         return 0.0
     edges = np.arange(start, end, step)
-    down, read = (_means_between(t, values, edges) for t, values in (
+    down, read = (means_between(t, values, edges) for t, values in (
         (pose.t, pose.R_base_sensor[:, 2]), (stream.t, stream.values[:, :3])))
     half = len(down) // 2
     halves = [(down[part], read[part]) for part in (slice(None, half), slice(half, None))]
@@ -182,7 +187,7 @@ def _belongs(down: Array, read: Array, lag: int) -> bool:
     return bool(there < 1.0 - limits.OFFSET_EXPLAINS and at_stamps > limits.OFFSET_TIMES * there)
 
 
-def _means_between(t: Array, values: Array, edges: Array) -> Array:
+def means_between(t: Array, values: Array, edges: Array) -> Array:
     """Means between edges, of what is interpolated where nothing was sampled."""
     sums = np.vstack([np.zeros(values.shape[1]), np.cumsum(values, axis=0)])
     at = np.searchsorted(t, edges)

@@ -1,15 +1,18 @@
 """Every check of a recording, in order, once, where it enters."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.checks import limits
-from forcecal_ros.recording.checks.clipping import clipped
+from forcecal_ros.recording.checks.clipping import clipped, refuse_wrapped, resolution
 from forcecal_ros.recording.checks.clocks import refuse_clocks_apart, refuse_offset
+from forcecal_ros.recording.checks.held import dead_bands, lost_packets, without_held
 from forcecal_ros.recording.checks.motion import refuse_frozen_pose, refuse_silent_pose
-from forcecal_ros.recording.checks.pauses import silences
+from forcecal_ros.recording.checks.pauses import lost_messages, silences
 from forcecal_ros.recording.checks.repeats import refuse_dead, refuse_stuck
+from forcecal_ros.recording.checks.slowness import told
 from forcecal_ros.recording.checks.units import refuse_other_length
 from forcecal_ros.recording.checks.values import Mask, readable, startup
 from forcecal_ros.recording.streams import CHANNELS, PoseStream, Recording, Stream
@@ -64,13 +67,37 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
         if stream is not None:
             refuse_dead(stream, name, CHANNELS[name])
             refuse_stuck(stream, name, CHANNELS[name], recording.pose or recording.target)
+    if recording.wrench is not None and recording.pose is not None and len(recording.pose):
+        refuse_wrapped(recording.wrench, CHANNELS['wrench'], recording.pose)
     refuse_frozen_pose(recording)
     refuse_silent_pose(recording)
+    recording = without_held(recording)
+    follows = _how_it_follows(recording) if not raw_wrench else ''
     if not raw_wrench:
-        refuse_offset(recording)
-    notes = (*silences(recording), *(str(one) for one in clipped(recording)))
+        refuse_offset(recording, 'smooths' in follows)
+    notes = (*([follows] if follows else []), *_coarse(recording), *silences(recording),
+             *lost_messages(recording),
+             *(str(one) for one in clipped(recording)))
     fresh = [note for note in notes if note not in recording.notes]
     return Checked(replace(recording, notes=(*recording.notes, *fresh)), removed)
+
+
+def _how_it_follows(recording: Recording) -> str:
+    wrench, pose = recording.wrench, recording.pose
+    return told(wrench, pose) if wrench is not None and pose is not None else ''
+
+
+def _coarse(recording: Recording) -> Iterator[str]:
+    """Name what cuts small readings off, and positions that come in steps."""
+    wrench, pose = recording.wrench, recording.pose
+    if wrench is not None:
+        yield from dead_bands(wrench.values, CHANNELS['wrench'])
+    if pose is not None and recording.accelerometer is None and pose.has_position:
+        step = max(resolution(column) for column in pose.position.T)
+        if step > limits.COARSE_PLACE:
+            yield (f'pose: its position comes in steps of {1e3 * step:.3g} mm: accelerations that '
+                   'are taken from it jump; publish it with more digits, or record an '
+                   'accelerometer')
 
 
 def _begun(recording: Recording) -> Recording:
@@ -110,7 +137,20 @@ def _readable(recording: Recording, raw_wrench: bool) -> tuple[Recording, dict[s
             notes.append(note)
     if changed:
         recording = replace(recording, **changed, notes=(*recording.notes, *notes))
-    return recording, removed
+    return _without_lost_packets(recording, removed), removed
+
+
+def _without_lost_packets(recording: Recording, removed: dict[str, int]) -> Recording:
+    """Leave out zeros that drivers send where a packet was lost."""
+    wrench = recording.wrench
+    lost = None if wrench is None else lost_packets(wrench.values)
+    if wrench is None or lost is None or not lost.any():
+        return recording
+    removed['wrench'] = removed.get('wrench', 0) + int(lost.sum())
+    kept = replace(wrench, t=wrench.t[~lost], values=wrench.values[~lost])
+    return replace(recording, wrench=kept, notes=(*recording.notes, (
+        f'wrench: {int(lost.sum())} messages are zero in all channels between others that are '
+        'not, as of lost packets; left out')))
 
 
 def _without_absent(recording: Recording) -> Recording:

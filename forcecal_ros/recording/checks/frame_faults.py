@@ -56,6 +56,13 @@ def refuse_weightless(judgement: Judgement) -> None:
     """
     plain = judgement.plain
     if judgement.likely == (plain,) and abs(plain.mass) < limits.SURE_WEIGHT * plain.mass_std:
+        if plain.rms > limits.NO_NOISE:
+            raise DataError(
+                f'the forces of the static poses change by {judgement.changes:.2g} N, and not as '
+                f'a weight does (mass {plain.mass:.3g} +- {plain.mass_std:.2g} kg, residual RMS '
+                f'{plain.rms:.2g} N), in whatever frame: wrench and pose are not of the same '
+                'robot or of the same time, the frame changed meanwhile, or something else pulls; '
+                'compare them pose by pose')
         raise UnobservableError(
             'the forces of the static poses show no weight that turns with the sensor (mass '
             f'{plain.mass:.3g} +- {plain.mass_std:.2g} kg, residual RMS {plain.rms:.2g} N)'

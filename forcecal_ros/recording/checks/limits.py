@@ -57,6 +57,11 @@ ROUNDING = 1e-9
 """Noise below this share of a channel's value is rounding: simulated without noise, it rests at
 its extreme."""
 
+LEAP, WRAPS, SMOOTH, STAYS = 0.8, 2, 0.02, 5
+"""Steps of that share of all that a channel does, so many of them, while half of its steps are
+below the third number, and half of them begin and end so near to the ends of the range: counts
+that wrap around. They stay there for so many samples, unlike spikes."""
+
 CLIPPED_IN_STEPS = 40
 """The same of a channel that comes in steps, which repeats its extreme now and then by chance."""
 
@@ -91,6 +96,9 @@ FARTHEST = 0.02
 
 LOST = 5e-4
 """Fraction of missing samples that counts as dropouts."""
+
+LOST_TOLD = 0.05
+"""The same that is told: gaps of a few messages are bridged, and worth no word."""
 
 JITTER = 0.15
 """Scatter of the stamps about their line, in periods, that counts."""
@@ -157,6 +165,9 @@ SETTLING = 0.5
 SHORTEST_REST = 0.3
 """So much of a phase at rest is kept [s]; what rings in it shows as drift within the pose."""
 
+COARSE_PLACE = 1e-3
+"""Positions in larger steps tell no acceleration [m]: robots report tenths of a millimetre."""
+
 # Frames, axes and units --------------------------------------------------------------------------
 
 NIL = 1e-300
@@ -188,6 +199,10 @@ EXPLAINED = 0.5
 """Share of the changes of forces at rest that a weight explains at least, in sum of squares: of
 sound recordings it explains 0.98 or more, of wrenches laid to the wrong poses 0.3 or less."""
 
+SURELY = 0.9
+"""Share of the changes of torques that a weight explains where they are forces, and of those of
+forces that it leaves: torques of a weight at one place follow it by half at most."""
+
 OTHER_UNIT = 2.0
 """An accelerometer that at rest shows gravity wrong by this factor is in another unit: offsets of
 those that are not calibrated are 1 m/s^2, gains 10 % off at most."""
@@ -216,6 +231,13 @@ NO_GRAVITY = 0.05
 LIGHT = 0.25
 """A lighter tool is questioned [kg]: the lightest grippers of arms weigh 0.3 with their coupling,
 and what weighs up to 2.4 kg is lighter in kgf, up to 1.1 kg in lbf."""
+
+HEAVY = 200.0
+"""A heavier tool is questioned [kg]: arms that carry as much are few, in mN 0.2 kg weigh so."""
+
+NO_NOISE = 1.0
+"""Forces without weight that change by more from pose to pose change for another reason [N]: noise
+and drift of wrist sensors are below."""
 
 VERTICAL = 0.1
 """A mean force this close to the vertical of base may be a weight [rad]; a bias points so by

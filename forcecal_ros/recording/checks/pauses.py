@@ -1,7 +1,10 @@
 """When single sensors, or all of them, said nothing for a while."""
 
+from collections.abc import Iterator
+
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.checks import limits
+from forcecal_ros.recording.stamps import jitter_of
 from forcecal_ros.recording.streams import Recording
 import numpy as np
 
@@ -21,6 +24,20 @@ def silences(recording: Recording) -> tuple[str, ...]:
         found.append((name, [gap for gap in own if not any(
             start < gap[1] and gap[0] < end for start, end in common)]))
     return tuple(told for who, gaps in found for told in _told(who, gaps))
+
+
+def lost_messages(recording: Recording) -> Iterator[str]:
+    """Tell which of wrench and pose miss many messages besides pauses."""
+    for name in ('wrench', 'pose'):
+        stream = getattr(recording, name)
+        if stream is None or len(stream) <= limits.DEAD:
+            continue
+        jitter = jitter_of(stream.t)
+        short = np.diff(stream.t) < max(limits.PAUSE, limits.PAUSE_PERIODS * jitter.period)
+        missing = int((np.diff(jitter.number) - 1)[short].sum())
+        if missing > limits.LOST_TOLD * (missing + len(stream)):
+            yield (f'{name}: {missing / (missing + len(stream)):.0%} of its messages are missing: '
+                   'record with reliable QoS, or on the computer that sends them')
 
 
 def _told(who: str, gaps: list[Gap]) -> list[str]:

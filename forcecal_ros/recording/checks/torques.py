@@ -8,11 +8,13 @@ where Q swaps and turns round axes; Q = 1 where they are those of the forces. Q 
 same, of a place c and -c.
 """
 
+from collections.abc import Mapping
 from itertools import permutations, product
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, skew
 from forcecal_ros.recording.checks import limits
+from forcecal_ros.recording.checks.frames import Forces
 import numpy as np
 from scipy.special import fdtrc
 
@@ -20,7 +22,38 @@ _FEWEST = 4
 """Poses, whose twelve torques are twice the unknowns."""
 
 
-def refuse_other_torques(weight: Array, torque: Array, noise: Array | None) -> None:
+def refuse_exchanged(forces: Forces, torque: Array) -> None:
+    """
+    Refuse torques that turn as a weight does where the forces do not.
+
+    Raises
+    ------
+    DataError
+        Says so.
+    """
+    if len(torque) < _FEWEST:
+        return
+    mine, others = (weight_in(forces._replace(wire=values, noise=None))
+                    for values in (forces.wire, torque))
+    if others > limits.SURELY and mine < 1.0 - limits.SURELY:
+        raise DataError(
+            f'wrench: its torques turn as a weight does ({others:.0%} of their changes), its '
+            f'forces do not ({mine:.0%}): force and torque are exchanged; mend their order in the '
+            'driver or in the import')
+
+
+def weight_in(forces: Forces) -> float:
+    """Share of the changes of forces that a weight and a bias explain, whatever the sign."""
+    design = np.concatenate([forces.in_sensor[:, :, None], np.broadcast_to(
+        np.eye(3), (len(forces.wire), 3, 3))], axis=2).reshape(-1, 4)
+    found = np.linalg.lstsq(design, forces.wire.ravel(), rcond=1e-9)[0]
+    changes = ((forces.wire - forces.wire.mean(axis=0))**2).sum()
+    left = ((forces.wire.ravel() - design @ found)**2).sum()
+    return 1.0 - float(left / max(float(changes), limits.NIL))
+
+
+def refuse_other_torques(weight: Array, torque: Array, noise: Array | None,
+                         R_base_sensor: Array | None = None) -> None:
     """
     Refuse torques that fit a weight at one place with other axes only.
 
@@ -32,6 +65,8 @@ def refuse_other_torques(weight: Array, torque: Array, noise: Array | None) -> N
         Mean readings [N m].
     noise : ndarray, shape (3,), or None
         Standard error of these means; None: not known.
+    R_base_sensor : ndarray, shape (n, 3, 3), optional
+        To ask as well whether they are expressed in base.
 
     Raises
     ------
@@ -43,6 +78,8 @@ def refuse_other_torques(weight: Array, torque: Array, noise: Array | None) -> N
     floor = 0.0 if noise is None else float(np.sqrt((noise**2).mean()))
     found = {axes: max(_rms(weight, torque, axes), floor) for axes in _orders()}
     plain, best = found[0, 1, 2, 1, 1, 1], min(found, key=lambda axes: found[axes])
+    if R_base_sensor is not None:
+        _refuse_in_base(weight, torque, R_base_sensor, found)
     degrees = torque.size - 6
     ratio = (plain / max(found[best], limits.NIL))**2
     if ratio < limits.OTHER_TORQUES**2 or (
@@ -54,6 +91,18 @@ def refuse_other_torques(weight: Array, torque: Array, noise: Array | None) -> N
         f'three the other way round; RMS of the residual torques at rest {found[best]:.2g} N m '
         f'then, {plain:.2g} N m as recorded; correct the order and the signs of the torques in '
         'the driver')
+
+
+def _refuse_in_base(weight: Array, torque: Array, R_base_sensor: Array,
+                    found: Mapping[tuple[int, ...], float]) -> None:
+    """Refuse torques that fit a weight at one place, and a bias, once they are turned back."""
+    back = np.einsum('nji,nj->ni', R_base_sensor, torque)
+    left = max(_rms(weight, back, (0, 1, 2, 1, 1, 1)), limits.NIL)
+    if min(found.values()) > limits.OTHER_TORQUES * left:
+        raise DataError(
+            'wrench: its torques are expressed in base, its forces in the sensor; RMS of the '
+            f'residual torques at rest {left:.2g} N m then, {found[0, 1, 2, 1, 1, 1]:.2g} N m as '
+            "recorded; set the driver to publish both in the sensor's frame")
 
 
 def _orders() -> list[tuple[int, ...]]:

@@ -79,6 +79,25 @@ def force_unit_of(shown: float, mass: float) -> tuple[str, float] | None:
     return None
 
 
+def refuse_other_mass(found: float, std: float, stated: float) -> None:
+    """
+    Refuse a mass [kg], with its standard error, that is not what a scale says.
+
+    Raises
+    ------
+    DataError
+        Names the unit of the forces that explains it, or what else may.
+    """
+    if abs(found - stated) < limits.SAME_MASS * stated + limits.SURE_WEIGHT * std:
+        return
+    unit = force_unit_of(found, stated)
+    why = (f'its forces are in {unit[0]}; multiply by {unit[1]:.5g} in the driver or in the import'
+           if unit else 'its unit or its gain is another, the driver takes a load off, or more '
+           'than the tool hangs there, as a coupling below the sensor')
+    raise DataError(f'wrench: a tool of {stated:.4g} kg weighs {found:.4g} +- {std:.2g} kg in it: '
+                    f'{why}')
+
+
 def refuse_other_length(pose: PoseStream | None) -> None:
     """
     Refuse positions that move as fast as no arm does in metres.
@@ -92,6 +111,8 @@ def refuse_other_length(pose: PoseStream | None) -> None:
         return
     slices = max(1, round(limits.SLICE / float(np.median(np.diff(pose.t)))))
     n = len(pose) // slices
+    if n < 2:
+        return
     t, place = (x[:n * slices].reshape(n, slices, -1).mean(axis=1) for x in (
         pose.t, pose.position))
     speed = np.linalg.norm(np.diff(place, axis=0), axis=1) / np.diff(t[:, 0])
@@ -103,7 +124,11 @@ def refuse_other_length(pose: PoseStream | None) -> None:
 
 
 def doubt_of_force_unit(mass: float) -> str:
-    """Question a mass that is light for a tool [kg], as forces in kgf or lbf make it; or empty."""
+    """Question a mass that is odd for a tool [kg], as another unit makes it; or empty."""
+    if mass > limits.HEAVY:
+        return (f'a mass of {mass:.3g} kg is much for a wrist to carry: if it weighs '
+                f'{mass / 1000:.3g} kg, the wrench is in mN; else it may be counts of a '
+                'converter: divide them by the counts a newton')
     if mass > limits.LIGHT:
         return ''
     kgf, lbf = mass * STANDARD_GRAVITY, mass * _POUND_FORCE

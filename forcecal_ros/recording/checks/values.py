@@ -31,6 +31,7 @@ class Unreadable:
         self.count = self.total = 0
         self._stream, self._channels, self._limit = stream, channels, limit
         self._first = ''
+        self._finite = True
 
     def add(self, t: Array, values: Array) -> Mask:
         """Count the samples of a piece; return which are readings."""
@@ -40,6 +41,7 @@ class Unreadable:
         good = np.abs(values) < self._limit
         whole: Mask = good.all(axis=1)
         self.count += int((~whole).sum())
+        self._finite &= bool(np.isfinite(values).all())
         i = int(np.argmin(whole))
         j = int(np.argmin(good[i]))
         channel = self._channels[j] if j < len(self._channels) else f'column {j + 1}'
@@ -58,6 +60,10 @@ class Unreadable:
         if not self.count:
             return ''
         what = f'not finite or beyond {self._limit:g}'
+        if self._finite and self.count == self.total:
+            raise DataError(f'{self._stream}: all samples are beyond {self._limit:g} '
+                            f'({self._first}): counts of a converter? divide them by the counts '
+                            'of each unit in the driver or in the import')
         if self.count == self.total or self.count > max(limits.FEW, limits.SPOILT * self.total):
             raise DataError(f'{self._stream}: {100.0 * self.count / self.total:.1f} % of the '
                             f'samples are {what} ({self._first}); check the driver and record '

@@ -4,7 +4,8 @@ from collections.abc import Iterator, Mapping
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
-from forcecal_ros.recording.checks.limits import FEW, SPOILT, VERTICAL
+from forcecal_ros.recording.checks.limits import FEW, SPOILT
+from forcecal_ros.recording.checks.orientations import other_reading
 from forcecal_ros.recording.csv_import.table import Table
 from forcecal_ros.recording.streams import PoseStream, Stream
 import numpy as np
@@ -22,10 +23,6 @@ TURNS = 6.0
 HALF_TURN = (3.0, 3.1417)
 """Angles that jump between the ends of this range with changed sign, and never exceed it, are in
 radians."""
-
-FOLLOWS, WORSE = 0.1, 10.0
-"""Share of the changes of force that a weight leaves at most where it is what turns there, and how
-many times as much it leaves by another reading of the orientation."""
 
 MOST = 2000
 """Rows that are looked at."""
@@ -120,30 +117,6 @@ def refuse_other_reading(wrench: Stream, pose: PoseStream, others: Mapping[str, 
     inside, force = inside[good], force[good]
     if len(inside) < 10 or not np.ptp(force, axis=0).any():
         return
-    mine, _ = _left_of_weight(force, pose.R_base_sensor[inside])
-    for words, R in others.items():
-        left, (weight, bias) = _left_of_weight(force, R[inside])
-        if left < FOLLOWS and WORSE * left < mine and (
-                _is_vertical(weight) or not _is_vertical(bias)):
-            raise DataError(
-                f'{key}: force turns as a weight does if {words} ({1 - left:.0%} of its changes '
-                f'follow), not as stated ({1 - mine:.0%}); mend {key}')
-
-
-def _left_of_weight(force: Array, R: Array) -> tuple[float, Array]:
-    """Share of the changes of force that a constant one in base and a bias leave; these two."""
-    x = np.concatenate([R.transpose(0, 2, 1), np.broadcast_to(np.eye(3), R.shape)], axis=2)
-    x, y = x.reshape(-1, 6), force.ravel()
-    found = np.linalg.lstsq(x, y, rcond=1e-9)[0]
-    left = float(((y - x @ found) ** 2).sum() / ((force - force.mean(axis=0)) ** 2).sum())
-    return left, found.reshape(2, 3)
-
-
-def _is_vertical(force: Array) -> bool:
-    """
-    Whether a force is a weight's, were base level.
-
-    A wrench expressed in base fits orientations the other way round, with weight and bias
-    exchanged; that is for the checks of frames to say.
-    """
-    return bool(np.hypot(force[0], force[1]) < VERTICAL * np.linalg.norm(force))
+    if words := other_reading(force, pose.R_base_sensor[inside],
+                              {name: R[inside] for name, R in others.items()}):
+        raise DataError(f'{key}: {words}; mend {key}')

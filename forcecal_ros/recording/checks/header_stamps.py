@@ -1,0 +1,127 @@
+"""Header stamps that no clock says: cut off, in another unit; and two senders on one topic."""
+
+from typing import Any, NamedTuple
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.recording.checks import limits
+import numpy as np
+from numpy.typing import NDArray
+
+Integers = NDArray[np.int64]
+
+FEWEST = 50
+"""Fewer messages tell nothing of how a topic is stamped."""
+
+COARSE = 0.05
+"""From this share of messages on that bear the stamp of the one before and say something else,
+stamps do not resolve the messages: drivers that are read twice in a period repeat the values."""
+
+SECOND = 1.0
+"""Whole seconds are off by up to so much [s]."""
+
+HALF = 0.5
+"""Where so many messages at least have a stamp of their own, the others can be left out."""
+
+ALIKE = 0.05
+"""The clocks of stamps and of recording are alike where they pass at the same rate to this share;
+one that is a thousand times as fast is so to the same share."""
+
+SLOWEST = 2.5
+"""A thousand messages at fewer a second [Hz] may be stamped in milliseconds taken for seconds."""
+
+IN_MICROSECONDS = 10**6
+"""Nanoseconds of stamps that are all below it, several a second, are microseconds [ns]."""
+
+ALTERNATES = 5.0
+"""Messages of two senders differ from the next by so many times what they differ from the one
+after that by: motion makes that half, noise one, and a ripple of half the sampling rate is in few
+channels."""
+
+CHANNELS = 0.5
+"""Share of the channels in which they do at least."""
+
+
+class Stamped(NamedTuple):
+    """Stamps to use [ns], and what is said of it; empty: they are those of the headers."""
+
+    stamps: Integers
+    note: str
+
+
+def usable_stamps(name: str, stamps: Integers, log: Integers, values: NDArray[Any]) -> Stamped:
+    """
+    Take the times of recording where header stamps are cut off or hold another unit.
+
+    Parameters
+    ----------
+    name : str
+        Of the topic, for messages.
+    stamps, log : ndarray of int, shape (n,)
+        In the header and when recorded [ns].
+    values : ndarray, shape (n, k)
+
+    Raises
+    ------
+    DataError
+        Stamps make no sense and the times of recording cannot take their place; or two senders
+        publish on the topic.
+    """
+    if len(stamps) < FEWEST:
+        return Stamped(stamps, '')
+    order = np.argsort(log, kind='stable')
+    refuse_two_senders(name, values[order])
+    why = _cut_off(stamps[order], values[order])
+    passed, took = (float(x[order][-1] - x[order][0]) for x in (stamps, log))
+    if not why:
+        _refuse_milliseconds(name, len(stamps), passed, took)
+        return Stamped(stamps, '')
+    apart = abs(float(np.median(log - stamps))) / 1e9
+    if abs(passed - took) < ALIKE * took + 1e9 * SECOND and apart < limits.APART + SECOND and (
+            len(np.unique(log)) == len(log)):
+        return Stamped(log, f'{name}: {why}; the times of recording were used')
+    if len(np.unique(stamps)) > HALF * len(stamps):
+        return Stamped(stamps, '')
+    raise DataError(f'{name}: {why}; stamp in whole nanoseconds in the driver, and record again')
+
+
+def _cut_off(stamps: Integers, values: NDArray[Any]) -> str:
+    """Say why stamps do not tell messages apart; empty: they do."""
+    other = (values[1:] != values[:-1]) & ~(np.isnan(values[1:]) & np.isnan(values[:-1]))
+    share = float(((np.diff(stamps) == 0) & other.any(axis=1)).mean())
+    if share > COARSE:
+        return (f'{share:.0%} of the messages bear the stamp of the one before and hold other '
+                'values: stamps are cut off, to whole seconds or to single precision')
+    nanoseconds, seconds = stamps % 10**9, len(np.unique(stamps // 10**9))
+    if 2 < seconds < len(stamps) / 2 and 0 < nanoseconds.max() < IN_MICROSECONDS:
+        unit = 'micro' if nanoseconds.max() > 1000 else 'milli'
+        return f'nanosec of its stamps holds {unit}seconds'
+    return ''
+
+
+def _refuse_milliseconds(name: str, count: int, passed: float, took: float) -> None:
+    slow = count >= 1000 and count < SLOWEST * passed / 1e9
+    if slow and took > 0.0 and abs(passed / took / 1000.0 - 1.0) < ALIKE:
+        raise DataError(
+            f'{name}: its stamps pass 1000 times as fast as its messages came: they hold '
+            'milliseconds where seconds belong; mend the driver, and record again')
+
+
+def refuse_two_senders(name: str, values: NDArray[Any]) -> None:
+    """
+    Refuse messages that come from two sensors in turn.
+
+    Raises
+    ------
+    DataError
+        Names the topic and how far the senders are apart.
+    """
+    next_one, one_after = (np.nanmedian(np.abs(values[k:] - values[:-k]), axis=0)
+                           for k in (1, 2))
+    moving = one_after > limits.NIL
+    apart = moving & (next_one > ALTERNATES * one_after)
+    if moving.any() and apart.sum() >= max(2, CHANNELS * moving.sum()):
+        j = int(np.argmax(next_one))
+        raise DataError(
+            f'{name}: every other message is of another sensor (column {j + 1} differs by '
+            f'{next_one[j]:.3g} from one to the next, by {one_after[j]:.3g} over two): two '
+            'drivers publish on one topic; give each its own, and record again')

@@ -1,0 +1,86 @@
+"""Orientations read in another order than they were written: by which a weight would turn."""
+
+from collections.abc import Mapping
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array, matrix_from_quaternion, quaternion_from_matrix
+from forcecal_ros.recording.checks.frames import Forces, Judgement
+from forcecal_ros.recording.checks.limits import NIL, VERTICAL
+import numpy as np
+
+FOLLOWS, WORSE = 0.1, 10.0
+"""Share of the changes of force that a weight leaves at most where it is what turns there, and how
+many times as much it leaves by the orientation as it was read."""
+
+FEWEST = 6
+"""Poses, whose 18 forces are three times the unknowns."""
+
+
+def refuse_other_orientation(forces: Forces, judgement: Judgement) -> None:
+    """
+    Refuse forces that turn as a weight does by another reading of the orientations.
+
+    Raises
+    ------
+    DataError
+        Names that reading.
+    """
+    R = forces.R_base_sensor
+    if len(R) < FEWEST:
+        return
+    believed = (judgement.likely[0].rms / max(judgement.changes, NIL))**2
+    readings = {
+        'it is that of base in the sensor: publish the pose of the sensor in base':
+            np.swapaxes(R, 1, 2),
+        'its quaternions are in the order w, x, y, z: fill x, y, z and w by their names':
+            read_from_w(R)}
+    if words := other_reading(forces.wire, R, readings, believed):
+        raise DataError(f'pose: {words}')
+
+
+def read_from_w(R_base_sensor: Array) -> Array:
+    """Return orientations as they are if quaternions in the order w, x, y, z were read as xyzw."""
+    return matrix_from_quaternion(quaternion_from_matrix(R_base_sensor)[:, [1, 2, 3, 0]])
+
+
+def other_reading(force: Array, R_base_sensor: Array, others: Mapping[str, Array],
+                  believed: float = 1.0) -> str:
+    """
+    Say by which other reading of orientations forces turn as a weight; empty: by none.
+
+    Parameters
+    ----------
+    force : ndarray, shape (n, 3)
+        [N]
+    others : mapping of str to ndarray, shape (n, 3, 3)
+        R_base_sensor by other readings, and how these are said.
+    believed : float
+        Share of the changes of force that is left by what is believed else.
+    """
+    mine, _ = _left_of_weight(force, R_base_sensor)
+    for words, R in others.items():
+        left, (weight, bias) = _left_of_weight(force, R)
+        if left < FOLLOWS and WORSE * left < min(mine, believed) and (
+                _is_vertical(weight) or not _is_vertical(bias)):
+            return (f'force turns as a weight does if {words} ({1 - left:.0%} of its changes '
+                    f'follow), not as stated ({1 - mine:.0%})')
+    return ''
+
+
+def _left_of_weight(force: Array, R: Array) -> tuple[float, Array]:
+    """Share of the changes of force that a constant one in base and a bias leave; these two."""
+    x = np.concatenate([R.transpose(0, 2, 1), np.broadcast_to(np.eye(3), R.shape)], axis=2)
+    x, y = x.reshape(-1, 6), force.ravel()
+    found = np.linalg.lstsq(x, y, rcond=1e-9)[0]
+    left = float(((y - x @ found) ** 2).sum() / ((force - force.mean(axis=0)) ** 2).sum())
+    return left, found.reshape(2, 3)
+
+
+def _is_vertical(force: Array) -> bool:
+    """
+    Whether a force is a weight's, were base level.
+
+    A wrench expressed in base fits orientations the other way round, with weight and bias
+    exchanged; that is for the checks of frames to say.
+    """
+    return bool(np.hypot(force[0], force[1]) < VERTICAL * np.linalg.norm(force))
