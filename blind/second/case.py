@@ -217,7 +217,7 @@ def _label(plan: Plan, base: Any, kinds: Mapping[str, Kind], part: dict[str, Any
     if not part:
         return label
     if plan.kind == LIBRARY:
-        key, sigma = base.nuisance(part['name'])
+        sigma = base.nuisance(part['name'])[1]
         label['ambiguous'] = bool(sigma) and part['size'] < SURELY * sigma
         label['numbers'] = base.numbers(part['name'], part['size'], part['seed'])
         label['stage'] = base.stage(part['name'])

@@ -105,7 +105,7 @@ def measured() -> Measured:
     near = np.stack([np.interp(t, at, one) for one in accel.T], axis=1)
     pushed = sosfiltfilt(low, near, axis=0)
     late = np.gradient(pushed, t, axis=0)
-    squares = np.einsum('ni,nj->nij', omega, omega)[:, *np.triu_indices(3)]
+    squares = np.einsum('ni,nj->nij', omega, omega).reshape(-1, 9)[:, [0, 1, 2, 4, 5, 8]]
     columns = np.hstack([np.ones((len(t), 1)), pushed, late, turned[:, 2], alpha, squares])
     own = felt - columns @ np.linalg.lstsq(columns, felt, rcond=None)[0]
     noise = np.diff(wrench, axis=0).std(axis=0) / np.sqrt(2.0)

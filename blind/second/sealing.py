@@ -20,8 +20,8 @@ LIBRARIES = ('numpy', 'scipy', 'numba', 'mujoco')
 SOURCES = Path(__file__).resolve().parents[1]
 SEALED_FILE = Path(__file__).with_name('kinds_sealed.py')
 MAKING = (*(f'{name}.py' for name in (
-    'dynamics', 'effect', 'effects_physics', 'effects_sensing', 'motion', 'noise', 'outside', 'rig',
-    'robot', 'sensors', 'tool', 'cases')), *(f'second/{name}.py' for name in (
+    'dynamics', 'effect', 'effects_physics', 'effects_sensing', 'motion', 'noise', 'outside',
+    'rig', 'robot', 'sensors', 'tool', 'cases')), *(f'second/{name}.py' for name in (
         'arm', 'case', 'ground', 'kinds_development', 'laid', 'law', 'noise', 'numbers', 'on_arm',
         'on_real', 'on_rig')))
 """Files that make cases."""
