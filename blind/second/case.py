@@ -6,7 +6,6 @@ import importlib
 from typing import Any, NamedTuple
 
 from blind.effect import Effect
-from blind.outside import EFFECTS as SEEN_OUTSIDE
 from blind.robot import Array
 from blind.second import kinds_development
 from blind.second.law import Added, Kind
