@@ -3,6 +3,7 @@
     python benchmark/blind_check.py second 1 seal --rig 22 --arm 6 --real 12 --until 15:15
     python benchmark/blind_check.py second 1 run --until 15:15
     python benchmark/blind_check.py second 1 open
+    python benchmark/blind_check.py second 1 baselines     (of an opened part)
     python benchmark/blind_check.py second 1 --development all --rig 4 --arm 2 --real 4
     python benchmark/blind_check.py verify [--cases N]
     python benchmark/blind_check.py rerun [--cases N]
@@ -31,7 +32,7 @@ from blind.second.sealing import Part
 from tqdm import tqdm
 
 OPENINGS = ROOT / 'benchmark' / 'blind' / 'second'
-STEPS = ('seal', 'run', 'open', 'all')
+STEPS = ('seal', 'run', 'open', 'all', 'baselines')
 
 
 def main(words):
@@ -73,7 +74,7 @@ def work(args):
     part = part_of(args.number, args.development)
     steps = STEPS[:3] if args.step == 'all' else (args.step,)
     for step in steps:
-        {'seal': seal, 'run': run, 'open': show}[step](part, args)
+        {'seal': seal, 'run': run, 'open': show, 'baselines': baselines}[step](part, args)
     return 0
 
 
@@ -114,9 +115,25 @@ def run(part, args):
 
 
 def show(part, args):
+    sealing.open_labels(part)
+    write_scores(part)
+
+
+def baselines(part, args):
+    from blind.baselines import judge
+    import blind_second_tool
+
+    answers = part.read('answers')
+    told = {one: judge(blind_second_tool.recorded(sealing.kept(part, one).arrays, 0))
+            for one, bound in tqdm(part.read('commitments').items(), disable=None)
+            if bound['generator'] == 'rig' and one in answers}
+    write_json(part.public / 'baselines.json', told)
+    write_scores(part)
+
+
+def write_scores(part):
     from blind.second import report
 
-    sealing.open_labels(part)
     figures = report.figures_of([part])
     write_json(part.public / 'scores.json', report.plain(figures))
     text = report.render(part, figures)

@@ -5,6 +5,7 @@ import math
 from typing import Any
 
 from blind.score import Rate, Value
+from blind.second.case import NONE
 from blind.second.judged import Judged
 from blind.second.score import Bin, Figures, judged, score, surely
 from blind.second.sealing import Part
@@ -46,6 +47,7 @@ def render(part: Part, figures: Figures) -> str:
     counts = ', '.join(f'{count} {name}' for name, count in plan['counts'].items() if count)
     left = len(bound) - len(answers)
     lines = [
+        '---', 'orphan: true', '---', '',
         f'# {part.public.name}: {len(bound)} cases ({counts}), {plan["half"]}', '',
         (f'Sealed {plan["begun"]}, run from {run["started"]}, opened {opened["opened"]}. Tool '
          f'{run["tool"]["commit"][:12]}{" with local changes" if run["tool"]["changed"] else ""}, '
@@ -57,6 +59,7 @@ def render(part: Part, figures: Figures) -> str:
         '| figure | target | here | 95 % interval | cases | |', '|---|---|---|---|---|---|',
         *(_row(row) for row in figures.rows), '',
         *_bins('energy', figures.by_energy), *_bins('ratio', figures.by_ratio),
+        *_baselines(part),
         '## Every case', '',
         '| case | kind | truth | energy | ratio | beside it | verdict | stated | | CPU s |',
         '|---' * 10 + '|', *(_case(c) for c in cases_of(part))]
@@ -82,6 +85,28 @@ def _bins(word: str, bins: Sequence[Bin]) -> list[str]:
     lines += [f'| {one.low:g} to {one.high:g} | {one.total} | {one.detected} | {one.first} |'
               for one in bins if one.total]
     return [*lines, '']
+
+
+def _baselines(part: Part) -> list[str]:
+    """Return what simpler methods said of the same cases, where they were asked."""
+    if not (part.public / 'baselines.json').exists():
+        return []
+    told, cases = part.read('baselines'), [c for c in cases_of(part) if c.generator == 'rig']
+    without = [c for c in cases if c.kind == NONE]
+    known = [c for c in cases if c.effect and not c.label['ambiguous']]
+    lines = ['| on the rig | a gap where no effect is | right effect or an alias first |',
+             '|---|---|---|']
+    loud = sum(told[c.identity]['rmse']['gap'] for c in without)
+    lines.append(f'| ranking by RMSE | {loud} of {len(without)} | names none |')
+    for method, word in (('bic', 'white BIC'), ('everything', 'a fit of everything')):
+        names = {c.identity: told[c.identity][method]['names'] for c in cases}
+        loud = sum(bool(names[c.identity]) for c in without)
+        right = sum(any(map(c.is_right, names[c.identity][:1])) for c in known)
+        lines.append(f'| {word} | {loud} of {len(without)} | {right} of {len(known)} |')
+    right = sum(c.is_right(c.first) for c in known)
+    named = sum(bool(c.false_names) for c in without)
+    return [*lines, f'| the tool | {named} of {len(without)} name one | {right} of {len(known)} |',
+            '']
 
 
 def _case(c: Judged) -> str:
