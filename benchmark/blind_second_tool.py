@@ -45,8 +45,8 @@ def recorded(arrays, which):
 
 
 def on_rig(arrays):
-    pair = [to_recording(recorded(arrays, which), 'blind') for which in range(2)]
-    return to_document(diagnose(*pair, load_rig(None)).diagnosis, units(), None)
+    real, heldout = (to_recording(recorded(arrays, which), 'blind') for which in range(2))
+    return to_document(diagnose(real, heldout, load_rig(None)).diagnosis, units(), None)
 
 
 def on_arm(arrays):

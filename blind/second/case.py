@@ -69,7 +69,8 @@ def plans(generator: str, effects: Sequence[str], count: int, name: str, master:
     turns = rng.permutation(list(effects)).tolist()
     wanted = [(NONE, '')] * none + [(OUTSIDE, '')] * outside
     wanted += [(LIBRARY, turns[i % len(turns)]) for i in range(count - none - outside)]
-    return [Plan(generator, *wanted[k], name, seed_of(master, f'{generator}/{i}'))
+    return [Plan(generator, wanted[k][0], wanted[k][1], name,
+                 seed_of(master, f'{generator}/{i}'))
             for i, k in enumerate(rng.permutation(count))]
 
 

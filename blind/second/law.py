@@ -48,7 +48,7 @@ class Moved(NamedTuple):
     contact: Array
     mass: float
     com: Array
-    index: int
+    index: int  # type: ignore[assignment]  # no one counts in a motion
 
     @property
     def dt(self) -> float:

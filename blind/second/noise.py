@@ -58,7 +58,8 @@ def _pink(rate: float, rng: np.random.Generator) -> tuple[Array, Array]:
     top = rng.uniform(0.2, 1.0)
     poles = np.exp(-2 * np.pi * top * np.array(POLES) / rate)
     zeros = np.exp(-2 * np.pi * top * np.sqrt(10.0) * np.array(POLES) / rate)
-    return zpk2tf(zeros, poles, 1.0)
+    b, a = zpk2tf(zeros, poles, 1.0)
+    return b, a
 
 
 def draw_noise(rng: np.random.Generator, sigmas: Mapping[str, Array],
