@@ -54,7 +54,11 @@ class Part(NamedTuple):
 def generator(name: str) -> Any:
     """Load a generator."""
     module, _, found = GENERATORS[name].partition(':')
-    return getattr(importlib.import_module(module), found)
+    try:
+        return getattr(importlib.import_module(module), found)
+    except ModuleNotFoundError as error:
+        raise SealError(f'the cases of {name} want {error.name}: pip install {error.name}'
+                        ) from None
 
 
 def content(arrays: Mapping[str, Array]) -> str:
