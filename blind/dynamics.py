@@ -135,7 +135,10 @@ def _balance(t, y, x, v, a, R, omega, alpha, tool, wall):  # type: ignore[no-unt
     slide = -_spring(s, tool) - tool.damping * ds
     bristle = creep = pushed = 0.0
     if tool.friction > 0.0:
-        bristle = ds - abs(ds) / tool.presliding * y[2]
+        reach = tool.presliding
+        if tool.stribeck > 0.0:
+            reach *= 1.0 + tool.stribeck * math.exp(-(ds / tool.stribeck_speed) ** 2)
+        bristle = ds - abs(ds) / reach * y[2]
         slide -= tool.friction / tool.presliding * y[2]
     if tool.branch > 0.0:
         creep = (s - y[3]) / tool.relaxation

@@ -18,8 +18,9 @@ class Colour(NamedTuple):
     b: Array
     a: Array
 
-    def draw(self, count: int, sigma: float, rng: np.random.Generator) -> Array:
-        """Return ``count`` samples."""
+    def draw(self, count: int, sigma: float, rng: np.random.Generator,
+             loud: Array | None = None) -> Array:
+        """Return ``count`` samples; ``loud`` is for noise that depends on the motion."""
         white = rng.standard_normal(count)
         return np.asarray(self.level * sigma * lfilter(self.b, self.a, white))
 

@@ -75,7 +75,9 @@ def record(rig: Rig, truth: Truth, colours: dict[str, list[Colour]] | None, seed
     def noisy(values: Array, name: str, source: np.random.Generator) -> Array:
         if colours is None:
             return values
-        noise = [colour.draw(len(values), sigma, source)
+        loud = np.interp(np.linspace(0.0, 1.0, len(values)), np.linspace(0.0, 1.0, len(t)),
+                         np.linalg.norm(truth.motion.acceleration, axis=1))
+        noise = [colour.draw(len(values), sigma, source, loud)
                  for colour, sigma in zip(colours[name], SIGMA[name])]
         return values + np.stack(noise, axis=1)
 

@@ -22,6 +22,8 @@ class Tool(NamedTuple):
         1/s0 of a spring k s0 sinh(s / s0) [1/m]; 0: straight.
     friction, presliding : float
         Dahl's model: force [N], displacement [m].
+    stribeck, stribeck_speed : float
+        By which it sticks more than it slides, relative; speed of that [m/s].
     gap, corner : float
         Free travel and rounding of its ends [m].
     branch, relaxation : float
@@ -47,6 +49,8 @@ class Tool(NamedTuple):
     hardening: float = 0.0
     friction: float = 0.0
     presliding: float = 1e-4
+    stribeck: float = 0.0
+    stribeck_speed: float = 0.01
     gap: float = 0.0
     corner: float = 2e-5
     branch: float = 0.0

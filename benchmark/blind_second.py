@@ -1,0 +1,210 @@
+"""The second edition of the blind check (benchmark/blind/PROTOCOL.md), part by part.
+
+    python benchmark/blind_check.py second 1 seal --rig 22 --arm 6 --real 12 --until 15:15
+    python benchmark/blind_check.py second 1 run --until 15:15
+    python benchmark/blind_check.py second 1 open
+    python benchmark/blind_check.py second 1 baselines     (of an opened part)
+    python benchmark/blind_check.py second 1 --development all --rig 4 --arm 2 --real 4
+    python benchmark/blind_check.py verify [--cases N]
+    python benchmark/blind_check.py rerun [--cases N]
+
+``seal`` makes all cases and publishes what binds them; commit that. ``run`` asks the tool, in the
+order that was sealed, and starts no case after the hour. ``open`` publishes labels and answers,
+scores, and adds to RESULTS.md. Interrupted, each goes on where it was.
+"""
+
+import os
+
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
+import argparse
+from pathlib import Path
+import sys
+import time
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / 'benchmark')]
+
+from blind.seal import SealError, write_json
+from blind.second import sealing
+from blind.second.case import DEVELOPMENT, SEALED
+from blind.second.sealing import Part
+from tqdm import tqdm
+
+OPENINGS = ROOT / 'benchmark' / 'blind' / 'second'
+STEPS = ('seal', 'run', 'open', 'all', 'baselines')
+
+
+def main(words):
+    args = parse(words)
+    try:
+        return args.work(args)
+    except SealError as error:
+        print(f'blind_check: {error}', file=sys.stderr)
+        return 1
+
+
+def parse(words):
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = parser.add_subparsers(required=True)
+    second = commands.add_parser('second', help='make, run and open a part')
+    second.add_argument('number', type=int)
+    second.add_argument('step', choices=STEPS)
+    second.add_argument('--development', action='store_true', help='known seeds, seen kinds')
+    for name in sealing.GENERATORS:
+        second.add_argument(f'--{name}', type=int, default=0, help='cases')
+    second.add_argument('--until', default='', metavar='HH:MM', help='no case is begun later')
+    second.set_defaults(work=work)
+    for name, function in (('verify', verify), ('rerun', rerun)):
+        one = commands.add_parser(name)
+        one.add_argument('--part', type=int, nargs='*', help='(default: all)')
+        one.add_argument('--cases', type=int, default=0 if name == 'verify' else 10)
+        one.set_defaults(work=function)
+    return parser.parse_args(words)
+
+
+def part_of(number, development=False):
+    name = f'{DEVELOPMENT if development else "part"}-{number}'
+    private = ROOT / 'blind_runs' / f'second-{name}'
+    return Part(private / 'public' if development else OPENINGS / name, private)
+
+
+def work(args):
+    part = part_of(args.number, args.development)
+    steps = STEPS[:3] if args.step == 'all' else (args.step,)
+    for step in steps:
+        {'seal': seal, 'run': run, 'open': show, 'baselines': baselines}[step](part, args)
+    return 0
+
+
+def seal(part, args):
+    counts = {name: getattr(args, name) for name in sealing.GENERATORS}
+    if counts['real'] and not _has_recordings():
+        counts['real'] = 0
+    sealing.begin(part, DEVELOPMENT if args.development else SEALED, counts, args.until)
+    if not (part.public / 'commitments.json').exists():
+        for _ in tqdm(sealing.seal(part), desc='making', total=sum(counts.values()),
+                      disable=None):
+            pass
+
+
+def _has_recordings():
+    from blind.second.on_real import DATA, there
+    if not there():
+        print(f'real motion is left out: {DATA} is not there; set FORCECAL_DATA')
+    return there()
+
+
+def run(part, args):
+    import blind_second_tool
+
+    sealing.start(part, blind_second_tool.identity_of_tool())
+    for identity, bound in tqdm(part.read('commitments').items(), desc='diagnosing',
+                                disable=None):
+        path = part.private / 'answers' / f'{identity}.json'
+        if path.exists():
+            continue
+        if args.until and time.strftime('%H:%M') >= args.until:
+            print(f'no case is begun after {args.until}')
+            return
+        arrays = sealing.kept(part, identity).arrays
+        if sealing.content(arrays) != bound['case']:
+            raise SealError(f'case {identity} is not the one that was committed to')
+        write_json(path, blind_second_tool.answer(bound['generator'], arrays))
+
+
+def show(part, args):
+    sealing.open_labels(part)
+    write_scores(part)
+
+
+def baselines(part, args):
+    from blind.baselines import judge
+    import blind_second_tool
+
+    answers = part.read('answers')
+    told = {one: judge(blind_second_tool.recorded(sealing.kept(part, one).arrays, 0))
+            for one, bound in tqdm(part.read('commitments').items(), disable=None)
+            if bound['generator'] == 'rig' and one in answers}
+    write_json(part.public / 'baselines.json', told)
+    write_scores(part)
+
+
+def write_scores(part):
+    from blind.second import report
+
+    figures = report.figures_of([part])
+    write_json(part.public / 'scores.json', report.plain(figures))
+    text = report.render(part, figures)
+    (part.public / 'RESULTS.md').write_text(text)
+    print(text)
+
+
+def opened(args):
+    numbers = args.part or [int(path.parent.name.removeprefix('part-'))
+                            for path in sorted(OPENINGS.glob('part-*/opened.json'))]
+    return [part_of(one) for one in numbers]
+
+
+def verify(args):
+    from blind.second import report
+
+    wrong = 0
+    for part in opened(args):
+        faults = [*sealing.faults(part), *report.faults(part), *_anew(part, args.cases)]
+        wrong += len(faults)
+        for fault in faults:
+            print(f'{part.public.name}: {fault}')
+        answers, bound = part.read('answers'), part.read('commitments')
+        print(f'{part.public.name}: {len(bound)} cases, {len(answers)} answers, '
+              f'{"all hashes and scores are right" if not faults else f"{len(faults)} faults"}')
+    return int(wrong > 0)
+
+
+def _anew(part, count):
+    """Make some cases again and compare them bit for bit."""
+    for identity, bound in _some(part, count):
+        if sealing.content(sealing.made_anew(part, identity).arrays) != bound['case']:
+            was, now = part.read('plan')['versions'], sealing.versions()
+            differ = [f'{name} {was[name]}, here {now[name]}' for name in was
+                      if was[name] != now[name]]
+            yield (f'case {identity} comes out otherwise'
+                   + (f'; made with {", ".join(differ)}' if differ else ''))
+
+
+def _some(part, count):
+    """Return the first cases that ran, real ones only where their recordings are."""
+    if not count:
+        return []
+    answers, here = part.read('answers'), _has_recordings()
+    return [(one, bound) for one, bound in part.read('commitments').items()
+            if one in answers and (here or bound['generator'] != 'real')][:count]
+
+
+def rerun(args):
+    import blind_second_tool
+
+    differ = 0
+    for part in opened(args):
+        answers = part.read('answers')
+        for identity, bound in _some(part, args.cases):
+            made = sealing.made_anew(part, identity)
+            again = blind_second_tool.answer(bound['generator'], made.arrays)['document']
+            was = answers[identity]['document']
+            same = _said(again) == _said(was)
+            differ += not same
+            print(f'{part.public.name} {identity}: {_said(was)}'
+                  + ('' if same else f', now {_said(again)}'), flush=True)
+    print(f'{differ} answers differ')
+    return int(differ > 0)
+
+
+def _said(document):
+    named = ', '.join(f'{one["name"]} {one["probability"]:.2f}'
+                      for one in document.get('candidates', []))
+    return f'{document["verdict"]}: {named}'
+
+
+if __name__ == '__main__':
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,117 @@
+"""The tool under test as the second edition calls it: arrays of a case in, its answer out."""
+
+import os
+
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
+from dataclasses import replace
+from functools import lru_cache
+from hashlib import sha256
+from pathlib import Path
+import subprocess
+import sys
+import tempfile
+import time
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / 'benchmark')]
+
+from blind.second.arm import JOINTS, PERIOD
+from blind.sensors import Recorded
+import blind_real
+from blind_tool import to_recording
+from forcecal_ros.diagnose.by_commands import diagnose
+from forcecal_ros.diagnose.by_motion import diagnose_motion
+from forcecal_ros.diagnose.by_simulator import diagnose_rerun
+from forcecal_ros.diagnose.inputs.channels import units
+from forcecal_ros.diagnose.say.result import to_document
+from forcecal_ros.recording.streams import JointStream, PoseStream, Recording, Stream
+from forcecal_ros.simulators.mujoco import load_mujoco
+from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rigid_tool import rigid_tool_of_calibration
+from forcecal_ros.simulators.third_party import third_party
+import numpy as np
+
+PLACES = 3
+"""Places of the gap that an answer keeps."""
+
+
+def recorded(arrays, which):
+    """Return one recording of the rig."""
+    phases = tuple((name, float(start), float(end)) for name, start, end in (
+        str(one).split() for one in arrays[f'{which}.phases']))
+    return Recorded(**{name: arrays[f'{which}.{name}'] for name in Recorded._fields
+                       if name != 'phases'}, phases=phases)
+
+
+def on_rig(arrays):
+    real, heldout = (to_recording(recorded(arrays, which), 'blind') for which in range(2))
+    return to_document(diagnose(real, heldout, load_rig(None)).diagnosis, units(), None)
+
+
+def on_arm(arrays):
+    t = arrays['t']
+    told = PERIOD * np.arange(len(arrays['told']))
+    real = Recording(
+        wrench=Stream(t, arrays['wrench'], 'ft_sensor'),
+        pose=PoseStream(t, arrays['position'], arrays['R']),
+        joints=JointStream(t, arrays['joints'], '', JOINTS),
+        joint_commands=JointStream(told, arrays['told'], '', JOINTS))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / 'arm.xml'
+        path.write_text(str(arrays['model']))
+        found = diagnose_rerun(real, None, third_party(str(path), load_mujoco(str(path))),
+                               load_rig('rigid_tool.yaml'))
+    return {**to_document(found.outcome.diagnosis, units('m/s^2'), None), **found.document()}
+
+
+@lru_cache(maxsize=1)
+def real_arm():
+    with tempfile.TemporaryDirectory() as folder:
+        return blind_real.prepared(Path(folder))
+
+
+def on_real(arrays):
+    recording, calibration = real_arm()
+    wrench = recording.wrench
+    changed = replace(recording, wrench=replace(wrench, values=wrench.values + arrays['change']))
+    body = rigid_tool_of_calibration(calibration, load_rig('rigid_tool.yaml'))
+    outcome = diagnose_motion(changed, None, body, calibration)
+    return to_document(outcome.diagnosis, units(body.accelerometer_unit), None)
+
+
+ASK = {'rig': on_rig, 'arm': on_arm, 'real': on_real}
+
+
+def answer(generator, arrays):
+    """Return the answer on a case, without its text but for the reason, and the time it took."""
+    began, cpu = time.monotonic(), time.process_time()
+    try:
+        document = _short(ASK[generator](arrays))
+    except Exception as error:  # noqa: BLE001 - a crash is a result, and counted as one
+        document = {'verdict': 'crashed', 'reason': f'{type(error).__name__}: {error}'}
+    return {'document': document, 'seconds': round(time.monotonic() - began, 2),
+            'cpu_seconds': round(time.process_time() - cpu, 2)}
+
+
+def _short(document):
+    kept = {key: document[key] for key in ('verdict', 'reason', 'effects', 'candidates')}
+    gap = document.get('gap')
+    if gap:
+        kept['gap'] = {key: gap[key] for key in ('nominal', 'recalibrated', 'explained', 'closed',
+                                                 'closed_ci95')}
+    return {**kept, 'where': [[one['stage'], one['channel'], one['phase']]
+                              for one in document['where'][:PLACES]]}
+
+
+def identity_of_tool():
+    """Return the tool's commit, whether its files differ from it, and a hash of all of them."""
+    def git(*words):
+        return subprocess.run(['git', *words], cwd=ROOT, capture_output=True, text=True,
+                              check=True).stdout.strip()
+
+    texts = b''.join(str(path.relative_to(ROOT)).encode() + path.read_bytes()
+                     for path in sorted((ROOT / 'forcecal_ros').rglob('*'))
+                     if path.suffix in ('.py', '.yaml'))
+    return {'commit': git('rev-parse', 'HEAD'), 'files': sha256(texts).hexdigest(),
+            'changed': git('status', '--porcelain', '--', 'forcecal_ros', 'config')}

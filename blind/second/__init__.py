@@ -1,0 +1,1 @@
+"""The second edition: backgrounds, other generators and noise; PROTOCOL.md says what it draws."""

@@ -1,0 +1,225 @@
+"""One case of the second edition: what is drawn for it, its recordings and its label."""
+
+from collections.abc import Mapping, Sequence
+from hashlib import sha256
+import importlib
+from typing import Any, NamedTuple
+
+from blind.effect import Effect
+from blind.robot import Array
+from blind.second import kinds_development
+from blind.second.law import Added, Kind
+import numpy as np
+
+DEVELOPMENT, SEALED = 'development', 'sealed'
+BACKGROUND, RATIO, ALONE = (30.0, 1e6), (0.3, 100.0), (20.0, 5000.0)
+"""Energies of a background, of an effect in that of its background, of one without."""
+BARE, BEGUN = 0.2, 0.1
+"""Shares without background, and of a sensor's effects that begin half-way."""
+CERTAIN, SURELY = 2.5, 3.5
+"""Sigmas from and up to which an effect of a nuisance's name is ambiguous."""
+NONE, OUTSIDE, LIBRARY = 'none', 'outside', 'library'
+WITHOUT_EFFECT, LACKED = 0.27, 0.16
+"""Shares of the cases."""
+NAMES = {'mass': 'tool_mass', 'com': 'tool_com', 'stiffness': 'tool_stiffness',
+         'damping': 'tool_damping', 'wall_stiffness': 'contact_stiffness',
+         'wall_damping': 'contact_damping', 'wall_place': 'wall_position',
+         'wrench_gain': 'wrench_gain', 'accel_gain': 'accel_gain', 'accel_offset': 'accel_bias',
+         'tilt': 'base_tilt', 'friction': 'joint_friction', 'kp': 'joint_gain',
+         'kv': 'joint_damping'}
+"""Nuisance -> the effect of its name."""
+
+
+def half(name: str) -> tuple[Mapping[str, Kind], Mapping[str, Effect]]:
+    """Return the kinds of a half and its forms of library effects."""
+    module: Any = kinds_development
+    if name == SEALED:
+        module = importlib.import_module('blind.second.kinds_sealed')
+    return module.KINDS, module.FORMS
+
+
+class Plan(NamedTuple):
+    """
+    What is wanted of a case.
+
+    Attributes
+    ----------
+    generator : str
+        ``rig``, ``arm`` or ``real``.
+    kind : str
+        ``none``, ``outside`` or ``library``.
+    effect : str
+        Of the library or outside it; empty where there is none.
+    half : str
+    seed : int
+    """
+
+    generator: str
+    kind: str
+    effect: str
+    half: str
+    seed: int
+
+
+def plans(generator: str, effects: Sequence[str], count: int, name: str, master: str
+          ) -> list[Plan]:
+    """Return the cases of a generator: kinds in their shares, effects in turn, in any order."""
+    rng = np.random.default_rng(seed_of(master, f'{generator}/plan'))
+    none, outside = round(WITHOUT_EFFECT * count), round(LACKED * count)
+    turns = rng.permutation(list(effects)).tolist()
+    wanted = [(NONE, '')] * none + [(OUTSIDE, '')] * outside
+    wanted += [(LIBRARY, turns[i % len(turns)]) for i in range(count - none - outside)]
+    return [Plan(generator, wanted[k][0], wanted[k][1], name,
+                 seed_of(master, f'{generator}/{i}'))
+            for i, k in enumerate(rng.permutation(count))]
+
+
+def seed_of(master: str, of: str) -> int:
+    """Return a seed that nobody knows who does not know the master."""
+    return int.from_bytes(sha256(f'{master}/{of}'.encode()).digest()[:8], 'big')
+
+
+class Made(NamedTuple):
+    """The recordings of a case as arrays, and its label."""
+
+    arrays: dict[str, Array]
+    label: dict[str, Any]
+
+
+class _Drawn(NamedTuple):
+    """Wanted energies: of each background kind, and of the effect by its background's sum."""
+
+    background: dict[str, float]
+    ratio: float
+    alone: float
+    bare: bool
+    begun: float
+
+
+def _drawn(rng: np.random.Generator, names: Sequence[str], most: float) -> _Drawn:
+    chosen = rng.permutation(list(names))[:rng.integers(3, 7)].tolist()
+    low, high = np.log(BACKGROUND[0]), np.log(min(most, BACKGROUND[1]))
+    energies = np.exp(rng.uniform(low, high, len(chosen)))
+    bare = bool(rng.random() < BARE)
+    begun = float(rng.uniform(0.35, 0.65)) if rng.random() < BEGUN else 0.0
+    return _Drawn({} if bare else dict(zip(chosen, map(float, energies))),
+                  float(np.exp(rng.uniform(*np.log(RATIO)))),
+                  float(np.exp(rng.uniform(*np.log(ALONE)))), bare, begun)
+
+
+def make(plan: Plan, generator: Any) -> Made:
+    """
+    Make a case.
+
+    Parameters
+    ----------
+    plan : Plan
+    generator : callable
+        (seed, forms of effects) -> what makes recordings; see ``on_rig``.
+    """
+    kinds, forms = half(plan.half)
+    what, how = (np.random.default_rng(one) for one in np.random.SeedSequence(plan.seed).spawn(2))
+    base = generator(plan.seed, forms)
+    known = sorted(name for name, kind in kinds.items() if not kind.wants & base.lacks)
+    drawn = _drawn(what, known, base.most)
+    effect = plan.effect
+    if plan.kind == OUTSIDE:
+        left = [name for name in known if name not in drawn.background]
+        seen = base.outside if plan.half == DEVELOPMENT else ()
+        effect = str(what.choice([*left, *seen]))
+    laws = {name: _law(base, kinds[name], how)
+            for name in (*drawn.background, *([effect] if effect in kinds else []))}
+    part, background = _sized(base, plan, drawn, effect, laws, how)
+    onset = None
+    if plan.kind == LIBRARY and drawn.begun and base.stage(effect) in (
+            'wrench_sensor', 'accelerometer'):
+        onset = drawn.begun * base.duration()
+    scales = {name: np.sqrt(energy / laws[name][1]) for name, energy in background.items()}
+    if effect in kinds:
+        scales[effect] = part['size']
+    both = [_sum([laws[name][0][i].times(scale) for name, scale in scales.items()], moved)
+            for i, moved in enumerate(base.moved)]
+    given = (effect, part['size'], part['seed']) if part and effect not in kinds else None
+    return Made(base.recordings(given, both, onset),
+                _label(plan, base, kinds, part, background, onset, drawn.bare))
+
+
+def _law(base: Any, kind: Kind, rng: np.random.Generator) -> tuple[list[Added], float]:
+    """Draw a law: what it adds to each recording, and its energy at that size."""
+    law = kind.draw(rng)
+    both = [law(moved) for moved in base.moved]
+    # scaled to about the noise first, so that no sum of squares overflows
+    size = 1e-3 / max(1e-12, float(np.abs(both[-1].wrench).max() + np.abs(both[-1].accel).max()))
+    both = [one.times(size) for one in both]
+    return both, max(1e-12, base.ground.net(base.of_law(both[-1])))
+
+
+def _sum(parts: Sequence[Added], moved: Any) -> Added:
+    zero = np.zeros((len(moved.t), 3))
+    total = Added(np.hstack([zero, zero]), zero, zero)
+    for one in parts:
+        total = total.plus(one)
+    return total
+
+
+def _sized(base: Any, plan: Plan, drawn: _Drawn, effect: str,
+           laws: Mapping[str, tuple[list[Added], float]], rng: np.random.Generator
+           ) -> tuple[dict[str, Any], dict[str, float]]:
+    """Size the effect; where it cannot be as large as wanted, its background shrinks."""
+    background = dict(drawn.background)
+    total = sum(background.values()) + base.own
+    if not effect:
+        return {}, background
+    alone = drawn.bare and base.own < drawn.alone
+    wanted = drawn.alone if alone else drawn.ratio * total
+    seed = int(rng.integers(2**32))
+    if effect in laws:
+        return {'name': effect, 'size': float(np.sqrt(wanted / laws[effect][1])), 'seed': seed,
+                'energy': wanted}, background
+    size, energy = _size(base, effect, wanted, seed)
+    if background and energy < 0.8 * wanted:
+        shrink = max(0.0, energy / drawn.ratio - base.own) / sum(drawn.background.values())
+        background = {name: max(BACKGROUND[0], shrink * one) for name, one in background.items()}
+    return {'name': effect, 'size': size, 'seed': seed, 'energy': energy}, background
+
+
+def _size(base: Any, effect: str, wanted: float, seed: int) -> tuple[float, float]:
+    """Return size and energy; of a nuisance's name, beyond 2.5 of its sigma."""
+    from blind.second.ground import sized
+    key, sigma = base.nuisance(effect)
+    usual, largest = base.start(effect)
+    least = CERTAIN * sigma
+    rest = base.of_effect(effect, least, seed) if least else None
+
+    def energy_of(size: float) -> float:
+        changed = base.of_effect(effect, least + size, seed)
+        if rest:
+            changed = {topic: values - rest[topic] for topic, values in changed.items()}
+        return float(base.ground.net(changed, key))
+
+    size, energy = sized(energy_of, wanted, usual, largest)
+    return least + size, energy
+
+
+def _label(plan: Plan, base: Any, kinds: Mapping[str, Kind], part: dict[str, Any],
+           background: dict[str, float], onset: float | None, bare: bool) -> dict[str, Any]:
+    total = sum(background.values()) + base.own
+    excused = {name for kind in (*background, *([part['name']] if part else []))
+               if kind in kinds for name in kinds[kind].alias}
+    if onset is not None:  # a gain that sets in is a step of a constant load
+        excused.add('wrench_bias_step')
+    doubtful = sorted(NAMES[key] for key, z in base.strays.items()
+                      if key in NAMES and np.abs(z).max() > CERTAIN)
+    label: dict[str, Any] = {
+        **plan._asdict(), 'background': background, 'own': base.own, 'bare': bare,
+        'quirks': dict(base.quirks), 'excused': sorted(excused), 'doubtful': doubtful,
+        'energy': 0.0, 'ratio': 0.0, 'onset': onset, 'ambiguous': False, 'numbers': {}}
+    if not part:
+        return label
+    if plan.kind == LIBRARY:
+        sigma = base.nuisance(part['name'])[1]
+        label['ambiguous'] = bool(sigma) and part['size'] < SURELY * sigma
+        label['numbers'] = base.numbers(part['name'], part['size'], part['seed'])
+        label['stage'] = base.stage(part['name'])
+    return {**label, 'effect': part['name'], 'size': part['size'], 'energy': part['energy'],
+            'part_seed': part['seed'], 'ratio': part['energy'] / total if total else None}

@@ -1,0 +1,79 @@
+"""How much a departure matters: its energy over the noise, less what nuisances take up."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from blind.robot import Array
+import numpy as np
+
+Departure = Mapping[str, Array]
+"""Topic -> change of its channels, (n, k)."""
+
+
+class Ground:
+    """The recording that judges, without noise, and what its nuisances look like."""
+
+    def __init__(self, noise: Mapping[str, Sequence[Any]], sigmas: Mapping[str, Array],
+                 columns: Sequence[tuple[str, Departure]]) -> None:
+        self._noise, self._sigmas = noise, sigmas
+        self._keys = [key for key, _ in columns]
+        self._columns = np.array([self.whitened(column) for _, column in columns])
+        self._gram = self._columns @ self._columns.T + np.eye(len(columns))
+
+    def whitened(self, departure: Departure) -> Array:
+        """Return a departure in units of the noise, in one row."""
+        return np.concatenate([
+            noise.whiten(departure[topic][:, j], self._sigmas[topic][j])
+            for topic, channels in self._noise.items() if topic in departure
+            for j, noise in enumerate(channels)])
+
+    def net(self, departure: Departure, without: str = '') -> float:
+        """Return its energy; ``without``: a nuisance that may not take up any."""
+        d = self.whitened(departure)
+        kept = np.array([key != without for key in self._keys])
+        product = (self._columns @ d)[kept]
+        taken = product @ np.linalg.solve(self._gram[np.ix_(kept, kept)], product)
+        return float(max(0.0, d @ d - taken))
+
+
+def sized(energy_of: Callable[[float], float], wanted: float, start: float, limit: float
+          ) -> tuple[float, float]:
+    """
+    Find the size at which something has an energy.
+
+    Parameters
+    ----------
+    energy_of : callable
+        Size -> energy, which grows with it about as a power.
+    wanted : float
+    start, limit : float
+        A size to begin with, and the largest.
+
+    Returns
+    -------
+    size, energy : float
+        As near as eight tries come.
+    """
+    size, tried = min(start, limit), []
+    for _ in range(8):
+        energy = energy_of(size)
+        if not np.isfinite(energy):
+            size *= 0.3
+            continue
+        tried.append((size, energy))
+        if abs(energy / wanted - 1) < 0.05 or (size >= limit and energy < wanted):
+            break
+        size = min(limit, _next(tried, wanted))
+    return min(tried, key=lambda one: abs(np.log(max(one[1], 1e-9) / wanted)))
+
+
+def _next(tried: Sequence[tuple[float, float]], wanted: float) -> float:
+    """Return the next size: between two that enclose, else along the last slope."""
+    below = max((one for one in tried if one[1] < wanted), default=None)
+    above = min((one for one in tried if one[1] >= wanted), default=None)
+    if below and above and below[0] < above[0]:
+        low, high = (np.log([size, max(energy, 1e-9)]) for size, energy in (below, above))
+        share = np.clip((np.log(wanted) - low[1]) / max(high[1] - low[1], 1e-9), 0.1, 0.9)
+        return float(np.exp(low[0] + share * (high[0] - low[0])))
+    size, energy = tried[-1]
+    return float(size * np.clip(np.sqrt(wanted / max(energy, 1e-9)), 0.02, 50.0))
