@@ -115,9 +115,11 @@ def named(view: View) -> bool:
     return not np.array_equal(view.explained, view.recalibrated)
 
 
-def spectra(view: View) -> Figure:
-    """Draw the spectra of the residual before and after against those at standstill."""
+def spectra(view: View) -> Figure | None:
+    """Draw the residual's spectra before and after, and at standstill; None: of no channel."""
     chosen = view.channels(SHOWN)
+    if not len(chosen):
+        return None
     figure = Figure(figsize=(10.0, 3.0), layout='constrained')
     axes = np.atleast_1d(figure.subplots(1, len(chosen)))
     for ax, c in zip(axes, chosen):

@@ -332,6 +332,7 @@ def _of_joints(mujoco: Any, model: Any, actuators: Sequence[int]) -> list[_Numbe
         unit = 'N' if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE else 'N m'
         friction = float(model.dof_frictionloss[dof])
         kp, kv = float(model.actuator_gainprm[i, 0]), -float(model.actuator_biasprm[i, 2])
+        damping = float(model.dof_damping[dof])
         found.append(_Number(Parameter(f'dof_frictionloss[{name}]', friction,
                                        RUBBED[0] * friction + RUBBED[1], unit, 0.0),
                              _writer('dof_frictionloss', dof), _rubbing(name)))
@@ -340,6 +341,11 @@ def _of_joints(mujoco: Any, model: Any, actuators: Sequence[int]) -> list[_Numbe
         if kv > 0.0:
             found.append(_Number(Parameter(f'kv[{name}]', kv, DRIVEN[1] * kv, '1', 0.0,
                                            20.0 * kv), *_drag(i)))
+        elif damping > 0.0:  # which the other would be added to
+            found.append(_Number(Parameter(
+                f'dof_damping[{name}]', damping, DRIVEN[1] * damping,
+                'N s/m' if unit == 'N' else 'N m s/rad', 0.0, 20.0 * damping),
+                _writer('dof_damping', dof), _damping(name)))
     return found
 
 
@@ -373,6 +379,14 @@ def _writer(field: str, index: Any, sign: float = 1.0) -> _Write:
 def _rubbing(joint: str) -> _Write:
     def patch(spec: Any, value: float) -> None:
         spec.joint(joint).frictionloss = value
+    return patch
+
+
+def _damping(joint: str) -> _Write:
+    def patch(spec: Any, value: float) -> None:
+        powers = np.atleast_1d(np.array(spec.joint(joint).damping, dtype=float))
+        powers[0] = value  # newer MuJoCo has terms of higher powers of the speed behind it
+        spec.joint(joint).damping = powers if len(powers) > 1 else value
     return patch
 
 

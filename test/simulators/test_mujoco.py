@@ -119,6 +119,21 @@ def test_a_patched_model_does_what_it_did_with_the_numbers(model, tmp_path, tool
         np.testing.assert_allclose(found[stream][1], expected[stream][1], atol=2e-3)
 
 
+def test_where_an_actuator_has_no_kv_the_joint_s_damping_may_be_off(tmp_path):
+    path = tmp_path / 'damped.xml'
+    path.write_text(mjcf().replace(' kv="150"', '').replace('armature', 'damping="150" armature'))
+    robot, inputs = load_mujoco(str(path)), Inputs(0.0, 3.0, joints=told(3.0))
+    values = nominal(robot)
+    assert values['dof_damping[lift]'] == 150.0 and not any('kv[' in name for name in values)
+    stiffer = values | {'dof_damping[lift]': 250.0}
+    before, after = (robot.simulate(inputs, given)['pose'][1] for given in (values, stiffer))
+    assert np.abs(after - before).max() > 1e-3
+    path.write_text(robot.patched(stiffer))
+    own = load_mujoco(str(path))
+    assert nominal(own) == pytest.approx(stiffer)
+    np.testing.assert_allclose(own.simulate(inputs, nominal(own))['pose'][1], after, atol=1e-6)
+
+
 def test_an_accelerometer_reads_along_the_axes_of_the_wrench(model):
     turned = TOOL.replace('<site name="ft"/>', '<site name="ft" quat="0.8 0.6 0 0"/>'
                           '<site name="imu" pos="0.02 0 0" quat="0.6 0 0 0.8"/>')

@@ -103,10 +103,12 @@ def at_limit(name: str, found: Mapping[str, Parameter]) -> list[str]:
     Returns
     -------
     list of str
-        ``wrench_gain.fx = -0.9``; empty for effects of a simulator's own.
+        ``wrench_gain.fx = -0.9``; empty for effects that are no tolerance of a rig.
     """
-    out = []
-    for q in EFFECTS[name].parameters if name in EFFECTS else ():
+    out: list[str] = []
+    if name not in EFFECTS or EFFECTS[name].nuisance is None:
+        return out
+    for q in EFFECTS[name].parameters:
         p = found.get(q.name)
         if p is None or q.shapes or abs(p.value - q.nominal) <= KNOWN * p.std:
             continue

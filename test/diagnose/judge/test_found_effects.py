@@ -11,8 +11,10 @@ import pytest
     ('wrench_gain', 'fx', -0.895, 0.001, '1', ['wrench_gain.fx = -0.895']),
     ('wrench_gain', 'fx', -0.88, 0.001, '1', []),
     ('wrench_gain', 'fx', -0.9, 0.4, '1', []),
-    ('wrench_delay', 'delay', 0.05, 1e-4, 's', ['wrench_delay.delay = 0.05 s']),
-    ('wrench_delay', 'delay', 1e-4, 1e-5, 's', []),
+    ('tool_mass', 'change', -0.5, 1e-4, '1', ['tool_mass.change = -0.5']),
+    ('tool_com', 'x', 0.2, 1e-4, 'm', ['tool_com.x = 0.2 m']),
+    ('wrench_saturation', 'fy', 0.95, 0.0, 'N', []),
+    ('wrench_delay', 'delay', 0.05, 1e-4, 's', []),
     ('accel_highpass', 'no such number', 0.9, 0.0, '1', []),
     ('an effect of a simulator of the user', 'kp', 0.9, 0.0, '1', [])])
 def test_numbers_at_their_limit_are_named_if_they_are_known(name, key, value, std, unit, said):
