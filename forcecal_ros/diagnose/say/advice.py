@@ -58,7 +58,7 @@ def _to_tell_apart(diagnosis: Diagnosis, rig: Rig) -> str:
         except ForcecalError:
             continue
         return (f'{_recorded(phase)}: it tells {named[0]} from {other}; at typical sizes they '
-                f'differ there by {energy:.2g} times the energy of the noise.')
+                f'differ there by {float(f"{energy:.2g}"):,.12g} times the energy of the noise.')
     return ''
 
 
