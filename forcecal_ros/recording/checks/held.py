@@ -26,7 +26,6 @@ PACKET = 5
 LEAPS = 20.0
 """A lost packet leaps by so many times what readings change by."""
 
-
 LONG, TAIL = 10, 5
 """A noisy reading that is there so many times is no reading any more; so many changes before tell
 that it is noisy."""

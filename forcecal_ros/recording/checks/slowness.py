@@ -9,7 +9,6 @@ from forcecal_ros.recording.checks.clocks import means_between
 from forcecal_ros.recording.streams import PoseStream, Stream
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 STEP, PERIODS = 0.02, 2.0
 """Means over so long are compared [s], or over so many periods of a slow stream."""
@@ -27,7 +26,6 @@ WINDOWS = (0.2, 0.3, 0.5, 0.8, 1.3, 2.0, 3.0, 5.0)
 EXPLAINS, TIMES = 0.9, 3.0
 """Share of the changes of force that gravity explains once it is late or smoothed, and how many
 times as much it leaves unexplained as it is."""
-
 
 TURNS, AFTER, FEWEST = 0.1, 0.5, 50
 """Gravity turns where it does so faster [rad/s], or has done so before within so long [s]; of
@@ -119,6 +117,8 @@ def _shifted(values: Array, steps: float) -> Array:
 
 
 def _lowpassed(values: Array, share: float) -> Array:
+    from scipy.signal import lfilter  # takes a second, which a node does not start with
+
     keep = np.exp(-share)
     return np.asarray(lfilter([1.0 - keep], [1.0, -keep], values - values[0], axis=0) + values[0])
 
