@@ -12,6 +12,7 @@ from forcecal_ros.cli import main
 from forcecal_ros.diagnose.judge.gap import Gap
 from forcecal_ros.diagnose.say.result import Diagnosis, to_document
 from forcecal_ros.fleet.page import COLUMNS
+from forcecal_ros.recording.bags import read_recording, write_recording
 import numpy as np
 import pytest
 from whole_calibration import whole_calibration
@@ -102,18 +103,22 @@ def test_no_file_ends_the_run_and_none_reaches_the_page_as_markup(fleet, capsys)
 
 
 def test_a_recording_is_calibrated_and_counts_once(rig_run, tmp_path, capsys):
-    nights = tmp_path / 'nights'
+    nights, run = tmp_path / 'nights', tmp_path / 'run'
     nights.mkdir()
-    (nights / 'arm').symlink_to(rig_run)  # links to folders are not followed, named ones are
+    run.mkdir()
+    # of a day: a recording whose clock began at zero says none, by which it would be known again
+    write_recording(run / 'bag', replace(read_recording(rig_run / 'bag'),
+                                         start_ns=int(DAY.timestamp()) * 10**9))
+    (nights / 'arm').symlink_to(run)  # links to folders are not followed, named ones are
     out = tmp_path / 'out'
     assert main(['fleet', str(nights / 'arm'), '-o', str(out), '--robot', 'arm']) == 0
     (row,) = [row for row in csv.DictReader((out / 'fleet.csv').open()) if row['key'] == 'mass']
     assert row['kind'] == 'bag' and row['robot'] == 'arm' and float(row['value']) > 1.0
-    assert main(['calibrate', str(rig_run / 'bag'), '-o', str(tmp_path / 'c.yaml'),
+    assert main(['calibrate', str(run / 'bag'), '-o', str(tmp_path / 'c.yaml'),
                  '--robot', 'arm']) == 0
     capsys.readouterr()
     listed = tmp_path / 'list'
-    listed.write_text(f'{rig_run}\n{tmp_path}/c.yaml\n')
+    listed.write_text(f'{run}\n{tmp_path}/c.yaml\n')
     assert main(['fleet', f'@{listed}', '-o', str(out), '--robot', 'arm', '--json']) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found['read'], found['new'], found['robots']['arm']['entries']) == (2, 1, 1)
