@@ -115,13 +115,14 @@ def refuse_two_senders(name: str, values: NDArray[Any]) -> None:
     DataError
         Names the topic and how far the senders are apart.
     """
-    next_one, one_after = (np.nanmedian(np.abs(values[k:] - values[:-k]), axis=0)
-                           for k in (1, 2))
+    known = np.flatnonzero(np.isfinite(values).all(axis=0))  # poses may say no place
+    values = values[:, known]
+    next_one, one_after = (np.median(np.abs(values[k:] - values[:-k]), axis=0) for k in (1, 2))
     moving = one_after > limits.NIL
     apart = moving & (next_one > ALTERNATES * one_after)
     if moving.any() and apart.sum() >= max(2, CHANNELS * moving.sum()):
         j = int(np.argmax(next_one))
         raise DataError(
-            f'{name}: every other message is of another sensor (column {j + 1} differs by '
+            f'{name}: every other message is of another sensor (column {known[j] + 1} differs by '
             f'{next_one[j]:.3g} from one to the next, by {one_after[j]:.3g} over two): two '
             'drivers publish on one topic; give each its own, and record again')
