@@ -67,6 +67,8 @@ class MujocoRobot:
     path : str
         Of the model's source.
     model : mujoco.MjModel
+    actuators : tuple of int
+        Those that hold joints at positions.
     turned : ndarray, shape (3, 3) or None
         From the accelerometer's axes to those of the force-torque site; None: there is none.
     numbers : tuple
@@ -76,6 +78,7 @@ class MujocoRobot:
 
     path: str
     model: Any
+    actuators: tuple[int, ...]
     turned: Array | None
     numbers: tuple[_Number, ...]
     notes: tuple[str, ...]
@@ -102,7 +105,7 @@ class MujocoRobot:
         mujoco.mj_setConst(model, data)
         if model.nkey:  # joints that are not commanded, a gripper's, hold that
             mujoco.mj_resetDataKeyframe(model, data, 0)
-        told, actuators = _commands(mujoco, model, inputs.joints)
+        told, actuators = _commands(model, self.actuators, inputs.joints)
         step = float(model.opt.timestep)
         t = inputs.start + step * np.arange(int((inputs.end - inputs.start) / step) + 1)
         ctrl = np.stack([np.interp(t, told.t, q) for q in told.values.T], axis=1)
@@ -205,7 +208,8 @@ def load_mujoco(path: str, ft_site: str | None = None, imu: str | None = None) -
     numbers = (*_of_tool(model, body.name, site), *_of_joints(mujoco, model, moved),
                *_of_base(model))
     turned = _axes(mujoco, model, site).T @ _axes(mujoco, model, imu) if imu else None
-    return MujocoRobot(path, model, turned, numbers, tuple(_over_reading(mujoco, model, moved)))
+    return MujocoRobot(path, model, tuple(moved), turned, numbers,
+                       tuple(_over_reading(mujoco, model, moved)))
 
 
 def _site(mujoco: Any, spec: Any, path: str, given: str | None) -> str:
@@ -407,15 +411,14 @@ def _drag(i: int) -> _Both:
     return _writer('actuator_biasprm', (i, 2), -1.0), patch
 
 
-def _commands(mujoco: Any, model: Any, joints: JointStream | None
+def _commands(model: Any, actuators: Sequence[int], joints: JointStream | None
               ) -> tuple[JointStream, list[int]]:
     """Return the commands, and which actuator each column drives."""
     if joints is None:
         raise ConfigError('--mujoco drives joints, and the recording holds no commands of any; '
                           'record what the controller is told and name it with --topic '
                           'joint_commands=NAME')
-    driven = {model.joint(int(model.actuator_trnid[i, 0])).name: i for i in range(model.nu)
-              if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT}
+    driven = {model.joint(int(model.actuator_trnid[i, 0])).name: i for i in actuators}
     if not joints.names:
         if joints.values.shape[1] != len(driven):
             raise ConfigError(f'the commands are of {joints.values.shape[1]} joints without '

@@ -119,6 +119,18 @@ def test_a_patched_model_does_what_it_did_with_the_numbers(model, tmp_path, tool
         np.testing.assert_allclose(found[stream][1], expected[stream][1], atol=2e-3)
 
 
+def test_a_joint_is_driven_by_its_position_and_not_by_its_velocity_or_torque(tmp_path):
+    path = tmp_path / 'arm.xml'
+    beside = '<velocity joint="pan" kv="0.1"/><motor joint="lift"/></actuator>'
+    inputs, made = Inputs(0.0, 3.0, joints=told(3.0), measured_joints=NAMES), []
+    for end in ('</actuator>', beside):
+        path.write_text(mjcf().replace('</actuator>', end))
+        robot = load_mujoco(str(path))
+        made.append(robot.simulate(inputs, nominal(robot))['joints'][1])
+    # the velocity's actuator, told nothing, drags by 0.1 N m s beside 150
+    np.testing.assert_allclose(made[1], made[0], atol=1e-3)
+
+
 def test_where_an_actuator_has_no_kv_the_joint_s_damping_may_be_off(tmp_path):
     path = tmp_path / 'damped.xml'
     path.write_text(mjcf().replace(' kv="150"', '').replace('armature', 'damping="150" armature'))
