@@ -9,6 +9,7 @@ from forcecal_ros.commands.common import (
     add_topics,
     new_parser,
     print_json,
+    read_likewise,
     say,
     topic_names,
 )
@@ -57,5 +58,5 @@ def _next(args: argparse.Namespace) -> str:
     named = [word for name in ('simulator', 'mujoco', 'imu', 'ft_site', 'priors')
              if (value := getattr(args, name))
              for word in (f'--{name.replace("_", "-")}', value)]
-    topics = [word for role, name in args.topic for word in ('--topic', f'{role}={name}')]
-    return shlex.join(('forcecal', 'diagnose', args.bag, *named, *topics, '-o', 'why'))
+    return shlex.join(('forcecal', 'diagnose', args.bag, *named,
+                       *read_likewise(args, poses=False), '-o', 'why'))

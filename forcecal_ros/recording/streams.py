@@ -11,6 +11,10 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.schema import Vector7
 import numpy as np
+from numpy.typing import NDArray
+
+Rows = slice | NDArray[np.bool_] | NDArray[np.intp]
+"""Which samples."""
 
 PHASES = (
     'idle', 'settle', 'move', 'measure', 'step', 'sweep', 'reverse', 'approach', 'contact',
@@ -90,7 +94,11 @@ class Stream:
     def between(self, start: float, end: float) -> 'Stream':
         """Return the samples with ``start <= t < end`` [s]."""
         i, j = np.searchsorted(self.t, [start, end])
-        return replace(self, t=self.t[i:j], values=self.values[i:j])
+        return self.rows(slice(i, j))
+
+    def rows(self, kept: Rows) -> 'Stream':
+        """Return some of the samples."""
+        return replace(self, t=self.t[kept], values=self.values[kept])
 
     def at(self, t: Array) -> Array:
         """
@@ -171,8 +179,12 @@ class PoseStream:
     def between(self, start: float, end: float) -> 'PoseStream':
         """Return the samples with ``start <= t < end`` [s]."""
         i, j = np.searchsorted(self.t, [start, end])
-        return replace(self, t=self.t[i:j], position=self.position[i:j],
-                       R_base_sensor=self.R_base_sensor[i:j])
+        return self.rows(slice(i, j))
+
+    def rows(self, kept: Rows) -> 'PoseStream':
+        """Return some of the samples."""
+        return replace(self, t=self.t[kept], position=self.position[kept],
+                       R_base_sensor=self.R_base_sensor[kept])
 
 
 @dataclass(frozen=True)

@@ -169,7 +169,7 @@ def _at_rest(stream: Stream | None, groups: NDArray[np.intp], start: float) -> S
     rest[rest] = groups[block[rest]] == 0
     if len(np.unique(block[rest])) < FEWEST:
         return None
-    return replace(stream, t=stream.t[rest], values=stream.values[rest])
+    return stream.rows(rest)
 
 
 def kinds(signals: Signals) -> NDArray[np.intp]:

@@ -11,7 +11,6 @@ from forcecal_ros.recording.checks.pauses import pauses, SENSORS
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.recording.topics import ROLES
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 LONGEST = 60.0
@@ -158,11 +157,4 @@ def _with_way(target: PoseStream, start: float, end: float) -> PoseStream:
 
 
 def _without(stream: Stream | PoseStream, start: float, end: float) -> Stream | PoseStream:
-    return _chosen(stream, (stream.t <= start) | (stream.t >= end))
-
-
-def _chosen(stream: Stream | PoseStream, kept: NDArray[np.bool_]) -> Stream | PoseStream:
-    if isinstance(stream, PoseStream):
-        return replace(stream, t=stream.t[kept], position=stream.position[kept],
-                       R_base_sensor=stream.R_base_sensor[kept])
-    return replace(stream, t=stream.t[kept], values=stream.values[kept])
+    return stream.rows((stream.t <= start) | (stream.t >= end))

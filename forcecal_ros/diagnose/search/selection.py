@@ -200,7 +200,6 @@ def _drop(start: LinearisedModel, bare: LinearisedModel, now: JointFit) -> Joint
     return now
 
 
-
 def _near(results: Sequence[HypothesisFit], name: str, tested: int) -> list[HypothesisFit]:
     """List what may do as well as an effect, both as screened and refined."""
     weight, own = weights(results), next(t for t in results if t.name == name)

@@ -14,7 +14,7 @@ from forcecal_ros.recording.checks.pauses import lost_messages, silences
 from forcecal_ros.recording.checks.repeats import refuse_dead, refuse_stuck
 from forcecal_ros.recording.checks.slowness import told
 from forcecal_ros.recording.checks.units import refuse_other_length
-from forcecal_ros.recording.checks.values import Mask, readable, startup
+from forcecal_ros.recording.checks.values import readable, startup
 from forcecal_ros.recording.streams import CHANNELS, PoseStream, Recording, Stream
 import numpy as np
 
@@ -107,7 +107,7 @@ def _begun(recording: Recording) -> Recording:
     for name in ('wrench', 'accelerometer'):
         stream = getattr(recording, name)
         if stream is not None and (first := startup(stream)):
-            changed[name] = replace(stream, t=stream.t[first:], values=stream.values[first:])
+            changed[name] = stream.rows(slice(first, None))
             notes.append(f'{name}: its first {first} samples hold no reading, up to '
                          f'{stream.t[first]:.2f} s; left out')
     return replace(recording, **changed, notes=(*recording.notes, *notes)) if notes else recording
@@ -133,7 +133,7 @@ def _readable(recording: Recording, raw_wrench: bool) -> tuple[Recording, dict[s
         limit = limits.ABSURD_RAW if raw_wrench and name == 'wrench' else limits.ABSURD
         good, note = readable(stream, name, CHANNELS[name], limit)
         if note:
-            changed[name], removed[name] = _chosen(stream, good), int((~good).sum())
+            changed[name], removed[name] = stream.rows(good), int((~good).sum())
             notes.append(note)
     if changed:
         recording = replace(recording, **changed, notes=(*recording.notes, *notes))
@@ -147,8 +147,7 @@ def _without_lost_packets(recording: Recording, removed: dict[str, int]) -> Reco
     if wrench is None or lost is None or not lost.any():
         return recording
     removed['wrench'] = removed.get('wrench', 0) + int(lost.sum())
-    kept = replace(wrench, t=wrench.t[~lost], values=wrench.values[~lost])
-    return replace(recording, wrench=kept, notes=(*recording.notes, (
+    return replace(recording, wrench=wrench.rows(~lost), notes=(*recording.notes, (
         f'wrench: {int(lost.sum())} messages are zero in all channels between others that are '
         'not, as of lost packets; left out')))
 
@@ -173,10 +172,3 @@ def _absence(name: str, stream: Stream | PoseStream | None) -> str:
     if name == 'angular_velocity' and np.isnan(stream.values).all():
         return 'no number throughout'
     return '' if stream.values.any() else 'zero throughout'
-
-
-def _chosen(stream: Stream | PoseStream, kept: Mask) -> Stream | PoseStream:
-    if isinstance(stream, PoseStream):
-        return replace(stream, t=stream.t[kept], position=stream.position[kept],
-                       R_base_sensor=stream.R_base_sensor[kept])
-    return replace(stream, t=stream.t[kept], values=stream.values[kept])

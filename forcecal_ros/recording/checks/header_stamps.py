@@ -71,7 +71,7 @@ def usable_stamps(name: str, stamps: Integers, log: Integers, values: NDArray[An
     order = np.argsort(log, kind='stable')
     refuse_two_senders(name, values[order])
     why = _cut_off(stamps[order], values[order])
-    passed, took = (float(x[order][-1] - x[order][0]) for x in (stamps, log))
+    passed, took = (float(x[order[-1]] - x[order[0]]) for x in (stamps, log))
     if not why:
         _refuse_milliseconds(name, len(stamps), passed, took)
         return Stamped(stamps, '')
@@ -86,8 +86,10 @@ def usable_stamps(name: str, stamps: Integers, log: Integers, values: NDArray[An
 
 def _cut_off(stamps: Integers, values: NDArray[Any]) -> str:
     """Say why stamps do not tell messages apart; empty: they do."""
-    other = (values[1:] != values[:-1]) & ~(np.isnan(values[1:]) & np.isnan(values[:-1]))
-    share = float(((np.diff(stamps) == 0) & other.any(axis=1)).mean())
+    same = np.flatnonzero(np.diff(stamps) == 0)
+    one, next_one = values[same], values[same + 1]
+    other = (one != next_one) & ~(np.isnan(one) & np.isnan(next_one))
+    share = float(other.any(axis=1).sum()) / (len(stamps) - 1)
     if share > COARSE:
         return (f'{share:.0%} of the messages bear the stamp of the one before and hold other '
                 'values: stamps are cut off, to whole seconds or to single precision')

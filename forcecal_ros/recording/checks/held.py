@@ -62,12 +62,12 @@ def without_held(recording: Recording) -> Recording:
         rows = stream.values if name == 'wrench' else _rows(stream)
         kept, every = _fresh(stream.t, rows)
         if every:
-            changed[name] = _chosen(stream, kept)
+            changed[name] = stream.rows(kept)
             rate = 1.0 / float(np.median(np.diff(stream.t))) / every
             notes.append(f'{name}: each reading is sent {every} times: it comes at {rate:.3g} Hz; '
                          'repetitions are left out')
         elif name == 'wrench' and (stale := _stale(rows)).any():
-            changed[name] = _chosen(stream, np.flatnonzero(~stale))
+            changed[name] = stream.rows(~stale)
             notes.append(f'{name}: {int(stale.sum())} messages repeat all channels of the one '
                          'before, as where the line to the sensor fails; left out')
     return replace(recording, **changed, notes=(*recording.notes, *notes)) if notes else recording
@@ -75,13 +75,6 @@ def without_held(recording: Recording) -> Recording:
 
 def _rows(pose: PoseStream) -> Array:
     return np.hstack([pose.R_base_sensor.reshape(len(pose), 9), np.nan_to_num(pose.position)])
-
-
-def _chosen(stream: Any, kept: NDArray[np.intp]) -> Any:
-    if isinstance(stream, PoseStream):
-        return replace(stream, t=stream.t[kept], position=stream.position[kept],
-                       R_base_sensor=stream.R_base_sensor[kept])
-    return replace(stream, t=stream.t[kept], values=stream.values[kept])
 
 
 def _fresh(t: Array, rows: Array) -> tuple[NDArray[np.intp], int]:
