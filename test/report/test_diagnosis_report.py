@@ -182,6 +182,19 @@ def test_a_line_of_a_day_is_thinned_without_losing_its_peak():
     assert (np.diff(line.t) > 0).all()
 
 
+def test_what_is_recorded_in_one_of_twelve_blocks_is_drawn_as_a_line_with_its_own_spectrum():
+    every = replace(_view(Diagnosis('no_gap', '')), phases=())
+    sparse = np.arange(len(every.times)) % 12 == 0
+    view = replace(every, present=np.repeat(sparse[:, np.newaxis], len(CHANNELS), axis=1),
+                   measured=np.where(sparse[:, np.newaxis], every.measured, np.nan))
+    shown = figures.signals(view)
+    assert len(shown.panels) == figures.SHOWN
+    for line in shown.panels[0].lines:
+        assert np.isfinite(line.values).all() and len(line.t) == sparse.sum()
+    # samples 48 ms apart hold nothing above 10.4 Hz
+    assert figures.spectra(view).axes[0].lines[0].get_xdata().max() == pytest.approx(0.5 / 0.048)
+
+
 def test_the_plot_that_zooms_shows_the_phase_and_channel_of_the_verdict():
     shown = figures.closest(_view(IDENTIFIED))
     assert 9.0 < shown.start < 10.0 and 12.0 < shown.end < 13.0
