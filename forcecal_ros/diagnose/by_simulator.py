@@ -35,7 +35,7 @@ from forcecal_ros.simulators.carried_tool import beyond
 from forcecal_ros.simulators.protocol import Inputs
 from forcecal_ros.simulators.rerun import Numbers, refuse_unsteady, Rerun, Runs
 from forcecal_ros.simulators.run_limit import refuse_too_many, runs_short
-from forcecal_ros.simulators.simulated_robot import simulated_robot, SimulatedRobot
+from forcecal_ros.simulators.simulated_robot import simulated_robot, SimulatedRobot, STEP
 from forcecal_ros.simulators.third_party import ThirdParty
 import numpy as np
 
@@ -290,6 +290,10 @@ def _recalibrated(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]:
     if limited:
         yield (f'{", ".join(limited)} would move by more than three sigma, and beside what else '
                'is there is not certain enough for a name')
+    finer, std = outcome.recalibrations.get(STEP, (0.0, 0.0))
+    if abs(finer) > CERTAIN * std > 0.0:
+        yield (f'the step of its integration makes {finer:.2g} +- {std:.1g} times what half the '
+               'step changes, and that was taken out: a smaller step is nearer to the robot')
     late, std = outcome.recalibrations.get('robot.delay', (0.0, 0.0))
     if 'robot_delay' not in named and abs(late) > CERTAIN * std > 0.0:
         yield f'the robot is {1e3 * late:.2g} +- {1e3 * std:.1g} ms later than its simulation'
