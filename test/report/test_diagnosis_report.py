@@ -9,7 +9,7 @@ from forcecal_ros.diagnose.inputs.channels import CHANNELS, units
 from forcecal_ros.diagnose.judge.found_effects import Found, Parameter
 from forcecal_ros.diagnose.judge.gap import Gap
 from forcecal_ros.diagnose.localise.localisation import Location
-from forcecal_ros.diagnose.say.result import Diagnosis
+from forcecal_ros.diagnose.say.result import Diagnosis, to_document
 from forcecal_ros.diagnose.say.verdict import percent
 from forcecal_ros.effects.library import EFFECTS
 from forcecal_ros.recording.streams import Phase, Recording, Stream
@@ -92,6 +92,21 @@ def test_a_number_of_somebodys_simulator_is_called_by_its_name():
         IDENTIFIED, effects=(friction,), candidates=(('friction', 0.9), ('kp', 0.1)))), NEXT)}
     assert said['What'] == 'Friction is not what the simulator has'
     assert said['How sure'] == '90 % friction, 10 % kp.'
+
+
+def test_a_number_at_its_bound_says_so_and_has_no_error():
+    stiff = Found('wrench_lowpass', {'time_constant': Parameter(0.2, 0.0, 's', at_bound=True),
+                                     'second_order': Parameter(1.5, 0.1, '1')}, 0.9)
+    d = replace(IDENTIFIED, effects=(stiff,))
+    assert sentence(stiff).endswith('time constant of 200 ms (at its bound)')
+    page = render(_view(d), [], NEXT)
+    assert 'at its bound' in page and '± 0 ' not in page
+    document = to_document(d, units(), None)
+    written = document['effects'][0]['parameters']
+    assert written['time_constant']['at_bound'] is True
+    assert 'at_bound' not in written['second_order']
+    friction = Found('friction', {'value': Parameter(0.0, 0.01, 'N m', at_bound=True)}, 0.9)
+    assert sentence(friction) == 'friction should be 0 N m (at its bound)'
 
 
 def test_other_causes_are_explained_and_an_ambiguous_verdict_says_what_tells_them_apart():
