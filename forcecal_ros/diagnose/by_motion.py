@@ -12,6 +12,7 @@ from forcecal_ros.diagnose.inputs.requirements import (
     require_same_sensors,
 )
 from forcecal_ros.diagnose.inputs.stamps import evened
+from forcecal_ros.diagnose.judge.found_effects import AT_BOUND
 from forcecal_ros.diagnose.say.result import Diagnosis, NO_MOTION
 from forcecal_ros.effects.signals import FORCES
 from forcecal_ros.errors import DataError
@@ -107,8 +108,9 @@ def told(outcome: Outcome, unit: str) -> list[str]:
     out = []
     for name, (value, std) in outcome.recalibrations.items():
         if abs(value) > MOVED * std and not name.startswith('wrench.step'):
-            sure = f' +- {std:.2g}' if std else ', as far as is usual'
-            out.append(f'recalibrated: {_named(name)} by {value:+.3g}{sure}{_unit(name, unit)}')
+            sure, bound = (f' +- {std:.2g}', '') if std else ('', f' ({AT_BOUND})')
+            out.append(f'recalibrated: {_named(name)} by {value:+.3g}{sure}{_unit(name, unit)}'
+                       f'{bound}')
     return out
 
 

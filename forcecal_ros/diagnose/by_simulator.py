@@ -25,6 +25,7 @@ from forcecal_ros.diagnose.inputs.requirements import require_same_sensors
 from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
 from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool, SimulatedTool
 from forcecal_ros.diagnose.inputs.stamps import Corrected, evened
+from forcecal_ros.diagnose.judge.found_effects import AT_BOUND
 from forcecal_ros.diagnose.say.result import Diagnosis, NO_MOTION
 from forcecal_ros.effects.nuisances import LIMIT
 from forcecal_ros.effects.rig import Rig
@@ -35,7 +36,7 @@ from forcecal_ros.simulators.carried_tool import beyond
 from forcecal_ros.simulators.protocol import Inputs
 from forcecal_ros.simulators.rerun import Numbers, refuse_unsteady, Rerun, Runs
 from forcecal_ros.simulators.run_limit import refuse_too_many, runs_short
-from forcecal_ros.simulators.simulated_robot import simulated_robot, SimulatedRobot
+from forcecal_ros.simulators.simulated_robot import simulated_robot, SimulatedRobot, STEP
 from forcecal_ros.simulators.third_party import ThirdParty
 import numpy as np
 
@@ -62,17 +63,25 @@ CERTAIN = 3.0
 
 
 class Changed(NamedTuple):
-    """A parameter of the simulator as it was, as it should be, and its standard error."""
+    """
+    A parameter of the simulator as it was, as it should be, and its standard error.
+
+    Where it is at its bound, that says nothing.
+    """
 
     name: str
     unit: str
     before: float
     after: float
     std: float
+    at_bound: bool = False
 
     def __str__(self) -> str:
         unit = '' if self.unit == '1' else f' {self.unit}'
-        return f'{self.name} {self.before:.4g} -> {self.after:.4g} +- {self.std:.2g}{unit}'
+        moved = f'{self.name} {self.before:.4g} -> {self.after:.4g}'
+        if self.at_bound or self.std == 0.0:
+            return f'{moved}{unit} ({AT_BOUND})'
+        return f'{moved} +- {self.std:.2g}{unit}'
 
 
 class RerunDiagnosis(NamedTuple):
@@ -269,8 +278,8 @@ def _position(recording: Recording) -> Array:
 def _changes(simulator: ThirdParty, outcome: Outcome) -> tuple[Changed, ...]:
     found = {e.name: e.parameters['value'] for e in outcome.diagnosis.effects
              if 'value' in e.parameters}
-    return tuple(Changed(p.name, p.unit, p.nominal, found[p.name].value, found[p.name].std)
-                 for p in simulator.parameters if p.name in found)
+    return tuple(Changed(p.name, p.unit, p.nominal, found[p.name].value, found[p.name].std,
+                         found[p.name].at_bound) for p in simulator.parameters if p.name in found)
 
 
 def _recalibrated(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]:
@@ -290,9 +299,18 @@ def _recalibrated(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]:
     if limited:
         yield (f'{", ".join(limited)} would move by more than three sigma, and beside what else '
                'is there is not certain enough for a name')
+    finer, std = outcome.recalibrations.get(STEP, (0.0, 0.0))
+    if abs(finer) > CERTAIN * std:
+        yield (f'the step of its integration makes {_sure(finer, std)} times what half the '
+               'step changes, and that was taken out: a smaller step is nearer to the robot')
     late, std = outcome.recalibrations.get('robot.delay', (0.0, 0.0))
-    if 'robot_delay' not in named and abs(late) > CERTAIN * std > 0.0:
-        yield f'the robot is {1e3 * late:.2g} +- {1e3 * std:.1g} ms later than its simulation'
+    if 'robot_delay' not in named and abs(late) > CERTAIN * std:
+        yield f'the robot is {_sure(1e3 * late, 1e3 * std)} ms later than its simulation'
+
+
+def _sure(value: float, std: float) -> str:
+    """Write a number and its standard error, or that it could go no further."""
+    return f'{value:.2g} +- {std:.1g}' if std > 0.0 else f'{value:.2g} ({AT_BOUND})'
 
 
 def _recomputed(ready: Sequence[_Prepared], judged: Sequence[Dataset], outcome: Outcome

@@ -15,6 +15,7 @@ from forcecal_ros.diagnose.inputs.accelerometer import mounted
 from forcecal_ros.diagnose.inputs.command_timing import start_of
 from forcecal_ros.diagnose.inputs.motion_dataset import require_wrench_and_pose, SHORTEST
 from forcecal_ros.diagnose.inputs.requirements import require_overlap
+from forcecal_ros.diagnose.inputs.sparse_commands import refuse_sparse_commands
 from forcecal_ros.diagnose.inputs.stamps import evened
 from forcecal_ros.diagnose.localise.tracking import Difference, Tracking, tracking
 from forcecal_ros.diagnose.say.result import Diagnosis
@@ -97,6 +98,7 @@ def _merged(recording: Recording, rig: Rig, accelerometer: str | None
     assert target is not None
     assert pose is not None
     name = accelerometer or mounted(ready, rig)
+    refuse_sparse_commands(ready, rig, name)
     start = start_of(ready, rig, name)
     end = min(float(target.t[-1]) + rig.robot.period, float(pose.t[-1]))
     signals = Replay(rig, target, start, end, name).signals(rig)

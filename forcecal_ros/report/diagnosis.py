@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from forcecal_ros.diagnose.judge.found_effects import AT_BOUND, Parameter
 from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.diagnose.say.verdict import percent
 from forcecal_ros.report import diagnosis_figures as figures
@@ -89,9 +90,14 @@ def _pictures(view: View, *, first: bool) -> Iterator[Picture]:
             yield picture(title, CAPTIONS[title] + more, what)
 
 
+def _with_error(p: Parameter) -> tuple[str, str]:
+    """Write a number and its standard error, or that it stands at its bound."""
+    return (with_error(p.value, 0.0)[0], AT_BOUND) if p.at_bound else with_error(p.value, p.std)
+
+
 def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:
     """Return every number of every effect in SI units, as a rig file wants them."""
-    out = [(e.name, name, *with_error(p.value, p.std), '' if p.unit == '1' else p.unit)
+    out = [(e.name, name, *_with_error(p), '' if p.unit == '1' else p.unit)
            for e in d.effects for name, p in e.parameters.items()]
     return out + [(e.name, 'from', f'{e.begin:.3f}',
                    f'{e.begin_ci95[0]:.3f} to {e.begin_ci95[1]:.3f} (95 %)', 's')

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 import numpy as np
+from numpy.typing import NDArray
 from scipy import signal
 
 SHOWN = 4
@@ -103,9 +104,11 @@ def _residuals(view: View, channel: int) -> Panel:
 def _panel(view: View, channel: int, lines: tuple[tuple[str, str, Array, bool], ...],
            title: str = '') -> Panel:
     """Leave out what is explained where no effect is named."""
-    name = CHANNELS[channel].name
+    name, there = CHANNELS[channel].name, view.present[:, channel]
+    # of what is recorded more seldom than in every other block no two points are neighbours
+    rows = there if there.mean() < 0.5 else np.ones(len(there), dtype=bool)
     return Panel(title or name, view.units[name], tuple(
-        Line(called, role, view.times, values, hidden)
+        Line(called, role, view.times[rows], values[rows], hidden)
         for called, role, values, hidden in lines
         if role != 'explained' or named(view)))
 
@@ -129,7 +132,7 @@ def spectra(view: View) -> Figure | None:
                 (view.explained[there & (view.groups > 0), c], 'explained', 'less explained'),
                 (view.explained[there & (view.groups == 0), c], 'other', 'at rest')):
             if len(rows) > 64 and (role != 'explained' or named(view)):
-                _spectrum(ax, rows, COLOURS[role], label)
+                _spectrum(ax, rows, COLOURS[role], label, _rate(there))
         name = CHANNELS[c].name
         ax.set(xlabel='frequency [Hz]')
         ax.set_title(f'{name} [{_squared(view.units[name])}/Hz]', fontsize=9)
@@ -143,6 +146,12 @@ def _squared(unit: str) -> str:
     return f'({unit})²' if ' ' in unit or '/' in unit else f'{unit}²'
 
 
-def _spectrum(axes: Axes, rows: Array, color: str, label: str) -> None:
-    f, power = signal.welch(rows, RATE, nperseg=min(256, len(rows)))
+def _rate(there: NDArray[np.bool_]) -> float:
+    """Rate of the blocks that hold samples [Hz]."""
+    steps = np.diff(np.flatnonzero(there))
+    return RATE / max(1.0, float(np.median(steps))) if len(steps) else RATE
+
+
+def _spectrum(axes: Axes, rows: Array, color: str, label: str, rate: float) -> None:
+    f, power = signal.welch(rows, rate, nperseg=min(256, len(rows)))
     axes.loglog(f[1:], power[1:], color=color, linewidth=1.0, label=label)

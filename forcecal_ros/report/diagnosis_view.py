@@ -106,7 +106,7 @@ class View:
         place = self.focus()
         listed = [] if place is None else [place.channel]
         listed += [_INDEX[w.channel] for w in self.diagnosis.localisation]
-        listed += [i for i in range(len(CHANNELS)) if self.present[:, i].mean() > 0.5]
+        listed += [i for i in range(len(CHANNELS)) if self.present[:, i].any()]
         return list(dict.fromkeys(listed))[:count]
 
 

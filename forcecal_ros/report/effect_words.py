@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.judge.found_effects import Found, Parameter
+from forcecal_ros.diagnose.judge.found_effects import AT_BOUND, Found, Parameter
 from forcecal_ros.effects.library import EFFECTS, Quantity
 from forcecal_ros.report.quantity import quantity
 
@@ -126,7 +126,7 @@ def sizes(effect: Found) -> str:
     """List the numbers of an effect that are beyond chance, or all where none is."""
     real = {k: p for k, p in effect.parameters.items() if not _shapes(effect.name, k)}
     sure = {k: p for k, p in real.items()
-            if abs(p.value - _nominal(effect.name, k)) > BEYOND * p.std}
+            if p.at_bound or abs(p.value - _nominal(effect.name, k)) > BEYOND * p.std}
     return ', '.join(f'{_called(k)} {number(effect.name, k, p)}' for k, p in
                      (sure or real or effect.parameters).items())
 
@@ -136,8 +136,9 @@ def number(effect: str, name: str, p: Parameter) -> str:
     plain = _shapes(effect, name) or effect not in WORDS
     known = _quantities(effect).get(name)
     signed = known is None or known.low < 0.0 <= known.high
-    return quantity(p.value, p.std, '' if p.unit == '1' and plain else p.unit,
-                    signed=signed and not plain).strip()
+    said = quantity(p.value, 0.0 if p.at_bound else p.std, '' if p.unit == '1' and plain
+                    else p.unit, signed=signed and not plain).strip()
+    return f'{said} ({AT_BOUND})' if p.at_bound else said
 
 
 def _called(name: str) -> str:

@@ -76,6 +76,9 @@ class Simulator(Protocol):
     specific force [m/s^2]; where it has joints, ``joints`` (n, k) their positions [rad] or [m], a
     column for each of the inputs' ``measured_joints``, NaN for those that it has not. No stream
     has noise.
+
+    One that integrates may have a method ``simulate_finer``, which does the same with half the
+    step, at the same stamps: what the step makes of the signals is then no gap.
     """
 
     def parameters(self) -> Sequence[Parameter]:

@@ -8,7 +8,7 @@ counts.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from forcecal_ros.effects import AccelerometerEffects, Effect, physical_rig
 from forcecal_ros.effects.nuisances import LEAST, Nuisance, of_sensors, scaled, shifted
@@ -71,6 +71,7 @@ class Runs:
         self._inputs, self._measured = inputs, measured
         self._exact: dict[Numbers, Recording] = {}
         self._changes: dict[Numbers, list[_Change]] = {}
+        self._finer: dict[Numbers, _Change] = {}
 
     def exact(self, numbers: Numbers) -> Recording:
         """Run the simulator, unless it was run so before."""
@@ -98,6 +99,12 @@ class Runs:
             moved = (*numbers[:i], numbers[i] + step, *numbers[i + 1:])
             changes.append(_change(here, self._passing(moved), p.sigma / step))
         self._changes[numbers] = changes
+        if self.simulator.has_finer:
+            self.count += 1
+            made = self.simulator.run_finer(self._inputs, numbers)
+            assert made.pose is not None
+            finer = replace(made, pose=in_base_of(self._measured, made.pose))
+            self._finer[numbers] = _change(*_of_one_length(here, finer), 1.0)
 
     def changes(self, numbers: Numbers) -> Sequence['_Change']:
         """Return what one sigma of each parameter does at a point that was tried."""
@@ -112,11 +119,25 @@ class Runs:
         """Return what it says with other parameters, as far as that is linear in them."""
         if numbers in self._exact or not self._changes:
             return self.exact(numbers)
-        sigma = np.array([p.sigma for p in self.simulator.parameters])
-        near = min(self._changes, key=lambda one: float(
-            np.linalg.norm((np.array(numbers) - one) / sigma)))
-        away = (np.array(numbers) - near) / sigma
+        near = self._near(numbers)
+        away = (np.array(numbers) - near) / self._sigma
         return _moved(self._exact[near], self._changes[near], away)
+
+    def integrated(self, numbers: Numbers, finer: float) -> Recording:
+        """Return what it says if its step made so many times what halving it makes."""
+        made = self.at(numbers)
+        if not finer or not self._finer:
+            return made
+        return _moved(made, [self._finer[self._near(numbers)]], np.array([finer]))
+
+    @property
+    def _sigma(self) -> Array:
+        return np.array([p.sigma for p in self.simulator.parameters])
+
+    def _near(self, numbers: Numbers) -> Numbers:
+        """Return the nearest point at which all was tried."""
+        return min(self._changes, key=lambda one: float(
+            np.linalg.norm((np.array(numbers) - one) / self._sigma)))
 
 
 def _arrays(made: Recording) -> list[Array]:
@@ -124,6 +145,18 @@ def _arrays(made: Recording) -> list[Array]:
     assert made.pose is not None
     others = [one.values for one in (made.accelerometer, made.joints) if one is not None]
     return [made.wrench.values, made.pose.position, made.pose.R_base_sensor, *others]
+
+
+def _of_one_length(here: Recording, finer: Recording) -> tuple[Recording, Recording]:
+    """Let the last row stand for one that a finer run lacks, whose last step may end earlier."""
+    def padded_as(one: Any, like: Any) -> Any:
+        rows = np.minimum(np.arange(len(like)), len(one) - 1)
+        return replace(one.rows(rows), t=like.t)
+
+    return here, replace(finer, **{
+        name: padded_as(getattr(finer, name), getattr(here, name))
+        for name in ('wrench', 'pose', 'accelerometer', 'joints')
+        if getattr(finer, name) is not None})
 
 
 def _change(here: Recording, there: Recording, scale: float) -> _Change:
@@ -200,7 +233,7 @@ class Rerun:
         self.accelerated = nominal.accelerometer is not None
         self.joints = () if nominal.joints is None else nominal.joints.names
         self.library: Mapping[str, Effect] = library_of(runs.simulator.parameters)
-        self._carried: dict[tuple[Numbers, float], _Carried] = {}
+        self._carried: dict[tuple[Numbers, float, float], _Carried] = {}
 
     def can_show(self, effect: str, rig: Rig) -> bool:
         """Say whether an effect could be there and be seen."""
@@ -208,7 +241,8 @@ class Rerun:
 
     def nuisances(self, rig: Rig, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """List the nuisance parameters: those of the simulator, tool, mounting and sensors."""
-        found = nuisances_of(self.runs.simulator.parameters, len(self.joints))
+        found = nuisances_of(self.runs.simulator.parameters, len(self.joints),
+                             finer=self.runs.simulator.has_finer)
         if 'tool_mass' in self.library:
             found.append(Nuisance('tool.mass', 'mass', scaled('tool', 'mass'), least=LEAST))
         if 'tool_com' in self.library:
@@ -235,7 +269,7 @@ class Rerun:
             A SimulatedRobot.
         """
         assert isinstance(rig, SimulatedRobot)
-        carried, felt, joints = self._along(rig.numbers, rig.late)
+        carried, felt, joints = self._along(rig.numbers, rig.late, rig.finer)
         place, turn = np.array(rig.mounting[:3]), np.array(rig.mounting[3:])
         n = len(carried.t)
         volts = np.zeros((n, 3)) if felt is None else self._volts(rig, carried, felt)
@@ -254,18 +288,19 @@ class Rerun:
         on_volts = AccelerometerEffects(rig, self.accelerometer, 1.0 / RATE)
         return on_volts.after_noise(on_volts.before_noise(readings * model.gain + model.offset))
 
-    def _along(self, numbers: Numbers, late: float) -> '_Carried':
+    def _along(self, numbers: Numbers, late: float, finer: float) -> '_Carried':
         """Carry the simulator's tool along its own motion, so much later; the last are kept."""
-        if (numbers, late) not in self._carried:
+        if (numbers, late, finer) not in self._carried:
             if len(self._carried) >= KEPT:
                 self._carried.pop(next(iter(self._carried)))
-            made = self.runs.at(numbers)
+            made = self.runs.integrated(numbers, finer)
             motion = replace(made, accelerometer=None)
             carried = CarriedTool(motion, self.start - late, self.n_blocks, self.accelerometer)
             carried.beyond = carried.seen(made) - carried.wire(self._rigid_tool)
             felt, joints = (None if one is None else one.at(carried.t)
                             for one in (made.accelerometer, made.joints))
-            self._carried[numbers, late] = _Carried(carried, felt, joints)
+            self._carried[numbers, late, finer] = _Carried(carried, felt, joints)
         # the point that all others are compared with is asked for most, and is not to go first
-        self._carried[numbers, late] = found = self._carried.pop((numbers, late))
+        found = self._carried.pop((numbers, late, finer))
+        self._carried[numbers, late, finer] = found
         return found

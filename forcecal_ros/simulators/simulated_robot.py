@@ -23,6 +23,12 @@ LATE = 0.001
 ZERO = 2e-4
 """Of a joint's encoder against its simulation, 1 sigma [rad]: as exactly as arms are mastered."""
 
+STEP, COARSE = 'integration.step', 1.0
+"""
+What is wrong with a step of integration, 1 sigma, in what half the step changes: a robot is no
+simulation, and of an integrator of first order, as Euler, all of its error is twice that.
+"""
+
 VISIBLE = 10.0
 """A clearly visible change of a parameter, in its sigma: beyond what a nuisance may take."""
 
@@ -45,12 +51,15 @@ class SimulatedRobot(RigidTool):
         Of the measured joints against the simulated [rad].
     late : float
         How much later than its simulation the robot does what it is told [s].
+    finer : float
+        What an integration of endless patience changes, in what half the step does.
     """
 
     numbers: Annotated[tuple[float, ...], Row('of the parameters')] = ()
     mounting: Annotated[tuple[float, ...], Row('position and turn')] = (0.0,) * 6
     zeros: Annotated[tuple[float, ...], Row('of the joints')] = (0.0,) * JOINTS
     late: Annotated[float, Row('robot behind its simulation', 's')] = 0.0
+    finer: Annotated[float, Row('of what half the step of integration changes')] = 0.0
 
 
 def simulated_robot(rigid_tool: RigidTool, parameters: tuple[Parameter, ...]) -> SimulatedRobot:
@@ -86,11 +95,21 @@ def _effect(p: Parameter) -> Effect:
     return Effect(p.name, p.stage, (value,), MOVING, True, 'rig', p.name)
 
 
-def nuisances_of(parameters: tuple[Parameter, ...], joints: int = 0) -> list[Nuisance]:
-    """List the simulator's parameters, and where base, sensor and joints are, as nuisances."""
+def nuisances_of(parameters: tuple[Parameter, ...], joints: int = 0, *, finer: bool = False
+                 ) -> list[Nuisance]:
+    """
+    List the simulator's parameters, and where base, sensor and joints are, as nuisances.
+
+    Parameters
+    ----------
+    finer : bool
+        Whether it is known what a finer integration changes.
+    """
     found = [Nuisance(p.name, p.name, _number(i), least=p.low - p.nominal, prior_std=p.sigma)
              for i, p in enumerate(parameters)]
     found.append(Nuisance('robot.delay', 'late', _later, prior_std=LATE))
+    if finer:
+        found.append(Nuisance(STEP, 'finer', _finer, prior_std=COARSE))
     found += [Nuisance(f'mounting.{i}', 'mounting', _mounting(i), prior_std=MOUNTING[i // 3])
               for i in range(6)]
     return found + [Nuisance(f'joint.zero.{i}', 'zeros', _zero(i), prior_std=ZERO)
@@ -102,6 +121,11 @@ def _number(index: int) -> Callable[[Rig, float], Rig]:
         assert isinstance(rig, SimulatedRobot)
         return replace(rig, numbers=_added(rig.numbers, index, x))
     return apply
+
+
+def _finer(rig: Rig, x: float) -> Rig:
+    assert isinstance(rig, SimulatedRobot)
+    return replace(rig, finer=rig.finer + x)
 
 
 def _mounting(index: int) -> Callable[[Rig, float], Rig]:

@@ -71,9 +71,21 @@ class ThirdParty:
         ConfigError
             It raised an exception, or answers otherwise than the protocol says.
         """
+        return self._recording(inputs, 'simulate', values)
+
+    @property
+    def has_finer(self) -> bool:
+        """Whether it can be run with half its step of integration."""
+        return callable(getattr(self.simulator, 'simulate_finer', None))
+
+    def run_finer(self, inputs: Inputs, values: Sequence[float]) -> Recording:
+        """Simulate with half its step of integration; otherwise as :meth:`run`."""
+        return self._recording(inputs, 'simulate_finer', values)
+
+    def _recording(self, inputs: Inputs, method: str, values: Sequence[float]) -> Recording:
         named = {p.name: float(v) for p, v in zip(self.parameters, values)}
-        with _blamed(f'{self.name}: simulate'):
-            answer = self.simulator.simulate(inputs, named)
+        with _blamed(f'{self.name}: {method}'):
+            answer = getattr(self.simulator, method)(inputs, named)
         if not isinstance(answer, Mapping):
             raise ConfigError(f'{self.name}: simulate returned {type(answer).__name__}, expected '
                               'a mapping of streams to (stamps, rows)')

@@ -96,6 +96,22 @@ def test_sensors_that_are_too_slow_are_named():
     assert 'wrench_gain' in one.not_excited
 
 
+def test_commands_of_which_most_are_missing_are_refused_and_seldom_ones_are_not():
+    positions, rotations, phases = motion(FREE)
+    every = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
+    seldom, rig = every.rows(slice(None, None, 12)), load_rig()
+    led, held = (_slower(replace(simulate(rig, told, seed=23), phases=phases, target=seldom), 20)
+                 for told in (every, seldom))
+    refused = diagnose(led, None, rig).diagnosis
+    assert refused.verdict == 'invalid_data'
+    assert 'recorded every 48 ms, the rig takes one every 4 ms' in refused.reason
+    assert 'record every command' in refused.reason
+    assert prepare(held, rig).groups.any()
+    # the same commands, taken by a robot that is 6 ms later
+    late = with_effects(rig, {'robot_delay': {'delay': 0.006}})
+    assert prepare(_slower(simulate(late, seldom, seed=23), 20), rig).groups.any()
+
+
 def test_stamps_that_jitter_are_no_lost_samples():
     recording, rng = own_recording(20), np.random.default_rng(0)
     wrench = recording.wrench

@@ -9,7 +9,7 @@ from forcecal_ros.diagnose.inputs.channels import CHANNELS, units
 from forcecal_ros.diagnose.judge.found_effects import Found, Parameter
 from forcecal_ros.diagnose.judge.gap import Gap
 from forcecal_ros.diagnose.localise.localisation import Location
-from forcecal_ros.diagnose.say.result import Diagnosis
+from forcecal_ros.diagnose.say.result import Diagnosis, to_document
 from forcecal_ros.diagnose.say.verdict import percent
 from forcecal_ros.effects.library import EFFECTS
 from forcecal_ros.recording.streams import Phase, Recording, Stream
@@ -92,6 +92,21 @@ def test_a_number_of_somebodys_simulator_is_called_by_its_name():
         IDENTIFIED, effects=(friction,), candidates=(('friction', 0.9), ('kp', 0.1)))), NEXT)}
     assert said['What'] == 'Friction is not what the simulator has'
     assert said['How sure'] == '90 % friction, 10 % kp.'
+
+
+def test_a_number_at_its_bound_says_so_and_has_no_error():
+    stiff = Found('wrench_lowpass', {'time_constant': Parameter(0.2, 0.0, 's', at_bound=True),
+                                     'second_order': Parameter(1.5, 0.1, '1')}, 0.9)
+    d = replace(IDENTIFIED, effects=(stiff,))
+    assert sentence(stiff).endswith('time constant of 200 ms (at its bound)')
+    page = render(_view(d), [], NEXT)
+    assert 'at its bound' in page and '± 0 ' not in page
+    document = to_document(d, units(), None)
+    written = document['effects'][0]['parameters']
+    assert written['time_constant']['at_bound'] is True
+    assert 'at_bound' not in written['second_order']
+    friction = Found('friction', {'value': Parameter(0.0, 0.01, 'N m', at_bound=True)}, 0.9)
+    assert sentence(friction) == 'friction should be 0 N m (at its bound)'
 
 
 def test_other_causes_are_explained_and_an_ambiguous_verdict_says_what_tells_them_apart():
@@ -180,6 +195,19 @@ def test_a_line_of_a_day_is_thinned_without_losing_its_peak():
     line = between(Line('measured', 'measured', t, values), 0.0, t[-1])
     assert len(line.t) <= MOST_POINTS + 2 and np.nanmax(line.values) == 7.0
     assert (np.diff(line.t) > 0).all()
+
+
+def test_what_is_recorded_in_one_of_twelve_blocks_is_drawn_as_a_line_with_its_own_spectrum():
+    every = replace(_view(Diagnosis('no_gap', '')), phases=())
+    sparse = np.arange(len(every.times)) % 12 == 0
+    view = replace(every, present=np.repeat(sparse[:, np.newaxis], len(CHANNELS), axis=1),
+                   measured=np.where(sparse[:, np.newaxis], every.measured, np.nan))
+    shown = figures.signals(view)
+    assert len(shown.panels) == figures.SHOWN
+    for line in shown.panels[0].lines:
+        assert np.isfinite(line.values).all() and len(line.t) == sparse.sum()
+    # samples 48 ms apart hold nothing above 10.4 Hz
+    assert figures.spectra(view).axes[0].lines[0].get_xdata().max() == pytest.approx(0.5 / 0.048)
 
 
 def test_the_plot_that_zooms_shows_the_phase_and_channel_of_the_verdict():

@@ -2,8 +2,10 @@
 
 from dataclasses import replace
 import json
+from pathlib import Path
 
 from forcecal_ros.cli import main
+from forcecal_ros.diagnose.by_simulator import diagnose_rerun
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import matrix_from_quaternion, rotation_from_vector
 from forcecal_ros.recording.bags import write_recording
@@ -11,6 +13,9 @@ from forcecal_ros.recording.streams import JointStream
 from forcecal_ros.simulators.mujoco import load_mujoco
 from forcecal_ros.simulators.priors import with_priors
 from forcecal_ros.simulators.protocol import Inputs
+from forcecal_ros.simulators.rerun import Runs
+from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.simulated_robot import library_of, nuisances_of, STEP
 from forcecal_ros.simulators.third_party import third_party
 import numpy as np
 import pytest
@@ -293,3 +298,69 @@ def test_friction_of_a_joint_is_named_with_its_number(model, tmp_path, capsys):
     own = {p.name: p.nominal
            for p in load_mujoco(str(tmp_path / 'why' / document['model'])).parameters()}
     assert own['dof_frictionloss[lift]'] == pytest.approx(changed['after'])
+
+
+def test_what_a_finer_integration_changes_is_told_by_half_the_step(model):
+    path = model().replace('arm.xml', 'hard.xml')
+    # damping beside a light joint: the joint follows by a time constant of a step or so
+    hard = mjcf().replace(' kv="150"', '').replace('frictionloss="0.5"', 'damping="60"')
+    Path(path).write_text(hard)
+    robot, joints = load_mujoco(path), told(4.0)
+    inputs = Inputs(0.0, 4.0, joints=joints, measured_joints=NAMES)
+    here, half = (run(inputs, nominal(robot)) for run in (robot.simulate, robot.simulate_finer))
+    assert robot.model.opt.timestep == 0.002
+    robot.model.opt.timestep = 0.0005
+    fine = robot.simulate(inputs, nominal(robot))
+    for name in ('wrench', 'joints'):
+        n = min(len(one[name][0]) for one in (here, half, fine))
+        np.testing.assert_allclose(half[name][0][:n], here[name][0][:n], atol=1e-12)
+        makes, all_of_it = (one[name][1][:n] - here[name][1][:n] for one in (half, fine))
+        # an error of first order: 1 - 1/4 of it against 1 - 1/2
+        left = all_of_it - 1.5 * makes
+        assert np.linalg.norm(left) < 0.03 * np.linalg.norm(all_of_it) > 0.0, name
+
+
+def test_a_step_of_integration_is_a_nuisance_and_no_effect(model):
+    robot = load_mujoco(model())
+    simulator, inputs = third_party('arm', robot), Inputs(0.0, 4.0, joints=told(4.0))
+    runs = Runs(simulator, inputs, simulator.run(inputs, simulator.nominal).pose)
+    runs.try_all(simulator.nominal)
+    assert runs.count == len(simulator.parameters) + 2
+    here = runs.exact(simulator.nominal)
+    moved = runs.integrated(simulator.nominal, 1.0)
+    half = simulator.run_finer(inputs, simulator.nominal)
+    n = len(half.wrench)
+    np.testing.assert_allclose(moved.wrench.values[:n], half.wrench.values, atol=1e-9)
+    assert runs.integrated(simulator.nominal, 0.0) is here
+    assert STEP in {one.name for one in nuisances_of(simulator.parameters, finer=True)}
+    assert STEP not in library_of(simulator.parameters)
+    assert STEP not in {one.name for one in nuisances_of(simulator.parameters)}
+
+
+@pytest.mark.long
+def test_a_payload_is_named_and_no_other_effect_whatever_the_steps_of_model_and_robot(model):
+    path = model(integrator='Euler')
+    Path(path).write_text(mjcf().replace(' kv="150"', '').replace('frictionloss="0.5"',
+                                                                 'damping="60"'))
+    robot, rng = load_mujoco(path), np.random.default_rng(3)
+    simulator, joints = third_party('arm', robot), told(20.0)
+    rig = load_rig()
+    found = {}
+    for name, weigh in (('none', 1.0), ('payload', 1.08)):
+        robot.model.opt.timestep = 0.0005
+        made = simulator.run(Inputs(0.0, 20.0, joints=joints), [
+            p.nominal * (weigh if p.name == 'body_mass[gripper]' else 1.0)
+            for p in simulator.parameters])
+        robot.model.opt.timestep = 0.002
+        noise = rng.normal(size=(len(made.wrench), 6)) * np.repeat([0.15, 0.006], 3)
+        place, turn = 1e-4 * rng.normal(size=(2, len(made.pose), 3))
+        recording = replace(
+            made, joint_commands=joints,
+            wrench=replace(made.wrench, values=made.wrench.values + noise),
+            pose=replace(made.pose, position=made.pose.position + place,
+                         R_base_sensor=made.pose.R_base_sensor @ rotation_from_vector(turn)))
+        found[name] = diagnose_rerun(recording, None, simulator, rig)
+    assert found['none'].outcome.diagnosis.verdict == 'no_gap'
+    changed, = found['payload'].changed
+    assert changed.name == 'body_mass[gripper]'
+    assert changed.after == pytest.approx(1.62, abs=4.0 * changed.std)

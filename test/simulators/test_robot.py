@@ -7,7 +7,8 @@ from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import rotation_from_vector, rotation_vector, skew
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.parameters import kernel_parameters
-from forcecal_ros.simulators.rig.robot import Motion, move, robot_at_rest
+from forcecal_ros.simulators.rig.plant import Plant
+from forcecal_ros.simulators.rig.robot import Motion, move, robot_at_rest, TINY
 import numpy as np
 import pytest
 from scipy.signal import lfilter, lsim, TransferFunction
@@ -159,3 +160,17 @@ def test_at_rest_nothing_moves():
     assert motion.R_base_sensor == pytest.approx(np.tile(rotations[0], (401, 1, 1)), abs=1e-12)
     assert np.abs(motion.acceleration).max() < 1e-6  # [m/s^2], rounding times w^2
     assert np.abs(motion.omega).max() < 1e-12
+
+
+def test_a_robot_at_rest_leaves_no_number_too_small_to_compute_with():
+    positions = 0.01 * np.minimum(np.arange(2500) * PERIOD, 0.1)[:, np.newaxis] * np.ones(3)
+    turned = Rotation.from_rotvec(3.0 * positions)
+    plant = Plant(RIG)
+    plant.rest(positions[0], turned[0].as_quat())
+    motion = plant.move(positions, turned.as_quat())
+    for name, values in motion._asdict().items():
+        size = np.abs(values[values != 0.0])
+        assert size.min() > TINY, name
+    # 9.9 s of rest at 300 rad/s would leave exp(-2970), and at 60 rad/s exp(-594)
+    assert not motion.velocity[-1].any()
+    assert np.abs(motion.velocity).max() > 5e-3

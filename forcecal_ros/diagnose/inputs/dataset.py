@@ -6,6 +6,7 @@ from itertools import pairwise
 from forcecal_ros.diagnose.inputs.accelerometer import in_volts, mounted
 from forcecal_ros.diagnose.inputs.command_timing import start_of
 from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
+from forcecal_ros.diagnose.inputs.sparse_commands import refuse_sparse_commands
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
@@ -94,9 +95,10 @@ def prepare(recording: Recording, rig: Rig, accelerometer: str | None = None) ->
     Raises
     ------
     DataError
-        Commands or wrench are missing, or they overlap for too short a time.
+        Commands or wrench are missing, most commands are, or they overlap for too short a time.
     """
     name = accelerometer or mounted(recording, rig)
+    refuse_sparse_commands(recording, rig, name)
     start = start_of(recording, rig, name)
     assert recording.target is not None
     sensed = [s.t for s in (recording.wrench, recording.accelerometer, recording.optidrive)

@@ -1,7 +1,7 @@
 """Effects found, in the library's own parameters."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.inputs.stamps import Corrected
@@ -9,7 +9,7 @@ from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.model.saturation import CLIPPING
 from forcecal_ros.diagnose.search.bias_steps import Event, height_of, SURE
 from forcecal_ros.diagnose.search.fitted import Accepted
-from forcecal_ros.effects import EFFECTS
+from forcecal_ros.effects import EFFECTS, Quantity
 from forcecal_ros.effects.rig import AccelerometerModel
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.checks import limits
@@ -21,6 +21,9 @@ NAME = 'wrench_bias_step'
 PROBABILITY = 0.95
 """Probability of a bias step: a slip of the tool or a change of gain begins with one, too."""
 
+AT_BOUND = 'at its bound'
+"""What is said of a number where else its standard error stands."""
+
 AT_LIMIT, KNOWN = 0.01, 3.0
 """A number nearer than this to the end of its range, as a share of the range, stands there, if it
 is more than so many standard errors: one that nothing shows may stand anywhere."""
@@ -28,11 +31,19 @@ is more than so many standard errors: one that nothing shows may stand anywhere.
 
 @dataclass(frozen=True)
 class Parameter:
-    """One estimated number of an effect."""
+    """
+    One estimated number of an effect.
+
+    Attributes
+    ----------
+    at_bound : bool
+        It stands at the end of its range, so that its standard error says nothing.
+    """
 
     value: float
     std: float
     unit: str
+    at_bound: bool = False
 
 
 @dataclass(frozen=True)
@@ -81,7 +92,7 @@ def parameters_of(model: LinearisedModel, a: Accepted) -> dict[str, Parameter]:
     effect = model.library[a.name]
     quantities = effect.parameters
     if len(a.theta):
-        return {q.name: Parameter(float(v), float(s), q.unit)
+        return {q.name: Parameter(float(v), float(s), q.unit, ends(q, float(v)))
                 for q, v, s in zip(quantities, a.theta, a.std)}
     out, covariance = {}, model.fit_nuisances().covariance
     index = [i for i, n in enumerate(model.nuisances) if n.key == effect.nuisance]
@@ -91,9 +102,15 @@ def parameters_of(model: LinearisedModel, a: Accepted) -> dict[str, Parameter]:
             continue
         scale = float(model.prior_std[i]) * _physical(model, model.nuisances[i].key, q.unit)
         value = np.clip(q.nominal + model.centre[i] * scale, q.low, q.high)
-        out[q.name] = Parameter(
-            float(value), abs(scale) * float(np.sqrt(covariance[i, i])), q.unit)
+        std = abs(scale) * float(np.sqrt(covariance[i, i]))
+        out[q.name] = Parameter(float(value), std, q.unit,
+                                ends(q, float(value)) or (std == 0.0 and value != q.nominal))
     return out
+
+
+def ends(q: Quantity, value: float) -> bool:
+    """Say whether a number stands at an end of its range, and not where it does nothing."""
+    return value != q.nominal and not q.low < value < q.high
 
 
 def at_limit(name: str, found: Mapping[str, Parameter]) -> list[str]:
@@ -177,7 +194,7 @@ def from_checks(stamps: Sequence[Corrected], noise: Array, model: AccelerometerM
         if name.startswith('accel') and stamps[0].recording.accelerometer_unit == 'V':
             found = _as_force(found, model)
         if found:
-            effects[name] = {k: Parameter(abs(p.value), p.std, p.unit) for k, p in found.items()}
+            effects[name] = {k: replace(p, value=abs(p.value)) for k, p in found.items()}
     notes += [str(x) for x in stops if str(x) not in notes]
     notes += [f'stamps of {c.stream} scatter by {1e3 * c.jitter:.2f} ms' for one in stamps
               for c in one.clocks if c.jitter * c.rate > limits.JITTER]

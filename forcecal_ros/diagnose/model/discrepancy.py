@@ -119,13 +119,20 @@ class WhitenedDiscrepancy:
     def __init__(self, of: Basis, signal: Array, train: Sequence[BoolArray],
                  noise: list[Autoregression]) -> None:
         self.basis, self.signal, self.train, self.noise = of, signal, train, noise
-        self.modes = {c: self._modes(c) for c in range(len(CHANNELS))
-                      if any(n.sigma[:, c].any() for n in noise)}
+        self.channels = [c for c in range(len(CHANNELS))
+                         if any(n.sigma[:, c].any() for n in noise)]
+        self._found: dict[int, _Modes] = {}
         self._factors: dict[tuple[int, bool, float], Array] = {}
+
+    def modes(self, c: int) -> _Modes:
+        """Return a channel's whitened features, which are found at the first time they count."""
+        if c not in self._found:
+            self._found[c] = self._modes(c)
+        return self._found[c]
 
     def _modes(self, c: int) -> _Modes:
         scale = np.sqrt(self.basis.variance) * self.signal[c]
-        white = [(n.whiten(rows.astype(float), c) * scale[:, np.newaxis]).astype(np.float32)
+        white = [n.whiten_singly(rows, c, scale)
                  if n.sigma[:, c].any() else np.zeros(rows.shape, dtype=np.float32)
                  for n, rows in zip(self.noise, self.basis.rows)]
         values, vectors = np.linalg.eigh(sum((w @ w.T).astype(float) for w in white))
@@ -137,11 +144,17 @@ class WhitenedDiscrepancy:
         trained, held = (np.asarray(sum(_square(one[i]) for one in parts)) for i in (0, 1))
         return _Modes(parts, scale[:, np.newaxis] * turn, trained, trained + held)
 
+    def _none(self) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+        """Return the rows of no combination at all, of each recording."""
+        counts = [(int(t.sum()), int((~t).sum())) for t in self.train]
+        return [(np.zeros((0, m), dtype=np.float32), np.zeros((0, n), dtype=np.float32))
+                for m, n in counts]
+
     def factor(self, c: int, trained: bool, size: float) -> Array:
         """Return the Cholesky factor of a channel's information on its combinations."""
         key = c, trained, size
         if key not in self._factors:
-            modes = self.modes[c]
+            modes = self.modes(c)
             information = modes.trained if trained else modes.all
             self._factors[key] = np.asarray(cholesky(
                 information + np.eye(len(information)) / size ** 2, lower=True))
@@ -187,9 +200,9 @@ class WhitenedDiscrepancy:
         """
         k = len(columns[0])
         out = []
-        for c, modes in self.modes.items():
+        for c in self.channels:
             there = [j for j in range(k) if any(c in one[j] for one in columns)]
-            own = [tuple(part[:0] for part in parts) if absent else parts for parts in modes.rows]
+            own = self._none() if absent else self.modes(c).rows
             total = [_Sums.empty(len(there), len(own[0][0])) for _ in range(2)]
             for one, r, noise, parts, train in zip(columns, residual, self.noise, own,
                                                   self.train):
@@ -298,7 +311,7 @@ class Products:
         """Return the features' weights at each channel's own likeliest size, shape (k,) each."""
         out = {}
         for one in self._channels:
-            modes = self._whitened.modes[one.channel]
+            modes = self._whitened.modes(one.channel)
             values, vectors = np.linalg.eigh(modes.all)
             values = np.maximum(values, 0.0)
             right = vectors.T @ one.all.cross[:, 0]
@@ -323,7 +336,7 @@ class Products:
             size = scales[STREAM[one.channel]]
             if size and len(one.trained.cross):
                 factor = self._whitened.factor(one.channel, True, size)
-                out[one.channel] = self._whitened.modes[one.channel].weights @ cho_solve(
+                out[one.channel] = self._whitened.modes(one.channel).weights @ cho_solve(
                     (factor, True), one.trained.cross[:, 0])
         return out
 

@@ -69,8 +69,8 @@ def to_document(diagnosis: Diagnosis, units: dict[str, str], rig: str | None) ->
         'format': FORMAT, 'verdict': d.verdict, 'reason': d.reason,
         'effects': [{
             'name': e.name, 'probability': round(e.probability, 4),
-            'parameters': {k: {'value': p.value, 'std': p.std, 'unit': p.unit}
-                           for k, p in e.parameters.items()}, **_when(e)} for e in d.effects],
+            'parameters': {k: _number(p) for k, p in e.parameters.items()},
+            **_when(e)} for e in d.effects],
         'candidates': [{'name': n, 'probability': round(p, 4)} for n, p in d.candidates],
         'where': [{'stage': w.stage, 'channel': w.channel, 'phase': w.phase,
                    'band_hz': list(w.band_hz), 'excess': w.excess, 'p': w.p}
@@ -90,6 +90,12 @@ def to_document(diagnosis: Diagnosis, units: dict[str, str], rig: str | None) ->
     if rig:
         document['rig'] = rig
     return document
+
+
+def _number(p: Parameter) -> dict[str, Any]:
+    """Give a number with its standard error, or say that it has none."""
+    bound = {'at_bound': True} if p.at_bound else {}
+    return {'value': p.value, 'std': p.std, 'unit': p.unit, **bound}
 
 
 def _when(effect: Found) -> dict[str, Any]:
@@ -139,7 +145,8 @@ def _from_document(d: Mapping[str, Any]) -> Diagnosis:
     return Diagnosis(
         str(d['verdict']), str(d['reason']),
         effects=tuple(Found(
-            str(e['name']), {key: Parameter(float(p['value']), float(p['std']), str(p['unit']))
+            str(e['name']), {key: Parameter(float(p['value']), float(p['std']), str(p['unit']),
+                                            bool(p.get('at_bound')))
                              for key, p in e['parameters'].items()}, float(e['probability']),
             e.get('from')) for e in d['effects']),
         candidates=tuple((str(c['name']), float(c['probability'])) for c in d['candidates']),

@@ -79,6 +79,37 @@ class Autoregression(NamedTuple):
         out[:, chosen] = white
         return out
 
+    def whiten_singly(self, columns: NDArray[np.float32], channel: int, sizes: Array
+                      ) -> NDArray[np.float32]:
+        """
+        Whiten many signals, each times its size, that are held in single precision.
+
+        The same as of :meth:`whiten`, without room for all of them in double precision.
+
+        Parameters
+        ----------
+        columns : ndarray of float32, shape (k, n)
+        sizes : ndarray, shape (k,)
+
+        Returns
+        -------
+        ndarray of float32, shape (k, n)
+        """
+        sigma = self.sigma[:, channel]
+        scale = np.where(sigma > 0.0, 1.0 / np.where(sigma > 0.0, sigma, 1.0), 0.0)
+        there = self.present[:, channel]
+        chosen = slice(None) if there.all() else np.flatnonzero(there)
+        own = np.ascontiguousarray(columns[:, chosen])
+        white = np.zeros(own.shape, dtype=np.float32)
+        _whiten_singly(own, np.ascontiguousarray(self.coefficients[:, channel]), scale,
+                       self.groups[chosen], np.ascontiguousarray(self.rows[chosen, channel]),
+                       sizes, white)
+        if there.all():
+            return white
+        out = np.zeros(columns.shape, dtype=np.float32)
+        out[:, chosen] = white
+        return out
+
     def spacing(self, channel: int) -> float:
         """Mean distance of a channel's samples, gaps left out: 1 where it has all of them."""
         steps = np.diff(np.flatnonzero(self.present[:, channel]))
@@ -120,6 +151,20 @@ def _whiten(columns: Array, coefficients: Array, scale: Array, groups: IntArray,
                     after[t] -= coefficients[g, j] * before[t]
             for t in range(len(white)):
                 white[t] *= scale[g]
+
+
+@compiled
+def _whiten_singly(columns: NDArray[np.float32], coefficients: Array, scale: Array,
+                   groups: IntArray, rows: BoolArray, sizes: Array, out: NDArray[np.float32]
+                   ) -> None:
+    n = columns.shape[1]
+    wide, white = np.empty((1, n)), np.empty((1, n))
+    for i in range(len(columns)):
+        for t in range(n):
+            wide[0, t] = columns[i, t]
+        _whiten(wide, coefficients, scale, groups, rows, white)
+        for t in range(n):
+            out[i, t] = np.float32(white[0, t] * sizes[i])
 
 
 def _stationary(a: Array, sigma: float) -> float:

@@ -8,7 +8,7 @@ from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array, matrix_from_quaternion
 from forcecal_ros.simulators.rig.command_delays import CommandDelays
 from forcecal_ros.simulators.rig.parameters import kernel_parameters
-from forcecal_ros.simulators.rig.robot import Motion, move, robot_at_rest
+from forcecal_ros.simulators.rig.robot import Motion, move, robot_at_rest, without_traces
 from forcecal_ros.simulators.rig.robot_effects import MotionEffects
 from forcecal_ros.simulators.rig.sensors import highpass_settled, respond, Response
 from forcecal_ros.simulators.rig.slide_effects import slide_rates
@@ -89,7 +89,10 @@ class Plant:
         # copies: read-only arrays would be another type, and compiled anew
         move(self._p, self._robot, np.array(positions, dtype=float),
              np.array(xyzw, dtype=float), self.steps, motion)
-        return self._effects(motion)
+        moved = self._effects(motion)
+        for values in moved:
+            without_traces(values)
+        return moved
 
     def respond(self, motion: Motion) -> tuple[Slide, Response]:
         """

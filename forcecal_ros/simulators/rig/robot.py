@@ -22,6 +22,13 @@ ROBOT_STATE = np.dtype([
     ('turn', 'f8', 7),              # orientation xyzw, angular velocity in S [rad/s]
 ])
 
+TINY = 1e-60
+"""
+Below it a number of a motion is taken for 0: a robot that has come to rest moves by less and less
+for ever, and with numbers below 1e-308, as their products are, processors take a hundred times as
+long. No other digit depends on it: lengths and speeds that count are above 1e-12.
+"""
+
 
 class Motion(NamedTuple):
     """
@@ -127,12 +134,25 @@ def _follow_position(p: Record, state: Record, axis: int, command: float, first:
         motion.velocity[first + j, axis] = slope + decay * (dq - w * q)
         motion.acceleration[first + j, axis] = decay * (2.0 * c2 - 2.0 * w * dq + w * w * q)
     last = first + nodes
-    state.position[axis] = motion.position[last, axis]
-    state.velocity[axis] = motion.velocity[last, axis]
-    state.acceleration[axis] = motion.acceleration[last, axis]
+    state.position[axis] = _no_trace(motion.position[last, axis])
+    state.velocity[axis] = _no_trace(motion.velocity[last, axis])
+    state.acceleration[axis] = _no_trace(motion.acceleration[last, axis])
     _shift(y, axis, output)
     if p.direct[axis] <= 0.0:
         _shift(r, axis, command)
+
+
+@compiled
+def _no_trace(x: float) -> float:
+    return x if abs(x) > TINY else 0.0
+
+
+@compiled
+def without_traces(values: Array) -> None:
+    """Set the numbers of a contiguous array that are too small to matter to 0."""
+    flat = values.reshape(-1)
+    for i in range(len(flat)):
+        flat[i] = _no_trace(flat[i])
 
 
 @compiled
@@ -179,7 +199,7 @@ def _follow_orientation(p: Record, state: Record, command: Array, first: int, no
             z[i] /= norm
             goal[i] = goal_end[i]
     for i in range(7):
-        state.turn[i] = z[i]
+        state.turn[i] = _no_trace(z[i])
     for i in range(4):
         state.command_xyzw[i] = command[i]
 

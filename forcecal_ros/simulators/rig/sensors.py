@@ -82,30 +82,44 @@ def respond(p: Record, state: Record, motion: Motion, slide: Slide, h: float,
     """
     specific, force, torque = np.empty(3), np.empty(3), np.empty(3)
     r, tip, q = np.empty(3), np.empty(3), np.empty(3)
+    w, spin, contact = np.empty(3), np.empty(3), np.empty(6)
+    R, omega, alpha = motion.R_base_sensor, motion.omega, motion.alpha
+    decay = math.exp(-p.highpass * h)
+    rise = (1.0 - decay) / (p.highpass * h) if p.highpass > 0.0 else 1.0
     for i in range(len(out.wrench)):
         j, k = 2 * i + 2, i + 1
-        R, w, alpha = motion.R_base_sensor[j], motion.omega[j], motion.alpha[j]
         for axis in range(3):
             r[axis], tip[axis] = p.com[axis], p.tip[axis]
             q[axis] = p.accelerometer_position[axis]
-            out.contact[i, axis] = -slide.push[k] * R[0, axis]
+            w[axis] = omega[j, axis]
+            contact[axis] = -slide.push[k] * R[j, 0, axis]
         r[0] += slide.slide[k]
         tip[0] += slide.slide[k]
         q[0] += slide.slide[k]
-        _cross(tip, out.contact[i, :3], out.contact[i, 3:])
-        _specific_force(p, motion, slide, j, r, specific)
+        contact[3] = tip[1] * contact[2] - tip[2] * contact[1]
+        contact[4] = tip[2] * contact[0] - tip[0] * contact[2]
+        contact[5] = tip[0] * contact[1] - tip[1] * contact[0]
+        _specific_force(p, motion, slide, j, w, r, specific)
         for axis in range(3):
             force[axis] = p.mass * specific[axis]
         _cross(r, force, torque)
-        _add_euler(p.inertia, w, alpha, torque)
+        _add_euler(p.inertia, w, alpha, j, torque, spin)
+        for axis in range(6):
+            out.contact[i, axis] = contact[axis]
         for axis in range(3):
-            out.wrench[i, axis] = out.contact[i, axis] - force[axis]
-            out.wrench[i, 3 + axis] = out.contact[i, 3 + axis] - torque[axis]
+            out.wrench[i, axis] = contact[axis] - force[axis]
+            out.wrench[i, 3 + axis] = contact[3 + axis] - torque[axis]
         if p.extra > 0.0:
             for axis in range(6):
                 out.wrench[i, axis] += slide.load[k, axis]
-        _specific_force(p, motion, slide, j, q, specific)
-        _pass(p.highpass, h, state, specific, out.specific_force[i])
+        _specific_force(p, motion, slide, j, w, q, specific)
+        # the high-pass dy/dt = df/dt - cutoff y, exact for f linear within the step
+        for axis in range(3):
+            step = specific[axis] - state.input[axis]
+            state.output[axis] = decay * state.output[axis] + rise * step
+            state.input[axis] = specific[axis]
+            out.specific_force[i, axis] = (state.output[axis] if p.highpass > 0.0
+                                           else specific[axis])
 
 
 @compiled
@@ -116,46 +130,37 @@ def _cross(a: Array, b: Array, out: Array) -> None:
 
 
 @compiled
-def _specific_force(p: Record, motion: Motion, slide: Slide, j: int, r: Array,
+def _specific_force(p: Record, motion: Motion, slide: Slide, j: int, w: Array, r: Array,
                     out: Array) -> None:
     """Write a - g in S of the point r of the tool, by the formula of a_c with r for the CoM."""
-    R, w, alpha = motion.R_base_sensor[j], motion.omega[j], motion.alpha[j]
+    R, alpha, acceleration = motion.R_base_sensor, motion.alpha, motion.acceleration
     k = j // 2
     dot = w[0] * r[0] + w[1] * r[1] + w[2] * r[2]
     square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
-    _cross(alpha, r, out)
+    out[0] = alpha[j, 1] * r[2] - alpha[j, 2] * r[1]
+    out[1] = alpha[j, 2] * r[0] - alpha[j, 0] * r[2]
+    out[2] = alpha[j, 0] * r[1] - alpha[j, 1] * r[0]
     for axis in range(3):
         out[axis] += w[axis] * dot - square * r[axis]
         for i in range(3):
-            out[axis] += R[i, axis] * (motion.acceleration[j, i] - p.gravity[i])
+            out[axis] += R[j, i, axis] * (acceleration[j, i] - p.gravity[i])
     out[0] += slide.acceleration[k]
     out[1] += 2.0 * w[2] * slide.speed[k]
     out[2] -= 2.0 * w[1] * slide.speed[k]
 
 
 @compiled
-def _add_euler(inertia: Array, w: Array, alpha: Array, torque: Array) -> None:
-    """Add J alpha + omega x J omega."""
-    spin, gyroscopic = np.zeros(3), np.empty(3)
+def _add_euler(inertia: Array, w: Array, alpha: Array, j: int, torque: Array, spin: Array
+               ) -> None:
+    """Add J alpha + omega x J omega, alpha of node j; ``spin`` is room for J omega."""
     for axis in range(3):
+        spin[axis] = 0.0
         for i in range(3):
-            torque[axis] += inertia[axis, i] * alpha[i]
+            torque[axis] += inertia[axis, i] * alpha[j, i]
             spin[axis] += inertia[axis, i] * w[i]
-    _cross(w, spin, gyroscopic)
-    for axis in range(3):
-        torque[axis] += gyroscopic[axis]
-
-
-@compiled
-def _pass(cutoff: float, h: float, state: Record, specific: Array, out: Array) -> None:
-    """Step the high-pass dy/dt = df/dt - cutoff y, exact for f linear within the step."""
-    decay = math.exp(-cutoff * h)
-    rise = (1.0 - decay) / (cutoff * h) if cutoff > 0.0 else 1.0
-    for axis in range(3):
-        step = specific[axis] - state.input[axis]
-        state.output[axis] = decay * state.output[axis] + rise * step
-        state.input[axis] = specific[axis]
-        out[axis] = state.output[axis] if cutoff > 0.0 else specific[axis]
+    torque[0] += w[1] * spin[2] - w[2] * spin[1]
+    torque[1] += w[2] * spin[0] - w[0] * spin[2]
+    torque[2] += w[0] * spin[1] - w[1] * spin[0]
 
 
 class Noise:

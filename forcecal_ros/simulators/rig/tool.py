@@ -140,48 +140,54 @@ def slide_along(p: Record, state: Record, motion: Motion, h: float, out: Slide) 
     out : Slide
         Filled, n + 1 steps.
     """
-    f = np.empty((3, 6))
+    f, at = np.empty((3, 6)), np.empty((4, 6))
     for i in range(len(out.slide)):
         if i > 0:
             for j in range(6):
                 f[0, j] = f[2, j]
-            _forcing(p, motion, 2 * i - 1, f[1])
-        _forcing(p, motion, 2 * i, f[2])
+            _forcing(p, motion, 2 * i - 1, f, 1)
+        _forcing(p, motion, 2 * i, f, 2)
         if p.extra > 0.0:
             t = (state.steps + i) * h
             if i > 0:
                 _add_load(p, motion, 2 * i - 1, t - 0.5 * h, f[1])
             _add_load(p, motion, 2 * i, t, f[2])
         if i > 0:
-            _step(p, state, f, h)
-        _write_slide(p, state, f[2], i, out)
+            _step(p, state, f, h, at)
+        _write_slide(p, state, f, i, out)
         if p.extra > 0.0:
             _write_load(p, motion, 2 * i, t, state.slide, out.load[i])
     state.steps += len(out.slide) - 1
 
 
 @compiled
-def _forcing(p: Record, motion: Motion, j: int, f: Array) -> None:
+def _forcing(p: Record, motion: Motion, j: int, f: Array, row: int) -> None:
     """
     Write what the motion of S does: s'' = f0 + f1 s + (-k s - d s' - push R_xx) / m.
 
-    The tip's depth in the wall is f2 + f5 s, its rate f3 + f4 s + f5 s', and f5 = R_xx.
+    The tip's depth in the wall is f2 + f5 s, its rate f3 + f4 s + f5 s', and f5 = R_xx. Numbers
+    are read one by one: a view of each row would cost more than the arithmetic.
     """
-    R, g, c, tip = motion.R_base_sensor[j], p.gravity, p.com, p.tip
-    w, alpha, a = motion.omega[j], motion.alpha[j], motion.acceleration[j]
+    position, velocity, a = motion.position, motion.velocity, motion.acceleration
+    R, w, alpha = motion.R_base_sensor, motion.omega, motion.alpha
+    c0, c1, c2 = p.com[0], p.com[1], p.com[2]
+    tip0, tip1, tip2 = p.tip[0], p.tip[1], p.tip[2]
+    w0, w1, w2 = w[j, 0], w[j, 1], w[j, 2]
+    xx, xy, xz = R[j, 0, 0], R[j, 0, 1], R[j, 0, 2]
     along = 0.0
-    for i in range(3):
-        along += R[i, 0] * (g[i] - a[i])
-    dot = w[0] * c[0] + w[1] * c[1] + w[2] * c[2]
-    square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
-    f[0] = along - (alpha[1] * c[2] - alpha[2] * c[1]) - (w[0] * dot - square * c[0])
-    f[1] = square - w[0] * w[0]
-    f[2] = motion.position[j, 0] + R[0, 0] * tip[0] + R[0, 1] * tip[1] + R[0, 2] * tip[2]
-    f[2] -= p.wall_position
-    f[3] = motion.velocity[j, 0] + R[0, 0] * (w[1] * tip[2] - w[2] * tip[1])
-    f[3] += R[0, 1] * (w[2] * tip[0] - w[0] * tip[2]) + R[0, 2] * (w[0] * tip[1] - w[1] * tip[0])
-    f[4] = R[0, 1] * w[2] - R[0, 2] * w[1]
-    f[5] = R[0, 0]
+    along += xx * (p.gravity[0] - a[j, 0])
+    along += R[j, 1, 0] * (p.gravity[1] - a[j, 1])
+    along += R[j, 2, 0] * (p.gravity[2] - a[j, 2])
+    dot = w0 * c0 + w1 * c1 + w2 * c2
+    square = w0 * w0 + w1 * w1 + w2 * w2
+    f[row, 0] = along - (alpha[j, 1] * c2 - alpha[j, 2] * c1) - (w0 * dot - square * c0)
+    f[row, 1] = square - w0 * w0
+    depth = position[j, 0] + xx * tip0 + xy * tip1 + xz * tip2
+    f[row, 2] = depth - p.wall_position
+    rate = velocity[j, 0] + xx * (w1 * tip2 - w2 * tip1)
+    f[row, 3] = rate + (xy * (w2 * tip0 - w0 * tip2) + xz * (w0 * tip1 - w1 * tip0))
+    f[row, 4] = xy * w2 - xz * w1
+    f[row, 5] = xx
 
 
 @compiled
@@ -231,15 +237,15 @@ def _spring(stiffness: float, stiffening: float, half_gap: float, s: float) -> f
 
 
 @compiled
-def _push(p: Record, f: Array, s: float, v: float) -> float:
+def _push(p: Record, f: Array, row: int, s: float, v: float) -> float:
     """Give the force of the wall's spring and damper [N], negative where it had to pull."""
-    depth, rate = f[2] + f[5] * s, f[3] + f[4] * s + f[5] * v
+    depth, rate = f[row, 2] + f[row, 5] * s, f[row, 3] + f[row, 4] * s + f[row, 5] * v
     return p.wall_stiffness * depth + p.wall_damping * rate  # type: ignore[no-any-return]
 
 
 @compiled
-def _touches(p: Record, f: Array, s: float, v: float) -> bool:
-    return bool(f[2] + f[5] * s > 0.0 and _push(p, f, s, v) > 0.0)
+def _touches(p: Record, f: Array, row: int, s: float, v: float) -> bool:
+    return bool(f[row, 2] + f[row, 5] * s > 0.0 and _push(p, f, row, s, v) > 0.0)
 
 
 @compiled
@@ -256,69 +262,69 @@ def _friction(p: Record, s: float, v: float, anchor: float) -> float:
 
 
 @compiled
-def _slide_acceleration(p: Record, f: Array, s: float, v: float, touching: bool,
+def _slide_acceleration(p: Record, f: Array, row: int, s: float, v: float, touching: bool,
                         anchor: float) -> float:
     force = -p.stiffness * s - p.damping * v
     if p.extra > 0.0:
         force = -p.damping * v - _friction(p, s, v, anchor)
         force -= _spring(p.stiffness, p.stiffening, p.half_gap, s)
     if touching:
-        force -= _push(p, f, s, v) * f[5]
-    return f[0] + f[1] * s + force / p.mass  # type: ignore[no-any-return]
+        force -= _push(p, f, row, s, v) * f[row, 5]
+    return f[row, 0] + f[row, 1] * s + force / p.mass  # type: ignore[no-any-return]
 
 
 @compiled
-def _interpolate(f: Array, fraction: float, out: Array) -> None:
+def _interpolate(f: Array, fraction: float, out: Array, row: int) -> None:
     start = (1.0 - fraction) * (1.0 - 2.0 * fraction)
     middle, end = 4.0 * fraction * (1.0 - fraction), fraction * (2.0 * fraction - 1.0)
     for i in range(6):
-        out[i] = start * f[0, i] + middle * f[1, i] + end * f[2, i]
+        out[row, i] = start * f[0, i] + middle * f[1, i] + end * f[2, i]
 
 
 @compiled
 def _advance(p: Record, f: Array, begin: float, end: float, h: float, s: float, v: float,
-             touching: bool, anchor: float) -> tuple[float, float]:
+             touching: bool, anchor: float, at: Array) -> tuple[float, float]:
     """Go over a part of the step by Runge-Kutta 4, contact kept as it is; give s, v."""
-    at, dt = np.empty((3, 6)), (end - begin) * h
+    dt = (end - begin) * h
     for i in range(3):
-        _interpolate(f, begin + 0.5 * i * (end - begin), at[i])
-    a1 = _slide_acceleration(p, at[0], s, v, touching, anchor)
+        _interpolate(f, begin + 0.5 * i * (end - begin), at, i)
+    a1 = _slide_acceleration(p, at, 0, s, v, touching, anchor)
     v2 = v + 0.5 * dt * a1
-    a2 = _slide_acceleration(p, at[1], s + 0.5 * dt * v, v2, touching, anchor)
+    a2 = _slide_acceleration(p, at, 1, s + 0.5 * dt * v, v2, touching, anchor)
     v3 = v + 0.5 * dt * a2
-    a3 = _slide_acceleration(p, at[1], s + 0.5 * dt * v2, v3, touching, anchor)
+    a3 = _slide_acceleration(p, at, 1, s + 0.5 * dt * v2, v3, touching, anchor)
     v4 = v + dt * a3
-    a4 = _slide_acceleration(p, at[2], s + dt * v3, v4, touching, anchor)
+    a4 = _slide_acceleration(p, at, 2, s + dt * v3, v4, touching, anchor)
     return (s + dt / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4),
             v + dt / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4))
 
 
 @compiled
-def _step(p: Record, state: Record, f: Array, h: float) -> None:
-    """Advance by one step, cut where contact begins or ends."""
+def _step(p: Record, state: Record, f: Array, h: float, at: Array) -> None:
+    """Advance by one step, cut where contact begins or ends; ``at`` is room for 4 rows of f."""
     s, v, touching, begin = state.slide, state.speed, state.touching > 0.0, 0.0
-    at, anchor = np.empty(6), state.anchor
+    anchor = state.anchor
     if p.rigid > 0.0:
-        state.touching = _touches(p, f[2], s, v)
+        state.touching = _touches(p, f, 2, s, v)
         return
     for _ in range(MOST_EVENTS):
-        s_end, v_end = _advance(p, f, begin, 1.0, h, s, v, touching, anchor)
-        if _touches(p, f[2], s_end, v_end) == touching:
+        s_end, v_end = _advance(p, f, begin, 1.0, h, s, v, touching, anchor, at)
+        if _touches(p, f, 2, s_end, v_end) == touching:
             break
         low, high = begin, 1.0
         for _ in range(BISECTIONS):
             middle = 0.5 * (low + high)
-            s_end, v_end = _advance(p, f, begin, middle, h, s, v, touching, anchor)
-            _interpolate(f, middle, at)
-            if _touches(p, at, s_end, v_end) == touching:
+            s_end, v_end = _advance(p, f, begin, middle, h, s, v, touching, anchor, at)
+            _interpolate(f, middle, at, 3)
+            if _touches(p, at, 3, s_end, v_end) == touching:
                 low = middle
             else:
                 high = middle
-        s, v = _advance(p, f, begin, high, h, s, v, touching, anchor)
+        s, v = _advance(p, f, begin, high, h, s, v, touching, anchor, at)
         anchor = s - _held(p, s, anchor)
         touching, begin = not touching, high
     else:
-        s_end, v_end = _advance(p, f, begin, 1.0, h, s, v, touching, anchor)
+        s_end, v_end = _advance(p, f, begin, 1.0, h, s, v, touching, anchor, at)
     state.slide, state.speed, state.touching = s_end, v_end, touching
     state.anchor = s_end - _held(p, s_end, anchor)
 
@@ -329,5 +335,5 @@ def _write_slide(p: Record, state: Record, f: Array, i: int, out: Slide) -> None
     out.slide[i], out.speed[i] = s, v
     out.acceleration[i] = 0.0
     if p.rigid == 0.0:
-        out.acceleration[i] = _slide_acceleration(p, f, s, v, touching, state.anchor)
-    out.push[i] = _push(p, f, s, v) if touching else 0.0
+        out.acceleration[i] = _slide_acceleration(p, f, 2, s, v, touching, state.anchor)
+    out.push[i] = _push(p, f, 2, s, v) if touching else 0.0

@@ -1,8 +1,14 @@
 """An effect that is as large as the library allows is no explanation."""
 
-from forcecal_ros.diagnose.judge.found_effects import at_limit, Parameter
+import json
+
+from forcecal_ros.diagnose.by_simulator import Changed
+from forcecal_ros.diagnose.inputs.channels import units
+from forcecal_ros.diagnose.judge.found_effects import at_limit, ends, Found, Parameter
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
+from forcecal_ros.diagnose.say.result import Diagnosis, load, to_document
 from forcecal_ros.diagnose.say.verdict import verdict
+from forcecal_ros.effects import EFFECTS
 import pytest
 
 
@@ -27,3 +33,20 @@ def test_what_stands_at_its_limit_is_not_identified():
     word, sentence = verdict(*given, at_limit=['wrench_gain.fx = -0.9'])
     assert word == 'unknown'
     assert 'wrench_gain comes closest, but wrench_gain.fx = -0.9 is as large as' in sentence
+
+
+def test_a_number_at_its_bound_is_told_without_a_standard_error(tmp_path):
+    constant, order = EFFECTS['wrench_lowpass'].parameters
+    assert ends(constant, constant.high) and ends(order, 2.0)
+    # where it does nothing it is not there, whatever its range
+    assert not ends(constant, constant.nominal) and not ends(constant, 0.004)
+    assert str(Changed('kp[elbow]', '1', 2000.0, 100.0, 0.0)) == (
+        'kp[elbow] 2000 -> 100 (at its bound)')
+    assert str(Changed('rub', 'N m', 0.5, 0.0, 0.1, at_bound=True)) == (
+        'rub 0.5 -> 0 N m (at its bound)')
+    assert str(Changed('rub', 'N m', 0.5, 0.7, 0.1)) == 'rub 0.5 -> 0.7 +- 0.1 N m'
+    found = Found('wrench_lowpass', {'time_constant': Parameter(0.2, 0.0, 's', at_bound=True),
+                                     'second_order': Parameter(1.5, 0.1, '1')}, 0.9)
+    (tmp_path / 'diagnosis.json').write_text(json.dumps(to_document(
+        Diagnosis('identified', '', (found,)), units(), None)))
+    assert load(tmp_path)[0].effects[0].parameters == found.parameters

@@ -69,3 +69,14 @@ def test_samples_that_are_some_blocks_apart_have_noise_too(spacing):
     assert not white[~present[:, 0]].any()
     assert white[noise.rows[:, 0]].std() == pytest.approx(1.0, rel=0.07)
     assert noise.rows.sum() > 0.5 * len(there)
+
+
+@pytest.mark.parametrize('lost', [0.0, 0.1])
+def test_signals_in_single_precision_are_whitened_to_the_same_bits(lost):
+    rng, n = np.random.default_rng(5), 2000
+    present = rng.random((n, 2)) >= lost
+    noise = fit_autoregression(rng.standard_normal((n, 2)), present, np.repeat([0, 1, 2, 1], 500))
+    rows, sizes = rng.standard_normal((7, n)).astype(np.float32), rng.random(7)
+    expected = (noise.whiten(rows.astype(float), 1) * sizes[:, np.newaxis]).astype(np.float32)
+    assert expected.any()
+    np.testing.assert_array_equal(noise.whiten_singly(rows, 1, sizes), expected)
