@@ -9,7 +9,7 @@ from forcecal_ros.recording.streams import Recording
 import numpy as np
 
 CERTAIN = 3.5
-"""Spreads that an effect of a nuisance's name departs by, to which the sized part is added."""
+"""Tolerances that an effect of a nuisance's name departs by, to which the sized part is added."""
 
 LATE = ('wrench_saturation', 'accel_saturation')
 """Effects on readings, noise and background included."""

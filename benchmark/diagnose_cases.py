@@ -21,7 +21,7 @@ NOISE = 1.5
 """Noise of the recordings, in that of the rig's file."""
 
 CERTAIN = 3.5
-"""Spreads that an effect of a nuisance's name departs by, to which the sized part is added."""
+"""Tolerances that an effect of a nuisance's name departs by, to which the sized part is added."""
 
 SHAPES: Mapping[str, Mapping[str, float]] = {
     'wrench_delay': {'delay': 0.004}, 'wrench_lowpass': {'time_constant': 0.004},

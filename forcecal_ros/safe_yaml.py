@@ -77,10 +77,10 @@ def load_yaml(text: str | bytes, name: str, largest: int = LARGEST) -> Any:
     try:
         return yaml.load(text, Loader=_Loader)  # noqa: S506 - a stricter SafeLoader
     except (yaml.YAMLError, ValueError, OverflowError, RecursionError, TypeError) as error:
-        raise ConfigError(f'{name}: not YAML of plain values: {_told(error)}') from error
+        raise ConfigError(f'{name}: not YAML of plain values: {_in_one_line(error)}') from error
 
 
-def _told(error: Exception) -> str:
+def _in_one_line(error: Exception) -> str:
     """Say in one line what is wrong and where, without the text itself."""
     told = str(error)
     if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark:

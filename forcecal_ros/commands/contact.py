@@ -59,7 +59,7 @@ def in_sign_of(calibration: 'Calibration', given: int | None, recording: 'Record
     return replace(recording, wrench=replace(recording.wrench, values=-recording.wrench.values))
 
 
-def refuse_foreign(recording: 'Recording', calibration: 'Calibration') -> tuple[str, ...]:
+def refuse_disagreeing(recording: 'Recording', calibration: 'Calibration') -> tuple[str, ...]:
     """
     Refuse a recording of other axes or units than those calibrated.
 
@@ -80,7 +80,7 @@ def refuse_foreign(recording: 'Recording', calibration: 'Calibration') -> tuple[
     if part := six_axis(calibration):
         recording = recording_corrected(recording, part)
     with with_reading_of(recording):
-        found = agreement.refuse_foreign(as_calibrated(recording, calibration)[0], calibration)
+        found = agreement.refuse_disagreeing(as_calibrated(recording, calibration)[0], calibration)
     return (*other_frame(recording, calibration), *found)
 
 

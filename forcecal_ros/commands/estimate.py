@@ -73,7 +73,7 @@ def answer(args: argparse.Namespace) -> Answer:
         read_checked(args, args.bag, raw_wrench=calibration.matrix is not None), calibration,
         args.calibration))
     recording = with_even_bursts(recording)
-    foreign = contact.refuse_foreign(recording, calibration)
+    foreign = contact.refuse_disagreeing(recording, calibration)
     calibration, about = contact.prepared(calibration, recording, settings)
     about = (*foreign, *about)
     followed = None

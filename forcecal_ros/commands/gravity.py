@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
     recording = contact.in_sign_of(calibration, args.wrench_sign, taken_as_calibrated(
         recording, calibration, args.calibration or args.bag))
     recording = with_even_bursts(recording)
-    foreign = contact.refuse_foreign(recording, calibration)
+    foreign = contact.refuse_disagreeing(recording, calibration)
     calibration, about = contact.prepared(calibration, recording, settings)
     about = (*doubts(calibration, source), *foreign, *about)
     with (bar(args, total=len(recording.wrench or ()), unit=' samples') as done,

@@ -95,9 +95,9 @@ def earlier(folder: Path) -> list[str]:
 
 def _source(args: argparse.Namespace, spec: 'Spec', name: str, path: Path) -> 'Source':
     """Return what reads one data set for one sensor: a table, or else a recording."""
-    from forcecal_ros.insitu.streams import join, readable_pieces, topics_of
+    from forcecal_ros.insitu.streams import join, readable_chunks, topics_of
     from forcecal_ros.insitu.tables import TableSource
-    from forcecal_ros.recording.bags import read_pieces
+    from forcecal_ros.recording.bags import read_chunks
 
     sensor = spec.sensors[name]
     table = TableSource(spec, path, sensor.columns) if path.suffix in TABLES else None
@@ -112,7 +112,7 @@ def _source(args: argparse.Namespace, spec: 'Spec', name: str, path: Path) -> 'S
             chunks = table()
         else:
             topics = topics_of(spec, name)
-            chunks = join(readable_pieces(read_pieces(path, topics), topics), spec, name)
+            chunks = join(readable_chunks(read_chunks(path, topics), topics), spec, name)
         with bar(args, desc=f'{name}: {path.name}', unit=' samples') as done:
             for chunk in chunks:
                 done.update(len(chunk.t))

@@ -49,14 +49,14 @@ def run(args: argparse.Namespace) -> int:
         load_rig(args.rig)
     with LivePage(args.port) as page:
         try:
-            if args.sim or args.rig or not (args.robot or _heard(args)):
+            if args.sim or args.rig or not (args.robot or _wrench_is_published(args)):
                 return _simulated(args, page)
             return _robot(args, page)
         except KeyboardInterrupt:  # before all is up
             return 0
 
 
-def _heard(args: argparse.Namespace) -> bool:
+def _wrench_is_published(args: argparse.Namespace) -> bool:
     """Tell whether anybody publishes a wrench."""
     import time
 

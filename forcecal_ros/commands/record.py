@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
             args.all or name in names or (not args.only and of_this_package(name, msgtype))))
         end = time.monotonic() + args.duration if args.duration is not None else None
         while not ros.interrupted and (end is None or time.monotonic() < end):
-            recorder.look()
+            recorder.subscribe_to_new_topics()
             ros.spin(PERIOD if end is None else max(min(PERIOD, end - time.monotonic()), 0.001))
             done.update(recorder.counts.total() - done.n)
         if not recorder.counts:

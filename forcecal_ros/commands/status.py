@@ -21,13 +21,13 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     with needs_ros():
-        from forcecal_ros.nodes.asking import heard, WORDS
+        from forcecal_ros.nodes.asking import node_statuses, WORDS
         from forcecal_ros.nodes.temporary_node import temporary_node
     from forcecal_ros.errors import DataError
 
     namespace = args.namespace.strip('/')
     with temporary_node('status') as ros:
-        found = {name: status for name, status in heard(ros, args.listen).items()
+        found = {name: status for name, status in node_statuses(ros, args.listen).items()
                  if not namespace or name.startswith(f'{namespace}/')}
     if not found:
         raise DataError(f'no node was heard on /diagnostics within {args.listen:g} s; start one, '

@@ -12,7 +12,7 @@ from forcecal_ros.diagnose.inputs.requirements import (
     require_same_sensors,
 )
 from forcecal_ros.diagnose.inputs.stamps import evened
-from forcecal_ros.diagnose.judge.found_effects import AT_BOUND
+from forcecal_ros.diagnose.judge.named_effects import AT_BOUND
 from forcecal_ros.diagnose.say.result import Diagnosis, NO_MOTION
 from forcecal_ros.effects.signals import FORCES
 from forcecal_ros.errors import DataError
@@ -73,7 +73,8 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, rigid_tool:
     outcome = diagnose_datasets(rigid_tool, held_out(datasets), stamps, given)
     unit = rigid_tool.accelerometer_unit
     d = in_unit(unit, outcome.diagnosis)
-    return replace(outcome, diagnosis=replace(d, notes=(*d.notes, *told(outcome, unit))))
+    notes = (*d.notes, *recalibration_notes(outcome, unit))
+    return replace(outcome, diagnosis=replace(d, notes=notes))
 
 
 def delay_std(outcome: Outcome) -> float | None:
@@ -103,7 +104,7 @@ def in_unit(unit: str, diagnosis: Diagnosis) -> Diagnosis:
             for e in diagnosis.effects))
 
 
-def told(outcome: Outcome, unit: str) -> list[str]:
+def recalibration_notes(outcome: Outcome, unit: str) -> list[str]:
     """Say what was recalibrated by more than it is known to, accelerometers in ``unit``."""
     out = []
     for name, (value, std) in outcome.recalibrations.items():

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from forcecal_ros.diagnose.by_motion import in_unit, told
+from forcecal_ros.diagnose.by_motion import in_unit, recalibration_notes
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
 from forcecal_ros.diagnose.inputs.alignment import aligned, Alignment
 from forcecal_ros.diagnose.inputs.dataset import Dataset
@@ -108,7 +108,7 @@ def diagnose_simulated(pair: Pair, heldout: Pair | None, rig: Rig) -> SimulatedD
         [as_compared(one.real, dataset.measured.streams)
          for one, dataset in zip(pairs, datasets)])
     d = in_unit('m/s^2', outcome.diagnosis)
-    moved = (note for note in told(outcome, 'm/s^2') if ZERO not in note)
+    moved = (note for note in recalibration_notes(outcome, 'm/s^2') if ZERO not in note)
     notes = (*d.notes, *moved, *_about(prepared, outcome), UNTESTED)
     apart = prepared[0].tracking
     reason = (f'{d.reason}; the motion itself is {1e3 * apart.translation.rms:.2g} mm and '

@@ -25,7 +25,7 @@ from forcecal_ros.diagnose.inputs.requirements import require_same_sensors
 from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
 from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool, SimulatedTool
 from forcecal_ros.diagnose.inputs.stamps import Corrected, evened
-from forcecal_ros.diagnose.judge.found_effects import AT_BOUND
+from forcecal_ros.diagnose.judge.named_effects import AT_BOUND
 from forcecal_ros.diagnose.say.result import Diagnosis, NO_MOTION
 from forcecal_ros.effects.nuisances import LIMIT
 from forcecal_ros.effects.rig import Rig
@@ -209,7 +209,8 @@ def _prepared(recording: Recording, simulator: ThirdParty, tool: SimulatedTool |
     assert real.pose is not None
     runs = Runs(simulator, inputs_of(real), real.pose)
     made = runs.exact(simulator.nominal)
-    known = tool or simulated_tool(replace(made, accelerometer=None), start, n, rig).felt()
+    known = tool or simulated_tool(
+        replace(made, accelerometer=None), start, n, rig).with_accelerometer()
     simulation = Rerun(runs, start, n, known.simulated)
     felt, _, note = imus_compared(real, made)
     simulation.accelerated = felt.accelerometer is not None

@@ -21,22 +21,22 @@ from forcecal_ros.diagnose.judge.coverage import (
     signal_to_noise,
     unjudged,
 )
-from forcecal_ros.diagnose.judge.found_effects import (
-    at_limit,
-    Checks,
-    Found,
-    found_steps,
-    from_checks,
-    parameters_of,
-    seen_in,
-    steps_in_words,
-)
 from forcecal_ros.diagnose.judge.gap import Gap
 from forcecal_ros.diagnose.judge.measured_gap import (
     measured_gap,
     parameter_errors,
     sample_noise,
     unpredictable,
+)
+from forcecal_ros.diagnose.judge.named_effects import (
+    at_limit,
+    channel_affected_most,
+    Checks,
+    from_checks,
+    named_steps,
+    NamedEffect,
+    parameters_of,
+    steps_in_words,
 )
 from forcecal_ros.diagnose.judge.probabilities import doubt, probabilities, UNKNOWN
 from forcecal_ros.diagnose.judge.residual_summary import (
@@ -120,7 +120,7 @@ class _Judged(NamedTuple):
     part: UnexplainedPart
     gap: Gap
     noise: Array
-    effects: tuple[Found, ...]
+    effects: tuple[NamedEffect, ...]
     candidates: list[tuple[str, float]]
     word: str
     sentence: str
@@ -204,7 +204,7 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
                                  selection.discrepancy_evidence)
     part = unexplained(summary)
     gap, noise = _measured(first, selection, summary, observed)
-    steps = found_steps(final, events)
+    steps = named_steps(final, events)
     sudden = {e.name: e.probability for e in steps}
     doubts = {name: doubt(factor, selection.missing_evidence)
               for name, factor in selection.log_bayes_factors.items()}
@@ -224,8 +224,8 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
                 for name, factor in selection.doubtful.items()}
     candidates = _sorted([*candidates, *((n, p) for n, p in possible.items() if p > FAINT)])
     sentence += steps_in_words(steps) + missing_streams(final.datasets[0].recording)
-    effects = (*(Found(name, values, probability[name]) for name, values in numbers.items()),
-               *steps, *(Found(n, v, CHECKED) for n, v in checks.effects.items()))
+    effects = (*(NamedEffect(name, values, probability[name]) for name, values in numbers.items()),
+               *steps, *(NamedEffect(n, v, CHECKED) for n, v in checks.effects.items()))
     return _Judged(summary, part, gap, noise, effects, candidates, word,
                    sentence + unjudged(model))
 
@@ -244,7 +244,7 @@ def _say(first: LinearisedModel, model: LinearisedModel, selection: Selection, j
                                       for b, n in zip(model.residuals, model.noise)])
         selection = Selection(final, (), (), {})
         gap, noise = _measured(first, selection, summarise_residual(final), observed)
-        unknown = Found(UNKNOWN, {}, dict(judged.candidates).get(UNKNOWN, 0.9))
+        unknown = NamedEffect(UNKNOWN, {}, dict(judged.candidates).get(UNKNOWN, 0.9))
         diagnosis = replace(diagnosis, gap=gap, effects=(unknown,))
     if judged.word == 'not_excited':
         diagnosis = replace(diagnosis, effects=(), candidates=())
@@ -291,7 +291,7 @@ def _localised(selection: Selection, predictability: Predictability, checks: Che
                for columns in final.jacobian]
     found = localise(final.datasets, final.noise, before, differences, stage, sensors)
     phase = max(final.datasets[-1].phases, key=lambda one: one.end - one.start).name
-    shown = tuple(Location(EFFECTS[n].stage, seen_in(n, v), phase, BANDS[-1],
+    shown = tuple(Location(EFFECTS[n].stage, channel_affected_most(n, v), phase, BANDS[-1],
                            max(q.value for q in v.values()), 0.0)
                   for n, v in checks.effects.items() if n in WITHOUT_MEAN)
     return (*shown, *found)

@@ -218,7 +218,7 @@ class PoseSensor(Section, name='pose_sensor'):
 
 
 @dataclass(frozen=True)
-class Spreads(Section):
+class NominalTolerances(Section):
     """Nominal tolerances: how far a healthy rig departs from its file, 1 sigma."""
 
     mass: Annotated[float, Row('relative', '1', 0.0)]
@@ -284,7 +284,7 @@ class Rig(Section):
     wrench_sensor: WrenchSensor
     accelerometer: Accelerometer
     pose_sensor: PoseSensor
-    spreads: Spreads
+    spreads: NominalTolerances
     gravity: Annotated[Vector3, Row('in base', 'm/s^2')]
     home: Home
     step: Step

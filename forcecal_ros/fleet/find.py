@@ -17,7 +17,7 @@ DERIVED = 'calibration_patched.yaml'
 """Written by a diagnosis, and no calibration of its own."""
 
 
-class Found(NamedTuple):
+class FleetFile(NamedTuple):
     """
     A file or recording.
 
@@ -37,7 +37,7 @@ class Found(NamedTuple):
     mark: str
 
 
-def find(places: Iterable[str], without: str, bags: bool) -> list[Found]:
+def find(places: Iterable[str], without: str, bags: bool) -> list[FleetFile]:
     """
     Find all calibrations, diagnoses and recordings.
 
@@ -55,7 +55,7 @@ def find(places: Iterable[str], without: str, bags: bool) -> list[Found]:
     DataError
         A place is not there, or holds nothing of this kind.
     """
-    found: dict[str, Found] = {}
+    found: dict[str, FleetFile] = {}
     for place in places:
         path = Path(os.path.realpath(place))
         if not path.exists():
@@ -69,7 +69,7 @@ def find(places: Iterable[str], without: str, bags: bool) -> list[Found]:
     return sorted(found.values(), key=lambda one: one.path)
 
 
-def _in(path: Path, without: Path, top: Path) -> Iterator[Found]:
+def _in(path: Path, without: Path, top: Path) -> Iterator[FleetFile]:
     if path == without or (path.name.startswith('.') and path != top) or path.name.endswith('~'):
         return
     if path.is_file():
@@ -104,11 +104,11 @@ def _kind(path: Path) -> str:
         return ''
 
 
-def _found(kind: str, path: Path, top: Path, files: Iterable[Path]) -> Found:
+def _found(kind: str, path: Path, top: Path, files: Iterable[Path]) -> FleetFile:
     below = path.relative_to(top).parts
     folder = top.name if top.is_dir() and top != path else path.parent.name
     marks = []
     for file in files:
         state = file.stat()
         marks.append(f'{file.name} {state.st_size} {state.st_mtime_ns}')
-    return Found(kind, str(path), below[0] if len(below) > 1 else folder, '; '.join(marks))
+    return FleetFile(kind, str(path), below[0] if len(below) > 1 else folder, '; '.join(marks))

@@ -44,7 +44,7 @@ MOVED = 0.01
 """A centre of mass that is off by less may be a gripper that has opened [m]."""
 
 
-def refuse_foreign(recording: Recording, calibration: Calibration) -> tuple[str, ...]:
+def refuse_disagreeing(recording: Recording, calibration: Calibration) -> tuple[str, ...]:
     """
     Refuse a recording whose sensors are in other axes or units than those calibrated.
 

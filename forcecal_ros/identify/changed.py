@@ -53,9 +53,10 @@ def what_changed(statics: Statics, times: Array) -> str:
     weight = 1.0 / np.sqrt(np.diagonal(statics.covariance, axis1=1, axis2=2))[:, :, None]
     load = _load(statics.gravity)
     plain = design_of(statics)[0][:6 * n].reshape(n, 6, -1)
-    before = _left(plain, statics.wrench, weight)
-    found = [(_left(np.concatenate([plain, one.columns], axis=2), statics.wrench, weight), one)
-             for one in (*_changes(load, times), *_touched(plain, statics.wrench, weight))]
+    before = _reduced_chi_square(plain, statics.wrench, weight)
+    found = [(_reduced_chi_square(
+        np.concatenate([plain, one.columns], axis=2), statics.wrench, weight), one)
+        for one in (*_changes(load, times), *_touched(plain, statics.wrench, weight))]
     best = min(found, key=lambda pair: pair[0], default=None)
     return '' if best is None or best[0] * _BETTER > before else best[1].said
 
@@ -67,7 +68,7 @@ def _load(gravity: Array) -> Array:
     return columns
 
 
-def _left(columns: Array, wrench: Array, weight: Array) -> float:
+def _reduced_chi_square(columns: Array, wrench: Array, weight: Array) -> float:
     """Chi-square per degree of freedom; inf where too few are left."""
     rows = (columns * weight).reshape(wrench.size, -1)
     right = (wrench[:, :, None] * weight).ravel()
@@ -95,7 +96,7 @@ def _touched(plain: Array, wrench: Array, weight: Array) -> Iterator[_Change]:
     """Poses that are off by any wrench, added one by one as far as they help."""
     n, off = len(wrench), list[int]()
     for _ in range(int(_TOUCHED * n)):
-        left = {i: _left(*(np.delete(part, [*off, i], axis=0)
+        left = {i: _reduced_chi_square(*(np.delete(part, [*off, i], axis=0)
                            for part in (plain, wrench, weight)))
                 for i in range(n) if i not in off}
         off.append(min(left, key=lambda i: left[i]))

@@ -133,8 +133,9 @@ def static_windows(recording: Recording) -> list[tuple[float, float]]:
                 "phases is `measure`; record the sequencer's phases, or leave them out and stand "
                 'still in each pose')
         return [rest_within(recording.pose, *window) for window in windows]
-    standing = _standing(recording.pose)
-    windows = standing if recording.wrench is None else _felt(recording.wrench, standing)
+    standing = _standstills(recording.pose)
+    windows = (standing if recording.wrench is None
+               else _recorded_throughout(recording.wrench, standing))
     if standing and not windows:
         raise DataError(
             f'{recording.source or "the recording"}: no wrench in any of the {len(standing)} '
@@ -146,7 +147,8 @@ def static_windows(recording: Recording) -> list[tuple[float, float]]:
     return windows
 
 
-def _felt(wrench: Stream, windows: list[tuple[float, float]]) -> list[tuple[float, float]]:
+def _recorded_throughout(wrench: Stream, windows: list[tuple[float, float]]
+                         ) -> list[tuple[float, float]]:
     """Keep what the wrench was recorded in throughout: of its pauses the checks tell."""
     if not len(wrench):
         return []
@@ -161,7 +163,7 @@ def _felt(wrench: Stream, windows: list[tuple[float, float]]) -> list[tuple[floa
     return kept
 
 
-def _standing(pose: PoseStream) -> list[tuple[float, float]]:
+def _standstills(pose: PoseStream) -> list[tuple[float, float]]:
     """Stretches without motion, the first second of each left to the tool's ringing."""
     step = max(1, round(float(_LOOK / np.median(np.diff(pose.t))))) if len(pose) > 2 else 1
     n = len(pose) // step

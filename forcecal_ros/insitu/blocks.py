@@ -210,12 +210,12 @@ def _tally(piece: Prepared, samples: int) -> tuple[_Tally, Array]:
         np.zeros((blocks, m + n)), np.zeros(blocks), np.zeros((blocks, n + 3), np.float32),
         np.empty((blocks, n)), np.empty((blocks, n)),
         *(np.zeros((blocks, n), np.int32) for _ in range(5)))
-    _look(raw, regressors, rough, *tally[3:])
+    _tally_blocks(raw, regressors, rough, *tally[3:])
     return tally, rough
 
 
 @compiled
-def _look(raw: Array, regressors: Array, rough: Array, sums: Array, square: Array,
+def _tally_blocks(raw: Array, regressors: Array, rough: Array, sums: Array, square: Array,
           differences: Array, low: Array, high: Array, at_low: Array, at_high: Array,
           low_again: Array, high_again: Array, still: Array) -> None:
     """Look at every sample of some blocks; fill what is given, see :class:`_Tally`."""

@@ -229,16 +229,18 @@ def _screen_all(all_blocks: Sequence[Blocks], data_sets: Sequence[DataSet], opti
             with _named(data_set):
                 screenings.append(_screen(blocks, data_set, options))
     except DataError:
-        if not _alike(all_blocks, data_sets, options):
+        if not _is_sensor_error(all_blocks, data_sets, options):
             raise
         return [untouched(blocks) for blocks in all_blocks]
     used = sum(int(screening.use.sum()) for screening in screenings)
-    if used < LITTLE * sum(map(len, all_blocks)) and _alike(all_blocks, data_sets, options):
+    if used < LITTLE * sum(map(len, all_blocks)) and _is_sensor_error(
+            all_blocks, data_sets, options):
         return [untouched(blocks) for blocks in all_blocks]
     return screenings
 
 
-def _alike(all_blocks: Sequence[Blocks], data_sets: Sequence[DataSet], options: Options) -> bool:
+def _is_sensor_error(all_blocks: Sequence[Blocks], data_sets: Sequence[DataSet],
+                     options: Options) -> bool:
     """
     Whether what screening would cut is no contact but the sensor.
 

@@ -33,7 +33,7 @@ def topics_of(spec: Spec, sensor: str) -> dict[str, Sequence[str]]:
     return wanted
 
 
-def readable_pieces(pieces: Iterable[tuple[str, Array, Array]],
+def readable_chunks(pieces: Iterable[tuple[str, Array, Array]],
                     topics: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Array, Array]]:
     """
     Leave out samples that are no readings.

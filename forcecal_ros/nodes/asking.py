@@ -52,7 +52,7 @@ def ask(ros: TemporaryNode, service: str, patience: float) -> Trigger.Response:
     return response
 
 
-def heard(ros: TemporaryNode, seconds: float) -> dict[str, DiagnosticStatus]:
+def node_statuses(ros: TemporaryNode, seconds: float) -> dict[str, DiagnosticStatus]:
     """Listen to /diagnostics; return the last status of each node of this package, by its name."""
     found: dict[str, DiagnosticStatus] = {}
 

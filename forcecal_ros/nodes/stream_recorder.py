@@ -43,7 +43,7 @@ class StreamRecorder:
         self.counts: Counter[str] = Counter()
         self.unknown: set[str] = set()
 
-    def look(self) -> None:
+    def subscribe_to_new_topics(self) -> None:
         """Subscribe to the topics that have appeared since."""
         for name, types in self._node.get_topic_names_and_types():
             if name in self._subscribed or not self._wanted(name, types[0]):

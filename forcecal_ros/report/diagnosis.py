@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from forcecal_ros.diagnose.judge.found_effects import AT_BOUND, Parameter
+from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, Parameter
 from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.diagnose.say.verdict import percent
 from forcecal_ros.report import diagnosis_figures as figures

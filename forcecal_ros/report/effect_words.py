@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.judge.found_effects import AT_BOUND, Found, Parameter
+from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, NamedEffect, Parameter
 from forcecal_ros.effects.library import EFFECTS, Quantity
 from forcecal_ros.report.quantity import quantity
 
@@ -112,7 +112,7 @@ def phrase(name: str) -> str:
     return WORDS[name].phrase if name in WORDS else f'{name} is not what the simulator has'
 
 
-def sentence(effect: Found) -> str:
+def sentence(effect: NamedEffect) -> str:
     """Say what was found and how large it is, without the full stop."""
     if effect.name not in WORDS:  # a parameter of somebody's simulator
         return f'{effect.name} should be {sizes(effect).removeprefix("value ")}'
@@ -122,7 +122,7 @@ def sentence(effect: Found) -> str:
     return said.replace(ALL, sizes(effect))
 
 
-def sizes(effect: Found) -> str:
+def sizes(effect: NamedEffect) -> str:
     """List the numbers of an effect that are beyond chance, or all where none is."""
     real = {k: p for k, p in effect.parameters.items() if not _shapes(effect.name, k)}
     sure = {k: p for k, p in real.items()

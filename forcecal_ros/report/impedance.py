@@ -79,9 +79,9 @@ def pictures(experiment: Experiment) -> dict[str, bytes]:
     """Return Figures 5 to 8 as PNG, by file name."""
     first, *_, last = experiment.calibrations if len(experiment.calibrations) > 1 else (
         *experiment.calibrations, *experiment.calibrations)
-    one, other = (drawn.seen(experiment.runs[name, 'kalman'], experiment.calibrations[name])
+    one, other = (drawn.plotted(experiment.runs[name, 'kalman'], experiment.calibrations[name])
                   for name in (first, last))
-    swing = drawn.seen(experiment.oscillations[last], experiment.calibrations[last])
+    swing = drawn.plotted(experiment.oscillations[last], experiment.calibrations[last])
     figures: dict[str, Figure] = {
         f'figure_5_{first}': drawn.sensor_and_observer(one),
         f'figure_6_{first}': drawn.power_spectra(one),

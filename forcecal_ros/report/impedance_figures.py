@@ -30,7 +30,7 @@ SEGMENT = 1024
 """Samples a segment of Welch's method."""
 
 
-class Seen(NamedTuple):
+class PlottedRun(NamedTuple):
     """
     A run as the figures show it, along x of ft_sensor in the paper's signs.
 
@@ -51,7 +51,7 @@ class Seen(NamedTuple):
     run: ClosedLoopRun
 
 
-def seen(run: ClosedLoopRun, calibration: Calibration) -> Seen:
+def plotted(run: ClosedLoopRun, calibration: Calibration) -> PlottedRun:
     """Run both observers over a run."""
     recording = run.recording
     wrench, acceleration = recording.wrench, specific_force(recording, calibration)
@@ -59,7 +59,7 @@ def seen(run: ClosedLoopRun, calibration: Calibration) -> Seen:
     sensor = float(calibration.wrench_bias.value[0]) - wrench.values[:, :1]
     kalman, newton = (_finished(replay(recording, calibration, ObserverSettings(mode)),
                                 acceleration.t[-1]) for mode in ('kalman', 'newton'))
-    return Seen(Stream(wrench.t, sensor), kalman, newton, acceleration, run)
+    return PlottedRun(Stream(wrench.t, sensor), kalman, newton, acceleration, run)
 
 
 def _finished(estimate: ContactEstimate, end: float) -> ContactEstimate:
@@ -70,7 +70,7 @@ def _finished(estimate: ContactEstimate, end: float) -> ContactEstimate:
     return replace(estimate, **arrays)
 
 
-def sensor_and_observer(run: Seen) -> Figure:
+def sensor_and_observer(run: PlottedRun) -> Figure:
     """Draw sensor and observer over the whole run, as Fig. 5."""
     figure, (axes,) = axes_grid(1, 1, height=4.0)
     axes.plot(run.sensor.t, run.sensor.values, color=MEASURED, linewidth=0.7,
@@ -83,7 +83,7 @@ def sensor_and_observer(run: Seen) -> Figure:
     return figure
 
 
-def power_spectra(run: Seen) -> Figure:
+def power_spectra(run: PlottedRun) -> Figure:
     """Draw the spectra of u - m a and of the observer's output, as Fig. 6."""
     figure, (left, right) = axes_grid(1, 2, height=3.4, sharey=True)
     composed, kalman, newton = (-values for values in (
@@ -98,7 +98,7 @@ def power_spectra(run: Seen) -> Figure:
     return figure
 
 
-def four_panels(run: Seen) -> Figure:
+def four_panels(run: PlottedRun) -> Figure:
     """Draw sensor, observer, acceleration and compensation, as Fig. 7."""
     figure, (sensor, observer, acceleration, taken_off) = axes_grid(2, 2, height=5.4, sharex=True)
     _line(sensor, run.sensor.t, run.sensor.values, 'Force sensor')
@@ -115,7 +115,7 @@ def four_panels(run: Seen) -> Figure:
     return figure
 
 
-def oscillation(run: Seen) -> Figure:
+def oscillation(run: PlottedRun) -> Figure:
     """Draw sensor and observer during an oscillation in free space, as Fig. 8."""
     figure, (left, right) = axes_grid(1, 2, height=3.4, sharey=True)
     _line(left, run.sensor.t, run.sensor.values, 'Force sensor')
@@ -127,7 +127,7 @@ def oscillation(run: Seen) -> Figure:
     return figure
 
 
-def _paper_forces(axes: Any, run: Seen) -> None:
+def _paper_forces(axes: Any, run: PlottedRun) -> None:
     """Set the paper's axis of forces, wider where something would be cut off."""
     low, high = FORCE
     for values in (run.sensor.values, -run.kalman.contact[:, 0]):

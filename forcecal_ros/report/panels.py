@@ -80,7 +80,7 @@ class Shown(NamedTuple):
     closer: tuple[float, float] | None = None
 
     @property
-    def seen(self) -> tuple[float, float]:
+    def visible(self) -> tuple[float, float]:
         """Begin and end of what is seen first [s]."""
         return self.closer or (self.start, self.end)
 
@@ -127,7 +127,7 @@ def thinned(t: Array, values: Array, most: int = MOST_POINTS) -> tuple[Array, Ar
 def drawn(shown: Shown) -> Figure:
     """Draw a picture; the legend stands above the panels."""
     n = len(shown.panels)
-    shown = shown._replace(start=shown.seen[0], end=shown.seen[1])
+    shown = shown._replace(start=shown.visible[0], end=shown.visible[1])
     figure = Figure(figsize=(WIDTH, 0.7 + HEIGHT * n), layout='constrained')
     rows = list(np.atleast_1d(figure.subplots(n, 1, sharex=True)))
     for axes, panel in zip(rows, shown.panels):
@@ -188,7 +188,7 @@ def live(shown: Shown) -> dict[str, Any]:
                     'activecolor': 'var(ink)'},
         'hoverlabel': {'bgcolor': 'var(paper)', 'font': {'color': 'var(ink)'}},
         'legend': {'orientation': 'h', 'x': 0, 'y': 1.02 + 0.1 / n, 'yanchor': 'bottom'},
-        'xaxis': {'title': {'text': 'time [s]'}, 'range': [*shown.seen],
+        'xaxis': {'title': {'text': 'time [s]'}, 'range': [*shown.visible],
                   'anchor': f'y{n if n > 1 else ""}', **_axis()},
         'shapes': list(_shapes(shown)), 'annotations': list(_labels(shown))}
     data = []
@@ -230,7 +230,7 @@ def _shapes(shown: Shown) -> Iterator[dict[str, Any]]:
 
 
 def _labels(shown: Shown) -> Iterator[dict[str, Any]]:
-    first, last = shown.seen
+    first, last = shown.visible
     for phase, start, end in _visible(shown._replace(start=first, end=last)):
         share = (end - start) / (last - first)
         if share > LABELLED:

@@ -107,7 +107,7 @@ def fit_rig(recordings: Sequence[Recording], heldout: Recording | None, base: Ri
     rig = replace(rig, robot=replace(rig.robot, x=x, y=y, z=z))
     rotation = fit_rotation(rig, ready, float(np.mean([axis.lag for axis in axes])))
     rig = replace(rig, servo=rotation.servo)
-    left, good, moved = _left(rig, ready)
+    left, good, moved = _heldout_error(rig, ready)
     rig = replace(rig, robot=replace(rig.robot, unexplained=left))
     found = fit_tool(rig, given, settings)
     notes = [f'axis {name} never moved, and follows like the one that moved most'
@@ -169,7 +169,7 @@ def _multiple(rate: float, period: float) -> float:
     return max(1, round(rate * period)) / period
 
 
-def _left(rig: Rig, ready: Sequence[Followed]) -> tuple[Unexplained, float, float]:
+def _heldout_error(rig: Rig, ready: Sequence[Followed]) -> tuple[Unexplained, float, float]:
     """Return what the robot's model leaves on what was held out, and up to where it is good."""
     apart, turned, moved = [], [], []
     for one in ready:

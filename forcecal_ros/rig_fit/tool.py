@@ -10,7 +10,13 @@ from forcecal_ros.diagnose.inputs.imu import from_gravity, GAIN, OFFSET, TURNED
 from forcecal_ros.diagnose.inputs.motion_dataset import span
 from forcecal_ros.diagnose.inputs.simulated_tool import DRAWN, LIGHTEST, tool_along, with_moments
 from forcecal_ros.effects.nuisances import possible, rows_of
-from forcecal_ros.effects.rig import Accelerometer, AccelerometerModel, Optidrive, Rig, Spreads
+from forcecal_ros.effects.rig import (
+    Accelerometer,
+    AccelerometerModel,
+    NominalTolerances,
+    Optidrive,
+    Rig,
+)
 from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import rotation_vector
 from forcecal_ros.identify.pipeline import identify
@@ -87,9 +93,9 @@ def _std(estimate: Estimate) -> Any:
     return np.nan_to_num(np.atleast_1d(estimate.std))
 
 
-def _no_surer(usual: Spreads, **known: float) -> Spreads:
+def _no_surer(usual: NominalTolerances, **known: float) -> NominalTolerances:
     """Add what an estimate does not know to how far a healthy rig departs from its file."""
-    spreads: Spreads = replace(usual, **{
+    spreads: NominalTolerances = replace(usual, **{
         name: float(np.hypot(getattr(usual, name), std)) for name, std in known.items()})
     return spreads
 

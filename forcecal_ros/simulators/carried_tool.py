@@ -142,7 +142,7 @@ class CarriedTool:
         tool: Tool = replace(rig.tool, com=(0.0, 0.0, 0.0))
         return self.specific_force(replace(rig, tool=tool, effects=()))
 
-    def seen(self, recording: Recording) -> Array:
+    def recorded_wrench(self, recording: Recording) -> Array:
         """Return a recorded wrench at the same instants, shape (n, 6)."""
         return _wrench_at(self.t, recording)
 

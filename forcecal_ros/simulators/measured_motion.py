@@ -159,7 +159,8 @@ class RecordedSimulation(MeasuredMotion):
         super().__init__(replace(recording, pose=merged(measured, made), accelerometer=None),
                          start, n_blocks, accelerometer, rigid_tool)
         own = CarriedTool(simulated, start, n_blocks, accelerometer)
-        self._full.beyond = self._clear.beyond = own.seen(simulated) - own.wire(rigid_tool)
+        self._full.beyond = own.recorded_wrench(simulated) - own.wire(rigid_tool)
+        self._clear.beyond = self._full.beyond
         self.touching = touches(block_means(self._full.beyond))
         self._felt = None if felt is None else self._carried_over(felt.at(own.t), own, rigid_tool)
 

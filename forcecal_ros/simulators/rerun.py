@@ -296,7 +296,7 @@ class Rerun:
             made = self.runs.integrated(numbers, finer)
             motion = replace(made, accelerometer=None)
             carried = CarriedTool(motion, self.start - late, self.n_blocks, self.accelerometer)
-            carried.beyond = carried.seen(made) - carried.wire(self._rigid_tool)
+            carried.beyond = carried.recorded_wrench(made) - carried.wire(self._rigid_tool)
             felt, joints = (None if one is None else one.at(carried.t)
                             for one in (made.accelerometer, made.joints))
             self._carried[numbers, late, finer] = _Carried(carried, felt, joints)

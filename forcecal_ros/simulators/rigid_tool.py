@@ -5,7 +5,7 @@ from typing import Annotated
 
 from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.effects.nuisances import possible, rows_of
-from forcecal_ros.effects.rig import AccelerometerModel, Rig, Spreads, Tool
+from forcecal_ros.effects.rig import AccelerometerModel, NominalTolerances, Rig, Tool
 from forcecal_ros.geometry import Array
 from forcecal_ros.schema import Row
 import numpy as np
@@ -18,7 +18,7 @@ GYRATION = 0.05
 
 
 @dataclass(frozen=True)
-class RigidToolSpreads(Spreads):
+class RigidToolSpreads(NominalTolerances):
     """Nominal tolerances, and those of what a calibration may not know."""
 
     accel_behind: Annotated[float, Row('of accel_behind', 's', 0.0)] = 0.0
@@ -42,7 +42,7 @@ class RigidTool(Rig):
 def rigid_tool_of_rig(rig: Rig) -> RigidTool:
     """Take tool and sensors of a rig; its sensors have one clock."""
     own = {f.name: getattr(rig, f.name) for f in fields(Rig)}
-    tolerances = {f.name: getattr(rig.spreads, f.name) for f in fields(Spreads)}
+    tolerances = {f.name: getattr(rig.spreads, f.name) for f in fields(NominalTolerances)}
     return RigidTool(**{**own, 'spreads': RigidToolSpreads(**tolerances)})
 
 

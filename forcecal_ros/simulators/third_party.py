@@ -126,11 +126,11 @@ class ThirdParty:
         had = np.flatnonzero(~np.isnan(rows).all(axis=0))
         if not len(had):
             return None
-        stream = self._sound('joints', t, rows[:, had])
+        stream = self._checked_stream('joints', t, rows[:, had])
         return JointStream(stream.t, stream.values, '', tuple(names[i] for i in had))
 
     def _stream(self, name: str, answer: Any) -> Stream:
-        return self._sound(name, *self._numbers(name, answer, STREAMS[name]))
+        return self._checked_stream(name, *self._numbers(name, answer, STREAMS[name]))
 
     def _numbers(self, name: str, answer: Any, columns: int) -> tuple[Array, Array]:
         where = f'{self.name}: {name}'
@@ -144,7 +144,7 @@ class ThirdParty:
                               f'and (n, {columns}), n at least 20')
         return t, rows
 
-    def _sound(self, name: str, t: Array, rows: Array) -> Stream:
+    def _checked_stream(self, name: str, t: Array, rows: Array) -> Stream:
         where = f'{self.name}: {name}'
         for what, part in (('stamp', t), ('row', rows)):
             bad = np.flatnonzero(~np.isfinite(part.reshape(len(t), -1)).all(axis=1))

@@ -5,7 +5,7 @@ from dataclasses import replace
 from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.inputs.channels import CHANNELS as DIAGNOSED
 from forcecal_ros.diagnose.inputs.stamps import Corrected
-from forcecal_ros.diagnose.judge.found_effects import from_checks
+from forcecal_ros.diagnose.judge.named_effects import from_checks
 from forcecal_ros.diagnose.localise import spectral_lines
 from forcecal_ros.diagnose.model.evidence import fit, Gram, Prior
 from forcecal_ros.diagnose.say.result import to_document

@@ -7,9 +7,9 @@ from forcecal_ros.observe.design import design
 from forcecal_ros.observe.filters.noise_level import (
     AS_CALIBRATED,
     believed,
-    heard,
     rate_at,
     scale_of,
+    updated,
 )
 from forcecal_ros.observe.live import LiveObserver
 from forcecal_ros.observe.playback import events
@@ -115,7 +115,7 @@ def test_the_level_is_that_of_the_noise(level):
     rng, scale, noise, found = np.random.default_rng(4), scale_of((1.0, 4.0, 9.0), 1e-3), (
         AS_CALIBRATED), []
     for e in np.sqrt(level) * rng.normal(size=(6000, 3)) * [1.0, 2.0, 3.0]:
-        noise = heard(noise, 1e-3, tuple(e.tolist()), scale)
+        noise = updated(noise, 1e-3, tuple(e.tolist()), scale)
         found.append(noise.level)
     # 500 readings of three axes, half of them new within the memory
     assert np.mean(found[3000:]) == pytest.approx(level, rel=0.08)

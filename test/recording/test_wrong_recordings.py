@@ -7,7 +7,7 @@ import re
 from forcecal_ros.commands.common import with_reading_of
 from forcecal_ros.commands.contact import other_frame
 from forcecal_ros.errors import DataError
-from forcecal_ros.identify.agreement import refuse_foreign
+from forcecal_ros.identify.agreement import refuse_disagreeing
 from forcecal_ros.identify.pipeline import identify
 from forcecal_ros.recording.bags import read_recording
 from forcecal_ros.recording.checks.entry import checked
@@ -51,7 +51,7 @@ def test_torques_in_base_beside_forces_in_the_sensor_are_refused():
     with pytest.raises(DataError, match='its torques are expressed in base'):
         identify(poses('torque in base, force not'))
     with pytest.raises(DataError, match='its torques are expressed in base'):
-        refuse_foreign(checked(at_work('torque in base, force not')).recording, known())
+        refuse_disagreeing(checked(at_work('torque in base, force not')).recording, known())
 
 
 @pytest.mark.parametrize('wrong, said', [
@@ -60,12 +60,12 @@ def test_torques_in_base_beside_forces_in_the_sensor_are_refused():
     ('force and torque exchanged', 'force and torque are exchanged')])
 def test_estimate_refuses_the_same_by_its_calibration(wrong, said):
     with pytest.raises(DataError, match=said):
-        refuse_foreign(at_work(wrong), known())
+        refuse_disagreeing(at_work(wrong), known())
 
 
 def test_torques_about_another_point_are_told_by_the_calibration():
-    assert refuse_foreign(at_work('nothing'), known()) == ()
-    note, = refuse_foreign(at_work('torque about the tool centre'), known())
+    assert refuse_disagreeing(at_work('nothing'), known()) == ()
+    note, = refuse_disagreeing(at_work('torque about the tool centre'), known())
     assert 'torques put the centre of mass at (0.005 -0.012 -0.09' in note
 
 
@@ -89,7 +89,7 @@ def test_sound_logs_are_not_remarked_upon(seed):
     for one in (log(seed, **SHORT), work(seed, poses=10, rate=100.0), work(
             seed, poses=10, rate=20.0)):
         assert checked(recording_of(one)).recording.notes == ()
-    assert refuse_foreign(recording_of(work(seed, poses=10, rate=100.0)), known()) == ()
+    assert refuse_disagreeing(recording_of(work(seed, poses=10, rate=100.0)), known()) == ()
 
 
 def test_lost_packets_do_not_lighten_the_tool():

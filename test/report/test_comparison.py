@@ -7,8 +7,8 @@ from forcecal_ros.calibration.file import save
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.cli import main
 from forcecal_ros.diagnose.inputs.channels import units
-from forcecal_ros.diagnose.judge.found_effects import Found, Parameter
 from forcecal_ros.diagnose.judge.gap import Gap
+from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.localise.localisation import Location
 from forcecal_ros.diagnose.say.result import Diagnosis, load
 from forcecal_ros.diagnose.say.result import to_document as diagnosis_document
@@ -72,7 +72,7 @@ def test_the_command_prints_what_was_found_and_ends_with_0(capsys, tmp_path):
 
 def late(delay, closed, verdict='identified', **more):
     return Diagnosis(
-        verdict, 'because', effects=(Found('wrench_delay', {
+        verdict, 'because', effects=(NamedEffect('wrench_delay', {
             'delay': Parameter(delay, 1e-4, 's')}, 0.97),),
         candidates=(('wrench_delay', 0.97), ('unknown', 0.03)),
         localisation=(Location('wrench_sensor', 'force.x', 'step', (16.0, 32.0), 4.0, 1e-6),),

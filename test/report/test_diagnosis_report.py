@@ -6,8 +6,8 @@ import re
 import sys
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, units
-from forcecal_ros.diagnose.judge.found_effects import Found, Parameter
 from forcecal_ros.diagnose.judge.gap import Gap
+from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.localise.localisation import Location
 from forcecal_ros.diagnose.say.result import Diagnosis, to_document
 from forcecal_ros.diagnose.say.verdict import percent
@@ -26,7 +26,7 @@ from forcecal_ros.report.words import Step
 import numpy as np
 import pytest
 
-LATE = Found('wrench_delay', {'delay': Parameter(0.00400042, 0.000141, 's')}, 0.973)
+LATE = NamedEffect('wrench_delay', {'delay': Parameter(0.00400042, 0.000141, 's')}, 0.973)
 GAP = Gap(1.3, 1.2, 0.02, 0.9834, (0.9712, 0.9913),
           {'force.y': (0.4, 0.38, 0.01, 0.25)}, (0.5, 0.53, 0.012))
 PLACES = (Location('wrench_sensor', 'force.y', 'step', (8.0, 16.0), 12.3, 1e-9),
@@ -71,22 +71,22 @@ def test_every_effect_has_words_that_take_its_numbers(name):
     quantities = EFFECTS[name].parameters if name in EFFECTS else ()
     numbers = {q.name: Parameter(q.typical, 1e-3 * abs(q.typical), q.unit) for q in quantities
                } or {'fy': Parameter(0.6, 0.01, 'N')}
-    said = sentence(Found(name, numbers, 0.9))
+    said = sentence(NamedEffect(name, numbers, 0.9))
     assert name in WORDS and '{' not in said
     assert '±' in said and 'nan' not in said
 
 
 def test_a_sentence_leaves_out_what_is_chance():
-    gain = Found('wrench_gain', {'fx': Parameter(0.05, 0.001, '1'),
+    gain = NamedEffect('wrench_gain', {'fx': Parameter(0.05, 0.001, '1'),
                                  'fy': Parameter(0.001, 0.001, '1')}, 0.9)
     assert sentence(gain).endswith('(-): fx +5.00 ± 0.10 %')
-    limit = Found('wrench_saturation', {'limit': Parameter(60.0, 0.5, 'N'),
+    limit = NamedEffect('wrench_saturation', {'limit': Parameter(60.0, 0.5, 'N'),
                                         'torque_limit': Parameter(1e3, 1.0, 'N m')}, 0.9)
     assert sentence(limit).endswith('ends: limit 60.0 ± 0.5 N')
 
 
 def test_a_number_of_somebodys_simulator_is_called_by_its_name():
-    friction = Found('friction', {'value': Parameter(0.4213, 0.004, '1')}, 0.9)
+    friction = NamedEffect('friction', {'value': Parameter(0.4213, 0.004, '1')}, 0.9)
     assert sentence(friction) == 'friction should be 0.421 ± 0.004'
     said = {one.label: one.words for one in facts(view_without_signals(replace(
         IDENTIFIED, effects=(friction,), candidates=(('friction', 0.9), ('kp', 0.1)))), NEXT)}
@@ -95,8 +95,9 @@ def test_a_number_of_somebodys_simulator_is_called_by_its_name():
 
 
 def test_a_number_at_its_bound_says_so_and_has_no_error():
-    stiff = Found('wrench_lowpass', {'time_constant': Parameter(0.2, 0.0, 's', at_bound=True),
-                                     'second_order': Parameter(1.5, 0.1, '1')}, 0.9)
+    stiff = NamedEffect('wrench_lowpass', {
+        'time_constant': Parameter(0.2, 0.0, 's', at_bound=True),
+        'second_order': Parameter(1.5, 0.1, '1')}, 0.9)
     d = replace(IDENTIFIED, effects=(stiff,))
     assert sentence(stiff).endswith('time constant of 200 ms (at its bound)')
     page = render(_view(d), [], NEXT)
@@ -105,7 +106,7 @@ def test_a_number_at_its_bound_says_so_and_has_no_error():
     written = document['effects'][0]['parameters']
     assert written['time_constant']['at_bound'] is True
     assert 'at_bound' not in written['second_order']
-    friction = Found('friction', {'value': Parameter(0.0, 0.01, 'N m', at_bound=True)}, 0.9)
+    friction = NamedEffect('friction', {'value': Parameter(0.0, 0.01, 'N m', at_bound=True)}, 0.9)
     assert sentence(friction) == 'friction should be 0 N m (at its bound)'
 
 
@@ -151,7 +152,7 @@ def test_an_effect_that_began_says_when():
 @pytest.mark.parametrize('verdict', ['unknown', 'not_excited', 'no_gap', 'invalid_data'])
 def test_a_verdict_that_names_nothing_says_no_share(verdict):
     d = replace(IDENTIFIED, verdict=verdict, reason=NO_REASON,
-                effects=(Found('unknown', {}, 0.9),) if verdict == 'unknown' else ())
+                effects=(NamedEffect('unknown', {}, 0.9),) if verdict == 'unknown' else ())
     page = render(view_without_signals(d), ['bag'], NEXT)
     assert not re.search(r'explains \d+ % of the misfit|explained</th>', page)
     assert NO_REASON in page.lower()
@@ -159,7 +160,7 @@ def test_a_verdict_that_names_nothing_says_no_share(verdict):
 
 def test_an_effect_that_shows_in_stamps_alone_explains_no_share():
     lost = replace(IDENTIFIED, reason='dropouts shows in stamps and values', effects=(
-        Found('dropouts', {'wrench': Parameter(0.02, 0.001, '1')}, 0.99),))
+        NamedEffect('dropouts', {'wrench': Parameter(0.02, 0.001, '1')}, 0.99),))
     assert headline(lost) == 'Messages get lost: wrench 2.00 ± 0.10 % (99 % sure).'
 
 

@@ -96,7 +96,8 @@ def prepare_simulated(recording: Recording, simulated: Recording, tool: Simulate
         require_wrench_and_pose(one, f'{whose} recording lacks wrench or measured pose; record '
                                 'wrench and current_pose in both')
     first, n = span(recording, simulated)
-    known = tool or simulated_tool(replace(simulated, accelerometer=None), first, n, rig).felt()
+    known = tool or simulated_tool(
+        replace(simulated, accelerometer=None), first, n, rig).with_accelerometer()
     moved = replace(recording, accelerometer=None)
     simulation = RecordedSimulation(moved, simulated, first, n, 'acc1', known.simulated)
     nominal = simulation.signals(known.rigid_tool)

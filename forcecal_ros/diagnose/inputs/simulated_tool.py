@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.imu import with_imu
 from forcecal_ros.effects.nuisances import possible, rows_of
-from forcecal_ros.effects.rig import Rig, Spreads, Tool
+from forcecal_ros.effects.rig import NominalTolerances, Rig, Tool
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, skew
 from forcecal_ros.identify.inertia import inertia_regressor, symmetric
@@ -52,7 +52,7 @@ class SimulatedTool(NamedTuple):
     unexplained: tuple[float, float]
     zero: tuple[float, ...] = (0.0,) * 6
 
-    def felt(self) -> 'SimulatedTool':
+    def with_accelerometer(self) -> 'SimulatedTool':
         """Give it an accelerometer that speaks m/s^2."""
         return self._replace(rigid_tool=with_imu(self.rigid_tool))
 
@@ -136,7 +136,7 @@ def tool_along(motion: CarriedTool, recording: Recording, rig: Rig
     """
     n_blocks = len(motion.t) // round(BLOCK * RATE)
     start = float(motion.t[0]) - 1.0 / RATE
-    rows, wrench = _rows(motion, rig), block_means(motion.seen(recording))
+    rows, wrench = _rows(motion, rig), block_means(motion.recorded_wrench(recording))
     free = _free(recording, start, n_blocks)
     scale = np.array([1.0] * 3 + [0.1] * 3)  # a newton counts as much as a tenth of a newton metre
     a = (rows / scale[:, np.newaxis])[free].reshape(-1, rows.shape[2])
@@ -159,7 +159,7 @@ def with_moments(tool: Tool, moments: Array) -> Tool:
     return changed
 
 
-def _of_a_drawing(spreads: Spreads) -> Spreads:
+def _of_a_drawing(spreads: NominalTolerances) -> NominalTolerances:
     return replace(spreads, mass=DRAWN[0], com=DRAWN[1], force_bias=ZERO[0], torque_bias=ZERO[1])
 
 

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from forcecal_ros.calibration.model import Calibration, Estimate
-from forcecal_ros.diagnose.judge.found_effects import Checks, parameters_of
+from forcecal_ros.diagnose.judge.named_effects import Checks, parameters_of
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.selection import Selection
 from forcecal_ros.effects import named_effects, physical_rig, with_effects

@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from forcecal_ros.diagnose.judge.found_effects import Found, Parameter
 from forcecal_ros.diagnose.judge.gap import Gap
+from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.localise.localisation import Location
 from forcecal_ros.errors import DataError
 
@@ -37,7 +37,7 @@ class Diagnosis:
 
     verdict: str
     reason: str
-    effects: tuple[Found, ...] = ()
+    effects: tuple[NamedEffect, ...] = ()
     candidates: tuple[tuple[str, float], ...] = ()
     localisation: tuple[Location, ...] = ()
     gap: Gap | None = None
@@ -98,7 +98,7 @@ def _number(p: Parameter) -> dict[str, Any]:
     return {'value': p.value, 'std': p.std, 'unit': p.unit, **bound}
 
 
-def _when(effect: Found) -> dict[str, Any]:
+def _when(effect: NamedEffect) -> dict[str, Any]:
     """Say from when on an effect that began during a recording was there."""
     if effect.begin is None or effect.begin_ci95 is None:
         return {}
@@ -144,7 +144,7 @@ def _from_document(d: Mapping[str, Any]) -> Diagnosis:
     """Turn what :func:`to_document` returns into a diagnosis again."""
     return Diagnosis(
         str(d['verdict']), str(d['reason']),
-        effects=tuple(Found(
+        effects=tuple(NamedEffect(
             str(e['name']), {key: Parameter(float(p['value']), float(p['std']), str(p['unit']),
                                             bool(p.get('at_bound')))
                              for key, p in e['parameters'].items()}, float(e['probability']),

@@ -74,8 +74,8 @@ def with_steps(model: LinearisedModel) -> tuple[LinearisedModel, tuple[Event, ..
     # nuisances that were fitted to a large step bend what is around it
     nominal = [c.measured.residual(c.nominal) for c in model.datasets]
     for residuals in (model.residuals, nominal):
-        out, events = _fitted(model, [e for i, r in enumerate(residuals) for e in _seen(model, i,
-                                                                                        r)])
+        out, events = _fitted(model, [e for i, r in enumerate(residuals)
+                                      for e in _detected_steps(model, i, r)])
         if events:
             return out, events
     return model, ()
@@ -99,7 +99,7 @@ def _name(e: Event, channel: int) -> str:
     return f'wrench.step.{e.recording}.{e.instant:.6f}.{channel}'
 
 
-def _seen(model: LinearisedModel, dataset: int, residual: Array) -> list[Event]:
+def _detected_steps(model: LinearisedModel, dataset: int, residual: Array) -> list[Event]:
     """List the steps of one recording's residual, away from where contact begins and ends."""
     one = model.datasets[dataset]
     touching = np.abs(model.base[dataset].contact[:, :3]).max(axis=1) > 0.0

@@ -4,7 +4,7 @@ from math import exp, inf
 
 from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.filters.memory import Memory, STOPPED
-from forcecal_ros.observe.filters.noise_level import heard, LONGEST, rate_at
+from forcecal_ros.observe.filters.noise_level import LONGEST, rate_at, updated
 from forcecal_ros.observe.sample import NO_WRENCH, Wrench
 from forcecal_ros.observe.status import RESTARTED
 from forcecal_ros.observe.tracking import ZERO
@@ -42,7 +42,7 @@ def kalman_step(memory: Memory, reading: Unloaded, e: Wrench, model: Model) -> M
     e0, e1, e2, e3, e4, e5 = e
     noise, rate = memory.noise, model.rate
     if model.adaptive and dt <= LONGEST:
-        noise = heard(noise, dt, (e0, e1, e2), model.innovation_scale)
+        noise = updated(noise, dt, (e0, e1, e2), model.innovation_scale)
         rate = rate_at(noise.level, rate, model.slowest)
     k = 1 - exp(-rate * dt)
     return Memory(

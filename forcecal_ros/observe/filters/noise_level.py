@@ -60,7 +60,7 @@ class NoiseLevel(NamedTuple):
 AS_CALIBRATED = NoiseLevel(1.0, ZERO)
 
 
-def heard(before: NoiseLevel, dt: float, e: Vector, scale: Vector) -> NoiseLevel:
+def updated(before: NoiseLevel, dt: float, e: Vector, scale: Vector) -> NoiseLevel:
     """
     Take in an innovation.
 

@@ -16,7 +16,7 @@ ROWS = 50_000
 """About how many messages of a topic make a piece."""
 
 
-class Piece(NamedTuple):
+class BagChunk(NamedTuple):
     """Some messages of one topic: its name as asked for, stamps (n,) [s], values (n, k)."""
 
     topic: str
@@ -24,7 +24,7 @@ class Piece(NamedTuple):
     values: Array
 
 
-def read_pieces(path: Path | str, topics: Mapping[str, Sequence[str]]) -> Iterator[Piece]:
+def read_chunks(path: Path | str, topics: Mapping[str, Sequence[str]]) -> Iterator[BagChunk]:
     """
     Read fields of some topics in the order of recording.
 
@@ -40,7 +40,7 @@ def read_pieces(path: Path | str, topics: Mapping[str, Sequence[str]]) -> Iterat
 
     Yields
     ------
-    Piece
+    BagChunk
 
     Raises
     ------
@@ -55,7 +55,7 @@ def read_pieces(path: Path | str, topics: Mapping[str, Sequence[str]]) -> Iterat
         start_ns: int | None = None
         last = dict.fromkeys(wanted, -np.inf)
 
-        def flush(topic: Topic) -> Iterator[Piece]:
+        def flush(topic: Topic) -> Iterator[BagChunk]:
             nonlocal start_ns
             series = collectors[topic].series(bag.notes, unreadable=True)
             waiting[topic] = 0
@@ -66,7 +66,7 @@ def read_pieces(path: Path | str, topics: Mapping[str, Sequence[str]]) -> Iterat
             later = t > last[topic]
             if later.any():
                 last[topic] = float(t[-1])
-                yield Piece(wanted[topic], t[later],
+                yield BagChunk(wanted[topic], t[later],
                             np.asarray(series.values[later], dtype=float))
 
         for batch in bag.batches(set(wanted)):

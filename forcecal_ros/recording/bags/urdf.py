@@ -54,7 +54,7 @@ def pose_of_joints(bag: Bag, named: str, joint_states: Topic | None) -> tuple[Se
     if not drivers:
         raise DataError(f'{named}: no joint moves between {base} and {link}; name the frame of '
                         'the sensor and that of the base')
-    told = _told(bag, joint_states, drivers, named)
+    told = _reported_joints(bag, joint_states, drivers, named)
     busiest = max(told.values(), key=lambda one: len(one.stamp_ns)).stamp_ns
     stamps = busiest[(busiest >= max(one.stamp_ns[0] for one in told.values()))
                      & (busiest <= min(one.stamp_ns[-1] for one in told.values()))]
@@ -82,7 +82,7 @@ def _description(bag: Bag, source: str) -> bytes:
                         'recording; name a URDF, or the topic that holds it') from error
 
 
-def _told(bag: Bag, topic: Topic, drivers: set[str], named: str) -> dict[str, Series]:
+def _reported_joints(bag: Bag, topic: Topic, drivers: set[str], named: str) -> dict[str, Series]:
     """Return what joints were said to be at, in whatever messages and order."""
     series = _series(bag, topic, {
         joint: Collector(bag, topic, [f'position[{joint}]']) for joint in sorted(drivers)})

@@ -12,7 +12,7 @@ from forcecal_ros.recording.checks.held import dead_bands, lost_packets, without
 from forcecal_ros.recording.checks.motion import refuse_frozen_pose, refuse_silent_pose
 from forcecal_ros.recording.checks.pauses import lost_messages, silences
 from forcecal_ros.recording.checks.repeats import refuse_dead, refuse_stuck
-from forcecal_ros.recording.checks.slowness import told
+from forcecal_ros.recording.checks.slowness import lag_note
 from forcecal_ros.recording.checks.units import refuse_other_length
 from forcecal_ros.recording.checks.values import readable, startup
 from forcecal_ros.recording.streams import CHANNELS, PoseStream, Recording, Stream
@@ -84,7 +84,7 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
 
 def _how_it_follows(recording: Recording) -> str:
     wrench, pose = recording.wrench, recording.pose
-    return told(wrench, pose) if wrench is not None and pose is not None else ''
+    return lag_note(wrench, pose) if wrench is not None and pose is not None else ''
 
 
 def _coarse(recording: Recording) -> Iterator[str]:

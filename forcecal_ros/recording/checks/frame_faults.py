@@ -34,7 +34,7 @@ def refuse_other_frame(judgement: Judgement, believed: Array = DOWN, wrench_sign
     if likely == (plain,):
         return
     told = [one for fit in sorted(likely, key=_oddness)
-            if (one := _gross(fit, believed, sensor_rotation))]
+            if (one := _beyond_tolerance(fit, believed, sensor_rotation))]
     if len(told) == len(likely):
         causes = ', or '.join(cause for cause, _ in told)
         remedies = ', or '.join(remedy for _, remedy in told)
@@ -110,7 +110,7 @@ def _oddness(fit: Fit) -> tuple[bool, bool]:
     return not _order(fit.Q), fit.name == 'mirrored'
 
 
-def _gross(fit: Fit, believed: Array, stated: Sequence[float] | None
+def _beyond_tolerance(fit: Fit, believed: Array, stated: Sequence[float] | None
            ) -> tuple[str, str] | None:
     """Cause and remedy of what no tolerance of a mount explains; None: it may be tolerance."""
     tilt, mirrored = _tilt(fit, believed), np.linalg.det(fit.Q) < 0.0

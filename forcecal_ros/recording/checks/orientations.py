@@ -57,9 +57,9 @@ def other_reading(force: Array, R_base_sensor: Array, others: Mapping[str, Array
     believed : float
         Share of the changes of force that is left by what is believed else.
     """
-    mine, _ = _left_of_weight(force, R_base_sensor)
+    mine, _ = _unexplained_share(force, R_base_sensor)
     for words, R in others.items():
-        left, (weight, bias) = _left_of_weight(force, R)
+        left, (weight, bias) = _unexplained_share(force, R)
         if left < FOLLOWS and WORSE * left < min(mine, believed) and (
                 _is_vertical(weight) or not _is_vertical(bias)):
             return (f'force turns as a weight does if {words} ({1 - left:.0%} of its changes '
@@ -67,7 +67,7 @@ def other_reading(force: Array, R_base_sensor: Array, others: Mapping[str, Array
     return ''
 
 
-def _left_of_weight(force: Array, R: Array) -> tuple[float, Array]:
+def _unexplained_share(force: Array, R: Array) -> tuple[float, Array]:
     """Share of the changes of force that a constant one in base and a bias leave; these two."""
     x = np.concatenate([R.transpose(0, 2, 1), np.broadcast_to(np.eye(3), R.shape)], axis=2)
     x, y = x.reshape(-1, 6), force.ravel()

@@ -23,7 +23,7 @@ def silences(recording: Recording) -> tuple[str, ...]:
         own = _gaps(stream.t, _period(stream.t)) if stream is not None else []
         found.append((name, [gap for gap in own if not any(
             start < gap[1] and gap[0] < end for start, end in common)]))
-    return tuple(told for who, gaps in found for told in _told(who, gaps))
+    return tuple(told for who, gaps in found for told in _pause_lines(who, gaps))
 
 
 def lost_messages(recording: Recording) -> Iterator[str]:
@@ -40,7 +40,7 @@ def lost_messages(recording: Recording) -> Iterator[str]:
                    'record with reliable QoS, or on the computer that sends them')
 
 
-def _told(who: str, gaps: list[Gap]) -> list[str]:
+def _pause_lines(who: str, gaps: list[Gap]) -> list[str]:
     if len(gaps) > limits.PAUSES_TOLD:
         longest = max(gaps, key=lambda gap: gap[1] - gap[0])
         return [(f'{who}: {len(gaps)} pauses in which nothing was recorded, the longest of '

@@ -100,7 +100,8 @@ def _stuck(stream: Stream, name: str, channels: Sequence[str], pose: PoseStream 
     steps = np.abs(np.diff(stream.values, axis=0))
     rows = np.concatenate([[0], np.cumsum((steps > 0).any(axis=1))])
     whole = _longest(stream.t, (steps > 0).any(axis=1), rows, -1)
-    if whole and (_is_stuck(whole, stream, steps) or _felt_nothing(whole, stream, name, pose)):
+    if whole and (_is_stuck(whole, stream, steps) or _insensitive_to_turning(
+            whole, stream, name, pose)):
         yield f'{name}: every channel repeats itself {_when(whole, stream)}'
         return
     for j, channel in enumerate(channels):
@@ -181,7 +182,8 @@ def _others_go_on(hold: Hold, steps: Array, outside: NDArray[np.bool_]) -> bool:
     return bool((inside > limits.ALIKE * usual).all() and (usual > 0).all())
 
 
-def _felt_nothing(hold: Hold, stream: Stream, name: str, pose: PoseStream | None) -> bool:
+def _insensitive_to_turning(hold: Hold, stream: Stream, name: str,
+                            pose: PoseStream | None) -> bool:
     """Say whether a sensor of forces says the same while the robot turns."""
     if pose is None or name not in ('wrench', 'accelerometer'):
         return False

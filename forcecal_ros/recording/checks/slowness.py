@@ -73,8 +73,8 @@ def how_it_follows(stream: Stream, pose: PoseStream) -> Follows | None:
     if turning.sum() < FEWEST:
         return None
     size = float(((read - read.mean(axis=0))**2).sum(axis=1).mean())
-    plain, best = _left(down, read, turning), min(
-        ((_left(way.down, read, turning), way) for way in _ways(down, step)),
+    plain, best = _unexplained_power(down, read, turning), min(
+        ((_unexplained_power(way.down, read, turning), way) for way in _ways(down, step)),
         key=lambda pair: pair[0])
     sure = best[0] < (1.0 - EXPLAINS) * size and TIMES * best[0] < plain
     return best[1] if sure and best[1].late <= limits.OFFSET else None
@@ -87,7 +87,7 @@ def _turning(down: Array, step: float) -> NDArray[np.bool_]:
     return np.asarray(count > 0)
 
 
-def _left(down: Array, read: Array, turning: NDArray[np.bool_]) -> float:
+def _unexplained_power(down: Array, read: Array, turning: NDArray[np.bool_]) -> float:
     """Squared force [N^2] that half of the readings exceed that gravity does not explain so."""
     design = np.column_stack([down, np.ones(len(down))])
     kept = np.ones(len(down), dtype=bool)
@@ -130,7 +130,7 @@ def _averaged(values: Array, steps: float) -> Array:
     return np.asarray((sums[n:] - sums[:-n]) / n)
 
 
-def told(stream: Stream, pose: PoseStream) -> str:
+def lag_note(stream: Stream, pose: PoseStream) -> str:
     """Say in a note that a wrench is late or smoothed; empty: it is not, or nothing tells."""
     found = how_it_follows(stream, pose)
     if found is None:

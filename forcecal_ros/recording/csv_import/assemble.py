@@ -96,7 +96,7 @@ def assemble(specification: Specification) -> Imported:
 
 def _notes(specification: TableSpecification, table: Table, t: Array,
            signals: Mapping[str, Stream | PoseStream | tuple[Phase, ...]]) -> Iterator[str]:
-    yield from doubts.left_out(table)
+    yield from doubts.skipped_lines(table)
     if specification.time is not None:
         yield from doubts.doubtful_rate(
             len(t), float(t[-1] - t[0]),

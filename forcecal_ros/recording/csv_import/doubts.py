@@ -38,7 +38,7 @@ def doubtful_rate(rows: int, span: float, what: str, unit: str) -> Iterator[str]
                f'not in {unit}, state the unit that it is in')
 
 
-def left_out(table: Table) -> Iterator[str]:
+def skipped_lines(table: Table) -> Iterator[str]:
     """Say how many lines the key skip left out, and whether they hold numbers."""
     numbers = [line for line, cells in table.skipped if all(map(_is_number, cells))]
     if table.skipped:

@@ -7,7 +7,7 @@ from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.by_motion import diagnose_motion
 from forcecal_ros.diagnose.inputs.requirements import bridged, missing_streams
 from forcecal_ros.diagnose.inputs.stamps import Corrected
-from forcecal_ros.diagnose.judge.found_effects import from_checks
+from forcecal_ros.diagnose.judge.named_effects import from_checks
 from forcecal_ros.geometry import rotation_about
 from forcecal_ros.recording.bags import read_recording
 from forcecal_ros.recording.checks.clocks import clocks, dropouts, skew_between

@@ -4,7 +4,7 @@ import json
 
 from forcecal_ros.diagnose.by_simulator import Changed
 from forcecal_ros.diagnose.inputs.channels import units
-from forcecal_ros.diagnose.judge.found_effects import at_limit, ends, Found, Parameter
+from forcecal_ros.diagnose.judge.named_effects import at_limit, ends, NamedEffect, Parameter
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
 from forcecal_ros.diagnose.say.result import Diagnosis, load, to_document
 from forcecal_ros.diagnose.say.verdict import verdict
@@ -45,8 +45,9 @@ def test_a_number_at_its_bound_is_told_without_a_standard_error(tmp_path):
     assert str(Changed('rub', 'N m', 0.5, 0.0, 0.1, at_bound=True)) == (
         'rub 0.5 -> 0 N m (at its bound)')
     assert str(Changed('rub', 'N m', 0.5, 0.7, 0.1)) == 'rub 0.5 -> 0.7 +- 0.1 N m'
-    found = Found('wrench_lowpass', {'time_constant': Parameter(0.2, 0.0, 's', at_bound=True),
-                                     'second_order': Parameter(1.5, 0.1, '1')}, 0.9)
+    found = NamedEffect('wrench_lowpass', {
+        'time_constant': Parameter(0.2, 0.0, 's', at_bound=True),
+        'second_order': Parameter(1.5, 0.1, '1')}, 0.9)
     (tmp_path / 'diagnosis.json').write_text(json.dumps(to_document(
         Diagnosis('identified', '', (found,)), units(), None)))
     assert load(tmp_path)[0].effects[0].parameters == found.parameters

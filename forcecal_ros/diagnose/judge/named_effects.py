@@ -47,7 +47,7 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Found:
+class NamedEffect:
     """
     An effect that the verdict names.
 
@@ -228,7 +228,7 @@ def _by_stream(effect: str, found: Sequence[tuple[str, float]], std: Mapping[str
     return out
 
 
-def seen_in(name: str, found: Mapping[str, Parameter]) -> str:
+def channel_affected_most(name: str, found: Mapping[str, Parameter]) -> str:
     """Name the channel that shows an effect of stamps or values most."""
     if name == 'wrench_quantisation':
         return 'force.x' if 'step' in found else 'torque.x'
@@ -236,7 +236,7 @@ def seen_in(name: str, found: Mapping[str, Parameter]) -> str:
     return next(c.name for c in CHANNELS if c.stream == stream)
 
 
-def found_steps(model: LinearisedModel, events: Sequence[Event]) -> list[Found]:
+def named_steps(model: LinearisedModel, events: Sequence[Event]) -> list[NamedEffect]:
     """
     Return steps as effects, each with its instant.
 
@@ -247,7 +247,7 @@ def found_steps(model: LinearisedModel, events: Sequence[Event]) -> list[Found]:
 
     Returns
     -------
-    list of Found
+    list of NamedEffect
         Without those that the effects explain which were found since.
     """
     out = []
@@ -261,19 +261,19 @@ def found_steps(model: LinearisedModel, events: Sequence[Event]) -> list[Found]:
             numbers[channel.name.replace('force.', 'f').replace('torque.', 't')] = Parameter(
                 height, std, channel.unit)
         if numbers:
-            out.append(Found(NAME, numbers, PROBABILITY, e.instant, (e.low, e.high),
+            out.append(NamedEffect(NAME, numbers, PROBABILITY, e.instant, (e.low, e.high),
                              e.recording))
     return out
 
 
-def steps_in_words(effects: Sequence[Found]) -> str:
+def steps_in_words(effects: Sequence[NamedEffect]) -> str:
     """Say when each step happened, to be put behind a sentence; empty where there is none."""
     parts = [_said(e, e.begin, e.begin_ci95) for e in effects if e.begin is not None
              and e.begin_ci95 is not None]
     return f'; {", ".join(parts)}' if parts else ''
 
 
-def _said(e: Found, begin: float, between: tuple[float, float]) -> str:
+def _said(e: NamedEffect, begin: float, between: tuple[float, float]) -> str:
     by = ', '.join(f'{k} by {p.value:+.3g} {p.unit}' for k, p in e.parameters.items())
     where = ' of the second recording' if e.recording else ''
     return f'{e.name}: {by} at {begin:.3f} s ({between[0]:.3f} to {between[1]:.3f}){where}'
