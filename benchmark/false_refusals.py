@@ -2,6 +2,7 @@
 
     python benchmark/false_refusals.py              # 300 recordings offline, some 20 minutes
     python benchmark/false_refusals.py --live 40    # and so many demos beside four busy processes
+    python benchmark/false_refusals.py --first 300  # 300 others
     python benchmark/false_refusals.py --runs 0 --live 40 --at-once 4 --load 0   # or each other
 
 Offline the sequencer's state machine and watch run against the simulated rig on one seeded clock
@@ -78,12 +79,12 @@ def is_true(warning, off):
         z > OFF for key, z in off.items() if key in keys or key.split('.')[0] in keys)
 
 
-def offline(runs, jobs):
+def offline(seeds, jobs):
     """Print what became of so many recordings; returns how many were refused."""
     refused, warned, false = [], Counter(), Counter()
     wide = Counter()
     with ProcessPoolExecutor(jobs) as pool:
-        for seed, (conditions, why, warnings, off) in enumerate(pool.map(judge, range(runs))):
+        for seed, (conditions, why, warnings, off) in zip(seeds, pool.map(judge, seeds)):
             if why:
                 refused.append(seed)
                 print(f'run {seed}: {conditions}: {why}', flush=True)
@@ -94,7 +95,7 @@ def offline(runs, jobs):
                 print(f'run {seed}: {conditions}: {warning} | off: '
                       + ', '.join(f'{k} {z:.1f}' for k, z in off.items() if z > OFF), flush=True)
             wide.update(k for k, z in off.items() if z > OFF)
-    print(f'\n{runs} sound recordings: {len(refused)} refused or aborted, '
+    print(f'\n{len(seeds)} sound recordings: {len(refused)} refused or aborted, '
           f'{sum(warned.values())} warnings, {sum(false.values())} of them false')
     for kind, count in warned.most_common():
         print(f'  {count:4d} ({false[kind]} false)  {kind}')
@@ -138,12 +139,13 @@ def main():
     """Parse, run, print."""
     parser = ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--runs', type=int, default=300, help='recordings offline (300)')
+    parser.add_argument('--first', type=int, default=0, help='seed of the first of them (0)')
     parser.add_argument('--live', type=int, default=0, help='demos over DDS (0)')
     parser.add_argument('--load', type=int, default=4, help='busy processes beside those (4)')
     parser.add_argument('--at-once', type=int, default=1, help='demos beside each other (1)')
     parser.add_argument('--jobs', type=int, default=2, help='processes offline (2)')
     args = parser.parse_args()
-    refused = offline(args.runs, args.jobs) if args.runs else 0
+    refused = offline(range(args.first, args.first + args.runs), args.jobs) if args.runs else 0
     aborted = live(args.live, args.load, args.at_once) if args.live else 0
     return int(refused > 1 or aborted > 0)
 

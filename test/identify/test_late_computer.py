@@ -26,3 +26,9 @@ def test_a_sound_rig_is_calibrated_as_well_on_a_computer_that_is_late(conditions
            *((found.wrench_bias.value - truth['wrench_bias']) / found.wrench_bias.std)]
     assert (np.abs(off) < 4).all(), off
     assert not [line for line in found.quality['warnings'] if 'suspect' in line]
+
+
+def test_a_robot_that_leaves_is_not_taken_for_one_that_stands_while_the_tool_rings():
+    found = identify(run(92).recording, IdentificationSettings())
+    assert found.tool is not None
+    assert not found.quality['warnings']
