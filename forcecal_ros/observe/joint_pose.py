@@ -181,8 +181,8 @@ def _compiled(down: Sequence[Joint], up: Sequence[Joint], drivers: Sequence[str]
             sign = -1.0 if back else 1.0
             i, j, k = map(float, joint.axis)
             steps.append(Step(
-                drivers.index(joint.driver), sign * joint.gain, sign * joint.offset, joint.slides,
-                place, q, product(q, (i, j, k, 0.0)),
+                drivers.index(joint.driver), sign * float(joint.gain),
+                sign * float(joint.offset), joint.slides, place, q, product(q, (i, j, k, 0.0)),
                 rotate(q, (i, j, k)) if joint.slides else ZERO))
             place, q = ZERO, HERE.q
         if back:

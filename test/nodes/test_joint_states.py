@@ -1,10 +1,13 @@
-"""Poses from joint states and a URDF, live: wrenches, a motion and its end, a line without them."""
+"""Poses from joint states and a URDF, live: wrenches, a motion, its end, a line without."""
 
 import re
 import subprocess
 import sys
 
 from forcecal_ros.calibration.file import save
+from forcecal_ros.errors import ConfigError
+from forcecal_ros.nodes.parameters import declare
+from forcecal_ros.nodes.pose_source import POSE_PARAMETERS, pose_source
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.nodes.wire import JointsReader
 from forcecal_ros.observe.joint_pose import JointPose
@@ -15,6 +18,8 @@ import numpy as np
 from observing import calibration, record, Swing
 from playing import Player
 import pytest
+import rclpy
+from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from rclpy.time import Time
 from scipy.spatial.transform import Rotation
@@ -141,15 +146,29 @@ def test_joint_states_lead_a_motion_and_end_it_when_they_stay_away(ros_domain, u
     ({'urdf': gantry(), 'base': 'roll', 'frame': 'ft_sensor'},
      'no joint moves between roll and ft_sensor'),
     ({'urdf': '<robot/>', 'base': 'a', 'frame': 'b'}, 'it is no URDF of joints')])
-def test_a_urdf_that_gives_no_pose_is_refused_in_one_line(ros_domain, tmp_path, given, why):
-    lines = '\n'.join(f'    pose.{key}: |-\n      {text}' for key, text in given.items())
-    (tmp_path / 'given.yaml').write_text(f'/**:\n  ros__parameters:\n{lines}\n')
+def test_a_urdf_that_gives_no_pose_is_refused_in_one_line(given, why):
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    node = rclpy.create_node('asks', context=context, parameter_overrides=[
+        Parameter(f'pose.{key}', value=text) for key, text in given.items()])
+    try:
+        declare(node, POSE_PARAMETERS)
+        with pytest.raises(ConfigError, match=re.escape(why)) as refused:
+            pose_source(node)
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+    assert '\n' not in str(refused.value)
+
+
+def test_a_node_ends_with_that_line(ros_domain):
     ended = subprocess.run(
-        [sys.executable, '-m', 'forcecal_ros.nodes.gap', '--ros-args', '--params-file',
-         str(tmp_path / 'given.yaml')],
+        [sys.executable, '-m', 'forcecal_ros.nodes.sequencer', '--ros-args', '-p',
+         'pose.urdf:=nowhere.urdf', '-p', 'pose.base:=base', '-p', 'pose.frame:=ft_sensor'],
         capture_output=True, text=True, timeout=60, check=False)
     assert ended.returncode == 1
-    assert why in ended.stderr.splitlines()[-1] and 'Traceback' not in ended.stderr
+    assert 'nowhere.urdf: cannot be read' in ended.stderr.splitlines()[-1]
+    assert 'Traceback' not in ended.stderr
 
 
 def poses_of():
@@ -182,6 +201,6 @@ def test_joints_of_two_publishers_make_a_pose_when_both_know_the_instant():
                             (4_000_000 * k + 1_000_000, dict.fromkeys(NAMES[3:], 0.0))):
             found.append(poses.take(stamp, [told.get(name) for name in poses.drivers]))
     kept = [one for one in found if one is not None]
-    assert len(kept) == 19
+    assert len(kept) == len(found) - 2
     np.testing.assert_allclose([one.values[0] for one in kept],
                                [2.5e-9 * one.stamp_ns for one in kept], atol=1e-12)
