@@ -177,9 +177,12 @@ class JointsReader:
         (count,) = unpack_from(order + 'I', raw, at)
         if count > len(raw):
             raise StructError('positions are longer than their message')
-        values = unpack_from(f'{order}{count}d', raw, _aligned(at + 4, 8)) if count else ()
-        return (sec * 1_000_000_000 + nanosec,
-                [values[slot] if 0 <= slot < count else None for slot in slots])
+        values: tuple[float | None, ...] = (
+            unpack_from(f'{order}{count}d', raw, _aligned(at + 4, 8)) if count else ())
+        if count < len(self.names):
+            values += (None,) * (len(self.names) - count)
+        values += (None,)  # which the slot of a joint that is not there, -1, points at
+        return sec * 1_000_000_000 + nanosec, [values[slot] for slot in slots]
 
     def _end(self, raw: bytes, order: str, start: int) -> int:
         """Return where the names end: those of a message before are looked for first."""

@@ -97,6 +97,9 @@ class JointPose:
             The pose that it completes, if it does.
         """
         told = [one for one in positions if one is not None]
+        if len(told) == len(positions) and isfinite(sum(told)):
+            self.why_not = ''
+            return StampedPose(stamp_ns, self.pose(told))
         if not told:
             self._miss()
             return None
@@ -105,9 +108,6 @@ class JointPose:
                          if one is not None and not isfinite(one))
             self.why_not = f'the position of joint {wrong} is no finite number'
             return None
-        if len(told) == len(positions):
-            self.why_not = ''
-            return StampedPose(stamp_ns, self.pose(told))
         return self._merged(stamp_ns, positions)
 
     def pose(self, positions: Sequence[float]) -> Vector7:
