@@ -14,6 +14,7 @@ from forcecal_ros.recording.transforms import (
     route,
     Transform,
     TransformReader,
+    transforms_of,
 )
 from forcecal_ros.schema import Vector7
 
@@ -112,7 +113,7 @@ class TransformPose:
             if pose is not None:
                 return self._alone(pose)
             self._direct = False
-        found = self._read(raw)
+        found = transforms_of(layout, values)
         for one in found:
             if self._parents.get(one.child) != one.parent:
                 self._attach(one)

@@ -60,10 +60,7 @@ class TransformReader:
         struct.error
             It is shorter than it says.
         """
-        layout, values = self.laid_out(raw)
-        return [Transform(parent, child, values[k] * 1_000_000_000 + values[k + 1],
-                          values[k + 6:k + FIELDS])
-                for k, (parent, child) in zip(range(0, len(values), FIELDS), layout.frames)]
+        return transforms_of(*self.laid_out(raw))
 
     def laid_out(self, raw: bytes) -> tuple[Layout, tuple[Any, ...]]:
         """
@@ -83,6 +80,13 @@ class TransformReader:
             layout = self._layouts[key] = _layout(raw)
             values = layout.unpack(raw)
         return layout, values
+
+
+def transforms_of(layout: Layout, values: tuple[Any, ...]) -> list[Transform]:
+    """Return the transforms of one message."""
+    return [Transform(parent, child, values[k] * 1_000_000_000 + values[k + 1],
+                      values[k + 6:k + FIELDS])
+            for k, (parent, child) in zip(range(0, len(values), FIELDS), layout.frames)]
 
 
 def _names(values: tuple[Any, ...]) -> tuple[tuple[Any, ...], ...]:
