@@ -1,7 +1,7 @@
-"""Tares at every rate of the wrench, and poses from /tf; prints the tables of docs/figures.md.
+"""Tares at every rate of the wrench, poses from /tf and joints; prints tables of docs/figures.md.
 
     python benchmark/stack.py                  # 50 seeds each, some four minutes
-    python benchmark/stack.py --seeds 0        # poses from /tf alone
+    python benchmark/stack.py --seeds 0        # poses from /tf and joints alone
 
 Noise is the simulated rig's, stamps jitter by a tenth of a period, one sample in twenty is lost
 on every topic. The observer is fed as its node feeds it, and tared at the end.
@@ -14,6 +14,7 @@ import os
 from pathlib import Path
 import sys
 import time
+from typing import Any
 
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 ROOT = Path(__file__).resolve().parents[1]
@@ -22,13 +23,15 @@ sys.path[:0] = [str(ROOT), str(ROOT / 'test' / 'helpers')]
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, quaternion_from_matrix
-from forcecal_ros.nodes.wire import Reader, Writer
+from forcecal_ros.nodes.wire import JointsReader, Reader, Writer
 from forcecal_ros.observe import design, noise_levels
+from forcecal_ros.observe.joint_pose import JointPose
 from forcecal_ros.observe.live import LiveObserver
 from forcecal_ros.observe.playback import events
 from forcecal_ros.observe.transforms import TransformPose
 from forcecal_ros.recording.streams import PoseStream, Recording
 from forcecal_ros.recording.transforms import TF
+from forcecal_ros.recording.urdf import Description
 from geometry_msgs.msg import PoseStamped
 import numpy as np
 from observing import calibration, lossy, observed, push, record, Swing
@@ -117,6 +120,34 @@ def joints_of(pose: PoseStream, count: int) -> list[bytes]:
     return [message(n) for n in range(len(stamps))]
 
 
+def said_by_joints(pose: PoseStream) -> tuple[list[bytes], Callable[[bytes], Any]]:
+    """Return serialised JointStates of three slides and three turns, and their reader."""
+    kind, names = STORE.types, ['x', 'y', 'z', 'yaw', 'pitch', 'roll']
+    middle = Rotation.from_matrix(pose.R_base_sensor[0])
+    angles = np.unwrap((Rotation.from_matrix(pose.R_base_sensor) * middle.inv())
+                       .as_euler('ZYX'), axis=0)
+    parents, axes = ['base', *names], (0, 1, 2, 2, 1, 0)
+    joints = ''.join(
+        f'<joint name="{name}" type="{"prismatic" if k < 3 else "continuous"}">'
+        f'<parent link="{parents[k]}"/><child link="{name}"/>'
+        f'<axis xyz="{" ".join(str(int(i == axes[k])) for i in range(3))}"/></joint>'
+        for k, name in enumerate(names))
+    rpy = ' '.join(map(repr, middle.as_euler('xyz').tolist()))
+    text = (f'<robot name="gantry">{joints}<joint name="mount" type="fixed"><parent link="roll"/>'
+            f'<child link="ft_sensor"/><origin rpy="{rpy}"/></joint></robot>').encode()
+
+    def message(t: float, positions: Array) -> bytes:
+        stamp = kind['builtin_interfaces/msg/Time'](*divmod(round(1e9 * t), 10**9))
+        return bytes(STORE.serialize_cdr(kind['sensor_msgs/msg/JointState'](
+            kind['std_msgs/msg/Header'](stamp, ''), names, positions, np.zeros(6), np.zeros(6)),
+            'sensor_msgs/msg/JointState'))
+
+    poses = JointPose(Description(text, 'gantry'), 'base', 'ft_sensor', 'pose', 'gantry')
+    read = JointsReader(poses.drivers)
+    return [message(t, one) for t, one in zip(
+        pose.t.tolist(), np.hstack([pose.position, angles]))], lambda raw: poses.take(*read(raw))
+
+
 def run_with(recording: Recording, raw: list[bytes],
              read: Callable[[bytes], tuple[int, tuple[float, ...]] | None]
              ) -> tuple[Array, float]:
@@ -138,7 +169,7 @@ def run_with(recording: Recording, raw: list[bytes],
 
 
 def transforms() -> bool:
-    """Print how far contact wrenches by /tf and by a topic are apart, and what each costs."""
+    """Print how far contact wrenches by /tf, joints and a topic are apart, and what each costs."""
     recording = record(4.0, seed=1, rates=(1000.0, 1000.0, 1000.0),
                        swing=Swing(place=(0.02, 0.0, 0.01), turn=0.3), contact=push(0, 20.0, 3.0))
     pose = recording.pose
@@ -153,14 +184,16 @@ def transforms() -> bool:
         least = min(least, run_with(recording, topic, Reader(PoseStamped))[1])
     row('a topic', [f'{least:.1f} us', '', ''])
     good = True
-    for count in JOINTS:
-        messages = joints_of(pose, count)
-        runs = [run_with(recording, messages, TransformPose('base', 'ft_sensor').take)
-                for _ in range(ROUNDS)]
+    sources: list[tuple[str, list[bytes], Callable[[], Callable[[bytes], Any]]]] = [
+        (f'/tf, {count} transforms', joints_of(pose, count),
+         lambda: TransformPose('base', 'ft_sensor').take) for count in JOINTS]
+    messages, read = said_by_joints(pose)
+    sources.append(('joint_states and a URDF, 6 joints', messages, lambda: read))
+    for name, messages, reader in sources:
+        runs = [run_with(recording, messages, reader()) for _ in range(ROUNDS)]
         apart, took = np.abs(runs[0][0] - reference).max(), min(took for _, took in runs)
         good = good and apart < 0.02
-        row(f'/tf, {count} transforms', [f'{took:.1f} us', f'{took / least:.2f}',
-                                         f'{apart:.2g} N, N m'])
+        row(name, [f'{took:.1f} us', f'{took / least:.2f}', f'{apart:.2g} N, N m'])
     return good
 
 

@@ -1,20 +1,24 @@
-"""Where the pose of ft_sensor comes from: a topic or /tf, of itself or of what it is fixed to."""
+"""Where ft_sensor is: by a topic, /tf or joint states, of itself or of what it is fixed to."""
 
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from struct import error as StructError
 from typing import Any, NamedTuple
 
-from forcecal_ros.errors import ConfigError
-from forcecal_ros.nodes.wire import frame_of, Reader, Sample
+from forcecal_ros.errors import ConfigError, DataError
+from forcecal_ros.nodes.wire import frame_of, JointsReader, Reader, Sample
 from forcecal_ros.observe.frames import Placement
+from forcecal_ros.observe.joint_pose import JointPose
 from forcecal_ros.observe.mounting import at_the_sensor, mounting_of
 from forcecal_ros.observe.transforms import TransformPose
+from forcecal_ros.recording.urdf import Description
 from forcecal_ros.schema import Parameter
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
+from sensor_msgs.msg import JointState
 
 SENSOR_FROM_POSE = Parameter(
     'sensor.from_pose', [0.0], 'x y z [m] qx qy qz qw of ft_sensor in the frame whose pose is '
@@ -25,6 +29,8 @@ POSE_PARAMETERS = (
               'taken from /tf; both empty: from current_pose'),
     Parameter('pose.frame', '', 'Frame of /tf whose pose is taken, as often as the slowest moving '
               'transform between the two comes; see sensor.from_pose where it is not ft_sensor'),
+    Parameter('pose.urdf', '', 'URDF of the robot, a file or its text: poses of the link '
+              'pose.frame in the link pose.base are computed from joint_states; empty: from /tf'),
     SENSOR_FROM_POSE)
 
 STATIC = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE,
@@ -63,14 +69,17 @@ class PoseSource(NamedTuple):
 
 def pose_source(node: Node) -> PoseSource:
     """
-    Return where a node that has ``pose.base`` and ``pose.frame`` takes poses from.
+    Return where a node that has ``POSE_PARAMETERS`` takes poses from.
 
     Raises
     ------
     ConfigError
-        One of the two is missing, or tf2_msgs is.
+        A frame is missing, tf2_msgs is, or the URDF leads from none of the frames to the other.
     """
-    base, frame = (str(node.get_parameter(f'pose.{name}').value) for name in ('base', 'frame'))
+    base, frame, urdf = (str(node.get_parameter(f'pose.{name}').value)
+                         for name in ('base', 'frame', 'urdf'))
+    if urdf:
+        return _of_joints(node, base, frame, urdf)
     if not (base or frame):
         return PoseSource('current_pose', 'current_pose', PoseStamped, Reader(PoseStamped),
                           frame_of)
@@ -96,6 +105,36 @@ def pose_source(node: Node) -> PoseSource:
     static = node.create_subscription(message_type, '/tf_static', take_static, STATIC, raw=True)
     return PoseSource('/tf', f'/tf ({base} to {frame})', message_type, read, lambda raw: base,
                       static)
+
+
+def _of_joints(node: Node, base: str, frame: str, urdf: str) -> PoseSource:
+    if not (base and frame):
+        raise ConfigError(f'pose.{"frame" if base else "base"} is empty, and pose.urdf is given; '
+                          'name the links of the base and of the pose')
+    source = 'the text of pose.urdf' if urdf.lstrip().startswith('<') else urdf
+    try:
+        text = urdf.encode() if source != urdf else Path(urdf).read_bytes()
+        poses = JointPose(Description(text, source), base, frame, 'pose', source)
+    except OSError as error:
+        raise ConfigError(f'pose.urdf {urdf}: cannot be read ({error.strerror}); name a URDF, or '
+                          'give its text') from error
+    except DataError as error:
+        raise ConfigError(f'pose.urdf: {error}') from error
+    joints = JointsReader(poses.drivers)
+
+    def read(raw: bytes) -> Sample | None:
+        found = poses.take(*joints(raw))
+        if found is not None:
+            return Sample(*found)
+        if poses.why_not:
+            node.get_logger().warning(
+                f'joint_states: {poses.why_not}; joints of the newest message are '
+                f'{", ".join(joints.names) or "none"}', throttle_duration_sec=REMIND,
+                skip_first=True)
+        return None
+
+    return PoseSource('joint_states', f'joint_states ({base} to {frame})', JointState, read,
+                      lambda raw: base)
 
 
 def transform_type(why: str, otherwise: str = '') -> Any:

@@ -5,6 +5,7 @@ type here is a header and then doubles, so that all offsets follow from the leng
 """
 
 from collections.abc import Sequence
+from struct import error as StructError
 from struct import pack, Struct, unpack_from
 from typing import Any, NamedTuple
 
@@ -27,6 +28,9 @@ FIRST = {Imu: 25}
 
 WANTED = {Imu: 3, AccelStamped: 3}
 """Number of doubles to read, where not all."""
+
+REMEMBERED = 20
+"""Lists of joints that are kept: more than a robot has publishers of joint states."""
 
 _ENCAPSULATION = 4
 """Bytes before the CDR data, from whose end alignment counts."""
@@ -126,6 +130,91 @@ class JointReader:
             position += 4 + length
         self._names = raw[start:position]
         self._offset = _aligned(position, 4)
+
+
+class JointsReader:
+    """
+    Reads the positions of several joints, by their names, from serialised JointStates.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Joints of the newest message.
+    """
+
+    message_type = JointState
+
+    def __init__(self, joints: Sequence[str]) -> None:
+        self._joints = tuple(joints)
+        self._layouts: dict[bytes, tuple[tuple[str, ...], tuple[int, ...]]] = {}
+        self.names: tuple[str, ...] = ()
+
+    def __call__(self, raw: bytes) -> tuple[int, list[float | None]]:
+        """
+        Read one message.
+
+        Returns
+        -------
+        int and list of float or None
+            Header stamp [ns], and positions [rad or m] in the order of the joints asked for; None
+            where the message lacks one.
+
+        Raises
+        ------
+        struct.error
+            The message is shorter than its type.
+        """
+        order = '<' if raw[1] == 1 else '>'
+        sec, nanosec, length = unpack_from(order + 'iII', raw, 4)
+        start = _aligned(16 + length, 4)
+        end = self._end(raw, order, start)
+        names = raw[start:end]
+        layout = self._layouts.get(names)
+        if layout is None:
+            layout = self._learn(names, order)
+        self.names, slots = layout
+        at = _aligned(end, 4)
+        (count,) = unpack_from(order + 'I', raw, at)
+        if count > len(raw):
+            raise StructError('positions are longer than their message')
+        values: tuple[float | None, ...] = (
+            unpack_from(f'{order}{count}d', raw, _aligned(at + 4, 8)) if count else ())
+        if count < len(self.names):
+            values += (None,) * (len(self.names) - count)
+        values += (None,)  # which the slot of a joint that is not there, -1, points at
+        return sec * 1_000_000_000 + nanosec, [values[slot] for slot in slots]
+
+    def _end(self, raw: bytes, order: str, start: int) -> int:
+        """Return where the names end: those of a message before are looked for first."""
+        for names in self._layouts:
+            if raw.startswith(names, start):
+                return start + len(names)
+        (count,) = unpack_from(order + 'I', raw, start)
+        position = start + 4
+        for _ in range(count):
+            position = _aligned(position, 4)
+            (length,) = unpack_from(order + 'I', raw, position)
+            position += 4 + length
+            if position > len(raw):
+                raise StructError('a name is longer than its message')
+        return position
+
+    def _learn(self, names: bytes, order: str) -> tuple[tuple[str, ...], tuple[int, ...]]:
+        """Find the joints among the names; all count from an offset that is aligned."""
+        (count,) = unpack_from(order + 'I', names, 0)
+        position, found = 4, []
+        for _ in range(count):
+            position += -position % 4
+            (length,) = unpack_from(order + 'I', names, position)
+            text = names[position + 4:position + 4 + length]
+            found.append(text.rstrip(b'\0').decode(errors='replace'))
+            position += 4 + length
+        if len(self._layouts) > REMEMBERED:
+            self._layouts.clear()
+        layout = tuple(found), tuple(
+            found.index(joint) if joint in found else -1 for joint in self._joints)
+        self._layouts[names] = layout
+        return layout
 
 
 class Writer:

@@ -60,6 +60,17 @@ class TransformReader:
         struct.error
             It is shorter than it says.
         """
+        return transforms_of(*self.laid_out(raw))
+
+    def laid_out(self, raw: bytes) -> tuple[Layout, tuple[Any, ...]]:
+        """
+        Return where everything is in one message, the same object for the same names, and values.
+
+        Raises
+        ------
+        struct.error
+            It is shorter than it says.
+        """
         key = raw[1], len(raw)
         layout = self._layouts.get(key)
         values = layout.unpack(raw) if layout else ()
@@ -68,13 +79,19 @@ class TransformReader:
                 self._layouts.clear()
             layout = self._layouts[key] = _layout(raw)
             values = layout.unpack(raw)
-        return [Transform(parent, child, values[k] * 1_000_000_000 + values[k + 1],
-                          values[k + 6:k + FIELDS])
-                for k, (parent, child) in zip(range(0, len(values), FIELDS), layout.frames)]
+        return layout, values
+
+
+def transforms_of(layout: Layout, values: tuple[Any, ...]) -> list[Transform]:
+    """Return the transforms of one message."""
+    return [Transform(parent, child, values[k] * 1_000_000_000 + values[k + 1],
+                      values[k + 6:k + FIELDS])
+            for k, (parent, child) in zip(range(0, len(values), FIELDS), layout.frames)]
 
 
 def _names(values: tuple[Any, ...]) -> tuple[tuple[Any, ...], ...]:
-    return tuple(values[k::FIELDS] for k in (2, 3, 4, 5))
+    """Return the texts; where they are the same, lengths differ by zeros behind them only."""
+    return values[3::FIELDS], values[5::FIELDS]
 
 
 def _layout(raw: bytes) -> Layout:
@@ -99,7 +116,7 @@ def _layout(raw: bytes) -> Layout:
     struct = Struct(''.join(parts))
     values = struct.unpack_from(raw)
     names = _names(values)
-    frames = zip(map(_text, names[1]), map(_text, names[3]))
+    frames = zip(map(_text, names[0]), map(_text, names[1]))
     return Layout(struct.unpack_from, names, tuple(frames))
 
 

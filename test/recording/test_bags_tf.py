@@ -153,3 +153,26 @@ def test_the_command_line_takes_frames(bag, tmp_path, capsys):
                    str(tmp_path / 'c.yaml')])
     assert status == 1
     assert "there is no frame 'nowhere' in /tf" in capsys.readouterr().err
+
+
+def test_one_message_of_all_transforms_is_the_pose_of_one_message_each():
+    rng, whole, apart = np.random.default_rng(2), *(TransformPose('left', 'tool')
+                                                    for _ in range(2))
+    links = (('base', 'left'), ('base', 'arm'), ('arm', 'hand'))
+    for live in (whole, apart):
+        live.take_static(tf_message(transform(0, 'hand', 'tool', *FIXED)))
+    found = []
+    for n in range(1, 40):
+        stamps = [1000 * n] * 3 if n != 20 else [20_000, 20_000, 19_900]
+        parts = [transform(stamp, *link, Rotation.from_rotvec(rng.normal(size=3)),
+                           rng.normal(size=3)) for stamp, link in zip(stamps, links)]
+        if n == 10:
+            parts[1].transform.rotation.w = np.nan
+        if n == 30:
+            parts[2].transform.rotation.x *= 3.0
+        both = (whole.take(tf_message(*parts)), [apart.take(tf_message(one)) for one in parts][-1])
+        if n not in (1, 10, 20):  # frames are not known yet, a part is no number, one is late
+            found.append(both)
+    for one, other in found:
+        assert one.stamp_ns == other.stamp_ns
+        np.testing.assert_allclose(one.values, other.values, atol=1e-12)

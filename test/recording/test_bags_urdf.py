@@ -3,11 +3,15 @@
 from bag_samples import header, START_NS, wrench_message, write_messages
 from forcecal_ros.cli import main
 from forcecal_ros.errors import DataError
+from forcecal_ros.nodes.wire import JointsReader
+from forcecal_ros.observe.joint_pose import JointPose
 from forcecal_ros.recording.bags import read_recording
+from forcecal_ros.recording.urdf import Description
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
+from scipy.spatial.transform import Rotation
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 T = 0.01 * np.arange(100)
@@ -163,3 +167,22 @@ def test_the_command_line_takes_links(bag, tmp_path, capsys):
     assert main(['calibrate', str(bag), '--topic', 'pose=urdf:/robot_description:base_link:none',
                  '-o', str(tmp_path / 'c.yaml')]) == 1
     assert "there is no frame 'none' in /robot_description" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('base, link', [
+    ('base_link', 'ft_sensor'), ('upper', 'ft_sensor'), ('ft_sensor', 'upper'),
+    ('slide', 'finger')])
+def test_a_node_computes_the_same_poses_message_by_message(bag, base, link):
+    offline = read_recording(bag, {'pose': f'urdf:/robot_description:{base}:{link}'}).pose
+    live = JointPose(Description(ROBOT.encode(), 'arm.urdf'), base, link, 'pose', 'arm.urdf')
+    read = JointsReader(live.drivers)
+    with Reader(bag) as reader:
+        heard = [raw for connection, _, raw in reader.messages()
+                 if connection.topic == '/joint_states']
+    found = [pose for raw in heard if (pose := live.take(*read(raw))) is not None]
+    values = np.array([pose.values for pose in found])
+    assert len(heard) == 2 * len(found) == 2 * len(T)
+    np.testing.assert_allclose([pose.stamp_ns for pose in found], 1e9 + 1e9 * T, atol=1)
+    np.testing.assert_allclose(values[:, :3], offline.position, atol=1e-12)
+    np.testing.assert_allclose(Rotation.from_quat(values[:, 3:]).as_matrix(),
+                               offline.R_base_sensor, atol=1e-12)
