@@ -39,20 +39,22 @@ def jump_within(blocks: Blocks, use: Mask) -> Jump | None:
     white = np.linalg.solve(root, (raw - raw.mean(axis=0)).T).T
     q, _ = np.linalg.qr(np.column_stack([np.ones(n), g]))
     off = white - q @ (q.T @ white)
-    splits = range(max(1, round(SIDE * n)), n - round(SIDE * n))
-    if not splits:
+    splits = np.arange(max(1, round(SIDE * n)), n - round(SIDE * n))
+    if not len(splits):
         return None
-    at = np.arange(n)[:, None]
-    steps = np.hstack([at >= np.array(splits), at / n]).astype(float)
-    steps -= q @ (q.T @ steps)
-    *gains, drift = ((steps.T @ off)**2).sum(axis=1) / np.maximum((steps**2).sum(axis=0), TINY)
+    # what follows a split less its affine part, by sums from there on: memory grows with n only
+    after_q, after_off = (np.cumsum(x[::-1], axis=0)[::-1][splits] for x in (q, off))
+    size = n - splits - (after_q**2).sum(axis=1)
+    gains = (after_off**2).sum(axis=1) / np.maximum(size, TINY)
+    drift = np.arange(n) / n
+    drift -= q @ (q.T @ drift)
+    steady = ((drift @ off)**2).sum() / max(drift @ drift, TINY)
     best = int(np.argmax(gains))
-    if gains[best] < max(SURE, EXPLAINS * float((off**2).sum()), DRIFTS * drift):
+    if gains[best] < max(SURE, EXPLAINS * float((off**2).sum()), DRIFTS * steady):
         return None
-    column = steps[:, best]
-    size = np.abs(root @ (column @ off) / float(column @ column))
+    jump = np.abs(root @ after_off[best] / size[best])
     span = np.maximum(affine(g, raw)[2], 1e-12)
-    return Jump(float(start[splits[best]]), float((size / span).max()))
+    return Jump(float(start[splits[best]]), float((jump / span).max()))
 
 
 def offset_moves(data_sets: Sequence[tuple[Blocks, Mask]]) -> Array:
