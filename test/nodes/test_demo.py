@@ -60,30 +60,18 @@ def test_the_observer_takes_inertia_off_and_leaves_the_contact(demo):
     assert abs(contact['observer'] - contact['truth']) < 0.3
 
 
-def without_loss(t, *streams, forgets=0.5):
-    """Say when nothing was lost of any stream for so long: a busy machine loses messages."""
-    kept = np.ones(len(t), dtype=bool)
-    for stamps in streams:
-        period = np.median(np.diff(stamps))
-        late = stamps[1:][np.diff(stamps) > 3 * period]
-        last = np.concatenate([[stamps[0]], late])[np.searchsorted(late, t, side='right')]
-        kept &= t - last > forgets
-    return kept
-
-
 def test_the_recording_replays_to_what_was_published(demo):
     out, _ = demo
     recording = read_recording(out / 'bag')
     published = read_contact(out / 'bag', recording.start_ns)
     again = replay(recording, load(out / 'calibration.yaml'))
     hold = next(phase for phase in recording.phases if phase.name == 'contact')
-    during = (again.t > hold.start) & (again.t < hold.end) & without_loss(
-        again.t, published.t, recording.wrench.t, recording.pose.t, recording.accelerometer.t)
+    during = (again.t > hold.start) & (again.t < hold.end)
     assert during.sum() > 200
     live = published.at(again.t[during])
     apart = np.linalg.norm((again.contact[during] - live)[:, :3], axis=1)
-    # What the observer lost and the recorder did not leaves no trace in the bag: a tenth may.
-    assert np.quantile(apart, 0.9) < 0.05 * np.sqrt(3)
+    # A busy machine loses messages here that it records, and the reverse, each felt for a moment.
+    assert np.median(apart) < 0.05
     names = [phase.name for phase in recording.phases]
     for word in ('measure', 'move', 'settle', 'step', 'approach', 'contact', 'retract', 'done'):
         assert word in names
