@@ -48,7 +48,7 @@ def jump_within(blocks: Blocks, use: Mask) -> Jump | None:
     gains = (after_off**2).sum(axis=1) / np.maximum(size, TINY)
     drift = np.arange(n) / n
     drift -= q @ (q.T @ drift)
-    steady = ((drift @ off)**2).sum() / max(drift @ drift, TINY)
+    steady = ((drift @ off)**2).sum() / max(float(drift @ drift), TINY)
     best = int(np.argmax(gains))
     if gains[best] < max(SURE, EXPLAINS * float((off**2).sum()), DRIFTS * steady):
         return None
