@@ -4,20 +4,13 @@ from collections.abc import Mapping, Sequence
 import math
 
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
-from forcecal_ros.diagnose.search.acceptance import SHARE
+from forcecal_ros.diagnose.search.acceptance import decades_of, log_odds, others_beside, SHARE
 
 CANDIDATES = 0.95
 """Probability that the candidate set covers."""
 
 NAMED = 0.8
 """Share of the misfit that effects must explain to be named although more is unexplained."""
-
-TRUST, PER_DECADE, PER_FURTHER = 0.7, 1.4, 1.5
-"""
-Log-odds that effects are the cause which close nothing; more for each factor of ten by which the
-gap shrinks, less for each effect beyond one: a logistic fit to 150 effects that were named in
-opened blind recordings.
-"""
 
 STEEPNESS = 3.0
 """Log-odds of an effect against a discrepancy for each factor of ten by which it brings more."""
@@ -45,8 +38,33 @@ def doubt(log_bayes_factor: float, missing_evidence: float) -> float:
                                                 1e-9) / (SHARE * missing_evidence)))
 
 
+def nameless(log_bayes_factors: Mapping[str, float], missing_evidence: float, closed: float,
+             known: int = 0) -> dict[str, float]:
+    """
+    Return the probability that each effect is none, beside a discrepancy.
+
+    Parameters
+    ----------
+    log_bayes_factors : mapping of str to float
+        Of each effect against a discrepancy in its place.
+    missing_evidence : float
+        As in :func:`doubt`.
+    closed : float
+        Share of the gap that all of them close.
+    known : int
+        Effects besides, known before any model.
+    """
+    out = {}
+    for name, factor in log_bayes_factors.items():
+        decades = min(_decades(closed), decades_of(factor, missing_evidence))
+        cause = _sigmoid(log_odds(decades, known + others_beside(name, log_bayes_factors)))
+        out[name] = 1.0 - cause * (1.0 - doubt(factor, missing_evidence))
+    return out
+
+
 def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], part: UnexplainedPart,
-                  closed: float, known: int = 0, doubts: Mapping[str, float] | None = None
+                  closed: float, known: int = 0, doubts: Mapping[str, float] | None = None,
+                  log_bayes_factors: Mapping[str, float] | None = None
                   ) -> tuple[dict[str, float], list[tuple[str, float]]]:
     """
     Turn log-odds into probabilities.
@@ -61,6 +79,8 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], part: Unexpl
         Effects that close a part of it besides, known before any model.
     doubts : mapping of str to float, optional
         Of each accepted effect, where a discrepancy is allowed for: that it is none.
+    log_bayes_factors : mapping of str to float, optional
+        By which those doubts count in that of the whole.
 
     Returns
     -------
@@ -71,20 +91,19 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], part: Unexpl
     """
     several = len(slots) + known
     if several and (doubts or part.ratio < 1.0 or closed >= NAMED):
-        rest = math.log10(max(1e-4, 1.0 - closed))
-        unknown = _sigmoid(-TRUST + PER_DECADE * rest + PER_FURTHER * (several - 1))
+        unknown = _sigmoid(-log_odds(_decades(closed), several - 1.0))
     else:
         unknown = min(SURE, _sigmoid(8.0 * (min(part.ratio, 3.0) - 1.0)))
     named: dict[str, float] = {}
     chosen: dict[str, float] = {}
     for name, alternatives in slots:
-        nameless = 1.0 - (1.0 - unknown) * (1.0 - (doubts or {}).get(name, 0.0))
+        doubted = (doubts or {}).get(name, unknown)
         weights = {name: 1.0}
         weights.update({k: math.exp(min(0.0, v)) for k, v in alternatives.items()
                         if k != name})
         total = sum(weights.values())
-        shares = {k: (1.0 - nameless) * w / total for k, w in weights.items()}
-        shares[UNKNOWN] = nameless
+        shares = {k: (1.0 - doubted) * w / total for k, w in weights.items()}
+        shares[UNKNOWN] = doubted
         named[name] = shares[name]
         covered = 0.0
         for k, share in sorted(shares.items(), key=lambda pair: -pair[1]):
@@ -92,9 +111,16 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], part: Unexpl
                 break
             chosen[k] = max(chosen.get(k, 0.0), share)
             covered += share
+    if doubts and log_bayes_factors and UNKNOWN in chosen:
+        weight = {name: max(factor, 1e-9) for name, factor in log_bayes_factors.items()}
+        chosen[UNKNOWN] = sum(w * doubts[n] for n, w in weight.items()) / sum(weight.values())
     if not slots and part.ratio >= 1.0 and unknown > 1.0 - CANDIDATES:
         chosen[UNKNOWN] = unknown
     return named, sorted(chosen.items(), key=lambda pair: -pair[1])
+
+
+def _decades(closed: float) -> float:
+    return -math.log10(max(1e-4, 1.0 - closed))
 
 
 def _sigmoid(log_odds: float) -> float:

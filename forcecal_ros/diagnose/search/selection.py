@@ -5,17 +5,20 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
+from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
 from forcecal_ros.diagnose.model.effect_jacobian import EffectJacobian
 from forcecal_ros.diagnose.model.hypotheses import Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.acceptance import (
     acceptable,
+    decades_of,
     explains_beyond,
-    FORM,
     holds_beside_long_memory,
+    least_evidence,
     LEAST_FRACTION,
     LEAST_GAIN,
-    SHARE,
+    log_odds,
+    others_beside,
 )
 from forcecal_ros.diagnose.search.fitted import Accepted, HypothesisFit
 from forcecal_ros.diagnose.search.joint_fit import (
@@ -149,14 +152,17 @@ def _in_full(now: JointFit, results: Sequence[HypothesisFit], out: set[str]) -> 
 
 def _certain(start: LinearisedModel, now: JointFit, factors: Mapping[str, float]
              ) -> tuple[JointFit, ModelComparison]:
-    """Drop what a discrepancy as large as what is unexplained could do as well."""
+    """Drop what a discrepancy as large as what is unexplained, or another, could do as well."""
     while True:
         last = now.comparison()
         now = now._replace(model=replace(now.model, discrepancy_scales=last.scales))
-        # what the strongest effect leaves if its form is another is no effect of its own
-        least = max([SHARE * last.missing_evidence,
-                     *(FORM * factors[a.name] for a in now.accepted)])
-        doubtful = [a for a in now.accepted if factors[a.name] < least]
+        shown = {a.name: factors[a.name] for a in now.accepted}
+        least = least_evidence(last.missing_evidence, list(shown.values()))
+        doubtful = [a for a in now.accepted if factors[a.name] < least
+                    or (factors[a.name] < max(shown.values())
+                        and last.scales != NO_DISCREPANCY and log_odds(
+                            decades_of(factors[a.name], last.missing_evidence),
+                            others_beside(a.name, shown)) < 0.0)]
         if not doubtful:
             return now, last
         worst = min(doubtful, key=lambda a: factors[a.name])
