@@ -26,6 +26,7 @@ from forcecal_ros.diagnose.model.evidence import fit
 from forcecal_ros.diagnose.model.hypotheses import VIBRATION
 from forcecal_ros.diagnose.model.jacobian import combined
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
+from forcecal_ros.diagnose.search.acceptance import of_slow_noise
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
 from forcecal_ros.geometry import Array
 from forcecal_ros.simulators.signals import SMALL
@@ -96,7 +97,10 @@ def summarise_residual(model: LinearisedModel,
     found = None
     if model.discrepancy_scales != NO_DISCREPANCY:
         found = discrepant(model)
-        model = replace(model, residuals=[b - x for b, x in zip(model.residuals, found)])
+        beyond = replace(model, residuals=[b - x for b, x in zip(model.residuals, found)])
+        if discrepancy_evidence > 0.0:
+            discrepancy_evidence = max(0.0, discrepancy_evidence - of_slow_noise(model, beyond))
+        model = beyond
     bins = [c for dataset, n, b in zip(model.datasets, model.noise, model.residuals)
             for c in time_frequency_bins(dataset, n, b) if c.band[0] < dataset.simulation.band]
     lines, wanders = _other_lines(lines_of(model), model)

@@ -1,12 +1,14 @@
 """What an effect has to bring to be accepted."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.fitted import HypothesisFit
+from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.long_memory import unpredicted
 import numpy as np
+from numpy.typing import NDArray
 
 SIGNIFICANT = 0.01
 """Family-wise error of a round of hypotheses (Holm's first step)."""
@@ -56,6 +58,28 @@ def long_memory_likelihood_ratio(before: LinearisedModel, after: LinearisedModel
     before, after : LinearisedModel
         Without and with the effect, each at its best fit.
     """
+    return _likelihood_ratio(before, after, unpredicted)
+
+
+def of_slow_noise(before: LinearisedModel, after: LinearisedModel) -> float:
+    """
+    Log-likelihood that is gained by following noise whose memory is long, and by that alone.
+
+    Parameters
+    ----------
+    before, after : LinearisedModel
+        Without and with what follows it.
+    """
+    def squares(white: Array, rows: NDArray[np.bool_]) -> float:
+        return float(np.sum(white[rows] ** 2))
+
+    return max(0.0, _likelihood_ratio(before, after, squares)
+               - long_memory_likelihood_ratio(before, after))
+
+
+def _likelihood_ratio(before: LinearisedModel, after: LinearisedModel,
+                      unexplained: Callable[[Array, NDArray[np.bool_]], float]) -> float:
+    """Compare whitened residuals by the squares of each channel that remain unexplained."""
     total = 0.0
     for noise, r0, r1 in zip(after.noise, before.residuals, after.residuals):
         for c in range(len(CHANNELS)):
@@ -63,7 +87,7 @@ def long_memory_likelihood_ratio(before: LinearisedModel, after: LinearisedModel
             if not rows.any() or np.array_equal(r0[:, c], r1[:, c]):
                 continue
             white = noise.whiten(np.stack([r0[:, c], r1[:, c]]), c)
-            rests = [unpredicted(w, rows) for w in white]
+            rests = [unexplained(w, rows) for w in white]
             total += 0.5 * int(rows.sum()) * float(np.log(rests[0] / rests[1]))
     return total
 
