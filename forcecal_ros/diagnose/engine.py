@@ -211,7 +211,7 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
         selection.missing_evidence, list(selection.log_bayes_factors.values())))
     sudden = {e.name: e.probability for e in steps}
     known = len(model.fixed) + len(sudden)
-    doubts = nameless(selection.log_bayes_factors, selection.missing_evidence, gap.closed, known)
+    doubts = nameless(selection.log_bayes_factors, selection.missing_evidence, known)
     probability, candidates = probabilities(
         [(a.name, selection.alternatives.get(a.name, {})) for a in selection.accepted], part,
         gap.closed, known, doubts if with_discrepancy else None, selection.log_bayes_factors)
@@ -225,7 +225,7 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
         whole=not unjudged(model), with_discrepancy=with_discrepancy,
         at_limit=[x for name, values in numbers.items() for x in at_limit(name, values)])
     less = nameless({**selection.log_bayes_factors, **selection.doubtful},
-                    selection.missing_evidence, gap.closed, known)
+                    selection.missing_evidence, known)
     possible = {name: 1.0 - less[name] for name in selection.doubtful}
     candidates = _sorted([*candidates, *((n, p) for n, p in possible.items() if p > FAINT)])
     sentence += steps_in_words(steps) + missing_streams(final.datasets[0].recording)

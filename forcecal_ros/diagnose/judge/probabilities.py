@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 import math
 
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
-from forcecal_ros.diagnose.search.acceptance import decades_of, log_odds, others_beside, SHARE
+from forcecal_ros.diagnose.search.acceptance import log_odds, PER_DECADE, PER_FURTHER, TRUST
 
 CANDIDATES = 0.95
 """Probability that the candidate set covers."""
@@ -12,8 +12,8 @@ CANDIDATES = 0.95
 NAMED = 0.8
 """Share of the misfit that effects must explain to be named although more is unexplained."""
 
-STEEPNESS = 3.0
-"""Log-odds of an effect against a discrepancy for each factor of ten by which it brings more."""
+MODEST = 0.99
+"""Most of the probability of an effect: experience with some hundred shows no more."""
 
 SURE = 0.9
 """Most of the probability of unknown: some gaps are known effects in forms of their own."""
@@ -21,25 +21,8 @@ SURE = 0.9
 UNKNOWN = 'unknown'
 
 
-def doubt(log_bayes_factor: float, missing_evidence: float) -> float:
-    """
-    Return the probability that a discrepancy only looks like an effect.
-
-    Parameters
-    ----------
-    log_bayes_factor : float
-        Log-evidence of the effect against a discrepancy in its place.
-    missing_evidence : float
-        Log-evidence that a model without any flaw would have more; 0: there is none.
-    """
-    if missing_evidence <= 0.0:
-        return 0.0
-    return _sigmoid(-STEEPNESS * math.log10(max(log_bayes_factor,
-                                                1e-9) / (SHARE * missing_evidence)))
-
-
-def nameless(log_bayes_factors: Mapping[str, float], missing_evidence: float, closed: float,
-             known: int = 0) -> dict[str, float]:
+def nameless(log_bayes_factors: Mapping[str, float], missing_evidence: float, known: int = 0
+             ) -> dict[str, float]:
     """
     Return the probability that each effect is none, beside a discrepancy.
 
@@ -48,18 +31,13 @@ def nameless(log_bayes_factors: Mapping[str, float], missing_evidence: float, cl
     log_bayes_factors : mapping of str to float
         Of each effect against a discrepancy in its place.
     missing_evidence : float
-        As in :func:`doubt`.
-    closed : float
-        Share of the gap that all of them close.
+        Log-evidence that a model without any flaw would have more.
     known : int
         Effects besides, known before any model.
     """
-    out = {}
-    for name, factor in log_bayes_factors.items():
-        decades = min(_decades(closed), decades_of(factor, missing_evidence))
-        cause = _sigmoid(log_odds(decades, known + others_beside(name, log_bayes_factors)))
-        out[name] = 1.0 - cause * (1.0 - doubt(factor, missing_evidence))
-    return out
+    return {name: 1.0 - min(MODEST, _sigmoid(log_odds(name, log_bayes_factors, missing_evidence,
+                                                      known)))
+            for name in log_bayes_factors}
 
 
 def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], part: UnexplainedPart,
@@ -91,7 +69,9 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], part: Unexpl
     """
     several = len(slots) + known
     if several and (doubts or part.ratio < 1.0 or closed >= NAMED):
-        unknown = _sigmoid(-log_odds(_decades(closed), several - 1.0))
+        shrunk = -math.log10(max(1e-4, 1.0 - closed))
+        unknown = max(1.0 - MODEST, _sigmoid(PER_FURTHER * (several - 1) - TRUST
+                                             - PER_DECADE * shrunk))
     else:
         unknown = min(SURE, _sigmoid(8.0 * (min(part.ratio, 3.0) - 1.0)))
     named: dict[str, float] = {}
@@ -117,10 +97,6 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], part: Unexpl
     if not slots and part.ratio >= 1.0 and unknown > 1.0 - CANDIDATES:
         chosen[UNKNOWN] = unknown
     return named, sorted(chosen.items(), key=lambda pair: -pair[1])
-
-
-def _decades(closed: float) -> float:
-    return -math.log10(max(1e-4, 1.0 - closed))
 
 
 def _sigmoid(log_odds: float) -> float:

@@ -11,14 +11,12 @@ from forcecal_ros.diagnose.model.hypotheses import Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.acceptance import (
     acceptable,
-    decades_of,
     explains_beyond,
     holds_beside_long_memory,
     least_evidence,
     LEAST_FRACTION,
     LEAST_GAIN,
     log_odds,
-    others_beside,
 )
 from forcecal_ros.diagnose.search.fitted import Accepted, HypothesisFit
 from forcecal_ros.diagnose.search.joint_fit import (
@@ -160,9 +158,8 @@ def _certain(start: LinearisedModel, now: JointFit, factors: Mapping[str, float]
         least = least_evidence(last.missing_evidence, list(shown.values()))
         doubtful = [a for a in now.accepted if factors[a.name] < least
                     or (factors[a.name] < max(shown.values())
-                        and last.scales != NO_DISCREPANCY and log_odds(
-                            decades_of(factors[a.name], last.missing_evidence),
-                            others_beside(a.name, shown)) < 0.0)]
+                        and last.scales != NO_DISCREPANCY
+                        and log_odds(a.name, shown, last.missing_evidence) < 0.0)]
         if not doubtful:
             return now, last
         worst = min(doubtful, key=lambda a: factors[a.name])
