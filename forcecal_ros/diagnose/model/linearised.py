@@ -245,8 +245,12 @@ class LinearisedModel:
         if self.noise and self.discrepancy is not None:
             predicted = self.whitened_discrepancy().predicted(residuals)
             residuals = [r - p for r, p in zip(residuals, predicted)]
-        self.noise = [_no_less(fit_autoregression(r, c.measured.present, c.groups), floor)
-                      for r, c in zip(residuals, self.datasets)]
+        fitted = [_no_less(fit_autoregression(r, c.measured.present, c.groups), floor)
+                  for r, c in zip(residuals, self.datasets)]
+        # features are whitened anew for each noise, which takes seconds
+        if not self.noise or not all(old.as_good_as(new, r) for old, new, r in zip(
+                self.noise, fitted, residuals)):
+            self.noise = fitted
 
     def recalibrate(self) -> None:
         """Move the centre to the best nuisances, noise refitted on the way."""
