@@ -225,14 +225,15 @@ def _exchange(start: LinearisedModel, now: JointFit, found: Sequence[Hypothesis]
         less = without_effect(start, now, a.name)
         taken = {b.name for b in less.accepted}
         comparison = less.comparison()
-        log_evidence = now.comparison().null_evidence
+        whole = now.comparison()
+        log_evidence, missing = whole.null_evidence, whole.missing_evidence
         # screened anew an effect may lie far from where it was fitted to
         fitted = log_evidence - comparison.null_evidence
         anew = ranked(comparison, [h for h in found if h.name not in taken], len(found))
         near = _near(anew, a.name, len(found))
         results = [t._replace(evidence=max(t.evidence, fitted)) if t.name == a.name else t
                    for t in anew]
-        weight = weights(results)
+        weight = weights(results, missing)
         if next(t.evidence for t in results if t.name == a.name) < LEAST_GAIN:
             now = (joint_fit(less.model, less.accepted) if less.accepted
                    else JointFit(start, [], []))
@@ -248,7 +249,7 @@ def _exchange(start: LinearisedModel, now: JointFit, found: Sequence[Hypothesis]
             other = _shaped(refitted)
             evidence = other.comparison().null_evidence
             more = evidence - log_evidence
-            odds = more / temperature_of(results) - PARSIMONY * (t.degrees - degrees)
+            odds = more / temperature_of(results, missing) - PARSIMONY * (t.degrees - degrees)
             weight[t.name] = own + odds
             if odds > 0.0:
                 now = other

@@ -22,10 +22,10 @@ Share of the distances between samples that are no gap.
 Samples every 5 ms are two blocks of 4 ms apart each fourth time; few percent of them get lost.
 """
 
-SETTLED = 1e-3
+SETTLED = 1.0
 """
-Log-likelihood a sample by which a noise has to be better to take another's place: as much as its
-coefficients gain by chance in a few thousand samples.
+Log-likelihood of one channel in one kind of motion by which a noise has to be better to take
+another's place: two of its eight coefficients gain as much by chance.
 """
 
 GROUPS = ('rest', 'motion', 'contact')
@@ -132,7 +132,7 @@ class Autoregression(NamedTuple):
                      + np.log(m.sigma[m.groups[rows], c]) for m in (self, other)]
             for g in range(len(GROUPS)):
                 gains = (white[0] - white[1])[self.groups[rows] == g]
-                if not gains.sum() <= max(ORDER, SETTLED * len(gains)):
+                if not gains.sum() <= SETTLED:
                     return False
         return True
 
