@@ -92,8 +92,7 @@ def _simulated(args: argparse.Namespace, page: Any) -> int:
 
     from forcecal_ros.nodes.demo import FOR_SIMULATION, ON_TIME
     from forcecal_ros.nodes.live_view import LiveView
-    from forcecal_ros.nodes.loopback import own_domain
-    from forcecal_ros.nodes.processes import Processes
+    from forcecal_ros.nodes.processes import own_domain, Processes
     from forcecal_ros.nodes.temporary_node import temporary_node
     from forcecal_ros.observe import batch
     from forcecal_ros.simulators.rig import simulator

@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     import time
 
     with needs_ros():
-        from forcecal_ros.nodes.stream_recorder import of_this_package, StreamRecorder
+        from forcecal_ros.nodes.recorder import of_this_package, StreamRecorder
         from forcecal_ros.nodes.temporary_node import temporary_node
     from forcecal_ros.errors import DataError
     from forcecal_ros.recording.bags import BagWriter

@@ -35,8 +35,7 @@ def add_namespace(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     with needs_ros():
-        from forcecal_ros.nodes.asking import ask
-        from forcecal_ros.nodes.temporary_node import temporary_node
+        from forcecal_ros.nodes.temporary_node import ask, temporary_node
     from forcecal_ros.errors import DataError
 
     path = f'{args.namespace.strip("/")}/{args.service.format(getattr(args, "node", ""))}'

@@ -21,8 +21,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     with needs_ros():
-        from forcecal_ros.nodes.asking import node_statuses, WORDS
-        from forcecal_ros.nodes.temporary_node import temporary_node
+        from forcecal_ros.nodes.temporary_node import node_statuses, temporary_node, WORDS
     from forcecal_ros.errors import DataError
 
     namespace = args.namespace.strip('/')
