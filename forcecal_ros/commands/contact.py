@@ -107,7 +107,7 @@ def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'Obse
         What was assumed.
     """
     from forcecal_ros.observe.bandwidth import UNMEASURED
-    from forcecal_ros.observe.noise import with_noise
+    from forcecal_ros.observe.from_file import with_noise
     from forcecal_ros.observe.settings import LEARNING
     from forcecal_ros.recording.mount import in_axes_of_pose
 

@@ -8,7 +8,7 @@ from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.nodes.runtime import LATCHED
-from forcecal_ros.observe.accuracy import Accuracy
+from forcecal_ros.observe.gains import Accuracy
 from forcecal_ros.observe.live import LiveObserver
 from forcecal_ros.observe.payload.model import payload_model, PayloadSettings
 from forcecal_ros.observe.payload.step import FROZEN, NOT_EXCITED, ToolEstimate, TRACKING
@@ -21,7 +21,6 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
 TOPIC = 'observer/tool'
 """Where a tool is told."""
-
 
 TRACKED = 'tracked'
 """Value of the parameter ``tool``: the tool is what this topic, or the node's own tracker says."""

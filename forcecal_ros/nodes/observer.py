@@ -27,8 +27,8 @@ from forcecal_ros.nodes.runtime import answering, LATCHED, ManagedNode, OUTPUT, 
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Writer
 from forcecal_ros.observe import ContactSample, design, noise_levels, ObserverSettings
-from forcecal_ros.observe.accuracy import accuracy
 from forcecal_ros.observe.frames import Frames, Placement
+from forcecal_ros.observe.gains import accuracy
 from forcecal_ros.observe.live import LiveObserver, Samples, Values
 from forcecal_ros.observe.mounting import agreed, at_the_sensor
 from forcecal_ros.observe.tare import with_bias
