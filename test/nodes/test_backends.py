@@ -9,7 +9,7 @@ from forcecal_ros.geometry import (
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.poses import flatten_poses, nominal_poses
 from forcecal_ros.motion.profiles import Pose
-from forcecal_ros.nodes.launching import preset_file, read_preset
+from forcecal_ros.nodes.presets import preset_file, read_preset
 from forcecal_ros.nodes.runtime import OUTPUT
 from geometry_msgs.msg import TwistStamped
 from live import Live, Robot
