@@ -109,7 +109,7 @@ def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'Obse
     from forcecal_ros.observe.bandwidth import UNMEASURED
     from forcecal_ros.observe.from_file import with_noise
     from forcecal_ros.observe.settings import LEARNING
-    from forcecal_ros.recording.mount import in_axes_of_pose
+    from forcecal_ros.recording.axes import in_axes_of_pose
 
     notes: tuple[str, ...] = ()
     if (calibration.noise is None and settings.filter in LEARNING
@@ -130,7 +130,7 @@ def with_known_delay(calibration: 'Calibration', recording: 'Recording'
     """Find the delay between the sensors in the recording; returns as :func:`prepared` does."""
     from forcecal_ros.errors import DataError
     from forcecal_ros.identify.delay import estimate_delay, with_delay
-    from forcecal_ros.recording.mount import in_axes_of_pose
+    from forcecal_ros.recording.axes import in_axes_of_pose
     import numpy as np
 
     sensor, sensor_rotation = calibration.accelerometer, calibration.sensor_rotation

@@ -4,6 +4,7 @@ from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.lasting_change import lasting_change
+from forcecal_ros.recording.axes import DOWN
 from forcecal_ros.recording.checks.at_rest import (
     at_rest,
     AtRest,
@@ -17,7 +18,6 @@ from forcecal_ros.recording.checks.frame_faults import refuse_other_frame
 from forcecal_ros.recording.checks.frames import Forces, judge
 from forcecal_ros.recording.checks.orientations import refuse_other_orientation
 from forcecal_ros.recording.checks.torques import refuse_exchanged, refuse_other_torques
-from forcecal_ros.recording.level import DOWN
 from forcecal_ros.recording.streams import Recording
 import numpy as np
 

@@ -4,6 +4,7 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.identify.static_readings import check_weight, Statics
+from forcecal_ros.recording.axes import DOWN, level_from_base
 from forcecal_ros.recording.checks.frame_faults import (
     refuse_other_frame,
     refuse_unexplained,
@@ -13,7 +14,6 @@ from forcecal_ros.recording.checks.frame_faults import (
 from forcecal_ros.recording.checks.frames import Forces, judge
 from forcecal_ros.recording.checks.orientations import refuse_other_orientation
 from forcecal_ros.recording.checks.torques import refuse_exchanged, refuse_other_torques
-from forcecal_ros.recording.level import DOWN, level_from_base
 import numpy as np
 
 

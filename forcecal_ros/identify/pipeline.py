@@ -37,12 +37,11 @@ from forcecal_ros.identify.static_readings import gravity_spread, Statics, Turne
 from forcecal_ros.identify.statics import read_statics, ring_of, sag_of, with_ring
 from forcecal_ros.identify.tool import identify_tool, ToolFit
 from forcecal_ros.identify.unsettled import settled
+from forcecal_ros.recording.axes import in_axes_of_pose, level_from_base, levelled
 from forcecal_ros.recording.checks.clipping import clipped
 from forcecal_ros.recording.checks.entry import checked
 from forcecal_ros.recording.checks.units import refuse_on_another_link, refuse_other_unit
 from forcecal_ros.recording.kinematics import AngularMotion
-from forcecal_ros.recording.level import level_from_base, levelled
-from forcecal_ros.recording.mount import in_axes_of_pose
 from forcecal_ros.recording.stamps import with_even_stamps
 from forcecal_ros.recording.streams import Recording
 from forcecal_ros.recording.time_grid import Averager

@@ -11,7 +11,7 @@ from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.identify.static_readings import Statics
 from forcecal_ros.recording.checks.clipping import resolution
 from forcecal_ros.recording.noise.autocovariance import noise_of_windows
-from forcecal_ros.recording.noise.rounding import rounding_variance
+from forcecal_ros.recording.noise.white import rounding_variance
 from forcecal_ros.recording.streams import phase_spans, Recording, Stream
 from forcecal_ros.recording.time_grid import Averager
 import numpy as np

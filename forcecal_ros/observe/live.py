@@ -28,8 +28,7 @@ from forcecal_ros.observe.tare import (
     without_learned_bias,
 )
 from forcecal_ros.observe.tracking import product, Quaternion, rotate
-from forcecal_ros.recording.level import level_from_base
-from forcecal_ros.recording.mount import pose_from_wire
+from forcecal_ros.recording.axes import level_from_base, pose_from_wire
 import numpy as np
 
 Values = tuple[float, ...]

@@ -5,8 +5,7 @@ from typing import NamedTuple
 
 from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.geometry import Array
-from forcecal_ros.recording.level import levelled
-from forcecal_ros.recording.mount import in_axes_of_pose
+from forcecal_ros.recording.axes import in_axes_of_pose, levelled
 from forcecal_ros.recording.streams import FREE, Recording, STILL, Stream
 from forcecal_ros.report import figures
 from forcecal_ros.report.origin import origin

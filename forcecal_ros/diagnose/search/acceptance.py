@@ -3,7 +3,7 @@
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.fitted import HypothesisFit
-from forcecal_ros.recording.noise.long_memory import unpredicted
+from forcecal_ros.recording.noise.autoregression import unpredicted
 import numpy as np
 
 SIGNIFICANT = 0.01
