@@ -23,9 +23,8 @@ from forcecal_ros.identify.pipeline import identify
 from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.recording.streams import Recording
 from forcecal_ros.rig_fit.sensors import noise_of, rate_beside
-from forcecal_ros.simulators.carried_tool import CarriedTool
 from forcecal_ros.simulators.low_pass import slowed
-from forcecal_ros.simulators.rigid_tool import GYRATION
+from forcecal_ros.simulators.rigid_tool import CarriedTool, GYRATION
 import numpy as np
 
 MOST_TURNED = 0.02

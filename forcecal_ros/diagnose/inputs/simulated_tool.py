@@ -10,8 +10,7 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, skew
 from forcecal_ros.identify.inertia import inertia_regressor, symmetric
 from forcecal_ros.recording.streams import phase_spans, Recording, TOUCHING
-from forcecal_ros.simulators.carried_tool import CarriedTool
-from forcecal_ros.simulators.rigid_tool import GYRATION, rigid_tool_of_rig, RigidTool
+from forcecal_ros.simulators.rigid_tool import CarriedTool, GYRATION, rigid_tool_of_rig, RigidTool
 from forcecal_ros.simulators.signals import BLOCK, block_means, RATE
 import numpy as np
 from numpy.typing import NDArray
