@@ -155,9 +155,8 @@ def _setup(args: argparse.Namespace) -> Setup:
     from forcecal_ros.geometry import quaternion_from_matrix
     from forcecal_ros.motion.limits import Limits
     from forcecal_ros.motion.plan import Timing
-    from forcecal_ros.motion.poses import read_poses
+    from forcecal_ros.motion.poses import reach_of, read_poses
     from forcecal_ros.motion.profiles import Pace, Pose
-    from forcecal_ros.motion.reach import reach_of
     from forcecal_ros.schema import section_of
     from forcecal_ros.simulators.rig.file import load_rig
     import numpy as np
@@ -209,9 +208,9 @@ def _calibration(args: argparse.Namespace) -> int:
 
     from forcecal_ros.atomic_files import write_text
     from forcecal_ros.calibration.file import load
-    from forcecal_ros.motion.design_file import as_text, to_document, to_parameters
     from forcecal_ros.motion.information import sensors_of
     from forcecal_ros.motion.optimal_design import criterion_of, design_calibration, Robot
+    from forcecal_ros.motion.plan_file import as_text, to_document, to_parameters
     from forcecal_ros.simulators.rig.truth import expected_sensors
 
     setup = _setup(args)
