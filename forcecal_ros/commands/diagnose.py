@@ -296,7 +296,7 @@ def _written(args: argparse.Namespace, given: tuple[Any, ...], outcome: Any, rig
     from forcecal_ros.report.diagnosis import render
     from forcecal_ros.report.diagnosis_view import view_of, view_without_signals
     from forcecal_ros.report.diagnosis_words import headline, next_step
-    from forcecal_ros.report.origin import origin
+    from forcecal_ros.report.words import origin
 
     diagnosis, folder = outcome.diagnosis, args.output
     recordings, named = [one for one in given if one is not None], _named(args)

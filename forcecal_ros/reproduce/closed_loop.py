@@ -4,9 +4,8 @@ from collections import deque
 from dataclasses import dataclass
 
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.impedance.law import Measurement
+from forcecal_ros.impedance.law import Controller, Measurement
 from forcecal_ros.impedance.program import Program
-from forcecal_ros.impedance.regulator import Controller
 from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
 from forcecal_ros.reproduce.feedback import Feedback
 from forcecal_ros.simulators.rig.simulator import Samples, Simulator

@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.impedance.law import Law
+from forcecal_ros.impedance.law import Law, Regulator
 from forcecal_ros.impedance.program import Program, Stage, Task
-from forcecal_ros.impedance.regulator import Regulator
 from forcecal_ros.reproduce.assess import assess, exceptions, Figures
 from forcecal_ros.reproduce.closed_loop import ClosedLoopRun, run_closed_loop
 from forcecal_ros.reproduce.feedback import feedback_of, SOURCES
