@@ -18,7 +18,7 @@ from forcecal_ros.impedance.program import Task
 from forcecal_ros.nodes.processes import own_domain, Processes
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.nodes.wire import Reader
-from forcecal_ros.reproduce.rehearsal import rehearse
+from forcecal_ros.reproduce.experiment import rehearse
 from forcecal_ros.simulators.rig.file import load_rig
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 import numpy as np

@@ -4,8 +4,8 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any, TYPE_CHECKING
 
+from forcecal_ros.commands.argument_types import positive
 from forcecal_ros.commands.common import with_reading_of
-from forcecal_ros.commands.numbers import positive
 from forcecal_ros.errors import UsageError
 
 if TYPE_CHECKING:

@@ -3,9 +3,8 @@
 import argparse
 from typing import Any
 
+from forcecal_ros.commands.argument_types import port, topic_name
 from forcecal_ros.commands.common import needs_ros, new_parser, say, say_if_compiling, warn
-from forcecal_ros.commands.names import topic_name
-from forcecal_ros.commands.numbers import port
 from forcecal_ros.commands.service import add_namespace
 from forcecal_ros.errors import UsageError
 

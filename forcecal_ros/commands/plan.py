@@ -4,6 +4,7 @@ import argparse
 import shlex
 from typing import Any, NamedTuple, TYPE_CHECKING
 
+from forcecal_ros.commands.argument_types import positive, real
 from forcecal_ros.commands.common import (
     add_json,
     add_sensor_pose,
@@ -17,7 +18,6 @@ from forcecal_ros.commands.common import (
     say,
     say_if_compiling,
 )
-from forcecal_ros.commands.numbers import positive, real
 from forcecal_ros.commands.outputs import add_output, FILE, stdout_is_taken
 from forcecal_ros.commands.progress import add_quiet, stages
 from forcecal_ros.errors import UsageError

@@ -4,8 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from forcecal_ros.commands.argument_types import whole
 from forcecal_ros.commands.common import new_parser, say, say_if_compiling
-from forcecal_ros.commands.numbers import whole
 from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
 
 LATE = {'wrench_delay': {'delay': 0.004}}

@@ -3,9 +3,8 @@
 import argparse
 from typing import Any
 
+from forcecal_ros.commands.argument_types import namespace, positive
 from forcecal_ros.commands.common import add_json, needs_ros, new_parser, print_json, say
-from forcecal_ros.commands.names import namespace
-from forcecal_ros.commands.numbers import positive
 
 SERVICES = {'start': '{}/start', 'abort': '{}/abort', 'preview': 'sequencer/preview',
             'save': 'sequencer/save_calibration', 'tare': 'observer/tare'}

@@ -3,8 +3,8 @@
 import argparse
 from typing import Any
 
+from forcecal_ros.commands.argument_types import positive
 from forcecal_ros.commands.common import add_json, needs_ros, new_parser, print_json, say
-from forcecal_ros.commands.numbers import positive
 from forcecal_ros.commands.service import add_namespace
 
 

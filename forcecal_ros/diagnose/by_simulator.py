@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.diagnose.by_motion import in_unit
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
+from forcecal_ros.diagnose.inputs.accelerometer import as_compared, imus_compared
 from forcecal_ros.diagnose.inputs.dataset import Dataset, made_up
-from forcecal_ros.diagnose.inputs.imu import as_compared, imus_compared
 from forcecal_ros.diagnose.inputs.measured_joints import (
     compared,
     measured_joints,

@@ -9,7 +9,7 @@ from forcecal_ros.motion.plan import Timing
 from forcecal_ros.motion.poses import flatten_poses, POSE_LENGTH
 from forcecal_ros.motion.profiles import Pace, Pose
 from forcecal_ros.schema import parameters_of
-from forcecal_ros.schema.plain import yaml_value
+from forcecal_ros.schema.file import yaml_value
 
 
 def sequencer_parameters(sequence: str, poses: Mapping[str, Pose], timing: Timing, pace: Pace,

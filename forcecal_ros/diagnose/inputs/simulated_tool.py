@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.inputs.imu import with_imu
+from forcecal_ros.diagnose.inputs.accelerometer import with_imu
 from forcecal_ros.effects.nuisances import possible, rows_of
 from forcecal_ros.effects.rig import NominalTolerances, Rig, Tool
 from forcecal_ros.errors import DataError
