@@ -174,7 +174,8 @@ def cable(x, axis, sign, size):
 
 
 def accel_gain(x, axis, sign, size):
-    x.accel[:, axis] *= 1.0 + sign * size
+    """Scale one of the axes along which gravity turns: x and y of this accelerometer."""
+    x.accel[:, axis // 2] *= 1.0 + sign * size
 
 
 def misalignment(x, axis, sign, size):

@@ -21,9 +21,8 @@ from forcecal_ros.diagnose.localise.time_frequency import (
     TimeFrequencyBin,
 )
 from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
-from forcecal_ros.diagnose.model.effect_jacobian import EffectJacobian
 from forcecal_ros.diagnose.model.evidence import fit
-from forcecal_ros.diagnose.model.hypotheses import VIBRATION
+from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, VIBRATION
 from forcecal_ros.diagnose.model.jacobian import combined
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.acceptance import of_slow_noise
@@ -94,7 +93,7 @@ def summarise_residual(model: LinearisedModel,
     discrepancy_evidence : float
         Log-evidence of its discrepancy.
     """
-    found = None
+    found, seen = None, discrepancy_evidence
     if model.discrepancy_scales != NO_DISCREPANCY:
         found = discrepant(model)
         beyond = replace(model, residuals=[b - x for b, x in zip(model.residuals, found)])
@@ -109,8 +108,12 @@ def summarise_residual(model: LinearisedModel,
     if found is None:
         return ResidualSummary(predictability_of(model, model.base, model.residuals), strongest,
                                lines, impulses, wanders)
-    return ResidualSummary(_as_predictability(model, found, discrepancy_evidence), strongest,
-                           lines, impulses, wanders, discrepancy_evidence)
+    summary = ResidualSummary(_as_predictability(model, found, discrepancy_evidence), strongest,
+                              lines, impulses, wanders, discrepancy_evidence)
+    if discrepancy_evidence < WITHOUT_NAME <= seen:
+        summary = summary._replace(notes=(*wanders, 'slow noise, or else ' + _discrepancy_in_words(
+            summary) + ': the recording is too short to tell'))
+    return summary
 
 
 def discrepant(model: LinearisedModel) -> list[Array]:

@@ -6,8 +6,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
-from forcecal_ros.diagnose.model.effect_jacobian import EffectJacobian
-from forcecal_ros.diagnose.model.hypotheses import Hypothesis
+from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.acceptance import (
     acceptable,
@@ -17,6 +16,10 @@ from forcecal_ros.diagnose.search.acceptance import (
     LEAST_FRACTION,
     LEAST_GAIN,
     log_odds,
+    PARSIMONY,
+    ranked,
+    temperature_of,
+    weights,
 )
 from forcecal_ros.diagnose.search.fitted import Accepted, HypothesisFit
 from forcecal_ros.diagnose.search.joint_fit import (
@@ -26,7 +29,6 @@ from forcecal_ros.diagnose.search.joint_fit import (
     without_effect,
 )
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
-from forcecal_ros.diagnose.search.ranking import PARSIMONY, ranked, temperature_of, weights
 from forcecal_ros.effects.nuisances import LIMIT, ROBOT
 import numpy as np
 
