@@ -12,6 +12,7 @@ from forcecal_ros.diagnose.search.model_comparison import ModelComparison
 from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
 
 SECOND = 250
 """Blocks of one second, which the bootstrap draws together."""
@@ -144,11 +145,15 @@ def gap(datasets: tuple[Dataset, ...], arms: list[Arms], noise: Array, cell_ener
     shares = [_closed(overall(means(draw.integers(0, len(w), len(w)),
                                     errors.drawn(draw) if errors else nothing)))
               for _ in range(DRAWS)]
-    low, high = np.percentile(shares, [2.5, 97.5])
+    closed = _closed(arms3)
+    # a bootstrap of few blocks is too narrow, by the root of n / (n - 1) and as t is to normal
+    few = max(2, len(w))
+    wider = float(np.sqrt(few / (few - 1.0)) * stdtrit(few - 1.0, 0.975) / ndtri(0.975))
+    low, high = closed + wider * (np.percentile(shares, [2.5, 97.5]) - closed)
     channels = {c.name: (float(rms[0, i]), float(rms[1, i]), float(rms[2, i]), float(noise[i]))
                 for i, c in enumerate(CHANNELS) if there[i]}
-    return Gap(float(arms3[0]), float(arms3[1]), float(arms3[2]), _closed(arms3),
-               (float(low), float(high)), channels)
+    return Gap(float(arms3[0]), float(arms3[1]), float(arms3[2]), closed,
+               (float(low), min(1.0, float(high))), channels)
 
 
 def _closed(arms: Array) -> float:
