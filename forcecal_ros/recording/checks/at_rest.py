@@ -30,11 +30,11 @@ ROUNDS, NEARLY = 30, 0.1
 """Rounds after which a fit by absolute deviations stands (twice as many keep the same means), and
 the share of their median below which deviations count alike."""
 
-LEAVES = 0.3
+UNEXPLAINED = 0.3
 """Another frame is believed that leaves less than this share of what the stated one leaves: of
 sound recordings with pushes the ratio is 0.8 and more."""
 
-TURNED_LEAVES = 0.1
+TURNED_UNEXPLAINED = 0.1
 """Turned axes are believed that leave less than this share: gains 25 % too large in one axis and
 15 % too small in another leave 0.29."""
 
@@ -70,7 +70,7 @@ class AtRest(NamedTuple):
         off = min((_deviations(np.concatenate([columns, eye], axis=2), forces.wire)
                    for columns in (in_sensor, forces.R_base_sensor, np.swapaxes(
                        read_from_w(forces.R_base_sensor), 1, 2))), key=np.median)
-        keep = off <= UNTOUCHED * max(float(np.median(off)), limits.NIL)
+        keep = off <= UNTOUCHED * max(float(np.median(off)), limits.TINY)
         return AtRest(self.begins[keep], Forces(
             forces.R_base_sensor[keep], forces.wire[keep], forces.gravity, None),
             self.torque[keep])
@@ -92,7 +92,7 @@ def _deviations(design: Array, wire: Array) -> Array:
     """
     off = np.ones(len(wire))
     for _ in range(ROUNDS):
-        weight = 1.0 / np.sqrt(np.maximum(off, NEARLY * float(np.median(off)) + limits.NIL))
+        weight = 1.0 / np.sqrt(np.maximum(off, NEARLY * float(np.median(off)) + limits.TINY))
         rows = (design * weight[:, None, None]).reshape(-1, design.shape[2])
         fit = np.linalg.lstsq(rows, (wire * weight[:, None]).ravel(), rcond=1e-6)[0]
         off = np.linalg.norm(wire - design @ fit, axis=1)
@@ -161,7 +161,7 @@ def refuse_other_axes(recording: Recording, mass: float, com: Array, gravity: Ar
         return
     judgement = judge(found.forces)
     best, plain = judgement.likely[0], judgement.plain
-    least = TURNED_LEAVES if best.name == 'turned' else LEAVES
+    least = TURNED_UNEXPLAINED if best.name == 'turned' else UNEXPLAINED
     if best.name not in ('tilted', 'both') and (
             plain.mass < 0.0 or best.rms < least * plain.rms):
         refuse_other_frame(judgement, gravity / np.linalg.norm(gravity))
@@ -185,8 +185,8 @@ def place_of(weight: Array, torque: Array) -> Array:
 def refuse_other_lever(weight: Array, torque: Array, com: Array) -> None:
     """Refuse torques of the opposite sign, or a thousand times too large."""
     shown = place_of(weight, torque)
-    times = float(shown @ com) / max(float(com @ com), limits.NIL)
-    off = np.linalg.norm(shown - times * com) / max(float(np.linalg.norm(shown)), limits.NIL)
+    times = float(shown @ com) / max(float(com @ com), limits.TINY)
+    off = np.linalg.norm(shown - times * com) / max(float(np.linalg.norm(shown)), limits.TINY)
     if off > THOUSAND:
         return
     if abs(times + 1.0) < THOUSAND:

@@ -81,7 +81,7 @@ def refuse_unexplained(judgement: Judgement) -> None:
     plain = judgement.plain
     if judgement.likely != (plain,) or plain.degrees < 1:
         return
-    explained = 1.0 - (plain.rms / max(judgement.changes, limits.NIL)) ** 2
+    explained = 1.0 - (plain.rms / max(judgement.changes, limits.TINY)) ** 2
     if explained < limits.EXPLAINED:
         raise DataError(
             f'a weight explains {explained:.0%} of how the forces of the static poses change '
@@ -180,7 +180,7 @@ def _turn(Q: Array, std: float) -> str:
 def _deg(angle: float, std: float) -> str:
     """Say an angle [deg] with its standard error [rad], to the digits that this warrants."""
     error = float(np.degrees(std))
-    decimals = int(np.clip(1 - np.floor(np.log10(max(error, limits.NIL))), 0, 3))
+    decimals = int(np.clip(1 - np.floor(np.log10(max(error, limits.TINY))), 0, 3))
     return f'{angle:.{decimals}f} +- {error:.{decimals}f} deg'
 
 
