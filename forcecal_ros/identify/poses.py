@@ -7,8 +7,8 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, rotation_about, rotation_from_vector, rotation_vector
 from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.motion import rest_within
-from forcecal_ros.recording.required import require
 from forcecal_ros.recording.streams import PoseStream, Recording, STILL, Stream
+from forcecal_ros.recording.topics import require
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation

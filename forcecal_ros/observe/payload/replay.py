@@ -14,8 +14,8 @@ from forcecal_ros.observe.payload.tracker import Tracker
 from forcecal_ros.observe.playback import as_calibrated, collected, events
 from forcecal_ros.observe.sample import ContactEstimate, ContactSample
 from forcecal_ros.observe.settings import ObserverSettings
-from forcecal_ros.recording.required import naming
 from forcecal_ros.recording.streams import Recording
+from forcecal_ros.recording.topics import naming
 
 FADE = 0.5
 """Over which another tool is faded in, as ``takeover.duration`` of the node [s]."""
