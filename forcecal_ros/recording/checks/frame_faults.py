@@ -65,7 +65,7 @@ def refuse_weightless(judgement: Judgement) -> None:
         raise UnobservableError(
             'the forces of the static poses show no weight that turns with the sensor (mass '
             f'{plain.mass:.3g} +- {plain.mass_std:.2g} kg, residual RMS {plain.rms:.2g} N)'
-            f'{_as_in_base(judgement)}; hang the tool on the sensor, add poses, and look '
+            f'{as_in_base(judgement)}; hang the tool on the sensor, add poses, and look '
             "whether the driver publishes in the sensor's frame")
 
 
@@ -207,7 +207,7 @@ def _numbers(vector: Array) -> str:
     return ' '.join(f'{x + 0.0:.4g}' for x in np.round(vector, 4))
 
 
-def _as_in_base(judgement: Judgement) -> str:
+def as_in_base(judgement: Judgement) -> str:
     """Say where a force that never changes would be a weight, were it expressed in base."""
     fit, mean = judgement.plain, judgement.mean
     weight = float(mean @ fit.gravity) / float(fit.gravity @ fit.gravity)
