@@ -31,6 +31,23 @@ NAMES = 17
 """Columns that the names of commands take in the help: the longest and two more."""
 
 
+class Given(argparse.Action):
+    """Stores what is given, once: of two values nobody knows which was meant."""
+
+    _before: Any = None
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace,
+                 values: Any, option_string: str | None = None) -> None:
+        """Put it into the arguments; a name that is empty is none."""
+        if values == '' and self.type is None:
+            raise argparse.ArgumentError(self, 'an empty name is given; name it')
+        if self.option_strings and self._before not in (None, values):
+            raise argparse.ArgumentError(
+                self, f'{self._before} and {values} are given; give one')
+        self._before = values
+        setattr(namespace, self.dest, values)
+
+
 class Parser(argparse.ArgumentParser):
     """
     Says in one line what is wrong.
@@ -47,6 +64,8 @@ class Parser(argparse.ArgumentParser):
         self.options: list[str] = []
         self.commands: Mapping[str, Parser] = {}
         super().__init__(**settings)
+        for name in (None, 'store'):
+            self.register('action', name, Given)
 
     def add_argument(self, *names: Any, **settings: Any) -> argparse.Action:
         """Add an argument, and remember how it is called."""
