@@ -138,7 +138,7 @@ def test_the_facts_name_place_time_and_next_command():
     assert said['Where'].words == ('force.y in phase step, 8 to 16 Hz: 12 times the noise; then '
                                    'torque.x in contact.')
     # of two steps the one with most of the misfit
-    assert said['When'].words == 'Plainest from 10.00 to 12.00 s, in phase step.'
+    assert said['When'].words == 'Most visible from 10.00 to 12.00 s, in phase step.'
     assert said['Next'].command == 'forcecal simulate' and 'In full' not in said
 
 
