@@ -32,6 +32,9 @@ SAID = (SHARE, 'explains it about as well', 'explains the recording down to its 
 FEW = 6
 """Effects that one line of the first screen lists, and how many more there are."""
 
+ROUNDED = 0.02
+"""What rounding adds to probabilities of which one alone is true."""
+
 _CHANNELS = {c.name for c in CHANNELS}
 
 
@@ -159,12 +162,14 @@ def _how_large(view: View) -> str:
 
 def _how_sure(d: Diagnosis) -> str:
     if d.verdict == 'no_gap':
-        hidden = f'; not {_few(d.not_excited)}' if d.not_excited else ''
+        hidden = f', except {_few(d.not_excited)}' if d.not_excited else ''
         return f'Every effect looked for would have shown at its usual size{hidden}.'
     if d.verdict in ('not_excited', 'invalid_data') or not d.candidates:
         return ''
     named = {e.name for e in d.effects}
-    return ', '.join(f'{percent(p)} {_called(name, named)}' for name, p in d.candidates) + '.'
+    said = ', '.join(f'{percent(p)} {_called(name, named)}' for name, p in d.candidates)
+    together = sum(p for _, p in d.candidates) > 1.0 + ROUNDED
+    return f'{said}{"; several may act at once" if together else ""}.'
 
 
 def _few(names: Sequence[str]) -> str:
