@@ -244,9 +244,10 @@ def gaps_behind_highpass(stages: Stages, settings: IdentificationSettings) -> It
     if settings.coupling != 'ac' or stages.accelerometer is None or stages.motion is None:
         return
     gridded = stages.motion.gridded
-    missing = ~np.isfinite(gridded.wrench[gridded.untouched]).all(axis=1)
-    if missing.size and missing.mean() > _MISSING:
-        yield Finding(f'wrench pauses for {missing.mean():.1%} of the motion, which an AC-coupled '
+    missing = gridded.untouched & ~np.isfinite(gridded.wrench).all(axis=1)
+    share = missing.sum() / max(1, (gridded.untouched | (gridded.grid.still >= 0)).sum())
+    if share > _MISSING:
+        yield Finding(f'wrench pauses for {share:.1%} of the motion, which an AC-coupled '
                       'accelerometer remembers; record it without gaps', ACCELEROMETER)
     elif gridded.grid.length > _COARSE * settings.block:
         yield Finding(f'a sensor is so slow that readings are averaged over '
