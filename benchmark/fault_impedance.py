@@ -19,7 +19,7 @@ from fault_motion_runs import ABORT, Bench, FOREIGN, LIMITS, PERIOD, STOP
 from fault_table import arguments, count, go, known, table
 from forcecal_ros.calibration.file import save
 from forcecal_ros.impedance.session import Bounds
-from forcecal_ros.reproduce.rehearsal import rehearse
+from forcecal_ros.reproduce.experiment import rehearse
 from forcecal_ros.simulators.rig.file import load_rig
 from geometry_msgs.msg import WrenchStamped
 import numpy as np

@@ -15,11 +15,10 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.calibration.file import save
 from forcecal_ros.impedance.program import Task
-from forcecal_ros.nodes.loopback import own_domain
-from forcecal_ros.nodes.processes import Processes
+from forcecal_ros.nodes.processes import own_domain, Processes
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.nodes.wire import Reader
-from forcecal_ros.reproduce.rehearsal import rehearse
+from forcecal_ros.reproduce.experiment import rehearse
 from forcecal_ros.simulators.rig.file import load_rig
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 import numpy as np

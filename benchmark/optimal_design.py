@@ -23,9 +23,9 @@ from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
 from forcecal_ros.motion.poses import nominal_poses, orientation, step_goal
 from forcecal_ros.motion.preview import preview
 from forcecal_ros.motion.profiles import Pace, Pose
-from forcecal_ros.simulators.rig.expected import expected_sensors
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.simulators.rig.truth import expected_sensors
 import numpy as np
 
 SETTLE = 0.5

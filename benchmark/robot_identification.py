@@ -11,9 +11,8 @@ import argparse
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
 from forcecal_ros.impedance.design import design
-from forcecal_ros.impedance.plant.excitation import excitation_commands
 from forcecal_ros.impedance.plant.file import save_plant
-from forcecal_ros.impedance.plant.fit import identify_plant
+from forcecal_ros.impedance.plant.fit import excitation_commands, identify_plant
 from forcecal_ros.recording.streams import PoseStream, Recording
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.offline import simulate

@@ -22,13 +22,13 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'test' / 'helpers'))
 
 from forcecal_ros.observe import design, FilterSettings, Imu, ObserverSettings, replay
-from forcecal_ros.observe.filters import ekf, ukf
+from forcecal_ros.observe.filters import gaussian, ukf
 from forcecal_ros.observe.filters.bias_filter import begin, learn
 from forcecal_ros.observe.filters.gaussian import Gaussian, linear, predict
-from forcecal_ros.observe.pose_free.model import pose_free_model
-from forcecal_ros.observe.pose_free.orientation import (
+from forcecal_ros.observe.pose_free.model import (
     exponential,
     LevelBelief,
+    pose_free_model,
     start_pose_free,
 )
 from forcecal_ros.observe.pose_free.step import pose_free_step, PoseFreeState
@@ -224,7 +224,7 @@ def speed():
     def ours():
         return ukf.update(predict(belief, moving, Q), y, linear(H, load), R)
 
-    exact = ekf.update(predict(belief, moving, Q), y, linear(H, load), R)
+    exact = gaussian.update(predict(belief, moving, Q), y, linear(H, load), R)
     out = {'ours_us': _best(ours, 200),
            'ours_from_exact': float(np.abs(ours().mean - exact.mean).max())}
     calibration, _ = arm.calibrate(np.random.default_rng(1), seconds=0.2)

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
+from forcecal_ros.commands.argument_types import angle, gravity, nearby, positive, real
 from forcecal_ros.commands.common import (
     from_arguments,
     new_parser,
@@ -16,7 +17,6 @@ from forcecal_ros.commands.common import (
 from forcecal_ros.commands.contact import add_bandwidth, bandwidth_of
 from forcecal_ros.commands.each_recording import add_bags, Answer
 from forcecal_ros.commands.each_recording import run as run_each
-from forcecal_ros.commands.numbers import angle, gravity, nearby, positive, real
 from forcecal_ros.commands.outputs import add_output, FILE, is_stdout
 from forcecal_ros.errors import UsageError
 
@@ -156,8 +156,7 @@ def _with_mounting(calibration: 'Calibration', args: argparse.Namespace) -> 'Cal
 def _written(calibration: 'Calibration', args: argparse.Namespace, notes: tuple[str, ...]
              ) -> Answer:
     """Write a calibration and say what is in it."""
-    from forcecal_ros.calibration.document import to_document
-    from forcecal_ros.calibration.file import save
+    from forcecal_ros.calibration.file import save, to_document
     from forcecal_ros.report.rows import as_text, promises, residuals, table
 
     save(calibration, args.output)

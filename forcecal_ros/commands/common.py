@@ -108,7 +108,7 @@ def add_topics(parser: argparse.ArgumentParser, option: str = '--topic', of: str
 def add_sensor_pose(parser: argparse.ArgumentParser, option: str = '--sensor-from-pose',
                     of: str = '') -> None:
     """Add the transform from the frame whose pose was recorded to ft_sensor."""
-    from forcecal_ros.commands.numbers import real
+    from forcecal_ros.commands.argument_types import real
 
     parser.add_argument(
         option, metavar=('X', 'Y', 'Z', 'QX', 'QY', 'QZ', 'QW'), nargs=7, type=real,

@@ -4,8 +4,8 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any, TYPE_CHECKING
 
+from forcecal_ros.commands.argument_types import positive
 from forcecal_ros.commands.common import with_reading_of
-from forcecal_ros.commands.numbers import positive
 from forcecal_ros.errors import UsageError
 
 if TYPE_CHECKING:
@@ -107,9 +107,9 @@ def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'Obse
         What was assumed.
     """
     from forcecal_ros.observe.bandwidth import UNMEASURED
-    from forcecal_ros.observe.noise import with_noise
+    from forcecal_ros.observe.from_file import with_noise
     from forcecal_ros.observe.settings import LEARNING
-    from forcecal_ros.recording.mount import in_axes_of_pose
+    from forcecal_ros.recording.axes import in_axes_of_pose
 
     notes: tuple[str, ...] = ()
     if (calibration.noise is None and settings.filter in LEARNING
@@ -130,7 +130,7 @@ def with_known_delay(calibration: 'Calibration', recording: 'Recording'
     """Find the delay between the sensors in the recording; returns as :func:`prepared` does."""
     from forcecal_ros.errors import DataError
     from forcecal_ros.identify.delay import estimate_delay, with_delay
-    from forcecal_ros.recording.mount import in_axes_of_pose
+    from forcecal_ros.recording.axes import in_axes_of_pose
     import numpy as np
 
     sensor, sensor_rotation = calibration.accelerometer, calibration.sensor_rotation

@@ -5,6 +5,7 @@ from pathlib import Path
 import sys
 from typing import Any, TYPE_CHECKING
 
+from forcecal_ros.commands.argument_types import whole
 from forcecal_ros.commands.common import (
     add_json,
     CLEAR,
@@ -15,7 +16,6 @@ from forcecal_ros.commands.common import (
     say_if_compiling,
     warn,
 )
-from forcecal_ros.commands.numbers import whole
 from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
 from forcecal_ros.commands.progress import add_quiet
 
@@ -46,8 +46,7 @@ def run(args: argparse.Namespace) -> int:
     with needs_ros():
         from forcecal_ros.nodes.demo import run_demo
     from forcecal_ros.atomic_files import make_folder
-    from forcecal_ros.calibration.document import to_document
-    from forcecal_ros.calibration.file import dump, parse
+    from forcecal_ros.calibration.file import dump, parse, to_document
     from forcecal_ros.observe import batch, replay
     from forcecal_ros.recording.bags import read_recording
     from forcecal_ros.recording.streams import Stream

@@ -249,8 +249,7 @@ def _as_calibrated(args: argparse.Namespace, recording: Any, calibration: Any) -
     """Bring poses to ft_sensor, base to level and readings to their axes, as calibrated."""
     from forcecal_ros.commands.contact import in_sign_of
     from forcecal_ros.observe.mounting import taken_as_calibrated
-    from forcecal_ros.recording.level import levelled
-    from forcecal_ros.recording.mount import in_axes_of_pose
+    from forcecal_ros.recording.axes import in_axes_of_pose, levelled
 
     if recording is None or calibration is None:
         return recording
@@ -297,7 +296,7 @@ def _written(args: argparse.Namespace, given: tuple[Any, ...], outcome: Any, rig
     from forcecal_ros.report.diagnosis import render
     from forcecal_ros.report.diagnosis_view import view_of, view_without_signals
     from forcecal_ros.report.diagnosis_words import headline, next_step
-    from forcecal_ros.report.origin import origin
+    from forcecal_ros.report.words import origin
 
     diagnosis, folder = outcome.diagnosis, args.output
     recordings, named = [one for one in given if one is not None], _named(args)

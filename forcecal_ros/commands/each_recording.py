@@ -7,9 +7,8 @@ import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from forcecal_ros.commands.argument_types import address, at_least_one
 from forcecal_ros.commands.common import add_bag, add_json, print_json, say, warn
-from forcecal_ros.commands.names import address
-from forcecal_ros.commands.numbers import at_least_one
 from forcecal_ros.commands.outputs import (
     of_many,
     Output,

@@ -4,10 +4,10 @@ import argparse
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.commands import contact
+from forcecal_ros.commands.argument_types import positive
 from forcecal_ros.commands.common import new_parser, read_checked, say_if_compiling
 from forcecal_ros.commands.each_recording import add_bags, Answer
 from forcecal_ros.commands.each_recording import run as run_each
-from forcecal_ros.commands.numbers import positive
 from forcecal_ros.commands.outputs import add_output, RECORDING
 from forcecal_ros.errors import UsageError
 

@@ -3,9 +3,8 @@
 import argparse
 from typing import Any
 
+from forcecal_ros.commands.argument_types import frame, node, real
 from forcecal_ros.commands.common import new_parser, say
-from forcecal_ros.commands.names import frame, node
-from forcecal_ros.commands.numbers import real
 from forcecal_ros.commands.outputs import add_output, FILE, stdout_is_taken
 from forcecal_ros.errors import UsageError
 

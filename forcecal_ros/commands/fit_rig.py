@@ -4,6 +4,7 @@ import argparse
 import shlex
 from typing import Any, TYPE_CHECKING
 
+from forcecal_ros.commands.argument_types import gravity, real
 from forcecal_ros.commands.common import (
     add_bag,
     add_json,
@@ -15,7 +16,6 @@ from forcecal_ros.commands.common import (
     say_if_compiling,
     warn,
 )
-from forcecal_ros.commands.numbers import gravity, real
 from forcecal_ros.commands.outputs import add_output, FILE
 from forcecal_ros.errors import UsageError
 

@@ -5,6 +5,7 @@ from functools import partial
 import json
 from typing import Any
 
+from forcecal_ros.commands.argument_types import positive
 from forcecal_ros.commands.calibrate import add_identification, calibrated, check_identification
 from forcecal_ros.commands.common import (
     add_json,
@@ -18,7 +19,6 @@ from forcecal_ros.commands.common import (
     warn,
 )
 from forcecal_ros.commands.each_recording import add_workers, check_workers
-from forcecal_ros.commands.numbers import positive
 from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
 from forcecal_ros.commands.progress import add_quiet, bar
 
@@ -59,8 +59,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    from forcecal_ros.fleet.entries import plain
-    from forcecal_ros.fleet.find import find
+    from forcecal_ros.fleet.entries import find, plain
     from forcecal_ros.fleet.history import histories, once
     from forcecal_ros.fleet.page import as_csv, headline, render, to_document
 

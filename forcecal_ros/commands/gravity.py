@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Callable
 from typing import Any, TYPE_CHECKING
 
+from forcecal_ros.commands.argument_types import not_negative, positive
 from forcecal_ros.commands.common import (
     add_bag,
     add_json,
@@ -15,7 +16,6 @@ from forcecal_ros.commands.common import (
     warn,
     with_reading_of,
 )
-from forcecal_ros.commands.numbers import not_negative, positive
 from forcecal_ros.commands.outputs import add_output, RECORDING
 from forcecal_ros.commands.progress import add_quiet, bar
 from forcecal_ros.errors import UsageError

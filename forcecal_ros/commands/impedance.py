@@ -4,6 +4,7 @@ import argparse
 from math import isfinite
 from typing import Any, TYPE_CHECKING
 
+from forcecal_ros.commands.argument_types import positive, whole
 from forcecal_ros.commands.common import (
     add_json,
     from_arguments,
@@ -12,7 +13,6 @@ from forcecal_ros.commands.common import (
     say,
     say_if_compiling,
 )
-from forcecal_ros.commands.numbers import positive, whole
 from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
 from forcecal_ros.commands.progress import add_quiet, bar, tell
 

@@ -3,9 +3,8 @@
 import argparse
 from typing import Any
 
+from forcecal_ros.commands.argument_types import port, topic_name
 from forcecal_ros.commands.common import needs_ros, new_parser, say, say_if_compiling, warn
-from forcecal_ros.commands.names import topic_name
-from forcecal_ros.commands.numbers import port
 from forcecal_ros.commands.service import add_namespace
 from forcecal_ros.errors import UsageError
 
@@ -92,8 +91,7 @@ def _simulated(args: argparse.Namespace, page: Any) -> int:
 
     from forcecal_ros.nodes.demo import FOR_SIMULATION, ON_TIME
     from forcecal_ros.nodes.live_view import LiveView
-    from forcecal_ros.nodes.loopback import own_domain
-    from forcecal_ros.nodes.processes import Processes
+    from forcecal_ros.nodes.processes import own_domain, Processes
     from forcecal_ros.nodes.temporary_node import temporary_node
     from forcecal_ros.observe import batch
     from forcecal_ros.simulators.rig import simulator

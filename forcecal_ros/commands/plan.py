@@ -4,6 +4,7 @@ import argparse
 import shlex
 from typing import Any, NamedTuple, TYPE_CHECKING
 
+from forcecal_ros.commands.argument_types import positive, real
 from forcecal_ros.commands.common import (
     add_json,
     add_sensor_pose,
@@ -17,7 +18,6 @@ from forcecal_ros.commands.common import (
     say,
     say_if_compiling,
 )
-from forcecal_ros.commands.numbers import positive, real
 from forcecal_ros.commands.outputs import add_output, FILE, stdout_is_taken
 from forcecal_ros.commands.progress import add_quiet, stages
 from forcecal_ros.errors import UsageError
@@ -155,9 +155,8 @@ def _setup(args: argparse.Namespace) -> Setup:
     from forcecal_ros.geometry import quaternion_from_matrix
     from forcecal_ros.motion.limits import Limits
     from forcecal_ros.motion.plan import Timing
-    from forcecal_ros.motion.poses import read_poses
+    from forcecal_ros.motion.poses import reach_of, read_poses
     from forcecal_ros.motion.profiles import Pace, Pose
-    from forcecal_ros.motion.reach import reach_of
     from forcecal_ros.schema import section_of
     from forcecal_ros.simulators.rig.file import load_rig
     import numpy as np
@@ -209,10 +208,10 @@ def _calibration(args: argparse.Namespace) -> int:
 
     from forcecal_ros.atomic_files import write_text
     from forcecal_ros.calibration.file import load
-    from forcecal_ros.motion.design_file import as_text, to_document, to_parameters
     from forcecal_ros.motion.information import sensors_of
     from forcecal_ros.motion.optimal_design import criterion_of, design_calibration, Robot
-    from forcecal_ros.simulators.rig.expected import expected_sensors
+    from forcecal_ros.motion.plan_file import as_text, to_document, to_parameters
+    from forcecal_ros.simulators.rig.truth import expected_sensors
 
     setup = _setup(args)
     sensors = (sensors_of(load(args.calibration)) if args.calibration

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 import sys
 from typing import Any, TYPE_CHECKING
 
+from forcecal_ros.commands.argument_types import namespace, not_negative, positive, topic_name
 from forcecal_ros.commands.common import (
     add_json,
     needs_ros,
@@ -14,8 +15,6 @@ from forcecal_ros.commands.common import (
     say,
     warn,
 )
-from forcecal_ros.commands.names import namespace, topic_name
-from forcecal_ros.commands.numbers import not_negative, positive
 from forcecal_ros.commands.progress import add_quiet, bar
 
 if TYPE_CHECKING:

@@ -3,9 +3,8 @@
 import argparse
 from typing import Any
 
+from forcecal_ros.commands.argument_types import positive, topic_name
 from forcecal_ros.commands.common import add_json, needs_ros, new_parser, print_json, say, warn
-from forcecal_ros.commands.names import topic_name
-from forcecal_ros.commands.numbers import positive
 from forcecal_ros.commands.outputs import add_output, RECORDING
 from forcecal_ros.commands.progress import add_quiet, bar
 from forcecal_ros.errors import UsageError
@@ -43,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     import time
 
     with needs_ros():
-        from forcecal_ros.nodes.stream_recorder import of_this_package, StreamRecorder
+        from forcecal_ros.nodes.recorder import of_this_package, StreamRecorder
         from forcecal_ros.nodes.temporary_node import temporary_node
     from forcecal_ros.errors import DataError
     from forcecal_ros.recording.bags import BagWriter

@@ -4,8 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from forcecal_ros.commands.argument_types import whole
 from forcecal_ros.commands.common import new_parser, say, say_if_compiling
-from forcecal_ros.commands.numbers import whole
 from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
 
 LATE = {'wrench_delay': {'delay': 0.004}}
@@ -68,7 +68,7 @@ def _rigid_arm(args: argparse.Namespace) -> int:
     from forcecal_ros.atomic_files import make_folder, write_text
     from forcecal_ros.recording.bags import write_recording
     from forcecal_ros.simulators.mujoco import load_mujoco
-    from forcecal_ros.simulators.sample_arm import HEAVIER, recorded
+    from forcecal_ros.simulators.samples import HEAVIER, recorded
     from forcecal_ros.simulators.third_party import third_party
 
     folder = Path(args.output)
@@ -88,7 +88,7 @@ def _rigid_arm(args: argparse.Namespace) -> int:
 def _insitu(args: argparse.Namespace) -> int:
     from io import StringIO
 
-    from forcecal_ros.simulators.limb import LOADS, logs
+    from forcecal_ros.simulators.samples import LOADS, logs
     import numpy as np
     import yaml
 

@@ -3,9 +3,8 @@
 import argparse
 from typing import Any
 
+from forcecal_ros.commands.argument_types import namespace, positive
 from forcecal_ros.commands.common import add_json, needs_ros, new_parser, print_json, say
-from forcecal_ros.commands.names import namespace
-from forcecal_ros.commands.numbers import positive
 
 SERVICES = {'start': '{}/start', 'abort': '{}/abort', 'preview': 'sequencer/preview',
             'save': 'sequencer/save_calibration', 'tare': 'observer/tare'}
@@ -35,8 +34,7 @@ def add_namespace(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     with needs_ros():
-        from forcecal_ros.nodes.asking import ask
-        from forcecal_ros.nodes.temporary_node import temporary_node
+        from forcecal_ros.nodes.temporary_node import ask, temporary_node
     from forcecal_ros.errors import DataError
 
     path = f'{args.namespace.strip("/")}/{args.service.format(getattr(args, "node", ""))}'

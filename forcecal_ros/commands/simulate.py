@@ -3,6 +3,7 @@
 import argparse
 from typing import Any
 
+from forcecal_ros.commands.argument_types import whole
 from forcecal_ros.commands.common import (
     add_json,
     add_sensor_pose,
@@ -13,7 +14,6 @@ from forcecal_ros.commands.common import (
     say,
     say_if_compiling,
 )
-from forcecal_ros.commands.numbers import whole
 from forcecal_ros.commands.outputs import add_output, RECORDING
 
 

@@ -41,8 +41,7 @@ def check_simulators(args: argparse.Namespace) -> None:
 def simulator_of(args: argparse.Namespace) -> Any:
     """Load the one that was named."""
     from forcecal_ros.simulators.mujoco import load_mujoco
-    from forcecal_ros.simulators.priors import with_priors
-    from forcecal_ros.simulators.third_party import load_simulator, third_party
+    from forcecal_ros.simulators.third_party import load_simulator, third_party, with_priors
 
     if args.mujoco:
         found = third_party(args.mujoco, load_mujoco(args.mujoco, args.ft_site, args.imu))

@@ -3,8 +3,8 @@
 import argparse
 from typing import Any
 
+from forcecal_ros.commands.argument_types import positive
 from forcecal_ros.commands.common import add_json, needs_ros, new_parser, print_json, say
-from forcecal_ros.commands.numbers import positive
 from forcecal_ros.commands.service import add_namespace
 
 
@@ -21,8 +21,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     with needs_ros():
-        from forcecal_ros.nodes.asking import node_statuses, WORDS
-        from forcecal_ros.nodes.temporary_node import temporary_node
+        from forcecal_ros.nodes.temporary_node import node_statuses, temporary_node, WORDS
     from forcecal_ros.errors import DataError
 
     namespace = args.namespace.strip('/')

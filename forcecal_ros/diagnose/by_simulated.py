@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.diagnose.by_motion import in_unit, recalibration_notes
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
+from forcecal_ros.diagnose.inputs.accelerometer import as_compared, imus_compared
 from forcecal_ros.diagnose.inputs.alignment import aligned, Alignment
 from forcecal_ros.diagnose.inputs.dataset import Dataset
-from forcecal_ros.diagnose.inputs.imu import as_compared, imus_compared
 from forcecal_ros.diagnose.inputs.motion_dataset import held_out, moves, prepare_simulated
 from forcecal_ros.diagnose.inputs.requirements import require_same_sensors
 from forcecal_ros.diagnose.inputs.simulated_tool import SimulatedTool

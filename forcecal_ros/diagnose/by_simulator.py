@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.diagnose.by_motion import in_unit
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
+from forcecal_ros.diagnose.inputs.accelerometer import as_compared, imus_compared
 from forcecal_ros.diagnose.inputs.dataset import Dataset, made_up
-from forcecal_ros.diagnose.inputs.imu import as_compared, imus_compared
 from forcecal_ros.diagnose.inputs.measured_joints import (
     compared,
     measured_joints,
@@ -32,9 +32,9 @@ from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import Recording
-from forcecal_ros.simulators.carried_tool import beyond
 from forcecal_ros.simulators.protocol import Inputs
 from forcecal_ros.simulators.rerun import Numbers, refuse_unsteady, Rerun, Runs
+from forcecal_ros.simulators.rigid_tool import beyond
 from forcecal_ros.simulators.run_limit import refuse_too_many, runs_short
 from forcecal_ros.simulators.simulated_robot import simulated_robot, SimulatedRobot, STEP
 from forcecal_ros.simulators.third_party import ThirdParty

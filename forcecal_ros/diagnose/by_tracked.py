@@ -12,10 +12,9 @@ from dataclasses import fields, replace
 from forcecal_ros.diagnose.by_motion import diagnose_motion
 from forcecal_ros.diagnose.engine import Outcome
 from forcecal_ros.diagnose.inputs.accelerometer import mounted
-from forcecal_ros.diagnose.inputs.command_timing import start_of
+from forcecal_ros.diagnose.inputs.command_timing import refuse_sparse_commands, start_of
 from forcecal_ros.diagnose.inputs.motion_dataset import require_wrench_and_pose, SHORTEST
 from forcecal_ros.diagnose.inputs.requirements import require_overlap
-from forcecal_ros.diagnose.inputs.sparse_commands import refuse_sparse_commands
 from forcecal_ros.diagnose.inputs.stamps import evened
 from forcecal_ros.diagnose.localise.tracking import Difference, Tracking, tracking
 from forcecal_ros.diagnose.say.result import Diagnosis

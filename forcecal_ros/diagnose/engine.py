@@ -21,8 +21,8 @@ from forcecal_ros.diagnose.judge.coverage import (
     signal_to_noise,
     unjudged,
 )
-from forcecal_ros.diagnose.judge.gap import Gap
-from forcecal_ros.diagnose.judge.measured_gap import (
+from forcecal_ros.diagnose.judge.gap import (
+    Gap,
     measured_gap,
     parameter_errors,
     sample_noise,

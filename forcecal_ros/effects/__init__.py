@@ -9,8 +9,7 @@ from forcecal_ros.effects.apply import applicable, apply_signal_effects, with_ef
 from forcecal_ros.effects.chosen import chosen_effects, named_effects, Values
 from forcecal_ros.effects.library import Effect, EFFECTS, Quantity
 from forcecal_ros.effects.numbers import physical_rig
-from forcecal_ros.effects.signals import AccelerometerEffects, WrenchEffects
-from forcecal_ros.effects.stamps import StampEffects
+from forcecal_ros.effects.signals import AccelerometerEffects, StampEffects, WrenchEffects
 
 __all__ = [
     'AccelerometerEffects', 'applicable', 'apply_signal_effects', 'chosen_effects', 'Effect',

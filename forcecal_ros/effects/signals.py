@@ -1,4 +1,5 @@
-"""Effects that act on sampled signals: one function each, from its values to an operator.
+"""
+Effects on sampled signals and stamps: one function each, from its values to an operator.
 
 An operator takes the next samples and goes on where it stopped, so that a live signal comes out
 as a recorded one does. The tables say in which order they compose.
@@ -7,12 +8,12 @@ as a recorded one does. The tables say in which order they compose.
 from collections.abc import Callable, Mapping
 
 from forcecal_ros.effects.chosen import named_effects
-from forcecal_ros.effects.filters import Delay, Filter, Operator
-from forcecal_ros.effects.hysteresis import Hysteresis
+from forcecal_ros.effects.filters import Delay, Filter, Hysteresis, Operator
 from forcecal_ros.effects.library import EFFECTS
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array, rotation_from_vector
 import numpy as np
+from numpy.typing import NDArray
 
 Named = Mapping[str, float]
 
@@ -239,3 +240,38 @@ def specific_force_of(rig: Rig, accelerometer: str | None, volts: Array) -> Arra
                         for name in ('accel_bias', 'accel_gain', 'accel_misalignment'))
     force = (volts - model.offset - bias) / (model.gain * (1.0 + gain))
     return np.asarray(force @ rotation_from_vector(turn).T)
+
+
+STREAMS = ('wrench', 'accelerometer', 'optidrive', 'pose')
+
+
+class StampEffects:
+    """
+    What a rig's effects do to the stamps of its sensors' samples.
+
+    Parameters
+    ----------
+    seed : numpy.random.SeedSequence
+        Of the losses; those of one stream do not depend on the others.
+    """
+
+    def __init__(self, rig: Rig, seed: np.random.SeedSequence) -> None:
+        named = named_effects(rig.effects)
+        self._skew = named.get('clock_skew', {})
+        self._lost = named.get('dropouts', {})
+        self._generators = dict(zip(STREAMS, map(
+            np.random.default_rng, seed.spawn(len(STREAMS)))))
+
+    @property
+    def loses(self) -> bool:
+        """Whether anything gets lost."""
+        return any(self._lost.values())
+
+    def stamps(self, stream: str, t: Array) -> Array:
+        """Return what the stream's clock says at times since the start [s]."""
+        return t * (1.0 + self._skew.get(stream, 0.0))
+
+    def arrived(self, stream: str, n: int) -> NDArray[np.bool_]:
+        """Say which of the next n samples arrive."""
+        fraction = self._lost.get(stream, 0.0)
+        return np.asarray(self._generators[stream].random(n) >= fraction)

@@ -1,6 +1,7 @@
-"""Offset, sensitivity, delay and place of the accelerometer.
+"""
+Offset, sensitivity, delay and place of the accelerometer.
 
-    V(t + delay) = V0 + M f(t),     f = f_c + (alpha x + omega x omega x) (q - c)
+V(t + delay) = V0 + M f(t),     f = f_c + (alpha x + omega x omega x) (q - c)
 
 While the robot stands, f = -g_S by the pose. While it moves freely, the force sensor says what
 the tool feels, f_c = (b_F - F) / m whatever the tool's slide does: the regressor Y = u / m of
@@ -17,15 +18,16 @@ from typing import NamedTuple
 
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
-from forcecal_ros.identify.ac_coupling import fading
 from forcecal_ros.identify.accelerometer_model import (
     AccelerometerModel,
     DEFAULT_CUTOFF,
+    fading,
     MotionBlocks,
     ToolPart,
 )
 from forcecal_ros.identify.estimating import jacobian, solve_score
 from forcecal_ros.identify.residuals import Residuals
+from forcecal_ros.identify.static_readings import gravity_spread
 from forcecal_ros.recording.noise.autocovariance import Autocovariance, noise_of_windows
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -243,3 +245,51 @@ def _static_misfit(model: AccelerometerModel, theta: Array, noise: Autocovarianc
             means.append(mean)
             total += float(mean @ precision @ mean) * len(rows)
     return total, 3 * len(means), float(np.abs(means).max())
+
+
+def identify_static_accelerometer(
+        gravity: Array, volts: Array, condition: float = 100.0) -> AccelerometerFit:
+    """
+    Fit V = V0 - M g_S to the means of the static poses, [Gamez2005] Eq. 2 on three axes.
+
+    Parameters
+    ----------
+    gravity : ndarray, shape (n, 3)
+        In ft_sensor [m/s^2].
+    volts : ndarray, shape (n, 3)
+        Means; their covariance is taken from the residuals.
+    condition : float
+        Largest ratio of the first to the third spread of gravity.
+
+    Returns
+    -------
+    AccelerometerFit
+        Delay, cutoff and position not estimated.
+
+    Raises
+    ------
+    UnobservableError
+        Gravity does not span three directions about its mean.
+    """
+    n = len(gravity)
+    spread, directions = gravity_spread(gravity)
+    if n < 5 or spread[2] * condition < spread[0]:
+        axis = int(np.argmax(np.abs(directions[2])))
+        raise UnobservableError(
+            f"the accelerometer's map is not observable from {n} static poses without motion "
+            f'between them (condition {spread[0] / max(spread[2], 1e-12):.3g} > {condition:.3g}, '
+            f'at least 5 poses wanted); add poses with gravity along {"xyz"[axis]} of ft_sensor, '
+            'or record the motion between the poses')
+    rows = np.column_stack([np.ones(n), -gravity])
+    bread = np.linalg.inv(rows.T @ rows)
+    solution = bread @ rows.T @ volts
+    residuals = volts - rows @ solution
+    noise = np.diag((residuals**2).sum(axis=0) / (n - 4))
+    spread_of = np.einsum('ab,ij->iajb', bread, noise)
+    order = np.array([[i, 0] for i in range(3)]
+                     + [[i, 1 + j] for i in range(3) for j in range(3)]).T
+    full = np.full((17, 17), np.nan)
+    full[:12, :12] = spread_of[order[0][:, None], order[1][:, None], order[0], order[1]]
+    nan = float('nan')
+    return AccelerometerFit(solution[0], solution[1:].T, nan, nan, np.full(3, nan), full, None,
+                            nan, 3 * n - 12, float(np.abs(residuals).max()))

@@ -12,14 +12,12 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array, rotation_vector
-from forcecal_ros.identify.changed import what_changed
-from forcecal_ros.identify.inertia import inertia_regressor, unexplained_torque
 from forcecal_ros.identify.means import drift
-from forcecal_ros.identify.rejection import pose_errors, rejected
-from forcecal_ros.identify.residuals import largest_deviation, Residuals
+from forcecal_ros.identify.moving_tool import inertia_regressor, unexplained_torque
+from forcecal_ros.identify.rejection import pose_errors, rejected, what_changed
+from forcecal_ros.identify.residuals import farthest, largest_deviation, Residuals, scatters
 from forcecal_ros.identify.result import Stages
 from forcecal_ros.identify.settings import IdentificationSettings
-from forcecal_ros.identify.single_samples import farthest, scatters
 from forcecal_ros.recording.noise.autocovariance import noise_of_windows
 from forcecal_ros.recording.streams import CHANNELS, Recording
 import numpy as np

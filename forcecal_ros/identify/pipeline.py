@@ -7,20 +7,23 @@ from typing import Any
 from forcecal_ros.calibration.model import Calibration, Estimate, Noise, ObserverGain
 from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import Array
-from forcecal_ros.identify.ac_coupling import lowpassed
-from forcecal_ros.identify.accelerometer import AccelerometerFit, identify_accelerometer
-from forcecal_ros.identify.accelerometer_model import MotionBlocks, ToolPart
-from forcecal_ros.identify.frame import slight_misfit
-from forcecal_ros.identify.gridded import grid_recording, GriddedRecording, ToolMotion
-from forcecal_ros.identify.inertia import identify_inertia, InertiaFit
-from forcecal_ros.identify.mass import weigh, Weight
-from forcecal_ros.identify.means import window_mean
-from forcecal_ros.identify.moving_tool import identify_moving_tool
-from forcecal_ros.identify.nature import refuse_unnatural, unnatural_inertia
-from forcecal_ros.identify.pose_delay import pose_delay
+from forcecal_ros.identify.accelerometer import (
+    AccelerometerFit,
+    identify_accelerometer,
+    identify_static_accelerometer,
+)
+from forcecal_ros.identify.accelerometer_model import lowpassed, MotionBlocks, ToolPart
+from forcecal_ros.identify.delay import pose_delay
+from forcecal_ros.identify.means import grid_recording, GriddedRecording, ToolMotion, window_mean
+from forcecal_ros.identify.moving_tool import identify_inertia, identify_moving_tool, InertiaFit
 from forcecal_ros.identify.poses import static_poses, StaticPose
 from forcecal_ros.identify.quality import quality_of
-from forcecal_ros.identify.readings import refuse_poses_at_a_limit, require_wrench
+from forcecal_ros.identify.requirements import (
+    refuse_poses_at_a_limit,
+    refuse_unnatural,
+    require_wrench,
+    unnatural_inertia,
+)
 from forcecal_ros.identify.result import (
     accelerometer_of,
     inertia_of,
@@ -30,19 +33,21 @@ from forcecal_ros.identify.result import (
     tool_of,
 )
 from forcecal_ros.identify.ringing import RingFit
-from forcecal_ros.identify.sag import Sag
 from forcecal_ros.identify.settings import IdentificationSettings
-from forcecal_ros.identify.static_accelerometer import identify_static_accelerometer
-from forcecal_ros.identify.static_readings import gravity_spread, Statics, TurnedWrench
-from forcecal_ros.identify.statics import read_statics, ring_of, sag_of, with_ring
-from forcecal_ros.identify.tool import identify_tool, ToolFit
+from forcecal_ros.identify.static_readings import (
+    gravity_spread,
+    slight_misfit,
+    Statics,
+    TurnedWrench,
+)
+from forcecal_ros.identify.statics import read_statics, ring_of, Sag, sag_of, with_ring
+from forcecal_ros.identify.tool import identify_tool, ToolFit, weigh, Weight
 from forcecal_ros.identify.unsettled import settled
+from forcecal_ros.recording.axes import in_axes_of_pose, level_from_base, levelled
 from forcecal_ros.recording.checks.clipping import clipped
 from forcecal_ros.recording.checks.entry import checked
 from forcecal_ros.recording.checks.units import refuse_on_another_link, refuse_other_unit
 from forcecal_ros.recording.kinematics import AngularMotion
-from forcecal_ros.recording.level import level_from_base, levelled
-from forcecal_ros.recording.mount import in_axes_of_pose
 from forcecal_ros.recording.stamps import with_even_stamps
 from forcecal_ros.recording.streams import Recording
 from forcecal_ros.recording.time_grid import Averager

@@ -19,7 +19,7 @@ from forcecal_ros.identify.error_analysis import (
     offset_error,
 )
 from forcecal_ros.identify.findings import ALL, Finding, findings, MOTION
-from forcecal_ros.identify.inertia import ELEMENTS
+from forcecal_ros.identify.moving_tool import ELEMENTS
 from forcecal_ros.identify.paper import Alignment, Plain, plain_procedure
 from forcecal_ros.identify.poses import orientation_h, orientation_v
 from forcecal_ros.identify.rejection import pose_errors, rejected

@@ -10,8 +10,8 @@ from forcecal_ros.calibration.model import (
     Tool,
 )
 from forcecal_ros.geometry import Array
-from forcecal_ros.identify.ac_coupling import without_fading
 from forcecal_ros.identify.accelerometer import AccelerometerFit
+from forcecal_ros.identify.accelerometer_model import without_fading
 from forcecal_ros.identify.axes import split_matrix
 from forcecal_ros.identify.covariance import (
     measurement_covariance,
@@ -21,13 +21,13 @@ from forcecal_ros.identify.covariance import (
 )
 from forcecal_ros.identify.estimating import jacobian
 from forcecal_ros.identify.gain import observer_model, pole_gain, riccati_gain, with_unit_k23
-from forcecal_ros.identify.gridded import ToolMotion
-from forcecal_ros.identify.inertia import InertiaFit
+from forcecal_ros.identify.means import ToolMotion
+from forcecal_ros.identify.moving_tool import InertiaFit
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.identify.ringing import RingFit
-from forcecal_ros.identify.sag import Sag
 from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.identify.static_readings import Statics
+from forcecal_ros.identify.statics import Sag
 from forcecal_ros.identify.tool import ToolFit
 from forcecal_ros.recording.checks.clipping import Clipping
 from forcecal_ros.recording.streams import Recording, Stream

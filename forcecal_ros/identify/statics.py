@@ -1,20 +1,76 @@
-"""What the static poses and the ringing say about the tool, put together."""
+"""What the static poses, the tool's sag and its ringing say about the tool, put together."""
 
+from typing import NamedTuple
+
+from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
-from forcecal_ros.identify.gridded import GriddedRecording, windows_of
-from forcecal_ros.identify.means import window_mean
+from forcecal_ros.identify.means import GriddedRecording, window_mean, windows_of
 from forcecal_ros.identify.poses import StaticPose
-from forcecal_ros.identify.readings import require_wrench
+from forcecal_ros.identify.requirements import require_wrench
 from forcecal_ros.identify.ringing import RingFit, rings, stiffness_and_damping
-from forcecal_ros.identify.sag import Sag, stiffness_from_sag
 from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.identify.static_readings import Statics
 from forcecal_ros.recording.checks.clipping import resolution
 from forcecal_ros.recording.noise.autocovariance import noise_of_windows
-from forcecal_ros.recording.noise.rounding import rounding_variance
+from forcecal_ros.recording.noise.white import rounding_variance
 from forcecal_ros.recording.streams import phase_spans, Recording, Stream
 from forcecal_ros.recording.time_grid import Averager
 import numpy as np
+
+
+class Sag(NamedTuple):
+    """
+    Compliance as the static poses show it, s = (m / k) g_x + zero.
+
+    Attributes
+    ----------
+    stiffness, variance : float
+        [N/m] and its square; the mass' uncertainty left out.
+    zero : float
+        What the Optidrive reads without load [m].
+    """
+
+    stiffness: float
+    variance: float
+    zero: float
+
+
+def stiffness_from_sag(statics: Statics, mass: float) -> Sag | None:
+    """
+    Stiffness of the tool from how far it sags in each pose, [Gamez2005] Eq. 29 at rest.
+
+    Parameters
+    ----------
+    statics : Statics
+        With a slide.
+    mass : float
+        [kg]
+
+    Returns
+    -------
+    Sag or None
+        None where the poses hardly load x.
+
+    Raises
+    ------
+    DataError
+        The tool slides against its load.
+    """
+    slide = statics.slide_at_rest
+    assert slide is not None
+    weight = mass * statics.gravity[:, 0]
+    rows = np.stack([weight, np.ones(len(weight))], axis=1)
+    if np.ptp(weight) < 0.05 * mass * np.linalg.norm(statics.gravity[0]):
+        return None
+    (compliance, zero), *_ = np.linalg.lstsq(rows, slide, rcond=None)
+    bread = np.linalg.inv(rows.T @ rows)
+    slope = (bread @ (rows.T * statics.slide_variance) @ rows @ bread)[0, 0]
+    if compliance**2 < 25 * slope:
+        return None
+    if compliance < 0:
+        raise DataError('optidrive: the tool slides against its load '
+                        f'({1e3 * compliance:.3g} mm for each N); turn the sign of the optidrive')
+    return Sag(float(1 / compliance), float(slope / compliance**4), float(zero))
 
 
 def read_statics(recording: Recording, poses: list[StaticPose], settings: IdentificationSettings,

@@ -4,10 +4,8 @@ from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 from forcecal_ros.errors import ConfigError, MotionError
-from forcecal_ros.impedance.law import Measurement
-from forcecal_ros.impedance.program import Program, Reference
-from forcecal_ros.impedance.regulator import Controller
-from forcecal_ros.impedance.withdraw import LineMotion, to_rest, Withdrawal
+from forcecal_ros.impedance.law import Controller, Measurement
+from forcecal_ros.impedance.program import LineMotion, Program, Reference, to_rest, Withdrawal
 from forcecal_ros.schema import Row
 
 WITHDRAWING = 0.25

@@ -7,11 +7,10 @@ from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.advice import affine_misfit, bent, misfits_of, offsets_of, warnings_of
-from forcecal_ros.insitu.departure import causes
+from forcecal_ros.insitu.departure import causes, hidden_covariance
 from forcecal_ros.insitu.excitation import excitation
 from forcecal_ros.insitu.known import with_known_wrenches
 from forcecal_ros.insitu.matrix import Load
-from forcecal_ros.insitu.misfit import hidden_covariance
 from forcecal_ros.insitu.moments import Moments
 from forcecal_ros.insitu.motion import MOVING, STATIC
 from forcecal_ros.insitu.offset import offset_of, shared_offset

@@ -12,12 +12,11 @@ from dataclasses import dataclass, replace
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
-from forcecal_ros.insitu.matrix import Load, total_map
+from forcecal_ros.insitu.matrix import estimate_load, Load, LoadEstimate, total_map
 from forcecal_ros.insitu.motion import STATIC
 from forcecal_ros.insitu.rank import RankReport
 from forcecal_ros.insitu.reduce import DataSet, Reduced
 from forcecal_ros.insitu.result import DataSetResult, NonLinearity, SensorResult
-from forcecal_ros.insitu.validate import estimate_load, LoadEstimate
 import numpy as np
 
 RELATIVE = 1e-6

@@ -1,4 +1,4 @@
-"""A data set of any length as one small triangular factor: all that least squares needs of it."""
+"""A data set of any length as one small matrix of sums: all that least squares needs of it."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -103,43 +103,40 @@ def accumulate(chunks: Iterable[Prepared], kept: tuple[tuple[float, float], ...]
     DataError
         No sample lies in the stretches, or gravity has no scatter beyond its noise.
     """
-    factor: Array | None = None
+    size = None if magnitude is None else magnitude + np.trace(gravity_noise) / (3 * magnitude)
     reference: Array | None = None
-    gain = 0.0
-    if magnitude is not None:
-        size = magnitude + np.trace(gravity_noise) / (3 * magnitude)
-        chunks = (chunk._replace(regressors=to_magnitude(chunk.regressors, size))
-                  for chunk in chunks)
-    for run in _runs(chunks, kept):
+    sums, gain = 0.0, 0.0
+    for run in _runs(chunks, kept, size):
         for part in smooth(run, window, order):
             if reference is None:
                 reference = part.values[0].copy()
                 reference[:-len(raw_noise)] = 0.0
-            rows = np.column_stack([np.ones(len(part.values)), part.values - reference])
-            factor = np.linalg.qr(rows if factor is None else np.vstack([factor, rows]), 'r')
+            rows = np.empty((len(part.values), 1 + len(reference)))
+            rows[:, 0] = 1.0
+            np.subtract(part.values, reference, out=rows[:, 1:])
+            sums = sums + rows.T @ rows
             gain += part.noise_gain
-    if factor is None or reference is None:
+    if reference is None:
         raise DataError('no sample lies in the stretches that are used')
+    gram = np.asarray(sums)
     if magnitude is not None:
-        gravity_noise = _tangential(factor, gravity_noise, magnitude)
-    return _moments(factor, reference[-len(raw_noise):], gain, raw_noise, gravity_noise)
+        gravity_noise = _tangential(gram, gravity_noise, magnitude)
+    return _moments(gram, reference[-len(raw_noise):], gain, raw_noise, gravity_noise)
 
 
-def to_magnitude(gravity: Array, magnitude: float) -> Array:
-    """Scale vectors (n, 3) to a magnitude; noise across them makes their mean shorter."""
-    return np.asarray(gravity * (magnitude / np.linalg.norm(gravity, axis=1, keepdims=True)))
-
-
-def _tangential(factor: Array, gravity_noise: Array, magnitude: float) -> Array:
+def _tangential(gram: Array, gravity_noise: Array, magnitude: float) -> Array:
     """Mean covariance of noise across gravity, which is what scaling leaves of it."""
-    gram = factor[:, 1:4].T @ factor[:, 1:4]
-    along = gram / (factor[0, 0] * magnitude) ** 2
+    along = gram[1:4, 1:4] / (gram[0, 0] * magnitude ** 2)
     return np.asarray(np.trace(gravity_noise) / 3 * (np.eye(3) - along))
 
 
-def _runs(chunks: Iterable[Prepared], kept: tuple[tuple[float, float], ...]
-          ) -> Iterator[Iterator[Array]]:
-    """Yield each kept stretch as an iterator over chunks of [regressors, raw]; read in order."""
+def _runs(chunks: Iterable[Prepared], kept: tuple[tuple[float, float], ...],
+          magnitude: float | None) -> Iterator[Iterator[Array]]:
+    """
+    Yield each kept stretch as an iterator over chunks of [regressors, raw]; read in order.
+
+    Measured gravity is scaled to ``magnitude`` [m/s^2]; noise across it makes its mean shorter.
+    """
     source = iter(chunks)
     held: list[Prepared] = []
 
@@ -150,7 +147,10 @@ def _runs(chunks: Iterable[Prepared], kept: tuple[tuple[float, float], ...]
                 return
             i, j = np.searchsorted(chunk.t, [start, end])
             if j > i:
-                yield np.concatenate([chunk.regressors[i:j], chunk.raw[i:j]], axis=1)
+                rows = np.concatenate([chunk.regressors[i:j], chunk.raw[i:j]], axis=1)
+                if magnitude is not None:
+                    rows[:, :3] *= (magnitude / np.sqrt((rows[:, :3] ** 2).sum(axis=1)))[:, None]
+                yield rows
             if j < len(chunk.t):
                 held.append(chunk.take(slice(j, None)))
                 return
@@ -159,14 +159,14 @@ def _runs(chunks: Iterable[Prepared], kept: tuple[tuple[float, float], ...]
         yield stretch(start, end)
 
 
-def _moments(factor: Array, reference: Array, gain: float, raw_noise: Array,
+def _moments(gram: Array, reference: Array, gain: float, raw_noise: Array,
              gravity_noise: Array) -> Moments:
     n = len(reference)
-    m = factor.shape[1] - 1 - n
-    gram = factor.T @ factor
+    m = len(gram) - 1 - n
     count = gram[0, 0]
-    centred = factor[1:]
-    spread = centred[:, 1:4].T @ centred[:, 1:4] / count - gain / count * gravity_noise
+    covariance = (gram[1:, 1:] - np.outer(gram[0, 1:], gram[0, 1:]) / count) / count
+    spread = covariance[:3, :3] - gain / count * gravity_noise
+    scatter = covariance[m:, m:]
     second = gram[1:m + 1, 1:m + 1].copy()
     second[:3, :3] -= gain * gravity_noise
     values, vectors = np.linalg.eigh(second)
@@ -175,9 +175,9 @@ def _moments(factor: Array, reference: Array, gain: float, raw_noise: Array,
     combine = vectors / root
     return Moments(
         count=round(count),
-        singular_values=np.linalg.svd(centred[:, m + 1:], compute_uv=False) / np.sqrt(count),
+        singular_values=np.sqrt(np.maximum(np.linalg.eigvalsh(scatter)[::-1], 0.0)),
         mean=reference + gram[0, m + 1:] / count,
-        scatter=(centred[:, m + 1:].T @ centred[:, m + 1:] - gain * raw_noise) / count,
+        scatter=scatter - gain / count * raw_noise,
         directions=(vectors * root).T,
         raw=combine.T @ (gram[1:m + 1, m + 1:] + np.outer(gram[1:m + 1, 0], reference)),
         ones=combine.T @ gram[1:m + 1, 0],

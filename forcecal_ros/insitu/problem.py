@@ -13,7 +13,7 @@ from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu import matrix as eq
-from forcecal_ros.insitu.matrix import Load, MatrixFit
+from forcecal_ros.insitu.matrix import estimate_load, Load, LoadEstimate, MatrixFit
 from forcecal_ros.insitu.moments import Moments
 from forcecal_ros.insitu.motion import inertia_matrix, inertia_vector, PHYSICAL
 from forcecal_ros.insitu.rank import data_rank, RankReport
@@ -21,7 +21,6 @@ from forcecal_ros.insitu.reduce import DataSet
 from forcecal_ros.insitu.result import DataSetResult, SensorResult
 from forcecal_ros.insitu.stated import off_by, Stated
 from forcecal_ros.insitu.uncertainty import propagate
-from forcecal_ros.insitu.validate import estimate_load, LoadEstimate
 import numpy as np
 
 

@@ -10,10 +10,9 @@ from forcecal_ros.insitu.matrix import Load
 from forcecal_ros.insitu.prepare import Mounting
 from forcecal_ros.insitu.reduce import Options
 from forcecal_ros.insitu.smoothing import PAPER_ORDER, PAPER_WINDOW
-from forcecal_ros.recording.csv_import.names import contradiction
 from forcecal_ros.recording.csv_import.specification import Written
 from forcecal_ros.recording.csv_import.table import Column
-from forcecal_ros.recording.csv_import.units import NANOSECONDS, UNITS
+from forcecal_ros.recording.csv_import.units import contradiction, NANOSECONDS, UNITS
 from forcecal_ros.schema import load, Matrix3, Mismatch, path, read, Row, Section, TEXT, Vector3
 import numpy as np
 

@@ -12,8 +12,11 @@ from typing import NamedTuple
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.blocks import Blocks, Mask
 from forcecal_ros.insitu.moments import Moments
-from forcecal_ros.recording.noise.autocovariance import Autocovariance, noise_of_residuals
-from forcecal_ros.recording.noise.lag_window import andrews_lags
+from forcecal_ros.recording.noise.autocovariance import (
+    andrews_lags,
+    Autocovariance,
+    noise_of_residuals,
+)
 import numpy as np
 from numpy.typing import NDArray
 

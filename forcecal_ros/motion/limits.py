@@ -5,8 +5,14 @@ from typing import Annotated
 
 from forcecal_ros.errors import ConfigError, MotionError
 from forcecal_ros.geometry import Array
-from forcecal_ros.motion.joints import JointMove
-from forcecal_ros.motion.profiles import Move, Pace, peak_rates, PEAK_STOP, PEAK_STOP_JERK
+from forcecal_ros.motion.profiles import (
+    JointMove,
+    Move,
+    Pace,
+    peak_rates,
+    PEAK_STOP,
+    PEAK_STOP_JERK,
+)
 from forcecal_ros.schema import Row
 import numpy as np
 

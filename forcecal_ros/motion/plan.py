@@ -6,9 +6,15 @@ from typing import Annotated, NamedTuple
 
 from forcecal_ros.errors import MotionError
 from forcecal_ros.geometry import Array, STANDARD_GRAVITY
-from forcecal_ros.motion.joints import JointMove, shortest_joint_duration
 from forcecal_ros.motion.limits import check_joint_move, check_move, check_workspace, Limits
-from forcecal_ros.motion.profiles import Move, Pace, Pose, shortest_duration
+from forcecal_ros.motion.profiles import (
+    JointMove,
+    Move,
+    Pace,
+    Pose,
+    shortest_duration,
+    shortest_joint_duration,
+)
 from forcecal_ros.schema import Row
 import numpy as np
 

@@ -1,14 +1,15 @@
-"""A plan as parameters that the sequencer runs."""
+"""Plans as documents, and as parameters that the sequencer runs."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from forcecal_ros.motion.limits import Limits
+from forcecal_ros.motion.optimal_design import Design, GROUPS, Robot
 from forcecal_ros.motion.plan import Timing
 from forcecal_ros.motion.poses import flatten_poses, POSE_LENGTH
 from forcecal_ros.motion.profiles import Pace, Pose
 from forcecal_ros.schema import parameters_of
-from forcecal_ros.schema.plain import yaml_value
+from forcecal_ros.schema.file import yaml_value
 
 
 def sequencer_parameters(sequence: str, poses: Mapping[str, Pose], timing: Timing, pace: Pace,
@@ -38,3 +39,40 @@ def _group(name: str, section: Any, usual: Any) -> str:
         parameters_of(name, section), parameters_of(name, usual)) if p.default != other.default]
     return ''.join([f'    {name}:\n' * bool(given),
                     *(f'      {key}: {yaml_value(value)}\n' for key, value in given)])
+
+
+def as_text(design: Design) -> str:
+    """Return the predicted standard errors as a table."""
+    lines = [f'{"parameter":12}  predicted standard error (x y z)']
+    for name in design.errors.names:
+        numbers = ' '.join(f'{one:.2g}' for one in design.errors.std(name))
+        lines.append(f'{name:12}  {numbers} {_unit(design, name)}'.rstrip())
+    what = (f'{len(design.poses)} poses of {design.timing.measure:g} s, '
+            f'step {1e3 * design.timing.step_distance:g} mm')
+    return '\n'.join([*lines, '', what])
+
+
+def to_document(design: Design) -> dict[str, Any]:
+    """Return it as a dictionary."""
+    return {'format': 'forcecal-plan/1', 'for': 'calibration', 'duration': design.duration,
+            'poses': {name: {'position': pose.position.tolist(),
+                             'R_base_sensor': pose.R_base_sensor.tolist()}
+                      for name, pose in design.poses.items()},
+            'measure': design.timing.measure,
+            'std': {name: {'value': design.errors.std(name).tolist(),
+                           'unit': _unit(design, name)} for name in design.errors.names}}
+
+
+def to_parameters(design: Design, robot: Robot) -> str:
+    """Return it as a parameter file of the sequencer, the table in its comments."""
+    return sequencer_parameters(
+        'calibrate', design.poses, design.timing, design.robot.pace, robot.limits,
+        f'Recording for forcecal calibrate, about {design.duration:g} s.\n{as_text(design)}')
+
+
+def _unit(design: Design, name: str) -> str:
+    unit = GROUPS[name][0]
+    if unit:
+        return unit
+    volts = design.sensors.gain != 1.0
+    return {'offset': ('m/s^2', 'V'), 'gain': ('', 'V/(m/s^2)')}[name][volts]

@@ -5,9 +5,8 @@ from typing import NamedTuple
 
 from forcecal_ros.errors import MotionError
 from forcecal_ros.geometry import Array
-from forcecal_ros.motion.joints import JointMove
 from forcecal_ros.motion.plan import expected_duration, PlannedSegment
-from forcecal_ros.motion.profiles import Move, PEAK_SPEED, Pose
+from forcecal_ros.motion.profiles import JointMove, Move, PEAK_SPEED, Pose
 from forcecal_ros.recording.streams import Phase, PoseStream
 import numpy as np
 

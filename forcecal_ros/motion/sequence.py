@@ -10,10 +10,16 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from forcecal_ros.errors import MotionError
-from forcecal_ros.motion.joints import hold_joints, JointSetpoint
 from forcecal_ros.motion.monitor import Stillness
 from forcecal_ros.motion.plan import expected_duration, Goal, PlannedSegment
-from forcecal_ros.motion.profiles import hold, Pose, Setpoint, stop_time
+from forcecal_ros.motion.profiles import (
+    hold,
+    hold_joints,
+    JointSetpoint,
+    Pose,
+    Setpoint,
+    stop_time,
+)
 
 Command = Setpoint | JointSetpoint
 

@@ -9,8 +9,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.errors import DataError, MotionError
-from forcecal_ros.nodes.loopback import own_domain
-from forcecal_ros.nodes.processes import Processes
+from forcecal_ros.nodes.processes import own_domain, Processes
 from forcecal_ros.nodes.recorder import Recorder
 from forcecal_ros.nodes.runtime import Interrupt, LATCHED, OUTPUT, SIGNAL_CHECK, starting
 from rcl_interfaces.msg import Parameter as ParameterMessage

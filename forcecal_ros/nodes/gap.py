@@ -17,10 +17,9 @@ from forcecal_ros.nodes.pose_source import (
     POSE_PARAMETERS,
     pose_source,
 )
-from forcecal_ros.nodes.reporting import diagnostic_array
+from forcecal_ros.nodes.reporting import diagnostic_array, Waiting
 from forcecal_ros.nodes.runtime import EXECUTOR, OUTPUT, run, SECOND, STEADY
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
-from forcecal_ros.nodes.waiting import Waiting
 from forcecal_ros.nodes.wire import JointReader, Reader
 from forcecal_ros.schema import Parameter
 from forcecal_ros.simulators.rig.file import load_rig

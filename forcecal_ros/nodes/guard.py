@@ -4,8 +4,8 @@ from typing import Any, NamedTuple, Protocol
 
 from forcecal_ros.motion.monitor import Monitor
 from forcecal_ros.nodes.backends import Backend
-from forcecal_ros.nodes.deadman import Deadman
 from forcecal_ros.nodes.runtime import SECOND
+from forcecal_ros.nodes.sensors import Deadman
 from rclpy.clock import Clock
 
 CLOCK_JUMP = 0.1

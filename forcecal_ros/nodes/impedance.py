@@ -4,19 +4,17 @@ from collections.abc import Sequence
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.impedance.design import stable_law
-from forcecal_ros.impedance.law import Measurement
+from forcecal_ros.impedance.law import Measurement, Regulator
 from forcecal_ros.impedance.plant.file import load_plant
-from forcecal_ros.impedance.regulator import Regulator
 from forcecal_ros.impedance.session import Session
 from forcecal_ros.motion.limits import check_workspace
 from forcecal_ros.motion.profiles import Pose, Setpoint
 from forcecal_ros.nodes.backends import TargetFrame
-from forcecal_ros.nodes.deadman import Deadman
 from forcecal_ros.nodes.impedance_settings import ImpedanceSettings, PARAMETERS, settings_of
 from forcecal_ros.nodes.motion_node import MotionNode
 from forcecal_ros.nodes.pose_source import at_sensor, mounting_parameter, pose_source
 from forcecal_ros.nodes.runtime import run, SECOND
-from forcecal_ros.nodes.sensors import Input, Sensors
+from forcecal_ros.nodes.sensors import Deadman, Input, Sensors
 from forcecal_ros.nodes.wire import JointReader, Reader
 from geometry_msgs.msg import WrenchStamped
 import numpy as np

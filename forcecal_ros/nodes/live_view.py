@@ -10,9 +10,9 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STAGES
-from forcecal_ros.nodes.asking import NODES, WORDS
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.runtime import OUTPUT, SECOND, STEADY
+from forcecal_ros.nodes.temporary_node import NODES, WORDS
 from forcecal_ros.nodes.wire import Reader
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import Parameter as ParameterMessage

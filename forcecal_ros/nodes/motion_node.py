@@ -16,9 +16,8 @@ from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.motion_source import MotionSettings, MotionSource
 from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.reporting import diagnostic_array
-from forcecal_ros.nodes.runtime import OUTPUT, SECOND, STEADY
+from forcecal_ros.nodes.runtime import answering, OUTPUT, SECOND, STEADY
 from forcecal_ros.nodes.sensors import Sensors
-from forcecal_ros.nodes.services import answering
 from forcecal_ros.schema import Parameter
 import numpy as np
 from rclpy.node import Node

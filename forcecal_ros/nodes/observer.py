@@ -9,11 +9,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.calibration.file import DAY, load, parse, refuse_old
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import ConfigError, DataError, ForcecalError
-from forcecal_ros.nodes.frame_outputs import FrameOutputs
+from forcecal_ros.nodes.calibration_topics import accuracy_message, ToolOnSensor, TRACKED
+from forcecal_ros.nodes.frame_outputs import FrameOutputs, SensorTransform
 from forcecal_ros.nodes.inbox import Inbox
-from forcecal_ros.nodes.managed import ManagedNode
 from forcecal_ros.nodes.markers import ContactMarkers
-from forcecal_ros.nodes.observer_health import health, LastMessage
 from forcecal_ros.nodes.observer_settings import (
     accelerometer_for,
     file_of,
@@ -23,18 +22,13 @@ from forcecal_ros.nodes.observer_settings import (
 )
 from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.pose_source import mounting_parameter, pose_source, PoseSource
-from forcecal_ros.nodes.reporting import diagnostic_array
-from forcecal_ros.nodes.results import accuracy_message
-from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, run, STEADY
-from forcecal_ros.nodes.sensor_transform import SensorTransform
+from forcecal_ros.nodes.reporting import diagnostic_array, health, LastMessage, Waiting
+from forcecal_ros.nodes.runtime import answering, LATCHED, ManagedNode, OUTPUT, run, STEADY
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
-from forcecal_ros.nodes.services import answering
-from forcecal_ros.nodes.tool_topic import ToolOnSensor, TRACKED
-from forcecal_ros.nodes.waiting import Waiting
 from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Writer
 from forcecal_ros.observe import ContactSample, design, noise_levels, ObserverSettings
-from forcecal_ros.observe.accuracy import accuracy
 from forcecal_ros.observe.frames import Frames, Placement
+from forcecal_ros.observe.gains import accuracy
 from forcecal_ros.observe.live import LiveObserver, Samples, Values
 from forcecal_ros.observe.mounting import agreed, at_the_sensor
 from forcecal_ros.observe.tare import with_bias

@@ -6,10 +6,10 @@ from typing import Any
 
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import ConfigError
+from forcecal_ros.nodes.calibration_topics import TRACKED
 from forcecal_ros.nodes.pose_source import POSE_PARAMETERS, SENSOR_FROM_POSE
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
-from forcecal_ros.nodes.tool_topic import TRACKED
 from forcecal_ros.observe.payload.model import PayloadSettings
 from forcecal_ros.observe.settings import (
     BANDWIDTH_LIMITS,

@@ -1,28 +1,32 @@
-"""The life of a node: start, spin, stop on a signal, one line for an error."""
+"""The life of a node: start, spin, transitions, services, stop on a signal, errors as one line."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 import gc
 import os
+from pathlib import Path
 import signal
 import sys
+import tempfile
 from types import FrameType
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from forcecal_ros.errors import ConfigError, ForcecalError
-from forcecal_ros.nodes.log_folder import choose_log_folder
 from forcecal_ros.schema import Parameter
+from lifecycle_msgs.srv import ChangeState
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidNodeNameException, InvalidTopicNameException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.experimental import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
+from std_srvs.srv import Trigger
 
 SIGNAL_CHECK = 0.02
 """Period in which a spinning executor returns to check for signals: a delay that nobody notices
@@ -212,3 +216,71 @@ def _come_to_rest(node: Stoppable, executor: Executor, interrupt: Interrupt) -> 
     while not node.at_rest and interrupt.count < 2 and (
             STEADY.now().nanoseconds < max(told, node.sent_ns) + int(GRACE * 1e9)):
         executor.spin_until_future_complete(Future(), timeout_sec=SIGNAL_CHECK)
+
+
+HOME, VARIABLE = 'ROS_HOME', 'ROS_LOG_DIR'
+
+
+def choose_log_folder(name: str) -> None:
+    """
+    Set another folder where the usual one cannot be written to, and print a note.
+
+    Parameters
+    ----------
+    name : str
+        Of the program, for the note.
+    """
+    usual = Path(os.environ.get(VARIABLE) or Path(os.environ.get(HOME) or '~/.ros') / 'log')
+    try:
+        usual = usual.expanduser()
+        usual.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=usual):
+            return
+    except (OSError, RuntimeError):  # the latter where the home is unknown
+        os.environ[VARIABLE] = tempfile.mkdtemp(prefix='ros_log_')
+        print(f'{name}: note: {usual} cannot be written to; logs go to {os.environ[VARIABLE]}',
+              file=sys.stderr)
+
+
+class ManagedNode(LifecycleNode):
+    """A LifecycleNode; in rclpy's own, such a request ends the process with RCLError."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        for service in self.services:
+            if service.srv_type is ChangeState:
+                service.callback = _refusing(service.callback)
+
+
+def _refusing(change: Callable[..., Any]) -> Callable[..., Any]:
+    def on_request(request: ChangeState.Request, response: ChangeState.Response
+                   ) -> ChangeState.Response:
+        try:
+            change(request, response)
+        except RCLError:
+            response.success = False
+        return response
+
+    return on_request
+
+
+def answering(act: Callable[[], str], refused: Callable[[str], None] | None = None
+              ) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
+    """
+    Make the callback of a Trigger service of a function that returns a sentence, or raises.
+
+    Parameters
+    ----------
+    refused : callable, optional
+        Called with the sentence of a :class:`ForcecalError`.
+    """
+    def on_request(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            response.message, response.success = act(), True
+        except ForcecalError as error:
+            response.message, response.success = str(error), False
+            if refused is not None:
+                refused(str(error))
+        return response
+
+    return on_request

@@ -1,4 +1,4 @@
-"""The topics that a motion depends on: every sample goes to the monitor, and to a recording."""
+"""The topics that a motion depends on: sensors for monitor and recording, the dead-man switch."""
 
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -9,12 +9,44 @@ from forcecal_ros.geometry import matrix_from_quaternion
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import Monitor, WatchSettings
 from forcecal_ros.motion.profiles import Pose
-from forcecal_ros.nodes.deadman import Deadman
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.pose_source import PoseSource
+from forcecal_ros.nodes.runtime import SECOND, STEADY
 from forcecal_ros.nodes.wire import frame_of, Sample
 from geometry_msgs.msg import AccelStamped, Vector3Stamped
 from sensor_msgs.msg import Imu
+from std_msgs.msg import Header
+
+
+class Deadman:
+    """
+    Monitor of the topic ``deadman``.
+
+    Parameters
+    ----------
+    timeout : float
+        Silence that stops a motion [s]; 0: there is no switch.
+    """
+
+    def __init__(self, inbox: Inbox, timeout: float) -> None:
+        self._heard = 0
+        self._timeout = round(timeout * SECOND)
+        if self._timeout:
+            inbox.subscribe(Header, 'deadman', self._on_deadman)
+
+    def _on_deadman(self, raw: bytes) -> None:
+        self._heard = STEADY.now().nanoseconds
+
+    def fault(self, steady_ns: int) -> str:
+        """Return why to stop, at a time on the steady clock [ns]; empty: there is no reason."""
+        silent = steady_ns - self._heard
+        if not 0 < self._timeout < silent:
+            return ''
+        if not self._heard:
+            return ('deadman: nothing received; press the switch, or set '
+                    'motion.deadman_timeout to 0.0')
+        return f'deadman: silent for {silent / SECOND:.3f} s'
+
 
 ACCELEROMETERS: dict[str, tuple[str, Any, str]] = {
     'raw': ('accelerometer/raw', Vector3Stamped, 'V'),

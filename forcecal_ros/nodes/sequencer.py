@@ -14,19 +14,20 @@ from forcecal_ros.motion.preview import in_words, outline, path_of
 from forcecal_ros.motion.programs import SEQUENCES
 from forcecal_ros.motion.sequence import Command, MotionSequence
 from forcecal_ros.nodes.backends import backend_of
-from forcecal_ros.nodes.collector import Collector
-from forcecal_ros.nodes.deadman import Deadman
+from forcecal_ros.nodes.calibration_topics import (
+    calibration_message,
+    gain_message,
+    inertia_message,
+)
+from forcecal_ros.nodes.collector import Collector, Identification
 from forcecal_ros.nodes.guard import Fault
-from forcecal_ros.nodes.identification import Identification
 from forcecal_ros.nodes.markers import plan_markers
 from forcecal_ros.nodes.motion_node import MotionNode
 from forcecal_ros.nodes.pose_source import at_sensor, mounting_parameter, pose_source
 from forcecal_ros.nodes.preview import path_message, Preview
-from forcecal_ros.nodes.results import calibration_message, gain_message, inertia_message
-from forcecal_ros.nodes.runtime import LATCHED, run, SECOND
-from forcecal_ros.nodes.sensors import ACCELEROMETERS, Input, Sensors
+from forcecal_ros.nodes.runtime import answering, LATCHED, run, SECOND
+from forcecal_ros.nodes.sensors import ACCELEROMETERS, Deadman, Input, Sensors
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, SequencerSettings, settings_of
-from forcecal_ros.nodes.services import answering
 from forcecal_ros.nodes.wire import JointReader, Reader, Sample
 from forcecal_ros.observe.mounting import numbers_of
 from geometry_msgs.msg import InertiaStamped, WrenchStamped

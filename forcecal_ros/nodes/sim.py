@@ -12,9 +12,8 @@ from forcecal_ros.nodes.faults import Faults
 from forcecal_ros.nodes.faults import PARAMETERS as FAULT_PARAMETERS
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.parameters import declare
-from forcecal_ros.nodes.reporting import diagnostic_array
+from forcecal_ros.nodes.reporting import diagnostic_array, Waiting
 from forcecal_ros.nodes.runtime import EXECUTOR, OUTPUT, run, STEADY, SYSTEM
-from forcecal_ros.nodes.waiting import Waiting
 from forcecal_ros.nodes.wire import frame_of, JointWriter, Reader, Writer
 from forcecal_ros.schema import Parameter
 from forcecal_ros.simulators.rig.file import load_rig

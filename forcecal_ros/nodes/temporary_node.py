@@ -1,15 +1,20 @@
-"""A node for the time of a command: made, spun, and ended by a signal."""
+"""A node for the time of a command, and what it asks running nodes."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+import time
 
-from forcecal_ros.nodes.runtime import Interrupt, starting
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from forcecal_ros.errors import DataError
+from forcecal_ros.nodes.reporting import LEVELS
+from forcecal_ros.nodes.runtime import Interrupt, OUTPUT, starting
 import rclpy
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from std_srvs.srv import Trigger
 
 
 class TemporaryNode:
@@ -49,3 +54,68 @@ def temporary_node(name: str) -> Iterator[TemporaryNode]:
     finally:
         rclpy.try_shutdown()
         interrupt.restore()
+
+
+NODES = ('sequencer', 'observer', 'sim', 'gap', 'impedance')
+"""Names of this package's nodes, in the order of a report."""
+
+SETTLED = 0.3
+"""From where the service is known here until this client is known there, without which its answer
+is lost: three times what Fast DDS waits by itself [s]."""
+
+SPIN = 0.02
+"""Delay of an answer that nobody notices [s]."""
+
+WORDS = {level: word for word, level in LEVELS.items()}
+
+
+def ask(ros: TemporaryNode, service: str, patience: float) -> Trigger.Response:
+    """
+    Call a Trigger service.
+
+    Parameters
+    ----------
+    service : str
+        With its namespace.
+    patience : float
+        For the service to be there, and for its answer [s].
+
+    Raises
+    ------
+    DataError
+        The service is not there, or does not answer.
+    """
+    client = ros.node.create_client(Trigger, service)
+    if not _until(ros, client.service_is_ready, patience):
+        raise DataError(f'{service} is not there after {patience:g} s; start its node, or check '
+                        'that --namespace and ROS_DOMAIN_ID are those of the robot')
+    ros.spin(SETTLED)
+    answer = client.call_async(Trigger.Request())
+    if not _until(ros, answer.done, patience):
+        raise DataError(f'{service} has not answered within {patience:g} s, and may have done '
+                        'what it was asked to; forcecal status tells')
+    response: Trigger.Response = answer.result()
+    return response
+
+
+def node_statuses(ros: TemporaryNode, seconds: float) -> dict[str, DiagnosticStatus]:
+    """Listen to /diagnostics; return the last status of each node of this package, by its name."""
+    found: dict[str, DiagnosticStatus] = {}
+
+    def take(message: DiagnosticArray) -> None:
+        found.update({status.name: status for status in message.status
+                      if status.name.rpartition('/')[2] in NODES})
+
+    ros.node.create_subscription(DiagnosticArray, '/diagnostics', take, OUTPUT)
+    _until(ros, lambda: False, seconds)
+    return dict(sorted(found.items(), key=lambda item: (
+        item[0].rpartition('/')[0], NODES.index(item[0].rpartition('/')[2]))))
+
+
+def _until(ros: TemporaryNode, condition: Callable[[], bool], patience: float) -> bool:
+    end = time.monotonic() + patience
+    while not condition() and time.monotonic() < end:
+        if ros.interrupted:
+            raise KeyboardInterrupt
+        ros.spin(SPIN)
+    return condition()

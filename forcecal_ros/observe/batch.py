@@ -16,7 +16,7 @@ from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.filters.bias_filter import begin, learn
 from forcecal_ros.observe.filters.bias_model import BiasModel
 from forcecal_ros.observe.filters.memory import Memory
-from forcecal_ros.observe.motion import MotionEstimate, take_pose
+from forcecal_ros.observe.motion import MotionEstimate, next_sample, NOTHING_BEFORE, take_pose
 from forcecal_ros.observe.sample import (
     ContactEstimate,
     ContactSample,
@@ -25,7 +25,6 @@ from forcecal_ros.observe.sample import (
     silent,
     stacked,
 )
-from forcecal_ros.observe.specific_force import next_sample, NOTHING_BEFORE
 from forcecal_ros.observe.tracking import ZERO
 from forcecal_ros.observe.unload import Tool, unload, Unloaded
 from forcecal_ros.recording.checks.limits import ABSURD

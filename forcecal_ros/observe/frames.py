@@ -1,4 +1,4 @@
-"""The contact wrench in other frames: along their axes, about their origins."""
+"""The contact wrench in other frames, and the point at which a contact force acts."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -7,8 +7,10 @@ import re
 from typing import NamedTuple
 
 from forcecal_ros.errors import ConfigError
+from forcecal_ros.geometry import Array, skew
 from forcecal_ros.observe.sample import Wrench
 from forcecal_ros.observe.tracking import Quaternion, rotate, rotate_back, Vector
+import numpy as np
 
 POSE_LENGTH = 7
 """A pose is so many numbers in a flat list: x y z [m], qx qy qz qw."""
@@ -109,3 +111,40 @@ def _placed(name: str, numbers: Sequence[float]) -> Placement:
                           f'{hypot(a, b, c, d):.4g}, not 1')
     back = rotate_back((a, b, c, d), (x, y, z))
     return Placement((-back[0], -back[1], -back[2]), (-a, -b, -c, d))
+
+
+PLAIN = 3.0
+"""A force acts somewhere from so many of its standard deviations on; below, its line of action is
+noise [1]."""
+
+
+class ContactPoint(NamedTuple):
+    """
+    Where a force acts, as far as one wrench tells.
+
+    Attributes
+    ----------
+    position : ndarray, shape (3,)
+        In ft_sensor [m]. The force may act anywhere along its line through this point.
+    covariance : ndarray, shape (3, 3)
+        [m^2]
+    """
+
+    position: Array
+    covariance: Array
+
+
+def contact_point(wrench: Array, covariance: Array) -> ContactPoint | None:
+    """
+    Find the point from a wrench (6,) about the origin, and the covariance (6, 6) of its error.
+
+    p = F x T / |F|^2, its covariance to first order; exact for a force without a couple. None
+    where the force is not plain against its error.
+    """
+    F, T = wrench[:3], wrench[3:]
+    squared = float(F @ F)
+    if not squared > PLAIN ** 2 * float(np.trace(covariance[:3, :3])):
+        return None
+    p = np.cross(F, T) / squared
+    J = np.hstack([-skew(T) / squared - 2 * np.outer(p, F) / squared, skew(F) / squared])
+    return ContactPoint(p, J @ covariance @ J.T)

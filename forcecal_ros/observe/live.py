@@ -6,12 +6,10 @@ from typing import NamedTuple
 from forcecal_ros.geometry import Array, quaternion_of
 from forcecal_ros.observe.bandwidth import NoiseLevels
 from forcecal_ros.observe.design import Model, with_tool
-from forcecal_ros.observe.fade import begin_fade, Fade, faded, rebased
 from forcecal_ros.observe.filters.memory import KALMAN, Memory
 from forcecal_ros.observe.filters.noise_level import rate_at
 from forcecal_ros.observe.payload.tracker import Tracker
-from forcecal_ros.observe.rest import refuse_motion
-from forcecal_ros.observe.sample import ContactSample, NO_WRENCH
+from forcecal_ros.observe.sample import ContactSample, NO_WRENCH, Wrench
 from forcecal_ros.observe.step import (
     finish,
     on_accelerometer,
@@ -21,11 +19,16 @@ from forcecal_ros.observe.step import (
     Result,
     State,
 )
-from forcecal_ros.observe.tare import Tare, tare, with_bias, without_learned_bias
+from forcecal_ros.observe.tare import (
+    refuse_motion,
+    Tare,
+    tare,
+    Window,
+    with_bias,
+    without_learned_bias,
+)
 from forcecal_ros.observe.tracking import product, Quaternion, rotate
-from forcecal_ros.observe.window import Window
-from forcecal_ros.recording.level import level_from_base
-from forcecal_ros.recording.mount import pose_from_wire
+from forcecal_ros.recording.axes import level_from_base, pose_from_wire
 import numpy as np
 
 Values = tuple[float, ...]
@@ -240,3 +243,59 @@ class LiveObserver:
         """Return the tally, and begin a new one."""
         tally, self._tally = self._tally, Tally()
         return tally
+
+
+class Fade(NamedTuple):
+    """A difference that is still to be taken off, from ``start`` on, over ``duration`` [s]."""
+
+    start: float
+    duration: float
+    difference: Wrench
+
+
+def rebased(state: State, before: ContactSample, sample: ContactSample
+            ) -> tuple[State, ContactSample]:
+    """
+    Move the contact filter to where a new model puts it, so that only a fade is seen of that.
+
+    ``state`` is that after ``sample``, the first of the new model; ``before`` is the last of the
+    old one. Filters that estimate biases begin anew with a model, and stay as they are.
+    """
+    if not isinstance(state.filter, Memory):
+        return state, sample
+    a, b, c, d, e, f = (old + new - was for old, new, was in zip(
+        before.contact, sample.measured, before.measured))
+    contact = (a, b, c, d, e, f)
+    return (state._replace(filter=state.filter._replace(contact=contact)),
+            sample._replace(contact=contact))
+
+
+def begin_fade(t: float, duration: float, before: Wrench, after: Wrench) -> Fade:
+    """
+    Begin at the first estimate of a new model.
+
+    Parameters
+    ----------
+    t : float
+        Its stamp [s].
+    duration : float
+        [s]
+    before, after : tuple of 6 float
+        What was published last, and what the new model says [N, N m].
+    """
+    a, b, c, d, e, f = (x - y for x, y in zip(before, after))
+    return Fade(t, duration, (a, b, c, d, e, f))
+
+
+def faded(fade: Fade, t: float, wrench: Wrench) -> Wrench | None:
+    """
+    Take off what is due of the difference at ``t`` [s], smoothly.
+
+    None once the fade is over, or where time went back.
+    """
+    x = (t - fade.start) / fade.duration
+    if not 0.0 <= x < 1.0:
+        return None
+    k = 1.0 - x * x * (3.0 - 2.0 * x)
+    a, b, c, d, e, f = (w + k * difference for w, difference in zip(wrench, fade.difference))
+    return a, b, c, d, e, f

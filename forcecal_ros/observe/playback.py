@@ -31,8 +31,7 @@ from forcecal_ros.observe.step import (
     Result,
     State,
 )
-from forcecal_ros.recording.level import levelled
-from forcecal_ros.recording.mount import in_axes_of_pose
+from forcecal_ros.recording.axes import in_axes_of_pose, levelled
 from forcecal_ros.recording.required import naming, require
 from forcecal_ros.recording.streams import Recording, Stream
 import numpy as np

@@ -41,9 +41,8 @@ from forcecal_ros.observe.contact import filtered
 from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.filters.bias_filter import Belief, learn
 from forcecal_ros.observe.filters.memory import Memory
-from forcecal_ros.observe.motion import MotionEstimate, take_pose
+from forcecal_ros.observe.motion import MotionEstimate, next_sample, NOTHING_BEFORE, take_pose
 from forcecal_ros.observe.sample import ContactSample, Wrench
-from forcecal_ros.observe.specific_force import next_sample, NOTHING_BEFORE
 from forcecal_ros.observe.tracking import Quaternion, Vector
 from forcecal_ros.observe.unload import Tool, unload
 from forcecal_ros.recording.checks.limits import ABSURD

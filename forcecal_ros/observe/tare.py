@@ -1,10 +1,11 @@
 """Taring: a new wrench bias from a moment of rest, the tool's weight taken off first."""
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array
+from forcecal_ros.geometry import Array, matrix_from_quaternion, rotation_vector
 from forcecal_ros.observe.bandwidth import NoiseLevels
 from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.filters.bias_filter import Belief
@@ -147,3 +148,87 @@ def _refuse(values: Array, noise: Array, rate: float, what: str, remedy: str) ->
             raise DataError(
                 f'tare refused, {what}: {CHANNELS[worst]} {word} {size[worst]:.3g} '
                 f'> {allowed[worst]:.3g} {"N" if worst < 3 else "N m"}; {remedy}')
+
+
+PAUSE = 1.0
+"""After so long without a wrench a window begins anew, as after stamps that go back: ten periods
+of the slowest sensor that is tared, 10 Hz [s]."""
+
+
+class Window:
+    """
+    What was heard last: so many seconds, or longer where that is too few samples.
+
+    Attributes
+    ----------
+    seconds : float
+        How much is kept at least [s].
+    samples, poses : deque
+        In order of time; poses are (stamp [s], x y z qx qy qz qw).
+    """
+
+    def __init__(self, seconds: float) -> None:
+        self.seconds = seconds
+        self.samples: deque[ContactSample] = deque()
+        self.poses: deque[tuple[float, tuple[float, ...]]] = deque()
+
+    def clear(self) -> None:
+        """Begin anew."""
+        self.samples.clear()
+        self.poses.clear()
+
+    def add(self, sample: ContactSample) -> None:
+        """Keep a sample; what remains spans ``seconds`` as soon as so much was heard."""
+        samples = self.samples
+        if samples and not 0 <= sample.t - samples[-1].t <= PAUSE:
+            self.clear()
+        samples.append(sample)
+        while len(samples) > FEWEST and sample.t - samples[1].t >= self.seconds:
+            samples.popleft()
+
+    def add_pose(self, t: float, pose: tuple[float, ...]) -> None:
+        """Keep a pose as long as there are samples of its time."""
+        poses = self.poses
+        poses.append((t, pose))
+        oldest = self.samples[0].t if self.samples else t - self.seconds
+        oldest = max(oldest, t - self.seconds - FEWEST * PAUSE)  # where the wrench has stopped
+        while poses and poses[0][0] < oldest:
+            poses.popleft()
+
+    def poses_of_samples(self) -> list[tuple[float, ...]]:
+        """Return the poses from the first sample on."""
+        return [pose for t, pose in self.poses if self.samples and self.samples[0].t <= t]
+
+
+DISTANCE = 5e-4
+"""A robot that stays within it over the window is at rest: 25 times the scatter of the nominal
+rig's poses [m]."""
+
+ANGLE = 1e-3
+"""A robot that turns by less over the window is at rest: 50 times the scatter of the nominal
+rig's poses [rad]."""
+
+
+def refuse_motion(poses: Sequence[tuple[float, ...]]) -> None:
+    """
+    Refuse to tare a robot that is not at rest.
+
+    Parameters
+    ----------
+    poses : sequence of tuple of 7 float
+        Of the window: x y z [m] qx qy qz qw; NaN positions are not looked at.
+
+    Raises
+    ------
+    DataError
+        The robot moved in the window; with the number.
+    """
+    if len(poses) < 2:
+        return
+    table = np.array(poses)
+    distance = float(np.linalg.norm(table[:, :3] - table[0, :3], axis=1).max())
+    R = matrix_from_quaternion(table[:, 3:])
+    angle = float(np.linalg.norm(rotation_vector(R[0].T @ R), axis=1).max())
+    if distance > DISTANCE or angle > ANGLE:
+        raise DataError(f'tare refused, the robot moves: {distance * 1e3:.2f} mm, '
+                        f'{angle * 1e3:.2f} mrad within the window; stop the robot')

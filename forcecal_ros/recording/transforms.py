@@ -1,11 +1,14 @@
-"""Messages of /tf, and the way from one of their frames to another."""
+"""Messages of /tf, the way from one of their frames to another, and the pose along it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from struct import error as StructError
 from struct import Struct, unpack_from
 from typing import Any, NamedTuple
 
 from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import Array
+import numpy as np
+from scipy.spatial.transform import Rotation
 
 TF = 'tf2_msgs/msg/TFMessage'
 
@@ -174,3 +177,38 @@ def route(parents: Mapping[str, str], base: str, frame: str, name: str, source: 
         raise DataError(f'{name}: {base} and {frame} are in different trees of {source}; name two '
                         'frames that are connected')
     return Route(tuple(up[:up.index(common)]), tuple(down[:down.index(common)]))
+
+
+Placement = tuple[Rotation, Array]
+"""Rotations and places (n, 3) [m] of a frame in its parent."""
+
+
+def pose_along(way: Route, placement: Callable[[str], Placement], n: int) -> Array:
+    """
+    Return the pose of a frame in a base.
+
+    Parameters
+    ----------
+    way : Route
+        From the frame and from the base up to where they meet.
+    placement : callable
+        Frame -> where it is in its parent, of ``n`` samples.
+
+    Returns
+    -------
+    ndarray, shape (n, 7)
+        x y z [m] qx qy qz qw.
+    """
+    R, p = _along(way.up, placement, n)
+    S, q = _along(way.down, placement, n)
+    return np.hstack([S.inv().apply(p - q), (S.inv() * R).as_quat()])
+
+
+def _along(frames: Sequence[str], placement: Callable[[str], Placement], n: int) -> Placement:
+    """Return where the first frame of a chain is in the parent of the last."""
+    R, p = Rotation.identity(n), np.zeros((n, 3))
+    for frame in frames:
+        own, place = placement(frame)
+        p = own.apply(p) + place
+        R = own * R
+    return R, p

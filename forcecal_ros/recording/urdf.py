@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
-from forcecal_ros.recording.kinematic_chain import Placement
+from forcecal_ros.recording.transforms import Placement
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -7,6 +7,7 @@ from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.report.rows import (
+    aligned,
     AXES,
     estimates,
     HALF,
@@ -16,7 +17,6 @@ from forcecal_ros.report.rows import (
     value,
     WRENCH_AXES,
 )
-from forcecal_ros.report.text import aligned
 from forcecal_ros.schema import plain
 
 if TYPE_CHECKING:

@@ -1,19 +1,26 @@
-"""The report of a diagnosis as one HTML page."""
+"""The report of a diagnosis as one HTML page, and its pictures."""
 
 from collections.abc import Iterator
 
+from forcecal_ros.diagnose.inputs.channels import CHANNELS, STAGES
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, Parameter
+from forcecal_ros.diagnose.localise.time_frequency import BANDS, RATE
 from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.diagnose.say.verdict import percent
-from forcecal_ros.report import diagnosis_figures as figures
-from forcecal_ros.report.diagnosis_view import View
+from forcecal_ros.geometry import Array
+from forcecal_ros.report.diagnosis_view import FAINT, SEEN, View
 from forcecal_ros.report.diagnosis_words import explained, facts, headline, NAMED
 from forcecal_ros.report.effect_words import phrase
 from forcecal_ros.report.page import Picture, picture, render_page
-from forcecal_ros.report.panels import Shown
+from forcecal_ros.report.panels import COLOURS, Line, Panel, Shown
 from forcecal_ros.report.quantity import beside, rounded, with_error
 from forcecal_ros.report.words import Step
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
 
 TONES = {'no_gap': 'good', 'identified': 'known', 'ambiguous': 'doubt', 'partial': 'doubt',
          'unknown': 'bad', 'not_excited': 'plain', 'invalid_data': 'bad'}
@@ -81,12 +88,12 @@ def _pictures(view: View, *, first: bool) -> Iterator[Picture]:
     if not len(view.times):
         return
     shown: dict[str, Figure | Shown | None] = {
-        'Where it shows most': figures.closest(view)} if first else {
-        'Where else': figures.heat_map(view), 'Signals': figures.signals(view),
-        'What is left': figures.residuals(view), 'Spectra': figures.spectra(view)}
+        'Where it shows most': closest(view)} if first else {
+        'Where else': heat_map(view), 'Signals': signals(view),
+        'What is left': residuals(view), 'Spectra': spectra(view)}
     for title, what in shown.items():
         if what is not None:
-            more = WITH_EFFECTS.get(title, '') if figures.named(view) else ''
+            more = WITH_EFFECTS.get(title, '') if named(view) else ''
             yield picture(title, CAPTIONS[title] + more, what)
 
 
@@ -102,3 +109,148 @@ def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:
     return out + [(e.name, 'from', f'{e.begin:.3f}',
                    f'{e.begin_ci95[0]:.3f} to {e.begin_ci95[1]:.3f} (95 %)', 's')
                   for e in d.effects if e.begin is not None and e.begin_ci95 is not None]
+
+
+SHOWN = 4
+"""Number of channels that are drawn."""
+
+AROUND = 0.25
+"""Part of the plainest phase that is shown before and after it."""
+
+
+def heat_map(view: View) -> Figure | None:
+    """Draw the excess of every channel, phase and octave over the noise, by stage."""
+    found = [c for c in view.cells if c.z > SEEN and c.excess > FAINT]
+    if not found:
+        return None
+    there = {c.channel for c in view.cells}
+    rows = [i for stage in STAGES for i, c in enumerate(CHANNELS) if c.stage == stage
+            and i in there]
+    phases = list(dict.fromkeys(p.name for p in view.phases
+                                if any(c.phase == p.name for c in view.cells)))
+    bands = BANDS[:-1]
+    table = np.full((len(rows), len(phases) * len(bands)), np.nan)
+    for c in found:
+        column = phases.index(c.phase) * len(bands) + bands.index(c.band)
+        table[rows.index(c.channel), column] = c.excess
+    figure = Figure(figsize=(10.0, 1.4 + 0.27 * len(rows)), layout='constrained')
+    axes = figure.subplots()
+    axes.set_facecolor('#f2f2f2')
+    image = axes.imshow(table, aspect='auto', cmap='viridis_r', interpolation='none',
+                        norm=LogNorm(FAINT, max(1.0, float(np.nanmax(table)))))
+    for i in range(1, len(phases)):
+        axes.axvline(i * len(bands) - 0.5, color='white', linewidth=2)
+    axes.set_xticks([(i + 0.5) * len(bands) - 0.5 for i in range(len(phases))], phases)
+    axes.set_yticks(range(len(rows)), [f'{CHANNELS[i].stage}  {CHANNELS[i].name}' for i in rows],
+                    fontsize=8)
+    axes.set_xlabel(f'phase; within each, octaves from below {bands[0][1]:g} Hz to '
+                    f'{bands[-1][1]:g} Hz')
+    figure.colorbar(image, label='excess [noise RMS]')
+    return figure
+
+
+def closest(view: View) -> Shown | None:
+    """Show the channel and the time that the verdict speaks of; None where all is noise."""
+    span, place, part = view.span(), view.focus(), view.closer()
+    if span is None or place is None:
+        return None
+    margin = AROUND * (span.end - span.start)
+    start, end = span.start - margin, span.end + margin
+    for at in begun(view):
+        start, end = min(start, at - margin), max(end, at + margin)
+    return Shown((_signals(view, place.channel), _residuals(view, place.channel)), view.phases,
+                 max(start, float(view.times[0])), min(end, float(view.times[-1])), begun(view),
+                 None if begun(view) or part is None else (part.start, part.end))
+
+
+def signals(view: View) -> Shown:
+    """Show measured, simulated and explained signals over each other."""
+    return _whole(view, tuple(_signals(view, c) for c in view.channels(SHOWN)))
+
+
+def residuals(view: View) -> Shown:
+    """Show what is left of the measured signals before and after the effects."""
+    return _whole(view, tuple(_residuals(view, c) for c in view.channels(SHOWN)))
+
+
+def begun(view: View) -> tuple[float, ...]:
+    """Return the instants at which effects began."""
+    return tuple(e.begin for e in view.diagnosis.effects if e.begin is not None)
+
+
+def _whole(view: View, panels: tuple[Panel, ...]) -> Shown:
+    return Shown(panels, view.phases, float(view.times[0]), float(view.times[-1]), begun(view))
+
+
+def _signals(view: View, channel: int) -> Panel:
+    measured = view.measured[:, channel]
+    return _panel(view, channel, (
+        ('measured', 'measured', measured, False),
+        ('simulated', 'simulated', measured - view.recalibrated[:, channel], False),
+        ('as the file has it', 'other', measured - view.nominal[:, channel], True),
+        ('explained', 'explained', measured - view.explained[:, channel], False)))
+
+
+def _residuals(view: View, channel: int) -> Panel:
+    there = view.present[:, channel]
+    name = f'{CHANNELS[channel].name} left'
+    return _panel(view, channel, tuple(
+        (name, role, np.where(there, values[:, channel], np.nan), False)
+        for name, role, values in (('less simulated', 'simulated', view.recalibrated),
+                                   ('less explained', 'explained', view.explained))), name)
+
+
+def _panel(view: View, channel: int, lines: tuple[tuple[str, str, Array, bool], ...],
+           title: str = '') -> Panel:
+    """Leave out what is explained where no effect is named."""
+    name, there = CHANNELS[channel].name, view.present[:, channel]
+    # of what is recorded more seldom than in every other block no two points are neighbours
+    rows = there if there.mean() < 0.5 else np.ones(len(there), dtype=bool)
+    return Panel(title or name, view.units[name], tuple(
+        Line(called, role, view.times[rows], values[rows], hidden)
+        for called, role, values, hidden in lines
+        if role != 'explained' or named(view)))
+
+
+def named(view: View) -> bool:
+    """Tell whether effects change what is simulated."""
+    return not np.array_equal(view.explained, view.recalibrated)
+
+
+def spectra(view: View) -> Figure | None:
+    """Draw the residual's spectra before and after, and at standstill; None: of no channel."""
+    chosen = view.channels(SHOWN)
+    if not len(chosen):
+        return None
+    figure = Figure(figsize=(10.0, 3.0), layout='constrained')
+    axes = np.atleast_1d(figure.subplots(1, len(chosen)))
+    for ax, c in zip(axes, chosen):
+        there = view.present[:, c]
+        for rows, role, label in (
+                (view.recalibrated[there & (view.groups > 0), c], 'simulated', 'less simulated'),
+                (view.explained[there & (view.groups > 0), c], 'explained', 'less explained'),
+                (view.explained[there & (view.groups == 0), c], 'other', 'at rest')):
+            if len(rows) > 64 and (role != 'explained' or named(view)):
+                _spectrum(ax, rows, COLOURS[role], label, _rate(there))
+        name = CHANNELS[c].name
+        ax.set(xlabel='frequency [Hz]')
+        ax.set_title(f'{name} [{_squared(view.units[name])}/Hz]', fontsize=9)
+    axes[0].set_ylabel('power density')
+    figure.legend(*axes[0].get_legend_handles_labels(), loc='outside upper left', ncols=3,
+                  frameon=False, fontsize=9)
+    return figure
+
+
+def _squared(unit: str) -> str:
+    return f'({unit})²' if ' ' in unit or '/' in unit else f'{unit}²'
+
+
+def _rate(there: NDArray[np.bool_]) -> float:
+    """Rate of the blocks that hold samples [Hz]."""
+    steps = np.diff(np.flatnonzero(there))
+    return RATE / max(1.0, float(np.median(steps))) if len(steps) else RATE
+
+
+def _spectrum(axes: Axes, rows: Array, color: str, label: str, rate: float) -> None:
+    f, power = signal.welch(rows, rate, nperseg=min(256, len(rows)))
+    axes.loglog(f[1:], power[1:], color=color, linewidth=1.0, label=label)

@@ -4,7 +4,7 @@ from typing import Any
 
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.geometry import Array
-from forcecal_ros.observe.accuracy import noise_of_force, rise_time
+from forcecal_ros.observe.gains import noise_of_force, rise_time
 from forcecal_ros.observe.settings import BANDWIDTH_LIMITS
 from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
 from matplotlib.axes import Axes

@@ -5,8 +5,8 @@ from typing import Any
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu import SensorResult
+from forcecal_ros.insitu.offset import principal_directions, Subspace, to_coordinates
 from forcecal_ros.insitu.result import DataSetResult
-from forcecal_ros.insitu.subspace import principal_directions, Subspace, to_coordinates
 from forcecal_ros.report.figures import headed
 from matplotlib.figure import Figure
 import numpy as np

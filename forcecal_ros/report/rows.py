@@ -1,11 +1,10 @@
-"""Estimates as rows of a table: one number a row, with its standard error and the truth."""
+"""Tables for a terminal; estimates as rows, each with its standard error and the truth."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.geometry import Array
-from forcecal_ros.report.text import aligned
 import numpy as np
 
 HALF = 1.96
@@ -167,3 +166,11 @@ def number(x: float, std: float) -> str:
         return f'{x:.6g}'
     decimals = min(MOST_DECIMALS, max(0, 1 - int(np.floor(np.log10(std)))))
     return f'{round(x, decimals) + 0.0:.{decimals}f}'  # + 0.0: no minus before a zero
+
+
+def aligned(rows: Sequence[Sequence[str]], left: Container[int] = (0,)) -> list[str]:
+    """Return rows of cells as lines in columns, those of ``left`` aligned to the left."""
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    return ['  '.join(cell.ljust(width) if k in left else cell.rjust(width)
+                      for k, (cell, width) in enumerate(zip(row, widths))).rstrip()
+            for row in rows]

@@ -9,17 +9,17 @@ from forcecal_ros.effects.rig import Axis, Rig, Unexplained
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, quaternion_of
 from forcecal_ros.identify.settings import IdentificationSettings
-from forcecal_ros.recording.level import DOWN
+from forcecal_ros.recording.axes import DOWN
 from forcecal_ros.recording.streams import Recording
 from forcecal_ros.rig_fit.grid import fit_and_judge, Followed
 from forcecal_ros.rig_fit.rotation import fit_rotation, RotationFit, turned_apart
-from forcecal_ros.rig_fit.sensors import (
+from forcecal_ros.rig_fit.tool import (
     command_period,
+    fit_tool,
     noise_of,
     orientation_noise,
     rate_beside,
 )
-from forcecal_ros.rig_fit.tool import fit_tool
 from forcecal_ros.rig_fit.translation import at_ends, AxisFit, fit_translation
 import numpy as np
 from scipy.signal import welch

@@ -1,4 +1,4 @@
-"""Tool and sensors of a recording as sections of a rig, by the same estimates as a calibration."""
+"""Tool and sensors of a recording as sections of a rig, by the estimates of a calibration."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.calibration.model import Accelerometer as CalibratedAccelerometer
 from forcecal_ros.calibration.model import Calibration, Estimate
-from forcecal_ros.diagnose.inputs.imu import from_gravity, GAIN, OFFSET, TURNED
+from forcecal_ros.diagnose.inputs.accelerometer import from_gravity, GAIN, OFFSET, TURNED
 from forcecal_ros.diagnose.inputs.motion_dataset import span
 from forcecal_ros.diagnose.inputs.simulated_tool import DRAWN, LIGHTEST, tool_along, with_moments
 from forcecal_ros.effects.nuisances import possible, rows_of
@@ -18,14 +18,12 @@ from forcecal_ros.effects.rig import (
     Rig,
 )
 from forcecal_ros.errors import DataError, UnobservableError
-from forcecal_ros.geometry import rotation_vector
+from forcecal_ros.geometry import Array, rotation_vector
 from forcecal_ros.identify.pipeline import identify
 from forcecal_ros.identify.settings import IdentificationSettings
-from forcecal_ros.recording.streams import Recording
-from forcecal_ros.rig_fit.sensors import noise_of, rate_beside
-from forcecal_ros.simulators.carried_tool import CarriedTool
+from forcecal_ros.recording.streams import PoseStream, Recording
 from forcecal_ros.simulators.low_pass import slowed
-from forcecal_ros.simulators.rigid_tool import GYRATION
+from forcecal_ros.simulators.rigid_tool import CarriedTool, GYRATION
 import numpy as np
 
 MOST_TURNED = 0.02
@@ -181,3 +179,72 @@ def _by_motion(rig: Rig, recording: Recording, why: str) -> ToolFit:
         _with_imu(rig, recording, motion),
         ((f'the tool is told by the motion, which leaves {force:.2g} N and {torque:.2g} N m RMS; '
          f'static poses would tell it better ({why})'),))
+
+
+_SMOOTHEST = (1.0, -4.0, 6.0, -4.0, 1.0)
+"""Fourth difference: of a motion within 10 Hz at 250 Hz it leaves less than a hundredth."""
+
+FEWEST = 50
+"""Samples from which rate and noise are told."""
+
+ROUND = 1e-3
+"""Of a rate: as far from a whole number of hertz as computers' clocks are apart at most."""
+
+IRREGULAR = 0.1
+"""Share of intervals between commands that may be off by half a period: some get lost."""
+
+TENTH = 1e-4
+"""Periods that are no whole number of hertz are taken in these steps [s]."""
+
+
+def period_of(t: Array) -> float:
+    """Return the mean interval between samples, those that got lost counted [s]."""
+    steps = np.diff(t)
+    middle = float(np.median(steps))
+    return float((t[-1] - t[0]) / np.maximum(1.0, np.round(steps / middle)).sum())
+
+
+def command_period(t: Array) -> float:
+    """
+    Return the period of commands, rounded to a whole rate, or to 0.1 ms [s].
+
+    Raises
+    ------
+    DataError
+        They come irregularly, or too few.
+    """
+    if len(t) < FEWEST:
+        raise DataError(f'target_frame: {len(t)} commands do not tell how the robot follows; '
+                        'record the commands while it moves, 10 s or more')
+    period = period_of(t)
+    steps = np.diff(t) / period
+    off = float(np.mean(np.abs(steps - np.maximum(1.0, np.round(steps))) > 0.5 - 1e-9)
+                + np.mean(steps > 1.5))
+    if off > IRREGULAR:
+        raise DataError(f'target_frame: {100.0 * off:.0f} % of the commands come irregularly, '
+                        f'expected one every {1e3 * period:.3g} ms; stream them at a fixed rate')
+    rate = round(1.0 / period)
+    if rate and abs(rate * period - 1.0) < ROUND:
+        return 1.0 / rate
+    return round(period / TENTH) * TENTH
+
+
+def rate_beside(t: Array, period: float) -> float:
+    """Return a stream's rate as a rig may have it: a whole multiple of the commands' [Hz]."""
+    return max(1, round(period / period_of(t))) / period
+
+
+def noise_of(values: Array) -> float:
+    """Return the noise of one sample, white, by fourth differences of all columns together."""
+    rows = np.reshape(values, (len(values), -1))
+    if len(rows) < FEWEST:
+        return 0.0
+    apart = sum(c * rows[i:len(rows) - 4 + i] for i, c in enumerate(_SMOOTHEST))
+    scale = float(np.sqrt(np.square(_SMOOTHEST).sum()))
+    return float(np.sqrt(np.mean(np.median(np.abs(apart), axis=0) ** 2))) / (0.6745 * scale)
+
+
+def orientation_noise(pose: PoseStream) -> float:
+    """Return the noise of an orientation, per axis [rad]."""
+    turns = rotation_vector(np.swapaxes(pose.R_base_sensor[:-1], 1, 2) @ pose.R_base_sensor[1:])
+    return noise_of(np.cumsum(turns, axis=0))

@@ -14,14 +14,13 @@ does not run with the pydantic 2 of PyPI. What they would have saved, the walk o
 what is shortest here.
 """
 
-from forcecal_ros.schema.file import load
+from forcecal_ros.schema.file import load, plain, yaml_value
 from forcecal_ros.schema.parameter import (
     Parameter,
     parameter_file,
     parameters_of,
     section_of,
 )
-from forcecal_ros.schema.plain import plain, yaml_value
 from forcecal_ros.schema.row import (
     Matrix3,
     Mismatch,

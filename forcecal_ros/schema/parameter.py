@@ -5,7 +5,7 @@ from math import inf, isfinite
 from textwrap import wrap
 from typing import Any, NamedTuple, TypeVar
 
-from forcecal_ros.schema.plain import yaml_value
+from forcecal_ros.schema.file import yaml_value
 from forcecal_ros.schema.row import Row
 from forcecal_ros.schema.sections import columns
 import numpy as np

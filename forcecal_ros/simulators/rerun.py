@@ -16,12 +16,11 @@ from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array, rotation_from_vector, rotation_vector
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
-from forcecal_ros.simulators.carried_tool import CarriedTool
 from forcecal_ros.simulators.low_pass import MOST
 from forcecal_ros.simulators.measured_motion import EXACT
 from forcecal_ros.simulators.poses import in_base_of
 from forcecal_ros.simulators.protocol import Inputs
-from forcecal_ros.simulators.rigid_tool import RigidTool
+from forcecal_ros.simulators.rigid_tool import CarriedTool, RigidTool
 from forcecal_ros.simulators.signals import padded, RATE, Signals
 from forcecal_ros.simulators.simulated_robot import (
     addable,

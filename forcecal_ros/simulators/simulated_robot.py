@@ -9,9 +9,8 @@ from forcecal_ros.effects.library import MOVING
 from forcecal_ros.effects.nuisances import Nuisance
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.schema import Row
-from forcecal_ros.simulators.carried_tool import CABLE
 from forcecal_ros.simulators.protocol import Parameter
-from forcecal_ros.simulators.rigid_tool import RigidTool
+from forcecal_ros.simulators.rigid_tool import CABLE, RigidTool
 from forcecal_ros.simulators.signals import JOINTS, UNSEEN
 
 MOUNTING = (0.005, 0.01)

@@ -1,9 +1,10 @@
-"""Simulators that others wrote: loaded by name, and what they answer checked."""
+"""Simulators that others wrote: loaded by name, answers checked, parameters known so well."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import importlib
+import math
 from pathlib import Path
 import sys
 import traceback
@@ -12,6 +13,8 @@ from typing import Any
 from forcecal_ros.errors import ConfigError, DataError, ForcecalError
 from forcecal_ros.geometry import Array, matrix_from_quaternion
 from forcecal_ros.recording.streams import JointStream, PoseStream, Recording, Stream
+from forcecal_ros.safe_yaml import load_yaml
+from forcecal_ros.schema import instead
 from forcecal_ros.simulators.protocol import Inputs, Parameter, Simulator
 import numpy as np
 
@@ -261,3 +264,38 @@ def _blamed(what: str) -> Iterator[None]:
         at = traceback.extract_tb(error.__traceback__)[-1]
         raise ConfigError(f'{what} raised {type(error).__name__}: {error} '
                           f'({at.filename}:{at.lineno})') from error
+
+
+def with_priors(simulator: ThirdParty, path: str) -> ThirdParty:
+    """
+    Replace standard deviations of parameters by those of a file.
+
+    Parameters
+    ----------
+    simulator : ThirdParty
+    path : str
+        YAML, ``name: sigma`` in the parameter's unit.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be read; a name is none of a parameter; a sigma is not above 0.
+    """
+    try:
+        document = load_yaml(Path(path).read_bytes(), path)
+    except OSError as error:
+        raise ConfigError(f'--priors {path}: {error.strerror or error}') from None
+    if not isinstance(document, Mapping) or not document:
+        raise ConfigError(f'--priors {path}: expected lines of NAME: SIGMA, got '
+                          f'{type(document).__name__}')
+    units = {p.name: p.unit for p in simulator.parameters}
+    for name, sigma in document.items():
+        if name not in units:
+            raise ConfigError(f'--priors {path}: {simulator.name} has no parameter {name}; '
+                              + instead(name, units))
+        if isinstance(sigma, bool) or not isinstance(sigma, (int, float)) or not (
+                0.0 < sigma < math.inf):
+            raise ConfigError(f'--priors {path}: {name}: got {sigma!r}, expected how well it is '
+                              f'known, 1 sigma above 0 [{units[name]}]')
+    return replace(simulator, parameters=tuple(
+        p._replace(sigma=float(document.get(p.name, p.sigma))) for p in simulator.parameters))

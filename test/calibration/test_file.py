@@ -3,7 +3,7 @@
 from dataclasses import replace
 import math
 
-from forcecal_ros.calibration import document as calibration_document
+from forcecal_ros.calibration import file as calibration_document
 from forcecal_ros.calibration import file as calibration_file
 from forcecal_ros.calibration.model import (
     Calibration,

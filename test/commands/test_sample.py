@@ -5,9 +5,8 @@ from pathlib import Path
 from forcecal_ros.calibration.file import load
 from forcecal_ros.cli import main
 from forcecal_ros.recording.bags import read_recording
-from forcecal_ros.simulators.limb import LOADS, MASS
 from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.sample_arm import ZERO
+from forcecal_ros.simulators.samples import LOADS, MASS, ZERO
 import numpy as np
 import pytest
 

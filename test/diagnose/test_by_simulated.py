@@ -7,8 +7,8 @@ import re
 
 from forcecal_ros.cli import main
 from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair, UNTESTED
+from forcecal_ros.diagnose.inputs.accelerometer import imus_compared
 from forcecal_ros.diagnose.inputs.alignment import aligned, shifted
-from forcecal_ros.diagnose.inputs.imu import imus_compared
 from forcecal_ros.diagnose.inputs.motion_dataset import prepare_simulated
 from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool
 from forcecal_ros.diagnose.localise.tracking import tracking

@@ -2,12 +2,12 @@
 
 from forcecal_ros.diagnose.live import offline
 from forcecal_ros.effects import with_effects
-from forcecal_ros.motion.diagnosis_plan import diagnosis_plan
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.plan import prepare, Timing
 from forcecal_ros.motion.poses import nominal_poses, step_goal
 from forcecal_ros.motion.preview import preview
 from forcecal_ros.motion.profiles import Pace
+from forcecal_ros.motion.programs import diagnosis_plan
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.offline import simulate
 import pytest

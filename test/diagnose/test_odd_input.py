@@ -8,8 +8,8 @@ from forcecal_ros.diagnose.inputs.dataset import prepare, split
 from forcecal_ros.diagnose.inputs.stamps import corrected
 from forcecal_ros.diagnose.model.hypotheses import Atom, Hypothesis, nominal_of
 from forcecal_ros.diagnose.model.linearised import Diverged, linearised_model
+from forcecal_ros.diagnose.search.acceptance import refined_or_rejected
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
-from forcecal_ros.diagnose.search.ranking import refined_or_rejected
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.recording.streams import PoseStream, Stream
 from forcecal_ros.simulators.rig.file import load_rig

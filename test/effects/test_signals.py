@@ -12,8 +12,7 @@ from effects_runs import (
     streams,
 )
 from forcecal_ros.effects import EFFECTS, with_effects
-from forcecal_ros.effects.filters import Delay
-from forcecal_ros.effects.hysteresis import Hysteresis
+from forcecal_ros.effects.filters import Delay, Hysteresis
 from forcecal_ros.effects.signals import AccelerometerEffects, specific_force_of, WrenchEffects
 from forcecal_ros.geometry import rotation_about, rotation_from_vector
 from forcecal_ros.simulators.rig.offline import simulate

@@ -10,9 +10,7 @@ from forcecal_ros.geometry import (
     rotation_from_vector,
     rotation_vector,
 )
-from forcecal_ros.recording.bags.encode import encode
-from forcecal_ros.recording.bags.fields import FIELDS
-from forcecal_ros.recording.bags.signals import Messages
+from forcecal_ros.recording.bags.signals import encode, FIELDS, Messages
 from forcecal_ros.recording.bags.write import BagWriter
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.recording.topics import POSE, WRENCH

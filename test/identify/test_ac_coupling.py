@@ -1,6 +1,6 @@
 """High-passes of block means."""
 
-from forcecal_ros.identify.ac_coupling import fading, lowpassed
+from forcecal_ros.identify.accelerometer_model import fading, lowpassed
 import numpy as np
 
 

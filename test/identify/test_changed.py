@@ -2,7 +2,7 @@
 
 from re import search
 
-from forcecal_ros.identify.changed import what_changed
+from forcecal_ros.identify.rejection import what_changed
 from forcecal_ros.identify.static_readings import Statics
 import numpy as np
 import pytest

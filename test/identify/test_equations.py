@@ -2,6 +2,7 @@
 
 from forcecal_ros.errors import UnobservableError
 from forcecal_ros.geometry import rotation_about, rotation_from_vector
+from forcecal_ros.identify.accelerometer import identify_static_accelerometer
 from forcecal_ros.identify.error_analysis import (
     acceleration_error,
     force_error,
@@ -9,12 +10,10 @@ from forcecal_ros.identify.error_analysis import (
     mass_error,
     offset_error,
 )
-from forcecal_ros.identify.mass import mass_from_tilt
 from forcecal_ros.identify.means import window_mean
-from forcecal_ros.identify.paper import operation_count
+from forcecal_ros.identify.paper import operation_count, plain_offset, step_gain
 from forcecal_ros.identify.poses import orientation_h, orientation_v
-from forcecal_ros.identify.static_accelerometer import identify_static_accelerometer
-from forcecal_ros.identify.step_gain import plain_offset, step_gain
+from forcecal_ros.identify.tool import mass_from_tilt
 from forcecal_ros.recording.streams import Stream
 from hypothesis import given
 from hypothesis import strategies as st

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.errors import DataError
-from forcecal_ros.identify.nature import refuse_unnatural, unnatural_inertia
+from forcecal_ros.identify.requirements import refuse_unnatural, unnatural_inertia
 import numpy as np
 import pytest
 from whole_calibration import whole_calibration

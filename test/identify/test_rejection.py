@@ -7,7 +7,7 @@ from forcecal_ros.identify.pipeline import identify
 from forcecal_ros.identify.rejection import PoseError, rejected
 from forcecal_ros.nodes.collector import Collector
 from forcecal_ros.recording.streams import Stream
-from forcecal_ros.report.quality_words import in_words
+from forcecal_ros.report.calibration import in_words
 import numpy as np
 import pytest
 

@@ -6,12 +6,11 @@ from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.identify.axes import in_words, split_matrix
 from forcecal_ros.identify.creep import Creep, follow
-from forcecal_ros.identify.inertia import inertia_regressor
-from forcecal_ros.identify.mass import weigh
+from forcecal_ros.identify.moving_tool import inertia_regressor
 from forcecal_ros.identify.ringing import Ring, stiffness_and_damping
-from forcecal_ros.identify.sag import stiffness_from_sag
 from forcecal_ros.identify.static_readings import gravity_spread, Statics
-from forcecal_ros.identify.tool import identify_tool
+from forcecal_ros.identify.statics import stiffness_from_sag
+from forcecal_ros.identify.tool import identify_tool, weigh
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np

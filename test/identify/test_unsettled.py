@@ -1,7 +1,7 @@
 """What still rings while the robot stands, and noise that seems to cancel, in static poses."""
 
 from calibration_runs import run
-from forcecal_ros.identify.gridded import grid_recording
+from forcecal_ros.identify.means import grid_recording
 from forcecal_ros.identify.poses import static_poses
 from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.identify.statics import read_statics

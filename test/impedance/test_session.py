@@ -2,9 +2,8 @@
 
 from forcecal_ros.errors import ConfigError, MotionError
 from forcecal_ros.impedance.law import Measurement
-from forcecal_ros.impedance.program import Program, Stage, Task
+from forcecal_ros.impedance.program import LineMotion, Program, Stage, Task, to_rest
 from forcecal_ros.impedance.session import Bounds, Session
-from forcecal_ros.impedance.withdraw import LineMotion, to_rest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np

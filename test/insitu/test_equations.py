@@ -13,16 +13,18 @@ from forcecal_ros.insitu.motion import (
     moving_regressors,
     STATIC,
 )
-from forcecal_ros.insitu.offset import offset_coordinates, offset_of, shared_offset
-from forcecal_ros.insitu.prepare import Mounting, prepare, Prepared
-from forcecal_ros.insitu.smoothing import smooth, window_samples
-from forcecal_ros.insitu.subspace import (
+from forcecal_ros.insitu.offset import (
     from_coordinates,
     mean_measurement,
+    offset_coordinates,
+    offset_of,
     principal_directions,
+    shared_offset,
     Subspace,
     to_coordinates,
 )
+from forcecal_ros.insitu.prepare import Mounting, prepare, Prepared
+from forcecal_ros.insitu.smoothing import smooth, window_samples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import insitu_leg

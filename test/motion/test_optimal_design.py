@@ -18,12 +18,11 @@ from forcecal_ros.motion.optimal_design import (
     step_within,
 )
 from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
-from forcecal_ros.motion.poses import nominal_poses, step_goal
+from forcecal_ros.motion.poses import nominal_poses, reach_of, step_goal
 from forcecal_ros.motion.profiles import Move
-from forcecal_ros.motion.reach import reach_of
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
-from forcecal_ros.simulators.rig.expected import expected_sensors
 from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.rig.truth import expected_sensors
 import numpy as np
 import pytest
 import yaml

@@ -7,7 +7,6 @@ from forcecal_ros.geometry import (
     rotation_from_vector,
     rotation_vector,
 )
-from forcecal_ros.motion.joints import JointMove
 from forcecal_ros.motion.limits import check_joint_move, check_move, check_workspace, Limits
 from forcecal_ros.motion.plan import (
     calibration_plan,
@@ -28,6 +27,7 @@ from forcecal_ros.motion.poses import (
 )
 from forcecal_ros.motion.profiles import (
     hold,
+    JointMove,
     Move,
     Pace,
     peak_rates,

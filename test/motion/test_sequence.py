@@ -6,12 +6,11 @@ from itertools import pairwise
 from forcecal_ros.errors import DataError, MotionError
 from forcecal_ros.geometry import quaternion_from_matrix, rotation_from_vector, rotation_vector
 from forcecal_ros.motion.channel import angle_between
-from forcecal_ros.motion.joints import JointMove
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import Monitor, Stillness, WatchSettings
 from forcecal_ros.motion.plan import calibration_plan, PlannedSegment, prepare, Segment, Timing
 from forcecal_ros.motion.poses import nominal_poses, step_goal
-from forcecal_ros.motion.profiles import Move, Pace, Pose, twist_towards
+from forcecal_ros.motion.profiles import JointMove, Move, Pace, Pose, twist_towards
 from forcecal_ros.motion.sequence import MotionSequence, StreamSettings
 from forcecal_ros.motion.stream import next_in_phase, StreamClock
 from hypothesis import given, settings

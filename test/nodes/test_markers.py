@@ -8,13 +8,13 @@ from xml.etree import ElementTree as ET
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import matrix_from_quaternion
 from forcecal_ros.nodes import markers, observer, sequencer
+from forcecal_ros.nodes.frame_outputs import SensorTransform, transform_of
 from forcecal_ros.nodes.markers import (
     contact_markers,
     LARGEST,
     METRES_PER_NEWTON,
     plan_markers,
 )
-from forcecal_ros.nodes.sensor_transform import SensorTransform, transform_of
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.urdf import urdf
 import numpy as np

@@ -3,8 +3,7 @@
 from struct import error as StructError
 
 from bag_samples import header, STORE
-from forcecal_ros.recording.bags.encode import encode
-from forcecal_ros.recording.bags.fields import FIELDS
+from forcecal_ros.recording.bags.signals import encode, FIELDS
 from forcecal_ros.recording.topics import ACCEL, IMU, JOINT_STATE, POSE, TWIST, VECTOR3, WRENCH
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -10,7 +10,7 @@ from forcecal_ros.motion.poses import nominal_poses
 from forcecal_ros.motion.profiles import Move, Pose
 from forcecal_ros.nodes.runtime import LATCHED
 from forcecal_ros.observe import ObserverSettings, replay
-from forcecal_ros.observe.rest import refuse_motion
+from forcecal_ros.observe.tare import refuse_motion
 from forcecal_ros.recording.streams import PoseStream
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.offline import simulate

@@ -2,8 +2,8 @@
 
 from forcecal_ros.calibration.file import save
 from forcecal_ros.errors import DataError
+from forcecal_ros.nodes.calibration_topics import read_tool
 from forcecal_ros.nodes.runtime import OUTPUT
-from forcecal_ros.nodes.tool_topic import read_tool
 from forcecal_ros.observe.payload.replay import follow
 from geometry_msgs.msg import InertiaStamped
 from live import Live

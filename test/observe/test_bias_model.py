@@ -7,8 +7,8 @@ from forcecal_ros.observe import design, FilterSettings, ObserverSettings
 from forcecal_ros.observe.filters.bias_filter import begin, learn
 from forcecal_ros.observe.filters.bias_model import observability_rank
 from forcecal_ros.observe.filters.covariances import gain_of, load_noise, paper_covariances
+from forcecal_ros.observe.from_file import white_noise, with_noise
 from forcecal_ros.observe.inertial import tool_wrench
-from forcecal_ros.observe.noise import white_noise, with_noise
 from forcecal_ros.observe.unload import Unloaded
 from forcecal_ros.recording.streams import Stream
 import gravity_arm as arm

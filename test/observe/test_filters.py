@@ -1,6 +1,6 @@
 """The filters as mathematics: linear cases against closed forms, the others against sums."""
 
-from forcecal_ros.observe.filters import ekf, ukf
+from forcecal_ros.observe.filters import gaussian, ukf
 from forcecal_ros.observe.filters.gaussian import (
     condition,
     Expected,
@@ -79,7 +79,7 @@ def test_an_extended_filter_on_a_linear_model_is_the_same_filter():
     rng = np.random.default_rng(2)
     belief = Gaussian(rng.normal(size=12), covariance(rng, 12))
     y = rng.normal(size=6)
-    one, other = ukf.update(belief, y, linear(SUM), R), ekf.update(belief, y, linear(SUM), R)
+    one, other = ukf.update(belief, y, linear(SUM), R), gaussian.update(belief, y, linear(SUM), R)
     assert one.mean == pytest.approx(other.mean, abs=1e-9)
     assert one.cov == pytest.approx(other.cov, abs=1e-9)
 
@@ -137,7 +137,7 @@ def test_frozen_states_stay_and_the_rest_is_schmidt_s_filter(seed):
     rng = np.random.default_rng(seed)
     belief = Gaussian(rng.normal(size=12), covariance(rng, 12, 0.2))
     y, frozen = rng.normal(size=6), slice(6, 12)
-    got = condition(belief, ekf.expect(belief, linear(SUM), R), y, frozen)
+    got = condition(belief, gaussian.expect(belief, linear(SUM), R), y, frozen)
     S = SUM @ belief.cov @ SUM.T + R
     K = np.linalg.solve(S, SUM @ belief.cov).T
     K[frozen] = 0

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from calibration_runs import run
-from forcecal_ros.calibration.document import from_document, to_document
+from forcecal_ros.calibration.file import from_document, to_document
 from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.errors import ConfigError, DataError
 from forcecal_ros.identify.pipeline import identify

@@ -1,6 +1,6 @@
 """Where a contact force acts, and how sure that is."""
 
-from forcecal_ros.observe.point import contact_point
+from forcecal_ros.observe.frames import contact_point
 import numpy as np
 
 STD = np.array([0.2, 0.1, 0.3, 0.01, 0.02, 0.015])

@@ -7,9 +7,9 @@ from forcecal_ros.errors import ConfigError
 from forcecal_ros.observe import Imu, ObserverSettings, Status
 from forcecal_ros.observe.filters.gaussian import Gaussian
 from forcecal_ros.observe.filters.ukf import transform
-from forcecal_ros.observe.pose_free.model import pose_free_model
-from forcecal_ros.observe.pose_free.orientation import (
+from forcecal_ros.observe.pose_free.model import (
     exponential,
+    pose_free_model,
     readings,
     relevelled,
     start_pose_free,

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.observe import design, noise_levels
-from forcecal_ros.observe.tare import FEWEST
-from forcecal_ros.observe.window import PAUSE, Window
+from forcecal_ros.observe.tare import FEWEST, PAUSE, Window
 import numpy as np
 from observing import calibration, FORCE_NOISE, lossy, observed, push, record
 import pytest

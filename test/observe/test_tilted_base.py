@@ -7,7 +7,7 @@ from forcecal_ros.observe import design, ObserverSettings, replay
 from forcecal_ros.observe.live import LiveObserver
 from forcecal_ros.observe.playback import events
 from forcecal_ros.observe.tracking import product
-from forcecal_ros.recording.level import level_from_base, levelled
+from forcecal_ros.recording.axes import level_from_base, levelled
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np

@@ -6,9 +6,7 @@ from bag_samples import STORE
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.bags.batch import Batch
 from forcecal_ros.recording.bags.cdr import CdrError, Decoder, walk
-from forcecal_ros.recording.bags.encode import encode
-from forcecal_ros.recording.bags.fields import FIELDS
-from forcecal_ros.recording.bags.signals import messages_of
+from forcecal_ros.recording.bags.signals import encode, FIELDS, messages_of
 from forcecal_ros.recording.streams import Stream
 from forcecal_ros.recording.topics import (
     CONTROLLER_STATE,

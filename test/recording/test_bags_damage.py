@@ -13,7 +13,7 @@ from bag_samples import (
 )
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.bags import read_recording, write_recording
-from forcecal_ros.recording.checks.order import increasing
+from forcecal_ros.recording.checks.header_stamps import increasing
 from hypothesis import given, HealthCheck, settings
 from hypothesis import strategies as st
 import numpy as np

@@ -5,9 +5,8 @@ import re
 
 from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
-from forcecal_ros.report.calibration import render
+from forcecal_ros.report.calibration import in_words, render
 from forcecal_ros.report.impedance import _cells
-from forcecal_ros.report.quality_words import in_words
 from forcecal_ros.report.rows import as_text, table
 from forcecal_ros.reproduce.assess import Figures, rms
 import numpy as np

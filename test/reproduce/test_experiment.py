@@ -4,9 +4,9 @@ from dataclasses import replace
 
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.impedance.design import design
+from forcecal_ros.impedance.law import Regulator
 from forcecal_ros.impedance.plant.file import load_plant
 from forcecal_ros.impedance.program import Program, Stage, Task
-from forcecal_ros.impedance.regulator import Regulator
 from forcecal_ros.observe import ObserverSettings, replay
 from forcecal_ros.reproduce.assess import (
     assess,
@@ -15,10 +15,9 @@ from forcecal_ros.reproduce.assess import (
     losses,
     settling_time,
 )
-from forcecal_ros.reproduce.closed_loop import run_closed_loop
-from forcecal_ros.reproduce.feedback import feedback_of
+from forcecal_ros.reproduce.closed_loop import feedback_of, run_closed_loop
+from forcecal_ros.reproduce.experiment import rehearse
 from forcecal_ros.reproduce.printed_gains import error_poles, with_printed_gain
-from forcecal_ros.reproduce.rehearsal import rehearse
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.simulator import Simulator
 from forcecal_ros.simulators.rig.truth import true_calibration

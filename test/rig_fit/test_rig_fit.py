@@ -13,8 +13,7 @@ from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.recording.bags import write_recording
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.rig_fit.fit import fit_rig
-from forcecal_ros.rig_fit.sensors import command_period, noise_of
-from forcecal_ros.rig_fit.tool import fit_tool
+from forcecal_ros.rig_fit.tool import command_period, fit_tool, noise_of
 from forcecal_ros.simulators.rig.file import dump_rig, load_rig
 from forcecal_ros.simulators.rig.offline import simulate
 from forcecal_ros.simulators.rig.plant import Plant

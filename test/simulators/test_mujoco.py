@@ -11,12 +11,11 @@ from forcecal_ros.geometry import matrix_from_quaternion, rotation_from_vector
 from forcecal_ros.recording.bags import write_recording
 from forcecal_ros.recording.streams import JointStream
 from forcecal_ros.simulators.mujoco import load_mujoco
-from forcecal_ros.simulators.priors import with_priors
 from forcecal_ros.simulators.protocol import Inputs
 from forcecal_ros.simulators.rerun import Runs
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.simulated_robot import library_of, nuisances_of, STEP
-from forcecal_ros.simulators.third_party import third_party
+from forcecal_ros.simulators.third_party import third_party, with_priors
 import numpy as np
 import pytest
 

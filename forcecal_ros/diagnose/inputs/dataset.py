@@ -4,9 +4,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from forcecal_ros.diagnose.inputs.accelerometer import in_volts, mounted
-from forcecal_ros.diagnose.inputs.command_timing import start_of
+from forcecal_ros.diagnose.inputs.command_timing import refuse_sparse_commands, start_of
 from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
-from forcecal_ros.diagnose.inputs.sparse_commands import refuse_sparse_commands
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError

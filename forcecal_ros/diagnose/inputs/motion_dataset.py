@@ -11,9 +11,8 @@ from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.noise.autoregression import FEWEST
 from forcecal_ros.recording.streams import Recording, Stream, TOUCHING
-from forcecal_ros.simulators.carried_tool import beyond
 from forcecal_ros.simulators.measured_motion import MeasuredMotion, RecordedSimulation
-from forcecal_ros.simulators.rigid_tool import RigidTool
+from forcecal_ros.simulators.rigid_tool import beyond, RigidTool
 from forcecal_ros.simulators.signals import BLOCK, block_means, Signals
 import numpy as np
 from numpy.typing import NDArray

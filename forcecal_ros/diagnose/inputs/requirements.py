@@ -7,7 +7,7 @@ from typing import Any
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.checks.at_rest import refuse_other_axes
-from forcecal_ros.recording.checks.pauses import pauses, SENSORS
+from forcecal_ros.recording.checks.clocks import pauses, SENSORS
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.recording.topics import ROLES
 import numpy as np

@@ -3,15 +3,14 @@
 from dataclasses import replace
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.inputs.imu import with_imu
+from forcecal_ros.diagnose.inputs.accelerometer import with_imu
 from forcecal_ros.effects.nuisances import possible, rows_of
 from forcecal_ros.effects.rig import NominalTolerances, Rig, Tool
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, skew
-from forcecal_ros.identify.inertia import inertia_regressor, symmetric
+from forcecal_ros.identify.moving_tool import inertia_regressor, symmetric
 from forcecal_ros.recording.streams import phase_spans, Recording, TOUCHING
-from forcecal_ros.simulators.carried_tool import CarriedTool
-from forcecal_ros.simulators.rigid_tool import GYRATION, rigid_tool_of_rig, RigidTool
+from forcecal_ros.simulators.rigid_tool import CarriedTool, GYRATION, rigid_tool_of_rig, RigidTool
 from forcecal_ros.simulators.signals import BLOCK, block_means, RATE
 import numpy as np
 from numpy.typing import NDArray

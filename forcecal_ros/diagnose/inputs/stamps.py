@@ -6,9 +6,8 @@ from typing import Any, NamedTuple
 from forcecal_ros.diagnose.inputs.requirements import bridged, require_overlap
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
-from forcecal_ros.recording.checks.clocks import Clock, clocks, dropouts, skew_between
+from forcecal_ros.recording.checks.clocks import Clock, clocks, dropouts, SENSORS, skew_between
 from forcecal_ros.recording.checks.entry import checked
-from forcecal_ros.recording.checks.pauses import SENSORS
 from forcecal_ros.recording.stamps import with_even_stamps
 from forcecal_ros.recording.streams import Recording
 

@@ -21,9 +21,8 @@ from forcecal_ros.diagnose.localise.time_frequency import (
     TimeFrequencyBin,
 )
 from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
-from forcecal_ros.diagnose.model.effect_jacobian import EffectJacobian
 from forcecal_ros.diagnose.model.evidence import fit
-from forcecal_ros.diagnose.model.hypotheses import VIBRATION
+from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, VIBRATION
 from forcecal_ros.diagnose.model.jacobian import combined
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison

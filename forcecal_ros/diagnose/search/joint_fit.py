@@ -4,8 +4,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.model.effect_jacobian import effect_jacobian, EffectJacobian
-from forcecal_ros.diagnose.model.hypotheses import bounds_of, values_of
+from forcecal_ros.diagnose.model.hypotheses import (
+    bounds_of,
+    effect_jacobian,
+    EffectJacobian,
+    values_of,
+)
 from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
 from forcecal_ros.diagnose.search.fitted import Accepted
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison

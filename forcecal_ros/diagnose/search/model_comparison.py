@@ -12,11 +12,13 @@ from forcecal_ros.diagnose.model.discrepancy import (
     SCALES,
     Scales,
 )
-from forcecal_ros.diagnose.model.effect_jacobian import effect_jacobian, EffectJacobian, FAR
 from forcecal_ros.diagnose.model.evidence import Fit, fit, Gram, Prior, score
 from forcecal_ros.diagnose.model.hypotheses import (
     Atom,
     bounds_of,
+    effect_jacobian,
+    EffectJacobian,
+    FAR,
     fewer,
     Hypothesis,
     nominal_of,

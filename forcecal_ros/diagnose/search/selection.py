@@ -5,8 +5,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.model.effect_jacobian import EffectJacobian
-from forcecal_ros.diagnose.model.hypotheses import Hypothesis
+from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.acceptance import (
     acceptable,
@@ -15,7 +14,11 @@ from forcecal_ros.diagnose.search.acceptance import (
     holds_beside_long_memory,
     LEAST_FRACTION,
     LEAST_GAIN,
+    PARSIMONY,
+    ranked,
     SHARE,
+    temperature_of,
+    weights,
 )
 from forcecal_ros.diagnose.search.fitted import Accepted, HypothesisFit
 from forcecal_ros.diagnose.search.joint_fit import (
@@ -25,7 +28,6 @@ from forcecal_ros.diagnose.search.joint_fit import (
     without_effect,
 )
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
-from forcecal_ros.diagnose.search.ranking import PARSIMONY, ranked, temperature_of, weights
 from forcecal_ros.effects.nuisances import LIMIT, ROBOT
 import numpy as np
 

@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.atomic_files import write_text
-from forcecal_ros.impedance.plant.model import Plant
-from forcecal_ros.impedance.plant.state_space import state_space
+from forcecal_ros.impedance.plant.model import Plant, state_space
 from forcecal_ros.schema import load, plain
 import yaml
 

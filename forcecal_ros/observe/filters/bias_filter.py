@@ -16,7 +16,7 @@ from math import nan
 from typing import Any, NamedTuple
 
 from forcecal_ros.geometry import Array
-from forcecal_ros.observe.filters import ekf, ukf
+from forcecal_ros.observe.filters import gaussian, ukf
 from forcecal_ros.observe.filters.bias_model import BiasModel, measurement, start, transition
 from forcecal_ros.observe.filters.contact_test import assess, Contact, free_hypothesis, opened
 from forcecal_ros.observe.filters.gaussian import (
@@ -100,7 +100,7 @@ def expect(belief: Gaussian, h: Function, R: Array, model: BiasModel) -> Expecte
     """Foretell a reading by sigma points or by the Jacobian."""
     if model.unscented:
         return ukf.expect(belief, h, R, model.settings.scaling)
-    return ekf.expect(belief, h, R)
+    return gaussian.expect(belief, h, R)
 
 
 def _sample(belief: Belief, reading: Unloaded, model: BiasModel,

@@ -1,4 +1,4 @@
-"""What the filters share: a belief, a function seen three ways, and conditioning on a reading."""
+"""What the filters share: a belief, a function seen three ways, conditioning; and the EKF."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -138,3 +138,15 @@ def condition(belief: Gaussian, expected: Expected, reading: Array,
         mean[frozen] = belief.mean[frozen]
         cov[frozen, frozen] = belief.cov[frozen, frozen]
     return Gaussian(mean, cov)
+
+
+def expect(belief: Gaussian, measurement: Function, R: Array) -> Expected:
+    """Foretell a reading by the Jacobian at the mean; ``R`` (k, k) covariance of its noise."""
+    H = measurement.jacobian(belief.mean)
+    cross = belief.cov @ H.T
+    return Expected(measurement.value(belief.mean), H @ cross + R, cross)
+
+
+def update(belief: Gaussian, reading: Array, measurement: Function, R: Array) -> Gaussian:
+    """Take in a reading (k,) whose noise has the covariance ``R`` (k, k)."""
+    return condition(belief, expect(belief, measurement, R), reading)

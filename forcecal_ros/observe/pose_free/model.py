@@ -1,13 +1,24 @@
-"""What the filter without a pose knows of arm, tool and IMU."""
+"""
+The model without a pose: gravity's direction is estimated along with biases and mass.
 
-from math import sqrt
+Beside the frame ``level``, whose third axis is down, the states are wrench F (6), biases b (6),
+mass m, tilt of ``level`` about its first two axes (2) and acceleration a of the centre of mass
+(3), all in ft_sensor. A gyro turns the frame, the accelerometer sees a - g, the force sensor
+m (g - a). Here the model of [Ukf2025] is no longer linear: mass, gravity and acceleration multiply
+and g moves on a sphere. (As a vector of known length g fools the unscented filter: it takes the
+same length, read a thousand times a second, for a thousand independent readings, and its estimate
+of the direction ends up 5 deg off, twenty times what it claims.)
+"""
+
+from math import cos, exp, sin, sqrt
 from typing import NamedTuple
 
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array, skew
 from forcecal_ros.observe.design import design
-from forcecal_ros.observe.filters.bias_model import BiasModel
+from forcecal_ros.observe.filters.bias_model import BiasModel, relaxation
+from forcecal_ros.observe.filters.gaussian import Function, Gaussian, linear
 from forcecal_ros.observe.settings import LEARNING, ObserverSettings
 import numpy as np
 from scipy.linalg import block_diag
@@ -67,7 +78,7 @@ class PoseFreeModel(NamedTuple):
     inertia : ndarray, shape (3, 3)
         About the centre of mass [kg m^2].
     noise : ndarray, shape (9, 9)
-        Of the :func:`~forcecal_ros.observe.pose_free.orientation.readings`.
+        Of the :func:`~forcecal_ros.observe.pose_free.model.readings`.
     """
 
     wrench: BiasModel
@@ -114,3 +125,183 @@ def pose_free_model(calibration: Calibration, settings: ObserverSettings = Obser
         wrench, imu, calibration.gravity, float(calibration.mass),
         sqrt(mass_std ** 2 + imu.payload_std ** 2 + 1e-12),
         np.vstack([np.eye(3), skew(com)]), place - com, inertia, R)
+
+
+WRENCH, BIAS, MASS = slice(0, 6), slice(6, 12), 12
+TILT, ACCELERATION = slice(13, 15), slice(15, 18)
+STATES = 18
+LEARNED = slice(6, 13)
+"""Biases and mass: what only readings without contact may teach."""
+
+OFFSET_LASTS = 10.0
+"""The offset of a gyro is not estimated; it counts as noise that is drawn anew this often. As
+white noise, anew at every sample, the same size would turn gravity by much less [s]."""
+
+LEAST_FORCE = 1.0
+"""A specific force below this, a tenth of gravity, does not tell where down is [m/s^2]."""
+
+
+class Turning(NamedTuple):
+    """Angular velocity [rad/s] and acceleration [rad/s^2], (3,) each."""
+
+    omega: Array
+    alpha: Array
+
+
+class LevelBelief(NamedTuple):
+    """``level`` (3, 3), which maps a frame whose z is down to ft_sensor, and the states (18,)."""
+
+    level: Array
+    states: Gaussian
+
+
+def start_pose_free(model: PoseFreeModel, specific_force: Array) -> LevelBelief:
+    """
+    Return the belief before the first reading, from the first specific force (3,) [m/s^2].
+
+    Gravity is taken to oppose it, which wants it longer than ``LEAST_FORCE``.
+    """
+    wrench, imu = model.wrench, model.imu
+    mean = np.zeros(STATES)
+    mean[BIAS], mean[MASS] = wrench.bias, model.mass
+    cov = block_diag(wrench.covariances.P0, wrench.bias_cov, model.mass_std ** 2,
+                     imu.tilt_std ** 2 * np.eye(2), imu.acceleration_std ** 2 * np.eye(3))
+    return LevelBelief(_level(-specific_force), Gaussian(mean, cov))
+
+
+def _level(down: Array) -> Array:
+    """Rotation whose third column points down; the other two as they come."""
+    z = down / np.linalg.norm(down)
+    x = np.eye(3)[int(np.argmin(np.abs(z)))]
+    x = x - (x @ z) * z
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def exponential(x: float, y: float, z: float) -> Array:
+    """Rotation matrix of a rotation vector [rad]; in floats, as arrays this small are dear."""
+    angle = sqrt(x * x + y * y + z * z)
+    half = sin(angle / 2) / angle if angle > 1e-9 else 0.5
+    w, x, y, z = cos(angle / 2), half * x, half * y, half * z
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
+
+
+def differentiate(turning: Turning | None, omega: Array, dt: float, corner: float) -> Turning:
+    """
+    Find the angular acceleration from the gyro, by a critically damped second-order filter.
+
+    Parameters
+    ----------
+    turning
+        As filtered so far.
+    omega : ndarray, shape (3,)
+        [rad/s]
+    dt, corner : float
+        [s], [rad/s]
+    """
+    if turning is None:
+        return Turning(omega, np.zeros(3))
+    r = exp(-corner * dt)
+    predicted = turning.omega + dt * turning.alpha
+    error = omega - predicted
+    return Turning(predicted + (1 - r * r) * error, turning.alpha + (1 - r) ** 2 / dt * error)
+
+
+def follow_gyro(belief: LevelBelief, model: PoseFreeModel, omega: Array | None, dt: float,
+           contact: bool) -> tuple[Array, Function, Array]:
+    """
+    Carry ``level`` along with the gyro, and return how the states move in a period ``dt`` [s].
+
+    ``omega`` (3,) [rad/s] is None where the gyro is silent.
+
+    Returns
+    -------
+    level : ndarray, shape (3, 3)
+    transition : Function
+    Q : ndarray, shape (18, 18)
+    """
+    imu, wrench = model.imu, model.wrench
+    A, Q = np.eye(STATES), np.zeros((STATES, STATES))
+    turn = np.eye(3) if omega is None else exponential(*(-dt * omega))
+    fade = exp(-dt / imu.acceleration_time)
+    A[WRENCH, WRENCH] *= exp(-dt / relaxation(wrench, contact))
+    A[ACCELERATION, ACCELERATION] = fade * turn
+    Q[WRENCH, WRENCH] = wrench.covariances.Q * (dt / wrench.covariances.period)
+    Q[BIAS, BIAS] = wrench.bias_walk * dt
+    Q[MASS, MASS] = imu.payload_walk ** 2 * dt
+    tilt = imu.unknown_rate ** 2 * dt
+    if omega is not None:
+        tilt = (imu.gyro_std * dt) ** 2 + imu.gyro_offset ** 2 * OFFSET_LASTS * dt
+    Q[TILT, TILT] = tilt * np.eye(2)
+    Q[ACCELERATION, ACCELERATION] = imu.acceleration_std ** 2 * (1 - fade * fade) * np.eye(3)
+    return turn @ belief.level, linear(A), Q
+
+
+def relevelled(level: Array, states: Gaussian) -> LevelBelief:
+    """Move the tilt from the states into ``level`` (3, 3)."""
+    mean = states.mean
+    level = level @ exponential(float(mean[13]), float(mean[14]), 0.0)
+    # one Newton step back to orthogonality, for a filter that runs for days
+    level = 1.5 * level - 0.5 * level @ level.T @ level
+    mean[TILT] = 0.0
+    return LevelBelief(level, states)
+
+
+def readings(level: Array, model: PoseFreeModel, turning: Turning) -> Function:
+    """
+    Return what the sensors show: wrench (6) and specific force (3).
+
+    y = F + b + [m (g - a); c x m (g - a) - I alpha - omega x I omega]; specific force
+    a - g + alpha x d + omega x (omega x d) at d from the centre of mass. With tilt t of size h,
+    g = G level [t_y sin(h)/h, -t_x sin(h)/h, cos h].
+
+    The mass learns from how the weight turns, not from accelerations: difference and Jacobian
+    leave dm a out. a carries the accelerometer's noise, which a filter would take for excitation:
+    it then believes to tell mass from bias at rest, and both end up ten standard errors off.
+
+    Difference and Jacobian hold at tilt 0, where the filter is.
+    """
+    spread, G = model.spread, model.gravity
+    W = skew(turning.omega)
+    offset = np.zeros(9)
+    offset[3:6] = -model.inertia @ turning.alpha - W @ (model.inertia @ turning.omega)
+    offset[6:] = (skew(turning.alpha) + W @ W) @ model.lever
+    down = G * level[:, 2]
+    across = G * level[:, 1::-1] * _SWAP
+
+    def value(x: Array) -> Array:
+        fall = down - x[ACCELERATION]
+        if x[13] or x[14]:
+            fall = fall + _fallen(x[None, TILT], across, down)[0]
+        return np.concatenate([x[WRENCH] + x[BIAS] + spread @ (x[MASS] * fall), -fall]) + offset
+
+    def difference(x: Array, dx: Array) -> Array:
+        fall = _fallen(dx[:, TILT], across, down) - dx[:, ACCELERATION]
+        dm = dx[:, MASS, None]
+        push = dm * down + (x[MASS] + dm) * fall
+        return np.concatenate(
+            [dx[:, WRENCH] + dx[:, BIAS] + push @ spread.T, -fall], axis=1)
+
+    def jacobian(x: Array) -> Array:
+        H = np.zeros((9, STATES))
+        H[:6, WRENCH] = H[:6, BIAS] = np.eye(6)
+        H[:6, MASS] = spread @ down
+        H[:6, TILT], H[:6, ACCELERATION] = x[MASS] * spread @ across, -x[MASS] * spread
+        H[6:, TILT], H[6:, ACCELERATION] = -across, np.eye(3)
+        return H
+
+    return Function(value, difference, jacobian)
+
+
+_SWAP = np.array([-1.0, 1.0])
+
+
+def _fallen(tilt: Array, across: Array, down: Array) -> Array:
+    """Change of g for each tilt (p, 2), without the digits that 1 - cos loses."""
+    half = 0.5 * np.sqrt(np.einsum('pi,pi->p', tilt, tilt))
+    s = np.sin(half)
+    along = np.divide(s, half, out=np.ones_like(s), where=half > 0) * np.cos(half)
+    return np.asarray((along[:, None] * tilt) @ across.T - np.outer(2 * s * s, down))

@@ -18,8 +18,7 @@ from forcecal_ros.observe.filters.gaussian import (
     NotPositiveDefinite,
     predict,
 )
-from forcecal_ros.observe.pose_free.model import PoseFreeModel
-from forcecal_ros.observe.pose_free.orientation import (
+from forcecal_ros.observe.pose_free.model import (
     BIAS,
     differentiate,
     follow_gyro,
@@ -27,6 +26,7 @@ from forcecal_ros.observe.pose_free.orientation import (
     LEAST_FORCE,
     LevelBelief,
     MASS,
+    PoseFreeModel,
     readings,
     relevelled,
     start_pose_free,

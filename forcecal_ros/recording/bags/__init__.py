@@ -1,8 +1,15 @@
 """The only reader and writer of recordings (rosbag2); it needs no ROS installation."""
 
-from forcecal_ros.recording.bags.chunks import BagChunk, read_chunks
-from forcecal_ros.recording.bags.columns import Columns, read_calibrations, read_columns
-from forcecal_ros.recording.bags.ordered import Raw, read_messages, read_topics
+from forcecal_ros.recording.bags.parts import (
+    BagChunk,
+    Columns,
+    Raw,
+    read_calibrations,
+    read_chunks,
+    read_columns,
+    read_messages,
+    read_topics,
+)
 from forcecal_ros.recording.bags.read import read_recording
 from forcecal_ros.recording.bags.write import BagWriter, write_recording, write_signals
 

@@ -9,8 +9,7 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.recording.bags.batch import Batch, Integers, Notes
 from forcecal_ros.recording.bags.cdr import CdrError, Decoder, Group
 from forcecal_ros.recording.bags.storage import Bag
-from forcecal_ros.recording.checks.header_stamps import usable_stamps
-from forcecal_ros.recording.checks.order import increasing
+from forcecal_ros.recording.checks.header_stamps import increasing, usable_stamps
 from forcecal_ros.recording.topics import POSE, Topic
 import numpy as np
 from numpy.typing import NDArray

@@ -9,11 +9,10 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, matrix_from_quaternion
 from forcecal_ros.recording.bags.batch import Notes
 from forcecal_ros.recording.bags.collect import Collector, frozen, Series
-from forcecal_ros.recording.bags.fields import FIELDS, JOINT_NAMES, JOINTS
+from forcecal_ros.recording.bags.poses import FROM_TF, pose_of_joints, pose_series
+from forcecal_ros.recording.bags.poses import FROM_URDF as URDF
+from forcecal_ros.recording.bags.signals import FIELDS, JOINT_NAMES, JOINTS
 from forcecal_ros.recording.bags.storage import Bag
-from forcecal_ros.recording.bags.transforms import pose_series, PREFIX
-from forcecal_ros.recording.bags.urdf import pose_of_joints
-from forcecal_ros.recording.bags.urdf import PREFIX as URDF
 from forcecal_ros.recording.streams import JointStream, Phase, PoseStream, Recording, Stream
 from forcecal_ros.recording.topics import candidates, find_topics, IMU, JOINT_STATE, Topic, VECTOR3
 from forcecal_ros.recording.transforms import TF
@@ -62,7 +61,7 @@ def read_recording(
         A role does not exist.
     """
     named = dict(topics or {})
-    chain = named.pop('pose') if named.get('pose', '').startswith((PREFIX, URDF)) else ''
+    chain = named.pop('pose') if named.get('pose', '').startswith((FROM_TF, URDF)) else ''
     with Bag(path) as bag:
         # two arms' joint states are ambiguous only to who wants them
         wanted = ('joint_states',) if joints or chain.startswith(URDF) else ()

@@ -7,10 +7,14 @@ from typing import Any, NamedTuple
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.clipping import clipped, refuse_wrapped, resolution
-from forcecal_ros.recording.checks.clocks import refuse_clocks_apart, refuse_offset
+from forcecal_ros.recording.checks.clocks import (
+    lost_messages,
+    refuse_clocks_apart,
+    refuse_offset,
+    silences,
+)
 from forcecal_ros.recording.checks.held import dead_bands, lost_packets, without_held
 from forcecal_ros.recording.checks.motion import refuse_frozen_pose, refuse_silent_pose
-from forcecal_ros.recording.checks.pauses import lost_messages, silences
 from forcecal_ros.recording.checks.repeats import refuse_dead, refuse_stuck
 from forcecal_ros.recording.checks.slowness import lag_note
 from forcecal_ros.recording.checks.units import refuse_other_length

@@ -4,10 +4,9 @@ from collections.abc import Iterator, Sequence
 
 from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import Array, rotation_vector
+from forcecal_ros.recording.axes import DOWN, pose_from_wire
 from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.frames import Fit, Judgement
-from forcecal_ros.recording.level import DOWN
-from forcecal_ros.recording.mount import pose_from_wire
 import numpy as np
 
 

@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-from forcecal_ros.recording.csv_import.names import contradiction, is_xyzw
 from forcecal_ros.recording.csv_import.table import Dialect
-from forcecal_ros.recording.csv_import.units import NANOSECONDS, UNITS
+from forcecal_ros.recording.csv_import.units import contradiction, is_xyzw, NANOSECONDS, UNITS
 from forcecal_ros.recording.streams import PHASES
 from forcecal_ros.schema import columns, load, Mismatch, path, read, Row, Section, TEXT
 

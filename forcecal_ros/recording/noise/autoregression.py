@@ -1,4 +1,4 @@
-"""Autoregressive models of coloured noise, AR(p), and whitening by them."""
+"""Autoregressive models of coloured noise, AR(p), whitening by them, and longer memory."""
 
 from functools import lru_cache
 from typing import NamedTuple
@@ -279,3 +279,30 @@ def _least_squares(lagged: Array) -> tuple[Array, float]:
     a = np.linalg.solve(inner, gram[1:, 0])
     variance = (gram[0, 0] - a @ gram[1:, 0]) / max(1, len(lagged) - ORDER)
     return a, float(np.sqrt(max(variance, 1e-30 * gram[0, 0] / len(lagged))))
+
+
+SPANS = ((1, 16), (16, 64), (64, 256), (256, 1024))
+"""Past blocks whose means predict slow noise, from and up to."""
+
+
+def unpredicted(values: Array, rows: NDArray[np.bool_]) -> float:
+    """
+    Sum of squares that the means of the past do not predict.
+
+    A heterogeneous autoregression (Corsi, J. Financial Econometrics 7, 2009): four means over
+    ever longer spans stand for the thousand coefficients of a long memory.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    rows : ndarray of bool, shape (n,)
+        Which of them are predicted; their past may be any.
+    """
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    now = np.arange(len(values))
+    past = np.stack([(sums[np.maximum(now - first + 1, 0)] - sums[np.maximum(now - last + 1, 0)])
+                     / (last - first) for first, last in SPANS], axis=1)[rows]
+    w = values[rows]
+    gram = past.T @ past + 1e-9 * np.eye(len(SPANS))
+    vector = past.T @ w
+    return float(w @ w - vector @ np.linalg.solve(gram, vector))

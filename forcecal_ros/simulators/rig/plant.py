@@ -6,12 +6,10 @@ from forcecal_ros.effects.numbers import physical_rig
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array, matrix_from_quaternion
-from forcecal_ros.simulators.rig.command_delays import CommandDelays
-from forcecal_ros.simulators.rig.parameters import kernel_parameters
+from forcecal_ros.simulators.rig.parameters import kernel_parameters, slide_rates
 from forcecal_ros.simulators.rig.robot import Motion, move, robot_at_rest, without_traces
-from forcecal_ros.simulators.rig.robot_effects import MotionEffects
+from forcecal_ros.simulators.rig.robot_effects import CommandDelays, MotionEffects
 from forcecal_ros.simulators.rig.sensors import highpass_settled, respond, Response
-from forcecal_ros.simulators.rig.slide_effects import slide_rates
 from forcecal_ros.simulators.rig.tool import Slide, slide_along, tool_at_rest
 import numpy as np
 

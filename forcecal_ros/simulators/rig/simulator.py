@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 from forcecal_ros import jit
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.effects.signals import AccelerometerEffects, WrenchEffects
-from forcecal_ros.effects.stamps import StampEffects
+from forcecal_ros.effects.signals import AccelerometerEffects, StampEffects, WrenchEffects
 from forcecal_ros.errors import MotionError
 from forcecal_ros.geometry import Array, quaternion_from_matrix
 from forcecal_ros.simulators.rig.file import load_rig

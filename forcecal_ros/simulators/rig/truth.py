@@ -1,8 +1,11 @@
-"""The true calibration of a rig, for tables of estimate against truth."""
+"""The true calibration of a rig, and what an identification may expect of it."""
+
+from math import sqrt
 
 from forcecal_ros.effects.numbers import physical_rig
 from forcecal_ros.effects.rig import AccelerometerModel, Rig
 from forcecal_ros.geometry import Array
+from forcecal_ros.motion.information import Sensors
 import numpy as np
 
 
@@ -39,3 +42,12 @@ def true_calibration(rig: Rig, accelerometer: str | None = None) -> dict[str, Ar
         truth['tool.stiffness'] = rig.optidrive.stiffness
         truth['tool.damping'] = rig.optidrive.damping
     return {key: np.array(value, dtype=float) for key, value in truth.items()}
+
+
+def expected_sensors(rig: Rig) -> Sensors:
+    """Return mass, centre of mass and noise densities of a rig."""
+    wrench, accelerometer = rig.wrench_sensor, rig.accelerometer
+    return Sensors(
+        rig.tool.mass, np.array(rig.tool.com), wrench.force_noise / sqrt(wrench.rate),
+        wrench.torque_noise / sqrt(wrench.rate), accelerometer.noise / sqrt(accelerometer.rate),
+        float(np.abs(accelerometer.model().gain).mean()), float(np.linalg.norm(rig.gravity)))

@@ -10,9 +10,8 @@ from forcecal_ros.diagnose.inputs.stamps import Corrected
 from forcecal_ros.diagnose.judge.named_effects import from_checks
 from forcecal_ros.geometry import rotation_about
 from forcecal_ros.recording.bags import read_recording
-from forcecal_ros.recording.checks.clocks import clocks, dropouts, skew_between
+from forcecal_ros.recording.checks.clocks import clocks, dropouts, silences, skew_between
 from forcecal_ros.recording.checks.entry import checked
-from forcecal_ros.recording.checks.pauses import silences
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rigid_tool import rigid_tool_of_rig

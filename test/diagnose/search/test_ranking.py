@@ -1,8 +1,8 @@
 """Which hypothesis is fitted in full, and which is likelier."""
 
 from forcecal_ros.diagnose.model.evidence import Score
+from forcecal_ros.diagnose.search.acceptance import weights
 from forcecal_ros.diagnose.search.fitted import HypothesisFit
-from forcecal_ros.diagnose.search.ranking import weights
 from forcecal_ros.diagnose.search.selection import _near
 import numpy as np
 

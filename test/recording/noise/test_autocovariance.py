@@ -1,8 +1,12 @@
 """The variance of means and of weighted sums over coloured noise."""
 
 from forcecal_ros.errors import DataError
-from forcecal_ros.recording.noise.autocovariance import noise_of_residuals, noise_of_windows
-from forcecal_ros.recording.noise.lag_window import andrews_lags, last_correlated_lag
+from forcecal_ros.recording.noise.autocovariance import (
+    andrews_lags,
+    last_correlated_lag,
+    noise_of_residuals,
+    noise_of_windows,
+)
 import numpy as np
 import pytest
 

@@ -1,6 +1,6 @@
 """Noise with a long memory."""
 
-from forcecal_ros.recording.noise.long_memory import unpredicted
+from forcecal_ros.recording.noise.autoregression import unpredicted
 import numpy as np
 
 

@@ -1,6 +1,6 @@
 """The stated variance of a mean of rounded readings is what such means show."""
 
-from forcecal_ros.recording.noise.rounding import rounding_variance
+from forcecal_ros.recording.noise.white import rounding_variance
 import numpy as np
 import pytest
 

@@ -1,4 +1,4 @@
-"""A base that is not level: poses in a base turned so that gravity points along its -z."""
+"""A base that is not level, a sensor turned on its flange: poses and wrenches in right axes."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -49,3 +49,31 @@ def _turned(stream: PoseStream | None, R: Array) -> PoseStream | None:
     if stream is None:
         return None
     return replace(stream, position=stream.position @ R.T, R_base_sensor=R @ stream.R_base_sensor)
+
+
+def pose_from_wire(rotation: Sequence[float] | None) -> Array | None:
+    """
+    Return the matrix from the axes of the wire to those of the pose, shape (3, 3).
+
+    Parameters
+    ----------
+    rotation : sequence of 3 float, or None
+        Rotation vector of the wire's axes, seen from the frame of the pose [rad].
+
+    Returns
+    -------
+    ndarray or None
+        None where nothing has to be turned.
+    """
+    if rotation is None or not any(rotation):
+        return None
+    return rotation_from_vector(rotation)
+
+
+def in_axes_of_pose(recording: Recording, rotation: Sequence[float] | None) -> Recording:
+    """Return a recording whose wrench is in the axes of its pose, about the same origin."""
+    R, wrench = pose_from_wire(rotation), recording.wrench
+    if R is None or wrench is None:
+        return recording
+    turned = wrench.values @ np.kron(np.eye(2), R).T
+    return replace(recording, wrench=replace(wrench, values=turned))

@@ -1,12 +1,14 @@
-"""The topic observer/tool: what hangs on the sensor, from whoever knows it to whoever wants it."""
+"""Calibration and tool on topics: how they are published, and taken over."""
 
 from math import isfinite, nan
 from typing import Any, NamedTuple
 
+from forcecal_ros.calibration.file import dump
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.nodes.runtime import LATCHED
+from forcecal_ros.observe.gains import Accuracy
 from forcecal_ros.observe.live import LiveObserver
 from forcecal_ros.observe.payload.model import payload_model, PayloadSettings
 from forcecal_ros.observe.payload.step import FROZEN, NOT_EXCITED, ToolEstimate, TRACKING
@@ -14,8 +16,11 @@ from forcecal_ros.observe.payload.tracker import Tracker
 from geometry_msgs.msg import Inertia, InertiaStamped
 import numpy as np
 from rclpy.lifecycle import LifecycleNode
+from rclpy.time import Time
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
 TOPIC = 'observer/tool'
+"""Where a tool is told."""
 
 TRACKED = 'tracked'
 """Value of the parameter ``tool``: the tool is what this topic, or the node's own tracker says."""
@@ -194,3 +199,39 @@ def tool_warning(found: ToolEstimate, in_use: float) -> str:
         return (f'tool: {found.mass:.4g} +- {found.mass_std:.2g} kg are on the sensor, '
                 f'{in_use:.4g} kg are taken off; set tool: {TRACKED}, or calibrate')
     return ''
+
+
+def calibration_message(calibration: Calibration) -> String:
+    """Return the text of ``calibration.yaml`` as a message."""
+    return String(data=dump(calibration))
+
+
+def gain_message(calibration: Calibration) -> Float64MultiArray:
+    """Return the paper's K: rows are the states x and dx/dt, columns the outputs."""
+    assert calibration.observer is not None
+    K = calibration.observer.K.value
+    message = Float64MultiArray(data=K.ravel().tolist())
+    message.layout.dim = [
+        MultiArrayDimension(label='state x, dx/dt', size=2, stride=6),
+        MultiArrayDimension(label='output x, dx/dt, d2x/dt2', size=3, stride=3)]
+    return message
+
+
+def accuracy_message(found: Accuracy | None) -> Float64MultiArray:
+    """Return the covariance of the contact wrench's error, NaN where it is not known."""
+    covariance = np.full((6, 6), nan) if found is None else found.covariance
+    message = Float64MultiArray(data=covariance.ravel().tolist())
+    message.layout.dim = [
+        MultiArrayDimension(label='force x, y, z [N], torque x, y, z [N m]', size=6, stride=n)
+        for n in (36, 6)]
+    return message
+
+
+def inertia_message(calibration: Calibration, stamp: Time) -> InertiaStamped:
+    """Return mass, centre of mass and inertia about it, NaN where that is not identified."""
+    message = InertiaStamped()
+    message.header.stamp = stamp.to_msg()
+    message.header.frame_id = calibration.sensor_frame
+    fill_inertia(message.inertia, float(calibration.mass), calibration.com.value,
+                 None if calibration.inertia is None else calibration.inertia.value)
+    return message
