@@ -243,7 +243,8 @@ def gaps_behind_highpass(stages: Stages, settings: IdentificationSettings) -> It
         return
     gridded = stages.motion.gridded
     missing = gridded.untouched & ~np.isfinite(gridded.wrench).all(axis=1)
-    share = missing.sum() / max(1, (gridded.untouched | (gridded.grid.still >= 0)).sum())
+    wanted = int((gridded.untouched | (gridded.grid.still >= 0)).sum())
+    share = int(missing.sum()) / max(1, wanted)
     if share > _MISSING:
         yield Finding(f'wrench pauses for {share:.1%} of the motion, which an AC-coupled '
                       'accelerometer remembers; record it without gaps', ACCELEROMETER)
