@@ -135,7 +135,8 @@ def _other_readings(table: Table, signal: Signal, name: str) -> Mapping[str, Arr
     R = _rotations(table, signal)
     if name == 'quaternion_xyzw':
         return {'its columns are in the order w, x, y, z': read_from_w(R),
-                'it is that of base in the sensor: turn the signs of x, y, z': R.transpose(0, 2, 1)}
+                'it is that of base in the sensor: turn the signs of x, y, z':
+                    R.transpose(0, 2, 1)}
     return {"rows are columns (R_base_sensor, R_sensor_base are each other's transpose)":
             R.transpose(0, 2, 1)}
 
