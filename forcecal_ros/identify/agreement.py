@@ -130,7 +130,7 @@ def _judged(found: AtRest, calibration: Calibration) -> tuple[str, ...]:
     return ((f'what weighs on the sensor all along is {best.mass:.4g} +- {best.mass_std:.2g} kg '
              f'and a bias {" ".join(f"{x:+.2g}" for x in off)} N off, {mass:.4g} kg by the '
              f'calibration, which leaves {residual:.2g} N RMS of that as contact: another tool, a '
-             'payload, a sensor tared since, or one whose zero drifts; calibrate again, or tare'),)
+             'payload, a sensor tared since, or one whose zero drifts; calibrate again'),)
 
 
 def _torques_judged(found: AtRest, calibration: Calibration) -> tuple[str, ...]:

@@ -120,10 +120,10 @@ def _beyond_tolerance(fit: Fit, believed: Array, stated: Sequence[float] | None
     if flipped:
         Q, tilt, mirrored = -Q, 0.0, not mirrored
     if mirrored and _angle(-Q) < limits.TURNED_OFF:
-        cause = ('it has the opposite sign, or the robot hangs upside down, or takes off a '
-                 'heavier load than it carries')
-        return (cause, 'set wrench.sign to SIGN (--wrench-sign SIGN), or state '
-                + _option(-believed) + ', or set that load to zero')
+        remedy = ('set wrench.sign to SIGN (--wrench-sign SIGN), unless the robot hangs upside '
+                  f'down, which {_option(-believed)} states, or its driver takes off a heavier '
+                  'load than it carries')
+        return 'it has the opposite sign', remedy
     found = [*_axes(Q, mirrored, fit.turn_std, stated), *(() if flipped else _tilted(fit, tilt))]
     return (' and '.join(cause for cause, _ in found),
             ' and '.join(remedy for _, remedy in found)) if found else None
