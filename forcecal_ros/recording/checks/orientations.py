@@ -58,8 +58,8 @@ def other_reading(force: Array, R_base_sensor: Array, others: Mapping[str, Array
         Share of the changes of force that is left by what is believed else.
     """
     mine, _ = _unexplained_share(force, R_base_sensor)
-    for words, R in others.items():
-        unexplained, (weight, bias) = _unexplained_share(force, R)
+    fits = [(*_unexplained_share(force, R), words) for words, R in others.items()]
+    for unexplained, (weight, bias), words in sorted(fits, key=lambda fit: fit[0]):
         if unexplained < FOLLOWS and WORSE * unexplained < min(mine, believed) and (
                 _is_vertical(weight) or not _is_vertical(bias)):
             return (f'force turns as a weight does if {words} ({1 - unexplained:.0%} of its '
