@@ -220,7 +220,7 @@ def read_checked(args: argparse.Namespace, bag: str, wanted: Collection[str] = (
         It cannot be read, or something is wrong with it.
     """
     from forcecal_ros.recording.checks.entry import checked
-    from forcecal_ros.recording.required import require
+    from forcecal_ros.recording.topics import require
 
     recording = read_poses_of_sensor(args, bag)
     with with_reading_of(recording):

@@ -121,10 +121,10 @@ class AccelerometerModel:
 
     def split(self, theta: Array) -> tuple[Array, Array, float, Array, Array, float]:
         """Return the unknowns by name: V0, M, delay, lever, decay, cutoff."""
-        lay = self.layout
-        cutoff = theta[lay.cutoff]
+        layout = self.layout
+        cutoff = theta[layout.cutoff]
         return (theta[:3], theta[3:12].reshape(3, 3), float(theta[12]),
-                theta[lay.lever] if self.lever else np.zeros(3), theta[lay.decay],
+                theta[layout.lever] if self.lever else np.zeros(3), theta[layout.decay],
                 float(cutoff[0]) if len(cutoff) else (self.known_cutoff or DEFAULT_CUTOFF))
 
     def high_passed(self, specific_force: Array, cutoff: float) -> Array:
@@ -145,25 +145,26 @@ class AccelerometerModel:
     def derivatives(self, theta: Array, tool: Array) -> Array:
         """Differentiate the model, as the residuals are weighed by it, shape (n, 3, p)."""
         _, matrix, _, lever, decay, cutoff = self.split(theta)
-        lay, n = self.layout, len(self.use)
+        layout, n = self.layout, len(self.use)
         specific_force = self.specific_force(tool, lever)
         x = self.high_passed(specific_force, cutoff)
-        J = np.zeros((n, 3, lay.size))
+        J = np.zeros((n, 3, layout.size))
         for i in range(3):
             J[:, i, i] = 1
             J[:, i, 3 + 3 * i:6 + 3 * i] = x
         J[:, :, 12] = -_slope(x, self.motion.length) @ matrix.T
         if self.lever:
-            J[:, :, lay.lever] = matrix @ smoothed(self.high_passed(self.motion.rotation, cutoff))
+            by_lever = smoothed(self.high_passed(self.motion.rotation, cutoff))
+            J[:, :, layout.lever] = matrix @ by_lever
         if self.ac:
-            J[:, :, lay.decay] = (fading(n, self.motion.length, cutoff)[:, None, None]
+            J[:, :, layout.decay] = (fading(n, self.motion.length, cutoff)[:, None, None]
                                   * np.eye(3))
-        if lay.cutoff.stop > lay.cutoff.start:
+        if layout.cutoff.stop > layout.cutoff.start:
             h = 1e-3 * cutoff
             more, less = (self.high_passed(specific_force, cutoff + e) @ matrix.T
                           + np.outer(fading(n, self.motion.length, cutoff + e), decay)
                           for e in (h, -h))
-            J[:, :, lay.cutoff] = ((more - less) / (2 * h))[:, :, None]
+            J[:, :, layout.cutoff] = ((more - less) / (2 * h))[:, :, None]
         J[~self.use] = 0
         return J
 

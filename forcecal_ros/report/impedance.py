@@ -26,8 +26,8 @@ from forcecal_ros.report.rows import aligned
 from forcecal_ros.report.words import Fact
 from forcecal_ros.reproduce.assess import Figures
 from forcecal_ros.reproduce.closed_loop import ClosedLoopRun
+from forcecal_ros.reproduce.error_analysis import continuous, error_poles, PRINTED
 from forcecal_ros.reproduce.experiment import Experiment
-from forcecal_ros.reproduce.printed_gains import continuous, error_poles, PRINTED
 from matplotlib.figure import Figure
 from scipy import signal
 

@@ -223,8 +223,8 @@ def _measured_joints(bag: Bag, found: Mapping[str, Topic]) -> tuple[str, ...]:
     """Return the joints to be read of joint_states: as commanded, else as first listed."""
     if 'joint_states' not in found:
         return ()
-    told = _joint_names(bag, found['joint_commands']) if 'joint_commands' in found else ()
-    return told or _joint_names(bag, found['joint_states'])
+    names = _joint_names(bag, found['joint_commands']) if 'joint_commands' in found else ()
+    return names or _joint_names(bag, found['joint_states'])
 
 
 def _phases(series: Series | None, start_ns: int, end: float) -> tuple[Phase, ...]:

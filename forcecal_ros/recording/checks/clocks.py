@@ -255,7 +255,7 @@ def silences(recording: Recording) -> tuple[str, ...]:
         own = _gaps(stream.t, _period(stream.t)) if stream is not None else []
         found.append((name, [gap for gap in own if not any(
             start < gap[1] and gap[0] < end for start, end in common)]))
-    return tuple(told for who, gaps in found for told in _pause_lines(who, gaps))
+    return tuple(line for who, gaps in found for line in _pause_lines(who, gaps))
 
 
 def lost_messages(recording: Recording) -> Iterator[str]:
