@@ -37,8 +37,9 @@ from forcecal_ros.diagnose.judge.named_effects import (
     NamedEffect,
     parameters_of,
     steps_in_words,
+    untold,
 )
-from forcecal_ros.diagnose.judge.probabilities import doubt, probabilities, UNKNOWN
+from forcecal_ros.diagnose.judge.probabilities import nameless, probabilities, UNKNOWN
 from forcecal_ros.diagnose.judge.residual_summary import (
     fitted_to_all,
     lines_of,
@@ -59,6 +60,7 @@ from forcecal_ros.diagnose.model.saturation import CLIPPING
 from forcecal_ros.diagnose.say.patched import patched_rig
 from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.diagnose.say.verdict import verdict
+from forcecal_ros.diagnose.search.acceptance import least_evidence
 from forcecal_ros.diagnose.search.bias_steps import Event, with_steps
 from forcecal_ros.diagnose.search.selection import select, Selection
 from forcecal_ros.effects import EFFECTS
@@ -123,6 +125,7 @@ class _Judged(NamedTuple):
     candidates: list[tuple[str, float]]
     word: str
     sentence: str
+    notes: tuple[str, ...]
 
 
 def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[Corrected],
@@ -159,7 +162,7 @@ def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[
     where = _localised(selection, judged.summary.predictability, checks)
     return _say(first, model, selection, judged, Diagnosis(
         judged.word, judged.sentence, judged.effects, tuple(judged.candidates), where, judged.gap,
-        tuple(not_excited(model, found)), (*checks.notes, *judged.summary.notes),
+        tuple(not_excited(model, found)), (*checks.notes, *judged.summary.notes, *judged.notes),
         {'ceiling_sigma': float(judged.summary.predictability.z.max()),
          'cell_sigma': judged.summary.strongest[0].z, 'ratio': judged.part.ratio},
         shares(model, given)), checks, observed)
@@ -203,13 +206,14 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
                                  selection.discrepancy_evidence)
     part = unexplained(summary)
     gap, noise = _measured(first, selection, summary, observed)
-    steps = named_steps(final, events)
+    steps = named_steps(final, events, least_evidence(
+        selection.missing_evidence, list(selection.log_bayes_factors.values())))
     sudden = {e.name: e.probability for e in steps}
-    doubts = {name: doubt(factor, selection.missing_evidence)
-              for name, factor in selection.log_bayes_factors.items()}
+    known = len(model.fixed) + len(sudden)
+    doubts = nameless(selection.log_bayes_factors, selection.missing_evidence, known)
     probability, candidates = probabilities(
         [(a.name, selection.alternatives.get(a.name, {})) for a in selection.accepted], part,
-        gap.closed, len(model.fixed) + len(sudden), doubts if with_discrepancy else None)
+        gap.closed, known, doubts if with_discrepancy else None, selection.log_bayes_factors)
     candidates = _sorted([*candidates, *sudden.items(), *((n, CHECKED) for n in checks.effects)])
     numbers = {a.name: parameters_of(final, a) for a in selection.accepted}
     named = list(numbers)
@@ -219,14 +223,16 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
         signal_to_noise(model) > ENOUGH or bool(checks.effects) or bool(steps),
         whole=not unjudged(model), with_discrepancy=with_discrepancy,
         at_limit=[x for name, values in numbers.items() for x in at_limit(name, values)])
-    possible = {name: 1.0 - doubt(factor, selection.missing_evidence)
-                for name, factor in selection.doubtful.items()}
+    less = nameless({**selection.log_bayes_factors, **selection.doubtful},
+                    selection.missing_evidence, known)
+    possible = {name: 1.0 - less[name] for name in selection.doubtful}
     candidates = _sorted([*candidates, *((n, p) for n, p in possible.items() if p > FAINT)])
     sentence += steps_in_words(steps) + missing_streams(final.datasets[0].recording)
     effects = (*(NamedEffect(name, values, probability[name]) for name, values in numbers.items()),
                *steps, *(NamedEffect(n, v, CHECKED) for n, v in checks.effects.items()))
     return _Judged(summary, part, gap, noise, effects, candidates, word,
-                   sentence + unjudged(model))
+                   sentence + unjudged(model),
+                   tuple(note for a in selection.accepted for note in untold(final, a)))
 
 
 def _sorted(candidates: list[tuple[str, float]]) -> list[tuple[str, float]]:

@@ -36,7 +36,9 @@ class MotionBlocks(NamedTuple):
     still : ndarray of int, shape (n,)
         Which static pose; -1 for none.
     free : ndarray of bool, shape (n,)
-        Moving freely.
+        Moving freely, and smoothly enough for the turn to be known.
+    untouched : ndarray of bool, shape (n,)
+        The force is the tool's alone; a high-pass remembers these, abrupt or not.
     force_noise : Autocovariance
         Of blocks of the force [N].
     """
@@ -47,6 +49,7 @@ class MotionBlocks(NamedTuple):
     rotation: Array
     still: NDArray[np.intp]
     free: NDArray[np.bool_]
+    untouched: NDArray[np.bool_]
     force_noise: Autocovariance
 
 
@@ -108,13 +111,14 @@ class AccelerometerModel:
         self.use = (motion.free & np.isfinite(motion.force).all(1)) | (motion.still >= 0)
         self.use &= np.isfinite(at_rest).all(1)
         self.moving = self.use & (motion.still < 0)
+        self.by_force = motion.untouched & np.isfinite(motion.force).all(1) & (motion.still < 0)
         self.lever = place is None and _turned(motion, self.moving)
         self.layout = _Layout(self.lever, self.ac, self.ac and cutoff is None)
 
     def specific_force(self, tool: Array, lever: Array) -> Array:
         """Specific force at the accelerometer by force sensor or pose, shape (n, 3) [m/s^2]."""
         m = self.motion
-        f = np.where(self.moving[:, None], (tool[1:4] - m.force) / tool[0], -m.gravity)
+        f = np.where(self.by_force[:, None], (tool[1:4] - m.force) / tool[0], -m.gravity)
         if self.place is not None:
             lever = self.place - tool[4:7]
         return np.asarray(f + np.einsum('nij,j->ni', m.rotation, lever))

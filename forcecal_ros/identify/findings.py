@@ -242,14 +242,12 @@ def gaps_behind_highpass(stages: Stages, settings: IdentificationSettings) -> It
     if settings.coupling != 'ac' or stages.accelerometer is None or stages.motion is None:
         return
     gridded = stages.motion.gridded
-    wanted = gridded.grid.free | (gridded.grid.still >= 0)
-    fit = stages.accelerometer.residuals
-    used = np.isfinite(gridded.wrench).all(axis=1) & (fit is None or fit.use)
-    missing = float((~used[wanted]).mean()) if wanted.any() else 0.0
-    if missing > _MISSING:
-        yield Finding(f'wrench or accelerometer pause for {missing:.1%} of the motion, which an '
-                      'AC-coupled accelerometer remembers; record them without gaps',
-                      ACCELEROMETER)
+    missing = gridded.untouched & ~np.isfinite(gridded.wrench).all(axis=1)
+    wanted = int((gridded.untouched | (gridded.grid.still >= 0)).sum())
+    share = int(missing.sum()) / max(1, wanted)
+    if share > _MISSING:
+        yield Finding(f'wrench pauses for {share:.1%} of the motion, which an AC-coupled '
+                      'accelerometer remembers; record it without gaps', ACCELEROMETER)
     elif gridded.grid.length > _COARSE * settings.block:
         yield Finding(f'a sensor is so slow that readings are averaged over '
                       f'{gridded.grid.length:.2g} s, too long for an AC-coupled accelerometer; '

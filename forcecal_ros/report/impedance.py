@@ -35,7 +35,8 @@ HEAD = ['force fed back', 'phantom RMS [N]', 'peak [N]', 'strayed [mm]', 'peak a
         'bounces', 'settling [s]', 'force error [N]', 'contact force [N]']
 FEEDBACKS = {
     'true': 'true force', 'raw': '(a) raw sensor', 'static': '(b) gravity-compensated sensor',
-    'newton': '(c) newton', 'kalman': '(d) kalman'}
+    'printed': '(c) newton, K of the paper', 'newton': '(c) newton, K of ours',
+    'kalman': '(d) kalman'}
 PAPER = {'acc1': 'Accelerometer 1', 'acc2': 'Accelerometer 2'}
 
 

@@ -4,9 +4,12 @@ What [Gamez2005] prints and no calibration is made of: error analysis, and obser
 The other equations, by which a calibration is judged, are in ``identify.error_analysis``.
 """
 
+from dataclasses import replace
 from math import sqrt
 from typing import NamedTuple
 
+from forcecal_ros.calibration.model import Calibration
+from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.error_analysis import x_of
 from forcecal_ros.identify.gain import error_dynamics, observer_model
@@ -101,3 +104,25 @@ def error_poles(K: Array) -> Poles:
     matrix, _ = error_dynamics(observer_model(1.0), K)
     frequency = sqrt(float(np.linalg.det(matrix)))
     return Poles(frequency, -float(np.trace(matrix)) / (2.0 * frequency))
+
+
+def with_printed_gain(calibration: Calibration, accelerometer: str) -> Calibration:
+    """
+    Return the calibration with the paper's gain, [Gamez2005] Eq. 32 and 33, per second.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        With an observer's gain.
+    accelerometer : str
+        ``acc1`` (K1) or ``acc2`` (K2).
+
+    Raises
+    ------
+    ConfigError
+        The calibration holds no gain to be replaced.
+    """
+    if calibration.observer is None:
+        raise ConfigError('the calibration holds no observer.K; calibrate with a step')
+    K = replace(calibration.observer.K, value=continuous(PRINTED[accelerometer]))
+    return replace(calibration, observer=replace(calibration.observer, K=K))

@@ -9,10 +9,10 @@ from forcecal_ros.cli import main
 from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair, UNTESTED
 from forcecal_ros.diagnose.inputs.accelerometer import imus_compared
 from forcecal_ros.diagnose.inputs.alignment import aligned, shifted
+from forcecal_ros.diagnose.inputs.dataset import within_load
 from forcecal_ros.diagnose.inputs.motion_dataset import prepare_simulated
 from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool
 from forcecal_ros.diagnose.localise.tracking import tracking
-from forcecal_ros.diagnose.model.hypotheses import within_load
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import rotation_about

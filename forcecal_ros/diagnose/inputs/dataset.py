@@ -1,13 +1,15 @@
 """One recording made ready: simulated, aligned, in blocks, its motion sorted into kinds."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from forcecal_ros.diagnose.inputs.accelerometer import in_volts, mounted
 from forcecal_ros.diagnose.inputs.command_timing import refuse_sparse_commands, start_of
 from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
-from forcecal_ros.effects import EFFECTS
+from forcecal_ros.effects import Effect, EFFECTS
 from forcecal_ros.effects.rig import Rig
+from forcecal_ros.effects.signals import FORCES
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import Phase, Recording, TOUCHING
@@ -24,6 +26,15 @@ MARGIN = 25
 
 STILL = 50
 """Blocks without motion before it counts as standstill."""
+
+HYSTERESIS, SATURATION = 'wrench_hysteresis', 'wrench_saturation'
+"""Effects whose range the recordings themselves narrow."""
+
+CLIPPED, NOISY = 0.99, 3.0
+"""
+Share of a channel's readings that are below a limit of its range, give or take so many standard
+deviations of what neighbouring readings differ by: bursts that come after the limit are rarer.
+"""
 
 SHORTEST = 5.0
 """Length of a recording with commands, at least, that can be diagnosed [s]."""
@@ -68,6 +79,46 @@ class Dataset:
             rows = (t >= phase.start) & (t < phase.end)
             found[phase.name] = found.get(phase.name, np.zeros(len(t), dtype=bool)) | rows
         return {name: rows for name, rows in found.items() if rows.any()}
+
+
+def possible_effects(datasets: Sequence[Dataset]) -> Mapping[str, Effect]:
+    """
+    Narrow the library by what recordings show without a model.
+
+    A hysteresis is no wider than its load's range: a wider one is a gain by another name. A range
+    ends nowhere that the readings go beyond.
+    """
+    library = dict(datasets[0].simulation.library)
+    if HYSTERESIS in library:
+        library[HYSTERESIS] = within_load(datasets, library[HYSTERESIS])
+    if SATURATION in library and all('wrench' in d.measured.streams for d in datasets):
+        least = np.max([_reached(d.measured.values('wrench')) for d in datasets], axis=0)
+        library[SATURATION] = _narrowed(library[SATURATION], {
+            name: max(q.low, min(q.high, float(x))) for name, x in zip(FORCES, least)
+            for q in library[SATURATION].parameters if q.name == name})
+    return library
+
+
+def within_load(datasets: Sequence[Dataset], effect: Effect) -> Effect:
+    """Keep a hysteresis as narrow as the load's range."""
+    widest = max(float(np.ptp(dataset.nominal.wrench[:, :3], axis=0).max())
+                 for dataset in datasets)
+    return effect._replace(parameters=tuple(
+        q if q.name != 'width' else q._replace(
+            high=max(q.low, min(q.high, widest)),
+            starts=tuple(s for s in q.starts if s <= widest) or q.starts[:1])
+        for q in effect.parameters))
+
+
+def _narrowed(effect: Effect, lowest: Mapping[str, float]) -> Effect:
+    return effect._replace(parameters=tuple(
+        q._replace(low=lowest.get(q.name, q.low)) for q in effect.parameters))
+
+
+def _reached(values: Array) -> Array:
+    """Return what the magnitude of each channel reaches, its noise allowed for."""
+    noise = np.diff(values, axis=0).std(axis=0) / np.sqrt(2.0)
+    return np.asarray(np.quantile(np.abs(values), CLIPPED, axis=0) - NOISY * noise)
 
 
 def without_touches(dataset: Dataset, rig: Rig) -> bool:

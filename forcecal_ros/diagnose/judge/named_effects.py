@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.inputs.stamps import Corrected
-from forcecal_ros.diagnose.model.linearised import LinearisedModel
+from forcecal_ros.diagnose.model.linearised import EFFECT, LinearisedModel, RELEASED
 from forcecal_ros.diagnose.model.saturation import CLIPPING
 from forcecal_ros.diagnose.search.bias_steps import Event, height_of, SURE
 from forcecal_ros.diagnose.search.fitted import Accepted
@@ -27,6 +27,10 @@ AT_BOUND = 'at its bound'
 AT_LIMIT, KNOWN = 0.01, 3.0
 """A number nearer than this to the end of its range, as a share of the range, stands there, if it
 is more than so many standard errors: one that nothing shows may stand anywhere."""
+
+
+UNTOLD = 0.5
+"""Standard error of a number, in its prior's, from which the recording does not tell it."""
 
 
 @dataclass(frozen=True)
@@ -88,17 +92,22 @@ def parameters_of(model: LinearisedModel, a: Accepted) -> dict[str, Parameter]:
     -------
     dict of str to Parameter
         A released nuisance's is its whole departure from the rig as given, within its limits.
+        Without those that the recording does not tell: their standard error is the prior's.
     """
     effect = model.library[a.name]
     quantities = effect.parameters
     if len(a.theta):
+        widest = UNTOLD / np.sqrt(EFFECT)
         return {q.name: Parameter(float(v), float(s), q.unit, ends(q, float(v)))
-                for q, v, s in zip(quantities, a.theta, a.std)}
+                for q, v, s in zip(quantities, a.theta, a.std)
+                if q.shapes or s < widest * abs(q.typical - q.nominal) or ends(q, float(v))}
     out, covariance = {}, model.fit_nuisances().covariance
     index = [i for i, n in enumerate(model.nuisances) if n.key == effect.nuisance]
     for i, q in zip(index, quantities):
         if model.nuisances[i].name not in a.released:
             out[q.name] = Parameter(q.nominal, 0.0, q.unit)
+            continue
+        if covariance[i, i] > UNTOLD ** 2 / RELEASED:
             continue
         scale = float(model.prior_std[i]) * _physical(model, model.nuisances[i].key, q.unit)
         value = np.clip(q.nominal + model.centre[i] * scale, q.low, q.high)
@@ -106,6 +115,13 @@ def parameters_of(model: LinearisedModel, a: Accepted) -> dict[str, Parameter]:
         out[q.name] = Parameter(float(value), std, q.unit,
                                 ends(q, float(value)) or (std == 0.0 and value != q.nominal))
     return out
+
+
+def untold(model: LinearisedModel, a: Accepted) -> tuple[str, ...]:
+    """Note the numbers of an accepted effect that the recording does not tell."""
+    own = parameters_of(model, a)
+    missing = [q.name for q in model.library[a.name].parameters if q.name not in own]
+    return (f'{a.name}: this motion does not tell {", ".join(missing)}',) if missing else ()
 
 
 def ends(q: Quantity, value: float) -> bool:
@@ -236,7 +252,8 @@ def channel_affected_most(name: str, found: Mapping[str, Parameter]) -> str:
     return next(c.name for c in CHANNELS if c.stream == stream)
 
 
-def named_steps(model: LinearisedModel, events: Sequence[Event]) -> list[NamedEffect]:
+def named_steps(model: LinearisedModel, events: Sequence[Event], least: float = 0.0
+                ) -> list[NamedEffect]:
     """
     Return steps as effects, each with its instant.
 
@@ -244,6 +261,8 @@ def named_steps(model: LinearisedModel, events: Sequence[Event]) -> list[NamedEf
     ----------
     model : LinearisedModel
         At the joint fit.
+    least : float
+        Log-evidence that a step has to bring, as any effect.
 
     Returns
     -------
@@ -255,7 +274,7 @@ def named_steps(model: LinearisedModel, events: Sequence[Event]) -> list[NamedEf
         numbers = {}
         for c in e.heights:
             height, std = height_of(model, e, c)
-            if abs(height) <= SURE * std:
+            if abs(height) <= max(SURE, np.sqrt(2.0 * least)) * std:
                 continue
             channel = CHANNELS[c]
             numbers[channel.name.replace('force.', 'f').replace('torque.', 't')] = Parameter(

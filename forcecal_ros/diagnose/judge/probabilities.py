@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 import math
 
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
-from forcecal_ros.diagnose.search.acceptance import SHARE
+from forcecal_ros.diagnose.search.acceptance import log_odds, PER_DECADE, PER_FURTHER, TRUST
 
 CANDIDATES = 0.95
 """Probability that the candidate set covers."""
@@ -12,15 +12,8 @@ CANDIDATES = 0.95
 NAMED = 0.8
 """Share of the misfit that effects must explain to be named although more is unexplained."""
 
-TRUST, PER_DECADE, PER_FURTHER = 0.7, 1.4, 1.5
-"""
-Log-odds that effects are the cause which close nothing; more for each factor of ten by which the
-gap shrinks, less for each effect beyond one: a logistic fit to 150 effects that were named in
-opened blind recordings.
-"""
-
-STEEPNESS = 3.0
-"""Log-odds of an effect against a discrepancy for each factor of ten by which it brings more."""
+MODEST = 0.99
+"""Most of the probability of an effect: experience with some hundred shows no more."""
 
 SURE = 0.9
 """Most of the probability of unknown: some gaps are known effects in forms of their own."""
@@ -28,25 +21,28 @@ SURE = 0.9
 UNKNOWN = 'unknown'
 
 
-def doubt(log_bayes_factor: float, missing_evidence: float) -> float:
+def nameless(log_bayes_factors: Mapping[str, float], missing_evidence: float, known: int = 0
+             ) -> dict[str, float]:
     """
-    Return the probability that a discrepancy only looks like an effect.
+    Return the probability that each effect is none, beside a discrepancy.
 
     Parameters
     ----------
-    log_bayes_factor : float
-        Log-evidence of the effect against a discrepancy in its place.
+    log_bayes_factors : mapping of str to float
+        Of each effect against a discrepancy in its place.
     missing_evidence : float
-        Log-evidence that a model without any flaw would have more; 0: there is none.
+        Log-evidence that a model without any flaw would have more.
+    known : int
+        Effects besides, known before any model.
     """
-    if missing_evidence <= 0.0:
-        return 0.0
-    return _sigmoid(-STEEPNESS * math.log10(max(log_bayes_factor,
-                                                1e-9) / (SHARE * missing_evidence)))
+    return {name: 1.0 - min(MODEST, _sigmoid(log_odds(name, log_bayes_factors, missing_evidence,
+                                                      known)))
+            for name in log_bayes_factors}
 
 
 def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], part: UnexplainedPart,
-                  closed: float, known: int = 0, doubts: Mapping[str, float] | None = None
+                  closed: float, known: int = 0, doubts: Mapping[str, float] | None = None,
+                  log_bayes_factors: Mapping[str, float] | None = None
                   ) -> tuple[dict[str, float], list[tuple[str, float]]]:
     """
     Turn log-odds into probabilities.
@@ -61,6 +57,8 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], part: Unexpl
         Effects that close a part of it besides, known before any model.
     doubts : mapping of str to float, optional
         Of each accepted effect, where a discrepancy is allowed for: that it is none.
+    log_bayes_factors : mapping of str to float, optional
+        By which those doubts count in that of the whole.
 
     Returns
     -------
@@ -71,20 +69,21 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], part: Unexpl
     """
     several = len(slots) + known
     if several and (doubts or part.ratio < 1.0 or closed >= NAMED):
-        rest = math.log10(max(1e-4, 1.0 - closed))
-        unknown = _sigmoid(-TRUST + PER_DECADE * rest + PER_FURTHER * (several - 1))
+        shrunk = -math.log10(max(1e-4, 1.0 - closed))
+        unknown = max(1.0 - MODEST, _sigmoid(PER_FURTHER * (several - 1) - TRUST
+                                             - PER_DECADE * shrunk))
     else:
         unknown = min(SURE, _sigmoid(8.0 * (min(part.ratio, 3.0) - 1.0)))
     named: dict[str, float] = {}
     chosen: dict[str, float] = {}
     for name, alternatives in slots:
-        nameless = 1.0 - (1.0 - unknown) * (1.0 - (doubts or {}).get(name, 0.0))
+        doubted = (doubts or {}).get(name, unknown)
         weights = {name: 1.0}
         weights.update({k: math.exp(min(0.0, v)) for k, v in alternatives.items()
                         if k != name})
         total = sum(weights.values())
-        shares = {k: (1.0 - nameless) * w / total for k, w in weights.items()}
-        shares[UNKNOWN] = nameless
+        shares = {k: (1.0 - doubted) * w / total for k, w in weights.items()}
+        shares[UNKNOWN] = doubted
         named[name] = shares[name]
         covered = 0.0
         for k, share in sorted(shares.items(), key=lambda pair: -pair[1]):
@@ -92,6 +91,9 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], part: Unexpl
                 break
             chosen[k] = max(chosen.get(k, 0.0), share)
             covered += share
+    if doubts and log_bayes_factors and UNKNOWN in chosen:
+        weight = {name: max(factor, 1e-9) for name, factor in log_bayes_factors.items()}
+        chosen[UNKNOWN] = sum(w * doubts[n] for n, w in weight.items()) / sum(weight.values())
     if not slots and part.ratio >= 1.0 and unknown > 1.0 - CANDIDATES:
         chosen[UNKNOWN] = unknown
     return named, sorted(chosen.items(), key=lambda pair: -pair[1])

@@ -25,6 +25,7 @@ from forcecal_ros.diagnose.model.evidence import fit
 from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, VIBRATION
 from forcecal_ros.diagnose.model.jacobian import combined
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
+from forcecal_ros.diagnose.search.acceptance import of_slow_noise
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
 from forcecal_ros.geometry import Array
 from forcecal_ros.simulators.signals import SMALL
@@ -92,10 +93,13 @@ def summarise_residual(model: LinearisedModel,
     discrepancy_evidence : float
         Log-evidence of its discrepancy.
     """
-    found = None
+    found, seen = None, discrepancy_evidence
     if model.discrepancy_scales != NO_DISCREPANCY:
         found = discrepant(model)
-        model = replace(model, residuals=[b - x for b, x in zip(model.residuals, found)])
+        beyond = replace(model, residuals=[b - x for b, x in zip(model.residuals, found)])
+        if discrepancy_evidence > 0.0:
+            discrepancy_evidence = max(0.0, discrepancy_evidence - of_slow_noise(model, beyond))
+        model = beyond
     bins = [c for dataset, n, b in zip(model.datasets, model.noise, model.residuals)
             for c in time_frequency_bins(dataset, n, b) if c.band[0] < dataset.simulation.band]
     lines, wanders = _other_lines(lines_of(model), model)
@@ -104,8 +108,12 @@ def summarise_residual(model: LinearisedModel,
     if found is None:
         return ResidualSummary(predictability_of(model, model.base, model.residuals), strongest,
                                lines, impulses, wanders)
-    return ResidualSummary(_as_predictability(model, found, discrepancy_evidence), strongest,
-                           lines, impulses, wanders, discrepancy_evidence)
+    summary = ResidualSummary(_as_predictability(model, found, discrepancy_evidence), strongest,
+                              lines, impulses, wanders, discrepancy_evidence)
+    if discrepancy_evidence < WITHOUT_NAME <= seen:
+        summary = summary._replace(notes=(*wanders, 'slow noise, or else ' + _discrepancy_in_words(
+            summary) + ': the recording is too short to tell'))
+    return summary
 
 
 def discrepant(model: LinearisedModel) -> list[Array]:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
 
 
 class Gram(NamedTuple):
@@ -111,8 +112,8 @@ def fit(gram: Gram, prior: Prior) -> Fit:
     factor = np.zeros((0, 0))
     for turn in range(2 * k + 1):
         fixed = ~free
-        right = gradient[free] - hessian[np.ix_(free, fixed)] @ x[fixed]
-        factor = _cholesky(hessian[np.ix_(free, free)])
+        right = gradient[free] - hessian[free] @ (fixed * x)
+        factor = _cholesky(hessian[free][:, free])
         x[free] = _solve(factor, right)
         total = prior.centre + x
         beyond = free & (np.abs(total) > prior.bound + 1e-9)
@@ -126,8 +127,9 @@ def fit(gram: Gram, prior: Prior) -> Fit:
         x[beyond] = np.sign(total[beyond]) * prior.bound[beyond] - prior.centre[beyond]
         free &= ~beyond
     covariance = np.zeros((k, k))
-    inverse = np.linalg.inv(factor) if len(factor) else factor
-    covariance[np.ix_(free, free)] = inverse.T @ inverse
+    if len(factor):
+        inverse = dtrtri(factor, lower=1)[0]
+        covariance[np.ix_(free, free)] = inverse.T @ inverse
     total = prior.centre + x
     value = gram.vector @ x - 0.5 * x @ gram.matrix @ x
     value -= 0.5 * (total * prior.precision) @ total + 0.5 * gram.square
@@ -137,18 +139,19 @@ def fit(gram: Gram, prior: Prior) -> Fit:
 
 
 def _cholesky(matrix: Array) -> Array:
+    if not len(matrix):
+        return matrix
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     scaled = matrix * np.outer(scale, scale) + 1e-12 * np.eye(len(matrix))
-    try:
-        factor = np.linalg.cholesky(scaled)
-    except np.linalg.LinAlgError:
+    factor, wrong = dpotrf(scaled, lower=1)
+    if wrong:
         values, vectors = np.linalg.eigh(scaled)
         factor = np.linalg.cholesky((vectors * np.maximum(values, ROUNDED)) @ vectors.T)
     return np.asarray(factor / scale[:, np.newaxis])
 
 
 def _solve(factor: Array, right: Array) -> Array:
-    return np.asarray(np.linalg.solve(factor.T, np.linalg.solve(factor, right)))
+    return np.asarray(dpotrs(factor, right, lower=1)[0]) if len(right) else right
 
 
 class Score(NamedTuple):

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from itertools import product
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.inputs.dataset import Dataset
 from forcecal_ros.diagnose.model.jacobian import Column, column
 from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
 from forcecal_ros.diagnose.model.saturation import CLIPPING, limit_starts
@@ -15,8 +14,6 @@ from numpy.typing import NDArray
 
 MOST_STARTS = 12
 """Starting values, at most, at which one effect is screened."""
-
-HYSTERESIS = 'wrench_hysteresis'
 
 VIBRATION = 'spindle_vibration'
 """The effect that shows as a spectral line."""
@@ -96,8 +93,7 @@ def hypotheses(model: LinearisedModel, line: float | None = None) -> list[Hypoth
     """
     found = []
     simulation = model.datasets[0].simulation
-    for name, whole in model.library.items():
-        effect = within_load(model.datasets, whole) if name == HYSTERESIS else whole
+    for name, effect in model.library.items():
         if name in model.fixed or not simulation.can_show(name, model.rig):
             continue
         if effect.nuisance:
@@ -113,17 +109,6 @@ def hypotheses(model: LinearisedModel, line: float | None = None) -> list[Hypoth
         if atoms:
             found.append(Hypothesis(name, effect, (), atoms))
     return found
-
-
-def within_load(datasets: Sequence[Dataset], effect: Effect) -> Effect:
-    """Keep a hysteresis as narrow as the load's range: a wider one is a gain by another name."""
-    widest = max(float(np.ptp(dataset.nominal.wrench[:, :3], axis=0).max())
-                 for dataset in datasets)
-    return effect._replace(parameters=tuple(
-        q if q.name != 'width' else q._replace(
-            high=max(q.low, min(q.high, widest)),
-            starts=tuple(s for s in q.starts if s <= widest) or q.starts[:1])
-        for q in effect.parameters))
 
 
 def _parts(effect: Effect, n: int) -> list[list[int]]:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
-from forcecal_ros.diagnose.inputs.dataset import Dataset
+from forcecal_ros.diagnose.inputs.dataset import Dataset, possible_effects
 from forcecal_ros.diagnose.model.basis import Basis, basis
 from forcecal_ros.diagnose.model.discrepancy import (
     Discrepancy,
@@ -15,7 +15,7 @@ from forcecal_ros.diagnose.model.discrepancy import (
 )
 from forcecal_ros.diagnose.model.evidence import Fit, fit, Gram, Prior
 from forcecal_ros.diagnose.model.jacobian import Column, column, combined, nuisance_column
-from forcecal_ros.effects import Effect, with_effects
+from forcecal_ros.effects import Effect, EFFECTS, with_effects
 from forcecal_ros.effects.nuisances import apply_all, LIMIT, Nuisance, prior_std, ROBOT
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import ForcecalError
@@ -110,12 +110,8 @@ class LinearisedModel:
     noise: list[Autoregression] = field(default_factory=list)
     discrepancy: Discrepancy | None = None
     discrepancy_scales: Scales = NO_DISCREPANCY
+    library: Mapping[str, Effect] = EFFECTS
     _calibrated: tuple[bytes, Rig] | None = None
-
-    @property
-    def library(self) -> Mapping[str, Effect]:
-        """Return what the recordings may have beside what is simulated."""
-        return self.datasets[0].simulation.library
 
     def current(self, effects: Values | None = None) -> Rig:
         """Return the rig at the centre, with the accepted effects or with others."""
@@ -249,8 +245,12 @@ class LinearisedModel:
         if self.noise and self.discrepancy is not None:
             predicted = self.whitened_discrepancy().predicted(residuals)
             residuals = [r - p for r, p in zip(residuals, predicted)]
-        self.noise = [_no_less(fit_autoregression(r, c.measured.present, c.groups), floor)
-                      for r, c in zip(residuals, self.datasets)]
+        fitted = [_no_less(fit_autoregression(r, c.measured.present, c.groups), floor)
+                  for r, c in zip(residuals, self.datasets)]
+        # features are whitened anew for each noise, which takes seconds
+        if not self.noise or not all(old.as_good_as(new, r) for old, new, r in zip(
+                self.noise, fitted, residuals)):
+            self.noise = fitted
 
     def recalibrate(self) -> None:
         """Move the centre to the best nuisances, noise refitted on the way."""
@@ -307,7 +307,8 @@ def linearised_model(rig: Rig, datasets: tuple[Dataset, ...]) -> LinearisedModel
     name, streams = datasets[0].simulation.accelerometer, datasets[0].measured.streams
     found = datasets[0].simulation.nuisances(rig, streams)
     out = LinearisedModel(rig, datasets, found, np.array(prior_std(rig, found)),
-                          noise_level(rig, streams, name), centre=np.zeros(len(found)))
+                          noise_level(rig, streams, name), centre=np.zeros(len(found)),
+                          library=possible_effects(datasets))
     out.linearise()
     out.allow_discrepancy()
     out.recalibrate()

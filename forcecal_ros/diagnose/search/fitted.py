@@ -28,7 +28,8 @@ class HypothesisFit(NamedTuple):
     evidence : float
         Marginal likelihood of all data, likewise, parameters' priors included.
     size : float
-        Largest RMS of what it changes, over channels and kinds of motion, in noise RMS.
+        Largest RMS of what it changes, over channels and kinds of motion, in what a simulation
+        that is right may be off by.
     excess : float
         Held-out whitened energy above the noise without it.
     n : int

@@ -258,7 +258,7 @@ class ModelComparison:
         return self.levels[i], grams[i], fits[i]
 
     def _size(self, columns: list[list[Column]], d: Array) -> float:
-        """Largest RMS of a difference, held out, in noise RMS of a channel and kind of motion."""
+        """Largest RMS of a difference, held out, in what a simulation may be off by."""
         largest = 0.0
         for i, dataset in enumerate(self.model.datasets):
             if not dataset.held.any():
@@ -271,7 +271,8 @@ class ModelComparison:
                     rms = np.sqrt(np.mean(difference[rows] ** 2, axis=0))
                     there = self.model.noise[i].sigma[g] > 0.0
                     ratio = rms[there] / self.noise_rms[i][g][there]
-                    largest = max(largest, float(ratio.max(initial=0.0)))
+                    largest = max(largest, float(ratio.max(initial=0.0))
+                                  / dataset.simulation.exact)
         return largest
 
     def refine(self, h: Hypothesis, result: HypothesisFit) -> HypothesisFit:

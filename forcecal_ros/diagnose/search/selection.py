@@ -5,18 +5,19 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
+from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
 from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.acceptance import (
     acceptable,
     explains_beyond,
-    FORM,
     holds_beside_long_memory,
+    least_evidence,
     LEAST_FRACTION,
     LEAST_GAIN,
+    log_odds,
     PARSIMONY,
     ranked,
-    SHARE,
     temperature_of,
     weights,
 )
@@ -151,14 +152,16 @@ def _in_full(now: JointFit, results: Sequence[HypothesisFit], out: set[str]) -> 
 
 def _certain(start: LinearisedModel, now: JointFit, factors: Mapping[str, float]
              ) -> tuple[JointFit, ModelComparison]:
-    """Drop what a discrepancy as large as what is unexplained could do as well."""
+    """Drop what a discrepancy as large as what is unexplained, or another, could do as well."""
     while True:
         last = now.comparison()
         now = now._replace(model=replace(now.model, discrepancy_scales=last.scales))
-        # what the strongest effect leaves if its form is another is no effect of its own
-        least = max([SHARE * last.missing_evidence,
-                     *(FORM * factors[a.name] for a in now.accepted)])
-        doubtful = [a for a in now.accepted if factors[a.name] < least]
+        shown = {a.name: factors[a.name] for a in now.accepted}
+        least = least_evidence(last.missing_evidence, list(shown.values()))
+        doubtful = [a for a in now.accepted if factors[a.name] < least
+                    or (factors[a.name] < max(shown.values())
+                        and last.scales != NO_DISCREPANCY
+                        and log_odds(a.name, shown, last.missing_evidence) < 0.0)]
         if not doubtful:
             return now, last
         worst = min(doubtful, key=lambda a: factors[a.name])
@@ -224,14 +227,15 @@ def _exchange(start: LinearisedModel, now: JointFit, found: Sequence[Hypothesis]
         less = without_effect(start, now, a.name)
         taken = {b.name for b in less.accepted}
         comparison = less.comparison()
-        log_evidence = now.comparison().null_evidence
+        whole = now.comparison()
+        log_evidence, missing = whole.null_evidence, whole.missing_evidence
         # screened anew an effect may lie far from where it was fitted to
         fitted = log_evidence - comparison.null_evidence
         anew = ranked(comparison, [h for h in found if h.name not in taken], len(found))
         near = _near(anew, a.name, len(found))
         results = [t._replace(evidence=max(t.evidence, fitted)) if t.name == a.name else t
                    for t in anew]
-        weight = weights(results)
+        weight = weights(results, missing)
         if next(t.evidence for t in results if t.name == a.name) < LEAST_GAIN:
             now = (joint_fit(less.model, less.accepted) if less.accepted
                    else JointFit(start, [], []))
@@ -247,7 +251,7 @@ def _exchange(start: LinearisedModel, now: JointFit, found: Sequence[Hypothesis]
             other = _shaped(refitted)
             evidence = other.comparison().null_evidence
             more = evidence - log_evidence
-            odds = more / temperature_of(results) - PARSIMONY * (t.degrees - degrees)
+            odds = more / temperature_of(results, missing) - PARSIMONY * (t.degrees - degrees)
             weight[t.name] = own + odds
             if odds > 0.0:
                 now = other

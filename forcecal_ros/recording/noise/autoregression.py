@@ -22,6 +22,12 @@ Share of the distances between samples that are no gap.
 Samples every 5 ms are two blocks of 4 ms apart each fourth time; few percent of them get lost.
 """
 
+SETTLED = 1.0
+"""
+Log-likelihood of one channel in one kind of motion by which a noise has to be better to take
+another's place: two of its eight coefficients gain as much by chance.
+"""
+
 GROUPS = ('rest', 'motion', 'contact')
 """Kinds of motion whose noise differs."""
 
@@ -109,6 +115,26 @@ class Autoregression(NamedTuple):
         out = np.zeros(columns.shape, dtype=np.float32)
         out[:, chosen] = white
         return out
+
+    def as_good_as(self, other: 'Autoregression', residual: Array) -> bool:
+        """
+        Say whether another model, fitted to a residual, explains it no better but for chance.
+
+        Parameters
+        ----------
+        residual : ndarray, shape (n, channels)
+        """
+        if not np.array_equal(self.rows, other.rows):
+            return False
+        for c in np.flatnonzero(other.sigma.any(axis=0)):
+            rows = self.rows[:, c]
+            white = [0.5 * m.whiten(residual[np.newaxis, :, c], c)[0][rows] ** 2
+                     + np.log(m.sigma[m.groups[rows], c]) for m in (self, other)]
+            for g in range(len(GROUPS)):
+                gains = (white[0] - white[1])[self.groups[rows] == g]
+                if not gains.sum() <= SETTLED:
+                    return False
+        return True
 
     def spacing(self, channel: int) -> float:
         """Mean distance of a channel's samples, gaps left out: 1 where it has all of them."""

@@ -4,11 +4,22 @@ import json
 
 from forcecal_ros.diagnose.by_simulator import Changed
 from forcecal_ros.diagnose.inputs.channels import units
-from forcecal_ros.diagnose.judge.named_effects import at_limit, ends, NamedEffect, Parameter
+from forcecal_ros.diagnose.judge.named_effects import (
+    at_limit,
+    ends,
+    NamedEffect,
+    Parameter,
+    parameters_of,
+    untold,
+)
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
+from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.say.result import Diagnosis, load, to_document
 from forcecal_ros.diagnose.say.verdict import verdict
+from forcecal_ros.diagnose.search.fitted import Accepted
 from forcecal_ros.effects import EFFECTS
+from forcecal_ros.simulators.rig.file import load_rig
+import numpy as np
 import pytest
 
 
@@ -51,3 +62,16 @@ def test_a_number_at_its_bound_is_told_without_a_standard_error(tmp_path):
     (tmp_path / 'diagnosis.json').write_text(json.dumps(to_document(
         Diagnosis('identified', '', (found,)), units(), None)))
     assert load(tmp_path)[0].effects[0].parameters == found.parameters
+
+
+def test_a_number_that_only_its_prior_bounds_is_not_stated():
+    misalignment = EFFECTS['accel_misalignment'].parameters
+    theta, free = np.array([0.1, 0.002, -0.1]), np.arange(3)
+    std = np.array([0.003, 3.0 * misalignment[1].typical, 0.004])
+    a = Accepted('accel_misalignment', theta, std, free, frozenset())
+    model = LinearisedModel(load_rig(), ())
+    assert set(parameters_of(model, a)) == {'x', 'z'}
+    assert untold(model, a) == ('accel_misalignment: this motion does not tell y',)
+    known = a._replace(std=np.full(3, 0.003))
+    assert set(parameters_of(model, known)) == {'x', 'y', 'z'}
+    assert untold(model, known) == ()

@@ -1,6 +1,6 @@
 """Probabilities of effects, and the verdict that follows."""
 
-from forcecal_ros.diagnose.judge.probabilities import probabilities
+from forcecal_ros.diagnose.judge.probabilities import nameless, probabilities, UNKNOWN
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
 from forcecal_ros.diagnose.say.verdict import verdict
 import numpy as np
@@ -47,3 +47,31 @@ def test_what_is_known_before_any_model_counts_among_the_effects():
     two = probabilities([('wrench_bias_drift', {})], NOTHING_LEFT, 0.99, known=1)[0]
     one = probabilities([('wrench_bias_drift', {})], NOTHING_LEFT, 0.99)[0]
     assert two['wrench_bias_drift'] < one['wrench_bias_drift']
+
+
+def test_a_faint_effect_beside_a_strong_one_takes_nothing_from_it():
+    alone = nameless({'wrench_gain': 3113.0}, 24.0)['wrench_gain']
+    faint = nameless({'wrench_gain': 3113.0, 'wrench_crosstalk': 39.0}, 24.0)
+    alike = nameless({'wrench_gain': 3113.0, 'wrench_crosstalk': 3000.0}, 24.0)
+    assert alone < 0.15
+    assert faint['wrench_gain'] == pytest.approx(alone, abs=0.02)
+    assert faint['wrench_crosstalk'] > 0.5
+    assert alike['wrench_gain'] > 2.0 * alone
+
+
+def test_unknown_is_what_the_strong_effects_leave_and_not_the_faint_ones():
+    factors = {'wrench_gain': 3000.0, 'wrench_crosstalk': 30.0}
+    doubts = {'wrench_gain': 0.1, 'wrench_crosstalk': 0.6}
+    named, candidates = probabilities([(n, {}) for n in factors], NOTHING_LEFT, 0.9, 0, doubts,
+                                      factors)
+    assert named == pytest.approx({'wrench_gain': 0.9, 'wrench_crosstalk': 0.4})
+    assert candidates[0] == ('wrench_gain', pytest.approx(0.9))
+    assert dict(candidates)[UNKNOWN] == pytest.approx(0.105, abs=0.001)
+
+
+def test_an_effect_is_doubted_by_what_it_brings_beside_what_is_left():
+    assert nameless({'tool_mass': 100.0}, 1e5)['tool_mass'] > 0.99
+    assert nameless({'tool_mass': 1e5}, 1e5)['tool_mass'] == pytest.approx(0.5)
+    assert nameless({'tool_mass': 1e7}, 1e5)['tool_mass'] < 0.05
+    # never surer than experience with cases can show
+    assert nameless({'tool_mass': 1e9}, 0.0)['tool_mass'] == pytest.approx(0.01)

@@ -1,7 +1,6 @@
 """A discrepancy is integrated out as the dense Gaussian says, and its size comes from the data."""
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
-from forcecal_ros.diagnose.judge.probabilities import doubt
 from forcecal_ros.diagnose.model.basis import Basis, basis
 from forcecal_ros.diagnose.model.discrepancy import Discrepancy, SCALES
 from forcecal_ros.diagnose.model.evidence import fit, Prior
@@ -115,9 +114,3 @@ def test_features_are_of_one_size_whatever_varies_and_groups_share_the_variance(
     # 13 cosines less the constant, and a wave of two phases, are each recording's own
     own = [np.flatnonzero(~np.abs(r).max(axis=1).astype(bool)) for r in found.rows]
     assert len(own[0]) == 0 or set(own[0]).isdisjoint(own[1])
-
-
-def test_an_effect_is_doubted_by_what_it_brings_beside_what_is_left():
-    assert doubt(100.0, 0.0) == 0.0
-    assert doubt(100.0, 1e5) > 0.95
-    assert doubt(1e6, 1e5) < 0.05

@@ -29,3 +29,11 @@ def test_beside_a_large_effect_a_small_lead_does_not_decide_and_fewer_parameters
     small = weights([hypothesis_fit('wrench_lowpass', 170.0, 2),
                      hypothesis_fit('wrench_delay', 100.0)])
     assert small['wrench_lowpass'] - small['wrench_delay'] > np.log(1e6)
+
+
+def test_beside_much_that_is_missing_a_lead_of_less_does_not_decide():
+    fits = [hypothesis_fit('wrench_crosstalk', 3808.0), hypothesis_fit('tool_com', 3774.0)]
+    for missing, most in ((0.0, -4.0), (33.0, -2.0), (1e6, -0.05)):
+        odds = weights(fits, missing)
+        assert odds['tool_com'] - odds['wrench_crosstalk'] < most
+    assert odds['tool_com'] - odds['wrench_crosstalk'] > -0.1

@@ -80,3 +80,15 @@ def test_signals_in_single_precision_are_whitened_to_the_same_bits(lost):
     expected = (noise.whiten(rows.astype(float), 1) * sizes[:, np.newaxis]).astype(np.float32)
     assert expected.any()
     np.testing.assert_array_equal(noise.whiten_singly(rows, 1, sizes), expected)
+
+
+def test_a_noise_stays_where_another_brings_no_more_than_chance():
+    rng, n = np.random.default_rng(7), 6000
+    present, groups = np.ones((n, 1), dtype=bool), np.repeat([0, 1], n // 2)
+    residual = rng.standard_normal((n, 1))
+    noise = fit_autoregression(residual, present, groups)
+    alike = residual + 0.02 * rng.standard_normal((n, 1))
+    assert noise.as_good_as(fit_autoregression(alike, present, groups), alike)
+    for louder in (residual * np.where(groups, 1.1, 1.0)[:, np.newaxis],
+                   residual + 0.3 * np.roll(residual, 1)):
+        assert not noise.as_good_as(fit_autoregression(louder, present, groups), louder)
