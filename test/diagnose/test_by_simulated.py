@@ -25,6 +25,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+WEIGHT = GRIPPER.mass * np.array(RIG.gravity)
+
 PAGE = Path(__file__).resolve().parents[2] / 'docs/simulator.md'
 
 
@@ -116,7 +118,7 @@ def test_imus_of_both_are_compared_in_motion(bias):
         assert found.parameters['x'].unit == 'm/s^2'
 
 
-def turned(axis, degrees):
+def wrench_turned(axis, degrees):
     Q = rotation_about(axis, np.radians(degrees))
     return lambda w, R: np.hstack([w[:, :3] @ Q.T, w[:, 3:] @ Q.T])
 
@@ -134,10 +136,12 @@ def with_wrench(recording, change):
 
 @pytest.mark.parametrize('change, said', [
     (lambda w, R: -w, 'opposite sign'), (lambda w, R: w / 9.80665, 'its forces are in kgf'),
-    (in_base, 'expressed in base'), (turned('x', 180.0), r'turned by -(179|180)\S* .* about x'),
+    (in_base, 'expressed in base'),
+    (wrench_turned('x', 180.0), r'turned by -(179|180)\S* .* about x'),
     (lambda w, R: w[:, [1, 0, 2, 4, 3, 5]], r'mirrored \(left-handed\): x, y, z show y, x, z'),
     (lambda w, R: w * [1.0, 1.0, 1.0, 1e3, 1e3, 1e3], 'they are in N mm'),
-    (lambda w, R: 0.02 * w, 'the driver takes its weight off; simulate the tool that hung there')])
+    (lambda w, R: w - np.hstack([f := WEIGHT @ R, np.cross(GRIPPER.com, f)]),
+     'the driver takes its weight off; simulate the tool that hung there')])
 def test_frame_sign_and_units_of_the_robots_wrench_are_asked_before_effects(change, said):
     wrong = diagnose_simulated(Pair(with_wrench(real({}), change), simulated()), None, TOLERANCES)
     assert wrong.outcome.diagnosis.verdict == 'invalid_data'
@@ -146,7 +150,7 @@ def test_frame_sign_and_units_of_the_robots_wrench_are_asked_before_effects(chan
 
 @pytest.mark.parametrize('change, said', [
     (lambda w, R: -w, '--simulated-wrench-sign -1'), (in_base, 'vertical in base, as of 1.2 kg'),
-    (turned('z', 90.0), r'the simulated wrench: its axes are turned by -(89|90)\S* .* about z'),
+    (wrench_turned('z', 90.0), r'simulated wrench: its axes are turned by -(89|90)\S* .* about z'),
     (lambda w, R: w[:, [1, 0, 2, 4, 3, 5]], 'the simulated wrench: its axes are mirrored')])
 def test_frame_and_sign_of_the_simulated_wrench_are_asked_before_its_tool(change, said):
     wrong = diagnose_simulated(Pair(real({}), with_wrench(simulated(), change)), None, TOLERANCES)

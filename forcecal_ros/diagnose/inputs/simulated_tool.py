@@ -122,8 +122,8 @@ def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig) 
     tool, bias, unexplained = tool_along(motion, simulated, rig)
     if tool[0] < -LIGHTEST:
         raise DataError("the simulated wrench has the other sign: at rest it must be the tool's "
-                        f'weight, pointing down, and shows {tool[0]:.2f} kg; give '
-                        '--simulated-wrench-sign -1')
+                        f'weight, pointing down, and shows {tool[0]:.2f} kg; turn it in the '
+                        'simulator, or of a recording give --simulated-wrench-sign -1')
     if tool[0] < LIGHTEST:
         raise DataError(f'the simulated wrench holds no weight of a tool ({tool[0]:.3f} kg)'
                         f'{vertical}; let the simulator publish the wrench in the frame of its '
@@ -141,7 +141,7 @@ def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig) 
 def _require_own_axes(simulated: Recording, rig: Rig) -> str:
     """Refuse a simulated wrench in another frame than its pose; say if it stays vertical."""
     gravity = np.array(rig.gravity)
-    found = untouched_at_rest(simulated, gravity)
+    found = untouched_at_rest(simulated, gravity, short=True)
     if found is None:
         return ''
     judgement = judge(found.forces)
@@ -175,7 +175,7 @@ def refuse_other_wrench(real: Recording, tool: SimulatedTool) -> None:
     """
     rigid = tool.rigid_tool
     refuse_other_axes(real, rigid.tool.mass, np.array(rigid.tool.com), np.array(rigid.gravity),
-                      SIMULATE_IT)
+                      SIMULATE_IT, short=True)
 
 
 def tool_along(motion: CarriedTool, recording: Recording, rig: Rig

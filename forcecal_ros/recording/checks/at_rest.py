@@ -45,6 +45,10 @@ TURNED_UNEXPLAINED = 0.1
 OTHER_TOOL = 0.5
 """What weighs less than this share of a model's tool is another one: tool_mass ends there, too."""
 
+WEIGHTLESS = 0.05
+"""What weighs less than this share of a model's tool in any frame has had its weight taken off:
+kgf would leave a tenth."""
+
 NAME_THE_TOOL = ('name it by a calibration (forcecal calibrate) or a rig of its own (forcecal '
                  'fit-rig)')
 """What to do where another tool hung on the sensor than that of a rig."""
@@ -148,7 +152,7 @@ def means_at(stream: Stream, begins: Array, length: float = LENGTH) -> Array:
 
 
 def refuse_other_axes(recording: Recording, mass: float, com: Array, gravity: Array,
-                      other_tool: str = NAME_THE_TOOL) -> None:
+                      other_tool: str = NAME_THE_TOOL, short: bool = False) -> None:
     """
     Refuse a wrench in another frame, with other axes or in other units than is believed.
 
@@ -162,16 +166,20 @@ def refuse_other_axes(recording: Recording, mass: float, com: Array, gravity: Ar
         In base [m/s^2].
     other_tool : str
         What to do where another tool hung there.
+    short : bool
+        Ask robots that never rest, too.
 
     Raises
     ------
     DataError
         Names cause and remedy, as ``forcecal calibrate`` does.
     """
-    found = untouched_at_rest(recording, gravity)
+    found = untouched_at_rest(recording, gravity, short)
     if found is None:
         return
     judgement = judge(found.forces)
+    if judgement.likely[0].mass < WEIGHTLESS * mass:
+        _refuse_other_tool(judgement.plain.mass, mass, other_tool)
     if is_elsewhere(judgement):
         refuse_other_frame(judgement, gravity / np.linalg.norm(gravity))
     plain = judgement.plain
@@ -184,14 +192,22 @@ def refuse_other_axes(recording: Recording, mass: float, com: Array, gravity: Ar
     refuse_other_lever(weight, found.torque, com)
 
 
-def untouched_at_rest(recording: Recording, gravity: Array) -> AtRest | None:
-    """Return the forces at rest without contact; None where they tell no weight from a bias."""
-    for length in (LENGTH, SHORT):
-        found = at_rest(recording, gravity, length)
-        found = None if found is None else found.untouched
-        if found is not None and found.tells:
-            return found
-    return None
+def untouched_at_rest(recording: Recording, gravity: Array, short: bool = False
+                      ) -> AtRest | None:
+    """
+    Return the forces at rest without contact; None where they tell no weight from a bias.
+
+    ``short``: of a robot that never rests, as many short means as last half as long.
+    """
+    found = at_rest(recording, gravity)
+    found = None if found is None else found.untouched
+    if found is not None and found.tells:
+        return found
+    if not short or (found := at_rest(recording, gravity, SHORT)) is None:
+        return None
+    found = found.untouched
+    enough = len(found.begins) * SHORT >= FEWEST * LENGTH / 2.0
+    return found if enough and found.tells else None
 
 
 def is_elsewhere(judgement: Judgement) -> bool:
