@@ -1,4 +1,4 @@
-"""The topic observer/tool: what hangs on the sensor, from whoever knows it to whoever wants it."""
+"""The topic ~/tool: what hangs on the sensor, from whoever knows it to whoever wants it."""
 
 from math import isfinite, nan
 from typing import Any, NamedTuple
@@ -15,7 +15,7 @@ from geometry_msgs.msg import Inertia, InertiaStamped
 import numpy as np
 from rclpy.lifecycle import LifecycleNode
 
-TOPIC = 'observer/tool'
+TOPIC = '~/tool'
 
 TRACKED = 'tracked'
 """Value of the parameter ``tool``: the tool is what this topic, or the node's own tracker says."""
