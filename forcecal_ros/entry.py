@@ -4,6 +4,7 @@ from collections.abc import Callable
 from importlib import import_module
 import os
 import signal
+import sys
 from types import FrameType
 from typing import Any
 
@@ -18,27 +19,38 @@ def forcecal() -> int:
 
 def gap() -> int:
     """Run the gap node."""
-    return int(loaded('nodes.gap', 0)())
+    return _node('gap')
 
 
 def impedance() -> int:
     """Run the impedance node."""
-    return int(loaded('nodes.impedance', 0)())
+    return _node('impedance')
 
 
 def observer() -> int:
     """Run the observer."""
-    return int(loaded('nodes.observer', 0)())
+    return _node('observer')
 
 
 def sequencer() -> int:
     """Run the sequencer."""
-    return int(loaded('nodes.sequencer', 0)())
+    return _node('sequencer')
 
 
 def sim() -> int:
     """Run the simulated rig."""
-    return int(loaded('nodes.sim', 0)())
+    return _node('sim')
+
+
+def _node(name: str) -> int:
+    try:
+        return int(loaded(f'nodes.{name}', 0)())
+    except ModuleNotFoundError as error:
+        from forcecal_ros.extras import missing
+
+        if not (why := missing(error)):
+            raise
+        sys.exit(f'{name}: {why}')
 
 
 def loaded(module: str, interrupted: int) -> Callable[..., Any]:

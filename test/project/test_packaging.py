@@ -1,7 +1,7 @@
 """What is installed is whole, and says the same about itself in every place."""
 
 import ast
-from importlib.metadata import requires, version
+from importlib.metadata import version
 from pathlib import Path
 import re
 import shutil
@@ -13,22 +13,18 @@ import zipfile
 
 from forcecal_ros import entry
 from forcecal_ros.commands.node import NODES
+from forcecal_ros.extras import BESIDE_APT
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = 'forcecal_ros'
 SHARE = ('config/**/*.yaml', 'launch/*.launch.py', 'layouts/*.*', 'package.xml')
 INSIDE = ('**/*.py', 'config/*.yaml', 'config/*/*.yaml', '**/*.html.j2', '**/*.xml')
-ROSDEP_KEYS = {  # name in an import -> key; a key that ends in -pip exists for pip alone
-    'control': 'python-control-pip', 'jinja2': 'python3-jinja2',
-    'matplotlib': 'python3-matplotlib', 'numba': 'python3-numba', 'numpy': 'python3-numpy',
-    'rosbags': 'python3-rosbags-pip', 'scipy': 'python3-scipy', 'tqdm': 'python3-tqdm',
-    'yaml': 'python3-yaml',
+ROSDEP_KEYS = {  # name in an import -> key
+    'jinja2': 'python3-jinja2', 'matplotlib': 'python3-matplotlib', 'numpy': 'python3-numpy',
+    'scipy': 'python3-scipy', 'yaml': 'python3-yaml',
 }
 PIP_NAMES = {'yaml': 'pyyaml', 'backports': 'backports-zstd'}
-BROUGHT_BY_ROSBAGS = {'backports', 'lz4'}
-"""Imports that rosdep has no key for: rosbags, which rosdep installs with pip, requires them."""
-
 OPTIONAL = {'scale': {'distributed', 'joblib'}, 'plots': {'plotly'},
             'mujoco': {'mujoco'}}
 """Extra -> what it brings."""
@@ -66,10 +62,6 @@ def _names(requirements):
     return {re.match(r'[\w.-]+', line)[0].replace('.', '-').lower() for line in requirements}
 
 
-def _required_by(distribution):
-    return _names(line for line in requires(distribution) or [] if 'extra ==' not in line)
-
-
 def _asked_of_pip(what):
     """Return what setup.py asks pip for, read from this tree and not from what is installed."""
     ask = ('import setuptools; from distutils.core import run_setup; '
@@ -100,17 +92,22 @@ def test_package_xml_and_setup_agree_about_license_and_maintainer():
     assert _setup('--maintainer-email') == manifest.find('maintainer').get('email')
 
 
-def test_every_import_is_declared_to_rosdep():
+def test_rosdep_is_asked_for_every_import_that_apt_has_and_for_nothing_of_pip():
     declared = {node.text for node in _manifest().findall('exec_depend')}
-    missing = {ROSDEP_KEYS.get(name, name) for name in _imported() - BROUGHT_BY_ROSBAGS
-               if ROSDEP_KEYS.get(name, name) not in declared}
-    assert not missing
-    assert {PIP_NAMES.get(name, name) for name in BROUGHT_BY_ROSBAGS} <= _required_by('rosbags')
+    assert {ROSDEP_KEYS.get(name, name) for name in _imported() - BESIDE_APT} <= declared
+    assert {key for key in declared if key.startswith('python')} == {*ROSDEP_KEYS.values()}
+
+
+@pytest.mark.parametrize('node', ['sequencer', 'observer', 'impedance'])
+def test_a_node_on_a_robot_wants_nothing_that_apt_does_not_have(node):
+    loads = ['forcecal_ros.identify.pipeline', f'forcecal_ros.nodes.{node}']
+    code = f'import sys; sys.modules.update(dict.fromkeys({BESIDE_APT}))'
+    _run(sys.executable, '-c', '\n'.join([code, *(f'import {name}' for name in loads)]))
 
 
 def test_every_import_is_declared_to_pip():
     imported = {PIP_NAMES.get(name, name) for name in _imported()
-                if name in ROSDEP_KEYS or name in BROUGHT_BY_ROSBAGS}
+                if name in ROSDEP_KEYS or name in BESIDE_APT}
     assert _asked_of_pip('install_requires') == imported
 
 
