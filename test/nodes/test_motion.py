@@ -110,6 +110,14 @@ def now(live):
 def test_nothing_is_commanded_before_start(ready):
     live, robot = ready
     live.until(lambda: live.phases == ['idle'], 'the first word')
+    live.until(lambda: live.call('sequencer/preview').success, 'a preview')
+    assert not live.call('sequencer/abort').success
+    assert not live.call('sequencer/save_calibration').success
+    for sequence in ('contact', 'calibrate'):
+        assert live.set('sequencer', sequence=sequence)[0].successful
+    robot.silent.add('wrench')  # for longer than a pause, and back again
+    live.spin(0.5)
+    robot.silent.clear()
     live.spin(0.5)
     assert not robot.commands
     assert live.phases == ['idle']
@@ -209,7 +217,8 @@ def test_a_preview_shows_the_path_and_a_start_may_require_it(ready):
     drawn = live.latched(MarkerArray, 'sequencer/markers')
     assert live.set('sequencer', motion__require_preview=True)[0].successful
     try:
-        live.until(lambda: 'nothing was shown yet' in live.call('sequencer/start').message, 'no')
+        live.until(lambda: 'look at sequencer/planned_path' in live.call('sequencer/start').message,
+                   'no')
         shown = []
 
         def previewed():
@@ -390,6 +399,7 @@ def test_commands_are_in_the_frame_of_the_poses_and_refused_in_another(ros_domai
         start(live, 'other', ['__node:=other'], motion__frame='base')
         live.until(lambda: "current_pose is in 'base_link', commands would go out in 'base'"
                    in live.call('other/start').message, 'refusal')
+        assert live.end('other', signal.SIGTERM) == 0
         live.spin(0.3)
         assert not robot.commands and set(live.phases) <= {'idle'}
         until_moving(live, robot)
