@@ -217,8 +217,8 @@ def test_a_preview_shows_the_path_and_a_start_may_require_it(ready):
     drawn = live.latched(MarkerArray, 'sequencer/markers')
     assert live.set('sequencer', motion__require_preview=True)[0].successful
     try:
-        live.until(lambda: 'look at sequencer/planned_path' in live.call('sequencer/start').message,
-                   'no')
+        live.until(lambda: 'look at sequencer/planned_path' in live.call(
+            'sequencer/start').message, 'refusal')
         shown = []
 
         def previewed():
