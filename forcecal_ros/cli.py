@@ -164,6 +164,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _complain(str(error), 2)
     except ForcecalError as error:
         return _complain(str(error))
+    except ModuleNotFoundError as error:
+        from forcecal_ros.extras import missing  # the help does without
+
+        if why := missing(error):
+            return _complain(why)
+        raise
     except BrokenPipeError:
         _give_up_stdout()
         return 1

@@ -65,3 +65,16 @@ def test_results_that_a_signal_interrupts_leave_no_scratch(tmp_path):
                           text=True, check=False)
     assert (done.returncode, done.stderr) == (143, 'forcecal: interrupted\n')
     assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize('call, package', [
+    ('entry.sim()', 'numba'), ("cli.main(['node', 'gap'])", 'numba'),
+    ("cli.main(['calibrate', '.'])", 'rosbags')])
+def test_what_apt_does_not_have_is_named_in_one_line(call, package):
+    code = ('import sys; from forcecal_ros import cli, entry; from forcecal_ros.extras import '
+            f'BESIDE_APT; sys.modules.update(dict.fromkeys(BESIDE_APT)); sys.exit({call})')
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
+                          check=False)
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 1
+    assert f'{package} is not installed' in line and f'pip install {package}' in line

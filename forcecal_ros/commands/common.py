@@ -268,12 +268,13 @@ def needs_ros() -> Iterator[None]:
         It is not there; with the command that brings it.
     """
     from forcecal_ros.errors import ConfigError
-    from forcecal_ros.extras import installing
+    from forcecal_ros.extras import installing, missing
 
     try:
         yield
     except ImportError as error:
-        if (error.name or '').startswith('forcecal_ros'):
+        if (error.name or '').startswith('forcecal_ros') or (
+                isinstance(error, ModuleNotFoundError) and missing(error)):
             raise
         setup = Path('/opt/ros/jazzy/setup.bash')
         remedy = f'source {setup}' if setup.exists() else installing('ros')

@@ -19,7 +19,7 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.time import Time
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
-TOPIC = 'observer/tool'
+TOPIC = '~/tool'
 """Where a tool is told."""
 
 TRACKED = 'tracked'
