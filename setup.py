@@ -1,10 +1,15 @@
 from glob import glob
+import sys
 
 from setuptools import find_packages, setup
 
 PACKAGE = 'forcecal_ros'
 MUJOCO = ["mujoco>=3.11,!=4.0.0; python_version >= '3.11'"]
 PLOTS = ['plotly>=5.15']
+NODES = ['gap', 'impedance', 'observer', 'sequencer', 'sim']
+# colcon calls one of these, and has executables in lib/forcecal_ros (setup.cfg), where ros2 run
+# looks; pip calls neither, and would put names as common as these into everybody's PATH
+COLCON = not {'install', '--editable'}.isdisjoint(sys.argv)
 SCALE = ['distributed>=2024.1', 'joblib>=1.4']
 
 setup(
@@ -74,11 +79,7 @@ setup(
     entry_points={
         'console_scripts': [
             'forcecal = forcecal_ros.entry:forcecal',
-            'impedance = forcecal_ros.entry:impedance',
-            'gap = forcecal_ros.entry:gap',
-            'observer = forcecal_ros.entry:observer',
-            'sequencer = forcecal_ros.entry:sequencer',
-            'sim = forcecal_ros.entry:sim',
+            *(f'{node} = forcecal_ros.entry:{node}' for node in NODES if COLCON),
         ],
     },
     zip_safe=False,

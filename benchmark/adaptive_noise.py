@@ -14,7 +14,6 @@ import os
 from pathlib import Path
 import sys
 
-from forcecal_ros.calibration.model import Estimate, Noise
 from forcecal_ros.identify.delay import estimate_delay, with_delay
 from forcecal_ros.observe import design, ObserverSettings, replay, Status
 from forcecal_ros.recording.streams import Stream
@@ -23,12 +22,10 @@ from scipy.signal import butter, sosfiltfilt
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'test' / 'helpers'))
-from kuka import GRAVITY, kuka_recording, static_calibration, table
+from kuka import kuka_recording, static_calibration, with_noise_at_rest, WRENCH_RATE
 from observing import calibration, GAIN, MASS, push, record, Swing, VOLTS_NOISE
 
 FACTORS = (1.0, 3.0, 10.0, 30.0, 100.0)
-WRENCH_RATE, ACCELEROMETER_RATE = 698.0, 254.0
-"""Of the real arm [Hz]."""
 
 
 def on_the_rig():
@@ -57,19 +54,6 @@ def on_the_rig():
               + ' |')
 
 
-def with_noise_at_rest(folder, known):
-    """Return the calibration with the noise of the arm's sensors at rest."""
-    wrench = table(folder / '0-steady-state_wrench.csv')[:, -6:]
-    force = table(folder / '0-steady-state_accel.csv')[:, -3:] * GRAVITY
-    to_sensor = np.linalg.inv(known.accelerometer.matrix)
-    return replace(known, noise=Noise(
-        Q=Estimate(np.eye(2), 0.0, '(m, m/s)^2 s'),
-        R=Estimate(np.eye(3), 0.0, '(m, m/s, m/s^2)^2 s'),
-        wrench=Estimate(np.cov(wrench.T), 0.0, '(N, N m)^2'),
-        specific_force=Estimate(to_sensor @ np.cov(force.T) @ to_sensor.T, 0.0, '(m/s^2)^2'),
-        wrench_rate=WRENCH_RATE, accelerometer_rate=ACCELEROMETER_RATE))
-
-
 def slow(estimate):
     """Return the unfiltered contact force below 5 Hz, without delay: the reference [N]."""
     t = np.arange(estimate.t[0], estimate.t[-1], 1 / WRENCH_RATE)
@@ -81,7 +65,8 @@ def slow(estimate):
 
 def on_the_arm():
     """Print what the two make of free motion, and of vibration with contact."""
-    folder = Path(os.environ.get('FORCECAL_DATA', 'data')) / 'kuka_lbr_med'
+    folder = Path(os.environ.get('FORCECAL_DATA', ROOT.parent / 'shared' / 'data'))
+    folder /= 'kuka_lbr_med'
     if not folder.is_dir():
         print(f'no {folder}: set FORCECAL_DATA', file=sys.stderr)
         return

@@ -75,7 +75,7 @@ def is_true(warning, off):
     """Whether an estimate that a warning names is off."""
     named = re.search(r'suspect: (.+)$', warning)
     keys = named.group(1).split(', ') if named else []
-    return 'pause for' in warning or any(
+    return 'pauses for' in warning or any(
         z > OFF for key, z in off.items() if key in keys or key.split('.')[0] in keys)
 
 

@@ -57,7 +57,7 @@ ARMS = {
 
 def arm(name, seeds):
     leg, options, mounting = ARMS[name]
-    rows, z, warnings = [], [], Counter()
+    rows, z, spread, warnings = [], [], [], Counter()
     for seed in range(seeds):
         try:
             result = calibrated(leg, seed, options, mounting)
@@ -66,6 +66,7 @@ def arm(name, seeds):
             continue
         rows.append(errors(result))
         z.append(sigmas(result, leg))
+        spread += [one.singular_values[0] / one.singular_values[2] for one in result.data_sets]
         warnings.update('bends' if 'bends' in w else 'hysteresis' if 'hysteresis' in w else
                         'accelerometer offset' if 'offset of (' in w else
                         'leaves the subspace' if 'leave their' in w else w[:40]
@@ -79,6 +80,9 @@ def arm(name, seeds):
     print(f'  within one standard error {(off < 1).mean():.1%}, two {(off < 2).mean():.1%}, '
           f'three {(off < 3).mean():.2%}; most {off.max():.1f}; median {np.median(off):.2f}; '
           f'rms {np.sqrt((off**2).mean()):.2f}')
+    whole = result.rank.singular_values
+    print(f'  condition of the raw readings of a data set, first singular value over third: '
+          f'{min(spread):.2f} to {max(spread):.2f}; of all equations {whole[0] / whole[-1]:.0f}')
     if not leg.inertial:
         mass, place, axes = np.max([by_paper(leg, seed) for seed in range(seeds)], axis=0)
         print(f'  by the method of the paper: added mass {mass:.4f} kg   position '

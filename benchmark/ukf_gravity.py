@@ -2,6 +2,8 @@
 Show what gravity compensation after [Ukf2025] does, in numbers: run it and read the tables.
 
     python benchmark/ukf_gravity.py [--motions 10] [--json]
+    python benchmark/ukf_gravity.py --noise     # errors over the noise of the sensor
+    python benchmark/ukf_gravity.py --real      # the filters on a real arm in free motion
 
 The paper's experiment on a simulated arm (ten unseen free motions of 20 s), the response to a
 force step, the paper's own covariances, the filter without a pose, and the time of one step
@@ -10,12 +12,14 @@ beside filterpy's UnscentedKalmanFilter, where that is installed. Ten minutes of
 
 import argparse
 import json
+import os
 from pathlib import Path
 import sys
 import time
 import timeit
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / 'test' / 'helpers'))
 
 from forcecal_ros.observe import design, FilterSettings, Imu, ObserverSettings, replay
 from forcecal_ros.observe.filters import gaussian, ukf
@@ -103,6 +107,25 @@ def show_over_noise(worst):
     print(_row('[Ukf2025], its table', arm.TABLE), '6 |')
     for (force, name), error in worst.items():
         print(_row(f'{force:g} N, `{name}`', error), f'{(error <= arm.TABLE).sum()} |')
+
+
+def on_real_arm():
+    """Print what each filter leaves of free motion, where the truth is zero."""
+    from forcecal_ros.identify.delay import estimate_delay, with_delay
+    from kuka import kuka_recording, slow, static_calibration, with_noise_at_rest
+    folder = Path(os.environ.get('FORCECAL_DATA') or ROOT.parent / 'shared' / 'data')
+    folder /= 'kuka_lbr_med'
+    recording, static = kuka_recording(folder, '1-baseline'), static_calibration(folder)
+    known = with_noise_at_rest(folder, with_delay(static, estimate_delay(recording, static)))
+    raw = recording.wrench.values - known.wrench_bias.value
+    print('| `1-baseline` | largest error Fx | Fy | Fz [N] | Mx | My | Mz [N m] '
+          '| below 10 Hz, std Fx | Fy | Fz [N] |')
+    print('|---' * 10 + '|')
+    print(_row('raw', [*np.abs(raw[100:]).max(axis=0)]) + ' | | |')
+    for name in ('static', 'kalman', 'kalman, 12 ms', 'ukf', 'ekf'):
+        found = WAYS[name](recording, known)
+        print(_row(f'`{name}`', [*np.abs(found.contact[100:]).max(axis=0),
+                                 *slow(found)[100:].std(axis=0)]))
 
 
 def rise(name, axis, size, calibration, drift):
@@ -277,7 +300,11 @@ def main():
     parser.add_argument('--json', action='store_true')
     parser.add_argument('--noise', action='store_true',
                         help='only the errors over the noise of the sensor')
+    parser.add_argument('--real', action='store_true', help='only a real arm in free motion')
     args = parser.parse_args()
+    if args.real:
+        on_real_arm()
+        return
     if args.noise:
         show_over_noise(over_noise(args.motions))
         return

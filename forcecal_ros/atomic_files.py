@@ -18,6 +18,10 @@ _HERE, _EXCHANGE = -100, 2
 """AT_FDCWD and RENAME_EXCHANGE of Linux."""
 
 
+_LEGIBLE = 50
+"""Letters of a name that tell what it was: four bytes each at most, of the 255 of Linux."""
+
+
 def _sync_file(path: Path) -> None:
     with path.open('rb') as handle:
         os.fsync(handle.fileno())
@@ -73,7 +77,7 @@ def _write_all(descriptor: int, data: bytes) -> None:
 
 def _replace(path: Path, data: bytes) -> None:
     with tempfile.NamedTemporaryFile(
-            dir=path.parent, prefix=f'.{path.name}.', delete=False) as file:
+            dir=path.parent, prefix=_hidden(path), delete=False) as file:
         temporary = Path(file.name)
         try:
             file.write(data)
@@ -89,9 +93,14 @@ def _replace(path: Path, data: bytes) -> None:
     _sync_directory(path.parent)
 
 
+def _hidden(path: Path) -> str:
+    """Return how what is not yet ready is called: no longer than a long name may be."""
+    return f'.{path.name[:_LEGIBLE]}.'
+
+
 def _keep(path: Path) -> None:
     """Keep a file as ``path~``, which is at any time the backup before or this one, whole."""
-    holder = Path(tempfile.mkdtemp(dir=path.parent, prefix=f'.{path.name}.'))
+    holder = Path(tempfile.mkdtemp(dir=path.parent, prefix=_hidden(path)))
     try:
         kept = holder / path.name
         try:
@@ -160,7 +169,7 @@ def new_directory(path: Path | str) -> Iterator[Path]:
     refuse_folder(path, replaced=True)
     with blamed(path):
         target = follow(path, folder=True).path
-        holder = Path(tempfile.mkdtemp(dir=target.parent, prefix=f'.{target.name}.'))
+        holder = Path(tempfile.mkdtemp(dir=target.parent, prefix=_hidden(target)))
     try:
         scratch = holder / target.name
         yield scratch

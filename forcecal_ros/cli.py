@@ -1,12 +1,16 @@
 """``forcecal``: arguments in, result printed. All errors a user can mend become one line here."""
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from io import TextIOWrapper
 import os
+import signal
 import sys
 from textwrap import fill
+from threading import current_thread, main_thread
+from types import FrameType
 from typing import Any, NoReturn
 
 from forcecal_ros import __version__
@@ -31,6 +35,23 @@ NAMES = 17
 """Columns that the names of commands take in the help: the longest and two more."""
 
 
+class Given(argparse.Action):
+    """Stores what is given, once: of two values nobody knows which was meant."""
+
+    _before: Any = None
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace,
+                 values: Any, option_string: str | None = None) -> None:
+        """Put it into the arguments; a name that is empty is none."""
+        if values == '' and self.type is None:
+            raise argparse.ArgumentError(self, 'an empty name is given; name it')
+        if self.option_strings and self._before not in (None, values):
+            raise argparse.ArgumentError(
+                self, f'{self._before} and {values} are given; give one')
+        self._before = values
+        setattr(namespace, self.dest, values)
+
+
 class Parser(argparse.ArgumentParser):
     """
     Says in one line what is wrong.
@@ -47,6 +68,8 @@ class Parser(argparse.ArgumentParser):
         self.options: list[str] = []
         self.commands: Mapping[str, Parser] = {}
         super().__init__(**settings)
+        for name in (None, 'store'):
+            self.register('action', name, Given)
 
     def add_argument(self, *names: Any, **settings: Any) -> argparse.Action:
         """Add an argument, and remember how it is called."""
@@ -124,22 +147,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 done, 1 the data cannot answer, 2 wrong usage, 130 interrupted.
+        0 done, 1 the data cannot answer, 2 wrong usage, 130 interrupted (128 and the signal).
     """
     # small matrices are slower on several threads, and round in another order on other machines
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     if isinstance(sys.stdout, TextIOWrapper):  # a letter that a terminal lacks ends nothing
         sys.stdout.reconfigure(errors='replace')
     try:
-        args = parsed(sys.argv[1:] if arguments is None else arguments)
-        check_outputs(args)
-        status = int(args.run(args))
-        print(end='', flush=True)
-        return status
+        with _ended_as_by_ctrl_c():
+            args = parsed(sys.argv[1:] if arguments is None else arguments)
+            check_outputs(args)
+            status = int(args.run(args))
+            print(end='', flush=True)
+            return status
     except UsageError as error:
         return _complain(str(error), 2)
     except ForcecalError as error:
         return _complain(str(error))
+    except ModuleNotFoundError as error:
+        from forcecal_ros.extras import missing  # the help does without
+
+        if why := missing(error):
+            return _complain(why)
+        raise
     except BrokenPipeError:
         _give_up_stdout()
         return 1
@@ -148,9 +178,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
         where = f'{error.filename}: ' if error.filename else ''
         do = remedy(error, 'check the path and its permissions')
         return _complain(f'{where}{error.strerror or error}; {do}')
-    except KeyboardInterrupt:
-        print('forcecal: interrupted', file=sys.stderr)
-        return 130
+    except KeyboardInterrupt as interrupt:
+        with suppress(OSError):  # of a terminal that has closed
+            print('forcecal: interrupted', file=sys.stderr)
+        return 128 + (interrupt.args[0] if interrupt.args else signal.SIGINT)
+
+
+@contextmanager
+def _ended_as_by_ctrl_c() -> Iterator[None]:
+    """Let SIGTERM, and a terminal that closes, leave nothing half done behind."""
+    def end(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt(number)
+
+    before = {}
+    if current_thread() is main_thread():
+        before = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGHUP)
+                  if signal.getsignal(number) is signal.SIG_DFL}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _give_up_stdout() -> None:

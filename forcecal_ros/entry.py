@@ -1,9 +1,12 @@
-"""Where the installed commands begin: a signal while they are being loaded ends them quietly."""
+"""Where executables begin: a signal while they are being loaded ends them quietly."""
 
+from collections.abc import Callable
 from importlib import import_module
 import os
 import signal
+import sys
 from types import FrameType
+from typing import Any
 
 INTERRUPTED = 130
 """Exit status of a command after SIGINT, as shells have it."""
@@ -11,45 +14,57 @@ INTERRUPTED = 130
 
 def forcecal() -> int:
     """Run a command line."""
-    return _main('cli', INTERRUPTED)
+    return int(loaded('cli', INTERRUPTED)())
 
 
 def gap() -> int:
     """Run the gap node."""
-    return _main('nodes.gap', 0)
+    return _node('gap')
 
 
 def impedance() -> int:
     """Run the impedance node."""
-    return _main('nodes.impedance', 0)
+    return _node('impedance')
 
 
 def observer() -> int:
     """Run the observer."""
-    return _main('nodes.observer', 0)
+    return _node('observer')
 
 
 def sequencer() -> int:
     """Run the sequencer."""
-    return _main('nodes.sequencer', 0)
+    return _node('sequencer')
 
 
 def sim() -> int:
     """Run the simulated rig."""
-    return _main('nodes.sim', 0)
+    return _node('sim')
 
 
-def _main(module: str, interrupted: int) -> int:
+def _node(name: str) -> int:
+    try:
+        return int(loaded(f'nodes.{name}', 0)())
+    except ModuleNotFoundError as error:
+        from forcecal_ros.extras import missing
+
+        if not (why := missing(error)):
+            raise
+        sys.exit(f'{name}: {why}')
+
+
+def loaded(module: str, interrupted: int) -> Callable[..., Any]:
     """
-    Load a module, and call its ``main``.
+    Load a module of this package, and return its ``main``.
 
     An exception in the midst of an import comes out as any other, with a traceback; so that until
-    all is loaded, SIGINT ends the process as it stands.
+    all is loaded, SIGINT ends the process as it stands, with status ``interrupted``.
     """
     def end(number: int, frame: FrameType | None) -> None:
         os._exit(interrupted)
 
     before = signal.signal(signal.SIGINT, end)
-    main = import_module(f'forcecal_ros.{module}').main
-    signal.signal(signal.SIGINT, before)
-    return int(main())
+    try:
+        return import_module(f'forcecal_ros.{module}').main  # type: ignore[no-any-return]
+    finally:
+        signal.signal(signal.SIGINT, before)

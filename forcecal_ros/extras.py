@@ -1,4 +1,4 @@
-"""What this package needs for some of its work only, and the command that installs it."""
+"""What this package needs for some of its work, and how it is installed where it is missing."""
 
 from importlib.metadata import PackageNotFoundError, requires
 import re
@@ -6,6 +6,9 @@ import shlex
 import sys
 
 PACKAGE = 'forcecal_ros'
+
+BESIDE_APT = {'backports', 'control', 'lz4', 'numba', 'rosbags', 'tqdm'}
+"""Modules that the nodes on a robot do without, and that package.xml therefore does not name."""
 
 
 def installing(extra: str, module: str = '') -> str:
@@ -28,3 +31,24 @@ def installing(extra: str, module: str = '') -> str:
     exact = [line for line in wanted if re.split(r'[^\w-]', line)[0] == module]
     parts = exact or wanted or [f'{PACKAGE}[{extra}]']
     return shlex.join([sys.executable, '-m', 'pip', 'install', *parts])
+
+
+def missing(error: ModuleNotFoundError) -> str:
+    """
+    Say in one line how to install a module that is not there.
+
+    Returns
+    -------
+    str
+        Empty where it is none of :data:`BESIDE_APT`: a mistake of somebody's, not a missing
+        package.
+    """
+    module = (error.name or '').partition('.')[0]
+    if module not in BESIDE_APT:
+        return ''
+    python = shlex.quote(sys.executable)
+    if sys.prefix == sys.base_prefix:  # where Debian and Ubuntu let pip install nothing
+        make = f'{python} -m venv --system-site-packages VENV'
+        return (f'{module} is not installed; {make}, then VENV/bin/pip install {module}, and run '
+                f'this by VENV/bin/python -m {PACKAGE}.cli')
+    return f'{module} is not installed; {python} -m pip install {module}'

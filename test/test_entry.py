@@ -1,5 +1,7 @@
-"""Installed commands: a signal while they are being loaded ends them in silence."""
+"""Installed commands: what a signal does while they are being loaded, and while they work."""
 
+import os
+import signal
 import subprocess
 import sys
 
@@ -33,3 +35,46 @@ def test_a_command_line_that_is_loaded_is_run():
          '--version'],
         capture_output=True, text=True, check=False)
     assert done.returncode == 0 and done.stdout.startswith('forcecal ')
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_whatever_ends_a_command_is_told_in_one_line_and_leaves_nothing(tmp_path, number):
+    os.mkfifo(tmp_path / 'list')
+    with subprocess.Popen(
+            [sys.executable, '-m', 'forcecal_ros.cli', 'calibrate', '@list', '-o', 'out'],
+            cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as command:
+        with (tmp_path / 'list').open('w'):  # once it is read, the command is at work
+            command.send_signal(number)
+            said = command.communicate(timeout=60)
+    assert (command.returncode, said) == (128 + number, ('', 'forcecal: interrupted\n'))
+    assert os.listdir(tmp_path) == ['list']
+
+
+def test_results_that_a_signal_interrupts_leave_no_scratch(tmp_path):
+    script = """if True:
+        import os, signal, sys
+        from forcecal_ros import cli
+        from forcecal_ros.atomic_files import new_directory
+        def run(args):
+            with new_directory('out') as scratch:
+                scratch.mkdir()
+                os.kill(os.getpid(), signal.SIGTERM)
+        cli.parsed = lambda words: cli.argparse.Namespace(run=run)
+        sys.exit(cli.main([]))"""
+    done = subprocess.run([sys.executable, '-c', script], cwd=tmp_path, capture_output=True,
+                          text=True, check=False)
+    assert (done.returncode, done.stderr) == (143, 'forcecal: interrupted\n')
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize('call, package', [
+    ('entry.sim()', 'numba'), ("cli.main(['node', 'gap'])", 'numba'),
+    ("cli.main(['calibrate', '.'])", 'rosbags')])
+def test_what_apt_does_not_have_is_named_in_one_line(call, package):
+    code = ('import sys; from forcecal_ros import cli, entry; from forcecal_ros.extras import '
+            f'BESIDE_APT; sys.modules.update(dict.fromkeys(BESIDE_APT)); sys.exit({call})')
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
+                          check=False)
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 1
+    assert f'{package} is not installed' in line and f'pip install {package}' in line

@@ -153,6 +153,27 @@ def kuka_lbr_med(data, case, folder):
            'measured ' + ' '.join(f'{x:.2f}' for x in rms[1]) + ' N')
 
 
+def franka_panda(data, case, folder):
+    table = np.loadtxt(data / case['files'], skiprows=1)
+    R = Rotation.from_quat(table[:, [7, 8, 9, 6]]).inv().as_matrix()
+    names, matrix = [f'c{k}' for k in range(19)], [f'r{k}' for k in range(9)]
+    write_table(folder / 'motion.csv', names + matrix, np.hstack([table, R.reshape(-1, 9)]))
+    plain = f'{by_least_squares(table[:, 13:16], R):.4f} kg'
+    for part, pose in (('columns of base in the sensor, as if of the sensor in base',
+                        {'quaternion_xyzw': [*names[7:10], names[6]]}),
+                       ('turned round', {'R_base_sensor': matrix})):
+        signals = {'wrench': {'frame': 'ft', 'force': {'columns': names[13:16], 'unit': 'N'},
+                              'torque': {'columns': names[16:], 'unit': 'N m'}},
+                   'pose': {'frame': 'base', **pose}}
+        spec = {'format': 'forcecal-import/1',
+                'tables': [{'file': 'motion.csv', 'rate': 1000.0, 'signals': signals}]}
+        (folder / 'import.yaml').write_text(yaml.safe_dump(spec))
+        bag = folder / next(iter(pose))
+        found = said('import', folder / 'import.yaml', '--tables', folder, '-o', bag) or said(
+            'calibrate', bag, '--gravity', G, '--json', '-o', folder / 'c.yaml')
+        yield part, tool(found).replace(f'{folder}/', ''), plain
+
+
 def icub_foot(data, case, folder):
     spec = folder / 'foot.yaml'
     text = (ROOT / 'config/examples/insitu_icub_foot.yaml').read_text()
@@ -213,7 +234,7 @@ def _left_out(places, out):
 
 
 CASES = {one.__name__: one for one in (
-    axia80, icub_foot, kuka_lbr_med, meca500_on_a_wall, orientations_of_others,
+    axia80, franka_panda, icub_foot, kuka_lbr_med, meca500_on_a_wall, orientations_of_others,
     printed_sensor)}
 
 

@@ -96,8 +96,8 @@ def export(calibration: Calibration, consumer: str, place: Place | None = None) 
             'observer/contact_wrench instead')
     if calibration.sensor_rotation is not None:
         raise ConfigError(
-            f'{consumer} cannot turn readings by sensor.rotation; correct the transform from '
-            'flange to sensor and calibrate again, or give it observer/contact_wrench')
+            f'{consumer} cannot turn readings by sensor.rotation; give it '
+            'observer/contact_wrench instead')
     notes = f'{one.notes}\nCalibrated with gravity {calibration.gravity:.5f} m/s^2.'
     if calibration.gravity_direction is not None:
         notes += f'\nIt points along {_plain(calibration.gravity_direction)} of base.'

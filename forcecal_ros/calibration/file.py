@@ -38,9 +38,8 @@ def _check_sum(text: str, name: str) -> None:
     head, newline, last = text.rstrip().rpartition('\n')
     meant = _CHECKSUM in last or _ALGORITHM in last  # one of them may be what is damaged
     if meant and last != _CHECKSUM + _digest(head + newline):
-        raise ConfigError(f'{name}: its checksum does not fit: it is damaged or was edited; take '
-                          f'{name}~ or calibrate again, or drop the line `checksum` if you edited '
-                          'it on purpose')
+        raise ConfigError(f'{name}: its checksum does not fit: it is damaged or was edited; '
+                          'calibrate again (of an edit on purpose, drop the line `checksum`)')
 
 
 def save(calibration: Calibration, path: Path | str) -> None:

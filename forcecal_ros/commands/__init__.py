@@ -69,6 +69,7 @@ GROUPS = {
         'import': Command('import_csv', 'turn CSV tables into a recording'),
     },
     'running nodes': {
+        'node': Command('node', 'run a node, without ros2 run'),
         'live': Command(
             'live', 'show wrenches, states, phases and gap of running nodes on a page of this '
             'machine'),

@@ -76,7 +76,7 @@ def _whole(text: str, least: int) -> int:
     except ValueError:
         value = least - 1
     if not least <= value <= LARGEST_SEED:
-        raise ArgumentTypeError(f'{text} is not a whole number, {least} or more')
+        raise ArgumentTypeError(f'{text or "nothing"} is not a whole number, {least} or more')
     return value
 
 
@@ -84,7 +84,7 @@ def _number(text: str, wanted: str, fits: Callable[[float], bool]) -> float:
     try:
         value = float(text)
     except ValueError as error:
-        raise ArgumentTypeError(f'{text} is not {wanted}') from error
+        raise ArgumentTypeError(f'{text or "nothing"} is not {wanted}') from error
     if not (isfinite(value) and fits(value)):
         raise ArgumentTypeError(f'{text} is not {wanted}')
     return value

@@ -220,7 +220,7 @@ def read_checked(args: argparse.Namespace, bag: str, wanted: Collection[str] = (
         It cannot be read, or something is wrong with it.
     """
     from forcecal_ros.recording.checks.entry import checked
-    from forcecal_ros.recording.required import require
+    from forcecal_ros.recording.topics import require
 
     recording = read_poses_of_sensor(args, bag)
     with with_reading_of(recording):
@@ -268,12 +268,13 @@ def needs_ros() -> Iterator[None]:
         It is not there; with the command that brings it.
     """
     from forcecal_ros.errors import ConfigError
-    from forcecal_ros.extras import installing
+    from forcecal_ros.extras import installing, missing
 
     try:
         yield
     except ImportError as error:
-        if (error.name or '').startswith('forcecal_ros'):
+        if (error.name or '').startswith('forcecal_ros') or (
+                isinstance(error, ModuleNotFoundError) and missing(error)):
             raise
         setup = Path('/opt/ros/jazzy/setup.bash')
         remedy = f'source {setup}' if setup.exists() else installing('ros')

@@ -104,23 +104,25 @@ def _with(args: argparse.Namespace, **changes: Any) -> argparse.Namespace:
 
 def _tasks(args: argparse.Namespace, bags: Sequence[str]) -> list[argparse.Namespace]:
     """Return the arguments for each recording alone, which any working directory will do for."""
-    paths = [Path(bag).absolute() for bag in bags]
+    named = [Path(bag).absolute() for bag in bags]
+    paths = [Path(os.path.normpath(path)) for path in named]  # `..` would lead out of DIR
     common = Path(os.path.commonpath([path.parent for path in paths]))
     shared = {name: str(Path(value).absolute()) for name in args.inputs
               if name != 'bag' and (value := getattr(args, name)) and Path(value).exists()}
-    tasks, owner = [], dict[Path, Path]()
-    for path in paths:
+    tasks, owner, read = [], dict[Path, Path](), set[str]()
+    for bag, path in zip(named, paths, strict=True):
         inside = path.relative_to(common)
         name = inside.with_suffix('') if path.suffix in ('.mcap', '.db3') else inside
-        if path in owner.values():
+        if os.path.realpath(bag) in read:
             raise UsageError(f'{path} is named twice; name each recording once')
+        read.add(os.path.realpath(bag))
         if name in owner:
             raise UsageError(f'{owner[name]} and {path} would both be written to {name}; '
                               'give each its own command')
         owner[name] = path
         written = {one.name: str(Path(value).absolute() / f'{name}{one.suffix}')
                    for one in args.outputs if (value := getattr(args, one.name))}
-        tasks.append(_with(args, bag=str(path), quiet=True, **shared, **written))
+        tasks.append(_with(args, bag=str(bag), quiet=True, **shared, **written))
     for task in tasks:
         for one in args.outputs:
             if place := getattr(task, one.name):

@@ -86,7 +86,7 @@ def answer(args: argparse.Namespace) -> Answer:
     also = [name for name, asked in (
         ('inertial', args.inertial_wrench), ('innovation', args.innovation)) if asked]
     contact.write_estimate(args.output, estimate, calibration, recording.start_ns, also,
-                           () if followed is None else followed.told)
+                           () if followed is None else followed.announced)
     figures = contact.statistics(estimate)
     notes = (*recording.notes, *about, *contact.status_notes(estimate))
     means = 'mean [N, N m]  ' + contact.row(figures['mean'])

@@ -149,7 +149,7 @@ def needs_imu(args: argparse.Namespace, recording: 'Recording') -> bool:
         The pose was asked for, and there is none.
     """
     from forcecal_ros.errors import DataError
-    from forcecal_ros.recording.required import naming
+    from forcecal_ros.recording.topics import naming
 
     if args.orientation == 'pose' and not recording.pose:
         raise DataError(f'{args.bag} holds no pose; {naming(recording, "pose")}, or let '

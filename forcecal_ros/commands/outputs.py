@@ -94,6 +94,8 @@ def _checked(args: argparse.Namespace, output: Output, value: str) -> Path:
         if _as_json(args) and is_stdout(value):
             raise ConfigError('standard output takes one document; leave --json out')
     else:
+        if output.kind == RECORDING and Path(value).is_file():
+            raise ConfigError(f'{value} is a file, a recording is a folder; name another place')
         refuse_folder(value, replaced=output.kind == RECORDING)
     if output.kind != RESULTS and not many:
         refuse_inputs(value, output.kind, _inputs(args))

@@ -33,6 +33,9 @@ CRITERIA = ('D', 'mass', 'com', 'force-bias', 'torque-bias', 'offset', 'gain')
 LARGEST_TILT = 170.0
 """Of --tilt [deg]: a move back from farther has no clear direction."""
 
+LONGEST = 3600.0
+"""Of --time [s]: biases drift within an hour by more than any plan would promise."""
+
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
@@ -145,6 +148,12 @@ def _check(args: argparse.Namespace) -> None:
             raise UsageError(f'--{name} is not for --for {args.purpose}; leave it out')
     if args.tilt and args.tilt > LARGEST_TILT:
         raise UsageError(f'--tilt {args.tilt:g}: at most {LARGEST_TILT:g} deg')
+    if args.time and args.time > LONGEST:
+        raise UsageError(f'--time {args.time:g}: at most {LONGEST:g} s')
+    for name in {name for name, _ in args.set}:
+        values = [value for one, value in args.set if one == name]
+        if any(value != values[0] for value in values):
+            raise UsageError(f'--set {name}: {values[0]} and {values[1]} are given; give one')
 
 
 def _setup(args: argparse.Namespace) -> Setup:

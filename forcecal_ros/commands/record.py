@@ -1,6 +1,7 @@
 """``forcecal record``: live topics to a recording."""
 
 import argparse
+from contextlib import suppress
 from typing import Any
 
 from forcecal_ros.commands.argument_types import positive, topic_name
@@ -54,10 +55,12 @@ def run(args: argparse.Namespace) -> int:
         recorder = StreamRecorder(ros.node, writer, lambda name, msgtype: (
             args.all or name in names or (not args.only and of_this_package(name, msgtype))))
         end = time.monotonic() + args.duration if args.duration is not None else None
-        while not ros.interrupted and (end is None or time.monotonic() < end):
-            recorder.subscribe_to_new_topics()
-            ros.spin(PERIOD if end is None else max(min(PERIOD, end - time.monotonic()), 0.001))
-            done.update(recorder.counts.total() - done.n)
+        with suppress(KeyboardInterrupt):  # what is recorded counts, whatever ends it
+            while not ros.interrupted and (end is None or time.monotonic() < end):
+                recorder.subscribe_to_new_topics()
+                ros.spin(PERIOD if end is None else max(min(PERIOD, end - time.monotonic()),
+                                                        0.001))
+                done.update(recorder.counts.total() - done.n)
         if not recorder.counts:
             raise DataError('nothing was heard on any topic of interest; name others as TOPIC, '
                             'or check that ROS_DOMAIN_ID is that of the robot')

@@ -11,6 +11,9 @@ from forcecal_ros.commands.outputs import add_output, RESULTS, write_results
 LATE = {'wrench_delay': {'delay': 0.004}}
 """In what the robot of the second recording differs from the rig file."""
 
+SHAKEN = 30.0
+"""Length of the recording that is shaken [s]: enough for the model to choose its order by."""
+
 BEGUN = 1_700_000_000 * 10 ** 9
 """Stamp at which recordings begin [ns], of a day like any other."""
 
@@ -23,7 +26,8 @@ def add_parser(subparsers: Any) -> None:
                              'wrench that comes 4 ms late; rigid_arm: an arm with a rigid '
                              'gripper, sound, and with a gripper that weighs 5 %% more than in '
                              'its MuJoCo model, which lies beside; insitu: tables of a limb with '
-                             'added masses, and the SPEC.yaml that describes them')
+                             'added masses, and the SPEC.yaml that describes them; shaken: the '
+                             'simulated rig shaken along x, for identify-robot')
     add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
                help='folder for them; what is there of these names is kept as NAME~')
     parser.add_argument('--seed', type=whole, default=0, help='of the sensor noise')
@@ -114,4 +118,31 @@ def _insitu(args: argparse.Namespace) -> int:
     return 0
 
 
-KINDS = {'rig': _rig, 'rigid_arm': _rigid_arm, 'insitu': _insitu}
+def _shaken(args: argparse.Namespace) -> int:
+    from dataclasses import replace
+
+    from forcecal_ros.atomic_files import make_folder
+    from forcecal_ros.impedance.plant.fit import excitation_commands
+    from forcecal_ros.recording.bags import write_recording
+    from forcecal_ros.recording.streams import PoseStream
+    from forcecal_ros.simulators.rig.file import load_rig
+    from forcecal_ros.simulators.rig.offline import simulate
+    from forcecal_ros.simulators.rig.simulator import waits_for_compiler
+    import numpy as np
+
+    rig, folder = load_rig(), Path(args.output)
+    say_if_compiling(waits_for_compiler(), 'the simulator')
+    R, period = rig.home.R_base_sensor, rig.robot.period
+    along_x = excitation_commands(SHAKEN, period, seed=args.seed)
+    t = np.arange(len(along_x), dtype=float) * period
+    recording = simulate(rig, PoseStream(
+        t, rig.home.position + np.outer(along_x, R[:, 0]), np.broadcast_to(R, (len(t), 3, 3))),
+        seed=args.seed)
+    make_folder(folder)
+    write_recording(folder / 'shaken', replace(recording, contact_truth=None, start_ns=BEGUN))
+    say(f'written to {folder}: shaken ({t[-1]:.0f} s)')
+    say(f'try: forcecal identify-robot {folder}/shaken -o plant.yaml')
+    return 0
+
+
+KINDS = {'rig': _rig, 'rigid_arm': _rigid_arm, 'insitu': _insitu, 'shaken': _shaken}

@@ -45,8 +45,8 @@ def run(args: argparse.Namespace) -> int:
 
     from forcecal_ros.recording.bags import write_recording
     from forcecal_ros.recording.checks.entry import checked
-    from forcecal_ros.recording.required import require
     from forcecal_ros.recording.streams import Recording
+    from forcecal_ros.recording.topics import require
     from forcecal_ros.simulators.rig.file import load_rig
     from forcecal_ros.simulators.rig.offline import simulate
     from forcecal_ros.simulators.rig.simulator import waits_for_compiler

@@ -23,7 +23,11 @@ from forcecal_ros.diagnose.inputs.motion_dataset import (
 )
 from forcecal_ros.diagnose.inputs.requirements import require_same_sensors
 from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
-from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool, SimulatedTool
+from forcecal_ros.diagnose.inputs.simulated_tool import (
+    refuse_other_wrench,
+    simulated_tool,
+    SimulatedTool,
+)
 from forcecal_ros.diagnose.inputs.stamps import Corrected, evened
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND
 from forcecal_ros.diagnose.say.result import Diagnosis, NO_MOTION
@@ -211,6 +215,7 @@ def _prepared(recording: Recording, simulator: ThirdParty, tool: SimulatedTool |
     made = runs.exact(simulator.nominal)
     known = tool or simulated_tool(
         replace(made, accelerometer=None), start, n, rig).with_accelerometer()
+    refuse_other_wrench(real, known)
     simulation = Rerun(runs, start, n, known.simulated)
     felt, _, note = imus_compared(real, made)
     simulation.accelerated = felt.accelerometer is not None

@@ -52,8 +52,7 @@ from forcecal_ros.diagnose.judge.residual_summary import (
 )
 from forcecal_ros.diagnose.localise.localisation import localise, Location, stage_of
 from forcecal_ros.diagnose.localise.predictability import Predictability
-from forcecal_ros.diagnose.localise.spectral_lines import Line
-from forcecal_ros.diagnose.localise.time_frequency import BANDS
+from forcecal_ros.diagnose.localise.time_frequency import BANDS, Line
 from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
 from forcecal_ros.diagnose.model.hypotheses import hypotheses
 from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel

@@ -72,7 +72,8 @@ def render(entries: Sequence[Entry], robots: Sequence[Robot], run_length: float)
                 f'{len(failed)} could not be read'] if failed else [
                     f'{len(entries)} calibrations and diagnoses of {len(robots)} robots'],
         head=('robot', 'drifted first', 'last verdict', 'last', 'read'),
-        rows=[_line(robot) for robot in robots], robots=[_shown(robot) for robot in robots],
+        rows=[_line(robot) for robot in sorted(robots, key=lambda one: not one.changed)],
+        robots=[_shown(robot) for robot in robots],
         failed=[(one.robot, one.path, one.error) for one in failed],
         width=WIDTH, height=HEIGHT + STRIP, strip=HEIGHT)
 

@@ -194,9 +194,9 @@ def _result(model: AccelerometerModel, theta: Array, derivative: Array, weight: 
     inverse = np.linalg.inv(derivative)
     by_tool = -inverse @ jacobian(lambda v: model.score(theta, v, weight), tool.vector,
                                   np.array([1e-3] + [1e-2] * 3 + [1e-4] * 3))
-    lay = model.layout
+    layout = model.layout
     # estimated, then the tool's own unknowns, so that position = lever + com carries both
-    n = lay.size
+    n = layout.size
     joint = np.zeros((n + 7, n + 7))
     joint[:n, :n] = inverse @ meat @ inverse.T + by_tool @ tool.covariance @ by_tool.T
     joint[:n, n:] = by_tool @ tool.covariance
@@ -206,14 +206,14 @@ def _result(model: AccelerometerModel, theta: Array, derivative: Array, weight: 
     pick[:12] = np.eye(12, n + 7)
     if model.moving.any():
         pick[12] = np.eye(n + 7)[12]
-    if lay.cutoff.stop > lay.cutoff.start:
-        pick[13] = np.eye(n + 7)[lay.cutoff.start]
+    if layout.cutoff.stop > layout.cutoff.start:
+        pick[13] = np.eye(n + 7)[layout.cutoff.start]
     position = np.full(3, np.nan)
     if model.place is not None:
         position = model.place
     elif model.lever:
-        position = theta[lay.lever] + tool.com
-        pick[14:] = np.eye(n + 7)[lay.lever] + np.eye(n + 7)[n + 4:]
+        position = theta[layout.lever] + tool.com
+        pick[14:] = np.eye(n + 7)[layout.lever] + np.eye(n + 7)[n + 4:]
     cutoff = model.split(theta)[5] if model.ac else np.nan
     return AccelerometerFit(
         theta[:3], matrix, float(theta[12]) if model.moving.any() else np.nan, cutoff,
@@ -285,11 +285,11 @@ def identify_static_accelerometer(
     solution = bread @ rows.T @ volts
     residuals = volts - rows @ solution
     noise = np.diag((residuals**2).sum(axis=0) / (n - 4))
-    spread_of = np.einsum('ab,ij->iajb', bread, noise)
+    covariance = np.einsum('ab,ij->iajb', bread, noise)
     order = np.array([[i, 0] for i in range(3)]
                      + [[i, 1 + j] for i in range(3) for j in range(3)]).T
     full = np.full((17, 17), np.nan)
-    full[:12, :12] = spread_of[order[0][:, None], order[1][:, None], order[0], order[1]]
+    full[:12, :12] = covariance[order[0][:, None], order[1][:, None], order[0], order[1]]
     nan = float('nan')
     return AccelerometerFit(solution[0], solution[1:].T, nan, nan, np.full(3, nan), full, None,
                             nan, 3 * n - 12, float(np.abs(residuals).max()))

@@ -36,7 +36,9 @@ class MotionBlocks(NamedTuple):
     still : ndarray of int, shape (n,)
         Which static pose; -1 for none.
     free : ndarray of bool, shape (n,)
-        Moving freely.
+        Moving freely, and smoothly enough for the turn to be known.
+    untouched : ndarray of bool, shape (n,)
+        The force is the tool's alone; a high-pass remembers these, abrupt or not.
     force_noise : Autocovariance
         Of blocks of the force [N].
     """
@@ -47,6 +49,7 @@ class MotionBlocks(NamedTuple):
     rotation: Array
     still: NDArray[np.intp]
     free: NDArray[np.bool_]
+    untouched: NDArray[np.bool_]
     force_noise: Autocovariance
 
 
@@ -108,23 +111,24 @@ class AccelerometerModel:
         self.use = (motion.free & np.isfinite(motion.force).all(1)) | (motion.still >= 0)
         self.use &= np.isfinite(at_rest).all(1)
         self.moving = self.use & (motion.still < 0)
+        self.by_force = motion.untouched & np.isfinite(motion.force).all(1) & (motion.still < 0)
         self.lever = place is None and _turned(motion, self.moving)
         self.layout = _Layout(self.lever, self.ac, self.ac and cutoff is None)
 
     def specific_force(self, tool: Array, lever: Array) -> Array:
         """Specific force at the accelerometer by force sensor or pose, shape (n, 3) [m/s^2]."""
         m = self.motion
-        f = np.where(self.moving[:, None], (tool[1:4] - m.force) / tool[0], -m.gravity)
+        f = np.where(self.by_force[:, None], (tool[1:4] - m.force) / tool[0], -m.gravity)
         if self.place is not None:
             lever = self.place - tool[4:7]
         return np.asarray(f + np.einsum('nij,j->ni', m.rotation, lever))
 
     def split(self, theta: Array) -> tuple[Array, Array, float, Array, Array, float]:
         """Return the unknowns by name: V0, M, delay, lever, decay, cutoff."""
-        lay = self.layout
-        cutoff = theta[lay.cutoff]
+        layout = self.layout
+        cutoff = theta[layout.cutoff]
         return (theta[:3], theta[3:12].reshape(3, 3), float(theta[12]),
-                theta[lay.lever] if self.lever else np.zeros(3), theta[lay.decay],
+                theta[layout.lever] if self.lever else np.zeros(3), theta[layout.decay],
                 float(cutoff[0]) if len(cutoff) else (self.known_cutoff or DEFAULT_CUTOFF))
 
     def high_passed(self, specific_force: Array, cutoff: float) -> Array:
@@ -145,25 +149,26 @@ class AccelerometerModel:
     def derivatives(self, theta: Array, tool: Array) -> Array:
         """Differentiate the model, as the residuals are weighed by it, shape (n, 3, p)."""
         _, matrix, _, lever, decay, cutoff = self.split(theta)
-        lay, n = self.layout, len(self.use)
+        layout, n = self.layout, len(self.use)
         specific_force = self.specific_force(tool, lever)
         x = self.high_passed(specific_force, cutoff)
-        J = np.zeros((n, 3, lay.size))
+        J = np.zeros((n, 3, layout.size))
         for i in range(3):
             J[:, i, i] = 1
             J[:, i, 3 + 3 * i:6 + 3 * i] = x
         J[:, :, 12] = -_slope(x, self.motion.length) @ matrix.T
         if self.lever:
-            J[:, :, lay.lever] = matrix @ smoothed(self.high_passed(self.motion.rotation, cutoff))
+            by_lever = smoothed(self.high_passed(self.motion.rotation, cutoff))
+            J[:, :, layout.lever] = matrix @ by_lever
         if self.ac:
-            J[:, :, lay.decay] = (fading(n, self.motion.length, cutoff)[:, None, None]
+            J[:, :, layout.decay] = (fading(n, self.motion.length, cutoff)[:, None, None]
                                   * np.eye(3))
-        if lay.cutoff.stop > lay.cutoff.start:
+        if layout.cutoff.stop > layout.cutoff.start:
             h = 1e-3 * cutoff
             more, less = (self.high_passed(specific_force, cutoff + e) @ matrix.T
                           + np.outer(fading(n, self.motion.length, cutoff + e), decay)
                           for e in (h, -h))
-            J[:, :, lay.cutoff] = ((more - less) / (2 * h))[:, :, None]
+            J[:, :, layout.cutoff] = ((more - less) / (2 * h))[:, :, None]
         J[~self.use] = 0
         return J
 

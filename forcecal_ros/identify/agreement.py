@@ -11,11 +11,11 @@ from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.at_rest import (
     at_rest,
     AtRest,
-    LEAVES,
     means_at,
     place_of,
     refuse_other_force_unit,
     refuse_other_lever,
+    UNEXPLAINED,
 )
 from forcecal_ros.recording.checks.frame_faults import refuse_other_frame
 from forcecal_ros.recording.checks.frames import Forces, judge
@@ -106,9 +106,9 @@ def _changed(forces: Forces, times: Array, calibration: Calibration) -> str:
 def _judged(found: AtRest, calibration: Calibration) -> tuple[str, ...]:
     forces = found.forces
     mass, bias = float(calibration.mass), calibration.wrench_bias.value[:3]
-    left = _rms(forces.wire - mass * forces.in_sensor - bias)
+    residual = _rms(forces.wire - mass * forces.in_sensor - bias)
     weight = mass * calibration.gravity
-    if left < SLIGHT * weight or not found.tells:
+    if residual < SLIGHT * weight or not found.tells:
         return ()
     judgement = judge(forces)
     refuse_exchanged(forces, found.torque)
@@ -116,21 +116,21 @@ def _judged(found: AtRest, calibration: Calibration) -> tuple[str, ...]:
     best, plain = judgement.likely[0], judgement.plain
     if plain.mass > 0.0 and best.rms > BETTER * plain.rms:
         best = plain
-    if best.rms > (HALF if best is plain else LEAVES) * left:
+    if best.rms > (HALF if best is plain else UNEXPLAINED) * residual:
         return _made_worse(forces, mass)
     if best is not plain and best.name not in ('tilted', 'both'):
         refuse_other_frame(judgement, DOWN, calibration.wrench_sign, calibration.sensor_rotation)
-    if best.rms < LEAVES * left:
+    if best.rms < UNEXPLAINED * residual:
         refuse_other_force_unit(plain.mass, mass)
     if best is not plain:
-        return ((f'a force of {left:.2g} N RMS keeps its direction in base beside the weight: '
+        return ((f'a force of {residual:.2g} N RMS keeps its direction in base beside the weight: '
                  'steady contact, or a base that is not level as it was calibrated'),)
     now = best.gravity @ forces.R_base_sensor * best.mass + best.residuals
     off = (forces.wire - now).mean(axis=0) - bias
     return ((f'what weighs on the sensor all along is {best.mass:.4g} +- {best.mass_std:.2g} kg '
              f'and a bias {" ".join(f"{x:+.2g}" for x in off)} N off, {mass:.4g} kg by the '
-             f'calibration, which leaves {left:.2g} N RMS of that as contact: another tool, a '
-             'payload, a sensor tared since, or one whose zero drifts; calibrate again, or tare'),)
+             f'calibration, which leaves {residual:.2g} N RMS of that as contact: another tool, a '
+             'payload, a sensor tared since, or one whose zero drifts; calibrate again'),)
 
 
 def _torques_judged(found: AtRest, calibration: Calibration) -> tuple[str, ...]:
@@ -141,14 +141,15 @@ def _torques_judged(found: AtRest, calibration: Calibration) -> tuple[str, ...]:
     weight = float(calibration.mass) * found.forces.in_sensor
     size = float(calibration.mass) * calibration.gravity
     torque = found.torque - calibration.wrench_bias.value[3:]
-    left = _rms(torque - np.cross(com, weight))
-    if left < SLIGHT * size * max(ARM, float(np.linalg.norm(com))):
+    residual = _rms(torque - np.cross(com, weight))
+    if residual < SLIGHT * size * max(ARM, float(np.linalg.norm(com))):
         return ()
     refuse_other_torques(weight, found.torque, None, found.forces.R_base_sensor)
     refuse_other_lever(weight, found.torque, com)
     shown = place_of(weight, found.torque)
     off = torque - np.cross(shown, weight)
-    if np.linalg.norm(shown - com) < MOVED or _rms(off - off.mean(axis=0)) > LEAVES * left:
+    if (np.linalg.norm(shown - com) < MOVED
+            or _rms(off - off.mean(axis=0)) > UNEXPLAINED * residual):
         return ()
     return ((f'torques put the centre of mass at {_metres(shown)} m, the calibration has it at '
              f'{_metres(com)} m, though the weight is the same: they are about another point (the '
@@ -165,7 +166,7 @@ def _made_worse(forces: Forces, mass: float) -> tuple[str, ...]:
     weight = mass * forces.in_sensor
     before, taken_off, without = (_rms(x - x.mean(axis=0)) for x in (
         forces.wire, weight, forces.wire - weight))
-    if without < before or taken_off < LEAVES * before:
+    if without < before or taken_off < UNEXPLAINED * before:
         return ()
     return ((f'forces change by {before:.2g} N RMS as recorded, and by {without:.2g} N with the '
              'weight taken off: pose and wrench may not belong to each other, or the pose is that '
@@ -182,7 +183,7 @@ FEWEST = 12
 SHARE = 0.2
 """Share of a recording on either side of a change, at least."""
 
-STEP_LEAVES = 0.25
+STEP_UNEXPLAINED = 0.25
 """A change is told where it leaves less than this share of what is left without: of 300 simulated
 recordings with pushes of up to 10 s for up to half of the time none leaves less than 0.31."""
 
@@ -194,7 +195,7 @@ class _Change(NamedTuple):
     """One that is fitted: from which mean on, what it leaves, and how it is said."""
 
     at: int
-    left: float
+    residual: float
     size: float
     said: str
 
@@ -224,14 +225,14 @@ def lasting_change(forces: Forces, times: Array, off: Array, least: float) -> st
     if best is None or best.size <= least:
         return ''
     without = _sum(off - np.median(off, axis=0))
-    return best.said if best.left < STEP_LEAVES * without else ''
+    return best.said if best.residual < STEP_UNEXPLAINED * without else ''
 
 
 def _likeliest(forces: Forces, times: Array, off: Array, splits: range) -> _Change | None:
     """Return the change that leaves least, of a few times at first, then of those about it."""
     step = max(1, len(splits) // SPLITS)
     best = min((change for i in splits[::step] for change in _changes(forces, times, off, i)),
-               key=lambda one: one.left, default=None)
+               key=lambda one: one.residual, default=None)
     if best is None or step == 1:
         return best
     near = range(max(splits.start, best.at - step), min(splits.stop, best.at + step + 1))

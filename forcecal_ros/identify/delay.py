@@ -82,15 +82,15 @@ def estimate_delay(recording: Recording, calibration: Calibration) -> Estimate:
     best = _minimum(residual, grid, costs, np.ones(len(starts), dtype=bool))
     parts = np.arange(len(starts)) * _PARTS // len(starts)
     left_out = np.array([_minimum(residual, grid, costs, parts != i) for i in range(_PARTS)])
-    spread = (_PARTS - 1) / _PARTS * np.sum((left_out - left_out.mean()) ** 2)
+    variance = (_PARTS - 1) / _PARTS * np.sum((left_out - left_out.mean()) ** 2)
     moved = float(np.nansum((F - np.nanmean(F, axis=0)) ** 2))
     explained = 1 - float(np.nansum(residual(best) ** 2)) / moved
-    if explained < 0.5 or abs(best) > _LARGEST - _STEP or spread > (_LARGEST / 10) ** 2:
+    if explained < 0.5 or abs(best) > _LARGEST - _STEP or variance > (_LARGEST / 10) ** 2:
         raise DataError(
-            f'the motion does not tell the delay: {1e3 * best:.1f} +- {1e3 * spread ** 0.5:.1f} '
+            f'the motion does not tell the delay: {1e3 * best:.1f} +- {1e3 * variance ** 0.5:.1f} '
             f'ms, the acceleration explains {100 * explained:.0f} % of the force; move faster, '
             f'free of contact; delays beyond {1e3 * _LARGEST:.0f} ms are not looked for')
-    return Estimate(best, np.sqrt(spread), 's')
+    return Estimate(best, np.sqrt(variance), 's')
 
 
 def with_delay(calibration: Calibration, delay: Estimate) -> Calibration:

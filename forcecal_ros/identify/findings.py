@@ -113,14 +113,14 @@ def poses_disagree(stages: Stages, settings: IdentificationSettings) -> Iterator
     offs = tool.residuals if i is None else np.array([one.shift for one in errors])
     i = int(np.argmax(np.abs(offs / sigma).max(axis=1))) if i is None else i
     j = int(np.argmax(np.abs(offs[i]) / sigma[i]))
-    look = what_changed(statics, np.array([pose.start for pose in stages.poses])) or (
+    remedy = what_changed(statics, np.array([pose.start for pose in stages.poses])) or (
         'look for a cable that pulls, contact, a loose mount, or a pose measured before it was '
         'still, and measure it again')
     yield Finding(
         f'the static poses do not fit one tool (chi-square {tool.chi_square:.3g} for '
         f'{tool.degrees} degrees of freedom): pose {i + 1} is off by '
         f'{offs[i, j]:+.3g} {"N" if j < 3 else "N m"} in {CHANNELS["wrench"][j]}; '
-        f'{look}. The standard errors are widened by it', ALL)
+        f'{remedy}. The standard errors are widened by it', ALL)
 
 
 def samples_disagree(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
@@ -128,17 +128,17 @@ def samples_disagree(stages: Stages, settings: IdentificationSettings) -> Iterat
     tool, statics = stages.tool, stages.statics
     if statics.covariance is not None:
         return
-    look = 'look for a cable that pulls, contact, a loose mount, or a pose that was still moving'
+    remedy = 'look for a cable that pulls, contact, a loose mount, or a pose that was still moving'
     if found := [f'{CHANNELS["wrench"][j]} by {rms:.2g} {"N" if j < 3 else "N m"} RMS, '
                  f'{share:.0%} of what the weight makes of it'
                  for j, rms, share in scatters(tool.residuals, statics.wrench, tool.com)]:
         yield Finding(f'the static poses do not fit one tool: they scatter in {", ".join(found)}; '
-                      f'{look}, and record several samples a pose', ALL)
+                      f'{remedy}, and record several samples a pose', ALL)
     one = farthest(tool.residuals)
     if one is not None and one.probability < settings.thresholds.probability:
         yield Finding(f'the static poses do not fit one tool: pose {one.pose + 1} is off by '
                       f'{one.size:+.3g} {"N" if one.channel < 3 else "N m"} in '
-                      f'{CHANNELS["wrench"][one.channel]}, more than the others allow; {look}',
+                      f'{CHANNELS["wrench"][one.channel]}, more than the others allow; {remedy}',
                       ALL)
 
 
@@ -242,14 +242,12 @@ def gaps_behind_highpass(stages: Stages, settings: IdentificationSettings) -> It
     if settings.coupling != 'ac' or stages.accelerometer is None or stages.motion is None:
         return
     gridded = stages.motion.gridded
-    wanted = gridded.grid.free | (gridded.grid.still >= 0)
-    fit = stages.accelerometer.residuals
-    used = np.isfinite(gridded.wrench).all(axis=1) & (fit is None or fit.use)
-    missing = float((~used[wanted]).mean()) if wanted.any() else 0.0
-    if missing > _MISSING:
-        yield Finding(f'wrench or accelerometer pause for {missing:.1%} of the motion, which an '
-                      'AC-coupled accelerometer remembers; record them without gaps',
-                      ACCELEROMETER)
+    missing = gridded.untouched & ~np.isfinite(gridded.wrench).all(axis=1)
+    wanted = int((gridded.untouched | (gridded.grid.still >= 0)).sum())
+    share = int(missing.sum()) / max(1, wanted)
+    if share > _MISSING:
+        yield Finding(f'wrench pauses for {share:.1%} of the motion, which an AC-coupled '
+                      'accelerometer remembers; record it without gaps', ACCELEROMETER)
     elif gridded.grid.length > _COARSE * settings.block:
         yield Finding(f'a sensor is so slow that readings are averaged over '
                       f'{gridded.grid.length:.2g} s, too long for an AC-coupled accelerometer; '
@@ -314,8 +312,8 @@ def clips_or_drifts(stages: Stages, settings: IdentificationSettings) -> Iterato
             continue
         sigmas, pose, channel = drift(stream, [(p.start, p.end) for p in stages.poses])
         if sigmas > _DRIFT:
-            look = ('an AC-coupled accelerometer (accelerometer.coupling: ac)'
+            remedy = ('an AC-coupled accelerometer (accelerometer.coupling: ac)'
                     if name == 'accelerometer' else 'ringing that had not settled, or warming up')
             yield Finding(
                 f'{channels[channel]} drifts by {sigmas:.0f} standard errors while the '
-                f'robot stands in pose {pose + 1}; look for {look}', suspect)
+                f'robot stands in pose {pose + 1}; look for {remedy}', suspect)

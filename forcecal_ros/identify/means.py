@@ -17,6 +17,7 @@ from forcecal_ros.recording.noise.white import white_covariance
 from forcecal_ros.recording.streams import Recording, Stream
 from forcecal_ros.recording.time_grid import Averager, block_length, make_time_grid, TimeGrid
 import numpy as np
+from numpy.typing import NDArray
 
 
 def window_mean(stream: Stream, start: float, end: float, what: str = 'signal') -> Array:
@@ -103,6 +104,8 @@ class GriddedRecording(NamedTuple):
         Of these at standstill.
     alpha_error : ndarray, shape (n,)
         How far angular accelerations may be off [rad/s^2].
+    untouched : ndarray of bool, shape (n,)
+        Whether nothing touched the tool; of these the grid counts as free what was not abrupt.
     """
 
     grid: TimeGrid
@@ -110,6 +113,7 @@ class GriddedRecording(NamedTuple):
     noise: Autocovariance
     kinematics: PoseKinematics
     alpha_error: Array
+    untouched: NDArray[np.bool_]
 
 
 class ToolMotion(NamedTuple):
@@ -142,10 +146,11 @@ def grid_recording(recording: Recording, poses: list[StaticPose], settings: Iden
         return None
     averager, kinematics = Averager(wrench.t, wrench.values), PoseKinematics(pose, grid)
     error = acceleration_error(kinematics.angular().omega, grid.length, grid.still >= 0)
-    grid = grid._replace(free=grid.free & (error < 2 * ABRUPT))
+    untouched = grid.free
+    grid = grid._replace(free=untouched & (error < 2 * ABRUPT))
     return GriddedRecording(
         grid, averager.means(grid.starts, grid.length),
-        noise_of_windows(windows_of(averager, grid)), kinematics, error)
+        noise_of_windows(windows_of(averager, grid)), kinematics, error, untouched)
 
 
 def windows_of(averager: Averager, grid: TimeGrid) -> list[Array]:

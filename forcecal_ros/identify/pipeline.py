@@ -284,7 +284,7 @@ def _accelerometer(recording: Recording, gridded: GriddedRecording, tool: ToolFi
         return None
     motion = MotionBlocks(grid.length, -settings.gravity * turn.R_base_sensor[:, 2],
                     gridded.wrench[:, :3], turn.lever, grid.still, grid.free,
-                    gridded.noise.mapped(np.eye(3, 6)))
+                    gridded.untouched, gridded.noise.mapped(np.eye(3, 6)))
     volts = Averager(stream.t, stream.values)
     place = settings.accelerometer_position
     return identify_accelerometer(

@@ -7,8 +7,8 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, rotation_about, rotation_from_vector, rotation_vector
 from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.motion import rest_within
-from forcecal_ros.recording.required import require
 from forcecal_ros.recording.streams import PoseStream, Recording, STILL, Stream
+from forcecal_ros.recording.topics import require
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -28,7 +28,7 @@ _SPEED = 0.002
 _TURN_RATE = 0.002
 """Angular speed below which the robot stands [rad/s]."""
 
-_LOOK = 0.1
+_AVERAGED = 0.1
 """Means of poses over so long are compared [s]."""
 
 _CERTAIN = 5.0
@@ -133,12 +133,12 @@ def static_windows(recording: Recording) -> list[tuple[float, float]]:
                 "phases is `measure`; record the sequencer's phases, or leave them out and stand "
                 'still in each pose')
         return [rest_within(recording.pose, *window) for window in windows]
-    standing = _standstills(recording.pose)
-    windows = (standing if recording.wrench is None
-               else _recorded_throughout(recording.wrench, standing))
-    if standing and not windows:
+    standstills = _standstills(recording.pose)
+    windows = (standstills if recording.wrench is None
+               else _recorded_throughout(recording.wrench, standstills))
+    if standstills and not windows:
         raise DataError(
-            f'{recording.source or "the recording"}: no wrench in any of the {len(standing)} '
+            f'{recording.source or "the recording"}: no wrench in any of the {len(standstills)} '
             'places where the robot stood; record both at once, by one clock')
     if not windows:
         raise DataError(
@@ -165,7 +165,7 @@ def _recorded_throughout(wrench: Stream, windows: list[tuple[float, float]]
 
 def _standstills(pose: PoseStream) -> list[tuple[float, float]]:
     """Stretches without motion, the first second of each left to the tool's ringing."""
-    step = max(1, round(float(_LOOK / np.median(np.diff(pose.t))))) if len(pose) > 2 else 1
+    step = max(1, round(float(_AVERAGED / np.median(np.diff(pose.t))))) if len(pose) > 2 else 1
     n = len(pose) // step
     if n < 3:
         return []

@@ -147,10 +147,10 @@ def _weak(c: Calibration, settings: IdentificationSettings) -> Iterator[str]:
                   'add a pose with x of ft_sensor vertical, or a larger step'),
                  ('tool damping', _relative(c.tool.damping), limit.damping, '',
                   'make a larger step and let it ring out')]
-    for name, std, threshold, unit, look in rows:
+    for name, std, threshold, unit, remedy in rows:
         if not std <= threshold:
             yield (f'{name}: {"relative " * (not unit)}standard error {std:.2g}{unit} is above '
-                   f'the threshold {threshold:.2g}{unit}; {look}')
+                   f'the threshold {threshold:.2g}{unit}; {remedy}')
 
 
 def _relative(estimate: Any) -> float:

@@ -173,15 +173,15 @@ def _touched(plain: Array, wrench: Array, weight: Array) -> Iterator[_Change]:
     """Poses that are off by any wrench, added one by one as far as they help."""
     n, off = len(wrench), list[int]()
     for _ in range(int(_TOUCHED * n)):
-        left = {i: _reduced_chi_square(*(np.delete(part, [*off, i], axis=0)
+        chi_square_without = {i: _reduced_chi_square(*(np.delete(part, [*off, i], axis=0)
                            for part in (plain, wrench, weight)))
                 for i in range(n) if i not in off}
-        off.append(min(left, key=lambda i: left[i]))
+        off.append(min(chi_square_without, key=lambda i: chi_square_without[i]))
         columns = np.zeros((n, 6, 6 * len(off)))
         for j, i in enumerate(off):
             columns[i, :, 6 * j:6 * j + 6] = np.eye(6)
         named = ', '.join(str(i + 1) for i in sorted(off))
         yield _Change(columns, f'without pose{"s" * (len(off) > 1)} {named} they fit one tool: '
                       'a cable or a hand pulled there, or it was not yet still')
-        if left[off[-1]] < _FITS:
+        if chi_square_without[off[-1]] < _FITS:
             return

@@ -7,8 +7,8 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.recording.checks.clipping import Clipping, columns
-from forcecal_ros.recording.required import require
 from forcecal_ros.recording.streams import Recording, Stream
+from forcecal_ros.recording.topics import require
 import numpy as np
 
 MOSTLY = 0.5

@@ -186,8 +186,8 @@ def farthest(residuals: Array) -> Outlier | None:
     n = len(residuals)
     if n < _FEWEST:
         return None
-    spread = residuals.std(axis=0, ddof=1)
-    G = np.abs(residuals) / np.maximum(spread, 1e-300)
+    std = residuals.std(axis=0, ddof=1)
+    G = np.abs(residuals) / np.maximum(std, 1e-300)
     i, j = (int(k) for k in np.unravel_index(np.argmax(G), G.shape))
     square = n * (n - 2) * G[i, j]**2 / max((n - 1)**2 - n * G[i, j]**2, 1e-300)
     chance = 2 * residuals.size * stdtr(n - 2, -np.sqrt(square))

@@ -183,10 +183,10 @@ def observer_of(noise: Noise, mass: float, settings: IdentificationSettings) -> 
         std = np.zeros_like(K)
     else:
         p = np.concatenate([[noise.Q.value[1, 1]], noise.R.value[upper]])
-        spread = np.concatenate([[noise.Q.std[1, 1]], noise.R.std[upper]])
+        errors = np.concatenate([[noise.Q.std[1, 1]], noise.R.std[upper]])
         K = gain(p).reshape(2, 3)
-        sensitivity = jacobian(gain, p, 0.01 * spread)
-        std = np.sqrt(sensitivity**2 @ spread**2).reshape(2, 3)
+        sensitivity = jacobian(gain, p, 0.01 * errors)
+        std = np.sqrt(sensitivity**2 @ errors**2).reshape(2, 3)
     return ObserverGain(
         K=Estimate(K, std, '1'), A=Estimate(model.A, 0.0, '1'), C=Estimate(model.C, 0.0, '1'),
         dt=1 / noise.wrench_rate, mode=settings.observer_mode)

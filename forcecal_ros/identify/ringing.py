@@ -30,7 +30,7 @@ _SERVO = 0.06
 _STILL = 1e-4
 """A robot that moves by less within 20 ms has stopped [m]."""
 
-_LEAVES = 0.1
+_STARTS_BEFORE = 0.1
 """By how much a robot leaves before its pose shows it [s].
 
 The force feels the acceleration at once, the pose has to move by _STILL first: up to 0.09 s on the
@@ -151,7 +151,7 @@ def _stands(begin: float, end: float, pose: PoseStream | None, target: PoseStrea
     spans = []
     for i, j in zip(stop.tolist(), go.tolist()):
         arrived = float(t[min(i + step, len(t) - 1)]) + _SERVO
-        spans.append((arrived, float(t[j]) - _LEAVES if j < len(moving) else end))
+        spans.append((arrived, float(t[j]) - _STARTS_BEFORE if j < len(moving) else end))
     return [(a, b) for a, b in spans if a > begin]
 
 

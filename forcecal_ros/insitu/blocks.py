@@ -122,14 +122,14 @@ class _Tally(NamedTuple):
     still: Values
 
 
-def to_blocks(pieces: Iterable[Prepared], window: tuple[float, float] | None = None,
+def to_blocks(chunks: Iterable[Prepared], window: tuple[float, float] | None = None,
               poses: bool = False) -> Blocks:
     """
     Reduce a recording to blocks in one pass and constant memory.
 
     Parameters
     ----------
-    pieces : iterable of Prepared
+    chunks : iterable of Prepared
     window : (float, float) or None
         In which no channel may stick [s]; None: anywhere.
     poses : bool
@@ -146,9 +146,9 @@ def to_blocks(pieces: Iterable[Prepared], window: tuple[float, float] | None = N
     held: Prepared | None = None
     before: Prepared | None = None
     samples, period = 0, float('nan')
-    for piece in pieces:
-        held = piece if held is None else Prepared(
-            *(np.concatenate(pair) for pair in zip(held, piece)))
+    for chunk in chunks:
+        held = chunk if held is None else Prepared(
+            *(np.concatenate(pair) for pair in zip(held, chunk)))
         if not samples:
             if len(held.t) < 3:
                 continue
@@ -156,12 +156,12 @@ def to_blocks(pieces: Iterable[Prepared], window: tuple[float, float] | None = N
             samples = 1 if poses else max(1, round(BLOCK / period))
         whole = len(held.t) // samples
         if whole:
-            piece = held.take(slice(whole * samples))
-            tally, differences = _tally(piece, samples)
+            chunk = held.take(slice(whole * samples))
+            tally, differences = _tally(chunk, samples)
             tallies.append(tally)
-            if samples > 1 and ((tally.low == tally.high).any() or _stands(piece, samples)):
-                _refuse_stuck(before, piece, window)
-            before = piece.take(slice(-BEFORE, None))
+            if samples > 1 and ((tally.low == tally.high).any() or _stands(chunk, samples)):
+                _refuse_stuck(before, chunk, window)
+            before = chunk.take(slice(-BEFORE, None))
             if loudness is None:
                 loudness = np.maximum(np.median(tally.differences.astype(float), axis=0), TINY)
             correlation = correlation + _correlation(differences, tally.differences, loudness)
@@ -177,13 +177,13 @@ def to_blocks(pieces: Iterable[Prepared], window: tuple[float, float] | None = N
     return _finish(_join(tallies), samples, period, correlation)
 
 
-def _refuse_stuck(before: Prepared | None, piece: Prepared, window: tuple[float, float] | None
+def _refuse_stuck(before: Prepared | None, chunk: Prepared, window: tuple[float, float] | None
                   ) -> None:
     """Look closer where a channel or the accelerometer repeats itself for a whole block."""
-    both = [piece] if before is None else [before, piece]
+    both = [chunk] if before is None else [before, chunk]
     t = np.concatenate([one.t for one in both])
     for name, channels, values in (
-            ('the sensor', [f'channel {k + 1}' for k in range(piece.raw.shape[1])],
+            ('the sensor', [f'channel {k + 1}' for k in range(chunk.raw.shape[1])],
              np.concatenate([one.raw for one in both])),
             ('accelerometer', [f'gravity along {axis}' for axis in 'xyz'],
              np.concatenate([one.regressors[:, :3] for one in both]))):
@@ -192,18 +192,18 @@ def _refuse_stuck(before: Prepared | None, piece: Prepared, window: tuple[float,
             refuse_stuck(used, name, channels)
 
 
-def _stands(piece: Prepared, samples: int) -> bool:
+def _stands(chunk: Prepared, samples: int) -> bool:
     """Say whether an axis of measured gravity is the same throughout any block."""
-    blocks = piece.regressors[:, :3].reshape(-1, samples, 3)
+    blocks = chunk.regressors[:, :3].reshape(-1, samples, 3)
     return bool((blocks == blocks[:, :1]).all(axis=1).any())
 
 
-def _tally(piece: Prepared, samples: int) -> tuple[_Tally, Array]:
+def _tally(chunk: Prepared, samples: int) -> tuple[_Tally, Array]:
     """Return the tally of some blocks, and their third differences."""
-    t = piece.t.reshape(-1, samples)
-    blocks, n, m = len(t), piece.raw.shape[1], piece.regressors.shape[1]
-    raw = np.ascontiguousarray(piece.raw).reshape(blocks, samples, n)
-    regressors = np.ascontiguousarray(piece.regressors).reshape(blocks, samples, m)
+    t = chunk.t.reshape(-1, samples)
+    blocks, n, m = len(t), chunk.raw.shape[1], chunk.regressors.shape[1]
+    raw = np.ascontiguousarray(chunk.raw).reshape(blocks, samples, n)
+    regressors = np.ascontiguousarray(chunk.regressors).reshape(blocks, samples, m)
     rough = np.empty((blocks, max(samples - 3, 0), n + 3))
     tally = _Tally(
         t[:, 0], t[:, -1], np.diff(t, axis=1).max(axis=1, initial=0.0),
@@ -255,8 +255,8 @@ def _tally_blocks(raw: Array, regressors: Array, rough: Array, sums: Array, squa
 
 def _correlation(differences: Array, power: Values, loudness: Array) -> Array:
     """Sum of the blocks' covariances, loud ones scaled down to the others."""
-    loud = np.maximum((power / loudness).mean(axis=1), TINY)
-    scaled = differences / np.sqrt(loud)[:, None, None]
+    power_ratio = np.maximum((power / loudness).mean(axis=1), TINY)
+    scaled = differences / np.sqrt(power_ratio)[:, None, None]
     return np.asarray(np.tensordot(scaled, scaled, ((0, 1), (0, 1))))
 
 

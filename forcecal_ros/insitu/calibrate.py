@@ -138,9 +138,9 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
 
 def _cut_down(reduced: Sequence[Reduced]) -> Iterator[str]:
     """Say that screening left little."""
-    left = sum(int(r.use.sum()) for r in reduced) / sum(len(r.use) for r in reduced)
-    if left < LITTLE:
-        yield (f'{left:.0%} of the recordings is one affine map of gravity each, the rest was '
+    share = sum(int(r.use.sum()) for r in reduced) / sum(len(r.use) for r in reduced)
+    if share < LITTLE:
+        yield (f'{share:.0%} of the recordings is one affine map of gravity each, the rest was '
                'cut: contact, joints that move, or a sensor that is not linear')
 
 
@@ -203,12 +203,12 @@ def _covariance(moments: Sequence[Moments], held_out: Sequence[Residual]) -> Arr
     to data set.
     """
     n = len(held_out[0].noise.covariance)
-    sizes = [len(m.ones) for m in moments]
-    starts = n * np.concatenate([[1], 1 + np.cumsum(sizes)])
+    counts = [len(m.ones) for m in moments]
+    starts = n * np.concatenate([[1], 1 + np.cumsum(counts)])
     total = np.zeros((starts[-1], starts[-1]))
     still = moments[0].directions.shape[1] == STATIC
     weight = sum(m.constant_weight for m in moments) if still else np.inf
-    for m, one, start, size in zip(moments, held_out, starts, sizes):
+    for m, one, start, size in zip(moments, held_out, starts, counts):
         scores = score_covariance(one)
         to_offset = np.concatenate([[1.0], -m.ones])[None] / weight
         linear = np.zeros((starts[-1], (1 + size) * n))

@@ -108,7 +108,7 @@ class Causes:
         Hysteresis in the raw channels of each data set's blocks; zero where there is none.
     explained : float
         Share of the residuals' sum of squares that follows both.
-    left : float
+    unexplained : float
         What of 99 blocks in a hundred follows neither, as a share of what gravity moves.
     """
 
@@ -116,7 +116,7 @@ class Causes:
     hysteresis: Cause
     lags: tuple[Array, ...]
     explained: float
-    left: float
+    unexplained: float
 
 
 def causes(data_sets: Sequence[tuple[Blocks, Mask]]) -> Causes | None:
@@ -155,12 +155,12 @@ def causes(data_sets: Sequence[tuple[Blocks, Mask]]) -> Causes | None:
     if not hysteresis.significant:
         size = np.zeros_like(size)
     both = np.hstack([squares, plays])
-    left = residual - both @ np.linalg.lstsq(both, residual, rcond=None)[0]
+    unexplained = residual - both @ np.linalg.lstsq(both, residual, rcond=None)[0]
     moved = np.vstack([np.linalg.solve(root, (f - f[use].mean(axis=0))[use].T).T
                        for f, (_, use) in zip(fitted, data_sets)])
     return Causes(bending, hysteresis, tuple(of @ size for of in all_plays),
-                  1.0 - float((left ** 2).sum() / max((residual ** 2).sum(), TINY)),
-                  float(np.quantile(np.linalg.norm(left, axis=1), 0.99)
+                  1.0 - float((unexplained ** 2).sum() / max((residual ** 2).sum(), TINY)),
+                  float(np.quantile(np.linalg.norm(unexplained, axis=1), 0.99)
                         / np.sqrt((moved ** 2).sum(axis=1).mean())))
 
 

@@ -122,7 +122,7 @@ def system(raw: Sequence[Array], gravity: Sequence[Array], loads: Sequence[Load]
 
     Returns
     -------
-    left : ndarray, shape (6 N, 6 n + 4) or (6 N, 6 n + 16)
+    design : ndarray, shape (6 N, 6 n + 4) or (6 N, 6 n + 16)
     right : ndarray, shape (6 N,)
     """
     return (np.vstack([rows(r, g) for r, g in zip(raw, gravity)]),
@@ -141,10 +141,10 @@ def solve(raw: Sequence[Array], gravity: Sequence[Array], loads: Sequence[Load],
     channels : ndarray, shape (n, 6)
         Combinations of the raw channels to use, from :func:`six_channels`.
     """
-    left, right = system([r @ channels for r in raw], gravity, loads)
-    scale = np.linalg.norm(left, axis=0)
+    design, right = system([r @ channels for r in raw], gravity, loads)
+    scale = np.linalg.norm(design, axis=0)
     scale[scale == 0] = 1.0
-    unknowns = np.linalg.lstsq(left / scale, right, rcond=1e-10)[0] / scale
+    unknowns = np.linalg.lstsq(design / scale, right, rcond=1e-10)[0] / scale
     return MatrixFit(unknowns[:36].reshape(6, 6).T @ channels.T, unknowns[36:])
 
 
@@ -199,8 +199,8 @@ def body_of(wrench: Array, gravity: Array) -> Array:
     ndarray, shape (4,) or (16,)
         Without a constant wrench: the offset is off.
     """
-    left = -rows(np.empty((len(gravity), 0)), gravity)[:, :PHYSICAL]
-    found = np.linalg.lstsq(left, wrench.ravel(), rcond=1e-10)[0]
+    design = -rows(np.empty((len(gravity), 0)), gravity)[:, :PHYSICAL]
+    found = np.linalg.lstsq(design, wrench.ravel(), rcond=1e-10)[0]
     return found if len(found) < PHYSICAL else np.concatenate([found, np.zeros(6)])
 
 

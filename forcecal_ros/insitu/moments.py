@@ -105,7 +105,8 @@ def accumulate(chunks: Iterable[Prepared], kept: tuple[tuple[float, float], ...]
     """
     size = None if magnitude is None else magnitude + np.trace(gravity_noise) / (3 * magnitude)
     reference: Array | None = None
-    sums, gain = 0.0, 0.0
+    sums: Array = np.zeros(())
+    gain = 0.0
     for run in _runs(chunks, kept, size):
         for part in smooth(run, window, order):
             if reference is None:

@@ -84,9 +84,9 @@ def offset_moves(data_sets: Sequence[tuple[Blocks, Mask]]) -> Array:
 def explained(data_sets: Sequence[tuple[Blocks, Mask]]) -> Array:
     """Share of each channel's variance that own affine maps of gravity explain, shape (n,)."""
     used = [(blocks.regressors[use, :3], blocks.raw[use]) for blocks, use in data_sets]
-    left = np.sum([len(raw) * affine(gravity, raw)[1] ** 2 for gravity, raw in used], axis=0)
+    residual = np.sum([len(raw) * affine(gravity, raw)[1] ** 2 for gravity, raw in used], axis=0)
     whole = np.sum([len(raw) * raw.var(axis=0, ddof=1) for _, raw in used], axis=0)
-    return np.asarray(1 - left / np.maximum(whole, 1e-24))
+    return np.asarray(1 - residual / np.maximum(whole, 1e-24))
 
 
 def affine(gravity: Array, raw: Array) -> tuple[Array, Array, Array]:

@@ -113,10 +113,10 @@ class MatrixProblem:
         """
         train, n, size = self.training(), len(self.offset), len(fitted.body)
         channels = eq.six_channels(train.raw, self.noise)
-        left, _ = eq.system([r @ channels for r in train.raw], train.gravity, train.loads)
-        scale = np.linalg.norm(left, axis=0)
+        design, _ = eq.system([r @ channels for r in train.raw], train.gravity, train.loads)
+        scale = np.linalg.norm(design, axis=0)
         scale[scale == 0] = 1.0
-        inverse = np.linalg.pinv(left / scale, rcond=1e-10) / scale[:, None]
+        inverse = np.linalg.pinv(design / scale, rcond=1e-10) / scale[:, None]
         change = -(inverse.reshape(len(scale), -1, 6) @ fitted.matrix)
         of_matrix = np.einsum('jiqn,cj->icqn', change[:36].reshape(6, 6, -1, n), channels)
         change = np.concatenate([of_matrix.reshape(6 * n, -1, n), change[36:]])

@@ -56,8 +56,8 @@ def structural_rank(loads: Sequence[Load], regressors: int = STATIC) -> RankRepo
     body[4:] = np.linspace(0.4, 0.9, len(body) - 4) ** 2 * size
     gravity = np.eye(regressors)
     raw = [gravity @ total_map(body, load, regressors).T for load in loads]
-    left, _ = system(raw, [gravity] * len(loads), loads)
-    return _report(left, 0.0)
+    design, _ = system(raw, [gravity] * len(loads), loads)
+    return _report(design, 0.0)
 
 
 def data_rank(raw: Sequence[Array], gravity: Sequence[Array], loads: Sequence[Load]) -> RankReport:
@@ -70,18 +70,18 @@ def data_rank(raw: Sequence[Array], gravity: Sequence[Array], loads: Sequence[Lo
         Pseudo-samples of the channels, offset removed, scaled to unit noise.
     gravity : sequence of ndarray, shape (q_j, m)
     """
-    left, _ = system(raw, gravity, loads)
+    design, _ = system(raw, gravity, loads)
     count = sum(len(r) for r in raw)
-    return _report(left, NOISE_FACTOR * (np.sqrt(count) + np.sqrt(6)))
+    return _report(design, NOISE_FACTOR * (np.sqrt(count) + np.sqrt(6)))
 
 
-def _report(left: Array, noise: float) -> RankReport:
+def _report(design: Array, noise: float) -> RankReport:
     """Scale the body's columns to the matrix's strongest, which carry the noise; count."""
-    unknowns = left.shape[1]
-    norms = np.linalg.norm(left, axis=0)
+    unknowns = design.shape[1]
+    norms = np.linalg.norm(design, axis=0)
     scale = np.ones(unknowns)
     scale[36:] = norms[:36].max() / np.where(norms[36:] > 0, norms[36:], 1.0)
-    _, s, vh = np.linalg.svd(left * scale, full_matrices=True)
+    _, s, vh = np.linalg.svd(design * scale, full_matrices=True)
     s = np.append(s, np.zeros(max(0, unknowns - len(s))))
     rank = int((s > max(RELATIVE * s[0], noise)).sum())
     return RankReport(rank, unknowns, tuple(_names(vh[rank:])), s)

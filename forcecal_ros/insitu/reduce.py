@@ -253,7 +253,7 @@ def _is_sensor_error(all_blocks: Sequence[Blocks], data_sets: Sequence[DataSet],
     if not options.body:
         return True
     found = causes([(blocks, untouched(blocks).use) for blocks in all_blocks])
-    return found is not None and found.explained > MOSTLY and found.left < MOST_LIMIT
+    return found is not None and found.explained > MOSTLY and found.unexplained < MOST_LIMIT
 
 
 def _screen(blocks: Blocks, data_set: DataSet, options: Options) -> Screening:

@@ -28,7 +28,7 @@ STRAY_SHARE = 0.01
 """Share of a window's blocks that may be out (and are cut) without ending the window."""
 SHORTEST = 6.0
 """Shortest window [s]."""
-SHORTEST_PIECE = 3.0
+SHORTEST_SEGMENT = 3.0
 """Shortest further piece that is kept beside the window [s]."""
 EDGE = 1.5
 """By how much a found end of a window may be off [s]."""
@@ -98,7 +98,7 @@ def screen(blocks: Blocks) -> Screening:
         if found is None:
             break
         use[found] = True
-        shortest = SHORTEST_PIECE
+        shortest = SHORTEST_SEGMENT
     if not use.any():
         raise DataError(_refusal(fit))
     use &= ~fit.out(use)
@@ -126,7 +126,7 @@ def given_window(blocks: Blocks, start: float, end: float) -> Screening:
         The window holds too little.
     """
     use = (blocks.start >= start - blocks.period / 2) & (blocks.end <= end + blocks.period / 2)
-    if use.sum() * blocks.length < SHORTEST_PIECE:
+    if use.sum() * blocks.length < SHORTEST_SEGMENT:
         raise DataError(
             f'window {start:g}..{end:g} s holds {use.sum() * blocks.samples} samples of a '
             f'recording from {blocks.start[0]:g} to {blocks.end[-1]:g} s; widen it')

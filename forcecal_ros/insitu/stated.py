@@ -104,9 +104,9 @@ class Misfit:
     @cached_property
     def equations(self) -> tuple[Array, Array]:
         """Left and right side."""
-        left, right = eq.system(self.stated.raw, self.stated.gravity, self.stated.loads)
-        of_body, left = left[:, UNKNOWNS:], left[:, :UNKNOWNS]
-        columns = [left, of_body] if self.stated.body else [left]
+        design, right = eq.system(self.stated.raw, self.stated.gravity, self.stated.loads)
+        of_body, design = design[:, UNKNOWNS:], design[:, :UNKNOWNS]
+        columns = [design, of_body] if self.stated.body else [design]
         if self.free is not None:
             rows = np.concatenate([np.full(6 * len(raw), k == self.free)
                                    for k, raw in enumerate(self.stated.raw)])
@@ -116,10 +116,10 @@ class Misfit:
     @cached_property
     def _solution(self) -> tuple[Array, Array]:
         """Least squares, and the directions of the equations that no unknown reaches (6 N, d)."""
-        left, right = self.equations
-        scale = np.linalg.norm(left, axis=0)
+        design, right = self.equations
+        scale = np.linalg.norm(design, axis=0)
         scale[scale == 0] = 1.0
-        u, s, vh = np.linalg.svd(left / scale, full_matrices=True)
+        u, s, vh = np.linalg.svd(design / scale, full_matrices=True)
         rank = int((s > RELATIVE * s[0]).sum())
         unknowns = vh[:rank].T @ (u[:, :rank].T @ right / s[:rank]) / scale
         return unknowns, u[:, rank:]
@@ -182,8 +182,8 @@ class Misfit:
     @property
     def share(self) -> float:
         """Share of the known wrenches that is left over, forces and torques in their own sizes."""
-        left, right = self.equations
-        off, right = (left @ self.unknowns - right).reshape(-1, 6), right.reshape(-1, 6)
+        design, right = self.equations
+        off, right = (design @ self.unknowns - right).reshape(-1, 6), right.reshape(-1, 6)
         shares = [np.linalg.norm(off[:, part]) / max(np.linalg.norm(right[:, part]), 1e-12)
                   for part in (slice(0, 3), slice(3, 6))]
         return float(max(shares))
@@ -221,8 +221,8 @@ class Misfit:
         return np.asarray(np.tile(LINEAR * np.maximum(size, 1e-12), len(wrench)))
 
     def _misfit_of(self, stated: Stated) -> Array:
-        left, right = Misfit(stated, self.free).equations
-        return np.asarray(left @ self.unknowns - right)
+        design, right = Misfit(stated, self.free).equations
+        return np.asarray(design @ self.unknowns - right)
 
     @property
     def free_load(self) -> tuple[float, Array]:

@@ -33,7 +33,7 @@ def topics_of(spec: Spec, sensor: str) -> dict[str, Sequence[str]]:
     return wanted
 
 
-def readable_chunks(pieces: Iterable[tuple[str, Array, Array]],
+def readable_chunks(chunks: Iterable[tuple[str, Array, Array]],
                     topics: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Array, Array]]:
     """
     Leave out samples that are no readings.
@@ -46,7 +46,7 @@ def readable_chunks(pieces: Iterable[tuple[str, Array, Array]],
     counted = {topic: Unreadable(topic, fields, limits.ABSURD_RAW)
                for topic, fields in topics.items()}
     spans: dict[str, tuple[float, float]] = {}
-    for topic, t, values in pieces:
+    for topic, t, values in chunks:
         good = counted[topic].add(t, values)
         if good.any():
             yield topic, t[good], values[good]
@@ -57,14 +57,14 @@ def readable_chunks(pieces: Iterable[tuple[str, Array, Array]],
     refuse_apart(spans)
 
 
-def join(pieces: Iterable[tuple[str, Array, Array]], spec: Spec, sensor: str
+def join(chunks: Iterable[tuple[str, Array, Array]], spec: Spec, sensor: str
          ) -> Iterator[Chunk]:
     """
     Interpolate accelerometer and gyro to the sensor's stamps.
 
     Parameters
     ----------
-    pieces : iterable of (str, ndarray, ndarray)
+    chunks : iterable of (str, ndarray, ndarray)
         Topic, stamps [s] and values, roughly in the order of time.
     spec : Spec
     sensor : str
@@ -79,7 +79,7 @@ def join(pieces: Iterable[tuple[str, Array, Array]], spec: Spec, sensor: str
     assert raw_topic is not None and other.topic is not None
     signals = len(topics_of(spec, sensor))
     held: dict[str, tuple[Array, Array]] = {}
-    for topic, t, values in pieces:
+    for topic, t, values in chunks:
         old = held.get(topic)
         held[topic] = (t, values) if old is None else (
             np.concatenate([old[0], t]), np.concatenate([old[1], values]))

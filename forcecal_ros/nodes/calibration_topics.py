@@ -19,7 +19,7 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.time import Time
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
-TOPIC = 'observer/tool'
+TOPIC = '~/tool'
 """Where a tool is told."""
 
 TRACKED = 'tracked'
@@ -128,7 +128,7 @@ class ToolOnSensor:
         """Take off what is known of the tool by a model that was designed of the calibration."""
         tracker = self._chain.tracker
         if self._chain.takes_tracked and tracker is not None:
-            self._chain.take_tool(tracker.told.mass, tracker.told.com)
+            self._chain.take_tool(tracker.announced.mass, tracker.announced.com)
         elif self._message is not None and self._calibration is not None:
             try:
                 tool = read_tool(self._message, self._calibration.sensor_frame)
@@ -145,9 +145,9 @@ class ToolOnSensor:
     def tell(self) -> None:
         """Publish the tracked tool where it is another one than the last."""
         tracker, calibration = self._chain.tracker, self._calibration
-        if tracker is None or calibration is None or tracker.told is self._told:
+        if tracker is None or calibration is None or tracker.announced is self._told:
             return
-        self._told = tracker.told
+        self._told = tracker.announced
         message = InertiaStamped()
         message.header.stamp = self._node.get_clock().now().to_msg()
         message.header.frame_id = calibration.sensor_frame

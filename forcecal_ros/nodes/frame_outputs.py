@@ -20,7 +20,7 @@ class FrameOutputs:
     def __init__(self, node: LifecycleNode, frames: Frames) -> None:
         self._node, self._frames = node, frames
         self._out = {name: (node.create_lifecycle_publisher(
-            WrenchStamped, f'observer/contact_wrench/{name}', OUTPUT), Writer(WrenchStamped, name))
+            WrenchStamped, f'~/contact_wrench/{name}', OUTPUT), Writer(WrenchStamped, name))
             for name in frames.names}
 
     def on_pose(self, t: float, pose: tuple[float, ...], frame: str) -> None:

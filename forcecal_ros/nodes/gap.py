@@ -77,7 +77,7 @@ class Gap(Node):
                           JointReader(value['optidrive.joint']))
         self._restart()
         self._out = self.create_publisher(DiagnosticArray, '/diagnostics', OUTPUT)
-        self.create_service(Trigger, 'gap/reset', self._on_reset)
+        self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_timer(0.02, self._inbox.drain, clock=STEADY)
         self.create_timer(1.0, self._judge, clock=STEADY)
         self._waiting = Waiting(self)

@@ -118,7 +118,7 @@ class ContactMarkers:
 
     def __init__(self, node: LifecycleNode, rate: float) -> None:
         self._node, self._period, self._next = node, 1e9 / rate, 0
-        self._out = node.create_lifecycle_publisher(MarkerArray, 'observer/markers', OUTPUT)
+        self._out = node.create_lifecycle_publisher(MarkerArray, '~/markers', OUTPUT)
         self.covariance = np.full((6, 6), np.nan)
 
     def publish(self, stamp_ns: int, wrench: Wrench, frame: str) -> None:

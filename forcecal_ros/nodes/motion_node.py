@@ -43,7 +43,7 @@ class MotionNode(Node, Generic[SettingsT]):
     Parameters
     ----------
     role : str
-        Name of the node, and of its topics and services.
+        Usual name of the node, of which its topics and services take theirs.
     settings_of : callable
         Makes settings of the values of all parameters, by name; raises a ConfigError where they
         contradict each other.
@@ -52,7 +52,7 @@ class MotionNode(Node, Generic[SettingsT]):
     def __init__(self, role: str, table: Sequence[Parameter],
                  settings_of: Callable[[Mapping[str, Any]], SettingsT]) -> None:
         super().__init__(role)
-        self._role, self._table, self._settings_of = role, table, settings_of
+        self._table, self._settings_of = table, settings_of
         declare(self, table, lambda changes: settings_of({**self._values(), **changes}))
         self._settings = settings_of(self._values())
         self._simulated = self.get_parameter('use_sim_time').value
@@ -71,17 +71,17 @@ class MotionNode(Node, Generic[SettingsT]):
         self._source, self._sensors, self._backend = source, sensors, backend
         self._period_ns = period_ns
         self._guard = Guard(sensors, backend, source, self.get_clock(), STEADY, self._simulated)
-        self._phase_out = self.create_publisher(DiagnosticArray, f'{self._role}/phase', OUTPUT)
-        self._state_out = self.create_publisher(String, f'{self._role}/state', OUTPUT)
+        self._phase_out = self.create_publisher(DiagnosticArray, '~/phase', OUTPUT)
+        self._state_out = self.create_publisher(String, '~/state', OUTPUT)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', OUTPUT)
-        self.create_service(Trigger, f'{self._role}/start', answering(self._start, self._refused))
-        self.create_service(Trigger, f'{self._role}/abort', self._on_abort)
+        self.create_service(Trigger, '~/start', answering(self._start, self._refused))
+        self.create_service(Trigger, '~/abort', self._on_abort)
         clock = None if self._simulated else STEADY
         self._timer = self.create_timer(period_ns / SECOND, self._tick, clock=clock)
         self.create_timer(CLOCK_CHECK, self._watch_clock, clock=STEADY)
         self.create_timer(1.0, self._report, clock=STEADY)
         self._publish_phase()
-        self.get_logger().info(f'ready: {self._role}/start begins')
+        self.get_logger().info(f'ready: {self.get_name()}/start begins')
 
     def destroy_node(self) -> None:
         """End the subscriptions, then the node."""
@@ -242,7 +242,7 @@ class MotionNode(Node, Generic[SettingsT]):
 
     def _on_abort(self, request: Trigger.Request, response: Trigger.Response
                   ) -> Trigger.Response:
-        response.success = self._abort(Fault(f'asked to by {self._role}/abort'))
+        response.success = self._abort(Fault(f'asked to by {self.get_name()}/abort'))
         response.message = 'stopping' if response.success else 'nothing is under way'
         return response
 
@@ -254,7 +254,13 @@ class MotionNode(Node, Generic[SettingsT]):
 
     def stop(self) -> None:
         """Begin to come to rest, before the node ends."""
-        self._abort(Fault(f'the {self._role} node was told to go'))
+        self._abort(Fault(f'the {self.get_name()} node was told to go'))
+
+    def halt(self) -> None:
+        """Come to rest now, after an error; what is heard counts no more."""
+        self._abort(Fault(f'an error ends the {self.get_name()} node'))
+        while self._stream is not None and self._step(self._stream):
+            sleep(self._period_ns / SECOND)
 
     @property
     def sent_ns(self) -> int:

@@ -79,7 +79,7 @@ class Observer(ManagedNode):
         self.create_timer(1.0, self._report, clock=STEADY)
         for name, answer in (('tare', self._tare), ('reset', self._reset),
                              ('reload_calibration', self._reload)):
-            self.create_service(Trigger, f'observer/{name}', answering(answer))
+            self.create_service(Trigger, f'~/{name}', answering(answer))
         if self._value('autostart'):
             self._start()
 
@@ -116,15 +116,13 @@ class Observer(ManagedNode):
             self.get_logger().error(self._failure)
             self._release()
             return TransitionCallbackReturn.FAILURE
-        self._out = self.create_lifecycle_publisher(
-            WrenchStamped, 'observer/contact_wrench', OUTPUT)
+        self._out = self.create_lifecycle_publisher(WrenchStamped, '~/contact_wrench', OUTPUT)
         self._optional = []
         for name, field in OPTIONAL_OUTPUTS.items():
             if self._value(f'publish.{name}'):
                 self._optional.append((field, self.create_lifecycle_publisher(
-                    WrenchStamped, f'observer/{name}', OUTPUT)))
-        self._accuracy = self.create_lifecycle_publisher(
-            Float64MultiArray, 'observer/accuracy', LATCHED)
+                    WrenchStamped, f'~/{name}', OUTPUT)))
+        self._accuracy = self.create_lifecycle_publisher(Float64MultiArray, '~/accuracy', LATCHED)
         self._frames = FrameOutputs(self, frames)
         if self._value('publish.marker_rate') > 0:
             self._markers = ContactMarkers(self, self._value('publish.marker_rate'))

@@ -24,9 +24,14 @@ def read_preset(name: str) -> Mapping[str, dict[str, Any]]:
             for node, parameters in document.items()}
 
 
-def topic_of(argument: str, usual: str, *presets: str) -> str:
-    """Return the name of a topic by its launch argument; of several presets the last counts."""
-    for name in reversed(presets):
+def topic_of(argument: str, usual: str, robot: str, controller: str) -> str:
+    """
+    Return the name of a topic by its launch argument, as presets say.
+
+    The controller counts before the robot, except for joints: a robot that names their topics has
+    its controllers in a namespace of its own.
+    """
+    for name in (robot, controller) if argument.startswith('joint_') else (controller, robot):
         if name and argument in (topics := read_preset(name)['topics']):
             return str(topics[argument])
     return usual

@@ -73,6 +73,9 @@ class Stoppable(Protocol):
     def stop(self) -> None:
         """Begin to come to rest."""
 
+    def halt(self) -> None:
+        """Come to rest now, after an error: no callback runs any more."""
+
     @property
     def sent_ns(self) -> int:
         """Steady time of the last command [ns]."""
@@ -86,7 +89,8 @@ class Interrupt:
     """
     Counts SIGINT, SIGTERM, SIGHUP, whose usual handlers would end the node's publishers at once.
 
-    A SIGHUP that is ignored, as under nohup, stays so.
+    The second may be an impatient hand, or a launcher beside a terminal, and cuts no stop short;
+    the third ends the process as it stands. A SIGHUP that is ignored, as under nohup, stays so.
 
     Attributes
     ----------
@@ -205,15 +209,19 @@ def _spin(node: Node, interrupt: Interrupt) -> None:
         while not interrupt.count and rclpy.ok():
             executor.spin_until_future_complete(Future(), timeout_sec=SIGNAL_CHECK)
         if rclpy.ok() and isinstance(node, Stoppable):
-            _come_to_rest(node, executor, interrupt)
+            _come_to_rest(node, executor)
+    except Exception:
+        if rclpy.ok() and isinstance(node, Stoppable):
+            node.halt()
+        raise
     finally:
         executor.shutdown()
 
 
-def _come_to_rest(node: Stoppable, executor: Executor, interrupt: Interrupt) -> None:
+def _come_to_rest(node: Stoppable, executor: Executor) -> None:
     node.stop()
     told = STEADY.now().nanoseconds
-    while not node.at_rest and interrupt.count < 2 and (
+    while not node.at_rest and (
             STEADY.now().nanoseconds < max(told, node.sent_ns) + int(GRACE * 1e9)):
         executor.spin_until_future_complete(Future(), timeout_sec=SIGNAL_CHECK)
 

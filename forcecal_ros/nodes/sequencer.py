@@ -180,16 +180,14 @@ class Sequencer(MotionNode[SequencerSettings]):
     # Result -----------------------------------------------------------------------------
 
     def _make_outputs(self) -> None:
-        self._calibration_out = self.create_publisher(String, 'sequencer/calibration', LATCHED)
-        self._gain_out = self.create_publisher(
-            Float64MultiArray, 'sequencer/observer_gain', LATCHED)
-        self._inertia_out = self.create_publisher(
-            InertiaStamped, 'sequencer/tool_inertia', LATCHED)
-        self._path_out = self.create_publisher(Path, 'sequencer/planned_path', LATCHED)
-        self._markers_out = self.create_publisher(MarkerArray, 'sequencer/markers', LATCHED)
+        self._calibration_out = self.create_publisher(String, '~/calibration', LATCHED)
+        self._gain_out = self.create_publisher(Float64MultiArray, '~/observer_gain', LATCHED)
+        self._inertia_out = self.create_publisher(InertiaStamped, '~/tool_inertia', LATCHED)
+        self._path_out = self.create_publisher(Path, '~/planned_path', LATCHED)
+        self._markers_out = self.create_publisher(MarkerArray, '~/markers', LATCHED)
         self._preview = Preview()
-        self.create_service(Trigger, 'sequencer/save_calibration', answering(self._save))
-        self.create_service(Trigger, 'sequencer/preview', answering(self._show))
+        self.create_service(Trigger, '~/save_calibration', answering(self._save))
+        self.create_service(Trigger, '~/preview', answering(self._show))
 
     def _after(self) -> None:
         if self._identification.under_way:

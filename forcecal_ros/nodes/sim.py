@@ -224,7 +224,7 @@ class Sim(Node):
     def _make_publishers(self, value: dict[str, Any]) -> None:
         sensor, base = value['frames.sensor'], value['frames.base']
         self._wrench = self.create_publisher(WrenchStamped, 'wrench', OUTPUT)
-        self._contact = self.create_publisher(WrenchStamped, 'sim/contact_wrench', OUTPUT)
+        self._contact = self.create_publisher(WrenchStamped, '~/contact_wrench', OUTPUT)
         self._volts = self.create_publisher(Vector3Stamped, 'accelerometer/raw', OUTPUT)
         self._pose = self.create_publisher(PoseStamped, 'current_pose', OUTPUT)
         self._optidrive = self._imu = None

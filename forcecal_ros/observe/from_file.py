@@ -14,8 +14,8 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.observe.design import Model, with_reach
 from forcecal_ros.recording.noise.white import white_covariance
-from forcecal_ros.recording.required import require
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
+from forcecal_ros.recording.topics import require
 import numpy as np
 
 GAP_PERIODS = 4.0

@@ -32,8 +32,8 @@ from forcecal_ros.observe.step import (
     State,
 )
 from forcecal_ros.recording.axes import in_axes_of_pose, levelled
-from forcecal_ros.recording.required import naming, require
 from forcecal_ros.recording.streams import Recording, Stream
+from forcecal_ros.recording.topics import naming, require
 import numpy as np
 
 Event = tuple[float, str, Any]

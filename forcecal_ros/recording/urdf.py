@@ -91,24 +91,24 @@ class Description:
         DataError
             It cannot be computed.
         """
-        told = self._joints[link]
-        kind, name = told.get('type', ''), told.get('name', '')
+        element = self._joints[link]
+        kind, name = element.get('type', ''), element.get('name', '')
         place = f'{self._name}: joint {name}'
         if kind not in ('fixed', *_TURNS, *_SLIDES):
             raise DataError(f'{place} is {kind or "of no type"}; fixed, revolute, continuous and '
                             'prismatic joints are known')
-        xyz, rpy = (_numbers(_attribute(told, 'origin', part, '0 0 0'), f'{place}: {part}')
+        xyz, rpy = (_numbers(_attribute(element, 'origin', part, '0 0 0'), f'{place}: {part}')
                     for part in ('xyz', 'rpy'))
         origin, parent = (Rotation.from_euler('xyz', rpy), xyz), self.parents[link]
         if kind == 'fixed':
             return Joint(parent, '', 1.0, 0.0, origin, np.zeros(3), False)
-        axis = _numbers(_attribute(told, 'axis', 'xyz', '1 0 0'), f'{place}: axis')
+        axis = _numbers(_attribute(element, 'axis', 'xyz', '1 0 0'), f'{place}: axis')
         if not axis.any():
             raise DataError(f'{place}: its axis is zero; expected a direction')
         (gain,), (offset,) = (
-            _numbers(_attribute(told, 'mimic', part, otherwise), f'{place}: {part}', 1)
+            _numbers(_attribute(element, 'mimic', part, otherwise), f'{place}: {part}', 1)
             for part, otherwise in (('multiplier', '1'), ('offset', '0')))
-        return Joint(parent, _attribute(told, 'mimic', 'joint', name), gain, offset, origin,
+        return Joint(parent, _attribute(element, 'mimic', 'joint', name), gain, offset, origin,
                      axis / np.linalg.norm(axis), kind in _SLIDES)
 
 

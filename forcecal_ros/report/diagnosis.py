@@ -27,8 +27,8 @@ TONES = {'no_gap': 'good', 'identified': 'known', 'ambiguous': 'doubt', 'partial
 """Colour of each verdict."""
 
 CAPTIONS = {
-    'Where it shows most': 'The channel and the phase that the verdict names, and what is left '
-                           'of them.',
+    'Where it shows most': 'The channel and the phase that the verdict names; below it measured '
+                           'less simulated.',
     'Where else': 'How far measured and simulated are apart beyond the noise at rest, by stage '
                   'and channel, phase and octave. Grey: no farther than noise.',
     'Signals': 'Simulated: after what differs from robot to robot was fitted within its '

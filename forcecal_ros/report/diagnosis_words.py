@@ -29,6 +29,12 @@ SHARE = ' of the misfit'
 SAID = (SHARE, 'explains it about as well', 'explains the recording down to its noise')
 """A verdict that ends so says no more than its first sentence on the page."""
 
+FEW = 6
+"""Effects that one line of the first screen lists, and how many more there are."""
+
+ROUNDED = 0.02
+"""What rounding adds to probabilities of which one alone is true."""
+
 _CHANNELS = {c.name for c in CHANNELS}
 
 
@@ -146,19 +152,29 @@ def _how_large(view: View) -> str:
                 default=None)
     if worst is not None:
         name, (_, apart, _, noise) = worst
-        parts.append(f'{name} by {size(apart, view.units[name], 2)} RMS, where noise is '
+        parts.append(f'by {size(apart, view.units[name], 2)} RMS in {name}, whose noise is '
                      f'{size(noise, view.units[name], 2)}')
     if before > 0.0:
         left = f' ({size(after, "N", 2)} with it added)' if d.verdict in NAMED else ''
-        parts.insert(0, f'the contact force by {size(before, "N", 2)} RMS{left}')
-    return f'Apart beyond noise: {"; ".join(parts)}.' if parts else ''
+        parts.insert(0, f'by {size(before, "N", 2)} RMS in the contact force{left}')
+    return f'Beyond noise they differ {" and ".join(parts)}.' if parts else ''
 
 
 def _how_sure(d: Diagnosis) -> str:
-    if d.verdict in ('not_excited', 'invalid_data', 'no_gap') or not d.candidates:
+    if d.verdict == 'no_gap':
+        hidden = f', except {_few(d.not_excited)}' if d.not_excited else ''
+        return f'Every effect looked for would have shown at its usual size{hidden}.'
+    if d.verdict in ('not_excited', 'invalid_data') or not d.candidates:
         return ''
     named = {e.name for e in d.effects}
-    return ', '.join(f'{percent(p)} {_called(name, named)}' for name, p in d.candidates) + '.'
+    said = ', '.join(f'{percent(p)} {_called(name, named)}' for name, p in d.candidates)
+    together = sum(p for _, p in d.candidates) > 1.0 + ROUNDED
+    return f'{said}{"; several may act at once" if together else ""}.'
+
+
+def _few(names: Sequence[str]) -> str:
+    more = len(names) - FEW
+    return ', '.join((*names[:FEW], *((f'and {more} more',) if more > 0 else ())))
 
 
 def _called(name: str, named: Collection[str]) -> str:
@@ -199,4 +215,4 @@ def _when(view: View) -> str:
     span = view.span()
     if span is None:
         return ''
-    return f'Plainest from {span.start:.2f} to {span.end:.2f} s, in phase {span.name}.'
+    return f'Most visible from {span.start:.2f} to {span.end:.2f} s, in phase {span.name}.'

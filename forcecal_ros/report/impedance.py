@@ -26,8 +26,8 @@ from forcecal_ros.report.rows import aligned
 from forcecal_ros.report.words import Fact
 from forcecal_ros.reproduce.assess import Figures
 from forcecal_ros.reproduce.closed_loop import ClosedLoopRun
+from forcecal_ros.reproduce.error_analysis import continuous, error_poles, PRINTED
 from forcecal_ros.reproduce.experiment import Experiment
-from forcecal_ros.reproduce.printed_gains import continuous, error_poles, PRINTED
 from matplotlib.figure import Figure
 from scipy import signal
 
@@ -35,7 +35,8 @@ HEAD = ['force fed back', 'phantom RMS [N]', 'peak [N]', 'strayed [mm]', 'peak a
         'bounces', 'settling [s]', 'force error [N]', 'contact force [N]']
 FEEDBACKS = {
     'true': 'true force', 'raw': '(a) raw sensor', 'static': '(b) gravity-compensated sensor',
-    'newton': '(c) newton', 'kalman': '(d) kalman'}
+    'printed': '(c) newton, K of the paper', 'newton': '(c) newton, K of ours',
+    'kalman': '(d) kalman'}
 PAPER = {'acc1': 'Accelerometer 1', 'acc2': 'Accelerometer 2'}
 
 

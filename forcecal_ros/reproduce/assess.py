@@ -94,6 +94,10 @@ def rms(values: Array) -> float:
         return float(np.sqrt(np.mean(np.square(values))))
 
 
+UNSEEN = {'strayed': 20e-6}
+"""Figures below these count as alike: noise of the nominal rig's poses [m]."""
+
+
 def exceptions(figures: Mapping[str, Figures]) -> Iterator[str]:
     """
     Say where the Kalman observer is not the best feedback, one sentence a figure.
@@ -107,6 +111,8 @@ def exceptions(figures: Mapping[str, Figures]) -> Iterator[str]:
         observed, best = getattr(kalman, field), min(others, key=lambda name: _rank(
             getattr(others[name], field)))
         rival = getattr(others[best], field)
+        if observed < UNSEEN.get(field, 0.0):
+            continue
         if _rank(observed) <= (1.0 + EVEN) * _rank(rival):
             if _rank(observed) >= (1.0 - EVEN) * _rank(rival):
                 even.append(words)

@@ -20,13 +20,15 @@ from forcecal_ros.observe import (
     State,
 )
 from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
+from forcecal_ros.reproduce.error_analysis import with_printed_gain
 from forcecal_ros.simulators.rig.simulator import Samples, Simulator
 import numpy as np
 
-SOURCES = ('true', 'raw', 'static', 'newton', 'kalman')
+SOURCES = ('true', 'raw', 'static', 'printed', 'newton', 'kalman')
 """
 Forces that are compared: the true one, which only a simulator knows; the sensor as read; the
-sensor less bias and weight; the paper's observer; the six-axis Kalman observer.
+sensor less bias and weight; the paper's observer with the gain that the paper prints, and with
+that of the calibration; the six-axis Kalman observer.
 """
 
 
@@ -96,9 +98,9 @@ class Observed:
         return out
 
 
-def feedback_of(source: str, calibration: Calibration) -> Feedback:
+def feedback_of(source: str, calibration: Calibration, accelerometer: str = 'acc1') -> Feedback:
     """
-    Return one of :data:`SOURCES`.
+    Return one of :data:`SOURCES`; ``accelerometer`` says whose gain is the printed one.
 
     Raises
     ------
@@ -111,6 +113,8 @@ def feedback_of(source: str, calibration: Calibration) -> Feedback:
         return Raw()
     if source == 'static':
         return Static(calibration)
+    if source == 'printed':
+        return Observed(with_printed_gain(calibration, accelerometer), 'newton')
     if source in ('newton', 'kalman'):
         return Observed(calibration, source)
     raise ConfigError(f'feedback {source!r}: expected one of {", ".join(SOURCES)}')

@@ -81,7 +81,8 @@ def conduct(rig: Rig, accelerometers: Sequence[str], law: Law, *, seed: int = 0,
         follow = partial(run_closed_loop, rig, accelerometer=name, seed=seed, latency=latency)
         for source in SOURCES:
             tell(f'{name}: {source}')
-            runs[name, source] = follow(program, feedback_of(source, calibration), Regulator(law))
+            runs[name, source] = follow(
+                program, feedback_of(source, calibration, name), Regulator(law))
             rows.append(Row(name, source, assess(runs[name, source], runs[name, 'true'], program)))
         tell(f'{name}: oscillation')
         oscillations[name] = follow(

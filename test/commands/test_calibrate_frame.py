@@ -37,8 +37,10 @@ def bags(tmp_path_factory):
     write_recording(folder / 'wall', replace(
         sound, pose=replace(pose, R_base_sensor=TILT @ pose.R_base_sensor)))
     R = pose.R_base_sensor @ ON_FLANGE.as_matrix().T
-    write_recording(folder / 'flange', replace(
-        sound, pose=replace(pose, R_base_sensor=R, position=-R @ [0.0, 0.0, 0.1])))
+    flange = replace(sound, pose=replace(pose, R_base_sensor=R, position=-R @ [0.0, 0.0, 0.1]))
+    write_recording(folder / 'flange', flange)
+    write_recording(folder / 'both', replace(flange, wrench=Stream(
+        wrench.t, wrench.values @ np.kron(np.eye(2), TURN))))
     return folder
 
 
@@ -67,23 +69,26 @@ def test_an_arm_on_a_wall_is_calibrated_with_the_direction_stated(bags, tmp_path
     assert float(load(path).mass) == pytest.approx(float(load(tmp_path / 'level.yaml').mass))
 
 
-def test_a_turned_sensor_is_calibrated_once_its_rotation_is_stated(bags, tmp_path, capsys):
-    assert main(['calibrate', str(bags / 'turned'), '-o', str(tmp_path / 'no.yaml')]) == 1
+@pytest.mark.parametrize('bag, given', [('turned', []), ('both', FROM_POSE)])
+def test_a_turned_sensor_is_calibrated_once_its_rotation_is_stated(
+        bags, tmp_path, capsys, bag, given):
+    calibrate = ['calibrate', str(bags / bag), *given, '-o', str(tmp_path / 'turned.yaml')]
+    assert main(calibrate) == 1
     said = capsys.readouterr().err
     stated = re.search(r'--sensor-rotation (\S+) (\S+) (\S+)', said).groups()
     np.testing.assert_allclose(np.array(stated, dtype=float), [10.0, -20.0, 35.0], atol=0.5)
     turned, sound = tmp_path / 'turned.yaml', tmp_path / 'sound.yaml'
-    assert main(['calibrate', str(bags / 'turned'), '--sensor-rotation', '10', '-20', '35',
-                 '-o', str(turned)]) == 0
+    assert main([*calibrate, '--sensor-rotation', '10', '-20', '35']) == 0
     assert main(['calibrate', str(bags / 'sound'), '-o', str(sound)]) == 0
     found, wanted = load(turned), load(sound)
     np.testing.assert_allclose(found.wrench_bias.value, wanted.wrench_bias.value, atol=1e-6)
     assert float(found.mass) == pytest.approx(float(wanted.mass))
-    for bag, known in (('turned', turned), ('sound', sound)):
-        assert main(['estimate', str(bags / bag), '--calibration', str(known),
-                     '-o', str(tmp_path / bag)]) == 0
-    contact = [read_recording(tmp_path / bag, {'wrench': '/observer/contact_wrench'}).wrench.values
-               for bag in ('turned', 'sound')]
+    for name, known in ((bag, turned), ('sound', sound)):
+        assert main(['estimate', str(bags / name), '--calibration', str(known),
+                     '-o', str(tmp_path / name)]) == 0
+    contact = [read_recording(
+        tmp_path / name, {'wrench': '/observer/contact_wrench'}).wrench.values
+        for name in (bag, 'sound')]
     np.testing.assert_allclose(contact[0], contact[1], atol=1e-6)
 
 

@@ -254,7 +254,8 @@ def test_help_shows_an_example(capsys, command):
 
 
 def test_advice_names_options_and_roles_that_there_are():
-    options = {'--ros-args', '--params-file', '--show-args', '--version'}.union(*(
+    of_others = {'--ros-args', '--params-file', '--show-args', '--system-site-packages'}
+    options = {'--version', *of_others}.union(*(
         build_parser(command).commands[command].options for command in COMMANDS))
     for file in PACKAGE.rglob('*.py'):
         text = file.read_text()

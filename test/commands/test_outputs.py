@@ -3,6 +3,7 @@
 from dataclasses import replace
 import json
 import os
+from shutil import copytree
 import stat
 import subprocess
 import sys
@@ -58,6 +59,18 @@ def status_of(arguments):
     ('calibrate', 'no_bag', '--matrix', 'file', '-o', 'folder/../file'),
     ('calibrate', 'folder', '-o', 'folder/metadata.yaml'),
     ('calibrate', 'no_bag', '-o', 'socket'),
+    ('calibrate', 'no_bag', '-o', 'x', '-o', 'y'),
+    ('calibrate', 'no_bag', '--wrench-sign', '1', '--wrench-sign', '-1'),
+    ('calibrate', 'no_bag', '--robot', ''),
+    ('calibrate', 'no_bag', '--gravity', '9,81'),
+    ('calibrate', 'no_bag', 'folder/../no_bag', '-o', 'out'),
+    ('diagnose', 'no_bag', '-o', 'x', '--rig', ''),
+    ('estimate', 'no_bag', '--calibration', '', '-o', 'x'),
+    ('estimate', 'no_bag', '--calibration', 'no.yaml', '-o', 'file'),
+    ('plan', '-o', 'x', '--for', 'calibration', '--time', '1e9'),
+    ('plan', '-o', 'x', '--set', 'limits.speed=0.1', '--set', 'limits.speed=0.2'),
+    ('play', ''),
+    ('record', '-o', 'folder/metadata.yaml'),
     ('calibrate', 'no_bag', '-o', 'x', '--report', 'x'),
     ('calibrate', 'no_bag', '-o', '-', '--json'),
     ('calibrate', 'no_bag', '-o', 'stdout', '--json'),
@@ -165,6 +178,29 @@ def test_a_pipe_takes_what_a_command_writes_and_stays(bag, tmp_path, capsys):
     reader.join()
     assert float(parse(heard[0], 'pipe').mass) > 0
     assert stat.S_ISFIFO((tmp_path / 'pipe').lstat().st_mode)
+    capsys.readouterr()
+
+
+def test_a_recording_named_through_its_parent_has_its_result_in_the_folder_named(
+        bag, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'in').mkdir()
+    for name in ('in/one', 'two'):
+        (tmp_path / name).symlink_to(bag)
+    assert status_of(['calibrate', 'in/../in/one', 'in/../two', '-o', 'out']) == 2  # one bag
+    (tmp_path / 'two').unlink()
+    copytree(bag, tmp_path / 'two')
+    assert status_of(['calibrate', 'in/../in/one', 'in/../two', '-o', 'out']) == 0
+    assert sorted(str(p.relative_to(tmp_path)) for p in tmp_path.rglob('*.yaml')
+                  if p.name != 'metadata.yaml') == ['out/in/one.yaml', 'out/two.yaml']
+    capsys.readouterr()
+
+
+def test_a_name_as_long_as_they_may_be_is_written(bag, tmp_path, capsys):
+    place = tmp_path / ('é' * 120 + '.yaml')
+    for _ in range(2):  # the second keeps the first
+        assert status_of(['calibrate', bag, '-o', place]) == 0
+    assert sorted(os.listdir(tmp_path)) == [place.name, place.name + '~']
     capsys.readouterr()
 
 

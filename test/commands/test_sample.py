@@ -1,5 +1,6 @@
 """What is made to try the commands on is what they say of it."""
 
+import json
 from pathlib import Path
 
 from forcecal_ros.calibration.file import load
@@ -46,3 +47,16 @@ def test_the_gripper_of_the_second_arm_is_heavier_than_its_model_says(tmp_path, 
         masses.append(np.linalg.norm(at_rest - ZERO[:3]) / 9.80665)
     assert masses[0] == pytest.approx(1.2, abs=0.02)
     assert masses[1] == pytest.approx(1.26, abs=0.01)
+
+
+def test_the_robot_that_was_shaken_is_identified_by_the_command_that_it_says(
+        tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(['sample', 'shaken', '-o', 'sample']) == 0
+    tried = capsys.readouterr().out.partition('try: forcecal ')[2].split()
+    assert main([*tried, '--json']) == 0
+    found, rig = json.loads(capsys.readouterr().out), load_rig()
+    for name, truth in (('mass', rig.tool.mass), ('stiffness', rig.optidrive.stiffness),
+                        ('damping', rig.optidrive.damping)):
+        estimate = found['slide'][name]
+        assert abs(estimate['value'] - truth) < 4 * estimate['std']

@@ -15,6 +15,7 @@ from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool
 from forcecal_ros.diagnose.localise.tracking import tracking
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import rotation_about
 from forcecal_ros.recording.bags import write_recording
 from forcecal_ros.simulators.poses import in_base_of, merged
 from forcecal_ros.simulators.rig.offline import simulate
@@ -23,6 +24,8 @@ from own_arm import commands, GRIPPER, LATE, real, RIG, simulated, TOLERANCES, w
 import pytest
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
+
+WEIGHT = GRIPPER.mass * np.array(RIG.gravity)
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs/simulator.md'
 
@@ -113,6 +116,55 @@ def test_imus_of_both_are_compared_in_motion(bias):
         assert found.name == 'accel_bias'
         assert found.parameters['x'].value == pytest.approx(bias, abs=0.03)
         assert found.parameters['x'].unit == 'm/s^2'
+
+
+def wrench_turned(axis, degrees):
+    Q = rotation_about(axis, np.radians(degrees))
+    return lambda w, R: np.hstack([w[:, :3] @ Q.T, w[:, 3:] @ Q.T])
+
+
+def in_base(w, R):
+    return np.hstack([np.einsum('nij,nj->ni', R, part) for part in (w[:, :3], w[:, 3:])])
+
+
+def with_wrench(recording, change):
+    wrench, pose = recording.wrench, recording.pose
+    nearest = np.searchsorted(pose.t, wrench.t).clip(max=len(pose) - 1)
+    return replace(recording, wrench=replace(
+        wrench, values=change(wrench.values, pose.R_base_sensor[nearest])))
+
+
+@pytest.mark.parametrize('change, said', [
+    (lambda w, R: -w, 'opposite sign'), (lambda w, R: w / 9.80665, 'its forces are in kgf'),
+    (in_base, 'expressed in base'),
+    (wrench_turned('x', 180.0), r'turned by -(179|180)\S* .* about x'),
+    (lambda w, R: w[:, [1, 0, 2, 4, 3, 5]], r'mirrored \(left-handed\): x, y, z show y, x, z'),
+    (lambda w, R: w * [1.0, 1.0, 1.0, 1e3, 1e3, 1e3], 'they are in N mm'),
+    (lambda w, R: w - np.hstack([f := WEIGHT @ R, np.cross(GRIPPER.com, f)]),
+     'the driver takes its weight off; simulate the tool that hung there')])
+def test_frame_sign_and_units_of_the_robots_wrench_are_asked_before_effects(change, said):
+    wrong = diagnose_simulated(Pair(with_wrench(real({}), change), simulated()), None, TOLERANCES)
+    assert wrong.outcome.diagnosis.verdict == 'invalid_data'
+    assert re.search(said, wrong.outcome.diagnosis.reason)
+
+
+@pytest.mark.parametrize('change, said', [
+    (lambda w, R: -w, '--simulated-wrench-sign -1'), (in_base, 'vertical in base, as of 1.2 kg'),
+    (wrench_turned('z', 90.0), r'simulated wrench: its axes are turned by -(89|90)\S* .* about z'),
+    (lambda w, R: w[:, [1, 0, 2, 4, 3, 5]], 'the simulated wrench: its axes are mirrored')])
+def test_frame_and_sign_of_the_simulated_wrench_are_asked_before_its_tool(change, said):
+    wrong = diagnose_simulated(Pair(real({}), with_wrench(simulated(), change)), None, TOLERANCES)
+    assert wrong.outcome.diagnosis.verdict == 'invalid_data'
+    assert re.search(said, wrong.outcome.diagnosis.reason)
+
+
+@pytest.mark.parametrize('effects', [
+    {'tool_mass': {'change': 0.4}}, {'base_tilt': {'x': 0.05, 'y': -0.03}},
+    {'cable_force': {'x': 2.0, 'y': 1.0, 'z': 0.0, 'stiffness': 40.0}},
+    {'wrench_gain': {'fx': 0.15, 'fz': -0.15}}, {'wrench_crosstalk': {'fx_of_fz': 0.06}}])
+def test_effects_of_any_usual_size_are_no_other_frame(effects):
+    for seed in range(3):
+        prepare_simulated(real(effects, seed), shifted(simulated(), -1000.0), None, TOLERANCES)
 
 
 def test_where_the_simulated_tool_touches_something_nothing_is_compared():

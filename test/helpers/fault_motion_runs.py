@@ -159,10 +159,7 @@ class Bench:
             live.until(lambda: live.phases, 'a new sequencer')
             live.spin(1.0)
         if fault == SECOND and SECOND not in live.processes:
-            self._start_sequencer(SECOND, [
-                '__node:=second', *(f'sequencer/{name}:=second/{name}' for name in (
-                    'start', 'abort', 'save_calibration', 'phase', 'calibration',
-                    'observer_gain', 'tool_inertia'))])
+            self._start_sequencer(SECOND, ['__node:=second'])
         if fault == SECOND:  # known before the motion begins, which it is to disturb
             live.client('second/start')
         if fault == FOREIGN and self.other is None:  # known to all before the motion begins

@@ -1,7 +1,10 @@
 """A sound rig is neither refused nor stopped because the computer is late."""
 
+from dataclasses import replace
+
 from forcecal_ros.identify.pipeline import identify
 from forcecal_ros.identify.settings import IdentificationSettings
+from forcecal_ros.recording.streams import Stream
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.truth import true_calibration
 from late_computer import Conditions, run
@@ -32,3 +35,28 @@ def test_a_robot_that_leaves_is_not_taken_for_one_that_stands_while_the_tool_rin
     found = identify(run(92).recording, IdentificationSettings())
     assert found.tool is not None
     assert not found.quality['warnings']
+
+
+def with_gaps(stream, t0):
+    """Leave out 60 ms from each of three instants on, in motion [s]."""
+    keep = np.ones(len(stream.t), dtype=bool)
+    for t in t0:
+        keep &= (stream.t < t) | (stream.t > t + 0.06)
+    return Stream(stream.t[keep], stream.values[keep])
+
+
+def test_a_high_pass_remembers_abrupt_motion_that_no_fit_uses():
+    outcome = run(323, Conditions(stall=0.43, jitter=3e-3, load=2), accelerometer='acc2')
+    assert not outcome.aborted
+    whole, truth = outcome.recording, true_calibration(load_rig(), 'acc2')
+    moving = [p.start for p in whole.phases if p.name == 'move'][:3]
+    cut = replace(whole, accelerometer=with_gaps(whole.accelerometer, moving))
+    for recording in (whole, cut):
+        found = identify(recording, IdentificationSettings(coupling='ac'))
+        gain, warnings = found.accelerometer.gain, found.quality['warnings']
+        off = (gain.value - truth['accelerometer.gain']) / gain.std
+        assert (np.abs(off) < 4).all(), off
+        assert not warnings
+    blind = replace(whole, wrench=with_gaps(whole.wrench, moving))
+    warnings = identify(blind, IdentificationSettings(coupling='ac')).quality['warnings']
+    assert [line for line in warnings if 'wrench pauses for' in line], warnings

@@ -1,21 +1,15 @@
 """The other sides of the motion back ends, played as those controllers ask for it."""
 
+from drivers import Servo
 from forcecal_ros.geometry import (
-    matrix_from_quaternion,
-    quaternion_from_matrix,
     rotation_from_vector,
-    rotation_vector,
 )
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.poses import flatten_poses, nominal_poses
 from forcecal_ros.motion.profiles import Pose
-from forcecal_ros.nodes.presets import preset_file, read_preset
 from forcecal_ros.nodes.runtime import OUTPUT
-from geometry_msgs.msg import TwistStamped
 from live import Live, Robot
 import numpy as np
-from rclpy.qos import qos_profile_system_default
-from rclpy.time import Time
 from scipy.spatial.transform import RigidTransform, Rotation
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
@@ -48,44 +42,6 @@ def run(live):
     assert live.phases[:9] in (
         ['idle', 'move', 'settle', 'measure', 'move', 'settle', 'measure', 'move', 'settle'],
         ['move', 'settle', 'measure', 'move', 'settle', 'measure', 'move', 'settle', 'step'])
-
-
-class Servo:
-    """MoveIt Servo: turns fresh velocities into motion, and stands when they are stale."""
-
-    def __init__(self, live, robot, topic='delta_twist_cmds'):
-        self.robot = robot
-        self.live = live
-        self.heard = []
-        self.visited = []
-        self.twist = np.zeros(6)
-        live.hear(TwistStamped, topic, self._on_twist)
-        self.before = live.node.get_clock().now()
-        live.node.create_timer(0.004, self._move)
-
-    def _on_twist(self, stamp, values):
-        now = self.live.node.get_clock().now().nanoseconds
-        self.heard.append((stamp, (now - stamp) * 1e-9, values))
-        self.twist = np.array(values)
-
-    def _move(self):
-        now = self.live.node.get_clock().now()
-        dt = min((now - self.before).nanoseconds * 1e-9, LONGEST_STEP)
-        self.before = now
-        if not self.heard or now - Time(nanoseconds=self.heard[-1][0],
-                                        clock_type=now.clock_type) > STALE:
-            return
-        position = np.array(self.robot.pose[:3]) + self.twist[:3] * dt
-        R = rotation_from_vector(self.twist[3:] * dt) @ matrix_from_quaternion(self.robot.pose[3:])
-        self.robot.pose = (*position, *quaternion_from_matrix(R))
-        self.visited.append((position, R))
-
-
-STALE = Time(nanoseconds=500_000_000) - Time()
-"""After which a velocity counts no more; Servo's own 0.1 s is what the test asks of the median."""
-
-LONGEST_STEP = 0.02
-"""A test that was kept waiting goes on where it was: a robot does not jump [s]."""
 
 
 def test_a_controller_of_the_flange_is_commanded_and_heard_as_such(ros_domain):
@@ -127,26 +83,6 @@ def test_servo_gets_fresh_velocities_that_lead_to_the_poses_and_zeros_at_the_end
         off = (goal.inv() * Rotation.from_matrix(turns)).magnitude()
         assert np.degrees(off.min()) < 1.0
     np.testing.assert_allclose(robot.pose[:3], flange_of(HOME)[:3], atol=2e-3)
-
-
-def test_the_presets_of_a_robot_and_of_servo_run_it_after_a_preview(ros_domain):
-    """UR: TCP and flange-sensor at 500 Hz with the QoS of ros2_control's broadcasters."""
-    topics = {**read_preset('ur')['topics'], **read_preset('moveit_servo')['topics']}
-    with Live() as live:
-        robot = Robot(live, commands=False, names=topics, qos=qos_profile_system_default,
-                      period=0.002)
-        robot.silent.add('accelerometer/raw')
-        servo = Servo(live, robot, topics['delta_twist_cmds'])
-        live.start('sequencer', remap=[f'{name}:={topic}' for name, topic in topics.items()],
-                   files=map(preset_file, ('ur', 'moveit_servo')), pace__angular_speed=0.4,
-                   **QUICK)
-        live.until(lambda: 'nothing was shown' in live.call('sequencer/start').message, 'refusal')
-        assert not servo.heard
-        live.until(lambda: live.call('sequencer/preview').success, 'a robot at rest')
-        run(live)
-    off = [np.degrees(np.linalg.norm(rotation_vector(R.T @ TILTED.R_base_sensor)))
-           for _, R in servo.visited]
-    assert min(off) < 1.0
 
 
 def test_the_trajectory_controller_gets_every_joint_and_rest_at_each_end(ros_domain):

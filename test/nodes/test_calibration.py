@@ -6,11 +6,13 @@ from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.calibration.file import load, parse
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.nodes.runtime import OUTPUT
+from forcecal_ros.nodes.wire import Writer
 from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
 from live import Live, ON_RIG_TIME, RIG_TIME
 import numpy as np
 import pytest
 from rclpy.time import Time
+from scipy.spatial.transform import RigidTransform, Rotation
 from std_msgs.msg import Float64MultiArray, String
 
 LIMITS = Limits()
@@ -19,9 +21,9 @@ LIMITS = Limits()
 class Ears:
     """Commands, contact wrenches and true ones, by stamp."""
 
-    def __init__(self, live):
+    def __init__(self, live, commands):
         self.commands, self.contact, self.truth, self.phases = {}, {}, {}, []
-        live.hear(PoseStamped, 'target_frame', self.commands.__setitem__)
+        live.hear(PoseStamped, commands, self.commands.__setitem__)
         live.hear(WrenchStamped, 'observer/contact_wrench', self.contact.__setitem__)
         live.hear(WrenchStamped, 'sim/contact_wrench', self.truth.__setitem__)
         live.node.create_subscription(DiagnosticArray, 'sequencer/phase', self._on_phase, OUTPUT)
@@ -37,16 +39,54 @@ class Ears:
                          if begin <= stamp < end and stamp in self.truth])
 
 
+class Flange:
+    """
+    Between the rig and its nodes: poses and commands are of a flange, wrenches of turned axes.
+
+    The transforms are computed by scipy, not by the package.
+    """
+
+    PLACE = RigidTransform.from_components([0.02, -0.03, 0.11],
+                                           Rotation.from_euler('xyz', [0.4, -0.3, 1.1]))
+    TURN = [0.1, -0.2, 0.4]
+    TOPICS = ('current_pose', 'target_frame', 'wrench')
+    GIVEN = {'sensor__from_pose': [*PLACE.translation.tolist(),
+                                   *PLACE.rotation.as_quat().tolist()]}
+
+    def __init__(self, live):
+        turned = np.kron(np.eye(2), Rotation.from_rotvec(self.TURN).as_matrix())
+        self._relay(live, PoseStamped, 'rig/current_pose', 'current_pose', 'base',
+                    lambda pose: self._moved(pose, self.PLACE.inv()))
+        self._relay(live, PoseStamped, 'target_frame', 'rig/target_frame', 'base',
+                    lambda pose: self._moved(pose, self.PLACE))
+        self._relay(live, WrenchStamped, 'rig/wrench', 'wrench', 'ft_sensor',
+                    lambda wrench: (np.array(wrench) @ turned).tolist())
+
+    def _moved(self, pose, by):
+        there = RigidTransform.from_components(pose[:3], Rotation.from_quat(pose[3:])) * by
+        return [*there.translation.tolist(), *there.rotation.as_quat().tolist()]
+
+    def _relay(self, live, kind, topic, to, frame, change):
+        write, out = Writer(kind, frame), live.node.create_publisher(kind, to, OUTPUT)
+        live.hear(kind, topic, lambda stamp, values: out.publish(write(stamp, change(values))))
+
+
 @pytest.mark.long
 @pytest.mark.alone
-def test_calibrates_publishes_observes_and_touches(ros_domain, tmp_path):
+@pytest.mark.parametrize('on_flange', [False, True])
+def test_calibrates_publishes_observes_and_touches(ros_domain, tmp_path, on_flange):
     path = tmp_path / 'calibration.yaml'
     with Live() as live:
-        ears = Ears(live)
+        ears = Ears(live, 'rig/target_frame' if on_flange else 'target_frame')
         texts = live.latched(String, 'sequencer/calibration')
-        live.start('sim', seed=5, **RIG_TIME)
+        remap, given = (), {}
+        if on_flange:
+            flange = Flange(live)
+            given = flange.GIVEN | {'identify__sensor_rotation': flange.TURN}
+            remap = [f'{topic}:=rig/{topic}' for topic in flange.TOPICS]
+        live.start('sim', remap=remap, seed=5, **RIG_TIME)
         live.start('observer', use_sim_time=True)
-        live.start('sequencer', save__path=path, **ON_RIG_TIME)
+        live.start('sequencer', save__path=path, **given, **ON_RIG_TIME)
         live.until(lambda: len(ears.truth) > 1000, 'a simulated rig')
         refused = live.call('sequencer/save_calibration')
         assert not refused.success and 'there is no calibration yet' in refused.message

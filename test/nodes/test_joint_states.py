@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 
+from drivers import gantry, joints_at, NAMES, states
 from forcecal_ros.calibration.file import save
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.nodes.parameters import declare
@@ -21,39 +22,7 @@ import pytest
 import rclpy
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
-from rclpy.time import Time
-from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
-
-NAMES = ['x', 'y', 'z', 'yaw', 'pitch', 'roll']
-TOOL = Rotation.from_euler('xyz', [np.pi, 0.0, 0.5])
-"""Far from a pitch of 90 deg at the poses of the rig, where yaw and roll are one."""
-
-
-def gantry():
-    """Return the URDF of three slides and three turns; the sensor is fixed to the last."""
-    parents = ['base', *NAMES]
-    joints = ''.join(
-        f'<joint name="{name}" type="{"prismatic" if k < 3 else "continuous"}">'
-        f'<parent link="{parents[k]}"/><child link="{name}"/>'
-        f'<axis xyz="{" ".join("1" if i == (k if k < 3 else 5 - k) else "0" for i in range(3))}"/>'
-        '</joint>' for k, name in enumerate(NAMES))
-    r, p, y = TOOL.as_euler('xyz')
-    return (f'<robot name="gantry">{joints}<joint name="mount" type="fixed"><parent link="roll"/>'
-            f'<child link="ft_sensor"/><origin rpy="{float(r)!r} {float(p)!r} {float(y)!r}"/>'
-            '</joint></robot>')
-
-
-def joints_at(pose):
-    """Return the positions of the gantry's joints at x y z qx qy qz qw of its sensor."""
-    angles = (Rotation.from_quat(pose[3:]) * TOOL.inv()).as_euler('ZYX')
-    return [*map(float, pose[:3]), *map(float, angles)]
-
-
-def states(stamp, positions, names=NAMES):
-    message = JointState(name=list(names), position=list(positions))
-    message.header.stamp = Time(nanoseconds=int(stamp)).to_msg()
-    return message
 
 
 @pytest.fixture
@@ -90,9 +59,7 @@ def test_contact_wrenches_are_those_of_a_topic(ros_domain, tmp_path, urdf):
             write(stamp, pose), states(stamp, joints_at(pose))))
         for name, given in (('topic', {}), ('joints', {
                 'pose__urdf': urdf, 'pose__base': 'base', 'pose__frame': 'ft_sensor'})):
-            live.start('observer', name, [
-                f'__node:={name}', f'observer/contact_wrench:={name}/contact_wrench'],
-                calibration__file=path, **given)
+            live.start('observer', name, [f'__node:={name}'], calibration__file=path, **given)
         player.until_heard()
         for name in player.heard:
             live.until(lambda name=name: live.call(f'{name}/get_state', GetState)

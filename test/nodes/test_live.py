@@ -55,8 +55,13 @@ def test_a_browser_shows_the_rig_and_starts_it_and_ctrl_c_ends_all(ros_domain, t
             assert post(int(port), '/etc', **{'X-Token': token}) == 404
             assert text(page, 'phase') == 'idle'
             page.run('document.querySelector("[data-ask=calibrate]").click()')
-            page.until('["move", "settle", "measure"].includes('
-                       'document.getElementById("phase").textContent)', PATIENCE)
+            # a busy machine has it answer `wait and start again`, which is done
+            page.until("""["move", "settle", "measure"].includes(
+                document.getElementById("phase").textContent) || (answer => {
+                    if (answer.textContent.includes("start again")) {
+                        answer.textContent = "";
+                        document.querySelector("[data-ask=calibrate]").click();
+                    } })(document.getElementById("answer"))""", PATIENCE)
             started = children(process.pid)
             assert len(started) == 4
         finally:

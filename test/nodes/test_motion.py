@@ -1,7 +1,12 @@
 """Motion safety over DDS: the sequencer as a process, the robot and its faults played here."""
 
+import os
 import re
 import signal
+import subprocess
+import sys
+import tempfile
+import time
 
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.nodes.runtime import OUTPUT
@@ -105,6 +110,14 @@ def now(live):
 def test_nothing_is_commanded_before_start(ready):
     live, robot = ready
     live.until(lambda: live.phases == ['idle'], 'the first word')
+    live.until(lambda: live.call('sequencer/preview').success, 'a preview')
+    assert not live.call('sequencer/abort').success
+    assert not live.call('sequencer/save_calibration').success
+    for sequence in ('contact', 'calibrate'):
+        assert live.set('sequencer', sequence=sequence)[0].successful
+    robot.silent.add('wrench')  # for longer than a pause, and back again
+    live.spin(0.5)
+    robot.silent.clear()
     live.spin(0.5)
     assert not robot.commands
     assert live.phases == ['idle']
@@ -204,7 +217,8 @@ def test_a_preview_shows_the_path_and_a_start_may_require_it(ready):
     drawn = live.latched(MarkerArray, 'sequencer/markers')
     assert live.set('sequencer', motion__require_preview=True)[0].successful
     try:
-        live.until(lambda: 'nothing was shown yet' in live.call('sequencer/start').message, 'no')
+        live.until(lambda: 'look at sequencer/planned_path' in live.call(
+            'sequencer/start').message, 'refusal')
         shown = []
 
         def previewed():
@@ -257,15 +271,60 @@ def test_a_setting_that_makes_no_sense_is_refused_with_a_reason(ready, change, r
     assert not answer.successful and reason in answer.reason
 
 
-def test_a_sequencer_that_is_told_to_go_stops_the_robot_first(ros_domain):
+@pytest.mark.parametrize('signals', [(signal.SIGINT, signal.SIGINT), (signal.SIGTERM,)])
+def test_a_sequencer_that_is_told_to_go_stops_the_robot_first(ros_domain, signals):
     with Live() as live:
         robot = Robot(live)
         start(live)
         until_moving(live, robot)
         asked = now(live)
-        assert live.end('sequencer', signal.SIGINT) == 0
+        for number in signals[:-1]:
+            live.processes['sequencer'].send_signal(number)
+            time.sleep(0.01)  # signals that wait together count as one
+        assert live.end('sequencer', signals[-1]) == 0
         assert_came_to_rest(live, robot, asked)
         assert live.reasons == ['the sequencer node was told to go']
+
+
+DEFECTIVE = """
+import sys
+from forcecal_ros.nodes import sequencer
+from std_msgs.msg import Header
+class Defective(sequencer.Sequencer):
+    where = ''
+    def __init__(self):
+        super().__init__()
+        self.create_subscription(Header, 'break', self.be_broken, 10)
+    def be_broken(self, message):
+        self.where = message.frame_id
+        if self.where == 'subscription':
+            raise RuntimeError('a mistake')
+    def _check(self):
+        if self.where == 'timer':
+            raise RuntimeError('a mistake')
+        super()._check()
+sys.exit(sequencer.run('sequencer', Defective))
+"""
+"""A sequencer with a mistake of ours in it, in one callback or another."""
+
+
+@pytest.mark.parametrize('executor, where', [('events', 'timer'), ('single', 'subscription')])
+def test_a_sequencer_that_fails_stops_the_robot_first(ros_domain, executor, where):
+    with Live() as live, tempfile.NamedTemporaryFile() as said:
+        robot = Robot(live)
+        live.output['sequencer'] = said
+        live.processes['sequencer'] = process = subprocess.Popen(
+            [sys.executable, '-c', DEFECTIVE, '--ros-args', '-p', f'executor:={executor}'],
+            stdout=said, stderr=said, env=os.environ)
+        broken = live.node.create_publisher(Header, 'break', OUTPUT)
+        until_moving(live, robot)
+        del live.processes['sequencer']
+        broken.publish(Header(frame_id=where))
+        live.until(lambda: process.poll() is not None, 'its end')
+        assert_came_to_rest(live, robot)
+        assert process.returncode == 1
+        assert live.reasons == ['an error ends the sequencer node']
+        assert 'RuntimeError: a mistake' in live.said('sequencer')
 
 
 class Time:
@@ -289,23 +348,23 @@ class Time:
 
 def test_a_clock_that_stops_or_jumps_ends_the_motion(ros_domain):
     with Live() as live:
-        time = Time(live)
-        time.timer.cancel()
-        robot = Robot(live, now=time.now)
+        clock = Time(live)
+        clock.timer.cancel()
+        robot = Robot(live, now=clock.now)
         start(live, use_sim_time='true')
         live.until(lambda: '/clock: nothing received' in live.call('sequencer/start').message,
                    'refusal')
-        time.timer.reset()
+        clock.timer.reset()
         until_moving(live, robot)
-        time.stopped_at = time.now()
-        stopped = time.stopped_at
+        clock.stopped_at = clock.now()
+        stopped = clock.stopped_at
         assert_came_to_rest(live, robot, stopped)
         assert live.reasons[-1] == '/clock has stopped'
 
-        time.stopped_at = None
+        clock.stopped_at = None
         robot.commands.clear()
         until_moving(live, robot)
-        time.offset -= 500_000_000
+        clock.offset -= 500_000_000
         live.until(lambda: live.phases[-1] == 'aborted', 'aborted')
         assert live.reasons[-1].startswith(
             ('/clock jumped by -', 'current_pose: the same reading'))
@@ -337,11 +396,10 @@ def test_commands_are_in_the_frame_of_the_poses_and_refused_in_another(ros_domai
             PoseStamped, 'target_frame', lambda message: frames.append(message.header.frame_id),
             OUTPUT)
         start(live)
-        start(live, 'other', ['__node:=other', *(
-            f'sequencer/{name}:=other/{name}' for name in ('start', 'abort', 'save_calibration'))],
-            motion__frame='base')
+        start(live, 'other', ['__node:=other'], motion__frame='base')
         live.until(lambda: "current_pose is in 'base_link', commands would go out in 'base'"
                    in live.call('other/start').message, 'refusal')
+        assert live.end('other', signal.SIGTERM) == 0
         live.spin(0.3)
         assert not robot.commands and set(live.phases) <= {'idle'}
         until_moving(live, robot)

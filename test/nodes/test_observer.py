@@ -89,13 +89,11 @@ def test_node_and_replay_give_the_same_numbers(ros_domain, tmp_path, recording):
     with Live() as live:
         player = Player(live, filters)
         for name in filters:
-            live.start('observer', name, [
-                f'__node:={name}', f'observer/contact_wrench:={name}/contact_wrench'],
-                calibration__file=path, gravity__filter=name, **(IN_FRAMES if name == 'none'
-                                                                 else {}))
+            live.start('observer', name, [f'__node:={name}'], calibration__file=path,
+                       gravity__filter=name, **(IN_FRAMES if name == 'none' else {}))
         elsewhere = {frame: {} for frame in ('tool0', 'base')}
         for frame, heard in elsewhere.items():
-            live.hear(WrenchStamped, f'observer/contact_wrench/{frame}', heard.__setitem__)
+            live.hear(WrenchStamped, f'none/contact_wrench/{frame}', heard.__setitem__)
         player.until_heard()
         for name in filters:
             live.until(lambda: live.call(f'{name}/get_state', GetState).current_state.label

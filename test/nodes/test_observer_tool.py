@@ -42,16 +42,16 @@ def test_an_inertia_that_is_not_given_stays_as_calibrated():
 def test_a_tracked_tool_is_published_and_taken_by_those_who_want_it(ros_domain, tmp_path):
     save(calibration(), tmp_path / 'c.yaml')
     recording, mass, _ = on_the_rig(1.0, start=1.5, parts=TURNS[:3])
-    expected = follow(recording, calibration()).told[-1]
+    expected = follow(recording, calibration()).announced[-1]
     names = ('tracking', 'told')
     with Live() as live:
         heard = live.latched(InertiaStamped, 'observer/tool')
         drawn = []
-        live.node.create_subscription(MarkerArray, 'observer/markers', drawn.append, OUTPUT)
+        live.node.create_subscription(MarkerArray, 'tracking/markers', drawn.append, OUTPUT)
         player = Player(live, names)
         for name in names:
             live.start('observer', name, [
-                f'__node:={name}', f'observer/contact_wrench:={name}/contact_wrench'],
+                f'__node:={name}', '~/tool:=observer/tool'],
                 calibration__file=tmp_path / 'c.yaml', tool='tracked',
                 payload__track='true' if name == 'tracking' else 'false')
         player.until_heard()

@@ -1,14 +1,26 @@
-"""Presets: every name in them is one of the nodes', every value is one that its row allows."""
+"""Presets: their names and values are those of the nodes, and they lead what they are for."""
 
+from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
 
+from drivers import FrameTransforms, gantry, joints_at, Servo, states
+from forcecal_ros.calibration.file import save
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.nodes.config import TABLES
 from forcecal_ros.nodes.impedance_settings import settings_of as impedance_settings
 from forcecal_ros.nodes.observer_settings import settings_of as observer_settings
 from forcecal_ros.nodes.presets import CONTROLLERS, preset_file, read_preset, ROBOTS, topic_of
+from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.nodes.sequencer_settings import settings_of as sequencer_settings
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from live import Live, Robot
+import numpy as np
+from observing import calibration
 import pytest
+from rclpy.qos import qos_profile_sensor_data, qos_profile_system_default
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'robots.md'
 CHECKS = {'sequencer': sequencer_settings, 'observer': observer_settings,
@@ -51,3 +63,143 @@ def test_robots_ask_for_a_preview_and_the_controller_counts_before_the_robot():
     assert topic_of('current_pose', 'x', 'ur', '') == '/tcp_pose_broadcaster/pose'
     assert topic_of('wrench', 'x', *both) == '/force_torque_sensor_broadcaster/wrench'
     assert topic_of('optidrive', 'x', *both) == 'x'
+    assert topic_of('joint_trajectory', 'x', 'kuka_fri', 'joint_trajectory_controller') == (
+        '/lbr/joint_trajectory_controller/joint_trajectory')
+    assert topic_of('joint_trajectory', 'x', 'ur', 'admittance_controller') == (
+        '/joint_trajectory_controller/joint_trajectory')
+
+
+QUICK = {'watch__pause_timeout': 2.0, 'watch__lost_timeout': 5.0, 'timing__measure': 0.2,
+         'timing__ring': 0.2, 'settle__window': 0.1, 'pace__angular_speed': 0.4,
+         'limits__workspace_max': [1.3, 0.4, 1.4]}
+"""A cell of one's own, of a machine that may be busy."""
+
+JOINTS = [f'joint_{i}' for i in range(1, 7)]
+
+
+class Driven:
+    """
+    What moves a robot by the presets, and what its drivers say meanwhile.
+
+    Attributes
+    ----------
+    moving : list of bool
+        Of every command that was heard.
+    """
+
+    def __init__(self, live, topics, settings, period, qos):
+        self.live, self.moving, self._last = live, [], None
+        self.robot = Robot(live, commands=False, names=topics, qos=qos, period=period)
+        self.robot.silent.add('accelerometer/raw')
+        self._base, self._frame = settings['pose.base'], settings['pose.frame']
+        self._names = settings['joints.names']
+        self._states = live.node.create_publisher(
+            JointState, topics.get('joint_states', 'joint_states'), qos_profile_system_default)
+        self.positions = [0.1] * len(self._names)
+        if self._base:
+            self.robot.silent.add('current_pose')
+            self._transforms = FrameTransforms(live) if find_spec('tf2_msgs') else None
+        live.node.create_timer(period, self._say)
+        {'target_frame': self._follow_poses, 'joint_trajectory': self._follow_joints,
+         'delta_twist_cmds': self._follow_twists}[settings['motion.backend']](
+            topics[settings['motion.backend']])
+
+    def stopped_in_motion(self):
+        """Start, abort in the midst of a move; return how many commands came before the answer."""
+        live, calls = self.live, ('sequencer/preview', 'sequencer/start')
+
+        def moving():
+            if live.phases[-1:] in ([], ['idle'], ['aborted']):  # or too busy to go on
+                live.phases.clear()
+                live.until(lambda: all(live.call(name).success for name in calls), 'start')
+            return len(self.moving) > 5 and all(self.moving[-5:])
+
+        live.until(moving, 'motion')
+        assert live.call('sequencer/abort').success
+        asked = len(self.moving)
+        live.until(lambda: live.phases[-1] == 'aborted' and not any(self.moving[-5:]), 'rest')
+        live.spin(0.3)
+        return asked
+
+    def _say(self):
+        now, pose = self.robot.now(), self.robot.pose
+        self._states.publish(states(now, self.positions, self._names))
+        if not self._base:
+            return
+        pose = (*(pose[:3] + self.robot.rng.normal(0.0, 2e-5, 3)), *pose[3:])
+        if self._transforms is None:
+            self._states.publish(states(now, joints_at(pose)))
+        else:
+            self._transforms.say(now, self._base, self._frame, pose)
+
+    def _follow_poses(self, topic):
+        def take(stamp, pose):
+            self.moving.append(self._last not in (None, pose))
+            self._last = self.robot.pose = pose
+        self.live.hear(PoseStamped, topic, take)
+
+    def _follow_twists(self, topic):
+        servo = Servo(self.live, self.robot, topic)
+        self.live.hear(servo.message_type, topic,
+                       lambda stamp, twist: self.moving.append(any(twist)))
+
+    def _follow_joints(self, topic):
+        def take(message):  # what joint_trajectory_controller takes, and nothing else
+            first, last = message.points
+            assert list(message.joint_names) == list(self._names) and not any(last.velocities)
+            self.positions = list(first.positions)
+            self.moving.append(any(first.velocities))
+        self.live.node.create_subscription(JointTrajectory, topic, take, 2000)
+
+
+def cell(robot, controller, folder):
+    """Return parameter files and settings of the presets, topics, and what one's own cell adds."""
+    files = [preset_file(name) for name in (robot, controller) if name]
+    settings = {row.name: row.default for row in TABLES['sequencer'][0]}
+    for file in files:
+        settings |= read_preset(file.stem)['sequencer']
+    usual = {name: name for name in ARGUMENTS} | {'contact_wrench': 'observer/contact_wrench'}
+    topics = {name: topic_of(argument, name, robot, controller)
+              for argument, name in usual.items()}
+    own, poses = dict(QUICK), {}
+    if settings['motion.backend'] == 'joint_trajectory':
+        if settings['joints.names'] == ['']:
+            settings['joints.names'] = JOINTS
+            own['joints__names'] = f'[{", ".join(JOINTS)}]'
+        home = np.full(len(settings['joints.names']), 0.1)
+        own |= {'poses__names': '[v, tilted]', 'joints__away': home.tolist(),
+                'poses__values': [1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0] * 2,
+                'joints__values': [*home.tolist(), *(home + 0.4).tolist()]}
+    if settings['pose.base'] and not find_spec('tf2_msgs'):
+        urdf = gantry(settings['pose.base'], settings['pose.frame'])
+        (folder / 'robot.urdf').write_text(urdf)
+        poses['pose__urdf'] = str(folder / 'robot.urdf')
+    return files, settings, topics, own, poses
+
+
+@pytest.mark.parametrize('robot, controller, rate, qos', [
+    ('broadcaster', 'joint_trajectory_controller', 500, qos_profile_system_default),
+    ('ur', 'moveit_servo', 500, qos_profile_system_default),
+    ('ur', 'admittance_controller', 500, qos_profile_system_default),
+    ('franka', 'cartesian_controllers', 1000, qos_profile_sensor_data),
+    ('kuka_fri', '', 100, qos_profile_system_default)])
+def test_presets_lead_a_robot_on_the_topics_of_its_drivers_and_stop_it(
+        ros_domain, tmp_path, robot, controller, rate, qos):
+    files, settings, topics, own, poses = cell(robot, controller, tmp_path)
+    save(calibration(), tmp_path / 'c.yaml')
+    remap, contact = [f'{name}:={topic}' for name, topic in topics.items()], []
+    with Live() as live:
+        driven = Driven(live, topics, settings, 1.0 / rate, qos)
+        live.node.create_subscription(
+            WrenchStamped, topics['observer/contact_wrench'], contact.append, OUTPUT)
+        live.start('sequencer', remap=remap, files=files, **own, **poses)
+        live.start('observer', remap=remap, files=files, calibration__file=tmp_path / 'c.yaml',
+                   **poses)
+        live.until(lambda: 'nothing was shown' in live.call('sequencer/start').message, 'refusal')
+        live.until(lambda: live.call('sequencer/preview').success, 'a robot at rest')
+        live.until(lambda: len(contact) > 20, 'contact wrenches')
+        assert not driven.moving  # nothing is commanded before a start
+        asked = driven.stopped_in_motion()
+    after = driven.moving[asked:]
+    assert sum(after) / settings['motion.rate'] <= 0.1
+    assert not any(after[-5:]) and (False, True) not in pairwise(after)

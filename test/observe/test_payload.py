@@ -213,7 +213,7 @@ def test_on_the_rig(loaded):
     last = result.tools[-1]
     assert last.mass == pytest.approx(mass, rel=0.01)
     np.testing.assert_allclose(last.com, com, atol=2e-3)
-    settled = result.contact.t > result.told[-1].t + 1.0
+    settled = result.contact.t > result.announced[-1].t + 1.0
     assert settled.sum() > 1000
     # the payload is no contact any more: 1 % of the weight
     assert np.abs(result.contact.contact[settled, :3].mean(axis=0)).max() < 1.4

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 
+from forcecal_ros.commands.node import NODES
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -94,6 +95,12 @@ def test_command_runs_from_the_workspace(workspace):
     out, err = process.communicate(timeout=START_SECONDS)
     assert process.returncode == 0, err
     assert 'calibrate' in out
+
+
+def test_every_executable_is_where_ros2_run_looks_and_in_no_path(workspace):
+    install = workspace / 'install' / PACKAGE
+    assert {path.name for path in (install / 'lib' / PACKAGE).iterdir()} == {'forcecal', *NODES}
+    assert not (install / 'bin').exists()
 
 
 def test_workspace_uses_its_own_copy(workspace):

@@ -1,7 +1,7 @@
 """What is installed is whole, and says the same about itself in every place."""
 
 import ast
-from importlib.metadata import entry_points, requires, version
+from importlib.metadata import version
 from pathlib import Path
 import re
 import shutil
@@ -11,23 +11,20 @@ import tarfile
 from xml.etree import ElementTree
 import zipfile
 
+from forcecal_ros import entry
+from forcecal_ros.commands.node import NODES
+from forcecal_ros.extras import BESIDE_APT
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = 'forcecal_ros'
-COMMANDS = {'forcecal', 'gap', 'impedance', 'observer', 'sequencer', 'sim'}
 SHARE = ('config/**/*.yaml', 'launch/*.launch.py', 'layouts/*.*', 'package.xml')
 INSIDE = ('**/*.py', 'config/*.yaml', 'config/*/*.yaml', '**/*.html.j2', '**/*.xml')
-ROSDEP_KEYS = {  # name in an import -> key; a key that ends in -pip exists for pip alone
-    'control': 'python-control-pip', 'jinja2': 'python3-jinja2',
-    'matplotlib': 'python3-matplotlib', 'numba': 'python3-numba', 'numpy': 'python3-numpy',
-    'rosbags': 'python3-rosbags-pip', 'scipy': 'python3-scipy', 'tqdm': 'python3-tqdm',
-    'yaml': 'python3-yaml',
+ROSDEP_KEYS = {  # name in an import -> key
+    'jinja2': 'python3-jinja2', 'matplotlib': 'python3-matplotlib', 'numpy': 'python3-numpy',
+    'scipy': 'python3-scipy', 'yaml': 'python3-yaml',
 }
 PIP_NAMES = {'yaml': 'pyyaml', 'backports': 'backports-zstd'}
-BROUGHT_BY_ROSBAGS = {'backports', 'lz4'}
-"""Imports that rosdep has no key for: rosbags, which rosdep installs with pip, requires them."""
-
 OPTIONAL = {'scale': {'distributed', 'joblib'}, 'plots': {'plotly'},
             'mujoco': {'mujoco'}}
 """Extra -> what it brings."""
@@ -65,10 +62,6 @@ def _names(requirements):
     return {re.match(r'[\w.-]+', line)[0].replace('.', '-').lower() for line in requirements}
 
 
-def _required_by(distribution):
-    return _names(line for line in requires(distribution) or [] if 'extra ==' not in line)
-
-
 def _asked_of_pip(what):
     """Return what setup.py asks pip for, read from this tree and not from what is installed."""
     ask = ('import setuptools; from distutils.core import run_setup; '
@@ -99,17 +92,22 @@ def test_package_xml_and_setup_agree_about_license_and_maintainer():
     assert _setup('--maintainer-email') == manifest.find('maintainer').get('email')
 
 
-def test_every_import_is_declared_to_rosdep():
+def test_rosdep_is_asked_for_every_import_that_apt_has_and_for_nothing_of_pip():
     declared = {node.text for node in _manifest().findall('exec_depend')}
-    missing = {ROSDEP_KEYS.get(name, name) for name in _imported() - BROUGHT_BY_ROSBAGS
-               if ROSDEP_KEYS.get(name, name) not in declared}
-    assert not missing
-    assert {PIP_NAMES.get(name, name) for name in BROUGHT_BY_ROSBAGS} <= _required_by('rosbags')
+    assert {ROSDEP_KEYS.get(name, name) for name in _imported() - BESIDE_APT} <= declared
+    assert {key for key in declared if key.startswith('python')} == {*ROSDEP_KEYS.values()}
+
+
+@pytest.mark.parametrize('node', ['sequencer', 'observer', 'impedance'])
+def test_a_node_on_a_robot_wants_nothing_that_apt_does_not_have(node):
+    loads = ['forcecal_ros.identify.pipeline', f'forcecal_ros.nodes.{node}']
+    code = f'import sys; sys.modules.update(dict.fromkeys({BESIDE_APT}))'
+    _run(sys.executable, '-c', '\n'.join([code, *(f'import {name}' for name in loads)]))
 
 
 def test_every_import_is_declared_to_pip():
     imported = {PIP_NAMES.get(name, name) for name in _imported()
-                if name in ROSDEP_KEYS or name in BROUGHT_BY_ROSBAGS}
+                if name in ROSDEP_KEYS or name in BESIDE_APT}
     assert _asked_of_pip('install_requires') == imported
 
 
@@ -118,11 +116,9 @@ def test_what_is_optional_is_declared_as_such(extra):
     assert _asked_of_pip(f'extras_require["{extra}"]') == OPTIONAL[extra]
 
 
-def test_every_command_resolves_to_a_function():
-    scripts = {point.name: point for point in entry_points(group='console_scripts')
-               if point.value.startswith(f'{PACKAGE}.')}
-    assert set(scripts) == COMMANDS
-    assert all(callable(point.load()) for point in scripts.values())
+@pytest.mark.parametrize('name', ['forcecal', *NODES])
+def test_every_executable_is_a_function(name):
+    assert callable(getattr(entry, name))
 
 
 @pytest.fixture(scope='module')
@@ -175,11 +171,13 @@ def test_source_archive_holds_all_that_the_tree_holds(archives, project_files):
 
 
 @pytest.mark.workspace
-def test_pip_puts_the_commands_where_a_shell_finds_them(archives, tmp_path):
+def test_pip_puts_the_one_command_where_a_shell_finds_it(archives, tmp_path):
+    """And no name as common as sim, which ros2 run needs in lib/ only: see test_colcon.py."""
     _run(sys.executable, '-m', 'venv', '--without-pip', tmp_path)
+    before = {path.name for path in (tmp_path / 'bin').iterdir()}
     _run(sys.executable, '-m', 'pip', '--python', tmp_path / 'bin' / 'python', 'install',
          '--no-deps', '--disable-pip-version-check', archives[1])
-    assert {path.name for path in (tmp_path / 'bin').iterdir()} >= COMMANDS
+    assert {path.name for path in (tmp_path / 'bin').iterdir()} - before == {'forcecal'}
     site, = tmp_path.glob('lib/python*/site-packages')
     where = _run(tmp_path / 'bin' / 'python', '-c', f'import {PACKAGE}; print({PACKAGE}.__file__)',
                  cwd=tmp_path)

@@ -99,3 +99,18 @@ def test_a_sensor_whose_name_leads_elsewhere_is_refused(tmp_path, name):
                     .replace("'a\\x00b'", '"a\\0b"'))
     with pytest.raises(ConfigError):
         load_spec(path)
+
+
+def test_commands_leave_a_node_in_one_place_which_asks_a_motion_that_was_started():
+    def callers(method):
+        return {function.name for path, function in nodes() if path.parts[0] == 'nodes'
+                and isinstance(function, ast.FunctionDef) for call in ast.walk(function)
+                if isinstance(call, ast.Call) and isinstance(call.func, ast.Attribute)
+                and call.func.attr == method
+                and ast.unparse(call.func.value) in ('self', 'self._backend')}
+
+    assert callers('send') == {'_step'}
+    assert callers('_step') == {'_tick', '_watch_clock', 'halt'}
+    commands = [path.as_posix() for path, node in nodes() if isinstance(node, ast.FunctionDef)
+                and node.name == '_publish' and ast.unparse(node.args).endswith('raw: bytes')]
+    assert commands == ['nodes/backends.py']

@@ -25,8 +25,8 @@ from forcecal_ros.recording.bags import (
 )
 from forcecal_ros.recording.bags.signals import messages_of
 from forcecal_ros.recording.checks.entry import checked
-from forcecal_ros.recording.required import require
 from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
+from forcecal_ros.recording.topics import require
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader

@@ -428,6 +428,8 @@ def test_quaternions_and_matrices_of_another_order_do_not_turn_as_the_weight_doe
     assert moved(tmp_path, q, quaternion_xyzw='').notes == ()
     with pytest.raises(DataError, match='in the order w, x, y, z'):
         moved(tmp_path, q[:, [3, 0, 1, 2]], quaternion_xyzw='')
+    with pytest.raises(DataError, match='if it is that of base in the sensor'):
+        moved(tmp_path, R.inv().as_quat(), quaternion_xyzw='')
     with pytest.raises(DataError, match='rows are columns'):
         moved(tmp_path, R.as_matrix().reshape(-1, 9), R_sensor_base='')
 
@@ -437,6 +439,8 @@ def test_a_wrench_in_base_is_not_blamed_on_the_orientation(tmp_path):
     for seen, key in ((R, 'R_base_sensor'), (R.transpose(0, 2, 1), 'R_sensor_base')):
         one = moved(tmp_path, seen.reshape(-1, 9), in_base=True, **{key: ''})
         assert len(one.signals['pose']) == 400
+    q = weighed()[1].as_quat()
+    assert len(moved(tmp_path, q, in_base=True, quaternion_xyzw='').signals['pose']) == 400
 
 
 def poses_alone(folder, t, angles, unit):

@@ -4,7 +4,7 @@ from bag_samples import header, small_recording, START_NS, STORE, wrench_message
 from forcecal_ros.errors import DataError
 from forcecal_ros.identify.pipeline import identify
 from forcecal_ros.recording.bags import read_recording, write_recording
-from forcecal_ros.recording.required import require
+from forcecal_ros.recording.topics import require
 import pytest
 
 

@@ -125,6 +125,25 @@ def test_other_causes_are_explained_and_an_ambiguous_verdict_says_what_tells_the
     assert step == Step('Record phase step: why.')
 
 
+def test_probabilities_of_effects_that_act_together_are_said_to():
+    two = replace(IDENTIFIED, verdict='unknown', reason='a gap', effects=(), candidates=(
+        ('unknown', 0.73), ('wrench_crosstalk', 0.28), ('wrench_saturation', 0.27)))
+    said = {one.label: one.words for one in facts(view_without_signals(two), NEXT)}
+    assert said['How sure'].endswith('; several may act at once.')
+    one = replace(two, candidates=(('unknown', 0.72), ('wrench_crosstalk', 0.28)))
+    said = {one.label: one.words for one in facts(view_without_signals(one), NEXT)}
+    assert 'at once' not in said['How sure']
+
+
+def test_a_report_without_a_gap_says_which_effects_would_not_have_shown():
+    none = replace(IDENTIFIED, verdict='no_gap', effects=(), not_excited=())
+    hidden = replace(none, not_excited=tuple('abcdefgh'))
+    said = [next(f.words for f in facts(view_without_signals(d), NEXT) if f.label == 'How sure')
+            for d in (none, hidden)]
+    shown = 'Every effect looked for would have shown at its usual size'
+    assert said == [f'{shown}.', f'{shown}, except a, b, c, d, e, f, and 2 more.']
+
+
 def test_the_first_sentence_says_what_how_large_how_sure_and_how_much_it_explains():
     assert headline(IDENTIFIED) == ('The wrench comes 4.00 ± 0.14 ms late (97 % sure). Adding it '
                                     'explains 98 % of the misfit (95 % interval: 97 to 99 %).')
@@ -137,7 +156,7 @@ def test_the_facts_name_place_time_and_next_command():
     assert said['Where'].words == ('force.y in phase step, 8 to 16 Hz: 12 times the noise; then '
                                    'torque.x in contact.')
     # of two steps the one with most of the misfit
-    assert said['When'].words == 'Plainest from 10.00 to 12.00 s, in phase step.'
+    assert said['When'].words == 'Most visible from 10.00 to 12.00 s, in phase step.'
     assert said['Next'].command == 'forcecal simulate' and 'In full' not in said
 
 

@@ -16,6 +16,7 @@ from forcecal_ros.reproduce.assess import (
     settling_time,
 )
 from forcecal_ros.reproduce.closed_loop import feedback_of, run_closed_loop
+from forcecal_ros.reproduce.error_analysis import error_poles, with_printed_gain
 from forcecal_ros.reproduce.experiment import rehearse
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.simulator import Simulator
@@ -100,6 +101,18 @@ def test_observer_knows_the_force_in_contact(runs):
     assert kalman.force_error < 0.2 * kalman.contact_force
 
 
+def test_the_gain_that_the_paper_prints_closes_the_loop(calibration, runs):
+    paper = with_printed_gain(calibration, 'acc1')
+    poles = error_poles(paper.observer.K.value)
+    assert poles == pytest.approx((4.6, 1.08), rel=0.01)
+    fed_back = run(calibration, 'printed')
+    again = replay(fed_back.recording, paper, ObserverSettings('newton'))
+    n = len(fed_back.feedback)
+    assert n > 0.99 * len(again.t)
+    assert np.abs(again.contact[:n, 0] - fed_back.feedback.values[:, 0]).max() < 1e-9
+    assert assess(fed_back, runs['true'], PROGRAM).force_error < 1.0
+
+
 def test_true_force_has_no_error_to_assess(runs):
     ideal = assess(runs['true'], runs['true'], PROGRAM)
     assert ideal.phantom_peak == ideal.strayed == ideal.force_error == 0.0
@@ -119,7 +132,7 @@ def test_settling_ends_where_the_force_stays_within_its_band():
 
 
 def test_unknown_feedback_is_refused_with_the_choices(calibration):
-    with pytest.raises(ConfigError, match='raw, static, newton, kalman'):
+    with pytest.raises(ConfigError, match='raw, static, printed, newton, kalman'):
         feedback_of('guess', calibration)
 
 

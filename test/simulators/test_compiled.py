@@ -44,7 +44,7 @@ def test_simulator_compiles_one_form_of_each_function():
     entries = [COMPILED[f'forcecal_ros.{m}', f] for m, f in (
         ('simulators.rig.robot', 'move'), ('simulators.rig.tool', 'slide_along'),
         ('simulators.rig.sensors', 'respond'),
-        ('effects.filters', '_filter'), ('effects.hysteresis', '_stop'))]
+        ('effects.filters', '_filter'), ('effects.filters', '_stop'))]
     assert [len(entry.signatures) for entry in entries] == [1] * len(entries)
 
 

@@ -6,7 +6,11 @@ from dataclasses import replace
 from forcecal_ros.diagnose.inputs.accelerometer import in_volts
 from forcecal_ros.diagnose.inputs.dataset import Dataset, held_apart, made_up, STILL
 from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
-from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool, SimulatedTool
+from forcecal_ros.diagnose.inputs.simulated_tool import (
+    refuse_other_wrench,
+    simulated_tool,
+    SimulatedTool,
+)
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.noise.autoregression import FEWEST
@@ -97,6 +101,7 @@ def prepare_simulated(recording: Recording, simulated: Recording, tool: Simulate
     first, n = span(recording, simulated)
     known = tool or simulated_tool(
         replace(simulated, accelerometer=None), first, n, rig).with_accelerometer()
+    refuse_other_wrench(recording, known)
     moved = replace(recording, accelerometer=None)
     simulation = RecordedSimulation(moved, simulated, first, n, 'acc1', known.simulated)
     nominal = simulation.signals(known.rigid_tool)

@@ -9,6 +9,13 @@ from forcecal_ros.effects.rig import NominalTolerances, Rig, Tool
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, skew
 from forcecal_ros.identify.moving_tool import inertia_regressor, symmetric
+from forcecal_ros.recording.checks.at_rest import (
+    is_elsewhere,
+    refuse_other_axes,
+    untouched_at_rest,
+)
+from forcecal_ros.recording.checks.frame_faults import as_in_base, refuse_other_frame
+from forcecal_ros.recording.checks.frames import judge
 from forcecal_ros.recording.streams import phase_spans, Recording, TOUCHING
 from forcecal_ros.simulators.rigid_tool import CarriedTool, GYRATION, rigid_tool_of_rig, RigidTool
 from forcecal_ros.simulators.signals import BLOCK, block_means, RATE
@@ -33,6 +40,22 @@ much as a tool's weight would move that.
 
 OUTLIER = 1.345
 """Residual, in its scale, from which it counts linearly: Huber's, 95 % efficient on Gaussians."""
+
+
+OTHER_FRAME = 0.05
+"""
+Share of a simulated weight that its own frame must leave before another is believed: 3 degrees of
+turn leave so much, what inertia leaves of slow motion is less.
+"""
+
+HARDLY_BETTER = 0.5
+"""
+Share of what a weight of the other sign leaves that another frame must leave to be believed:
+another frame halves it at the least from 12 degrees on, and leaves as much where the sign is it.
+"""
+
+SIMULATE_IT = 'simulate the tool that hung there, or let the driver leave its weight in'
+"""What to do where another tool hung on the robot than in the simulation."""
 
 
 class SimulatedTool(NamedTuple):
@@ -92,17 +115,19 @@ def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig) 
     Raises
     ------
     DataError
-        The wrench holds no weight, or that of a tool that falls up.
+        The wrench holds no weight, or that of a tool that falls up, or is in another frame.
     """
+    vertical = _require_own_axes(simulated, rig)
     motion = CarriedTool(simulated, start, n_blocks, 'acc1')
     tool, bias, unexplained = tool_along(motion, simulated, rig)
     if tool[0] < -LIGHTEST:
         raise DataError("the simulated wrench has the other sign: at rest it must be the tool's "
-                        f'weight, pointing down, and shows {tool[0]:.2f} kg; give '
-                        '--simulated-wrench-sign -1')
+                        f'weight, pointing down, and shows {tool[0]:.2f} kg; turn it in the '
+                        'simulator, or of a recording give --simulated-wrench-sign -1')
     if tool[0] < LIGHTEST:
-        raise DataError(f'the simulated wrench holds no weight of a tool ({tool[0]:.3f} kg); let '
-                        'the simulator publish the wrench without compensation')
+        raise DataError(f'the simulated wrench holds no weight of a tool ({tool[0]:.3f} kg)'
+                        f'{vertical}; let the simulator publish the wrench in the frame of its '
+                        'sensor, without compensation')
     rigid_tool = rigid_tool_of_rig(replace(
         rig, tool=with_moments(rig.tool, tool), effects=(), optidrive=None,
         wrench_sensor=replace(rig.wrench_sensor, gain=(1.0,) * 6, bias=tuple(bias.tolist())),
@@ -111,6 +136,46 @@ def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig) 
     force, torque = (float(np.sqrt(np.mean(unexplained[:, part] ** 2)))
                      for part in (slice(0, 3), slice(3, 6)))
     return SimulatedTool(replace(rigid_tool, spreads=spreads), (force, torque))
+
+
+def _require_own_axes(simulated: Recording, rig: Rig) -> str:
+    """Refuse a simulated wrench in another frame than its pose; say if it stays vertical."""
+    gravity = np.array(rig.gravity)
+    found = untouched_at_rest(simulated, gravity, short=True)
+    if found is None:
+        return ''
+    judgement = judge(found.forces)
+    best, plain = judgement.likely[0], judgement.plain
+    # a weight that falls up in its own frame has the other sign, and is told so by its mass
+    upside_down = plain.mass < 0.0 and best.rms > HARDLY_BETTER * plain.rms
+    # without noise another frame always fits a little better than rounding
+    if is_elsewhere(judgement) and not upside_down and plain.rms > OTHER_FRAME * judgement.changes:
+        try:
+            refuse_other_frame(judgement, gravity / np.linalg.norm(gravity))
+        except DataError as error:
+            cause = str(error).rpartition(';')[0]
+            raise DataError(f'the simulated {cause}; let the simulator publish it in the frame '
+                            'of its pose') from error
+    return as_in_base(judgement)
+
+
+def refuse_other_wrench(real: Recording, tool: SimulatedTool) -> None:
+    """
+    Refuse a robot's wrench whose frame, axes, sign or units are not those of a simulator's tool.
+
+    Parameters
+    ----------
+    real : Recording
+        The robot's, with a pose.
+
+    Raises
+    ------
+    DataError
+        Names cause and remedy.
+    """
+    rigid = tool.rigid_tool
+    refuse_other_axes(real, rigid.tool.mass, np.array(rigid.tool.com), np.array(rigid.gravity),
+                      SIMULATE_IT, short=True)
 
 
 def tool_along(motion: CarriedTool, recording: Recording, rig: Rig

@@ -5,17 +5,17 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
-from forcecal_ros.diagnose.localise import spectral_lines
+from forcecal_ros.diagnose.localise import time_frequency
 from forcecal_ros.diagnose.localise.predictability import (
     Predictability,
     predictability_of,
     PREDICTABLE,
 )
-from forcecal_ros.diagnose.localise.spectral_lines import Line
 from forcecal_ros.diagnose.localise.time_frequency import (
     BANDS,
     count_impulses,
     IMPULSES,
+    Line,
     STRONG,
     time_frequency_bins,
     TimeFrequencyBin,
@@ -195,7 +195,7 @@ def lines_of(model: LinearisedModel) -> tuple[Line, ...]:
         for name in ('wrench', 'accelerometer', 'optidrive'):
             if name in dataset.measured.streams:
                 rows = dataset.measured.samples(name, signals)
-                lines += spectral_lines.lines(rows, getattr(dataset.recording, name).rate, name)
+                lines += time_frequency.lines(rows, getattr(dataset.recording, name).rate, name)
     band = model.datasets[0].simulation.band
     return tuple(line for line in lines if line.frequency < band)
 
@@ -220,7 +220,7 @@ def unexplained(summary: ResidualSummary) -> UnexplainedPart:
         (several / IMPULSES,
          f'{several} impulses in {CHANNELS[int(impulses.argmax())].name}')]
     if line is not None:
-        options.append((line.power / spectral_lines.LINE,
+        options.append((line.power / time_frequency.LINE,
                         f'a line at {line.frequency:.2f} Hz in {line.channel}'))
     return UnexplainedPart(*max(options))
 

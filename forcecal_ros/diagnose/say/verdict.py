@@ -60,8 +60,8 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
         return 'no_gap', f'the recalibrated rig explains {what} down to its noise'
     if closed is not None and closed < 0.0:
         more = f'; unexplained: {part.words}' if significant else ''
-        return 'unknown', (f'no effect of the library explains the gap: {listed} fits what it was '
-                           f'fitted to and makes the rest worse{more}')
+        return 'unknown', (f'no effect of the library explains the gap: adding {listed} makes '
+                           f'what was held out worse{more}')
     if at_limit:
         return 'unknown', (f'no effect of the library explains the gap: {closest}, but '
                            f'{" and ".join(at_limit)} is as large as that can be: another '

@@ -14,8 +14,8 @@ from forcecal_ros.observe.payload.tracker import Tracker
 from forcecal_ros.observe.playback import as_calibrated, collected, events
 from forcecal_ros.observe.sample import ContactEstimate, ContactSample
 from forcecal_ros.observe.settings import ObserverSettings
-from forcecal_ros.recording.required import naming
 from forcecal_ros.recording.streams import Recording
+from forcecal_ros.recording.topics import naming
 
 FADE = 0.5
 """Over which another tool is faded in, as ``takeover.duration`` of the node [s]."""
@@ -31,14 +31,14 @@ class Followed(NamedTuple):
         Of the tool as it was known by then.
     tools : tuple of ToolEstimate
         One for every block of some 50 ms.
-    told : tuple of ToolEstimate
+    announced : tuple of ToolEstimate
         Those that the contact wrench was taken from then on, the calibration's first.
     changes : tuple of Change
     """
 
     contact: ContactEstimate
     tools: tuple[ToolEstimate, ...]
-    told: tuple[ToolEstimate, ...]
+    announced: tuple[ToolEstimate, ...]
     changes: tuple[Change, ...]
 
 
@@ -69,12 +69,13 @@ def follow(recording: Recording, calibration: Calibration,
              'pose': live.on_pose, 'displacement': live.on_displacement}
     samples: list[ContactSample] = []
     tools: list[ToolEstimate] = []
-    told = [tracker.told._replace(t=float(recording.pose.t[0]))]
+    announced = [tracker.announced._replace(t=float(recording.pose.t[0]))]
     for t, kind, values in events(recording):
         samples.extend(takes[kind](t, values))
         if tracker.latest.t > (tools[-1].t if tools else -inf):
             tools.append(tracker.latest)
-        if tracker.told.t > told[-1].t:
-            told.append(tracker.told)
+        if tracker.announced.t > announced[-1].t:
+            announced.append(tracker.announced)
     samples.extend(live.finish())
-    return Followed(collected(live.state, samples), tuple(tools), tuple(told), tracker.changes)
+    return Followed(collected(live.state, samples), tuple(tools), tuple(announced),
+                    tracker.changes)

@@ -41,7 +41,7 @@ class Tracker:
     model : PayloadModel
     latest : ToolEstimate
         Of the last block.
-    told : ToolEstimate
+    announced : ToolEstimate
         What :meth:`news` returned last.
     """
 
@@ -54,7 +54,7 @@ class Tracker:
         self._state = begin(self.model)
         self._rows: list[tuple[float, ...]] = []
         self._newest = nan
-        self.latest = self.told = estimate(self._state, self.model)
+        self.latest = self.announced = estimate(self._state, self.model)
 
     def take(self, sample: ContactSample, state: State, model: Model) -> ToolEstimate | None:
         """Take in a sample of the chain, and what the chain was then; None between blocks."""
@@ -85,14 +85,14 @@ class Tracker:
         one after a change; not more often than once in ``RETELL``.
         """
         now, model = self.estimate, self.model
-        if now.state != TRACKING or self.told.t <= now.t < self.told.t + RETELL:
+        if now.state != TRACKING or self.announced.t <= now.t < self.announced.t + RETELL:
             return None
-        more = now.mass - self.told.mass
-        moment = now.mass * now.com - self.told.mass * self.told.com
+        more = now.mass - self.announced.mass
+        moment = now.mass * now.com - self.announced.mass * self.announced.com
         force, torque = np.sqrt(model.floor[[0, 3], [0, 3]]) / model.gravity
         if abs(more) <= force and np.linalg.norm(moment) <= torque:
             return None
-        self.told = now
+        self.announced = now
         return now
 
     @property

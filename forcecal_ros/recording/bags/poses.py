@@ -169,13 +169,13 @@ def pose_of_joints(bag: Bag, named: str, joint_states: Topic | None) -> tuple[Se
     if not drivers:
         raise DataError(f'{named}: no joint moves between {base} and {link}; name the frame of '
                         'the sensor and that of the base')
-    told = _reported_joints(bag, joint_states, drivers, named)
-    busiest = max(told.values(), key=lambda one: len(one.stamp_ns)).stamp_ns
-    stamps = busiest[(busiest >= max(one.stamp_ns[0] for one in told.values()))
-                     & (busiest <= min(one.stamp_ns[-1] for one in told.values()))]
+    reported = _reported_joints(bag, joint_states, drivers, named)
+    busiest = max(reported.values(), key=lambda one: len(one.stamp_ns)).stamp_ns
+    stamps = busiest[(busiest >= max(one.stamp_ns[0] for one in reported.values()))
+                     & (busiest <= min(one.stamp_ns[-1] for one in reported.values()))]
     start = int(busiest[0])
     positions = {joint: np.interp((stamps - start) / 1e9, one.seconds(start), one.values[:, 0])
-                 for joint, one in told.items()}
+                 for joint, one in reported.items()}
     bag.notes.add(f'pose: of {link} in {base}, from {joint_states.name} and {source}')
     poses = pose_along(way, lambda frame: joints[frame].placement(positions, len(stamps)),
                        len(stamps))
@@ -187,9 +187,9 @@ def _description(bag: Bag, source: str) -> bytes:
     topic = next((topic for topic in bag.topics if topic.type == STRING
                   and topic.name.lstrip('/') == source.lstrip('/')), None)
     if topic is not None:
-        told = _series(bag, topic, {'data': Collector(bag, topic, ['data'], text=True)})['data']
-        if told is not None:
-            return str(told.values[-1, 0]).encode()
+        urdf = _series(bag, topic, {'data': Collector(bag, topic, ['data'], text=True)})['data']
+        if urdf is not None:
+            return str(urdf.values[-1, 0]).encode()
     try:
         return Path(source).read_bytes()
     except OSError as error:
@@ -201,13 +201,13 @@ def _reported_joints(bag: Bag, topic: Topic, drivers: set[str], named: str) -> d
     """Return what joints were said to be at, in whatever messages and order."""
     series = _series(bag, topic, {
         joint: Collector(bag, topic, [f'position[{joint}]']) for joint in sorted(drivers)})
-    told = {joint: one for joint, one in series.items() if one is not None}
-    if missing := sorted(drivers - set(told)):
+    reported = {joint: one for joint, one in series.items() if one is not None}
+    if missing := sorted(drivers - set(reported)):
         raise DataError(f'{named}: {topic.name} holds no joint {", ".join(missing)}; joints are '
                         f'{", ".join(sorted(_names(bag, topic))) or "none"}')
-    if short := sorted(joint for joint, one in told.items() if len(one.stamp_ns) < 2):
+    if short := sorted(joint for joint, one in reported.items() if len(one.stamp_ns) < 2):
         raise DataError(f'{named}: {topic.name} tells {", ".join(short)} less than twice')
-    return told
+    return reported
 
 
 def _series(bag: Bag, topic: Topic, collectors: Mapping[str, Collector]

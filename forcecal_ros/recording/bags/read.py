@@ -154,10 +154,11 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
                wrench_sign: int, pose_of: str) -> Recording:
     heard = [one.stamp_ns for one in series.values() if len(one.stamp_ns)]
     if not heard:
-        raise DataError(
-            f'{bag.path}: nothing to read; it holds '
-            f'{", ".join(sorted(topic.name for topic in bag.topics)) or "no topics"}; name the '
-            'topics with --topic role=NAME' + ''.join(f'; {note}' for note in bag.notes))
+        names = ', '.join(sorted(topic.name for topic in bag.topics))
+        what = f'it holds {names}; name the topics with --topic role=NAME' if names else (
+            'it holds no topics; record again')
+        raise DataError(f'{bag.path}: nothing to read; {what}'
+                        + ''.join(f'; {note}' for note in bag.notes))
     start_ns = int(min(stamps[0] for stamps in heard))
     end = float(max(stamps[-1] for stamps in heard) - start_ns) / 1e9
 
@@ -222,8 +223,8 @@ def _measured_joints(bag: Bag, found: Mapping[str, Topic]) -> tuple[str, ...]:
     """Return the joints to be read of joint_states: as commanded, else as first listed."""
     if 'joint_states' not in found:
         return ()
-    told = _joint_names(bag, found['joint_commands']) if 'joint_commands' in found else ()
-    return told or _joint_names(bag, found['joint_states'])
+    names = _joint_names(bag, found['joint_commands']) if 'joint_commands' in found else ()
+    return names or _joint_names(bag, found['joint_states'])
 
 
 def _phases(series: Series | None, start_ns: int, end: float) -> tuple[Phase, ...]:

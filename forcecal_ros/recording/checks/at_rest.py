@@ -6,7 +6,7 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, skew
 from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.frame_faults import refuse_other_frame
-from forcecal_ros.recording.checks.frames import Forces, judge
+from forcecal_ros.recording.checks.frames import Forces, judge, Judgement
 from forcecal_ros.recording.checks.orientations import read_from_w
 from forcecal_ros.recording.checks.torques import refuse_other_torques
 from forcecal_ros.recording.checks.units import force_unit_of
@@ -16,6 +16,10 @@ import numpy as np
 
 LENGTH = 0.5
 """Means over so long even out what moves and rings [s]."""
+
+SHORT = 0.1
+"""The same of a robot that never rests for so long; inertia is left in them, a tenth of a weight
+at 1 m/s^2 [s]."""
 
 TURNS = 0.1
 """Means in which the sensor turns by more tell no direction [rad]."""
@@ -30,16 +34,24 @@ ROUNDS, NEARLY = 30, 0.1
 """Rounds after which a fit by absolute deviations stands (twice as many keep the same means), and
 the share of their median below which deviations count alike."""
 
-LEAVES = 0.3
+UNEXPLAINED = 0.3
 """Another frame is believed that leaves less than this share of what the stated one leaves: of
 sound recordings with pushes the ratio is 0.8 and more."""
 
-TURNED_LEAVES = 0.1
+TURNED_UNEXPLAINED = 0.1
 """Turned axes are believed that leave less than this share: gains 25 % too large in one axis and
 15 % too small in another leave 0.29."""
 
 OTHER_TOOL = 0.5
 """What weighs less than this share of a model's tool is another one: tool_mass ends there, too."""
+
+WEIGHTLESS = 0.05
+"""What weighs less than this share of a model's tool in any frame has had its weight taken off:
+kgf would leave a tenth."""
+
+NAME_THE_TOOL = ('name it by a calibration (forcecal calibrate) or a rig of its own (forcecal '
+                 'fit-rig)')
+"""What to do where another tool hung on the sensor than that of a rig."""
 
 THOUSAND = 0.3
 """A centre of mass that torques show a thousand times as far off, to this share, is in N mm."""
@@ -70,7 +82,7 @@ class AtRest(NamedTuple):
         off = min((_deviations(np.concatenate([columns, eye], axis=2), forces.wire)
                    for columns in (in_sensor, forces.R_base_sensor, np.swapaxes(
                        read_from_w(forces.R_base_sensor), 1, 2))), key=np.median)
-        keep = off <= UNTOUCHED * max(float(np.median(off)), limits.NIL)
+        keep = off <= UNTOUCHED * max(float(np.median(off)), limits.TINY)
         return AtRest(self.begins[keep], Forces(
             forces.R_base_sensor[keep], forces.wire[keep], forces.gravity, None),
             self.torque[keep])
@@ -92,14 +104,14 @@ def _deviations(design: Array, wire: Array) -> Array:
     """
     off = np.ones(len(wire))
     for _ in range(ROUNDS):
-        weight = 1.0 / np.sqrt(np.maximum(off, NEARLY * float(np.median(off)) + limits.NIL))
+        weight = 1.0 / np.sqrt(np.maximum(off, NEARLY * float(np.median(off)) + limits.TINY))
         rows = (design * weight[:, None, None]).reshape(-1, design.shape[2])
         fit = np.linalg.lstsq(rows, (wire * weight[:, None]).ravel(), rcond=1e-6)[0]
         off = np.linalg.norm(wire - design @ fit, axis=1)
     return np.asarray(off)
 
 
-def at_rest(recording: Recording, gravity: Array) -> AtRest | None:
+def at_rest(recording: Recording, gravity: Array, length: float = LENGTH) -> AtRest | None:
     """
     Return the forces of a recording at rest, contact included; None: they are too few.
 
@@ -107,13 +119,15 @@ def at_rest(recording: Recording, gravity: Array) -> AtRest | None:
     ----------
     gravity : ndarray, shape (3,)
         In base [m/s^2].
+    length : float
+        Of a mean [s].
     """
     pose, wrench = recording.pose, recording.wrench
     if pose is None or wrench is None or len(pose) < FEWEST or len(wrench) < FEWEST:
         return None
-    begins = np.arange(max(pose.t[0], wrench.t[0]), min(pose.t[-1], wrench.t[-1]) - LENGTH, LENGTH)
-    begins, R = _resting(pose, begins)
-    means = means_at(wrench, begins)
+    begins = np.arange(max(pose.t[0], wrench.t[0]), min(pose.t[-1], wrench.t[-1]) - length, length)
+    begins, R = _resting(pose, begins, length)
+    means = means_at(wrench, begins, length)
     whole = np.isfinite(means).all(axis=1)
     if whole.sum() < FEWEST:
         return None
@@ -121,23 +135,24 @@ def at_rest(recording: Recording, gravity: Array) -> AtRest | None:
                   means[whole, 3:])
 
 
-def _resting(pose: PoseStream, begins: Array) -> tuple[Array, Array]:
+def _resting(pose: PoseStream, begins: Array, length: float) -> tuple[Array, Array]:
     """Return the stretches in which a sensor hardly turns, and its orientation there."""
-    first, middle, last = (np.searchsorted(pose.t, begins + share * LENGTH).clip(
+    first, middle, last = (np.searchsorted(pose.t, begins + share * length).clip(
         max=len(pose) - 1) for share in (0.0, 0.5, 1.0))
     R = pose.R_base_sensor
     turned = np.linalg.norm(R[first] - R[last], axis=(1, 2)) / np.sqrt(2.0)
-    near = np.abs(pose.t[middle] - begins - LENGTH / 2.0) < LENGTH / 2.0
+    near = np.abs(pose.t[middle] - begins - length / 2.0) < length / 2.0
     rest = near & (turned < TURNS)
     return begins[rest], R[middle[rest]]
 
 
-def means_at(stream: Stream, begins: Array) -> Array:
-    """Return the means of a stream over half a second each."""
-    return np.asarray(Averager(stream.t, stream.values).means(begins, LENGTH))
+def means_at(stream: Stream, begins: Array, length: float = LENGTH) -> Array:
+    """Return the means of a stream over some time each, half a second by default."""
+    return np.asarray(Averager(stream.t, stream.values).means(begins, length))
 
 
-def refuse_other_axes(recording: Recording, mass: float, com: Array, gravity: Array) -> None:
+def refuse_other_axes(recording: Recording, mass: float, com: Array, gravity: Array,
+                      other_tool: str = NAME_THE_TOOL, short: bool = False) -> None:
     """
     Refuse a wrench in another frame, with other axes or in other units than is believed.
 
@@ -149,29 +164,58 @@ def refuse_other_axes(recording: Recording, mass: float, com: Array, gravity: Ar
         Its centre of mass [m].
     gravity : ndarray, shape (3,)
         In base [m/s^2].
+    other_tool : str
+        What to do where another tool hung there.
+    short : bool
+        Ask robots that never rest, too.
 
     Raises
     ------
     DataError
         Names cause and remedy, as ``forcecal calibrate`` does.
     """
-    found = at_rest(recording, gravity)
-    found = None if found is None else found.untouched
-    if found is None or not found.tells:
+    found = untouched_at_rest(recording, gravity, short)
+    if found is None:
         return
     judgement = judge(found.forces)
-    best, plain = judgement.likely[0], judgement.plain
-    least = TURNED_LEAVES if best.name == 'turned' else LEAVES
-    if best.name not in ('tilted', 'both') and (
-            plain.mass < 0.0 or best.rms < least * plain.rms):
+    if judgement.likely[0].mass < WEIGHTLESS * mass:
+        _refuse_other_tool(judgement.plain.mass, mass, other_tool)
+    if is_elsewhere(judgement):
         refuse_other_frame(judgement, gravity / np.linalg.norm(gravity))
-    if best is not plain:
+    plain = judgement.plain
+    if judgement.likely[0] is not plain:
         return
     refuse_other_force_unit(plain.mass, mass)
-    _refuse_other_tool(plain.mass, mass)
+    _refuse_other_tool(plain.mass, mass, other_tool)
     weight = mass * found.forces.in_sensor
     refuse_other_torques(weight, found.torque, None)
     refuse_other_lever(weight, found.torque, com)
+
+
+def untouched_at_rest(recording: Recording, gravity: Array, short: bool = False
+                      ) -> AtRest | None:
+    """
+    Return the forces at rest without contact; None where they tell no weight from a bias.
+
+    ``short``: of a robot that never rests, as many short means as last half as long.
+    """
+    found = at_rest(recording, gravity)
+    found = None if found is None else found.untouched
+    if found is not None and found.tells:
+        return found
+    if not short or (found := at_rest(recording, gravity, SHORT)) is None:
+        return None
+    found = found.untouched
+    enough = len(found.begins) * SHORT >= FEWEST * LENGTH / 2.0
+    return found if enough and found.tells else None
+
+
+def is_elsewhere(judgement: Judgement) -> bool:
+    """Whether forces are of another frame or sign, beyond what gains and pushes make seem so."""
+    best, plain = judgement.likely[0], judgement.plain
+    least = TURNED_UNEXPLAINED if best.name == 'turned' else UNEXPLAINED
+    return plain.mass < 0.0 or (
+        best.name not in ('tilted', 'both') and best.rms < least * plain.rms)
 
 
 def place_of(weight: Array, torque: Array) -> Array:
@@ -185,8 +229,8 @@ def place_of(weight: Array, torque: Array) -> Array:
 def refuse_other_lever(weight: Array, torque: Array, com: Array) -> None:
     """Refuse torques of the opposite sign, or a thousand times too large."""
     shown = place_of(weight, torque)
-    times = float(shown @ com) / max(float(com @ com), limits.NIL)
-    off = np.linalg.norm(shown - times * com) / max(float(np.linalg.norm(shown)), limits.NIL)
+    times = float(shown @ com) / max(float(com @ com), limits.TINY)
+    off = np.linalg.norm(shown - times * com) / max(float(np.linalg.norm(shown)), limits.TINY)
     if off > THOUSAND:
         return
     if abs(times + 1.0) < THOUSAND:
@@ -201,13 +245,12 @@ def refuse_other_lever(weight: Array, torque: Array, com: Array) -> None:
             'import')
 
 
-def _refuse_other_tool(shown: float, mass: float) -> None:
+def _refuse_other_tool(shown: float, mass: float, remedy: str) -> None:
     """Refuse a recording in which far less than a tool's mass [kg] weighs on the sensor."""
     if shown < OTHER_TOOL * mass:
         raise DataError(
             f'wrench: the tool of {mass:.4g} kg weighs {shown:.4g} kg in this recording: another '
-            'one hung there, or the driver takes its weight off; name it by a calibration '
-            '(forcecal calibrate) or a rig of its own (forcecal fit-rig)')
+            f'one hung there, or the driver takes its weight off; {remedy}')
 
 
 def _metres(place: Array) -> str:

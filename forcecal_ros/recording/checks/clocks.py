@@ -143,8 +143,8 @@ def refuse_offset(recording: Recording, smoothed: bool = False) -> None:
                 raise DataError(
                     f'{_called(name)} shows gravity turn {abs(late):.2f} s '
                     f'{"later" if late > 0 else "earlier"} than the pose, by their stamps: set '
-                    'the clocks of all computers by one (PTP or chrony), or stamp on one '
-                    f'computer, and record again; or add {-late:+.2f} s to the stamps of {name}')
+                    'the clocks of all computers by one (PTP or chrony) and record again; '
+                    f'{-late:+.2f} s on all stamps of {name} would mend this recording')
 
 
 def offset_from_gravity(stream: Stream, pose: PoseStream) -> float:
@@ -255,7 +255,7 @@ def silences(recording: Recording) -> tuple[str, ...]:
         own = _gaps(stream.t, _period(stream.t)) if stream is not None else []
         found.append((name, [gap for gap in own if not any(
             start < gap[1] and gap[0] < end for start, end in common)]))
-    return tuple(told for who, gaps in found for told in _pause_lines(who, gaps))
+    return tuple(line for who, gaps in found for line in _pause_lines(who, gaps))
 
 
 def lost_messages(recording: Recording) -> Iterator[str]:

@@ -65,7 +65,7 @@ def refuse_weightless(judgement: Judgement) -> None:
         raise UnobservableError(
             'the forces of the static poses show no weight that turns with the sensor (mass '
             f'{plain.mass:.3g} +- {plain.mass_std:.2g} kg, residual RMS {plain.rms:.2g} N)'
-            f'{_as_in_base(judgement)}; hang the tool on the sensor, add poses, and look '
+            f'{as_in_base(judgement)}; hang the tool on the sensor, add poses, and look '
             "whether the driver publishes in the sensor's frame")
 
 
@@ -81,7 +81,7 @@ def refuse_unexplained(judgement: Judgement) -> None:
     plain = judgement.plain
     if judgement.likely != (plain,) or plain.degrees < 1:
         return
-    explained = 1.0 - (plain.rms / max(judgement.changes, limits.NIL)) ** 2
+    explained = 1.0 - (plain.rms / max(judgement.changes, limits.TINY)) ** 2
     if explained < limits.EXPLAINED:
         raise DataError(
             f'a weight explains {explained:.0%} of how the forces of the static poses change '
@@ -120,10 +120,10 @@ def _beyond_tolerance(fit: Fit, believed: Array, stated: Sequence[float] | None
     if flipped:
         Q, tilt, mirrored = -Q, 0.0, not mirrored
     if mirrored and _angle(-Q) < limits.TURNED_OFF:
-        cause = ('it has the opposite sign, or the robot hangs upside down, or takes off a '
-                 'heavier load than it carries')
-        return (cause, 'set wrench.sign to SIGN (--wrench-sign SIGN), or state '
-                + _option(-believed) + ', or set that load to zero')
+        remedy = ('set wrench.sign to SIGN (--wrench-sign SIGN), unless the robot hangs upside '
+                  f'down, which {_option(-believed)} states, or its driver takes off a heavier '
+                  'load than it carries')
+        return 'it has the opposite sign', remedy
     found = [*_axes(Q, mirrored, fit.turn_std, stated), *(() if flipped else _tilted(fit, tilt))]
     return (' and '.join(cause for cause, _ in found),
             ' and '.join(remedy for _, remedy in found)) if found else None
@@ -180,7 +180,7 @@ def _turn(Q: Array, std: float) -> str:
 def _deg(angle: float, std: float) -> str:
     """Say an angle [deg] with its standard error [rad], to the digits that this warrants."""
     error = float(np.degrees(std))
-    decimals = int(np.clip(1 - np.floor(np.log10(max(error, limits.NIL))), 0, 3))
+    decimals = int(np.clip(1 - np.floor(np.log10(max(error, limits.TINY))), 0, 3))
     return f'{angle:.{decimals}f} +- {error:.{decimals}f} deg'
 
 
@@ -207,7 +207,7 @@ def _numbers(vector: Array) -> str:
     return ' '.join(f'{x + 0.0:.4g}' for x in np.round(vector, 4))
 
 
-def _as_in_base(judgement: Judgement) -> str:
+def as_in_base(judgement: Judgement) -> str:
     """Say where a force that never changes would be a weight, were it expressed in base."""
     fit, mean = judgement.plain, judgement.mean
     weight = float(mean @ fit.gravity) / float(fit.gravity @ fit.gravity)

@@ -56,7 +56,7 @@ class Forces(NamedTuple):
         """One over the standard deviation of each mean, shape (n,), at least of rounding."""
         rounding = limits.TRUE * float(np.ptp(self.wire, axis=0).max())
         noise = np.zeros(len(self.wire)) if self.noise is None else self.noise
-        return np.asarray(1.0 / np.maximum(np.hypot(noise, rounding), limits.NIL))
+        return np.asarray(1.0 / np.maximum(np.hypot(noise, rounding), limits.TINY))
 
 
 class Fit(NamedTuple):
@@ -170,17 +170,17 @@ def _others(forces: Forces, plain: Fit) -> Iterator[Fit]:
     yield _base(forces)
     n, in_sensor = len(forces.wire), forces.in_sensor / np.linalg.norm(forces.gravity)
     # any direction is as good as down where gravity is not known
-    tells_down = _spread(np.swapaxes(forces.R_base_sensor, 1, 2))[-1] > limits.SPANNED
+    tells_down = _singular_values(np.swapaxes(forces.R_base_sensor, 1, 2))[-1] > limits.SPANNED
     if tells_down:
         yield _tilted(forces)
-    if n > 1 and _spread(in_sensor[:, None])[1] > limits.SPANNED:
+    if n > 1 and _singular_values(in_sensor[:, None])[1] > limits.SPANNED:
         yield _turned(forces, 1.0)
         yield _turned(forces, -1.0)
     if n > 3 and tells_down:
         yield _both(forces)
 
 
-def _spread(rows: Array) -> Array:
+def _singular_values(rows: Array) -> Array:
     """Singular values of (n, j, k) about the mean of the n, per root of n."""
     about = (rows - rows.mean(axis=0)).reshape(-1, rows.shape[2])
     return np.asarray(np.linalg.svd(about, compute_uv=False) / np.sqrt(len(rows)))
@@ -245,9 +245,9 @@ def _of_weight(name: str, u: Array, covariance: Array, Q: Array, turn_std: float
                forces: Forces, residuals: Array, chi_square: float, rank: int) -> Fit:
     """Make a hypothesis whose weight u in base, shape (3,) [N], points where it wants."""
     g, size = float(np.linalg.norm(forces.gravity)), float(np.linalg.norm(u))
-    along = u / max(size, limits.NIL)
+    along = u / max(size, limits.TINY)
     across = covariance - np.outer(along, along) @ covariance
-    tilt = np.sqrt(max(0.0, float(np.linalg.eigvals(across).real.max()))) / max(size, limits.NIL)
+    tilt = np.sqrt(max(0.0, float(np.linalg.eigvals(across).real.max()))) / max(size, limits.TINY)
     return Fit(name, size / g, float(np.sqrt(along @ covariance @ along)) / g, Q, g * along,
                turn_std, float(tilt), residuals, chi_square, rank)
 

@@ -121,7 +121,7 @@ def refuse_two_senders(name: str, values: NDArray[Any]) -> None:
     known = np.flatnonzero(np.isfinite(values).all(axis=0))  # poses may say no place
     values = values[:, known]
     next_one, one_after = (np.median(np.abs(values[k:] - values[:-k]), axis=0) for k in (1, 2))
-    moving = one_after > limits.NIL
+    moving = one_after > limits.TINY
     apart = moving & (next_one > ALTERNATES * one_after)
     if moving.any() and apart.sum() >= max(2, CHANNELS * moving.sum()):
         j = int(np.argmax(next_one))

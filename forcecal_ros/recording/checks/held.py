@@ -136,5 +136,5 @@ def lost_packets(values: Array) -> NDArray[np.bool_]:
         short[begin:end] = end - begin <= PACKET
     others = values[~zero]
     step = np.median(np.abs(np.diff(others, axis=0)), axis=0)
-    leaps = np.median(np.abs(others), axis=0) > LEAPS * np.maximum(step, limits.NIL)
+    leaps = np.median(np.abs(others), axis=0) > LEAPS * np.maximum(step, limits.TINY)
     return short if leaps.any() else np.zeros(len(values), dtype=bool)

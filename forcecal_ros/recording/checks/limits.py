@@ -138,7 +138,7 @@ JUMPED = 2.0
 RINGING = 1.0
 """After the robot has stopped its tool may shake the other sensors for so long [s]."""
 
-LOOK = 0.25
+AVERAGED = 0.25
 """Other sensors that tell of motion are averaged over so long, against ringing and noise [s]."""
 
 CERTAIN = 20.0
@@ -170,7 +170,7 @@ COARSE_PLACE = 1e-3
 
 # Frames, axes and units --------------------------------------------------------------------------
 
-NIL = 1e-300
+TINY = 1e-300
 """Keeps a division by a noise or a weight of zero finite."""
 
 TRUE = 1e-4

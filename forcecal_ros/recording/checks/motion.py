@@ -143,8 +143,8 @@ def _changes(stream: Stream, name: str, recording: Recording, start: float, end:
 
 def _means(stream: Stream, start: float, end: float) -> tuple[Array, Array]:
     """Means over equal stretches, with their standard errors were the noise white."""
-    count = max(0, int((end - start) / limits.LOOK))
-    edges = np.searchsorted(stream.t, start + limits.LOOK * np.arange(count + 1))
+    count = max(0, int((end - start) / limits.AVERAGED))
+    edges = np.searchsorted(stream.t, start + limits.AVERAGED * np.arange(count + 1))
     parts = [stream.values[i:j] for i, j in pairwise(edges) if j - i > 3]
     if not parts:
         none = np.empty((0, stream.values.shape[1]))

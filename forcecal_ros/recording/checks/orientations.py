@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, matrix_from_quaternion, quaternion_from_matrix
 from forcecal_ros.recording.checks.frames import Forces, Judgement
-from forcecal_ros.recording.checks.limits import NIL, VERTICAL
+from forcecal_ros.recording.checks.limits import TINY, VERTICAL
 import numpy as np
 
 FOLLOWS, WORSE = 0.1, 10.0
@@ -28,7 +28,7 @@ def refuse_other_orientation(forces: Forces, judgement: Judgement) -> None:
     R = forces.R_base_sensor
     if len(R) < FEWEST:
         return
-    believed = (judgement.likely[0].rms / max(judgement.changes, NIL))**2
+    believed = (judgement.likely[0].rms / max(judgement.changes, TINY))**2
     readings = {
         'it is that of base in the sensor: publish the pose of the sensor in base':
             np.swapaxes(R, 1, 2),
@@ -58,12 +58,12 @@ def other_reading(force: Array, R_base_sensor: Array, others: Mapping[str, Array
         Share of the changes of force that is left by what is believed else.
     """
     mine, _ = _unexplained_share(force, R_base_sensor)
-    for words, R in others.items():
-        left, (weight, bias) = _unexplained_share(force, R)
-        if left < FOLLOWS and WORSE * left < min(mine, believed) and (
+    fits = [(*_unexplained_share(force, R), words) for words, R in others.items()]
+    for unexplained, (weight, bias), words in sorted(fits, key=lambda fit: fit[0]):
+        if unexplained < FOLLOWS and WORSE * unexplained < min(mine, believed) and (
                 _is_vertical(weight) or not _is_vertical(bias)):
-            return (f'force turns as a weight does if {words} ({1 - left:.0%} of its changes '
-                    f'follow), not as stated ({1 - mine:.0%})')
+            return (f'force turns as a weight does if {words} ({1 - unexplained:.0%} of its '
+                    f'changes follow), not as stated ({1 - mine:.0%})')
     return ''
 
 
@@ -72,8 +72,8 @@ def _unexplained_share(force: Array, R: Array) -> tuple[float, Array]:
     x = np.concatenate([R.transpose(0, 2, 1), np.broadcast_to(np.eye(3), R.shape)], axis=2)
     x, y = x.reshape(-1, 6), force.ravel()
     found = np.linalg.lstsq(x, y, rcond=1e-9)[0]
-    left = float(((y - x @ found) ** 2).sum() / ((force - force.mean(axis=0)) ** 2).sum())
-    return left, found.reshape(2, 3)
+    unexplained = float(((y - x @ found) ** 2).sum() / ((force - force.mean(axis=0)) ** 2).sum())
+    return unexplained, found.reshape(2, 3)
 
 
 def _is_vertical(force: Array) -> bool:

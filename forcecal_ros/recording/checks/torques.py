@@ -48,8 +48,8 @@ def weight_in(forces: Forces) -> float:
         np.eye(3), (len(forces.wire), 3, 3))], axis=2).reshape(-1, 4)
     found = np.linalg.lstsq(design, forces.wire.ravel(), rcond=1e-9)[0]
     changes = ((forces.wire - forces.wire.mean(axis=0))**2).sum()
-    left = ((forces.wire.ravel() - design @ found)**2).sum()
-    return 1.0 - float(left / max(float(changes), limits.NIL))
+    unexplained = ((forces.wire.ravel() - design @ found)**2).sum()
+    return 1.0 - float(unexplained / max(float(changes), limits.TINY))
 
 
 def refuse_other_torques(weight: Array, torque: Array, noise: Array | None,
@@ -81,7 +81,7 @@ def refuse_other_torques(weight: Array, torque: Array, noise: Array | None,
     if R_base_sensor is not None:
         _refuse_in_base(weight, torque, R_base_sensor, found)
     degrees = torque.size - 6
-    ratio = (plain / max(found[best], limits.NIL))**2
+    ratio = (plain / max(found[best], limits.TINY))**2
     if ratio < limits.OTHER_TORQUES**2 or (
             fdtrc(degrees, degrees, ratio) * len(found) > limits.BY_CHANCE):
         return
@@ -97,12 +97,13 @@ def _refuse_in_base(weight: Array, torque: Array, R_base_sensor: Array,
                     found: Mapping[tuple[int, ...], float]) -> None:
     """Refuse torques that fit a weight at one place, and a bias, once they are turned back."""
     back = np.einsum('nji,nj->ni', R_base_sensor, torque)
-    left = max(_rms(weight, back, (0, 1, 2, 1, 1, 1)), limits.NIL)
-    if min(found.values()) > limits.OTHER_TORQUES * left:
+    unexplained = max(_rms(weight, back, (0, 1, 2, 1, 1, 1)), limits.TINY)
+    if min(found.values()) > limits.OTHER_TORQUES * unexplained:
         raise DataError(
             'wrench: its torques are expressed in base, its forces in the sensor; RMS of the '
-            f'residual torques at rest {left:.2g} N m then, {found[0, 1, 2, 1, 1, 1]:.2g} N m as '
-            "recorded; set the driver to publish both in the sensor's frame")
+            f'residual torques at rest {unexplained:.2g} N m then, '
+            f'{found[0, 1, 2, 1, 1, 1]:.2g} N m as recorded; set the driver to publish both in '
+            "the sensor's frame")
 
 
 def _orders() -> list[tuple[int, ...]]:

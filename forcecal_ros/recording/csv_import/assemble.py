@@ -7,6 +7,7 @@ from pathlib import Path
 
 from forcecal_ros.errors import ConfigError, DataError
 from forcecal_ros.geometry import Array, matrix_from_quaternion
+from forcecal_ros.recording.checks.orientations import read_from_w
 from forcecal_ros.recording.csv_import import doubts
 from forcecal_ros.recording.csv_import.specification import (
     ORIENTATIONS,
@@ -131,11 +132,13 @@ def _other_readings(table: Table, signal: Signal, name: str) -> Mapping[str, Arr
         unit = 'deg' if stated == 'rad' else 'rad'
         size = UNITS['angle'][unit] / UNITS['angle'][stated]
         return {f'its unit is {unit}': _turn(name, size * _part(table, signal, name))}
+    R = _rotations(table, signal)
     if name == 'quaternion_xyzw':
-        return {'its columns are in the order w, x, y, z': matrix_from_quaternion(
-            _part(table, signal, name)[:, [1, 2, 3, 0]])}
+        return {'its columns are in the order w, x, y, z': read_from_w(R),
+                'it is that of base in the sensor: turn the signs of x, y, z':
+                    R.transpose(0, 2, 1)}
     return {"rows are columns (R_base_sensor, R_sensor_base are each other's transpose)":
-            _rotations(table, signal).transpose(0, 2, 1)}
+            R.transpose(0, 2, 1)}
 
 
 def _orientation(signal: Signal) -> str:

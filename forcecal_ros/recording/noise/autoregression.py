@@ -126,7 +126,7 @@ class Autoregression(NamedTuple):
         """
         if not np.array_equal(self.rows, other.rows):
             return False
-        for c in np.flatnonzero(other.sigma.any(axis=0)).tolist():
+        for c in map(int, np.flatnonzero(other.sigma.any(axis=0))):
             rows = self.rows[:, c]
             white = [0.5 * m.whiten(residual[np.newaxis, :, c], c)[0][rows] ** 2
                      + np.log(m.sigma[m.groups[rows], c]) for m in (self, other)]
