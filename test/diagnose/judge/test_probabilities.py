@@ -24,7 +24,7 @@ def test_equal_odds_make_the_verdict_ambiguous_and_a_bad_fit_makes_it_unknown():
         word, said = verdict(['base_tilt'], [('base_tilt', 0.9)], rest, -1.1, True,
                              with_discrepancy=True)
         assert word == 'unknown'
-        assert 'makes the rest worse' in said and '%' not in said
+        assert 'makes what was held out worse' in said and '%' not in said
     assert verdict(['base_tilt'], [('base_tilt', 0.9)], left, 0.98, True)[0] == 'identified'
     doubtful = [('unknown', 0.6), ('base_tilt', 0.4)]
     assert verdict(['base_tilt'], doubtful, left, 0.98, True)[0] == 'unknown'
