@@ -41,8 +41,10 @@ def test_a_command_line_that_is_loaded_is_run():
 def test_whatever_ends_a_command_is_told_in_one_line_and_leaves_nothing(tmp_path, number):
     os.mkfifo(tmp_path / 'list')
     with subprocess.Popen(
-            [sys.executable, '-m', 'forcecal_ros.cli', 'calibrate', '@list', '-o', 'out'],
-            cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as command:
+            # in the background a shell lets its commands ignore SIGINT
+            ['env', '--default-signal', sys.executable, '-m', 'forcecal_ros.cli', 'calibrate',
+             '@list', '-o', 'out'], cwd=tmp_path,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as command:
         with (tmp_path / 'list').open('w'):  # once it is read, the command is at work
             command.send_signal(number)
             said = command.communicate(timeout=60)

@@ -75,7 +75,8 @@ class Robot(Live):
     def play(self, bag, *options, **where):
         """Start forcecal play."""
         return subprocess.Popen(
-            [sys.executable, '-m', 'forcecal_ros.cli', 'play', str(bag), '--delay', DISCOVERY,
+            [sys.executable, '-m', 'forcecal_ros.cli', 'play', str(bag),
+             *([] if '--delay' in options else ['--delay', DISCOVERY]),
              *options],
             **{'stdin': subprocess.DEVNULL, 'stdout': subprocess.PIPE,
                'stderr': subprocess.PIPE, **where}, text=True)

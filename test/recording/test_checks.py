@@ -266,8 +266,9 @@ def turned(late, sign=1.0, contact=0.0):
 @pytest.mark.parametrize('late, sign', [(3.0, 1.0), (-0.4, 1.0), (7.0, -1.0)])
 def test_a_wrench_that_shows_gravity_turn_at_another_time_is_told_by_how_much(late, sign):
     wrench, pose = turned(late, sign)
-    with pytest.raises(DataError, match=f'{abs(late):.2f} s {"later" if late > 0 else "earlier"} '
-                                        f'than the pose.* add [+-]{abs(late):.2f} s'):
+    side = 'later' if late > 0 else 'earlier'
+    said = rf'{abs(late):.2f} s {side} than the pose.*; \{-late:+.2f} s on all stamps of wrench'
+    with pytest.raises(DataError, match=said):
         checked(Recording(wrench=wrench, pose=pose))
 
 
