@@ -7,6 +7,7 @@ from pathlib import Path
 import re
 
 from forcecal_ros.cli import main
+from forcecal_ros.diagnose.by_simulator import diagnose_rerun
 from forcecal_ros.diagnose.inputs.measured_joints import compared, of_same_joints
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.errors import ConfigError, DataError
@@ -19,7 +20,7 @@ from forcecal_ros.simulators.run_limit import refuse_too_many, runs_short
 from forcecal_ros.simulators.simulated_robot import addable, library_of
 from forcecal_ros.simulators.third_party import load_simulator, third_party
 import numpy as np
-from own_arm import commands, SECONDS
+from own_arm import commands, SECONDS, TOLERANCES
 import pytest
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs/simulator.md'
@@ -74,6 +75,17 @@ def test_the_commands_of_the_page_say_what_to_change(example, robot, monkeypatch
     assert document['recomputed'] > 0.5
     assert re.search(r'^change payload 1\.2 -> 1\.2[67]\d* \+- 0\.00\d+ kg$',
                      capsys.readouterr().out, re.MULTILINE)
+
+
+@pytest.mark.parametrize('factor, said', [
+    (1.0 / 9.80665, 'its forces are in kgf'), (-1.0, 'it has the opposite sign')])
+def test_units_and_sign_of_the_robots_wrench_are_asked_before_effects(robot, factor, said):
+    real = measured(robot, 1.2, 0.07)
+    wrong = replace(real, target=commands(), wrench=replace(
+        real.wrench, values=factor * real.wrench.values))
+    found = diagnose_rerun(wrong, None, robot, TOLERANCES).outcome.diagnosis
+    assert found.verdict == 'invalid_data'
+    assert said in found.reason
 
 
 def test_what_checks_of_the_data_may_find_is_known_beside_any_simulator():
