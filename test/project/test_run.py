@@ -66,17 +66,17 @@ def newcomer(tmp_path):
 def test_second_run_installs_nothing_until_the_set_up_changes(newcomer):
     for _ in range(2):
         assert newcomer.runs('demo', '--out', 'x').returncode == 0
-    assert newcomer.installed == ['.[ros,plots]']
+    assert newcomer.installed == ['.[ros,plots,mujoco]']
     with (newcomer.project / 'setup.py').open('a') as file:
         file.write('# another requirement\n')
     newcomer.runs('demo')
-    assert newcomer.installed == ['.[ros,plots]', '.[ros,plots]']
+    assert newcomer.installed == ['.[ros,plots,mujoco]', '.[ros,plots,mujoco]']
 
 
 def test_tests_bring_their_tools_and_the_demo_needs_no_less_afterwards(newcomer):
     for purpose in ('demo', 'test', 'demo'):
         assert newcomer.runs(purpose).returncode == 0
-    assert newcomer.installed == ['.[ros,plots]', '.[ros,plots,test]']
+    assert newcomer.installed == ['.[ros,plots,mujoco]', '.[ros,plots,mujoco,test]']
 
 
 def test_project_that_was_moved_is_set_up_again(newcomer):
