@@ -44,14 +44,15 @@ OUTLIER = 1.345
 
 OTHER_FRAME = 0.05
 """
-Share of a simulated weight that its own frame must leave before another is believed: 3 degrees of
-turn leave so much, what inertia leaves of slow motion is less.
+Share of a simulated weight's changes that its own frame must leave before another is believed: as
+much as a turn by 3 degrees leaves.
 """
 
 HARDLY_BETTER = 0.5
 """
-Share of what a weight of the other sign leaves that another frame must leave to be believed:
-another frame halves it at the least from 12 degrees on, and leaves as much where the sign is it.
+Share of what a weight of the other sign leaves that another frame may leave to be believed: of a
+tool's weight in a moving arm the best other frame left 0.94 to 1 where the sign alone was wrong,
+and 0.07 where x and y were exchanged.
 """
 
 SIMULATE_IT = 'simulate the tool that hung there, or let the driver leave its weight in'
