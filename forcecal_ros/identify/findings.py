@@ -15,7 +15,13 @@ from forcecal_ros.geometry import Array, rotation_vector
 from forcecal_ros.identify.means import drift
 from forcecal_ros.identify.moving_tool import inertia_regressor, unexplained_torque
 from forcecal_ros.identify.rejection import pose_errors, rejected, what_changed
-from forcecal_ros.identify.residuals import farthest, largest_deviation, Residuals, scatters
+from forcecal_ros.identify.residuals import (
+    FARTHEST,
+    farthest,
+    largest_deviation,
+    Residuals,
+    scatters,
+)
 from forcecal_ros.identify.result import Stages
 from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.recording.noise.autocovariance import noise_of_windows
@@ -135,7 +141,7 @@ def samples_disagree(stages: Stages, settings: IdentificationSettings) -> Iterat
         yield Finding(f'the static poses do not fit one tool: they scatter in {", ".join(found)}; '
                       f'{remedy}, and record several samples a pose', ALL)
     one = farthest(tool.residuals)
-    if one is not None and one.probability < settings.thresholds.probability:
+    if one is not None and one.probability < FARTHEST:
         yield Finding(f'the static poses do not fit one tool: pose {one.pose + 1} is off by '
                       f'{one.size:+.3g} {"N" if one.channel < 3 else "N m"} in '
                       f'{CHANNELS["wrench"][one.channel]}, more than the others allow; {remedy}',

@@ -242,8 +242,7 @@ def _tool(gridded: GriddedRecording, statics: Statics, weight: Weight, slide: Ar
     grid, condition = gridded.grid, settings.thresholds.condition
     spread, _ = gravity_spread(statics.gravity)
     by_motion = spread[1] * condition < spread[0] and bool(grid.free.any())
-    tool = None if by_motion else identify_tool(statics, condition,
-                                                settings.thresholds.probability)
+    tool = None if by_motion else identify_tool(statics, condition)
     late = pose_delay(
         gridded.kinematics, gridded.wrench[:, :3], slide, grid, weight.mass, weight.force_bias,
         np.zeros(3) if tool is None else tool.com, settings.gravity, settings.largest_delay)

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit
 
-CHANCE = 1e-3
-"""A sound recording is doubted by one look at its residuals so rarely: of 300 recordings with
-four such looks each, one."""
+CHANCE = 1e-5
+"""One question doubts a sound recording so rarely: with seven questions each, one of 15,000 is
+doubted by chance. A fault has to be 1.2 times as large for it as to be seen at one in a thousand,
+where one of 150 was doubted."""
 
 _DEGREES = 100
 """Noise is known from some hundred values, so that large deviations are commoner than Gauss's."""
@@ -135,6 +136,11 @@ centre of mass is nearer scatter like those of one that is so far."""
 
 _FEWEST = 8
 """Poses from which the residuals of all but one tell what the one should be."""
+
+
+FARTHEST = 1e-3
+"""The farthest of single samples is doubted where chance makes one so far more rarely: one sound
+set in a thousand. To be seen at CHANCE among twelve poses it has to be 1.7 times as far off."""
 
 
 class Outlier(NamedTuple):

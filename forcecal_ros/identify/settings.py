@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 from forcecal_ros.geometry import STANDARD_GRAVITY
+from forcecal_ros.identify.residuals import CHANCE
 from forcecal_ros.schema import Row, Section, Vector3
 
 COUPLINGS = ('dc', 'ac')
@@ -51,7 +52,7 @@ class Thresholds:
     offset: float = 0.02
     delay: float = 2e-4
     condition: float = 100.0
-    probability: float = 1e-3
+    probability: float = CHANCE
     agreement: float = 0.02
 
 

@@ -1,6 +1,7 @@
 """Stamps that jitter: set on arrival by a busy computer, around instants that were regular."""
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any, NamedTuple, TypeVar
 
 from forcecal_ros.geometry import Array
@@ -97,11 +98,22 @@ def jitter_of(t: Array) -> Jitter:
 
 
 def _with_clear_pauses(t: Array, jitter: Jitter) -> Jitter:
-    """Count the samples lost in pauses that single intervals show."""
-    longer = (np.diff(t) - jitter.period) / jitter.period
-    lost = np.where(longer > 0.5 + PAUSE * jitter.std / jitter.period, np.rint(longer), 0.0)
-    return _around(t, jitter.number + np.append(0, np.cumsum(lost.astype(int)))) \
-        if lost.any() else jitter
+    """
+    Count the samples lost in pauses that single intervals show.
+
+    How many they are is said by what the samples on either side are late on average: one interval
+    is off by the jitter of its two ends.
+    """
+    longer = np.diff(t) - jitter.period
+    pauses = np.flatnonzero(longer > 0.5 * jitter.period + PAUSE * jitter.std) + 1
+    if not len(pauses):
+        return jitter
+    late = t - jitter.period * jitter.number
+    parts = np.split(late, pauses)
+    steps = [after[:SPAN].mean() - before[-SPAN:].mean() for before, after in pairwise(parts)]
+    lost = np.zeros(len(t), dtype=int)
+    lost[pauses] = np.rint(np.array(steps) / jitter.period).clip(min=1)
+    return _around(t, jitter.number + np.cumsum(lost))
 
 
 def _with_short_pauses(t: Array, jitter: Jitter) -> Jitter:

@@ -80,6 +80,17 @@ def test_a_pause_stays_a_pause_and_what_comes_after_it_stays_late():
     assert abs((even - kept)[8100:-1000].mean() - (even - kept)[1000:5900].mean()) < 2e-4
 
 
+@pytest.mark.parametrize('lost', [20, 40, 50])
+def test_a_pause_is_as_long_as_the_samples_on_either_side_say(lost):
+    t = regular()
+    kept = np.r_[0:7000, 7000 + lost:len(t)]
+    for seed in range(10):
+        even, jitter = evened(arrived(t, 4.7e-3, seed)[kept])
+        assert jitter.number[7000] - jitter.number[6999] == lost + 1
+        off = (even - t[kept])[5000:9000]
+        assert np.ptp(off) < 0.3 * PERIOD
+
+
 def test_few_stamps_say_nothing_about_their_jitter():
     assert jitter_of(np.array([0.0, 1.0, 2.5])).std == 0.0
     assert np.isnan(jitter_of(np.array([1.0])).period)
