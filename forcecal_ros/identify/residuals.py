@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit
 
-CHANCE = 1e-5
-"""One question doubts a sound recording so rarely: with seven questions each, one of 15,000 is
-doubted by chance. A fault has to be 1.2 times as large for it as to be seen at one in a thousand,
-where one of 150 was doubted."""
+CHANCE = 1e-3
+"""A look at residuals doubts a sound recording less often than that: of 1495 looks at 299 sound ones
+the least probable had 5e-3, where as many that were independent would have had 7e-4."""
 
 _DEGREES = 100
 """Noise is known from some hundred values, so that large deviations are commoner than Gauss's."""
@@ -140,7 +139,7 @@ _FEWEST = 8
 
 FARTHEST = 1e-3
 """The farthest of single samples is doubted where chance makes one so far more rarely: one sound
-set in a thousand. To be seen at CHANCE among twelve poses it has to be 1.7 times as far off."""
+set in a thousand. Among twelve poses one in 100,000 asks for 1.7 times as large a pull."""
 
 
 class Outlier(NamedTuple):
