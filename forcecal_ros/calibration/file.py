@@ -169,7 +169,7 @@ def from_document(document: dict[str, Any], name: str) -> Calibration:
         calibration = read(Calibration, document, extra=True)
         _check(calibration)
     except ConfigError as error:
-        raise ConfigError(f'{name}: {error}; correct the file or calibrate again') from None
+        raise ConfigError(f'{name}: {error}; correct the file') from None
     return calibration
 
 

@@ -89,7 +89,7 @@ def check_identification(args: argparse.Namespace) -> None:
                          'base')
     if args.cutoff is not None and args.coupling != 'ac':
         raise UsageError('--cutoff is the corner of an ac accelerometer; give --coupling ac as '
-                         'well, or leave it out')
+                         'well')
     bandwidth_of(args)
 
 

@@ -112,7 +112,8 @@ def _check_pairs(args: argparse.Namespace) -> None:
     """Refuse what makes no pairs of the robot's recordings and the simulator's."""
     topic_names(args, '--simulated-topic')
     if bool(args.heldout) != bool(args.heldout_simulated):
-        raise UsageError('--heldout and --heldout-simulated go together; give both or neither')
+        missing = '--heldout' if args.heldout_simulated else '--heldout-simulated'
+        raise UsageError(f'--heldout and --heldout-simulated go together; give {missing} as well')
     given = [path for path in (*args.bag, args.heldout, args.simulated, args.heldout_simulated)
              if path]
     if len(set(map(os.path.realpath, given))) < len(given):

@@ -120,10 +120,10 @@ def refuse_unused(args: argparse.Namespace) -> None:
     unused = [option for option, given in learning.items() if given]
     if unused and args.filter not in LEARNING:
         raise UsageError(f'{", ".join(unused)}: filter {args.filter} has no such setting; leave '
-                         f'it out, or take {" or ".join(LEARNING)}')
+                         'it out')
     if args.payload and args.orientation == 'pose':
-        raise UsageError('--payload is estimated where an IMU tells gravity; leave it out, or '
-                         'give --orientation imu')
+        raise UsageError('--payload is estimated where an IMU tells gravity; give '
+                         '--orientation imu as well')
 
 
 def settings_of(args: argparse.Namespace) -> 'ObserverSettings':
@@ -152,8 +152,7 @@ def needs_imu(args: argparse.Namespace, recording: 'Recording') -> bool:
     from forcecal_ros.recording.topics import naming
 
     if args.orientation == 'pose' and not recording.pose:
-        raise DataError(f'{args.bag} holds no pose; {naming(recording, "pose")}, or let '
-                        'an IMU find gravity (--orientation imu)')
+        raise DataError(f'{args.bag} holds no pose; {naming(recording, "pose")}')
     if args.orientation == 'auto':
         return recording.pose is None and args.filter not in ('kalman', 'newton')
     return bool(args.orientation == 'imu')

@@ -62,8 +62,8 @@ def run(args: argparse.Namespace) -> int:
                                                         0.001))
                 done.update(recorder.counts.total() - done.n)
         if not recorder.counts:
-            raise DataError('nothing was heard on any topic of interest; name others as TOPIC, '
-                            'or check that ROS_DOMAIN_ID is that of the robot')
+            raise DataError('nothing was heard on any topic of interest; set ROS_DOMAIN_ID '
+                            'to that of the robot (others are named as TOPIC)')
     for msgtype in sorted(recorder.unknown):
         warn(f'not recorded: messages of type {msgtype}, whose package is not installed')
     for name in recorder.missing(names):

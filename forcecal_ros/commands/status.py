@@ -29,8 +29,8 @@ def run(args: argparse.Namespace) -> int:
         found = {name: status for name, status in node_statuses(ros, args.listen).items()
                  if not namespace or name.startswith(f'{namespace}/')}
     if not found:
-        raise DataError(f'no node was heard on /diagnostics within {args.listen:g} s; start one, '
-                        'or check that --namespace and ROS_DOMAIN_ID are those of the robot')
+        raise DataError(f'no node was heard on /diagnostics within {args.listen:g} s; start it '
+                        'with the same ROS_DOMAIN_ID and --namespace')
     if args.json:
         print_json({'nodes': {name: {
             'level': WORDS[status.level], 'message': status.message,

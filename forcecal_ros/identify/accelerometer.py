@@ -278,8 +278,7 @@ def identify_static_accelerometer(
         raise UnobservableError(
             f"the accelerometer's map is not observable from {n} static poses without motion "
             f'between them (condition {spread[0] / max(spread[2], 1e-12):.3g} > {condition:.3g}, '
-            f'at least 5 poses wanted); add poses with gravity along {"xyz"[axis]} of ft_sensor, '
-            'or record the motion between the poses')
+            f'at least 5 poses wanted); add poses with gravity along {"xyz"[axis]} of ft_sensor')
     rows = np.column_stack([np.ones(n), -gravity])
     bread = np.linalg.inv(rows.T @ rows)
     solution = bread @ rows.T @ volts

@@ -312,7 +312,7 @@ def clips_or_drifts(stages: Stages, settings: IdentificationSettings) -> Iterato
         channels = CHANNELS[name]
         found = [str(x) for x in stages.stops if x.channel in channels]
         if found:
-            yield Finding(f'{", ".join(found)}; raise the range of the {name} or lower the load',
+            yield Finding(f'{", ".join(found)}; raise the range of the {name}',
                           suspect)
         if name == 'accelerometer' and settings.coupling == 'ac':
             continue

@@ -199,5 +199,5 @@ def step_gain(theta: Array, Y: Array, theta_variance: float = 0.0) -> float:
     if not len(theta) or energy <= 0 or abs(product) < 1e-12:
         raise UnobservableError(
             f"the step does not stand out of the accelerometer's noise ({len(theta)} samples, "
-            f'energy {energy:.3g} V^2); make it longer or faster')
+            f'energy {energy:.3g} V^2); make it faster')
     return energy / product

@@ -130,8 +130,7 @@ def static_windows(recording: Recording) -> list[tuple[float, float]]:
         if not windows:
             raise DataError(
                 f'{recording.source or "the recording"}: none of its {len(recording.phases)} '
-                "phases is `measure`; record the sequencer's phases, or leave them out and stand "
-                'still in each pose')
+                "phases is `measure`; record the sequencer's phases")
         return [rest_within(recording.pose, *window) for window in windows]
     standstills = _standstills(recording.pose)
     windows = (standstills if recording.wrench is None

@@ -205,7 +205,7 @@ def _notes(stages: Stages, c: Calibration, plain: Plain) -> Iterator[str]:
                    f'out it is {plain.gain_aligned:.5g} ({off:+.2%} between them)')
         if a.position is None:
             yield ("the accelerometer's place is not identified and taken to be the centre of "
-                   'mass; rotate faster, or state accelerometer.position')
+                   'mass; rotate faster')
     if c.inertia is None:
         weak = 'no rotation was recorded'
         if stages.inertia is not None:

@@ -51,8 +51,8 @@ def refuse_poses_at_a_limit(recording: Recording, stops: Iterable[Clipping],
              for i, pose in enumerate(poses) for stop in stops
              if _stands(*channels[stop.channel], pose, stop.limit)]
     if found:
-        raise DataError(f'{"; ".join(found)}: the end of its range; lower the load, or raise the '
-                        'range of the sensor')
+        raise DataError(f'{"; ".join(found)}: the end of its range; raise the range of the '
+                        'sensor')
 
 
 def _stands(t: Array, values: Array, pose: StaticPose, limit: float) -> bool:

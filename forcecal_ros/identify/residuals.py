@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit
 
 CHANCE = 1e-3
-"""A look at residuals doubts a sound recording less often than that: of 1495 looks at 299 sound ones
-the least probable had 5e-3, where as many that were independent would have had 7e-4."""
+"""A look at residuals doubts a sound recording less often than that: of 1495 looks at 299 sound
+recordings the least probable had 5e-3, where as many independent ones would have had 7e-4."""
 
 _DEGREES = 100
 """Noise is known from some hundred values, so that large deviations are commoner than Gauss's."""

@@ -164,8 +164,8 @@ def _law(plant: Plant, free: Process, wanted: Wanted, settings: DesignSettings) 
                           np.array([[e.D**2 + settings.effort**2]]), e.D * e.C[:, np.newaxis])
         K = _kalman_gain(free, C, settings)
     except ValueError as error:  # LinAlgError is one
-        raise ConfigError(f'no optimal gain for this impedance: {error}; change design.effort '
-                          'or the noise levels of design') from error
+        raise ConfigError(f'no optimal gain for this impedance: {error}; change '
+                          'design.effort') from error
     L = np.ravel(L)
     if settings.state_gain is not None:
         if len(settings.state_gain) != len(L):

@@ -67,7 +67,7 @@ def _accelerometer(result: SensorResult) -> Iterator[str]:
     for d in result.data_sets:
         if d.gravity_scatter > MOVES:
             yield (f'{d.name}: |g| scatters by {d.gravity_scatter:.2g} m/s^2, the body '
-                   'accelerates; move slower or use a gyro (motion: true)')
+                   'accelerates; move slower')
 
 
 def _by_manufacturer(result: SensorResult) -> Iterator[str]:
@@ -210,10 +210,11 @@ def _contradictions(result: SensorResult) -> Iterator[str]:
         careful = np.hypot(float(d.added_mass.std), MASS * heaviest)
         if abs(off) > FAR_OFF * careful:
             yield (f'{d.name}: the calibrated sensor finds {float(d.added_mass.value):.3f} kg '
-                   f'added, stated {d.load.mass:g} kg; another recording, or another mass')
+                   f'added, stated {d.load.mass:g} kg; look at which mass was on in that '
+                   'recording')
         elif d.position is not None and d.load.mass:
             away = d.position.value - d.load.position
             if (np.abs(away) > FAR_OFF * np.hypot(d.position.std, PLACE)).any():
                 yield (f'{d.name}: the calibrated sensor finds the added mass '
-                       f'{1000 * np.linalg.norm(away):.0f} mm from its stated place; another '
-                       'recording, or another place')
+                       f'{1000 * np.linalg.norm(away):.0f} mm from its stated place; look at '
+                       'where it was in that recording')

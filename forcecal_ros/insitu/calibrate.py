@@ -77,7 +77,7 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
     """
     if options.moving and not options.matrix:
         raise UnobservableError('in motion the offset is estimated along with the matrix; record '
-                                'several added masses, or leave `motion` off and move slowly')
+                                'several added masses')
     if options.matrix:
         loads = _training_loads(data_sets)
         if options.body:
@@ -167,7 +167,7 @@ def _training_loads(data_sets: Sequence[DataSet]) -> list[Load]:
     missing = [d.name for d in data_sets if d.train and d.load is None]
     if missing:
         raise DataError(f'the added mass of {", ".join(missing)} is not stated; state it (0 for '
-                        'none), or use those data sets to validate')
+                        'none)')
     return [d.load for d in data_sets if d.train and d.load is not None]
 
 

@@ -102,8 +102,7 @@ def _prepare_moving(chunks: Iterable[Chunk], mounting: Mounting) -> Iterator[Pre
     held: Chunk | None = None
     for chunk in chunks:
         if chunk.gyro is None:
-            raise DataError('motion needs an angular rate; name the gyro in the SPEC, or leave '
-                            '`motion` off for slow recordings')
+            raise DataError('motion needs an angular rate; name the gyro in the SPEC')
         held = chunk if held is None else _join(held, chunk)
         if len(held.t) < 2:
             continue

@@ -51,7 +51,7 @@ def window_samples(window: float, order: int, rate: float) -> int:
     if samples <= order:
         raise ConfigError(
             f'filter: a window of {window:g} s holds {samples} samples at {rate:g} Hz, order '
-            f'{order} needs more than {order}; widen it or say `filter: off`')
+            f'{order} needs more than {order}; widen it')
     return samples
 
 

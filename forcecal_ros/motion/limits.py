@@ -94,7 +94,7 @@ class Limits:
             raise ConfigError(
                 f'limits.{speed} {getattr(self, speed):g} stops within limits.stop_duration '
                 f'{self.stop_duration:g} s at {needed:.3g}, above limits.{limit} '
-                f'{getattr(self, limit):g}; lower the one or raise the other')
+                f'{getattr(self, limit):g}; lower limits.{speed}')
 
 
 def check_move(move: Move, limits: Limits, name: str = 'the move') -> None:
@@ -114,7 +114,7 @@ def check_move(move: Move, limits: Limits, name: str = 'the move') -> None:
     for key, planned, limit, unit in _rates(move, limits):
         if not planned <= limit:
             raise MotionError(f'{name} needs {planned:.4g} {unit}, limits.{key} is {limit:g} '
-                              f'{unit}; give it more time or a shorter distance')
+                              f'{unit}; give it more time')
     positions, rotations = move.poses()
     check_workspace(positions, limits, f'{name}: the sensor')
     check_workspace(positions + rotations @ limits.tip, limits, f'{name}: the tip')
@@ -167,7 +167,7 @@ def check_workspace(points: Array, limits: Limits, name: str) -> None:
         if not beyond[i, axis] <= 0:
             raise MotionError(
                 f'{name} would reach {"xyz"[axis]} = {points[i, axis]:.4f} m, '
-                f'limits.{key} is {bound[axis]:g} m there; move the pose or widen the box')
+                f'limits.{key} is {bound[axis]:g} m there; move the pose')
 
 
 def check_joint_move(move: JointMove, limits: Limits, name: str) -> None:
@@ -194,5 +194,4 @@ def check_joint_move(move: JointMove, limits: Limits, name: str) -> None:
             ('joint_jerk', distance * peak.jerk, limits.joint_jerk, 'rad/s^3')):
         if not planned <= limit:
             raise MotionError(f'{name} needs {planned:.4g} {unit} of joint {joint + 1}, '
-                              f'limits.{key} is {limit:g} {unit}; give it more time or a '
-                              'shorter distance')
+                              f'limits.{key} is {limit:g} {unit}; give it more time')

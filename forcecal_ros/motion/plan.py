@@ -225,7 +225,7 @@ def check_wrench(plan: Sequence[PlannedSegment], wrench: Array, limits: Limits) 
                 raise MotionError(
                     f'{part.segment.phase} {part.segment.label} would add {added:.4g} {unit} of '
                     f'inertia to the {at_rest:.4g} {unit} read at rest, limits.{key} is '
-                    f'{limit:g} {unit}; give it more time or raise the limit')
+                    f'{limit:g} {unit}; give it more time')
 
 
 def expected_duration(plan: Sequence[PlannedSegment], settle: float) -> float:

@@ -278,7 +278,7 @@ class MotionSequence:
             self._enter(self._index + 1)
         elif self._time >= self.settings.settle_timeout:
             self.abort(f'not still {self._time:.1f} s after the move to {self.status.label}: '
-                       f'{stillness.detail}; look for vibration, or raise settle.factor')
+                       f'{stillness.detail}; look for vibration')
 
     def _hold_at(self, command: Command) -> None:
         self._rest = command.pose if isinstance(command, Setpoint) else command.positions

@@ -107,8 +107,8 @@ class CartesianBackend(Backend[Setpoint]):
                               'link')
         if self._frame and measured and measured != self._frame:
             raise MotionError(f'current_pose is in {measured!r}, commands would go out in '
-                              f'{self._frame!r}, which is motion.frame; leave that empty, or '
-                              'have the pose published in the same frame')
+                              f'{self._frame!r}, which is motion.frame; leave that '
+                              'empty')
         self._write = Writer(self._message_type, self._frame or measured)
 
     def send(self, stamp_ns: int, command: Setpoint) -> None:

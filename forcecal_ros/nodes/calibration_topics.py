@@ -197,7 +197,7 @@ def tool_warning(found: ToolEstimate, in_use: float) -> str:
     if found.state == TRACKING and abs(found.mass - in_use) > max(
             SURE * found.mass_std, 0.01 * in_use):
         return (f'tool: {found.mass:.4g} +- {found.mass_std:.2g} kg are on the sensor, '
-                f'{in_use:.4g} kg are taken off; set tool: {TRACKED}, or calibrate')
+                f'{in_use:.4g} kg are taken off; set tool: {TRACKED}')
     return ''
 
 

@@ -31,7 +31,7 @@ class FrameOutputs:
         elif base:
             self._node.get_logger().warning(
                 f'publish.frames: nobody says where {base!r} is, for current_pose is in '
-                f'{frame!r}; name that instead, or give its pose in publish.frame_poses',
+                f'{frame!r}; give its pose in publish.frame_poses',
                 once=True)
 
     def publish(self, stamp_ns: int, t: float, wrench: Wrench, timeout: float) -> None:

@@ -62,7 +62,7 @@ class LivePage(ThreadingHTTPServer):
             super().__init__((HERE, port), _Reader)
         except OSError as error:
             raise ConfigError(f'port {port} of {HERE} cannot be listened on ({error.strerror}); '
-                              'give --port another number, or 0 for any that is free') from error
+                              '--port 0 takes any that is free') from error
 
     @property
     def address(self) -> str:

@@ -363,8 +363,7 @@ class Observer(ManagedNode):
     def _tare(self) -> str:
         model = self._chain.model
         if model is None or self._source is None:
-            raise DataError('there is no calibration yet; give calibration.file or run the '
-                            'sequencer')
+            raise DataError('there is no calibration yet; run the sequencer')
         if 'wrench' in self._silent() or 'wrench' not in self._heard:
             raise DataError('wrench: nothing received; is its driver running?')
         result = self._chain.tare(model, noise_levels(self._source.calibration.noise))

@@ -86,7 +86,7 @@ def pose_source(node: Node) -> PoseSource:
     if not (base and frame):
         raise ConfigError(f'pose.{"base" if frame else "frame"} is empty, and pose.'
                           f'{"frame" if frame else "base"} is {frame or base!r}; name both frames '
-                          'of /tf, or neither to take poses from current_pose')
+                          'of /tf')
     message_type = transform_type('pose.base and pose.frame take poses from /tf',
                                   ', or have a PoseStamped published on current_pose')
     poses = TransformPose(base, frame)

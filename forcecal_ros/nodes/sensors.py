@@ -43,8 +43,7 @@ class Deadman:
         if not 0 < self._timeout < silent:
             return ''
         if not self._heard:
-            return ('deadman: nothing received; press the switch, or set '
-                    'motion.deadman_timeout to 0.0')
+            return 'deadman: nothing received; press the switch'
         return f'deadman: silent for {silent / SECOND:.3f} s'
 
 

@@ -87,8 +87,8 @@ def ask(ros: TemporaryNode, service: str, patience: float) -> Trigger.Response:
     """
     client = ros.node.create_client(Trigger, service)
     if not _until(ros, client.service_is_ready, patience):
-        raise DataError(f'{service} is not there after {patience:g} s; start its node, or check '
-                        'that --namespace and ROS_DOMAIN_ID are those of the robot')
+        raise DataError(f'{service} is not there after {patience:g} s; start its node with '
+                        'the same ROS_DOMAIN_ID and --namespace')
     ros.spin(SETTLED)
     answer = client.call_async(Trigger.Request())
     if not _until(ros, answer.done, patience):

@@ -167,7 +167,7 @@ def _filter(calibration: Calibration, settings: ObserverSettings) -> str:
     name = settings.filter or (observer.mode if observer is not None else 'kalman')
     if name == 'newton' and observer is None:
         raise ConfigError('filter newton needs observer.K in the calibration; '
-                          'calibrate with a step, or use filter kalman')
+                          'use filter kalman')
     return name
 
 

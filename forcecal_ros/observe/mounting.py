@@ -85,8 +85,7 @@ def taken_to_sensor(recording: Recording, mounting: Placement | None) -> Recordi
         return recording
     if _is_of_sensor(recording):
         raise DataError(f'{recording.source}: the pose, from /tf, is that of the frame of the '
-                        'wrench already; leave --sensor-from-pose out, or name the frame it '
-                        'starts from by --topic pose=tf:BASE:FRAME')
+                        'wrench already; leave --sensor-from-pose out')
     return replace(recording, pose=_taken(recording.pose, mounting),
                    target=_taken(recording.target, mounting),
                    sensor_from_pose=numbers_of(mounting))

@@ -72,7 +72,7 @@ def replay(recording: Recording, calibration: Calibration,
         return _replay_pose_free(recording, wrench, calibration, settings, imu, progress)
     if settings.filter == 'static' and not recording.pose:
         raise UnobservableError(f'{name} holds no pose, which filter static takes the weight '
-                                f'from; {naming(recording, "pose")}, or use another filter')
+                                f'from; {naming(recording, "pose")}')
     # the node, which never replays, need not load the compiler
     from forcecal_ros.observe.batch import estimates, in_order
 

@@ -75,7 +75,7 @@ def stationary_filter(
         raise UnobservableError(
             f'{", ".join(lost)} cannot be told from the measurements at hand '
             f'({len(A)} states, {len(C)} measurements); '
-            'add the pose, or leave the accelerometer offset out (observer offset: off)')
+            'leave the accelerometer offset out (observer offset: off)')
     try:
         P = solve_discrete_are(A.T, C.T, Q, R, s=S)
     except ValueError as error:  # LinAlgError is one; reordering the pencil raises others

@@ -222,9 +222,8 @@ def require(recording: Recording, roles: Collection[str]) -> None:
             if any(ROLES[role].topic in note for role in missing)]
     raise DataError(
         f'{recording.source or "the recording"}: no messages of '
-        f'{", ".join(f"{ROLES[role].topic} ({role})" for role in missing)}; record '
-        f'{"them" if len(missing) > 1 else "it"}, or name the topic with '
-        + ' and '.join(_option(recording, role) for role in missing)
+        f'{", ".join(f"{ROLES[role].topic} ({role})" for role in missing)}; '
+        + ' and '.join(naming(recording, role) for role in missing)
         + ''.join(f'; {note}' for note in said))
 
 
@@ -234,20 +233,12 @@ def _there(recording: Recording, role: str) -> bool:
 
 
 def naming(recording: Recording, role: str) -> str:
-    """
-    Say how to name the topic of a role, and which of the recording it may be.
-
-    Parameters
-    ----------
-    role : str
-        Without a topic; the sentence goes on from "or".
-    """
-    return f'name its topic with {_option(recording, role)}'
-
-
-def _option(recording: Recording, role: str) -> str:
+    """Say what to do without a topic of a role: name the one it may be, record it if none may."""
     others = recording.candidates.get(role, ())
+    if not others:
+        return f'record {ROLES[role].topic}'
     if len(others) < 2:
-        return f'--topic {role}={others[0] if others else "NAME"}'
+        return f'name its topic with --topic {role}={others[0]}'
     more = f' and {len(others) - _LISTED} more' if len(others) > _LISTED else ''
-    return f'--topic {role}=NAME, one of {", ".join(others[:_LISTED])}{more}'
+    return (f'name its topic with --topic {role}=NAME, one of {", ".join(others[:_LISTED])}'
+            f'{more}')

@@ -11,6 +11,7 @@ from forcecal_ros.geometry import Array, quaternion_of
 from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.recording.axes import DOWN
 from forcecal_ros.recording.streams import Recording
+from forcecal_ros.recording.topics import naming
 from forcecal_ros.rig_fit.grid import fit_and_judge, Followed
 from forcecal_ros.rig_fit.rotation import fit_rotation, RotationFit, turned_apart
 from forcecal_ros.rig_fit.tool import (
@@ -126,8 +127,8 @@ def _required(recording: Recording) -> Recording:
                         ('wrench', 'wrench')):
         stream = getattr(recording, role)
         if stream is None or not len(stream):
-            raise DataError(f'{recording.source}: {role} is missing, expected a topic '
-                            f'{topic}; record it, or name it as --topic {role}=NAME')
+            raise DataError(f'{recording.source}: {role} is missing, expected a topic {topic}; '
+                            f'{naming(recording, role)}')
         if role != 'wrench' and not stream.has_position:
             raise DataError(f'{recording.source}: {role} has no position; record poses of '
                             'ft_sensor in the base')

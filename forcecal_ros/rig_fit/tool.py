@@ -113,7 +113,7 @@ def _with_accelerometer(rig: Rig, a: CalibratedAccelerometer, notes: tuple[str, 
         raise DataError(
             f'accelerometer: its axes are turned by {np.degrees(turned):.1f} deg against '
             f'ft_sensor, expected {np.degrees(MOST_TURNED):.1f} deg at most, as a rig mounts it '
-            'along the sensor; record it in that frame, or leave it out of the recording')
+            'along the sensor; record it in that frame')
     position = rig.tool.com
     if a.position is None:
         notes = (*notes, ('nothing tells where the accelerometer sits; it is put into the centre '
@@ -146,7 +146,7 @@ def _with_imu(rig: Rig, recording: Recording, motion: CarriedTool) -> Rig:
     if turned > TURNED:
         raise DataError(f'accelerometer: it feels gravity {np.degrees(turned):.0f} deg from where '
                         'the pose has it, expected along the axes of ft_sensor; record it in that '
-                        'frame, or leave it out of the recording')
+                        'frame')
     felt = slowed(stream)(np.clip(motion.t, stream.t[0], stream.t[-1]))
     offsets = np.broadcast_to(np.eye(3), motion.lever.shape)
     columns = np.concatenate([motion.lever, offsets], axis=2)

@@ -129,8 +129,7 @@ def _fit_axis(rig: Rig, followed: Sequence[Followed], smooth: Sequence[Array], a
     if not told:
         surest = min(_lag(one.model)[1] for one in candidates)
         raise DataError(f'target_frame: the lag of axis {"xyz"[axis]} is not told by its motion '
-                        f'(known to {surest:.2g} periods, expected {SURE:g}); move it faster or '
-                        'farther')
+                        f'(known to {surest:.2g} periods, expected {SURE:g}); move it farther')
     chosen = min(told, key=lambda one: one.error)
     lag, std = _lag(chosen.model)
     # a command is reached at the end of its period, without servo and equation

@@ -200,7 +200,7 @@ def refuse_unsteady(runs: Runs) -> None:
     """Refuse a simulator that does something else the second time."""
     if not runs.repeats():
         raise ConfigError(f'{runs.simulator.name}: the same commands and parameters gave another '
-                          'answer the second time; seed its noise or leave it out, and begin '
+                          'answer the second time; seed its noise, and begin '
                           'each run from the same state')
 
 

@@ -105,7 +105,7 @@ def test_commands_of_which_most_are_missing_are_refused_and_seldom_ones_are_not(
     refused = diagnose(led, None, rig).diagnosis
     assert refused.verdict == 'invalid_data'
     assert 'recorded every 48 ms, the rig takes one every 4 ms' in refused.reason
-    assert 'record every command' in refused.reason
+    assert 'give --calibration' in refused.reason
     assert prepare(held, rig).groups.any()
     # the same commands, taken by a robot that is 6 ms later
     late = with_effects(rig, {'robot_delay': {'delay': 0.006}})

@@ -166,4 +166,4 @@ def test_fast_motion_needs_the_gyro_and_then_is_as_good_as_rest():
     assert off.max() < 4.0
     without = calibrated(fast, 2, Options(screening=False))
     assert errors(without)[2] > 0.03
-    assert any('use a gyro' in warning for warning in without.warnings)
+    assert any('move slower' in warning for warning in without.warnings)

@@ -32,13 +32,13 @@ def test_all_that_is_missing_is_named_and_what_is_there_is_not(tmp_path):
     require(read_recording(tmp_path / 'bag'), ['wrench'])
     assert refusal(tmp_path / 'bag', ['wrench', 'pose', 'phase']) == (
         f'{tmp_path}/bag: no messages of current_pose (pose), sequencer/phase (phase); '
-        'record them, or name the topic with --topic pose=NAME and --topic phase=NAME')
+        'record current_pose and record sequencer/phase')
 
 
 def test_the_one_topic_that_can_be_meant_is_offered(tmp_path):
     write_messages(tmp_path / 'bag', [*wrenches('/wrench'), *poses('/tcp_pose_broadcaster/pose')])
     assert refusal(tmp_path / 'bag', ['pose']).endswith(
-        'record it, or name the topic with --topic pose=/tcp_pose_broadcaster/pose')
+        '; name its topic with --topic pose=/tcp_pose_broadcaster/pose')
     with pytest.raises(DataError, match='--topic pose=/tcp_pose_broadcaster/pose'):
         identify(read_recording(tmp_path / 'bag'))
 

@@ -79,7 +79,7 @@ def aligned(recording: Recording, simulated: Recording) -> tuple[Recording, Alig
             break
     else:
         raise DataError('the two recordings cannot be aligned: neither commands nor poses that '
-                        'move are in both; record target_frame or current_pose in both')
+                        'move are in both; record target_frame in both')
     one, other = (speed for speed in speeds if speed is not None)
     shift, correlation = _match(one, other)
     if correlation < LEAST_CORRELATION:

@@ -144,8 +144,7 @@ def refuse_sparse_commands(recording: Recording, rig: Rig, accelerometer: str) -
             f'{1e3 * period:.3g} ms, and the measured poses show that the robot did not hold each '
             f'so long, but was told more in between: {held:.0f} times their noise away with '
             f'commands held, {led:.2g} with commands interpolated, and along a guessed way no '
-            'force is known; record every command, or give --calibration, to compare the wrench '
-            'with the measured motion')
+            'force is known; give --calibration, to compare the wrench with the measured motion')
 
 
 def _led(target: PoseStream, period: float) -> PoseStream:

@@ -56,7 +56,7 @@ def prepare_motion(recording: Recording, rigid_tool: RigidTool,
     """
     require_wrench_and_pose(
         recording, 'the recording holds neither commands nor wrench with measured pose; record '
-        'target_frame, or wrench and current_pose')
+        'wrench and current_pose')
     name = accelerometer or rigid_tool.accelerometer.mounted
     moved = in_volts(recording, rigid_tool, name)
     volts = moved.accelerometer if moved.accelerometer and len(moved.accelerometer) > 1 else None

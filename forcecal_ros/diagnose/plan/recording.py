@@ -174,7 +174,7 @@ def _touching(rig: Rig, timing: Timing) -> tuple[Timing, float]:
     way = rig.wall.position + PRESS - float(reach[0])
     if not 0.0 < way < 0.5 or home.R_base_sensor[0, 0] < 0.9:
         raise DataError(f'the wall at X = {rig.wall.position:g} m is not in front of the tip '
-                        f'at X = {reach[0]:.3f} m; plan without contact, or mend home')
+                        f'at X = {reach[0]:.3f} m; plan without contact')
     return replace(timing, contact_distance=round(way, 4)), float(reach[0]) + way + 0.004
 
 

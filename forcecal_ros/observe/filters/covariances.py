@@ -128,7 +128,7 @@ def measured_covariances(calibration: Calibration, rise_time: float,
     noise = calibration.noise
     if noise is None or not noise.wrench_rate > 0:
         raise ConfigError('the calibration holds no noise.wrench with its rate, so R is unknown; '
-                          'calibrate with a stretch at rest or set gravity.covariances: paper')
+                          'set gravity.covariances: paper')
     R = noise.wrench.value + load_noise(calibration, alpha_std)
     k = gain_of(rise_time, 1 / noise.wrench_rate)
     return Covariances(R * k * k / (1 - k), R, R.copy(), 1 / noise.wrench_rate)

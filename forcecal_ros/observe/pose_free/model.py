@@ -105,15 +105,15 @@ def pose_free_model(calibration: Calibration, settings: ObserverSettings = Obser
     """
     accelerometer, noise = calibration.accelerometer, calibration.noise
     if accelerometer is None or accelerometer.coupling != 'dc':
-        raise ConfigError('without a pose gravity needs a DC-coupled accelerometer; calibrate '
-                          'with one, or record the pose')
+        raise ConfigError('without a pose gravity needs a DC-coupled accelerometer; record '
+                          'the pose')
     if noise is None or noise.specific_force is None:
         raise ConfigError('the calibration holds no noise.specific_force; calibrate with a '
                           'stretch at rest')
     wrench = design(calibration, settings).bias_filter
     if wrench is None or not wrench.augmented:
         raise ConfigError(f'filter {settings.filter} with {settings.learning.states} states needs '
-                          f'a pose; without one use {" or ".join(LEARNING)} with 12')
+                          f'a pose; without one use {LEARNING[0]} with 12')
     com = calibration.com.value
     place = com if accelerometer.position is None else accelerometer.position.value
     inertia = np.zeros((3, 3)) if calibration.inertia is None else calibration.inertia.value

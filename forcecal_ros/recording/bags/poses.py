@@ -164,7 +164,7 @@ def pose_of_joints(bag: Bag, named: str, joint_states: Topic | None) -> tuple[Se
     joints = {frame: description.joint(frame) for frame in (*way.up, *way.down)}
     if joint_states is None:
         raise DataError(f'{named}: there are no joint states in the recording; record '
-                        '/joint_states, or name the topic with --topic joint_states=NAME')
+                        '/joint_states')
     drivers = {joint.driver for joint in joints.values()} - {''}
     if not drivers:
         raise DataError(f'{named}: no joint moves between {base} and {link}; name the frame of '
@@ -194,7 +194,7 @@ def _description(bag: Bag, source: str) -> bytes:
         return Path(source).read_bytes()
     except OSError as error:
         raise DataError(f'{source}: cannot be read ({error.strerror}), and is no topic of the '
-                        'recording; name a URDF, or the topic that holds it') from error
+                        'recording; name a URDF') from error
 
 
 def _reported_joints(bag: Bag, topic: Topic, drivers: set[str], named: str) -> dict[str, Series]:

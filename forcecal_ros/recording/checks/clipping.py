@@ -151,7 +151,7 @@ def refuse_wrapped(stream: Stream, channels: Sequence[str], pose: PoseStream) ->
              if (count := _wraps(stream.t, values, pose))]
     if found:
         raise DataError(f'{"; ".join(found)}: its counts wrap around; raise the range of the '
-                        'sensor, or take the bias off before its driver converts them')
+                        'sensor')
 
 
 def _wraps(t: Array, values: Array, pose: PoseStream) -> int:

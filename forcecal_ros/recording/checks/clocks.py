@@ -226,8 +226,7 @@ def refuse_apart(spans: Mapping[str, tuple[float, float]]) -> None:
     if apart:
         listed = ', '.join(f'{name} {spans[name][0] - spans[most][0]:+.1f} s' for name in apart)
         raise DataError(f'stamps begin too far from those of {most}: {listed}; set the clocks of '
-                        'all computers by one (PTP or chrony), or stamp on one computer, and '
-                        'record again')
+                        'all computers by one (PTP or chrony), and record again')
 
 
 def _gap(one: tuple[float, float], other: tuple[float, float]) -> float:

@@ -100,8 +100,7 @@ def _coarse(recording: Recording) -> Iterator[str]:
         step = max(resolution(column) for column in pose.position.T)
         if step > limits.COARSE_PLACE:
             yield (f'pose: its position comes in steps of {1e3 * step:.3g} mm: accelerations that '
-                   'are taken from it jump; publish it with more digits, or record an '
-                   'accelerometer')
+                   'are taken from it jump; publish it with more digits')
 
 
 def _begun(recording: Recording) -> Recording:

@@ -71,7 +71,7 @@ def missing(table: Table, role: str, values: Array) -> Iterator[str]:
     where = (f'{table.path}: {int(bad.sum())} of {len(bad)} rows of {role} are not finite, first '
              f'in line {table.line(int(np.argmax(bad)))}')
     if bad.all() or bad.sum() > max(FEW, SPOILT * len(bad)):
-        raise DataError(f'{where}; take out what is no reading, or record again')
+        raise DataError(f'{where}; take out what is no reading')
     yield f'{where}; they are left out where the recording is used'
 
 
