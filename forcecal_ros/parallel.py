@@ -61,16 +61,11 @@ def each(work: Callable[[T], R], items: Sequence[T], *, jobs: int = 1, dask: str
         A function of an importable module (or a ``functools.partial`` of one): workers find it by
         its name. It takes an item; items and results travel between processes, so they are better
         names of files than their contents.
-    items : sequence
     jobs : int
         Processes on this machine; 1: none besides this one.
     dask : str
         Address of the scheduler of a Dask cluster that works instead, as ``tcp://host:8786``. Its
         workers need this package and the same files under the same names.
-
-    Yields
-    ------
-    Outcome
 
     Raises
     ------
@@ -95,12 +90,6 @@ def attempt(work: Callable[[T], R], index: int, item: T) -> Outcome[R]:
     Parameters
     ----------
     work : callable
-    index : int
-    item : object
-
-    Returns
-    -------
-    Outcome
     """
     try:
         with _TURN:

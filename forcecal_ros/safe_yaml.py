@@ -56,7 +56,6 @@ def load_yaml(text: str | bytes, name: str, largest: int = LARGEST) -> Any:
 
     Parameters
     ----------
-    text : str or bytes
     name : str
         File or topic, for messages.
     largest : int

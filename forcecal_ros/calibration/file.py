@@ -58,14 +58,6 @@ def load(path: Path | str) -> Calibration:
     """
     Read a calibration file, or one of force_torque_tools (KTH) or ft_tools_ros2.
 
-    Parameters
-    ----------
-    path : Path or str
-
-    Returns
-    -------
-    Calibration
-
     Raises
     ------
     ConfigError
@@ -90,7 +82,6 @@ def refuse_old(calibration: Calibration, longest: float, now: float, name: str) 
 
     Parameters
     ----------
-    calibration : Calibration
     longest, now : float
         Allowed age, and the time it is counted to [s since the epoch].
     name : str
@@ -118,13 +109,8 @@ def parse(text: str, name: str = 'calibration') -> Calibration:
 
     Parameters
     ----------
-    text : str
     name : str
         File or topic, for messages.
-
-    Returns
-    -------
-    Calibration
 
     Raises
     ------

@@ -208,7 +208,6 @@ def read_checked(args: argparse.Namespace, bag: str, wanted: Collection[str] = (
     ----------
     args : argparse.Namespace
         Of a parser with :func:`add_bag`.
-    bag : str
     wanted : collection of str
         Roles that it has to hold.
     raw_wrench : bool

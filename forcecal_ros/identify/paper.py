@@ -55,8 +55,6 @@ def plain_procedure(recording: Recording, poses: list[StaticPose], gravity: floa
 
     Parameters
     ----------
-    recording : Recording
-    poses : list of StaticPose
     gravity : float
         [m/s^2]
     theta : float
@@ -65,10 +63,6 @@ def plain_procedure(recording: Recording, poses: list[StaticPose], gravity: floa
         Start and end of the step [s].
     alignment : Alignment or None
         None without accelerometer.
-
-    Returns
-    -------
-    Plain
     """
     nan = float('nan')
     upright = [abs(p.R_base_sensor[2, 0]) for p in poses]
@@ -138,10 +132,6 @@ def operation_count(times: tuple[float, float, float, float, float], rate: float
         t0 to t4: pose 1 from t0 to t1, pose 3 from t2 to t3, the step until t4 [s].
     rate : float
         Samples per second.
-
-    Returns
-    -------
-    float
     """
     t0, t1, t2, t3, t4 = times
     return ((t1 - t0) + 2 * (t3 - t2) + (t4 - t3)) * rate

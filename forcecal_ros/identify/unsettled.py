@@ -73,7 +73,6 @@ def unsettled(t: Array, values: Array, duration: float, mode: Mode,
         Since the start of the pose [s]; displacement [m], or force along x [N].
     duration : float
         Of the pose [s].
-    mode : Mode
     force : tuple of float or None
         Stiffness and damping where ``values`` are a force.
     """

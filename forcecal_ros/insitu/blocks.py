@@ -129,7 +129,6 @@ def to_blocks(chunks: Iterable[Prepared], window: tuple[float, float] | None = N
 
     Parameters
     ----------
-    chunks : iterable of Prepared
     window : (float, float) or None
         In which no channel may stick [s]; None: anywhere.
     poses : bool

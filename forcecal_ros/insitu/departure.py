@@ -259,7 +259,6 @@ def hidden_covariance(moments: Sequence[Moments], causes: Causes | None) -> Arra
 
     Parameters
     ----------
-    moments : sequence of Moments
     causes : Causes or None
         None where they could not be told.
 

@@ -135,12 +135,6 @@ def reduce(data_sets: Sequence[DataSet], mounting: Mounting, options: Options
     """
     Screen all recordings, level the accelerometer, filter and accumulate.
 
-    Parameters
-    ----------
-    data_sets : sequence of DataSet
-    mounting : Mounting
-    options : Options
-
     Returns
     -------
     list of Reduced
@@ -190,13 +184,8 @@ def without_hysteresis(reduced: Sequence[Reduced], lags: Sequence[Array]) -> lis
 
     Parameters
     ----------
-    reduced : sequence of Reduced
     lags : sequence of ndarray, shape (b, n)
         Of each data set's blocks.
-
-    Returns
-    -------
-    list of Reduced
     """
     return [replace(r, blocks=replace(r.blocks, raw=r.blocks.raw - lag),
                     moments=r.moments.without(lag[r.use], r.blocks.raw[r.use],

@@ -143,10 +143,6 @@ def to_document(results: tuple[SensorResult, ...]) -> dict[str, Any]:
     """
     Turn results into dicts, lists, numbers and words.
 
-    Parameters
-    ----------
-    results : tuple of SensorResult
-
     Returns
     -------
     dict
@@ -207,15 +203,10 @@ def to_calibration(result: SensorResult, frame: str, source: str) -> Calibration
 
     Parameters
     ----------
-    result : SensorResult
     frame : str
         frame_id of the wrench.
     source : str
         What it was made from.
-
-    Returns
-    -------
-    Calibration
 
     Raises
     ------

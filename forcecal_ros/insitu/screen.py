@@ -74,14 +74,6 @@ def screen(blocks: Blocks) -> Screening:
     """
     Find the longest window of a rigid body that hangs free, and what else agrees with it.
 
-    Parameters
-    ----------
-    blocks : Blocks
-
-    Returns
-    -------
-    Screening
-
     Raises
     ------
     DataError
@@ -112,13 +104,8 @@ def given_window(blocks: Blocks, start: float, end: float) -> Screening:
 
     Parameters
     ----------
-    blocks : Blocks
     start, end : float
         start <= t <= end is used [s].
-
-    Returns
-    -------
-    Screening
 
     Raises
     ------

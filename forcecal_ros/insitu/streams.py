@@ -66,7 +66,6 @@ def join(chunks: Iterable[tuple[str, Array, Array]], spec: Spec, sensor: str
     ----------
     chunks : iterable of (str, ndarray, ndarray)
         Topic, stamps [s] and values, roughly in the order of time.
-    spec : Spec
     sensor : str
         Its name.
 

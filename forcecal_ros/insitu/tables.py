@@ -33,8 +33,6 @@ class TableSource:
 
     Parameters
     ----------
-    spec : Spec
-    path : Path
     raw : sequence of str or int
         Columns of the raw channels.
 

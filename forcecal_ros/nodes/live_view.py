@@ -48,7 +48,6 @@ class LiveView:
 
     Parameters
     ----------
-    node : Node
     namespace : str
         Of the robot's nodes and topics.
     wrench : str

@@ -98,10 +98,6 @@ def only_this_machine() -> dict[str, str]:
     Its profile alone has to say so: ``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST`` would bring
     shared memory back. Its buffers hold some tenths of a second of topics at 1 kHz, as far as the
     system grants them. Any other middleware is told LOCALHOST.
-
-    Returns
-    -------
-    dict of str to str
     """
     if os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps').startswith('rmw_fastrtps'):
         return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',

@@ -71,7 +71,6 @@ def usable_from(
         How much later than its instant the sample is stamped [s].
     first : float
         Stamp of the first wrench, inf before it [s].
-    timeout, skew
     """
     before = last if last > -inf else first
     return t + skew - min(lead, 0.0) if t - before > timeout else -inf

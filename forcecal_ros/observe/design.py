@@ -258,7 +258,6 @@ def with_tool(model: Model, mass: float, com: Vector, inertia: Array | None = No
 
     Parameters
     ----------
-    model
     mass : float
         Of all that hangs on the sensor [kg].
     com : tuple of 3 float

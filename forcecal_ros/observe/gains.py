@@ -62,10 +62,8 @@ def accuracy(calibration: Calibration, model: Model,
 
     Parameters
     ----------
-    calibration
     model
         Its :func:`~forcecal_ros.observe.design.design` by these settings.
-    settings
 
     Returns
     -------

@@ -49,7 +49,6 @@ def tool_wrench(
 
     Parameters
     ----------
-    load
     f : tuple of 3 float
         Specific force at the accelerometer [m/s^2].
     omega, alpha : tuple of 3 float

@@ -54,7 +54,6 @@ class JointPose:
 
     Parameters
     ----------
-    description : Description
     base, link : str
         Links of it.
     name, source : str

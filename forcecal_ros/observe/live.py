@@ -97,7 +97,6 @@ class LiveObserver:
 
         Parameters
         ----------
-        model
         wrench_sign : int
             -1: the readings are of the tool on its environment.
         gravity_direction : tuple of 3 float or None

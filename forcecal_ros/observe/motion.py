@@ -116,7 +116,6 @@ def take_pose(motion: MotionEstimate, t: float, position: Vector, q: Quaternion,
 
     Parameters
     ----------
-    motion
     t : float
         Its stamp [s].
     position : tuple of 3 float
@@ -129,7 +128,6 @@ def take_pose(motion: MotionEstimate, t: float, position: Vector, q: Quaternion,
         Of the accelerometer at ``t``, with integral.
     s : float
         Displacement at ``t`` [m].
-    model
     """
     rotation, place = motion.rotation, motion.place
     offset, offset_known = motion.offset, motion.offset_known
@@ -190,7 +188,6 @@ def track_place(
 
     Parameters
     ----------
-    place
     t : float
         Stamp, later than ``place.t`` [s].
     q : tuple of 4 float
@@ -203,7 +200,6 @@ def track_place(
         See :class:`Place`; at ``t``.
     gravity : float
         [m/s^2]
-    poles
 
     Returns
     -------
@@ -262,7 +258,6 @@ def next_sample(before: Sample, highpass: Vector, t: float, reading: Vector, usa
         From which stamp on it may be used [s].
     begins : bool
         Whether a run begins with it.
-    model
 
     Returns
     -------

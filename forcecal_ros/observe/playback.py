@@ -50,7 +50,6 @@ def replay(recording: Recording, calibration: Calibration,
 
     Parameters
     ----------
-    recording, calibration, settings
     imu : Imu or None
         Where given, accelerometer and gyro tell where down is, and the pose is not looked at.
     progress : callable

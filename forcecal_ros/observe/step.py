@@ -117,13 +117,11 @@ def on_wrench(state: State, t: float, wrench: Wrench, model: Model) -> Result:
 
     Parameters
     ----------
-    state
     t : float
         Stamp [s].
     wrench : tuple of 6 float
         Force [N] and torque [N m], environment on tool, bias included; raw channels where the
         calibration holds a six-axis matrix.
-    model
     """
     if not (t - state.newest > SAME and t < inf):
         state, again = _refuse(state, 0, t, state.newest)
@@ -144,12 +142,10 @@ def on_accelerometer(state: State, t: float, reading: Vector, model: Model) -> R
 
     Parameters
     ----------
-    state
     t : float
         Stamp as sent [s].
     reading : tuple of 3 float
         In the unit of the calibration: volts, or m/s^2.
-    model
     """
     channel = state.accelerometer
     last = channel.last
@@ -183,12 +179,10 @@ def on_displacement(state: State, t: float, s: float, model: Model) -> Result:
 
     Parameters
     ----------
-    state
     t : float
         Stamp [s].
     s : float
         Along x of ft_sensor [m].
-    model
     """
     channel = state.displacement
     last = channel.last
@@ -215,14 +209,12 @@ def on_pose(state: State, t: float, position: Vector, q: Quaternion, model: Mode
 
     Parameters
     ----------
-    state
     t : float
         Stamp [s].
     position : tuple of 3 float
         [m]; not finite where only the orientation is known.
     q : tuple of 4 float
         Quaternion xyzw.
-    model
     """
     x, y, z, w = q
     n2 = x * x + y * y + z * z + w * w

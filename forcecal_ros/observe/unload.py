@@ -55,7 +55,6 @@ def unload(tool: Tool, motion: MotionEstimate, t: float, wire: Wrench, force: Re
 
     Parameters
     ----------
-    tool, motion
     t : float
         [s]
     wire : tuple of 6 float
@@ -64,7 +63,6 @@ def unload(tool: Tool, motion: MotionEstimate, t: float, wire: Wrench, force: Re
         Of the accelerometer at ``t``.
     s : float
         Displacement at ``t``; NaN where no sensor tells [m].
-    model
     """
     w0, w1, w2, w3, w4, w5 = wire
     b0, b1, b2, b3, b4, b5 = model.bias

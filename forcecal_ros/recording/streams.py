@@ -259,11 +259,6 @@ def phase_spans(phases: tuple[Phase, ...], names: tuple[str, ...]) -> list[tuple
     """
     Join consecutive phases of some names.
 
-    Parameters
-    ----------
-    phases : tuple of Phase
-    names : tuple of str
-
     Returns
     -------
     list of tuple of float

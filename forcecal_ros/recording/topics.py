@@ -205,7 +205,6 @@ def require(recording: Recording, roles: Collection[str]) -> None:
 
     Parameters
     ----------
-    recording : Recording
     roles : collection of str
         ``wrench``, ``accelerometer``, ``pose``, ``target``, ``optidrive``, ``phase``, ...
 

@@ -134,7 +134,6 @@ def view_of(outcome: Outcome, advice: str, of_channels: dict[str, str]) -> View:
     ----------
     outcome : Outcome
         With cases.
-    advice : str
     of_channels : dict of str to str
         Their units.
     """

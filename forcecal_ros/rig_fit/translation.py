@@ -66,7 +66,6 @@ def fit_translation(rig: Rig, followed: Sequence[Followed]) -> list[AxisFit]:
     ----------
     rig : Rig
         Its period and servo count.
-    followed : sequence of Followed
 
     Raises
     ------

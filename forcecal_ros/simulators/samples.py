@@ -136,7 +136,6 @@ def recorded(arm: ThirdParty, factors: Mapping[str, float], seed: int) -> Record
         Of six joints.
     factors : mapping of str to float
         Of parameters, times their nominal value.
-    seed : int
 
     Returns
     -------

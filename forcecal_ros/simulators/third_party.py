@@ -60,7 +60,6 @@ class ThirdParty:
 
         Parameters
         ----------
-        inputs : Inputs
         values : sequence of float
             One for each parameter.
 
@@ -206,7 +205,6 @@ def third_party(name: str, simulator: Any) -> ThirdParty:
     ----------
     name : str
         For messages.
-    simulator : Simulator
 
     Raises
     ------
@@ -272,7 +270,6 @@ def with_priors(simulator: ThirdParty, path: str) -> ThirdParty:
 
     Parameters
     ----------
-    simulator : ThirdParty
     path : str
         YAML, ``name: sigma`` in the parameter's unit.
 

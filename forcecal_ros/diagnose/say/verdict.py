@@ -34,7 +34,6 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
     ----------
     named : sequence of str
         Accepted effects.
-    candidates : sequence of (str, float)
     closed : float or None
         Share of the gap that the effects close; None where they show in stamps and values alone.
     excited : bool

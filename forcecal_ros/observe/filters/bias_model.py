@@ -67,7 +67,6 @@ def bias_model(calibration: Calibration, unscented: bool, settings: FilterSettin
 
     Parameters
     ----------
-    calibration, unscented, settings
     alpha_std : float
         Noise of the angular acceleration that the load is worked out from [rad/s^2].
 

@@ -29,7 +29,6 @@ def kalman_step(memory: Memory, reading: Unloaded, e: Wrench, model: Model) -> M
 
     Parameters
     ----------
-    memory, reading
     e : tuple of 6 float
         Its :func:`innovation` [N, N m].
     model

@@ -31,7 +31,6 @@ def newton_step(
 
     Parameters
     ----------
-    state
     dt : float
         Time since the last call [s].
     u : float

@@ -66,7 +66,6 @@ def updated(before: NoiseLevel, dt: float, e: Vector, scale: Vector) -> NoiseLev
 
     Parameters
     ----------
-    before
     dt : float
         Since the last one [s].
     e : tuple of 3 float

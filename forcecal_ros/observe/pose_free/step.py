@@ -112,14 +112,12 @@ def pose_free_step(
 
     Parameters
     ----------
-    state
     t : float
         Stamp [s]; a wrench that is not later than the one before is BAD_WRENCH.
     wrench : array_like, shape (6,)
         As on the wire: environment on tool, bias included [N, N m].
     specific_force, angular_velocity : array_like, shape (3,), or None
         In ft_sensor [m/s^2], [rad/s]; None or not finite: silent.
-    model
     """
     y, f = _usable(wrench, 6), _usable(specific_force, 3)
     omega = _usable(angular_velocity, 3)

@@ -67,8 +67,6 @@ class Collector:
 
     Parameters
     ----------
-    bag : Bag
-    topic : Topic
     fields : sequence of str
         Paths of the columns.
     text : bool
@@ -121,7 +119,6 @@ class Collector:
 
         Parameters
         ----------
-        notes : Notes
         unreadable : bool
             Keep messages with NaN and infinite numbers, for checks to count; what is no rotation
             is NaN then.

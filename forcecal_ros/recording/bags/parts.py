@@ -34,14 +34,9 @@ def read_chunks(path: Path | str, topics: Mapping[str, Sequence[str]]) -> Iterat
 
     Parameters
     ----------
-    path : Path or str
     topics : mapping of str to sequence of str
         Fields by topic, as for :func:`~forcecal_ros.recording.bags.read_columns`; none given:
         what the topic's type usually has.
-
-    Yields
-    ------
-    BagChunk
 
     Raises
     ------

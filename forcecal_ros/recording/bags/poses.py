@@ -44,7 +44,6 @@ def pose_series(bag: Bag, named: str, wrench_frame: str) -> tuple[Series, str] |
 
     Parameters
     ----------
-    bag : Bag
     named : str
         ``tf:BASE:SENSOR``; empty: the frame of the wrench in the root of its tree.
     wrench_frame : str
@@ -138,7 +137,6 @@ def pose_of_joints(bag: Bag, named: str, joint_states: Topic | None) -> tuple[Se
 
     Parameters
     ----------
-    bag : Bag
     named : str
         ``urdf:FILE:BASE:LINK``.
     joint_states : Topic or None

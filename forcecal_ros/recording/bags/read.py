@@ -36,7 +36,6 @@ def read_recording(
 
     Parameters
     ----------
-    path : Path or str
     topics : mapping of str to str, optional
         Role to topic name where it is not the usual one of
         :data:`forcecal_ros.recording.topics.ROLES`. ``tf:BASE:SENSOR`` as ``pose`` takes it from
@@ -47,10 +46,6 @@ def read_recording(
         -1 for a driver that reports the wrench of the tool on its environment.
     joints : bool
         Whether to read the measured positions of joints, too.
-
-    Returns
-    -------
-    Recording
 
     Raises
     ------

@@ -30,10 +30,6 @@ def load_rig(path: Path | str | None = None) -> Rig:
         The nominal rig of this package where none is given. A bare name of a file that is not
         there is looked for among the rigs of this package (``rig.yaml``, ``rigid_tool.yaml``).
 
-    Returns
-    -------
-    Rig
-
     Raises
     ------
     ConfigError
