@@ -81,8 +81,8 @@ def load_yaml(text: str | bytes, name: str, largest: int = LARGEST) -> Any:
 
 def _in_one_line(error: Exception) -> str:
     """Say in one line what is wrong and where, without the text itself."""
-    told = str(error)
+    reason = str(error)
     if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark:
         mark = error.problem_mark
-        told = f'{error.problem} in line {mark.line + 1}, column {mark.column + 1}'
-    return ' '.join(told.split())[:200]
+        reason = f'{error.problem} in line {mark.line + 1}, column {mark.column + 1}'
+    return ' '.join(reason.split())[:200]

@@ -273,15 +273,15 @@ def contradiction(stated: Stated) -> Contradiction | None:
     turn, sure = found.turn()
     if found.believable and not (sure and np.linalg.norm(turn) > TURNED):
         return None
-    told = list(_explanations(stated, found.freedom))
+    causes = list(_explanations(stated, found.freedom))
     if sure:
         R = Rotation.from_rotvec(turn).as_matrix()
-        told.append(Explanation(Misfit(stated.turned(R)), 3, _of_turn(R)))
-    if stated.gravity[0].shape[1] == STATIC and not any(one.misfit.believable for one in told):
-        told.append(_nearest_turn(stated, np.eye(3)))
-    told = [one for one in told if one.misfit.believable
+        causes.append(Explanation(Misfit(stated.turned(R)), 3, _of_turn(R)))
+    if stated.gravity[0].shape[1] == STATIC and not any(one.misfit.believable for one in causes):
+        causes.append(_nearest_turn(stated, np.eye(3)))
+    causes = [one for one in causes if one.misfit.believable
             or (one.misfit.possible and one.misfit.chi2 < EXPLAINED * found.chi2)]
-    best = min(told, key=lambda one: one.score, default=None)
+    best = min(causes, key=lambda one: one.score, default=None)
     why = best.words if best else (
         'no single data set or turned frame explains it: masses, places (in which frame?), the '
         'direction of gravity, the order of the channels, or a sensor that is not linear')

@@ -404,10 +404,10 @@ class Monitor:
         """Return how much of a commanded motion the robot has done; empty: it has arrived."""
         if self._arrived is None or not self._commands:
             return ''
-        pose, (told, seen), now = self.channels['pose'], self._arrived, self._commands[-1][1]
+        pose, (target, seen), now = self.channels['pose'], self._arrived, self._commands[-1][1]
         for a, b, done, error, unit in (
-                (now, told, distance_between(pose.values, seen), POSITIONING_ERROR[0], 'm'),
-                (now[3:], told[3:], angle_between(pose.values[3:], seen[3:]),
+                (now, target, distance_between(pose.values, seen), POSITIONING_ERROR[0], 'm'),
+                (now[3:], target[3:], angle_between(pose.values[3:], seen[3:]),
                  POSITIONING_ERROR[1], 'rad')):
             wanted = distance_between(a, b) if unit == 'm' else angle_between(a, b)
             if done < ARRIVED * wanted - error:

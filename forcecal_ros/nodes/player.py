@@ -96,11 +96,11 @@ class Player:
                 first, began, next_tick = message.log_ns, time.monotonic_ns(), message.log_ns
             while True:
                 now = first + int((time.monotonic_ns() - began) * self._rate)
-                told = min(now, message.log_ns)  # on a busy computer messages may lag
-                if self._clock is not None and told >= next_tick:
-                    self._clock.publish(_clock_message(told))
-                    next_tick = told + int(self._tick * self._rate)
-                    each((told - first) / SECOND)
+                clock_ns = min(now, message.log_ns)  # on a busy computer messages may lag
+                if self._clock is not None and clock_ns >= next_tick:
+                    self._clock.publish(_clock_message(clock_ns))
+                    next_tick = clock_ns + int(self._tick * self._rate)
+                    each((clock_ns - first) / SECOND)
                 if now >= message.log_ns or self._host.interrupted:
                     break
                 self._wait(message.log_ns, next_tick, now)

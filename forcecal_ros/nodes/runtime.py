@@ -220,9 +220,9 @@ def _spin(node: Node, interrupt: Interrupt) -> None:
 
 def _come_to_rest(node: Stoppable, executor: Executor) -> None:
     node.stop()
-    told = STEADY.now().nanoseconds
+    asked_ns = STEADY.now().nanoseconds
     while not node.at_rest and (
-            STEADY.now().nanoseconds < max(told, node.sent_ns) + int(GRACE * 1e9)):
+            STEADY.now().nanoseconds < max(asked_ns, node.sent_ns) + int(GRACE * 1e9)):
         executor.spin_until_future_complete(Future(), timeout_sec=SIGNAL_CHECK)
 
 

@@ -95,14 +95,14 @@ class JointPose:
         StampedPose or None
             The pose that it completes, if it does.
         """
-        told = [one for one in positions if one is not None]
-        if len(told) == len(positions) and isfinite(sum(told)):
+        given = [one for one in positions if one is not None]
+        if len(given) == len(positions) and isfinite(sum(given)):
             self.why_not = ''
-            return StampedPose(stamp_ns, self.pose(told))
-        if not told:
+            return StampedPose(stamp_ns, self.pose(given))
+        if not given:
             self._miss()
             return None
-        if not isfinite(sum(told)):
+        if not isfinite(sum(given)):
             wrong = next(joint for joint, one in zip(self.drivers, positions)
                          if one is not None and not isfinite(one))
             self.why_not = f'the position of joint {wrong} is no finite number'

@@ -162,33 +162,34 @@ class RecordedSimulation(MeasuredMotion):
         measured, made = recording.pose, simulated.pose
         assert measured is not None
         assert made is not None
-        felt, simulated = simulated.accelerometer, replace(simulated, accelerometer=None)
+        accel, simulated = simulated.accelerometer, replace(simulated, accelerometer=None)
         super().__init__(replace(recording, pose=merged(measured, made), accelerometer=None),
                          start, n_blocks, accelerometer, rigid_tool)
         own = CarriedTool(simulated, start, n_blocks, accelerometer)
         self._full.beyond = own.recorded_wrench(simulated) - own.wire(rigid_tool)
         self._clear.beyond = self._full.beyond
         self.touching = touches(block_means(self._full.beyond))
-        self._felt = None if felt is None else self._carried_over(felt.at(own.t), own, rigid_tool)
+        self._accel = (None if accel is None
+                       else self._carried_over(accel.at(own.t), own, rigid_tool))
 
-    def _carried_over(self, felt: Array, own: CarriedTool, rigid_tool: RigidTool) -> Array:
+    def _carried_over(self, accel: Array, own: CarriedTool, rigid_tool: RigidTool) -> Array:
         """Take what is felt without weight, where the Imu is, to the robot's motion, (n, 3)."""
         f = own.specific_force_of_origin(rigid_tool)
-        place = np.linalg.lstsq(own.lever.reshape(-1, 3), (felt - f).ravel(), rcond=1e-6)[0]
+        place = np.linalg.lstsq(own.lever.reshape(-1, 3), (accel - f).ravel(), rcond=1e-6)[0]
         there = self._full.specific_force_of_origin(rigid_tool) + self._full.lever @ place
-        return np.asarray(felt - f - own.lever @ place + there - self._full.weight(rigid_tool))
+        return np.asarray(accel - f - own.lever @ place + there - self._full.weight(rigid_tool))
 
     def signals(self, rig: Rig) -> Signals:
         """Carry a tool along, and the simulator's Imu."""
         found = super().signals(rig)
-        if self._felt is None:
+        if self._accel is None:
             return found
         rigid_tool = physical_rig(rig)
         model = rigid_tool.accelerometer.model(self.accelerometer)
         on_volts = AccelerometerEffects(rig, self.accelerometer, 1.0 / RATE)
-        felt = np.asarray(self._felt + self._full.weight(rigid_tool))
+        accel = np.asarray(self._accel + self._full.weight(rigid_tool))
         return found._replace(volts=on_volts.after_noise(on_volts.before_noise(
-            felt * model.gain + model.offset)))
+            accel * model.gain + model.offset)))
 
 
 FORCE = 1.0

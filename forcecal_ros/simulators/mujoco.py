@@ -120,10 +120,10 @@ class MujocoRobot:
         mujoco.mj_setConst(model, data)
         if model.nkey:  # joints that are not commanded, a gripper's, hold that
             mujoco.mj_resetDataKeyframe(model, data, 0)
-        told, actuators = _commands(model, self.actuators, inputs.joints)
+        given, actuators = _commands(model, self.actuators, inputs.joints)
         step = float(model.opt.timestep)
         t = inputs.start + step * np.arange(int((inputs.end - inputs.start) / step) + 1)
-        ctrl = np.stack([np.interp(t, told.t, q) for q in told.values.T], axis=1)
+        ctrl = np.stack([np.interp(t, given.t, q) for q in given.values.T], axis=1)
         for i, q in zip(actuators, ctrl[0]):
             data.qpos[model.jnt_qposadr[model.actuator_trnid[i, 0]]] = q
         data.ctrl[actuators] = ctrl[0]

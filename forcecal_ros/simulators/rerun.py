@@ -177,21 +177,21 @@ def _less(one: Stream | None, other: Stream | None, scale: float) -> Array | Non
 
 
 def _moved(base: Recording, changes: Sequence[_Change], away: Array) -> Recording:
-    wrench, pose, felt, joints = base.wrench, base.pose, base.accelerometer, base.joints
+    wrench, pose, accel, joints = base.wrench, base.pose, base.accelerometer, base.joints
     assert wrench is not None
     assert pose is not None
     turn = sum((x * c.turn for c, x in zip(changes, away)), np.zeros_like(pose.position))
     position = sum((x * c.position for c, x in zip(changes, away)), np.array(pose.position))
     values = sum((x * c.wrench for c, x in zip(changes, away)), np.array(wrench.values))
-    if felt is not None:
-        felt = replace(felt, values=sum(
+    if accel is not None:
+        accel = replace(accel, values=sum(
             (x * c.accelerometer for c, x in zip(changes, away) if c.accelerometer is not None),
-            np.array(felt.values)))
+            np.array(accel.values)))
     if joints is not None:
         joints = replace(joints, values=sum(
             (x * c.joints for c, x in zip(changes, away) if c.joints is not None),
             np.array(joints.values)))
-    return replace(base, wrench=replace(wrench, values=values), accelerometer=felt, joints=joints,
+    return replace(base, wrench=replace(wrench, values=values), accelerometer=accel, joints=joints,
                    pose=replace(pose, position=position,
                                 R_base_sensor=pose.R_base_sensor @ rotation_from_vector(turn)))
 
@@ -208,7 +208,7 @@ class _Carried(NamedTuple):
     """A tool along one motion, what an accelerometer feels there, and where the joints are."""
 
     tool: CarriedTool
-    felt: Array | None
+    accel: Array | None
     joints: Array | None
 
 
@@ -268,10 +268,10 @@ class Rerun:
             A SimulatedRobot.
         """
         assert isinstance(rig, SimulatedRobot)
-        carried, felt, joints = self._along(rig.numbers, rig.late, rig.finer)
+        carried, accel, joints = self._along(rig.numbers, rig.late, rig.finer)
         place, turn = np.array(rig.mounting[:3]), np.array(rig.mounting[3:])
         n = len(carried.t)
-        volts = np.zeros((n, 3)) if felt is None else self._volts(rig, carried, felt)
+        volts = np.zeros((n, 3)) if accel is None else self._volts(rig, carried, accel)
         if joints is not None:
             joints = padded(joints + rig.zeros[:len(self.joints)])
         return Signals(
@@ -296,9 +296,9 @@ class Rerun:
             motion = replace(made, accelerometer=None)
             carried = CarriedTool(motion, self.start - late, self.n_blocks, self.accelerometer)
             carried.beyond = carried.recorded_wrench(made) - carried.wire(self._rigid_tool)
-            felt, joints = (None if one is None else one.at(carried.t)
+            accel, joints = (None if one is None else one.at(carried.t)
                             for one in (made.accelerometer, made.joints))
-            self._carried[numbers, late, finer] = _Carried(carried, felt, joints)
+            self._carried[numbers, late, finer] = _Carried(carried, accel, joints)
         # the point that all others are compared with is asked for most, and is not to go first
         found = self._carried.pop((numbers, late, finer))
         self._carried[numbers, late, finer] = found

@@ -78,9 +78,9 @@ def record(load: Load, rng: np.random.Generator) -> Log:
     moment = MASS * COM + load.mass * np.array(load.position)
     wrench = np.hstack([(MASS + load.mass) * gravity, np.cross(moment, gravity)])
     matrix, offset = gauges()
-    felt = wrench + LIMB_NOISE * rng.standard_normal(wrench.shape)
+    measured = wrench + LIMB_NOISE * rng.standard_normal(wrench.shape)
     accel = -gravity + ACCELERATION_NOISE * rng.standard_normal(gravity.shape)
-    return Log(t, felt @ matrix.T + offset, accel)
+    return Log(t, measured @ matrix.T + offset, accel)
 
 
 SECONDS, PERIOD = 20.0, 0.008

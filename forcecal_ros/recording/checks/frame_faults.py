@@ -32,11 +32,11 @@ def refuse_other_frame(judgement: Judgement, believed: Array = DOWN, wrench_sign
     plain, likely = judgement.plain, judgement.likely
     if likely == (plain,):
         return
-    told = [one for fit in sorted(likely, key=_oddness)
+    named = [one for fit in sorted(likely, key=_oddness)
             if (one := _beyond_tolerance(fit, believed, sensor_rotation))]
-    if len(told) == len(likely):
-        causes = ', or '.join(cause for cause, _ in told)
-        remedies = ', or '.join(remedy for _, remedy in told)
+    if len(named) == len(likely):
+        causes = ', or '.join(cause for cause, _ in named)
+        remedies = ', or '.join(remedy for _, remedy in named)
         recorded = f' with a mass of {plain.mass:.4g} kg' if plain.mass < 0.0 else ''
         raise DataError(
             f'wrench: {causes}; RMS of the residual forces at rest {likely[0].rms:.2g} N then, '

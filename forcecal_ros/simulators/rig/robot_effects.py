@@ -123,12 +123,12 @@ class CommandDelays:
         """
         if not (any(self._late) or self._turned):
             return positions, xyzw
-        told = np.concatenate([self._positions, positions])
+        sent = np.concatenate([self._positions, positions])
         turns = np.concatenate([self._xyzw, xyzw])
         at = self._kept + np.arange(float(len(positions)))
-        late = np.stack([np.interp(at - delay, np.arange(float(len(told))), told[:, axis])
+        late = np.stack([np.interp(at - delay, np.arange(float(len(sent))), sent[:, axis])
                          for axis, delay in enumerate(self._late)], axis=1)
-        self._positions, self._xyzw = told[-self._kept:], turns[-self._kept:]
+        self._positions, self._xyzw = sent[-self._kept:], turns[-self._kept:]
         return late, self._along(turns, at - self._turned) if self._turned else xyzw
 
     @staticmethod
