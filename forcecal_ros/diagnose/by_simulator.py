@@ -215,7 +215,7 @@ def _prepared(recording: Recording, simulator: ThirdParty, tool: SimulatedTool |
     made = runs.exact(simulator.nominal)
     known = tool or simulated_tool(
         replace(made, accelerometer=None), start, n, rig).with_accelerometer()
-    refuse_other_wrench(real, known)
+    refuse_other_wrench(real, known, made)
     simulation = Rerun(runs, start, n, known.simulated)
     felt, _, note = imus_compared(real, made)
     simulation.accelerated = felt.accelerometer is not None

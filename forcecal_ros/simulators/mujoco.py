@@ -15,6 +15,16 @@ from forcecal_ros.errors import ConfigError
 from forcecal_ros.extras import installing
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import JointStream
+from forcecal_ros.simulators.mujoco_drives import (
+    Controller,
+    Drive,
+    found_drives,
+    is_scalar,
+    refuse_run_away,
+    TORQUE,
+    VELOCITY,
+    why_not,
+)
 from forcecal_ros.simulators.protocol import Inputs, Parameter
 import numpy as np
 from numpy.typing import NDArray
@@ -67,8 +77,10 @@ class MujocoRobot:
     path : str
         Of the model's source.
     model : mujoco.MjModel
-    actuators : tuple of int
-        Those that hold joints at positions.
+    drives : tuple of Drive
+        Actuators that joints can be told positions by.
+    chain : tuple of str
+        Joints that move the tool, or a part of it.
     turned : ndarray, shape (3, 3) or None
         From the accelerometer's axes to those of the force-torque site; None: there is none.
     numbers : tuple
@@ -78,7 +90,8 @@ class MujocoRobot:
 
     path: str
     model: Any
-    actuators: tuple[int, ...]
+    drives: tuple[Drive, ...]
+    chain: tuple[str, ...]
     turned: Array | None
     numbers: tuple[_Number, ...]
     notes: tuple[str, ...]
@@ -89,12 +102,13 @@ class MujocoRobot:
 
     def simulate(self, inputs: Inputs, parameters: Mapping[str, float]) -> Mapping[str, Any]:
         """
-        Drive its position actuators by the commands of joints, interpolated as controllers do.
+        Drive its actuators by the commands of joints, interpolated as controllers do.
 
         Raises
         ------
         ConfigError
-            The recording has no commands of joints, or of others than the model's.
+            The recording has no commands of joints, or of others than the model's, or beyond
+            what its actuators take; the simulation is unstable.
         """
         return self._simulated(inputs, parameters, 1)
 
@@ -120,36 +134,33 @@ class MujocoRobot:
         mujoco.mj_setConst(model, data)
         if model.nkey:  # joints that are not commanded, a gripper's, hold that
             mujoco.mj_resetDataKeyframe(model, data, 0)
-        given, actuators = _commands(model, self.actuators, inputs.joints)
+        given, driven = _commands(mujoco, model, self.drives, inputs.joints)
         step = float(model.opt.timestep)
         t = inputs.start + step * np.arange(int((inputs.end - inputs.start) / step) + 1)
-        ctrl = np.stack([np.interp(t, given.t, q) for q in given.values.T], axis=1)
-        for i, q in zip(actuators, ctrl[0]):
-            data.qpos[model.jnt_qposadr[model.actuator_trnid[i, 0]]] = q
-        data.ctrl[actuators] = ctrl[0]
+        q = np.stack([np.interp(t, given.t, one) for one in given.values.T], axis=1)
+        controller = Controller(model, driven, q, step)
+        controller.begin(data)
         for _ in range(round(SETTLING / step)):
+            controller.hold(data)
             mujoco.mj_step(model, data)
         rows, places, skipped = [], [], parts * max(1, round(EVERY / (parts * step)))
-        for k, q in enumerate(ctrl):
-            data.ctrl[actuators] = q
+        for k in range(len(t)):
+            controller.tell(data, k)
             if k % skipped == 0:
                 places.append(data.qpos.copy())
             mujoco.mj_step(model, data)
             if k % skipped == 0:
                 rows.append(data.sensordata.copy())
+        refuse_run_away(mujoco, data, self.path)
         joints = self._joints(inputs.measured_joints, np.array(places))
         return {**self._streams(t[::skipped], np.array(rows)), 'joints': (t[::skipped], joints)}
 
     def _joints(self, names: Sequence[str], places: Array) -> Array:
-        """Return a column for each joint that is named, NaN for those that the model lacks."""
-        import mujoco
-
-        model, out = self.model, np.full((len(places), len(names)), np.nan)
-        column = {model.joint(i).name: int(model.jnt_qposadr[i]) for i in range(model.njnt)
-                  if _is_scalar(mujoco, model, i)}
+        """Return a column for each joint that is named, NaN for those that move no tool."""
+        out = np.full((len(places), len(names)), np.nan)
         for i, name in enumerate(names):
-            if name in column:
-                out[:, i] = places[:, column[name]]
+            if name in self.chain:
+                out[:, i] = places[:, int(self.model.joint(name).qposadr[0])]
         return out
 
     def _streams(self, t: NDArray[Any], rows: Array) -> Mapping[str, Any]:
@@ -208,7 +219,7 @@ def load_mujoco(path: str, ft_site: str | None = None, imu: str | None = None) -
         site = _site(mujoco, spec, path, ft_site)
         body = spec.site(site).parent
         _refuse_link(body, path, site)
-        base = _base_of(body)
+        base = _base_of(body, path, site)
         body.name, base.name = body.name or 'tool', base.name or 'base'
         _add_sensors(mujoco, spec, site, base.name)
         if imu:
@@ -216,15 +227,23 @@ def load_mujoco(path: str, ft_site: str | None = None, imu: str | None = None) -
         model = spec.compile()
     except ValueError as error:
         raise ConfigError(f'--mujoco {path}: MuJoCo says {" ".join(str(error).split())}') from None
-    moved = [i for i in range(model.nu) if _positions(mujoco, model, i)]
-    if not moved:
-        raise ConfigError(f'--mujoco {path}: no position actuator on a joint; what the robot is '
-                          'told are positions of its joints')
-    numbers = (*_of_tool(model, body.name, site), *_of_joints(mujoco, model, moved),
+    drives = found_drives(mujoco, model, path)
+    numbers = (*_of_tool(model, body.name, site), *_of_joints(mujoco, model, drives),
                *_of_base(model))
     turned = _axes(mujoco, model, site).T @ _axes(mujoco, model, imu) if imu else None
-    return MujocoRobot(path, model, tuple(moved), turned, numbers,
-                       tuple(_over_reading(mujoco, model, moved)))
+    return MujocoRobot(path, model, tuple(drives), _chain(mujoco, model, body.name), turned,
+                       numbers, tuple(_over_reading(mujoco, model, drives)))
+
+
+def _chain(mujoco: Any, model: Any, body: str) -> tuple[str, ...]:
+    """Name the joints that move a body, or what hangs on it, of one number each."""
+    def above(i: int) -> set[int]:
+        return {0} if i == 0 else {i} | above(int(model.body_parentid[i]))
+
+    tool = int(model.body(body).id)
+    carrying = above(tool)
+    return tuple(model.joint(k).name for k in range(model.njnt) if is_scalar(mujoco, model, k)
+                 and ((i := int(model.jnt_bodyid[k])) in carrying or tool in above(i)))
 
 
 def _site(mujoco: Any, spec: Any, path: str, given: str | None) -> str:
@@ -235,7 +254,8 @@ def _site(mujoco: Any, spec: Any, path: str, given: str | None) -> str:
     found = {one.objname for one in spec.sensors if one.type == mujoco.mjtSensor.mjSENS_FORCE}
     if len(found) != 1:
         raise ConfigError(f'--mujoco {path}: {len(found)} sites have a force sensor; say which '
-                          f'with --ft-site, one of {", ".join(filter(None, names)) or "none"}')
+                          f'with --ft-site, one of {", ".join(filter(None, names)) or "none"}, or '
+                          "add a site to the tool's body")
     return str(found.pop())
 
 
@@ -255,13 +275,16 @@ def _refuse_link(body: Any, path: str, site: str) -> None:
             'its own, welded to the link, with the site on it')
 
 
-def _base_of(body: Any) -> Any:
+def _base_of(body: Any, path: str, site: str) -> Any:
     """Return the body that the arm stands on: the parent of the first that a joint moves."""
     chain = [body]
     while chain[-1].name != 'world':
         chain.append(chain[-1].parent)
     moved = [one for one in chain if list(one.joints)]
-    return moved[-1].parent if moved else chain[-1]
+    if not moved:
+        raise ConfigError(f'--mujoco {path}: site {site} is on {body.name or "a body"}, which no '
+                          'joint moves; name one on the tool, or add it there')
+    return moved[-1].parent
 
 
 def _add_sensors(mujoco: Any, spec: Any, site: str, base: str) -> None:
@@ -289,19 +312,6 @@ def _axes(mujoco: Any, model: Any, site: str) -> Array:
     axes = np.empty(9)
     mujoco.mju_quat2Mat(axes, model.site_quat[model.site(site).id])
     return axes.reshape(3, 3)
-
-
-def _positions(mujoco: Any, model: Any, i: int) -> bool:
-    """Say whether an actuator holds a joint at a position: the gain is that of its bias."""
-    return bool(model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
-                and _is_scalar(mujoco, model, int(model.actuator_trnid[i, 0]))
-                and model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_AFFINE
-                and model.actuator_gainprm[i, 0] == -model.actuator_biasprm[i, 1] != 0.0)
-
-
-def _is_scalar(mujoco: Any, model: Any, joint: int) -> bool:
-    return int(model.jnt_type[joint]) in (int(mujoco.mjtJoint.mjJNT_HINGE),
-                                          int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 
 def _of_tool(model: Any, body: str, site: str) -> list[_Number]:
@@ -343,29 +353,46 @@ def _of_tool(model: Any, body: str, site: str) -> list[_Number]:
         ('tool_com',)), *place(k)) for k, a in enumerate('xyz')]
 
 
-def _of_joints(mujoco: Any, model: Any, actuators: Sequence[int]) -> list[_Number]:
+def _of_joints(mujoco: Any, model: Any, drives: Sequence[Drive]) -> list[_Number]:
     found = []
-    for i in actuators:
-        joint = int(model.actuator_trnid[i, 0])
-        name, dof = model.joint(joint).name, int(model.jnt_dofadr[joint])
-        unit = 'N' if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE else 'N m'
+    for drive in drives:
+        i, name, dof = drive.actuator, drive.joint, drive.dof
+        slides = model.jnt_type[model.joint(name).id] == mujoco.mjtJoint.mjJNT_SLIDE
         friction = float(model.dof_frictionloss[dof])
-        kp, kv = float(model.actuator_gainprm[i, 0]), -float(model.actuator_biasprm[i, 2])
-        damping = float(model.dof_damping[dof])
+        damping, kv = float(model.dof_damping[dof]), -float(model.actuator_biasprm[i, 2])
         found.append(_Number(Parameter(f'dof_frictionloss[{name}]', friction,
-                                       RUBBED[0] * friction + RUBBED[1], unit, 0.0),
+                                       RUBBED[0] * friction + RUBBED[1], 'N' if slides else 'N m',
+                                       0.0),
                              _writer('dof_frictionloss', dof), _rubbing(name)))
-        found.append(_Number(Parameter(f'kp[{name}]', kp, DRIVEN[0] * kp, '1', 0.05 * kp,
-                                       20.0 * kp), *_gain(i)))
+        if drive.kind in (VELOCITY, TORQUE):
+            found += [_of_controller(model, letter, drive, at)
+                      for letter, at in zip('pd', drive.gains)]
+        else:
+            kp = -float(model.actuator_biasprm[i, 1])
+            found.append(_Number(Parameter(f'kp[{name}]', kp, DRIVEN[0] * kp, '1', 0.05 * kp,
+                                           20.0 * kp), *_gain(model, i)))
         if kv > 0.0:
             found.append(_Number(Parameter(f'kv[{name}]', kv, DRIVEN[1] * kv, '1', 0.0,
-                                           20.0 * kv), *_drag(i)))
+                                           20.0 * kv), *_drag(model, i, drive.kind)))
         elif damping > 0.0:  # which the other would be added to
             found.append(_Number(Parameter(
                 f'dof_damping[{name}]', damping, DRIVEN[1] * damping,
-                'N s/m' if unit == 'N' else 'N m s/rad', 0.0, 20.0 * damping),
+                'N s/m' if slides else 'N m s/rad', 0.0, 20.0 * damping),
                 _writer('dof_damping', dof), _damping(name)))
     return found
+
+
+def _of_controller(model: Any, letter: str, drive: Drive, at: int) -> _Number:
+    """Return a gain of the controller that tells an actuator its velocity or torque."""
+    name, gain = f'{letter}[{drive.joint}]', float(model.numeric_data[at])
+    if gain <= 0.0:
+        raise ConfigError(f'numeric {name}: got {gain:g}, expected a gain above zero')
+
+    def patch(spec: Any, value: float) -> None:
+        spec.numeric(name).data = [value]
+
+    return _Number(Parameter(name, gain, DRIVEN[letter == 'd'] * gain, '1', 0.05 * gain,
+                             20.0 * gain), _writer('numeric_data', at), patch)
 
 
 def _of_base(model: Any) -> list[_Number]:
@@ -409,52 +436,62 @@ def _damping(joint: str) -> _Write:
     return patch
 
 
-def _gain(i: int) -> _Both:
+def _gain(model: Any, i: int) -> _Both:
+    scale = float(model.actuator_gainprm[i, 0] / model.actuator_biasprm[i, 1])
+
     def write(to: Any, value: float) -> None:
-        to.actuator_gainprm[i, 0] = value
+        to.actuator_gainprm[i, 0] = -scale * value
         to.actuator_biasprm[i, 1] = -value
 
     def patch(spec: Any, value: float) -> None:
-        spec.actuators[i].gainprm[0] = value
+        spec.actuators[i].gainprm[0] = -scale * value
         spec.actuators[i].biasprm[1] = -value
     return write, patch
 
 
-def _drag(i: int) -> _Both:
+def _drag(model: Any, i: int, kind: str) -> _Both:
+    scale = float(model.actuator_gainprm[i, 0] / model.actuator_biasprm[i, 2])
+
+    def write(to: Any, value: float) -> None:
+        to.actuator_biasprm[i, 2] = -value
+        if kind == VELOCITY:
+            to.actuator_gainprm[i, 0] = -scale * value
+
     def patch(spec: Any, value: float) -> None:
         spec.actuators[i].biasprm[2] = -value
-    return _writer('actuator_biasprm', (i, 2), -1.0), patch
+        if kind == VELOCITY:
+            spec.actuators[i].gainprm[0] = -scale * value
+    return write, patch
 
 
-def _commands(model: Any, actuators: Sequence[int], joints: JointStream | None
-              ) -> tuple[JointStream, list[int]]:
-    """Return the commands, and which actuator each column drives."""
+def _commands(mujoco: Any, model: Any, drives: Sequence[Drive], joints: JointStream | None
+              ) -> tuple[JointStream, list[Drive]]:
+    """Return the commands, and what each column drives."""
     if joints is None:
         raise ConfigError('--mujoco drives joints, and the recording holds no commands of any; '
                           'record what the controller is told and name it with --topic '
                           'joint_commands=NAME')
-    driven = {model.joint(int(model.actuator_trnid[i, 0])).name: i for i in actuators}
+    driven = {one.joint: one for one in drives}
     if not joints.names:
         if joints.values.shape[1] != len(driven):
             raise ConfigError(f'the commands are of {joints.values.shape[1]} joints without '
                               f'names, the model drives {len(driven)}: {", ".join(driven)}')
         return joints, list(driven.values())
-    missing = sorted(set(joints.names) - set(driven))
-    if missing:
-        raise ConfigError(f'joint {", ".join(missing)} is commanded, but no actuator of the model '
-                          f'drives it; it drives {", ".join(driven)}')
+    for name in joints.names:
+        if name not in driven:
+            raise ConfigError(f'joint {name} is commanded, but {why_not(mujoco, model, name)}; '
+                              f'what can be told positions is {", ".join(driven)}')
     return joints, [driven[name] for name in joints.names]
 
 
-def _over_reading(mujoco: Any, model: Any, actuators: Sequence[int]) -> list[str]:
+def _over_reading(mujoco: Any, model: Any, drives: Sequence[Drive]) -> list[str]:
     """Say by how much the sensor over-reads inertia with an implicit integrator."""
     kinds = mujoco.mjtIntegrator
     if int(model.opt.integrator) not in (int(kinds.mjINT_IMPLICIT), int(kinds.mjINT_IMPLICITFAST)):
         return []
-    dofs = [int(model.jnt_dofadr[model.actuator_trnid[i, 0]]) for i in actuators]
-    drag = [float(model.dof_damping[d] - model.actuator_biasprm[i, 2])
-            for i, d in zip(actuators, dofs)]
-    factor = 1.0 + model.opt.timestep * max(k / model.dof_M0[d] for k, d in zip(drag, dofs))
+    factor = 1.0 + model.opt.timestep * max(float(
+        model.dof_damping[one.dof] - model.actuator_gear[one.actuator, 0] ** 2
+        * model.actuator_biasprm[one.actuator, 2]) / model.dof_M0[one.dof] for one in drives)
     note = (f'its integrator lets the force sensor over-read accelerations, up to {factor:.2f} '
             'times; Euler does not')
     return [note] if factor >= OVER_READS else []

@@ -16,6 +16,7 @@ from forcecal_ros.recording.streams import JointStream, PoseStream, Recording, S
 from forcecal_ros.safe_yaml import load_yaml
 from forcecal_ros.schema import instead
 from forcecal_ros.simulators.protocol import Inputs, Parameter, Simulator
+from forcecal_ros.simulators.signals import JOINTS
 import numpy as np
 
 STREAMS = {'wrench': 6, 'pose': 7, 'accelerometer': 3}
@@ -121,11 +122,11 @@ class ThirdParty:
         return text
 
     def _joints(self, answer: Mapping[str, Any], names: tuple[str, ...]) -> JointStream | None:
-        """Return the positions of those joints that the simulator has."""
+        """Return the positions of those joints that the simulator has, of the first eight."""
         if 'joints' not in answer or not names:
             return None
         t, rows = self._numbers('joints', answer['joints'], len(names))
-        had = np.flatnonzero(~np.isnan(rows).all(axis=0))
+        had = np.flatnonzero(~np.isnan(rows).all(axis=0))[:JOINTS]
         if not len(had):
             return None
         stream = self._checked_stream('joints', t, rows[:, had])

@@ -1,11 +1,15 @@
 """A model in MuJoCo as a simulator: what is found in it, and what it says."""
 
 from dataclasses import replace
+from importlib.resources import files
 import json
 from pathlib import Path
+import re
 
 from forcecal_ros.cli import main
-from forcecal_ros.diagnose.by_simulator import diagnose_rerun
+from forcecal_ros.diagnose.by_simulator import diagnose_rerun, inputs_of
+from forcecal_ros.diagnose.inputs.motion_dataset import span
+from forcecal_ros.diagnose.inputs.simulated_tool import refuse_other_wrench, simulated_tool
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import matrix_from_quaternion, rotation_from_vector
 from forcecal_ros.recording.bags import write_recording
@@ -14,6 +18,7 @@ from forcecal_ros.simulators.mujoco import load_mujoco
 from forcecal_ros.simulators.protocol import Inputs
 from forcecal_ros.simulators.rerun import Runs
 from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.samples import recorded
 from forcecal_ros.simulators.simulated_robot import library_of, nuisances_of, STEP
 from forcecal_ros.simulators.third_party import third_party, with_priors
 import numpy as np
@@ -135,6 +140,112 @@ def test_a_joint_is_driven_by_its_position_and_not_by_its_velocity_or_torque(tmp
     np.testing.assert_allclose(made[1], made[0], atol=1e-3)
 
 
+HELD = {
+    'position': '<position joint="{}" kp="4000" kv="150"/>',
+    'geared': '<position joint="{}" kp="1000" kv="37.5" gear="2"/>',
+    'scaled': '<general joint="{}" gainprm="40" biastype="affine" biasprm="0 -4000 -150"/>',
+    'intvelocity': '<intvelocity joint="{}" kp="4000" kv="150"/>',
+    'velocity': '<velocity joint="{}" kv="100"/>',
+    'torque': '<motor joint="{}" gear="10"/>'}
+"""Actuators of a joint, told positions: all as stiff, but for that of velocity."""
+
+GAINS = '<custom>{}</custom>'
+
+
+def driven_by(kind):
+    """Return the arm with other actuators, and their controller's gains where they want one."""
+    text = mjcf().replace('armature="0.4" frictionloss="0.5"', 'armature="0.4"')
+    for name in NAMES:
+        text = text.replace(f'<position joint="{name}" kp="4000" kv="150"/>',
+                            HELD[kind].format(name))
+    gains = {'velocity': (('p', 40.0),), 'torque': (('p', 4000.0), ('d', 150.0))}.get(kind, ())
+    numerics = ''.join(f'<numeric name="{letter}[{name}]" data="{gain}"/>'
+                       for letter, gain in gains for name in NAMES)
+    return text.replace('</mujoco>', GAINS.format(numerics) + '</mujoco>')
+
+
+def followed(path, kind, inputs):
+    """Return stamps and places of the joints of an arm with such actuators."""
+    path.write_text(driven_by(kind))
+    robot = load_mujoco(str(path))
+    return robot.simulate(inputs, nominal(robot))['joints']
+
+
+@pytest.mark.parametrize('kind', ['geared', 'scaled', 'intvelocity'])
+def test_actuators_that_hold_a_position_in_other_numbers_do_the_same(tmp_path, kind):
+    inputs = Inputs(0.0, 6.0, joints=told(6.0), measured_joints=NAMES)
+    (_, plain), (_, other) = (followed(tmp_path / 'arm.xml', one, inputs)
+                              for one in ('position', kind))
+    assert np.ptp(plain, axis=0).min() > 0.4
+    np.testing.assert_allclose(other, plain, atol=1e-9)
+
+
+@pytest.mark.parametrize('kind', ['velocity', 'torque'])
+def test_actuators_of_velocity_and_torque_follow_by_their_controllers_gains(tmp_path, kind):
+    inputs = Inputs(0.0, 6.0, joints=told(6.0), measured_joints=NAMES)
+    t, joints = followed(tmp_path / 'arm.xml', kind, inputs)
+    commanded = np.stack([np.interp(t, inputs.joints.t, q) for q in inputs.joints.values.T])
+    # weight and inertia, 20 N m at most, by the gains: 20 / 4000, and 20 / 100 / 40 rad
+    np.testing.assert_allclose(joints.T, commanded, atol=0.006)
+
+
+@pytest.mark.parametrize('kind, changed', [
+    ('geared', {'kp[lift]': 300.0}), ('scaled', {'kp[lift]': 2000.0, 'kv[pan]': 300.0}),
+    ('intvelocity', {'kp[lift]': 2000.0}), ('velocity', {'p[lift]': 10.0, 'kv[pan]': 150.0}),
+    ('torque', {'p[lift]': 2000.0, 'd[pan]': 300.0})])
+def test_numbers_of_every_kind_of_actuator_act_and_are_patched(tmp_path, kind, changed):
+    path = tmp_path / 'arm.xml'
+    path.write_text(driven_by(kind))
+    robot, inputs = load_mujoco(str(path)), Inputs(0.0, 3.0, joints=told(3.0))
+    values = nominal(robot) | changed
+    assert set(changed) <= set(nominal(robot))
+    before, after = (robot.simulate(inputs, one)['pose'][1] for one in (nominal(robot), values))
+    assert np.abs(after - before).max() > 1e-4
+    path.write_text(robot.patched(values))
+    own = load_mujoco(str(path))
+    assert nominal(own) == pytest.approx(values)
+    np.testing.assert_allclose(own.simulate(inputs, nominal(own))['pose'][1], after, atol=1e-5)
+
+
+def test_an_actuator_that_wants_a_controller_says_which_gains_to_state(tmp_path):
+    path = tmp_path / 'arm.xml'
+    for kind, said in (('velocity', r'joint pan has one of velocity.+<numeric name="p\[pan\]"'),
+                       ('torque', r'joint pan has one of torque.+name="p\[pan\]".+"d\[pan\]"')):
+        path.write_text(re.sub('<custom>.+</custom>', '', driven_by(kind)))
+        with pytest.raises(ConfigError, match=said):
+            load_mujoco(str(path))
+    path.write_text(mjcf().replace('<position joint="lift" kp="4000" kv="150"/>',
+                                   '<motor joint="lift"/>'))
+    robot = load_mujoco(str(path))
+    with pytest.raises(ConfigError, match='joint lift is commanded, but joint lift has one of '
+                                          'torque; put the gains'):
+        robot.simulate(Inputs(0.0, 3.0, joints=told(3.0)), nominal(robot))
+
+
+def test_what_mujoco_would_clip_or_begin_anew_in_silence_is_refused(tmp_path):
+    path, inputs = tmp_path / 'arm.xml', Inputs(0.0, 6.0, joints=told(6.0))
+    path.write_text(mjcf().replace('joint="twist"', 'joint="twist" ctrlrange="-0.5 0.5"'))
+    robot = load_mujoco(str(path))
+    with pytest.raises(ConfigError, match='joint twist is commanded from -.+ctrlrange of its'):
+        robot.simulate(inputs, nominal(robot))
+    path.write_text(mjcf().replace('kp="4000"', 'kp="4e7"'))
+    robot = load_mujoco(str(path))
+    with pytest.raises(ConfigError, match='the simulation is unstable, MuJoCo began it anew'):
+        robot.simulate(inputs, nominal(robot))
+
+
+def test_joints_that_do_not_move_the_tool_are_not_compared(tmp_path):
+    path = tmp_path / 'arm.xml'
+    other = '<body name="head"><joint name="neck"/><geom size="0.1" contype="0"/></body>'
+    path.write_text(mjcf().replace('<body name="link0"', other + '<body name="link0"'))
+    robot = load_mujoco(str(path))
+    streams = robot.simulate(Inputs(0.0, 3.0, joints=told(3.0),
+                                    measured_joints=('neck', *NAMES)), nominal(robot))
+    joints = streams['joints'][1]
+    assert np.isnan(joints[:, 0]).all()
+    assert np.isfinite(joints[:, 1:]).all()
+
+
 def test_where_an_actuator_has_no_kv_the_joint_s_damping_may_be_off(tmp_path):
     path = tmp_path / 'damped.xml'
     path.write_text(mjcf().replace(' kv="150"', '').replace('armature', 'damping="150" armature'))
@@ -230,7 +341,9 @@ ON_LINK = '<site name="ft"/>'
 @pytest.mark.parametrize('changes, why', [
     ({'tool': ON_LINK}, 'site ft is on link2, which joint twist moves'),
     ({'sensor': ''}, '0 sites have a force sensor; say which with --ft-site, one of ft'),
-    ({'actuator': 'motor'}, 'no position actuator on a joint'),
+    ({'actuator': 'motor'}, 'no actuator that a joint can be told positions by; joint pan has'),
+    ({'tool': TOOL + '</body></body></body><site name="rail"/><body><body><body>',
+      'sensor': '<force site="rail"/>'}, 'site rail is on base, which no joint moves'),
     ({'tool': '<body><site name="ft"/></body>'}, 'body tool below site ft weighs nothing'),
     ({'integrator': 'nothing'}, 'MuJoCo says')])
 def test_a_model_that_will_not_do_is_refused_in_one_line(model, changes, why):
@@ -363,3 +476,56 @@ def test_a_payload_is_named_and_no_other_effect_whatever_the_steps_of_model_and_
     changed, = found['payload'].changed
     assert changed.name == 'body_mass[gripper]'
     assert changed.after == pytest.approx(1.62, abs=4.0 * changed.std)
+
+
+@pytest.fixture(scope='module')
+def sample():
+    """Return the arm that `forcecal sample rigid_arm` makes, and a recording of it."""
+    source = files('forcecal_ros') / 'config' / 'examples' / 'rigid_arm.xml'
+    arm = third_party('rigid_arm.xml', load_mujoco(str(source)))
+    return arm, recorded(arm, {}, seed=4)
+
+
+def turned_wrench(by):
+    R = rotation_from_vector(np.radians(by))
+    return lambda w, pose: np.hstack([w[:, :3] @ R, w[:, 3:] @ R])
+
+
+def in_base(w, pose):
+    return np.hstack([np.einsum('nij,nj->ni', pose, part) for part in (w[:, :3], w[:, 3:])])
+
+
+@pytest.mark.parametrize('fault, said', [
+    (lambda w, pose: w / 9.80665, 'its forces are in kgf'),
+    (lambda w, pose: w / ([9.80665] * 3 + [1.0] * 3), 'its forces are in kgf'),
+    (lambda w, pose: -w, 'it has the opposite sign'),
+    (lambda w, pose: w * ([1.0] * 3 + [-1.0] * 3), 'torque'),
+    (lambda w, pose: w[:, [1, 0, 2, 4, 3, 5]], 'mirrored'),
+    (turned_wrench([0.0, 0.0, 90.0]), 'turned'),
+    (turned_wrench([0.0, 0.0, 45.0]), 'turned'),
+    (in_base, 'base')])
+def test_frame_axes_sign_and_units_of_the_robots_wrench_are_asked_before_effects(
+        sample, fault, said):
+    arm, real = sample
+    at = np.clip(np.searchsorted(real.pose.t, real.wrench.t), 0, len(real.pose) - 1)
+    values = fault(real.wrench.values, real.pose.R_base_sensor[at])
+    wrong = replace(real, wrench=replace(real.wrench, values=values))
+    found = diagnose_rerun(wrong, None, arm, load_rig('rigid_tool.yaml')).outcome.diagnosis
+    assert found.verdict == 'invalid_data'
+    assert said in found.reason
+
+
+@pytest.mark.parametrize('factors, change', [
+    ({}, lambda w: w), ({'body_mass[gripper]': 1.4}, lambda w: w),
+    ({'kp[lift]': 0.5, 'kp[wrist_1]': 2.0}, lambda w: w),
+    ({}, lambda w: w * [1.15, 1.0, 0.85, 1.0, 1.0, 1.0]),
+    ({}, lambda w: np.roll(w, 12, axis=0)),
+    ({}, lambda w: w + 0.06 * np.outer(w[:, 2], np.eye(6)[0]))])
+def test_effects_of_any_usual_size_are_no_other_frame(sample, factors, change):
+    arm, _ = sample
+    rig = load_rig('rigid_tool.yaml')
+    for seed in (5, 6):
+        real = recorded(arm, factors, seed)
+        real = replace(real, wrench=replace(real.wrench, values=change(real.wrench.values)))
+        made = arm.run(inputs_of(real), arm.nominal)
+        refuse_other_wrench(real, simulated_tool(made, *span(real), rig), made)

@@ -4,13 +4,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from forcecal_ros.recording.streams import JointStream, Recording
-from forcecal_ros.simulators.signals import JOINTS
 import numpy as np
 
 
 def measured_joints(joints: JointStream | None) -> tuple[str, ...]:
     """Return the names of the joints that a simulator may be compared with."""
-    return () if joints is None or not len(joints) else joints.names[:JOINTS]
+    return () if joints is None or not len(joints) else joints.names
 
 
 def of_same_joints(recordings: Sequence[Recording]) -> list[Recording]:

@@ -10,8 +10,10 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, skew
 from forcecal_ros.identify.moving_tool import inertia_regressor, symmetric
 from forcecal_ros.recording.checks.at_rest import (
+    beside_simulated,
     is_elsewhere,
     refuse_other_axes,
+    refuse_other_forces,
     untouched_at_rest,
 )
 from forcecal_ros.recording.checks.frame_faults import as_in_base, refuse_other_frame
@@ -160,7 +162,8 @@ def _require_own_axes(simulated: Recording, rig: Rig) -> str:
     return as_in_base(judgement)
 
 
-def refuse_other_wrench(real: Recording, tool: SimulatedTool) -> None:
+def refuse_other_wrench(real: Recording, tool: SimulatedTool, simulated: Recording | None = None
+                        ) -> None:
     """
     Refuse a robot's wrench whose frame, axes, sign or units are not those of a simulator's tool.
 
@@ -168,6 +171,8 @@ def refuse_other_wrench(real: Recording, tool: SimulatedTool) -> None:
     ----------
     real : Recording
         The robot's, with a pose.
+    simulated : Recording, optional
+        The tool's, of the same commands: what it accelerates is then no doubt.
 
     Raises
     ------
@@ -175,8 +180,12 @@ def refuse_other_wrench(real: Recording, tool: SimulatedTool) -> None:
         Names cause and remedy.
     """
     rigid = tool.rigid_tool
-    refuse_other_axes(real, rigid.tool.mass, np.array(rigid.tool.com), np.array(rigid.gravity),
-                      SIMULATE_IT, short=True)
+    mass, com, gravity = rigid.tool.mass, np.array(rigid.tool.com), np.array(rigid.gravity)
+    found = simulated and beside_simulated(real, simulated, mass, gravity)
+    if found:
+        refuse_other_forces(found, mass, com, SIMULATE_IT)
+    else:
+        refuse_other_axes(real, mass, com, gravity, SIMULATE_IT, short=True)
 
 
 def tool_along(motion: CarriedTool, recording: Recording, rig: Rig

@@ -83,8 +83,9 @@ class AtRest(NamedTuple):
                    for columns in (in_sensor, forces.R_base_sensor, np.swapaxes(
                        read_from_w(forces.R_base_sensor), 1, 2))), key=np.median)
         keep = off <= UNTOUCHED * max(float(np.median(off)), limits.TINY)
+        specific = None if forces.specific is None else forces.specific[keep]
         return AtRest(self.begins[keep], Forces(
-            forces.R_base_sensor[keep], forces.wire[keep], forces.gravity, None),
+            forces.R_base_sensor[keep], forces.wire[keep], forces.gravity, None, specific),
             self.torque[keep])
 
     @property
@@ -175,9 +176,13 @@ def refuse_other_axes(recording: Recording, mass: float, com: Array, gravity: Ar
         Names cause and remedy, as ``forcecal calibrate`` does.
     """
     found = untouched_at_rest(recording, gravity, short)
-    if found is None:
-        return
-    judgement = judge(found.forces)
+    if found is not None:
+        refuse_other_forces(found, mass, com, other_tool)
+
+
+def refuse_other_forces(found: AtRest, mass: float, com: Array, other_tool: str) -> None:
+    """Refuse means without contact; otherwise as :func:`refuse_other_axes`."""
+    judgement, gravity = judge(found.forces), found.forces.gravity
     if judgement.likely[0].mass < WEIGHTLESS * mass:
         _refuse_other_tool(judgement.plain.mass, mass, other_tool)
     if is_elsewhere(judgement):
@@ -190,6 +195,37 @@ def refuse_other_axes(recording: Recording, mass: float, com: Array, gravity: Ar
     weight = mass * found.forces.in_sensor
     refuse_other_torques(weight, found.torque, None)
     refuse_other_lever(weight, found.torque, com)
+
+
+def beside_simulated(recording: Recording, simulated: Recording, mass: float, gravity: Array
+                     ) -> AtRest | None:
+    """
+    Return short means, beside what a simulated tool weighs and accelerates; contact left out.
+
+    Parameters
+    ----------
+    simulated : Recording
+        Of the same motion; its wrench is that of a tool of ``mass`` [kg].
+    gravity : ndarray, shape (3,)
+        In base [m/s^2].
+
+    Returns
+    -------
+    AtRest or None
+        None where they tell no weight from a bias.
+    """
+    found = at_rest(recording, gravity, SHORT)
+    if found is None or simulated.wrench is None:
+        return None
+    force = means_at(simulated.wrench, found.begins, SHORT)[:, :3]
+    both = np.isfinite(force).all(axis=1)
+    forces, R = found.forces, found.forces.R_base_sensor[both]
+    moving = Forces(R, forces.wire[both], gravity, None,
+                    np.einsum('nij,nj->ni', R, force[both]) / mass)
+    if len(moving.wire) < FEWEST:
+        return None
+    found = AtRest(found.begins[both], moving, found.torque[both]).untouched
+    return found if found.tells else None
 
 
 def untouched_at_rest(recording: Recording, gravity: Array, short: bool = False

@@ -39,17 +39,27 @@ class Forces(NamedTuple):
         In base, as it is believed to be [m/s^2].
     noise : ndarray, shape (n,), or None
         Standard deviation of each mean; None: not known, taken from the residuals [N].
+    specific : ndarray, shape (n, 3), or None
+        Of a tool in motion: gravity less its acceleration, in base [m/s^2].
     """
 
     R_base_sensor: Array
     wire: Array
     gravity: Array
     noise: Array | None
+    specific: Array | None = None
 
     @property
     def in_sensor(self) -> Array:
-        """Gravity in ft_sensor, shape (n, 3) [m/s^2]."""
-        return np.asarray(self.gravity @ self.R_base_sensor)
+        """Gravity in ft_sensor, less acceleration where there is one, shape (n, 3) [m/s^2]."""
+        return np.asarray(np.einsum('ni,nij->nj', self.in_base, self.R_base_sensor))
+
+    @property
+    def in_base(self) -> Array:
+        """The same in base."""
+        if self.specific is not None:
+            return self.specific
+        return np.broadcast_to(self.gravity, (len(self.wire), 3))
 
     @property
     def weight(self) -> Array:
@@ -169,8 +179,9 @@ def _others(forces: Forces, plain: Fit) -> Iterator[Fit]:
         yield plain._replace(name='opposite', mass=-plain.mass, Q=-np.eye(3))
     yield _base(forces)
     n, in_sensor = len(forces.wire), forces.in_sensor / np.linalg.norm(forces.gravity)
-    # any direction is as good as down where gravity is not known
-    tells_down = _singular_values(np.swapaxes(forces.R_base_sensor, 1, 2))[-1] > limits.SPANNED
+    # any direction is as good as down where gravity is not known, or is not all there is
+    tells_down = forces.specific is None and (
+        _singular_values(np.swapaxes(forces.R_base_sensor, 1, 2))[-1] > limits.SPANNED)
     if tells_down:
         yield _tilted(forces)
     if n > 1 and _singular_values(in_sensor[:, None])[1] > limits.SPANNED:
@@ -227,9 +238,8 @@ def _weightless(forces: Forces) -> Fit:
 
 
 def _base(forces: Forces) -> Fit:
-    down = np.broadcast_to(forces.gravity[:, None], (len(forces.wire), 3, 1))
     theta, covariance, residuals, chi_square, rank = _solved(
-        np.concatenate([down, forces.R_base_sensor], axis=2), forces)
+        np.concatenate([forces.in_base[:, :, None], forces.R_base_sensor], axis=2), forces)
     return Fit('base', float(theta[0]), float(np.sqrt(covariance[0, 0])), np.eye(3),
                forces.gravity, 0.0, 0.0, residuals, chi_square, rank)
 
