@@ -220,17 +220,22 @@ def _refuse_beyond(model: Any, one: Drive, given: Array) -> None:
                           'MuJoCo would clip; give the model the range that the robot has')
 
 
-def refuse_run_away(mujoco: Any, data: Any, path: str) -> None:
+def refuse_warned(mujoco: Any, data: Any, path: str) -> None:
     """
-    Refuse a simulation that MuJoCo began anew in between, which is no answer.
+    Refuse a simulation that MuJoCo warns of, which is no answer.
 
     Raises
     ------
     ConfigError
-        It did.
+        It began anew in between, or left out contacts or constraints.
     """
     kinds = mujoco.mjtWarning
-    if any(data.warning[int(kind)].number for kind in (
-            kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)):
-        raise ConfigError(f'--mujoco {path}: the simulation is unstable, MuJoCo began it anew; '
-                          'take a smaller timestep, softer gains or more armature')
+    warned = {int(kind): data.warning[int(kind)] for kind in (
+        kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC, kinds.mjWARN_BADCTRL,
+        kinds.mjWARN_INERTIA, kinds.mjWARN_CONTACTFULL, kinds.mjWARN_CNSTRFULL)}
+    said = [mujoco.mju_warningText(kind, int(one.lastinfo)) for kind, one in warned.items()
+            if one.number]
+    if said:
+        raise ConfigError(f'--mujoco {path}: the simulation is unstable or incomplete, MuJoCo '
+                          f'says "{said[0].rstrip(".")}"; take a smaller timestep, softer gains '
+                          'or more armature')

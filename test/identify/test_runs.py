@@ -305,9 +305,9 @@ def test_the_wrong_sign_of_the_wrench_is_named(recording):
 
 
 def test_a_missing_wrench_or_pose_names_the_topic(recording):
-    with pytest.raises(DataError, match='--topic wrench='):
+    with pytest.raises(DataError, match='no messages of wrench .*record wrench$'):
         identify(replace(recording, wrench=None))
-    with pytest.raises(DataError, match='--topic pose='):
+    with pytest.raises(DataError, match='no messages of current_pose .*record current_pose$'):
         identify(replace(recording, pose=None))
 
 

@@ -230,8 +230,17 @@ def test_what_mujoco_would_clip_or_begin_anew_in_silence_is_refused(tmp_path):
         robot.simulate(inputs, nominal(robot))
     path.write_text(mjcf().replace('kp="4000"', 'kp="4e7"'))
     robot = load_mujoco(str(path))
-    with pytest.raises(ConfigError, match='the simulation is unstable, MuJoCo began it anew'):
+    with pytest.raises(ConfigError, match='unstable .* MuJoCo says "Nan, Inf or huge'):
         robot.simulate(inputs, nominal(robot))
+
+
+def test_what_mujoco_warns_of_is_not_written_where_the_user_is(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'arm.xml').write_text(mjcf().replace('kp="4000"', 'kp="4e7"'))
+    with pytest.raises(ConfigError, match='unstable'):
+        robot = load_mujoco('arm.xml')
+        robot.simulate(Inputs(0.0, 3.0, joints=told(3.0)), nominal(robot))
+    assert [path.name for path in tmp_path.iterdir()] == ['arm.xml']
 
 
 def test_joints_that_do_not_move_the_tool_are_not_compared(tmp_path):
