@@ -122,8 +122,8 @@ def parse(text: str, name: str = 'calibration') -> Calibration:
     if not isinstance(document, dict):
         raise ConfigError(f'{name}: is no calibration (expected keys such as mass, com and '
                           f'wrench_bias); {NAME_ONE}')
-    if 'format' not in document and (foreign := recognise(document, name)) is not None:
-        return foreign
+    if 'format' not in document and (third_party := recognise(document, name)) is not None:
+        return third_party
     if document.get('format') != FORMAT:
         stated = str(document.get('format', 'not stated'))[:80]
         kind, _, version = FORMAT.partition('/')

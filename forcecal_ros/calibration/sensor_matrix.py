@@ -12,20 +12,20 @@ import numpy as np
 Wrench = tuple[float, float, float, float, float, float]
 
 
-class SixAxis(NamedTuple):
+class SensorMatrix(NamedTuple):
     """Matrix, row by row, and offset of a sensor whose driver publishes six raw channels."""
 
     matrix: tuple[float, ...]
     offset: Wrench
 
 
-def six_axis(calibration: Calibration) -> SixAxis | None:
+def sensor_matrix(calibration: Calibration) -> SensorMatrix | None:
     """
     Return the six-axis part of a calibration, for use on a WrenchStamped.
 
     Returns
     -------
-    SixAxis or None
+    SensorMatrix or None
         None where there is none: the readings are wrenches already.
 
     Raises
@@ -40,10 +40,10 @@ def six_axis(calibration: Calibration) -> SixAxis | None:
         raise ConfigError(f'matrix is {matrix.shape[0]} x {matrix.shape[1]}; a wrench topic '
                           'carries six raw channels, so 6 x 6 is wanted')
     o = offset.tolist()
-    return SixAxis(tuple(matrix.ravel().tolist()), (o[0], o[1], o[2], o[3], o[4], o[5]))
+    return SensorMatrix(tuple(matrix.ravel().tolist()), (o[0], o[1], o[2], o[3], o[4], o[5]))
 
 
-def corrected(raw: Wrench, part: SixAxis) -> Wrench:
+def corrected(raw: Wrench, part: SensorMatrix) -> Wrench:
     """
     Apply the matrix to one reading.
 
@@ -68,7 +68,7 @@ def corrected(raw: Wrench, part: SixAxis) -> Wrench:
             m[30] * a + m[31] * b + m[32] * c + m[33] * d + m[34] * e + m[35] * f)
 
 
-def all_corrected(raw: Array, part: SixAxis) -> Array:
+def all_corrected(raw: Array, part: SensorMatrix) -> Array:
     """
     Apply the matrix to readings in rows.
 
@@ -84,7 +84,7 @@ def all_corrected(raw: Array, part: SixAxis) -> Array:
     return np.asarray((raw - part.offset) @ np.reshape(part.matrix, (6, 6)).T)
 
 
-def recording_corrected(recording: Recording, part: SixAxis) -> Recording:
+def recording_corrected(recording: Recording, part: SensorMatrix) -> Recording:
     """
     Apply the matrix to the wrench of a recording.
 
@@ -114,7 +114,7 @@ def with_matrix_of(calibration: Calibration, source: Calibration) -> Calibration
     return replace(calibration, matrix=source.matrix, matrix_offset=source.matrix_offset)
 
 
-def required_six_axis(source: Calibration, name: str) -> SixAxis:
+def required_sensor_matrix(source: Calibration, name: str) -> SensorMatrix:
     """
     Return the six-axis part of a calibration that was named for it.
 
@@ -128,7 +128,7 @@ def required_six_axis(source: Calibration, name: str) -> SixAxis:
     ConfigError
         It holds none, or one of another number of channels.
     """
-    part = six_axis(source)
+    part = sensor_matrix(source)
     if part is None:
         raise ConfigError(f'{name}: holds no key matrix; name the calibration.yaml that '
                           '`forcecal insitu` wrote')

@@ -104,7 +104,7 @@ def answer(args: argparse.Namespace) -> Answer:
     from forcecal_ros.calibration.file import load
     from forcecal_ros.calibration.sensor_matrix import (
         recording_corrected,
-        required_six_axis,
+        required_sensor_matrix,
         with_matrix_of,
     )
     from forcecal_ros.identify.delay import estimate_delay, with_delay
@@ -114,12 +114,12 @@ def answer(args: argparse.Namespace) -> Answer:
     matrix = load(args.matrix) if args.matrix else None
     recording = read_checked(args, args.bag, ['wrench', 'pose'], raw_wrench=matrix is not None)
     if matrix:
-        recording = recording_corrected(recording, required_six_axis(matrix, args.matrix))
+        recording = recording_corrected(recording, required_sensor_matrix(matrix, args.matrix))
     motion = None
     if args.free_motion:
         motion = read_checked(args, args.free_motion, raw_wrench=matrix is not None)
         if matrix:
-            motion = recording_corrected(motion, required_six_axis(matrix, args.matrix))
+            motion = recording_corrected(motion, required_sensor_matrix(matrix, args.matrix))
     with with_reading_of(recording):
         calibration = _of_stated_mass(calibrated(recording, args), args)
     if motion:

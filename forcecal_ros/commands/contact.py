@@ -73,11 +73,11 @@ def refuse_disagreeing(recording: 'Recording', calibration: 'Calibration') -> tu
     DataError
         Names cause and remedy.
     """
-    from forcecal_ros.calibration.sensor_matrix import recording_corrected, six_axis
+    from forcecal_ros.calibration.sensor_matrix import recording_corrected, sensor_matrix
     from forcecal_ros.identify import agreement
     from forcecal_ros.observe.playback import as_calibrated
 
-    if part := six_axis(calibration):
+    if part := sensor_matrix(calibration):
         recording = recording_corrected(recording, part)
     with with_reading_of(recording):
         found = agreement.refuse_disagreeing(as_calibrated(recording, calibration)[0], calibration)

@@ -73,9 +73,9 @@ def answer(args: argparse.Namespace) -> Answer:
         read_checked(args, args.bag, raw_wrench=calibration.matrix is not None), calibration,
         args.calibration))
     recording = with_even_bursts(recording)
-    foreign = contact.refuse_disagreeing(recording, calibration)
+    unknown = contact.refuse_disagreeing(recording, calibration)
     calibration, about = contact.prepared(calibration, recording, settings)
-    about = (*foreign, *about)
+    about = (*unknown, *about)
     followed = None
     if args.track_tool:
         followed = follow(recording, calibration, settings)

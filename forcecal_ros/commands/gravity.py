@@ -83,9 +83,9 @@ def run(args: argparse.Namespace) -> int:
     recording = contact.in_sign_of(calibration, args.wrench_sign, taken_as_calibrated(
         recording, calibration, args.calibration or args.bag))
     recording = with_even_bursts(recording)
-    foreign = contact.refuse_disagreeing(recording, calibration)
+    unknown = contact.refuse_disagreeing(recording, calibration)
     calibration, about = contact.prepared(calibration, recording, settings)
-    about = (*doubts(calibration, source), *foreign, *about)
+    about = (*doubts(calibration, source), *unknown, *about)
     with (bar(args, total=len(recording.wrench or ()), unit=' samples') as done,
           with_reading_of(recording)):
         estimate = estimated(recording, calibration, settings,

@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
         player.offer(named)
         time.sleep(max(args.delay, DISCOVERY) if commands else args.delay)
         if not args.yes and not _consented(player, commands):
-            player.unheard = set(commands)
+            player.unreceived = set(commands)
         with bar(args, unit=' s') as done:
             player.play(dropwhile(lambda one: one.log_ns < begin, chain([first], messages)),
                         lambda seconds: done.update(round(seconds, 1) - done.n))

@@ -42,7 +42,7 @@ class Backend(ABC, Generic[CommandT]):
 
     Attributes
     ----------
-    foreign : int
+    commands_of_others : int
         Number of commands of other nodes.
     caveat : str
         Warning of a start whose plan is checked in part only; empty: all of it is checked.
@@ -53,7 +53,7 @@ class Backend(ABC, Generic[CommandT]):
     def __init__(self, node: Node, inbox: Inbox, sensors: Sensors, topic: str, message_type: Any
                  ) -> None:
         self.topic = topic
-        self.foreign = 0
+        self.commands_of_others = 0
         self._sensors = sensors
         self._own: deque[bytes] = deque(maxlen=OWN_MESSAGES)
         self._publisher = node.create_publisher(message_type, topic, OUTPUT)
@@ -83,7 +83,7 @@ class Backend(ABC, Generic[CommandT]):
 
     def _on_command(self, raw: bytes) -> None:
         if raw not in self._own:
-            self.foreign += 1
+            self.commands_of_others += 1
 
     def _publish(self, raw: bytes) -> None:
         self._own.appendleft(raw)

@@ -210,8 +210,8 @@ def run_demo(accelerometer: str, out: Path, seed: int, progress: Progress) -> De
                   'a first pose of the simulated rig', each)
         duration = demo.run_sequence('calibrate', each)
         demo.wait(lambda: bool(demo.calibration), PATIENCE, 'the calibration', each)
-        heard = demo.recorder.counts['contact_wrench']
-        demo.wait(lambda: demo.recorder.counts['contact_wrench'] > heard + 500,
+        received = demo.recorder.counts['contact_wrench']
+        demo.wait(lambda: demo.recorder.counts['contact_wrench'] > received + 500,
                   PATIENCE, 'the observer taking over the calibration', each)
         demo.run_sequence('contact', each)
         demo.recorder.write(out / 'bag')

@@ -135,7 +135,7 @@ class Gap(Node):
             missing = ['target_frame']
         return ' and '.join(missing)
 
-    def _judgement(self, heard: int) -> Judgement:
+    def _judgement(self, received: int) -> Judgement:
         recording = self._collector.recording()
         start = recording.start_ns
         if self._live is None:
@@ -144,11 +144,11 @@ class Gap(Node):
                        if getattr(recording, name) is not None]
             self._live = LiveGap(self._rig, streams, self._value['accelerometer.mounted'] or None)
             self._origin = start + round(float(recording.target.t[0]) * SECOND)
-        until = heard - round(self._value['delay'] * SECOND)
+        until = received - round(self._value['delay'] * SECOND)
         found = self._live.judge(recording, (self._origin - start) / SECOND,
                                  (until - start) / SECOND)
         done = self._origin + round(self._live.time * SECOND)
-        self._collector.forget(min(done, heard) - KEPT)
+        self._collector.forget(min(done, received) - KEPT)
         return found
 
     def _publish(self, found: Judgement) -> None:

@@ -34,7 +34,7 @@ AT_ONCE, READINGS = 0.001, 5
 """Clocks are read again where a reading took longer [s], so many times at most: a busy machine
 takes the processor away for 0.15 s now and then, which would look like a clock that jumps."""
 
-FOREIGN_TIMEOUT = 0.5
+OTHERS_TIMEOUT = 0.5
 """A start is refused for that long after a command of another node, which at any usual rate would
 have sent the next one by then [s]."""
 
@@ -85,7 +85,7 @@ class Guard:
                  steady: Clock, simulated: bool) -> None:
         self._sensors, self._backend, self._motion = sensors, backend, motion
         self._clock, self._steady, self._simulated = clock, steady, simulated
-        self._foreign, self._foreign_heard = 0, -SECOND
+        self._others_count, self._other_received = 0, -SECOND
         self.pauses = 0
         self.stale = ''
 
@@ -115,15 +115,15 @@ class Guard:
         """Return why a start is refused: commands of another node, or no dead-man switch."""
         self.listen()
         steady = self._steady.now().nanoseconds
-        if steady - self._foreign_heard < FOREIGN_TIMEOUT * SECOND:
+        if steady - self._other_received < OTHERS_TIMEOUT * SECOND:
             return f'{self._backend.topic}: another node commands the robot; stop it'
         return self._sensors.deadman.fault(steady)
 
     def listen(self) -> None:
         """Note the time of the newest command of another node."""
-        if self._backend.foreign != self._foreign:
-            self._foreign = self._backend.foreign
-            self._foreign_heard = self._steady.now().nanoseconds
+        if self._backend.commands_of_others != self._others_count:
+            self._others_count = self._backend.commands_of_others
+            self._other_received = self._steady.now().nanoseconds
 
     def check(self, moving: bool) -> Fault | None:
         """Return why to abort now; pauses the motion while a sensor is silent or late."""
@@ -136,7 +136,7 @@ class Guard:
         if not self._simulated and abs(drift) > CLOCK_JUMP:
             return Fault(f'the system clock jumped by {drift:.2f} s')
         reason = self._sensors.monitor.check(moving) or self._sensors.deadman.fault(steady)
-        if not reason and self._foreign_heard > self._started:
+        if not reason and self._other_received > self._started:
             reason = f'{self._backend.topic}: another node commands the robot'
         reason = reason or self._pause_while_stale(steady, now)
         return Fault(reason) if reason else None

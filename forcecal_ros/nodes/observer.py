@@ -68,7 +68,7 @@ class Observer(ManagedNode):
         self._markers: ContactMarkers | None = None
         self._transform: SensorTransform | None = None
         self._tool = ToolOnSensor(self, self._chain)
-        self._heard: dict[str, LastMessage] = {}
+        self._received: dict[str, LastMessage] = {}
         self._inbox = Inbox(self, polled=self._value('poll_rate') > 0)
         self._origin: int | None = None
         self._waiting = Waiting(self)
@@ -326,8 +326,8 @@ class Observer(ManagedNode):
             if message is None:
                 return
             stamp_ns, values = message
-            frame = self._heard[topic].frame if topic in self._heard else find_frame(raw)
-            self._heard[topic] = LastMessage(STEADY.now().nanoseconds, frame)
+            frame = self._received[topic].frame if topic in self._received else find_frame(raw)
+            self._received[topic] = LastMessage(STEADY.now().nanoseconds, frame)
             if self._origin is None:
                 self._origin = stamp_ns
             for sample in take((stamp_ns - self._origin) * 1e-9, values):
@@ -340,7 +340,7 @@ class Observer(ManagedNode):
         assert self._frames is not None
         if self._mounting is not None:
             values = at_the_sensor(self._mounting, values)
-        frame = self._heard[self._pose].frame
+        frame = self._received[self._pose].frame
         self._frames.on_pose(t, values, frame)
         if self._transform is not None and self._source is not None and self._origin is not None:
             self._transform.publish(self._origin + round(t * 1e9), values, frame,
@@ -364,7 +364,7 @@ class Observer(ManagedNode):
         model = self._chain.model
         if model is None or self._source is None:
             raise DataError('there is no calibration yet; run the sequencer')
-        if 'wrench' in self._silent() or 'wrench' not in self._heard:
+        if 'wrench' in self._silent() or 'wrench' not in self._received:
             raise DataError('wrench: nothing received; is its driver running?')
         result = self._chain.tare(model, noise_levels(self._source.calibration.noise))
         shift = ', '.join(f'{x:.3f}' for x in result.shift)
@@ -401,12 +401,12 @@ class Observer(ManagedNode):
             return 'a calibration, from calibration.file or sequencer/calibration'
         silent = self._silent()
         return ' and '.join(topic for topic in ('wrench', self._pose)
-                            if topic in silent or topic not in self._heard)
+                            if topic in silent or topic not in self._received)
 
     def _silent(self) -> list[str]:
         """Return the topics that have fallen silent."""
         oldest = STEADY.now().nanoseconds - self._value('stale_timeout') * 1e9
-        return [topic for topic, heard in self._heard.items() if heard.steady_ns < oldest]
+        return [topic for topic, received in self._received.items() if received.steady_ns < oldest]
 
     def _report(self) -> None:
         self._waiting.of(self._missing())
@@ -422,7 +422,7 @@ class Observer(ManagedNode):
             values['noise over calibrated'] = self._chain.noise_level
         of_tool, warning = self._tool.report()
         self._diagnostics.publish(diagnostic_array(self, '', *health(
-            self._active, calibrated, self._heard, self._silent(), status,
+            self._active, calibrated, self._received, self._silent(), status,
             [warning] if warning else []), values | of_tool))
 
 

@@ -46,7 +46,7 @@ class Player:
         Number of messages published, by topic.
     unknown : set of str
         Message types whose package is not installed.
-    unheard : set of Topic
+    unreceived : set of Topic
         Topics that nobody may subscribe to while they are published.
     """
 
@@ -58,7 +58,7 @@ class Player:
         self._clock = host.node.create_publisher(Clock, '/clock', 10) if clock_rate else None
         self.counts: Counter[str] = Counter()
         self.unknown: set[str] = set()
-        self.unheard: set[Topic] = set()
+        self.unreceived: set[Topic] = set()
 
     def offer(self, topics: Iterable[Topic]) -> None:
         """Create publishers, so that subscriptions are matched before the first message."""
@@ -88,7 +88,7 @@ class Player:
         Raises
         ------
         MotionError
-            A node subscribes to a topic of :attr:`unheard`.
+            A node subscribes to a topic of :attr:`unreceived`.
         """
         first = began = next_tick = 0
         for message in messages:
@@ -121,7 +121,7 @@ class Player:
     def _publish(self, message: Raw) -> None:
         publisher = self._publishers.get(message.topic)
         if publisher is not None:
-            if message.topic in self.unheard and publisher.get_subscription_count():
+            if message.topic in self.unreceived and publisher.get_subscription_count():
                 raise MotionError(f'somebody has begun to listen on {publisher.topic_name}, a '
                                   'command topic; no more is published')
             publisher.publish(message.data)

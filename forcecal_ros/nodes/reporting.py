@@ -66,7 +66,7 @@ class LastMessage(NamedTuple):
     frame: str
 
 
-def health(active: bool, calibrated: str | None, heard: Mapping[str, LastMessage],
+def health(active: bool, calibrated: str | None, received: Mapping[str, LastMessage],
            silent: Sequence[str], status: int, more: Sequence[str] = ()) -> tuple[str, str]:
     """
     Return level and message for /diagnostics.
@@ -75,7 +75,7 @@ def health(active: bool, calibrated: str | None, heard: Mapping[str, LastMessage
     ----------
     calibrated : str or None
         Sensor frame of the calibration in use; None without one.
-    heard, silent : dict, sequence of str
+    received, silent : dict, sequence of str
         The last message by topic; the topics that have fallen silent.
     status : int
         All bits of :class:`forcecal_ros.observe.Status` since the last report.
@@ -86,10 +86,10 @@ def health(active: bool, calibrated: str | None, heard: Mapping[str, LastMessage
         return 'stale', 'not active'
     if calibrated is None:
         return 'warn', 'waiting for a calibration'
-    if 'wrench' in silent or 'wrench' not in heard:
+    if 'wrench' in silent or 'wrench' not in received:
         return 'error', 'wrench: nothing received'
     warnings = [*(f'{topic}: nothing received' for topic in silent), *more]
-    frame = heard['wrench'].frame
+    frame = received['wrench'].frame
     if frame and frame != calibrated:
         warnings.append(f'wrench is of {frame!r}, the calibration of {calibrated!r}: is it '
                         'the same sensor?')

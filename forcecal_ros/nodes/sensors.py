@@ -29,20 +29,20 @@ class Deadman:
     """
 
     def __init__(self, inbox: Inbox, timeout: float) -> None:
-        self._heard = 0
+        self._received = 0
         self._timeout = round(timeout * SECOND)
         if self._timeout:
             inbox.subscribe(Header, 'deadman', self._on_deadman)
 
     def _on_deadman(self, raw: bytes) -> None:
-        self._heard = STEADY.now().nanoseconds
+        self._received = STEADY.now().nanoseconds
 
     def fault(self, steady_ns: int) -> str:
         """Return why to stop, at a time on the steady clock [ns]; empty: there is no reason."""
-        silent = steady_ns - self._heard
+        silent = steady_ns - self._received
         if not 0 < self._timeout < silent:
             return ''
-        if not self._heard:
+        if not self._received:
             return 'deadman: nothing received; press the switch'
         return f'deadman: silent for {silent / SECOND:.3f} s'
 

@@ -5,7 +5,7 @@ from pathlib import Path as FilePath
 
 from forcecal_ros.calibration.file import load, save
 from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.calibration.sensor_matrix import corrected, required_six_axis, SixAxis
+from forcecal_ros.calibration.sensor_matrix import corrected, required_sensor_matrix, SensorMatrix
 from forcecal_ros.errors import ConfigError, DataError, ForcecalError
 from forcecal_ros.motion.channel import KEPT
 from forcecal_ros.motion.monitor import Stillness
@@ -50,7 +50,7 @@ that are kept, and their latency."""
 class WrenchReader:
     """Reads the raw channels of a sensor, and makes wrenches of them by its matrix."""
 
-    def __init__(self, matrix: SixAxis) -> None:
+    def __init__(self, matrix: SensorMatrix) -> None:
         self._read, self._matrix = Reader(WrenchStamped), matrix
 
     def __call__(self, raw: bytes) -> Sample:
@@ -96,7 +96,7 @@ class Sequencer(MotionNode[SequencerSettings]):
                        Deadman(self._inbox, value['motion.deadman_timeout']),
                        self._settings.watch, self._settings.limits, self._record)
 
-    def _load_matrix(self) -> tuple[Calibration | None, SixAxis | None]:
+    def _load_matrix(self) -> tuple[Calibration | None, SensorMatrix | None]:
         name = self.get_parameter('wrench.matrix_file').value
         if not name:
             return None, None
@@ -104,7 +104,7 @@ class Sequencer(MotionNode[SequencerSettings]):
             raise ConfigError('wrench.matrix_file gives wrenches of the right sign already; '
                               'set wrench.sign to 1')
         source = load(FilePath(name).expanduser())
-        return source, required_six_axis(source, name)
+        return source, required_sensor_matrix(source, name)
 
     def _record(self, channel: str, stamp_ns: int, values: tuple[float, ...]) -> None:
         if self._sequence.streaming:

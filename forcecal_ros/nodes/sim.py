@@ -92,7 +92,7 @@ class Sim(Node):
         self._make_publishers(value)
         self._read = Reader(PoseStamped)
         self._checked_frame = b''
-        self._ignored, self._heard = 0, -SILENCE
+        self._ignored, self._received = 0, -SILENCE
         self._last_command: Sequence[float] | None = None
         self._faults = Faults(self, value['seed'] if value['seed'] >= 0 else None,
                               self._jump if self._own_clock else None)
@@ -142,7 +142,7 @@ class Sim(Node):
     def _pass(self, elapsed: int, steady: int) -> None:
         """Advance the own clock, at most to where the next command is needed."""
         now = self._own_time + elapsed
-        if self._schedule is not None and steady - self._heard < self._wait_ns:
+        if self._schedule is not None and steady - self._received < self._wait_ns:
             self._inbox.drain()
             now = min(now, self._schedule.commanded_ns + self._period_ns + self._latency_ns - 1)
         self._own_time = max(self._own_time, now)
@@ -152,7 +152,7 @@ class Sim(Node):
         if not self._faults.clock_stopped:
             self._pass(round((steady - self._ticked) * self._speed), steady)
         self._ticked = steady
-        if self._schedule is not None and steady - self._heard > self._timeout * 1e9:
+        if self._schedule is not None and steady - self._received > self._timeout * 1e9:
             self._schedule.drop()
         now = self._now()
         if now <= 0:
@@ -214,7 +214,7 @@ class Sim(Node):
                              f'{self._frame!r}')
                 return
             self._checked_frame = head
-        self._heard = STEADY.now().nanoseconds
+        self._received = STEADY.now().nanoseconds
         self._schedule.add(stamp, self._now(), self._next, values)
 
     def _ignore(self, why: str) -> None:
@@ -284,7 +284,7 @@ class Sim(Node):
             self._diagnostics.publish(diagnostic_array(
                 self, '', 'stale', 'waiting for /clock', {}))
             return
-        silent = (STEADY.now().nanoseconds - self._heard) * 1e-9
+        silent = (STEADY.now().nanoseconds - self._received) * 1e-9
         message = 'following target_frame' if silent < self._timeout else 'holding'
         if self._faults.active:
             message += f'; faults switched on: {", ".join(self._faults.active)}'

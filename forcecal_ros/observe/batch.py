@@ -47,8 +47,8 @@ def estimates(recording: Recording, model: Model, progress: Progress = silent) -
     wrench = recording.wrench
     assert wrench is not None
     wires = wrench.values
-    if model.six_axis is not None:
-        wires = all_corrected(wires, model.six_axis)
+    if model.sensor_matrix is not None:
+        wires = all_corrected(wires, model.sensor_matrix)
     first = float(wrench.t[0])
     force, no_force = _forces(recording.accelerometer, first, model)
     slide, no_slide = _slides(recording.optidrive, first, model)
@@ -66,7 +66,7 @@ def estimates(recording: Recording, model: Model, progress: Progress = silent) -
 
 def _plain(model: Model) -> Model:
     """Leave out what is done before and after, which compiled code does not know."""
-    return model._replace(six_axis=None, bias_filter=None)
+    return model._replace(sensor_matrix=None, bias_filter=None)
 
 
 def _learn_all(t: Array, wrenches: Array, status: NDArray[np.int64], model: BiasModel,

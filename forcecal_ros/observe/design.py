@@ -4,7 +4,7 @@ from math import exp, inf, sqrt, tau
 from typing import NamedTuple
 
 from forcecal_ros.calibration.model import Accelerometer, Calibration
-from forcecal_ros.calibration.sensor_matrix import six_axis, SixAxis
+from forcecal_ros.calibration.sensor_matrix import sensor_matrix, SensorMatrix
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array
 from forcecal_ros.observe.bandwidth import (
@@ -52,7 +52,7 @@ class Model(NamedTuple):
     weight_only: bool
     """Whether the load is the weight by the pose alone, without inertia (``static``)."""
     load: Load
-    six_axis: SixAxis | None
+    sensor_matrix: SensorMatrix | None
     """Turns raw channels into a wrench before anything else; None where they are one."""
     bias: tuple[float, ...]
     gravity: float
@@ -230,7 +230,7 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
     return with_reach(Model(
         filter={'kalman': KALMAN, 'newton': NEWTON}.get(name, UNFILTERED),
         bias_filter=_bias_filter(calibration, name, corner, settings),
-        weight_only=name == 'static', load=load, six_axis=six_axis(calibration),
+        weight_only=name == 'static', load=load, sensor_matrix=sensor_matrix(calibration),
         bias=_bias(calibration),
         gravity=calibration.gravity, accelerometer=accelerometer is not None,
         ac_rate=_ac_rate(accelerometer),

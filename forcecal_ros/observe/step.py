@@ -128,8 +128,8 @@ def on_wrench(state: State, t: float, wrench: Wrench, model: Model) -> Result:
         if again:
             return on_wrench(State(refusals=state.refusals), t, wrench, model)
         return state, ()
-    if model.six_axis is not None:
-        wrench = corrected(wrench, model.six_axis)
+    if model.sensor_matrix is not None:
+        wrench = corrected(wrench, model.sensor_matrix)
     return _release(State(
         (*state.wrenches, (t, wrench)), t, min(state.first, t), state.accelerometer,
         state.displacement, state.poses, state.motion, state.tool, state.filter,

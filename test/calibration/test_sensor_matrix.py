@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from forcecal_ros.calibration.model import Calibration, Estimate
-from forcecal_ros.calibration.sensor_matrix import all_corrected, corrected, six_axis
+from forcecal_ros.calibration.sensor_matrix import all_corrected, corrected, sensor_matrix
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.observe import replay
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
@@ -29,7 +29,7 @@ def raw(plain):
 
 
 def test_one_reading_is_corrected_like_all_of_them(raw):
-    part = six_axis(raw)
+    part = sensor_matrix(raw)
     readings = RNG.standard_normal((50, 6)) * 100
     expected = (readings - OFFSET) @ MATRIX.T
     np.testing.assert_allclose(all_corrected(readings, part), expected, rtol=1e-13)
@@ -48,11 +48,11 @@ def test_the_observer_sees_the_same_contact_through_raw_channels(plain, raw):
 
 
 def test_no_matrix_changes_nothing(plain):
-    assert six_axis(plain) is None
+    assert sensor_matrix(plain) is None
 
 
 def test_a_matrix_of_another_number_of_channels_is_refused(raw):
     wide = replace(raw, matrix=Estimate(np.ones((6, 8)), 0.0, 'N, N m per count'),
                    matrix_offset=Estimate(np.ones(8), 0.0, 'count'))
     with pytest.raises(ConfigError, match='6 x 8'):
-        six_axis(wide)
+        sensor_matrix(wide)

@@ -114,7 +114,7 @@ class Rig:
         self._waits = waits(rng, conditions.load)
         self._held = stretches(rng, 0.25, lambda n: rng.uniform(0.2, 1.0, n) * conditions.stall)
         self._wire: list[tuple[int, int, tuple]] = []
-        self._arrival, self._heard, self._period = 0, 0, 0
+        self._arrival, self._received, self._period = 0, 0, 0
 
     def send(self, now: int, stamp: int, pose: tuple) -> None:
         """Put a command on the wire; commands stay in their order."""
@@ -132,8 +132,8 @@ class Rig:
         while self._wire and self._wire[0][0] <= now:
             _, stamp, pose = self._wire.pop(0)
             self.schedule.add(stamp, now, self._period, pose)
-            self._heard = now
-        if now - self._heard > COMMAND_TIMEOUT * SECOND:
+            self._received = now
+        if now - self._received > COMMAND_TIMEOUT * SECOND:
             self.schedule.drop()
         while (self._period + 1) * TICK <= now:
             command = self.schedule.take(self._period)
@@ -189,7 +189,7 @@ def run(seed: int, conditions: Conditions | None = None, accelerometer: str = 'a
     clock = SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=now[0]))
     guard = Guard(
         SimpleNamespace(monitor=monitor, deadman=SimpleNamespace(fault=lambda steady: '')),
-        SimpleNamespace(topic='target_frame', foreign=0), sequence,
+        SimpleNamespace(topic='target_frame', commands_of_others=0), sequence,
         clock, clock, False)
     stream, command, stillness, looked, phase = None, None, None, 0, ''
     waiting, inbox = waits(rng, conditions.load), []

@@ -43,7 +43,7 @@ ALIKE = 0.5
 """Such a channel is stuck where the others of its sensor change by this share of what they
 usually do: then it is not rest that keeps it."""
 
-FELT = 0.1
+TURNED = 0.1
 """A robot that turns by so much turns gravity by 6 deg: no force sensor and no accelerometer
 says the same before and after [rad]."""
 

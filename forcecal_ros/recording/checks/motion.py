@@ -88,7 +88,7 @@ def _jumps(pose: PoseStream, last: int) -> bool:
 
 
 def _way(pose: PoseStream, i: int, j: int) -> float:
-    """Way between two samples, in what has moved for certain; nil beyond the end."""
+    """Way between two samples, in what has moved for certain; zero beyond the end."""
     if j >= len(pose):
         return 0.0
     return float(_ways(pose.between(pose.t[i], np.nextafter(pose.t[j], np.inf)))[-1])

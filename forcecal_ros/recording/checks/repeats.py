@@ -188,4 +188,4 @@ def _insensitive_to_turning(hold: Hold, stream: Stream, name: str,
     if pose is None or name not in ('wrench', 'accelerometer'):
         return False
     R = pose.between(float(stream.t[hold.first]), float(stream.t[hold.last])).R_base_sensor
-    return len(R) > 0 and bool(np.abs(R - R[0]).max() > limits.FELT)
+    return len(R) > 0 and bool(np.abs(R - R[0]).max() > limits.TURNED)
