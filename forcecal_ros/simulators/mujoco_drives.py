@@ -237,5 +237,4 @@ def refuse_warned(mujoco: Any, data: Any, path: str) -> None:
             if one.number]
     if said:
         raise ConfigError(f'--mujoco {path}: the simulation is unstable or incomplete, MuJoCo '
-                          f'says "{said[0].rstrip(".")}"; take a smaller timestep, softer gains '
-                          'or more armature')
+                          f'says "{said[0].rstrip(".")}"; take a smaller timestep')
