@@ -230,11 +230,10 @@ def refuse_warned(mujoco: Any, data: Any, path: str) -> None:
         It began anew in between, or left out contacts or constraints.
     """
     kinds = mujoco.mjtWarning
-    warned = {int(kind): data.warning[int(kind)] for kind in (
+    warned = [(int(kind), data.warning[int(kind)]) for kind in (
         kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC, kinds.mjWARN_BADCTRL,
-        kinds.mjWARN_INERTIA, kinds.mjWARN_CONTACTFULL, kinds.mjWARN_CNSTRFULL)}
-    said = [mujoco.mju_warningText(kind, int(one.lastinfo)) for kind, one in warned.items()
-            if one.number]
+        kinds.mjWARN_INERTIA, kinds.mjWARN_CONTACTFULL, kinds.mjWARN_CNSTRFULL)]
+    said = [mujoco.mju_warningText(kind, int(one.lastinfo)) for kind, one in warned if one.number]
     if said:
         raise ConfigError(f'--mujoco {path}: the simulation is unstable or incomplete, MuJoCo '
                           f'says "{said[0].rstrip(".")}"; take a smaller timestep')
