@@ -4,7 +4,7 @@ The engine of every diagnosis: search for effects, judge them, localise, and say
 The ways in (``by_*``) differ in the simulation that they bring, and go on alike from there.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -30,13 +30,14 @@ from forcecal_ros.diagnose.judge.gap import (
 )
 from forcecal_ros.diagnose.judge.named_effects import (
     at_limit,
+    begun_or_ended,
     channel_affected_most,
     Checks,
     from_checks,
+    in_time,
     named_steps,
     NamedEffect,
     parameters_of,
-    steps_in_words,
     untold,
 )
 from forcecal_ros.diagnose.judge.probabilities import nameless, probabilities, UNKNOWN
@@ -62,6 +63,8 @@ from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.diagnose.say.verdict import verdict
 from forcecal_ros.diagnose.search.acceptance import least_evidence
 from forcecal_ros.diagnose.search.bias_steps import Event, with_steps
+from forcecal_ros.diagnose.search.onset_selection import Found, with_onsets
+from forcecal_ros.diagnose.search.onsets import Instant
 from forcecal_ros.diagnose.search.selection import select, Selection
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import Rig
@@ -151,14 +154,16 @@ def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[
         return Outcome(Diagnosis('invalid_data', str(error)), rig)
     checks = Checks(*from_checks(stamps, sample_noise(first, np.zeros(len(CHANNELS))),
                                  rig.accelerometer.model(datasets[0].simulation.accelerometer)))
-    model, events = with_steps(_with_known(first, checks))
+    known = _with_known(first, checks)
+    model, events = with_steps(known)
     frequencies = _strongest(lines_of(model))
     if frequencies:
         model.allow_discrepancy(frequencies)
         model.refit_noise(np.zeros(len(model.nuisances)))
     found = hypotheses(model, frequencies[0] if frequencies else None)
-    selection = select(model, found, first)
-    judged = _judge(first, model, selection, checks, observed, events)
+    model, selection, events, instants = with_onsets(
+        first, known, Found(model, select(model, found, first), events, {}), found)
+    judged = _judge(first, model, selection, checks, observed, events, instants)
     where = _localised(selection, judged.summary.predictability, checks)
     return _say(first, model, selection, judged, Diagnosis(
         judged.word, judged.sentence, judged.effects, tuple(judged.candidates), where, judged.gap,
@@ -198,7 +203,8 @@ def _observed(dataset: Dataset, recording: Recording, rig: Rig) -> MeasuredBlock
 
 
 def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection, checks: Checks,
-           observed: list[MeasuredBlocks], events: tuple[Event, ...]) -> _Judged:
+           observed: list[MeasuredBlocks], events: tuple[Event, ...],
+           instants: Mapping[str, Instant]) -> _Judged:
     """Weigh what was found: share of the misfit, probabilities, what is unexplained, verdict."""
     final = selection.model
     with_discrepancy = final.discrepancy_scales != NO_DISCREPANCY
@@ -227,9 +233,11 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
                     selection.missing_evidence, known)
     possible = {name: 1.0 - less[name] for name in selection.doubtful}
     candidates = _sorted([*candidates, *((n, p) for n, p in possible.items() if p > FAINT)])
-    sentence += steps_in_words(steps) + missing_streams(final.datasets[0].recording)
-    effects = (*(NamedEffect(name, values, probability[name]) for name, values in numbers.items()),
-               *steps, *(NamedEffect(n, v, CHECKED) for n, v in checks.effects.items()))
+    named_ones = [begun_or_ended(NamedEffect(name, values, probability[name]), final, instants)
+                  for name, values in numbers.items()]
+    sentence += in_time([*named_ones, *steps]) + missing_streams(final.datasets[0].recording)
+    effects = (*named_ones, *steps,
+               *(NamedEffect(n, v, CHECKED) for n, v in checks.effects.items()))
     return _Judged(summary, part, gap, noise, effects, candidates, word,
                    sentence + unjudged(model),
                    tuple(note for a in selection.accepted for note in untold(final, a)))

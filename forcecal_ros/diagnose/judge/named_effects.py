@@ -5,18 +5,18 @@ from dataclasses import dataclass, replace
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.inputs.stamps import Corrected
+from forcecal_ros.diagnose.model.gates import BIAS, nuisances_of, physical
 from forcecal_ros.diagnose.model.linearised import EFFECT, LinearisedModel, RELEASED
 from forcecal_ros.diagnose.model.saturation import CLIPPING
 from forcecal_ros.diagnose.search.bias_steps import Event, height_of, SURE
 from forcecal_ros.diagnose.search.fitted import Accepted
+from forcecal_ros.diagnose.search.onsets import Instant
 from forcecal_ros.effects import EFFECTS, Quantity
 from forcecal_ros.effects.rig import AccelerometerModel
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.clipping import clipping, quantisation
 import numpy as np
-
-NAME = 'wrench_bias_step'
 
 PROBABILITY = 0.95
 """Probability of a bias step: a slip of the tool or a change of gain begins with one, too."""
@@ -57,10 +57,11 @@ class NamedEffect:
 
     Attributes
     ----------
-    begin : float, optional
-        When it began [s]; it was there from the start where none is given.
+    begin, end : float, optional
+        When it began and ended [s]; it was there from the start, or to the end, where none is
+        given.
     recording : int
-        0, or 1 where it began in the second one.
+        0, or 1 where it began or ended in the second one.
     """
 
     name: str
@@ -69,6 +70,8 @@ class NamedEffect:
     begin: float | None = None
     begin_ci95: tuple[float, float] | None = None
     recording: int = 0
+    end: float | None = None
+    end_ci95: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -102,14 +105,14 @@ def parameters_of(model: LinearisedModel, a: Accepted) -> dict[str, Parameter]:
                 for q, v, s in zip(quantities, a.theta, a.std)
                 if q.shapes or s < widest * abs(q.typical - q.nominal) or ends(q, float(v))}
     out, covariance = {}, model.fit_nuisances().covariance
-    index = [i for i, n in enumerate(model.nuisances) if n.key == effect.nuisance]
-    for i, q in zip(index, quantities):
+    for i, q in zip(nuisances_of(model.nuisances, effect), quantities):
         if model.nuisances[i].name not in a.released:
             out[q.name] = Parameter(q.nominal, 0.0, q.unit)
             continue
         if covariance[i, i] > UNTOLD ** 2 / RELEASED:
             continue
-        scale = float(model.prior_std[i]) * _physical(model, model.nuisances[i].key, q.unit)
+        scale = float(model.prior_std[i]) * physical(
+            model.rig, model.nuisances[i].key, q.unit)
         value = np.clip(q.nominal + model.centre[i] * scale, q.low, q.high)
         std = abs(scale) * float(np.sqrt(covariance[i, i]))
         out[q.name] = Parameter(float(value), std, q.unit,
@@ -149,16 +152,6 @@ def at_limit(name: str, found: Mapping[str, Parameter]) -> list[str]:
                for end in (q.low, q.high)):
             out.append(f'{name}.{q.name} = {p.value:.3g}{"" if q.unit == "1" else " " + q.unit}')
     return out
-
-
-def _physical(model: LinearisedModel, key: str, unit: str) -> float:
-    """Turn a relative departure into the unit of the effect's parameter."""
-    rig = model.rig
-    relative = {'mass': rig.tool.mass, 'wall_stiffness': rig.wall.stiffness,
-                'wall_damping': rig.wall.damping}
-    if rig.optidrive is not None:
-        relative |= {'stiffness': rig.optidrive.stiffness, 'damping': rig.optidrive.damping}
-    return relative.get(key, 1.0) if unit != '1' else 1.0
 
 
 def from_checks(stamps: Sequence[Corrected], noise: Array, model: AccelerometerModel
@@ -280,19 +273,43 @@ def named_steps(model: LinearisedModel, events: Sequence[Event], least: float = 
             numbers[channel.name.replace('force.', 'f').replace('torque.', 't')] = Parameter(
                 height, std, channel.unit)
         if numbers:
-            out.append(NamedEffect(NAME, numbers, PROBABILITY, e.instant, (e.low, e.high),
+            out.append(NamedEffect(BIAS.name, numbers, PROBABILITY, e.instant, (e.low, e.high),
                              e.recording))
     return out
 
 
-def steps_in_words(effects: Sequence[NamedEffect]) -> str:
-    """Say when each step happened, to be put behind a sentence; empty where there is none."""
-    parts = [_said(e, e.begin, e.begin_ci95) for e in effects if e.begin is not None
-             and e.begin_ci95 is not None]
+def begun_or_ended(effect: NamedEffect, model: LinearisedModel, instants: Mapping[str, Instant]
+                   ) -> NamedEffect:
+    """Say of an effect that acts for a part of the time when it begins, or ends."""
+    if effect.name not in instants:
+        return effect
+    gate, (at, low, high) = model.gates[effect.name], instants[effect.name]
+    if gate.begin is None:
+        return replace(effect, end=at, end_ci95=(low, high), recording=gate.recording)
+    return replace(effect, begin=at, begin_ci95=(low, high), recording=gate.recording)
+
+
+def in_time(effects: Sequence[NamedEffect]) -> str:
+    """Say when effects begin and end, to be put behind a sentence; empty where none does."""
+    parts = [part for e in effects for part in (_begun(e), _ended(e)) if part]
     return f'; {", ".join(parts)}' if parts else ''
 
 
-def _said(e: NamedEffect, begin: float, between: tuple[float, float]) -> str:
+def _begun(e: NamedEffect) -> str:
+    if e.begin is None or e.begin_ci95 is None:
+        return ''
+    if e.name != BIAS.name:
+        return f'{e.name} from {_at(e, e.begin, e.begin_ci95)} on'
     by = ', '.join(f'{k} by {p.value:+.3g} {p.unit}' for k, p in e.parameters.items())
+    return f'{e.name}: {by} at {_at(e, e.begin, e.begin_ci95)}'
+
+
+def _ended(e: NamedEffect) -> str:
+    if e.end is None or e.end_ci95 is None:
+        return ''
+    return f'{e.name} until {_at(e, e.end, e.end_ci95)}'
+
+
+def _at(e: NamedEffect, instant: float, between: tuple[float, float]) -> str:
     where = ' of the second recording' if e.recording else ''
-    return f'{e.name}: {by} at {begin:.3f} s ({between[0]:.3f} to {between[1]:.3f}){where}'
+    return f'{instant:.3f} s ({between[0]:.3f} to {between[1]:.3f}){where}'

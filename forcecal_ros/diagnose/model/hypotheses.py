@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from itertools import product
 from typing import NamedTuple
 
+from forcecal_ros.diagnose.model.gates import BIAS, Gate, gated, nuisances_of, physical
 from forcecal_ros.diagnose.model.jacobian import Column, column
 from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
 from forcecal_ros.diagnose.model.saturation import CLIPPING, limit_starts
@@ -194,6 +195,52 @@ def fewer(effect: Effect, atom: Atom, part: NDArray[np.intp]) -> Atom:
     start, others = atom.start.copy(), np.delete(atom.free, part)
     start[others] = nominal_of(effect)[others]
     return Atom(start, atom.free[part], tuple([one[j] for j in part] for one in atom.columns))
+
+
+UNGATED = (*CLIPPING, 'wrench_bias_drift')
+"""Effects that are not looked for in a part of a recording: a drift begins by itself."""
+
+
+def everywhere(model: LinearisedModel, found: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """
+    Return those hypotheses that may begin or end, all with parameters of their own, and a bias.
+
+    Parameters
+    ----------
+    found : sequence of Hypothesis
+        Some of them nuisances whose prior is lifted, which a part of the time cannot have.
+    """
+    out = [_of_nuisances(model, h) if h.releases else h
+           for h in found if h.name not in UNGATED and h.effect.where != 'stamps']
+    bias = Hypothesis(BIAS.name, BIAS, (), ())
+    return [h for h in (*out, _of_nuisances(model, bias)) if h.atoms]
+
+
+def _of_nuisances(model: LinearisedModel, h: Hypothesis) -> Hypothesis:
+    """Give an effect that lifts the prior of nuisances their columns as its own."""
+    start, free, several = nominal_of(h.effect), [], []
+    own = nuisances_of(model.nuisances, h.effect)
+    for k, (i, q) in enumerate(zip(own, h.effect.parameters)):
+        size = float(model.prior_std[i]) * physical(model.rig, model.nuisances[i].key, q.unit)
+        ratio = (q.typical - q.nominal) / size
+        columns = [{c: (ratio * rows).astype(np.float32) for c, rows in one[i].items()}
+                   for one in model.jacobian]
+        if any(columns):
+            start[k] = q.typical
+            free.append(k)
+            several.append(columns)
+    if not free:
+        return h._replace(releases=(), atoms=())
+    atom = Atom(start, np.array(free), _transposed(several))
+    return h._replace(releases=(), atoms=tuple(_sparse([atom], h.effect)))
+
+
+def for_a_part(model: LinearisedModel, h: Hypothesis, gate: Gate) -> Hypothesis:
+    """Let a hypothesis of :func:`everywhere` act for a part of the time only."""
+    rows = [gate.rows(one.measured, i) for i, one in enumerate(model.datasets)]
+    return h._replace(atoms=tuple(
+        atom._replace(columns=tuple(gated(one, acts) for one, acts in zip(atom.columns, rows)))
+        for atom in h.atoms))
 
 
 def _transposed(columns: list[list[Column]]) -> tuple[list[Column], ...]:

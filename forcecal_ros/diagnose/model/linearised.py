@@ -14,6 +14,7 @@ from forcecal_ros.diagnose.model.discrepancy import (
     WhitenedDiscrepancy,
 )
 from forcecal_ros.diagnose.model.evidence import Fit, fit, Gram, Prior
+from forcecal_ros.diagnose.model.gates import departed, Gate, nuisances_of
 from forcecal_ros.diagnose.model.jacobian import Column, column, combined, nuisance_column
 from forcecal_ros.effects import Effect, EFFECTS, with_effects
 from forcecal_ros.effects.nuisances import apply_all, LIMIT, Nuisance, prior_std, ROBOT
@@ -93,6 +94,8 @@ class LinearisedModel:
         Of each recording: what each nuisance changes, by one prior std.
     discrepancy_scales : tuple of float
         Part of the signals that the discrepancy may have, stream by stream.
+    gates : mapping of str to Gate
+        When effects act that do not act all the time.
     """
 
     rig: Rig
@@ -111,6 +114,7 @@ class LinearisedModel:
     discrepancy: Discrepancy | None = None
     discrepancy_scales: Scales = NO_DISCREPANCY
     library: Mapping[str, Effect] = EFFECTS
+    gates: Mapping[str, Gate] = field(default_factory=dict)
     _calibrated: tuple[bytes, Rig] | None = None
 
     def current(self, effects: Values | None = None) -> Rig:
@@ -140,8 +144,47 @@ class LinearisedModel:
 
     def simulate(self, effects: Values, dataset: int) -> Array:
         """Return measured less simulated of one recording with other effects, (n, channels)."""
-        return self._residual(dataset, self.datasets[dataset].simulation.signals(
-            self.current(effects)))
+        signals = self.datasets[dataset].simulation.signals(self.current(self._always(effects)))
+        return self._with_gated(dataset, signals, effects)
+
+    def _always(self, effects: Values) -> Values:
+        """Leave out the effects that act for a part of the time."""
+        return {name: v for name, v in effects.items() if name not in self.gates}
+
+    def _with_gated(self, dataset: int, signals: Signals, effects: Values) -> Array:
+        """Return measured less simulated, effects added that act for a part of the time."""
+        out = self._residual(dataset, signals)
+        measured = self.datasets[dataset].measured
+        for name in (n for n in effects if n in self.gates):
+            rows = self.gates[name].rows(measured, dataset)
+            if rows.any():
+                out = out - rows * self.added(name, effects, dataset, signals)
+        return out
+
+    def added(self, name: str, effects: Values, dataset: int, before: Signals | None = None
+              ) -> Array:
+        """
+        Return what an effect adds if it acts all the time, shape (n, channels).
+
+        Parameters
+        ----------
+        effects : Values
+            Its own, and those beside it.
+        before : Signals, optional
+            Simulated without it.
+        """
+        one, effect = self.datasets[dataset], self.library[name]
+        others = self._always({n: v for n, v in effects.items() if n != name})
+        rig = self.current(others)
+        own = [self.nuisances[i] for i in nuisances_of(self.nuisances, effect)]
+        changed = (departed(rig, own, effect, effects[name]) if own
+                   else with_effects(rig, {name: effects[name]}))
+        signals = one.simulation.signals(rig) if before is None else before
+        out = one.measured.residual(signals) - one.measured.residual(
+            one.simulation.signals(changed))
+        if not np.isfinite(out).all():
+            raise Diverged('a simulation is not finite')
+        return out
 
     def _residual(self, dataset: int, signals: Signals) -> Array:
         """Return measured less simulated of one recording, its steps taken off, (n, channels)."""
@@ -156,9 +199,9 @@ class LinearisedModel:
 
     def evaluate(self) -> None:
         """Simulate at the centre; the Jacobian stays as it is."""
-        rig = self.current()
+        rig = self.current(self._always(self.effects))
         self.base = [c.simulation.signals(rig) for c in self.datasets]
-        self.residuals = [self._residual(i, s) for i, s in enumerate(self.base)]
+        self.residuals = [self._with_gated(i, s, self.effects) for i, s in enumerate(self.base)]
 
     def without_effects(self) -> 'LinearisedModel':
         """Take off all effects, released nuisances and steps too; the other nuisances stay."""
@@ -171,7 +214,7 @@ class LinearisedModel:
 
     def linearise(self) -> None:
         """Simulate at the centre and take the Jacobian by the nuisances there."""
-        rig = self.current()
+        rig = self.current(self._always(self.effects))
         self.base = [c.simulation.signals(rig) for c in self.datasets]
         self.jacobian = [
             [nuisance_column(c, n, size, rig, s, b, self.level)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.diagnose.judge.named_effects import Checks, parameters_of
+from forcecal_ros.diagnose.model.gates import BIAS
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.selection import Selection
 from forcecal_ros.effects import named_effects, physical_rig, with_effects
@@ -49,6 +50,12 @@ def patched_calibration(calibration: Calibration, rigid_tool: RigidTool, delay_s
         wrench_bias=Estimate(rigid_tool.wrench_sensor.bias, c.wrench_bias.std, c.wrench_bias.unit))
 
 
+def _stays(model: LinearisedModel, name: str) -> bool:
+    """Say whether a rig still has an effect when the recordings end, and can be given it."""
+    gate = model.gates.get(name)
+    return name != BIAS.name and (gate is None or gate.end is None)
+
+
 def patched_rig(model: LinearisedModel, selection: Selection, checks: Checks) -> Rig:
     """
     Recalibrate the rig and give it the effects, those that share a nuisance by their own name.
@@ -64,7 +71,8 @@ def patched_rig(model: LinearisedModel, selection: Selection, checks: Checks) ->
               s in zip(model.nuisances, model.centre,
                        model.prior_std) if n.name not in model.released or n.key in own}
     effects = {a.name: {k: v.value for k, v in parameters_of(model, a).items()}
-               for a in selection.accepted if model.library[a.name].nuisance not in own}
+               for a in selection.accepted
+               if model.library[a.name].nuisance not in own and _stays(model, a.name)}
     effects.update({n: {k: v.value for k, v in found.items()}
                     for n, found in checks.effects.items()})
     return with_effects(apply_all(model.rig, model.nuisances, values), effects)

@@ -99,11 +99,13 @@ def _number(p: Parameter) -> dict[str, Any]:
 
 
 def _when(effect: NamedEffect) -> dict[str, Any]:
-    """Say from when on an effect that began during a recording was there."""
-    if effect.begin is None or effect.begin_ci95 is None:
-        return {}
-    return {'from': effect.begin, 'from_ci95': list(effect.begin_ci95),
-            'recording': effect.recording}
+    """Say when an effect that began or ended during a recording did."""
+    out: dict[str, Any] = {}
+    if effect.begin is not None and effect.begin_ci95 is not None:
+        out |= {'from': effect.begin, 'from_ci95': list(effect.begin_ci95)}
+    if effect.end is not None and effect.end_ci95 is not None:
+        out |= {'to': effect.end, 'to_ci95': list(effect.end_ci95)}
+    return {**out, 'recording': effect.recording} if out else out
 
 
 def load(path: Path | str) -> tuple[Diagnosis, dict[str, Any]]:
@@ -148,7 +150,7 @@ def _from_document(d: Mapping[str, Any]) -> Diagnosis:
             str(e['name']), {key: Parameter(float(p['value']), float(p['std']), str(p['unit']),
                                             bool(p.get('at_bound')))
                              for key, p in e['parameters'].items()}, float(e['probability']),
-            e.get('from')) for e in d['effects']),
+            e.get('from'), end=e.get('to')) for e in d['effects']),
         candidates=tuple((str(c['name']), float(c['probability'])) for c in d['candidates']),
         localisation=tuple(Location(w['stage'], w['channel'], w['phase'], tuple(w['band_hz']),
                                     float(w['excess']), float(w['p'])) for w in d['where']),

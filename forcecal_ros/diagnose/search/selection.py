@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
-from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, Hypothesis
+from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, for_a_part, Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.acceptance import (
     acceptable,
@@ -18,6 +18,7 @@ from forcecal_ros.diagnose.search.acceptance import (
     log_odds,
     PARSIMONY,
     ranked,
+    SIMILAR,
     temperature_of,
     weights,
 )
@@ -34,15 +35,6 @@ import numpy as np
 
 NEAR = 3.0
 """Log-odds within which an alternative is fitted in full."""
-
-SIMILAR = 0.8
-"""
-Part of an effect's evidence from which an alternative is fitted in full, whatever the odds.
-
-Evidence is linear in the nuisances, taken where these stand in for the effect; so may its gain
-be, which counts for nothing here. Delays of 4 and 6 ms had 0.95 and 0.91 of the evidence of the
-low-pass that they were not, and a gain below 0.
-"""
 
 TRIES = 2
 """Alternatives of each effect that are fitted in full."""
@@ -81,8 +73,8 @@ class Selection(NamedTuple):
     doubtful: Mapping[str, float] = MappingProxyType({})
 
 
-def select(model: LinearisedModel, found: Sequence[Hypothesis], bare: LinearisedModel
-           ) -> Selection:
+def select(model: LinearisedModel, found: Sequence[Hypothesis], bare: LinearisedModel,
+           free: Sequence[Hypothesis] = ()) -> Selection:
     """
     Search for the effects that explain the recordings.
 
@@ -92,6 +84,8 @@ def select(model: LinearisedModel, found: Sequence[Hypothesis], bare: Linearised
         Recalibrated, no effect accepted.
     bare : LinearisedModel
         The same without what is known before any model, such as limits.
+    free : sequence of Hypothesis
+        What may begin or end in the place of an effect that does.
     """
     start, now = model, JointFit(model, [], [])
     out: set[str] = set()
@@ -114,7 +108,7 @@ def select(model: LinearisedModel, found: Sequence[Hypothesis], bare: Linearised
         now = _refitted(_shaped(fitted))
     if len(now.accepted) > 1:
         now = _drop(start, bare, now)
-    now, alternatives, factors = _exchange(start, now, found)
+    now, alternatives, factors = _exchange(start, now, found, free)
     now, last = _certain(start, now, factors)
     sure = {a.name: factors[a.name] for a in now.accepted}
     doubtful = {name: factor for name, factor in factors.items() if name not in sure}
@@ -213,7 +207,27 @@ def _near(results: Sequence[HypothesisFit], name: str, tested: int) -> list[Hypo
         or (weight[t.name] > weight[name] - NEAR and acceptable(t, tested)))]
 
 
-def _exchange(start: LinearisedModel, now: JointFit, found: Sequence[Hypothesis]
+def _in_its_place(less: JointFit, found: Sequence[Hypothesis], free: Sequence[Hypothesis],
+                  name: str) -> tuple[JointFit, list[Hypothesis]]:
+    """Return what may stand in the place of an effect: of one that begins what begins with it."""
+    model, taken = less.model, {a.name for a in less.accepted}
+    if name not in model.gates:
+        return less, [h for h in found if h.name not in taken]
+    gate = model.gates[name]
+    others = [for_a_part(model, h, gate) for h in free if h.name not in taken]
+    gates = {**{h.name: gate for h in others},
+             **{n: model.gates[n] for n in taken if n in model.gates}}
+    return less._replace(model=replace(model, gates=gates)), others
+
+
+def _pruned(now: JointFit) -> JointFit:
+    """Forget when effects would act that are not there."""
+    gates = {n: g for n, g in now.model.gates.items() if n in now.model.effects}
+    return now._replace(model=replace(now.model, gates=gates))
+
+
+def _exchange(start: LinearisedModel, now: JointFit, found: Sequence[Hypothesis],
+              free: Sequence[Hypothesis]
               ) -> tuple[JointFit, dict[str, dict[str, float]], dict[str, float]]:
     """
     Try every other effect in the place of each accepted one; keep what is better.
@@ -225,13 +239,13 @@ def _exchange(start: LinearisedModel, now: JointFit, found: Sequence[Hypothesis]
     factors: dict[str, float] = {}
     for a in list(now.accepted):
         less = without_effect(start, now, a.name)
-        taken = {b.name for b in less.accepted}
+        less, options = _in_its_place(less, found, free, a.name)
         comparison = less.comparison()
         whole = now.comparison()
         log_evidence, missing = whole.null_evidence, whole.missing_evidence
         # screened anew an effect may lie far from where it was fitted to
         fitted = log_evidence - comparison.null_evidence
-        anew = ranked(comparison, [h for h in found if h.name not in taken], len(found))
+        anew = ranked(comparison, options, len(found))
         near = _near(anew, a.name, len(found))
         results = [t._replace(evidence=max(t.evidence, fitted)) if t.name == a.name else t
                    for t in anew]
@@ -254,7 +268,7 @@ def _exchange(start: LinearisedModel, now: JointFit, found: Sequence[Hypothesis]
             odds = more / temperature_of(results, missing) - PARSIMONY * (t.degrees - degrees)
             weight[t.name] = own + odds
             if odds > 0.0:
-                now = other
+                now = _pruned(other)
                 mine = t._replace(evidence=mine.evidence + more)
                 degrees, own, log_evidence = t.degrees, weight[t.name], evidence
         names = {b.name for b in now.accepted}

@@ -1,0 +1,86 @@
+"""Effects that act for a part of the time: from an instant on, or until one."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
+from forcecal_ros.diagnose.model.jacobian import Column
+from forcecal_ros.effects import Effect, Quantity
+from forcecal_ros.effects.nuisances import Nuisance
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.geometry import Array
+import numpy as np
+
+BIAS = Effect('wrench_bias_step', 'wrench_sensor', (
+    *(Quantity(name, 'N', 0.0, -1e3, 1e3, 1.0) for name in ('fx', 'fy', 'fz')),
+    *(Quantity(name, 'N m', 0.0, -1e2, 1e2, 0.05) for name in ('tx', 'ty', 'tz'))),
+    ('measure', 'contact'), True, 'signal', 'wrench.bias')
+"""A bias that is there for a part of the time; one for all of it is a nuisance."""
+
+
+class Gate(NamedTuple):
+    """
+    When an effect acts.
+
+    Attributes
+    ----------
+    recording : int
+        In which it begins or ends.
+    begin, end : float or None
+        [s] on that recording's clock; None where it does not begin, or end, within it.
+    elsewhere : bool
+        Whether it acts in the other recordings.
+    """
+
+    recording: int
+    begin: float | None = None
+    end: float | None = None
+    elsewhere: bool = False
+
+    def rows(self, measured: MeasuredBlocks, recording: int) -> Array:
+        """Return the part of each block's samples that it acts in, shape (n_blocks, channels)."""
+        if recording != self.recording:
+            return np.full((measured.n_blocks, len(CHANNELS)), float(self.elsewhere))
+        out = np.zeros((measured.n_blocks, len(CHANNELS)))
+        for name in measured.streams:
+            acts = np.ones(measured.n_blocks)
+            if self.begin is not None:
+                acts = measured.since(name, self.begin)
+            if self.end is not None:
+                acts = acts - measured.since(name, self.end)
+            for c in (i for i, channel in enumerate(CHANNELS) if channel.stream == name):
+                out[:, c] = acts
+        return out
+
+
+def gated(columns: Sequence[Column], rows: Array) -> list[Column]:
+    """Let the columns of one recording act for a part of the time only."""
+    return [{c: (values * rows[:, c]).astype(np.float32) for c, values in one.items()
+             if rows[:, c].any()} for one in columns]
+
+
+def nuisances_of(nuisances: Sequence[Nuisance], effect: Effect) -> list[int]:
+    """List the nuisances, by position, whose departure beyond their tolerance an effect is."""
+    if effect.name == BIAS.name:
+        return [i for i, n in enumerate(nuisances) if n.name.startswith('wrench.bias.')]
+    return [i for i, n in enumerate(nuisances) if n.key == effect.nuisance]
+
+
+def physical(rig: Rig, key: str, unit: str) -> float:
+    """Turn a nuisance's departure, relative where its prior is, into an effect's unit."""
+    relative = {'mass': rig.tool.mass, 'wall_stiffness': rig.wall.stiffness,
+                'wall_damping': rig.wall.damping}
+    if rig.optidrive is not None:
+        relative |= {'stiffness': rig.optidrive.stiffness, 'damping': rig.optidrive.damping}
+    return relative.get(key, 1.0) if unit != '1' else 1.0
+
+
+def departed(rig: Rig, own: Sequence[Nuisance], effect: Effect, values: Mapping[str, float]
+             ) -> Rig:
+    """Give a rig an effect that is a departure of nuisances."""
+    for n, q in zip(own, effect.parameters):
+        away = values.get(q.name, q.nominal) - q.nominal
+        if away:
+            rig = n.apply(rig, away / physical(rig, n.key, q.unit))
+    return rig

@@ -1,0 +1,151 @@
+"""Whether an effect that begins or ends during a recording explains it better."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from forcecal_ros.diagnose.model.gates import BIAS
+from forcecal_ros.diagnose.model.hypotheses import everywhere, for_a_part, Hypothesis
+from forcecal_ros.diagnose.model.linearised import LinearisedModel
+from forcecal_ros.diagnose.search.acceptance import (
+    LEAST_LONG_MEMORY_RATIO,
+    long_memory_likelihood_ratio,
+    SIMILAR,
+)
+from forcecal_ros.diagnose.search.bias_steps import Event
+from forcecal_ros.diagnose.search.joint_fit import joint_fit_if_finite, JointFit
+from forcecal_ros.diagnose.search.onsets import (
+    Instant,
+    instant_of,
+    INSTANTS,
+    likeliest_onsets,
+    moved,
+    Onset,
+)
+from forcecal_ros.diagnose.search.selection import select, Selection
+import numpy as np
+
+MOST = 2
+"""Effects that begin or end, looked for in one diagnosis."""
+
+TRIES = 3
+"""Onsets that are fitted in full."""
+
+LEAST = LEAST_LONG_MEMORY_RATIO + float(np.log(INSTANTS))
+"""Log-likelihood ratio that an onset needs: what any effect does, and as many instants tried."""
+
+
+class Found(NamedTuple):
+    """
+    Outcome of the search with effects that begin or end.
+
+    Attributes
+    ----------
+    model : LinearisedModel
+        Without effects; with the steps of the wrench's bias.
+    events : tuple of Event
+        Those steps.
+    instants : dict of str to Instant
+        Of each effect that begins or ends.
+    """
+
+    model: LinearisedModel
+    selection: Selection
+    events: tuple[Event, ...]
+    instants: dict[str, Instant]
+
+
+def with_onsets(bare: LinearisedModel, without_steps: LinearisedModel, now: Found,
+                hypotheses: Sequence[Hypothesis]) -> Found:
+    """
+    Let effects begin or end as long as that explains the recordings better.
+
+    Parameters
+    ----------
+    bare : LinearisedModel
+        Without what is known before any model.
+    without_steps : LinearisedModel
+        The model without steps of the bias, which an onset may take the place of.
+    now : Found
+        With effects that act all the time.
+    hypotheses : sequence of Hypothesis
+        As they act all the time.
+    """
+    free = everywhere(now.model, hypotheses)
+    for _ in range(MOST):
+        other = _one_more(bare, without_steps, now, hypotheses, free)
+        if other is None:
+            break
+        now = other
+    return now
+
+
+def _one_more(bare: LinearisedModel, without_steps: LinearisedModel, now: Found,
+              hypotheses: Sequence[Hypothesis], free: Sequence[Hypothesis]) -> Found | None:
+    """Add the likeliest onset, and search for all that acts besides anew."""
+    selection, taken = now.selection, set(now.instants)
+    candidates = [h for h in free if h.name not in taken]
+    explained = JointFit(selection.model, list(selection.accepted), list(selection.jacobians))
+    starts = [(now, explained)]
+    if selection.accepted:
+        starts.append((now, JointFit(now.model, [], [])))
+    if now.events:
+        plain = now._replace(model=without_steps, events=())
+        starts.append((plain, JointFit(without_steps, [], [])))
+    fitted = [one for start, fit in starts
+              for one in _fitted(start, fit, selection.model, candidates)]
+    if not fitted:
+        return None
+    _, start, fit, onset = max(fitted, key=lambda one: one[0])
+    return _searched(bare, now, start, fit, onset, hypotheses, free)
+
+
+def _fitted(start: Found, now: JointFit, before: LinearisedModel,
+            candidates: Sequence[Hypothesis]) -> list[tuple[float, Found, JointFit, Onset]]:
+    """Fit the likeliest onsets, each with what it brings over the explanation so far."""
+    out = []
+    onsets = likeliest_onsets(now, candidates)
+    best = onsets[0].evidence if onsets else 0.0
+    for onset in onsets[:TRIES]:
+        if onset.evidence < max(LEAST_LONG_MEMORY_RATIO, SIMILAR * best):
+            break
+        model = replace(now.model, gates={**now.model.gates, onset.name: onset.gate},
+                        library={**now.model.library, BIAS.name: BIAS})
+        others = [a for a in now.accepted if a.name != onset.name]
+        fit = joint_fit_if_finite(model, [*others, onset.accepted()])
+        if fit is None:
+            continue
+        fit = _refitted(fit, onset.name)
+        out.append((long_memory_likelihood_ratio(before, fit.model), start, fit, onset))
+    return out
+
+
+def _refitted(now: JointFit, name: str) -> JointFit:
+    """Fit noise, instant and effects in turn."""
+    for _ in range(2):
+        now.model.refit_noise(np.zeros(len(now.model.nuisances)))
+        model = moved(now.model, name, instant_of(now, name))
+        now = joint_fit_if_finite(model, now.accepted) or now
+    return now
+
+
+def _searched(bare: LinearisedModel, now: Found, start: Found, fit: JointFit, onset: Onset,
+              hypotheses: Sequence[Hypothesis], free: Sequence[Hypothesis]) -> Found | None:
+    """Search with an onset among the hypotheses; nothing where it is not borne out."""
+    gates = {n: fit.model.gates[n] for n in (*now.instants, onset.name)}
+    if long_memory_likelihood_ratio(now.selection.model, fit.model) < LEAST:
+        return None
+    model = replace(start.model, gates=gates, library=fit.model.library)
+    by_name = {h.name: for_a_part(model, h, gates[h.name]) for h in free if h.name in gates}
+    found = [*(h for h in hypotheses if h.name not in by_name), *by_name.values()]
+    selection = select(model, found, bare, free)
+    named = {a.name for a in selection.accepted}
+    instants = {}
+    for name in named & set(selection.model.gates):
+        jointly = JointFit(selection.model, list(selection.accepted), list(selection.jacobians))
+        instants[name] = instant_of(jointly, name)
+        selection = selection._replace(model=moved(selection.model, name, instants[name]))
+    ratio = long_memory_likelihood_ratio(now.selection.model, selection.model)
+    if len(instants) <= len(now.instants) or ratio < LEAST:
+        return None
+    return Found(start.model, selection, start.events, instants)
