@@ -15,7 +15,8 @@ import time
 from typing import Any
 
 from forcecal_ros.diagnose.by_commands import diagnose
-from forcecal_ros.geometry import rotation_from_vector, rotation_vector
+from forcecal_ros.effects import with_effects
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.offline import simulate
@@ -77,23 +78,19 @@ def made(case: Mapping[str, Any]) -> tuple[Recording, float, float]:
     effects = {case['name']: {k: v * (case['factor'] if k not in (
         'velocity_scale', 'second_order') else 1.0) for k, v in SIZES[case['name']].items()}
                } if case['name'] else {}
-    ways = [simulate(cases.real_rig(key, {}) if not one else _with(key, one), target, seed=key,
-                     steps=16) for one in ({}, effects)]
+    ways = [simulate(rig, target, seed=key, steps=16) for rig in (
+        _with(key, {}), _with(key, effects))]
     at = float(target.t[0] + case['share'] * (target.t[-1] - target.t[0]))
     pair = ways[::-1] if case['ends'] else ways
     r = replace(switched(pair[0], pair[1], at), phases=phases, contact_truth=None)
     energy = sum(_energy(getattr(a, s), getattr(b, s), at, case['ends'])
                  for a, b in [ways] for s in ('wrench', 'accelerometer', 'optidrive'))
-    assert ways[0].pose is not None and ways[1].pose is not None
-    turn = rotation_vector(np.swapaxes(ways[0].pose.R_base_sensor, 1, 2)
-                           @ ways[1].pose.R_base_sensor)
-    assert np.isfinite(turn).all() and rotation_from_vector(turn).shape[1:] == (3, 3)
     return r, at, energy
 
 
-def _with(key: int, effects: Mapping[str, Mapping[str, float]]) -> Any:
-    from forcecal_ros.effects import with_effects
-    return with_effects(cases.real_rig(key, {}), effects)
+def _with(key: int, effects: Mapping[str, Mapping[str, float]]) -> Rig:
+    rig = cases.real_rig(key, {})
+    return with_effects(rig, effects) if effects else rig
 
 
 def _energy(a: Stream, b: Stream, at: float, ends: bool) -> float:
@@ -142,10 +139,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or '').partition('\n')[0])
     parser.add_argument('--seed', type=int, default=1, help='of the cases (default 1)')
     parser.add_argument('--count', type=int, default=24, help='cases (default 24)')
+    parser.add_argument('--jobs', type=int, default=1, help='processes (default 1)')
     parser.add_argument('-o', '--out', type=Path, default=Path('diagnose_onsets.jsonl'),
                         help='results, a line a case (default diagnose_onsets.jsonl)')
     arguments = parser.parse_args()
-    results = resumed(plan(arguments.count, arguments.seed), arguments.out, run)
+    results = resumed(run, plan(arguments.count, arguments.seed), arguments.out, arguments.jobs,
+                      lambda c, r: (c['seed'], c['number']) == (r['seed'], r['number']))
     verdicts = [(r, judged(r)) for r in results]
     for r, v in verdicts:
         said = ', '.join(f'{e["name"]} {e["p"]:.2f}' for e in r['effects'])

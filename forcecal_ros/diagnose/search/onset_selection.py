@@ -23,6 +23,7 @@ from forcecal_ros.diagnose.search.onsets import (
     Onset,
 )
 from forcecal_ros.diagnose.search.selection import select, Selection
+from forcecal_ros.recording.noise.autoregression import white
 import numpy as np
 
 MOST = 2
@@ -87,17 +88,25 @@ def _one_more(bare: LinearisedModel, without_steps: LinearisedModel, now: Found,
     candidates = [h for h in free if h.name not in taken]
     explained = JointFit(selection.model, list(selection.accepted), list(selection.jacobians))
     starts = [(now, explained)]
-    if selection.accepted:
-        starts.append((now, JointFit(now.model, [], [])))
-    if now.events:
-        plain = now._replace(model=without_steps, events=())
-        starts.append((plain, JointFit(without_steps, [], [])))
+    if not taken:
+        plain = now._replace(model=_white(without_steps), events=())
+        starts.append((plain, JointFit(plain.model, [], [])))
     fitted = [one for start, fit in starts
               for one in _fitted(start, fit, selection.model, candidates)]
     if not fitted:
         return None
     _, start, fit, onset = max(fitted, key=lambda one: one[0])
     return _searched(bare, now, start, fit, onset, hypotheses, free)
+
+
+def _white(model: LinearisedModel) -> LinearisedModel:
+    """
+    Take the noise for white.
+
+    One that was fitted to a residual in which an effect begins whitens its beginning away.
+    """
+    return replace(model, noise=[white(r, c.measured.present, c.groups)
+                                 for r, c in zip(model.residuals, model.datasets)])
 
 
 def _fitted(start: Found, now: JointFit, before: LinearisedModel,
@@ -132,10 +141,11 @@ def _refitted(now: JointFit, name: str) -> JointFit:
 def _searched(bare: LinearisedModel, now: Found, start: Found, fit: JointFit, onset: Onset,
               hypotheses: Sequence[Hypothesis], free: Sequence[Hypothesis]) -> Found | None:
     """Search with an onset among the hypotheses; nothing where it is not borne out."""
-    gates = {n: fit.model.gates[n] for n in (*now.instants, onset.name)}
+    gates = {**{n: now.selection.model.gates[n] for n in now.instants},
+             onset.name: fit.model.gates[onset.name]}
     if long_memory_likelihood_ratio(now.selection.model, fit.model) < LEAST:
         return None
-    model = replace(start.model, gates=gates, library=fit.model.library)
+    model = replace(start.model, gates=gates, library=fit.model.library, noise=fit.model.noise)
     by_name = {h.name: for_a_part(model, h, gates[h.name]) for h in free if h.name in gates}
     found = [*(h for h in hypotheses if h.name not in by_name), *by_name.values()]
     selection = select(model, found, bare, free)

@@ -101,16 +101,14 @@ def likeliest_onsets(now: JointFit, found: Sequence[Hypothesis]) -> list[Onset]:
             for j, columns in enumerate(zip(*a.columns)):
                 for k, one in enumerate(columns):
                     several[k][places[id(h), i][j]] = one
-    residuals = [r - p for r, p in zip(model.residuals, model.whitened_discrepancy().predicted(
-        model.residuals))]
     beside = [[*own, *more] for own, more in zip(model.jacobian, comparison.extra)]
     best: dict[str, Onset] = {}
     for recording, one in enumerate(model.datasets):
         length = max(SHORTEST, -(-len(one.groups) // INSTANTS))
         if len(one.groups) < 4 * length:
             continue
-        instants = Instants(model, beside, comparison.null_prior, several, residuals, recording,
-                            length)
+        instants = Instants(model, beside, comparison.null_prior, several, model.residuals,
+                            recording, length)
         for h in found:
             for onset in _of_one(model, instants, h, [places[id(h), i] for i in range(
                     len(h.atoms))], recording):
