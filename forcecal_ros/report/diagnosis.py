@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STAGES
-from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, Parameter
+from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, Parameter
 from forcecal_ros.diagnose.localise.time_frequency import BANDS, RATE
 from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.diagnose.say.verdict import percent
@@ -106,9 +106,8 @@ def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:
     """Return every number of every effect in SI units, as a rig file wants them."""
     out = [(e.name, name, *_with_error(p), '' if p.unit == '1' else p.unit)
            for e in d.effects for name, p in e.parameters.items()]
-    return out + [(e.name, 'from', f'{e.begin:.3f}',
-                   f'{e.begin_ci95[0]:.3f} to {e.begin_ci95[1]:.3f} (95 %)', 's')
-                  for e in d.effects if e.begin is not None and e.begin_ci95 is not None]
+    return out + [(e.name, word, f'{at:.3f}', f'{low:.3f} to {high:.3f} (95 %)', 's')
+                  for e in d.effects for word, at, (low, high) in instants(e)]
 
 
 SHOWN = 4
@@ -175,7 +174,7 @@ def residuals(view: View) -> Shown:
 
 def begun(view: View) -> tuple[float, ...]:
     """Return the instants at which effects began."""
-    return tuple(e.begin for e in view.diagnosis.effects if e.begin is not None)
+    return tuple(at for e in view.diagnosis.effects for _, at, _ in instants(e))
 
 
 def _whole(view: View, panels: tuple[Panel, ...]) -> Shown:

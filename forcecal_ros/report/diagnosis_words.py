@@ -5,6 +5,7 @@ from math import inf
 import shlex
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.judge.named_effects import instants
 from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.diagnose.say.verdict import percent
 from forcecal_ros.report.diagnosis_view import View
@@ -207,12 +208,15 @@ def _where(view: View) -> str:
 
 
 def _when(view: View) -> str:
-    begun = [(e.begin, e.begin_ci95) for e in view.diagnosis.effects
-             if e.begin is not None and e.begin_ci95 is not None]
-    if begun:
-        return '; '.join(f'from {at:.2f} s on (95 %: {low:.3f} to {high:.3f} s)'
-                         for at, (low, high) in begun) + '.'
+    sudden = [(word, at, ci95) for e in view.diagnosis.effects for word, at, ci95 in instants(e)]
+    if sudden:
+        return '; '.join(_in_time(word, at, ci95) for word, at, ci95 in sudden) + '.'
     span = view.span()
     if span is None:
         return ''
     return f'Most visible from {span.start:.2f} to {span.end:.2f} s, in phase {span.name}.'
+
+
+def _in_time(word: str, at: float, between: tuple[float, float]) -> str:
+    interval = f'(95 %: {between[0]:.3f} to {between[1]:.3f} s)'
+    return f'from {at:.2f} s on {interval}' if word == 'from' else f'until {at:.2f} s {interval}'

@@ -289,25 +289,25 @@ def begun_or_ended(effect: NamedEffect, model: LinearisedModel, instants: Mappin
     return replace(effect, begin=at, begin_ci95=(low, high), recording=gate.recording)
 
 
+def instants(e: NamedEffect) -> list[tuple[str, float, tuple[float, float]]]:
+    """List when an effect begins and ends: the word for it, the instant and its interval [s]."""
+    both = (('from', e.begin, e.begin_ci95), ('to', e.end, e.end_ci95))
+    return [(word, at, ci95) for word, at, ci95 in both if at is not None and ci95 is not None]
+
+
 def in_time(effects: Sequence[NamedEffect]) -> str:
     """Say when effects begin and end, to be put behind a sentence; empty where none does."""
-    parts = [part for e in effects for part in (_begun(e), _ended(e)) if part]
+    parts = [_said(e, word, _at(e, at, ci95)) for e in effects for word, at, ci95 in instants(e)]
     return f'; {", ".join(parts)}' if parts else ''
 
 
-def _begun(e: NamedEffect) -> str:
-    if e.begin is None or e.begin_ci95 is None:
-        return ''
+def _said(e: NamedEffect, word: str, at: str) -> str:
+    if word == 'to':
+        return f'{e.name} until {at}'
     if e.name != BIAS.name:
-        return f'{e.name} from {_at(e, e.begin, e.begin_ci95)} on'
+        return f'{e.name} from {at} on'
     by = ', '.join(f'{k} by {p.value:+.3g} {p.unit}' for k, p in e.parameters.items())
-    return f'{e.name}: {by} at {_at(e, e.begin, e.begin_ci95)}'
-
-
-def _ended(e: NamedEffect) -> str:
-    if e.end is None or e.end_ci95 is None:
-        return ''
-    return f'{e.name} until {_at(e, e.end, e.end_ci95)}'
+    return f'{e.name}: {by} at {at}'
 
 
 def _at(e: NamedEffect, instant: float, between: tuple[float, float]) -> str:

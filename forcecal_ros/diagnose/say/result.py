@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from forcecal_ros.diagnose.judge.gap import Gap
-from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
+from forcecal_ros.diagnose.judge.named_effects import instants, NamedEffect, Parameter
 from forcecal_ros.diagnose.localise.localisation import Location
 from forcecal_ros.errors import DataError
 
@@ -101,10 +101,8 @@ def _number(p: Parameter) -> dict[str, Any]:
 def _when(effect: NamedEffect) -> dict[str, Any]:
     """Say when an effect that began or ended during a recording did."""
     out: dict[str, Any] = {}
-    if effect.begin is not None and effect.begin_ci95 is not None:
-        out |= {'from': effect.begin, 'from_ci95': list(effect.begin_ci95)}
-    if effect.end is not None and effect.end_ci95 is not None:
-        out |= {'to': effect.end, 'to_ci95': list(effect.end_ci95)}
+    for word, at, ci95 in instants(effect):
+        out |= {word: at, f'{word}_ci95': list(ci95)}
     return {**out, 'recording': effect.recording} if out else out
 
 
