@@ -3,8 +3,8 @@
 The filter correlates neighbouring samples, and so do hysteresis, flex and what else the model
 leaves out. Residuals are therefore taken of block means of the unfiltered recording, each stretch
 of some seconds under the fit to all other stretches, so that what a stretch bends the fit by is
-not lost. The covariance of every weighted sum of them is built from their autocovariance. Weights are
-the regressors as the filter leaves them: motion about as fast as its window is much less there.
+not lost. The covariance of every weighted sum of them is built from their autocovariance. Weights
+are the regressors as the filter leaves them: motion about as fast as its window is less there.
 """
 
 from collections.abc import Callable, Iterator, Sequence
