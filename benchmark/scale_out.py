@@ -19,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from typing import Any
 
 from forcecal_ros.calibration.file import save
 from forcecal_ros.cli import parsed
@@ -88,12 +89,13 @@ def main() -> None:
         for i in range(count):
             write_recording(folder / f'bag{i}', record(60.0, SWING, seed=i))
         save(calibration(), folder / 'calibration.yaml')
-        places = {'this process': {'jobs': 1}, '--jobs 2': {'jobs': 2}}
+        places: dict[str, dict[str, Any]] = {
+            'this process': {'jobs': 1}, '--jobs 2': {'jobs': 2}}
         with ExitStack() as clusters:
             for workers in ('one', 'two') if find_spec('distributed') else ():
                 address = clusters.enter_context(cluster(folder, 1 + (workers == 'two')))
-                name = f'--dask, {workers} worker' + 's' * (workers == 'two')
-                places[name] = {'dask': address}
+                plural = 's' * (workers == 'two')
+                places[f'--dask, {workers} worker{plural}'] = {'dask': address}
             took = dict.fromkeys(places, np.inf)
             for turn in range(ROUNDS + 1):
                 for place, where in places.items():
