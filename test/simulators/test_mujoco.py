@@ -7,6 +7,7 @@ from pathlib import Path
 import re
 
 from forcecal_ros.cli import main
+from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair
 from forcecal_ros.diagnose.by_simulator import diagnose_rerun, inputs_of
 from forcecal_ros.diagnose.inputs.motion_dataset import span
 from forcecal_ros.diagnose.inputs.simulated_tool import refuse_other_wrench, simulated_tool
@@ -231,6 +232,23 @@ def test_what_mujoco_would_clip_or_begin_anew_in_silence_is_refused(tmp_path):
     path.write_text(mjcf().replace('kp="4000"', 'kp="4e7"'))
     robot = load_mujoco(str(path))
     with pytest.raises(ConfigError, match='unstable .* MuJoCo says "Nan, Inf or huge'):
+        robot.simulate(inputs, nominal(robot))
+
+
+def test_an_unstable_simulation_is_told_the_time_step_with_which_it_runs(tmp_path):
+    path, inputs = tmp_path / 'arm.xml', Inputs(0.0, 3.0, joints=told(3.0))
+    path.write_text(mjcf().replace('kp="4000"', 'kp="4e6"'))
+    robot = load_mujoco(str(path))
+    with pytest.raises(ConfigError, match='with timestep .* it runs: take that') as caught:
+        robot.simulate(inputs, nominal(robot))
+    assert robot.model.opt.timestep == 0.002
+    step = re.search('with timestep (.+) for 0.002', str(caught.value)).group(1)
+    path.write_text(path.read_text().replace('timestep="0.002"', f'timestep="{step}"'))
+    robot = load_mujoco(str(path))
+    assert robot.simulate(inputs, nominal(robot))
+    path.write_text(mjcf().replace('kp="4000"', 'kp="4e12"'))
+    robot = load_mujoco(str(path))
+    with pytest.raises(ConfigError, match='nor does it run with timestep 0.000125'):
         robot.simulate(inputs, nominal(robot))
 
 
@@ -504,7 +522,7 @@ def in_base(w, pose):
     return np.hstack([np.einsum('nij,nj->ni', pose, part) for part in (w[:, :3], w[:, 3:])])
 
 
-@pytest.mark.parametrize('fault, said', [
+FAULTS = [
     (lambda w, pose: w / 9.80665, 'its forces are in kgf'),
     (lambda w, pose: w / ([9.80665] * 3 + [1.0] * 3), 'its forces are in kgf'),
     (lambda w, pose: -w, 'it has the opposite sign'),
@@ -512,16 +530,35 @@ def in_base(w, pose):
     (lambda w, pose: w[:, [1, 0, 2, 4, 3, 5]], 'mirrored'),
     (turned_wrench([0.0, 0.0, 90.0]), 'turned'),
     (turned_wrench([0.0, 0.0, 45.0]), 'turned'),
-    (in_base, 'base')])
+    (in_base, 'base')]
+
+
+def spoilt(real, fault):
+    at = np.clip(np.searchsorted(real.pose.t, real.wrench.t), 0, len(real.pose) - 1)
+    values = fault(real.wrench.values, real.pose.R_base_sensor[at])
+    return replace(real, wrench=replace(real.wrench, values=values))
+
+
+@pytest.mark.parametrize('fault, said', FAULTS)
 def test_frame_axes_sign_and_units_of_the_robots_wrench_are_asked_before_effects(
         sample, fault, said):
     arm, real = sample
-    at = np.clip(np.searchsorted(real.pose.t, real.wrench.t), 0, len(real.pose) - 1)
-    values = fault(real.wrench.values, real.pose.R_base_sensor[at])
-    wrong = replace(real, wrench=replace(real.wrench, values=values))
+    wrong = spoilt(real, fault)
     found = diagnose_rerun(wrong, None, arm, load_rig('rigid_tool.yaml')).outcome.diagnosis
     assert found.verdict == 'invalid_data'
     assert said in found.reason
+    assert 'at rest' not in found.reason
+
+
+@pytest.mark.parametrize('fault, said',
+                         [*FAULTS, (turned_wrench([0.0, 0.0, 20.0]), 'turned')])
+def test_of_two_recordings_they_are_asked_in_the_same_way(sample, fault, said):
+    arm, real = sample
+    made = arm.run(inputs_of(real), arm.nominal)
+    found = diagnose_simulated(Pair(spoilt(real, fault), made), None, load_rig('rigid_tool.yaml'))
+    assert found.outcome.diagnosis.verdict == 'invalid_data'
+    assert said in found.outcome.diagnosis.reason
+    assert 'at rest' not in found.outcome.diagnosis.reason
 
 
 @pytest.mark.parametrize('factors, change', [
