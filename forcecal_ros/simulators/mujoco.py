@@ -20,6 +20,7 @@ from forcecal_ros.simulators.mujoco_drives import (
     Drive,
     found_drives,
     is_scalar,
+    of_same_tree,
     warned,
     why_not,
 )
@@ -232,10 +233,11 @@ def load_mujoco(path: str, ft_site: str | None = None, imu: str | None = None) -
     except ValueError as error:
         raise ConfigError(f'--mujoco {path}: MuJoCo says {" ".join(str(error).split())}') from None
     drives = found_drives(mujoco, model, path)
-    numbers = numbers_of(mujoco, model, drives, body.name, site)
+    own = of_same_tree(model, drives, body.name)
+    numbers = numbers_of(mujoco, model, own, body.name, site)
     turned = _axes(mujoco, model, site).T @ _axes(mujoco, model, imu) if imu else None
     return MujocoRobot(path, model, tuple(drives), _chain(mujoco, model, body.name), turned,
-                       numbers, tuple(_over_reading(mujoco, model, drives)))
+                       numbers, tuple(_over_reading(mujoco, model, own)))
 
 
 def _ignore(_: str) -> None:

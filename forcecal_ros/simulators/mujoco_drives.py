@@ -220,6 +220,13 @@ def _refuse_beyond(model: Any, one: Drive, given: Array) -> None:
                           'MuJoCo would clip; give the model the range that the robot has')
 
 
+def of_same_tree(model: Any, drives: Sequence[Drive], body: str) -> list[Drive]:
+    """Leave out what drives no arm that carries a body: a second arm on a base of its own."""
+    moved = int(model.body_weldid[model.body(body).id])
+    tree = int(model.dof_treeid[model.body_dofadr[moved]])
+    return [one for one in drives if int(model.dof_treeid[one.dof]) == tree]
+
+
 def warned(mujoco: Any, data: Any) -> str:
     """Return what MuJoCo warns of: it began anew, or left out contacts; empty: of nothing."""
     kinds = mujoco.mjtWarning

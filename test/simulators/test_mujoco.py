@@ -261,6 +261,19 @@ def test_what_mujoco_warns_of_is_not_written_where_the_user_is(tmp_path, monkeyp
     assert [path.name for path in tmp_path.iterdir()] == ['arm.xml']
 
 
+def test_a_second_arm_on_a_base_of_its_own_has_no_numbers(tmp_path):
+    other = ('<body name="other" pos="5 0 0"><joint name="other" axis="0 1 0"/>'
+             '<geom size="0.1"/></body>')
+    (tmp_path / 'arms.xml').write_text(mjcf().replace(
+        '</worldbody><actuator>', f'{other}</worldbody><actuator><position joint="other"/>'))
+    (tmp_path / 'arm.xml').write_text(mjcf())
+    two, one = (load_mujoco(str(tmp_path / name)) for name in ('arms.xml', 'arm.xml'))
+    assert [p.name for p in two.parameters()] == [p.name for p in one.parameters()]
+    inputs = Inputs(0.0, 3.0, joints=told(3.0))
+    wrench = two.simulate(inputs, nominal(two))['wrench'][1]
+    np.testing.assert_allclose(wrench, one.simulate(inputs, nominal(one))['wrench'][1], atol=1e-6)
+
+
 def test_joints_that_do_not_move_the_tool_are_not_compared(tmp_path):
     path = tmp_path / 'arm.xml'
     other = '<body name="head"><joint name="neck"/><geom size="0.1" contype="0"/></body>'
