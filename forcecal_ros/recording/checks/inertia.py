@@ -1,0 +1,110 @@
+"""Inertia that a wrench shows while its robot moves, beside what the pose's accelerations make."""
+
+from typing import NamedTuple
+
+from forcecal_ros.geometry import Array
+from forcecal_ros.recording.checks.clocks import means_between
+from forcecal_ros.recording.streams import Recording
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+STEP, WIDTH = 0.02, 3.0
+"""Means over so long are compared [s], smoothed by a Gaussian of so many of them: 60 ms keep what
+arms do and leave a thousandth of a pose's noise in its second derivative."""
+
+FEWEST = 500
+"""Fewer means tell nothing: 10 s."""
+
+SLOWEST = 40.0
+"""Poses and wrenches at a lower rate do not show an acceleration [Hz]."""
+
+PARTS = 12
+"""Stretches that are left out in turn for the standard error."""
+
+ROUNDS, UNTOUCHED = 6, 4.0
+"""Fits without what is farther off than so many times the median: contacts."""
+
+
+class Inertia(NamedTuple):
+    """
+    What of a load's inertia the forces show.
+
+    Attributes
+    ----------
+    times, times_std : float
+        Force over mass times acceleration of the pose: 1 where both are in the same time.
+    com, com_std : ndarray, shape (3,)
+        Centre of mass from the point whose position the pose gives, in ft_sensor [m].
+    """
+
+    times: float
+    times_std: float
+    com: Array
+    com_std: Array
+
+
+def inertia_shown(recording: Recording) -> Inertia | None:
+    """
+    Compare forces with accelerations; None where there are no positions or too few means.
+
+    In base, smoothed: R f = w - q (a + R'' c) + R b + l R (R' z)', with load w, inertial mass q,
+    centre of mass c, bias b and a small delay l.
+    """
+    found = _smoothed(recording)
+    if found is None:
+        return None
+    design, force, acceleration = found
+    keep = np.isfinite(force).all(axis=1)
+    for _ in range(ROUNDS):
+        theta = _fit(design[keep], force[keep])
+        off = np.linalg.norm(force - design @ theta, axis=1)
+        keep = off <= UNTOUCHED * np.nanmedian(off)
+    if keep.sum() < FEWEST or not acceleration[keep].any():
+        return None
+    part = np.arange(len(keep)) * PARTS // len(keep)
+    found_without = [_ratios(_fit(design[rows], force[rows])) for k in range(PARTS)
+                     if (rows := keep & (part != k)).any()]
+    spread = np.array(found_without)
+    std = np.sqrt((PARTS - 1) * spread.var(axis=0))
+    shown = _ratios(_fit(design[keep], force[keep]))
+    return Inertia(float(shown[0]), float(std[0]), shown[1:], std[1:])
+
+
+def _ratios(theta: Array) -> Array:
+    """Return the inertial over the gravitational mass, and the centre of mass."""
+    gravity = 9.80665
+    return np.append(theta[0] / (np.linalg.norm(theta[4:7]) / gravity), theta[1:4] / theta[0])
+
+
+def _fit(design: Array, force: Array) -> Array:
+    return np.asarray(np.linalg.lstsq(
+        design.reshape(-1, design.shape[2]), force.ravel(), rcond=1e-9)[0])
+
+
+def _smoothed(recording: Recording) -> tuple[Array, Array, Array] | None:
+    """Return columns (n, 3, 11) of the model, forces in base and accelerations, (n, 3)."""
+    wrench, pose = recording.wrench, recording.pose
+    if wrench is None or pose is None or not pose.has_position or min(
+            len(wrench), len(pose)) < FEWEST:
+        return None
+    if min(1.0 / np.median(np.diff(one.t)) for one in (wrench, pose)) < SLOWEST:
+        return None
+    edges = np.arange(max(wrench.t[0], pose.t[0]), min(wrench.t[-1], pose.t[-1]), STEP)
+    if len(edges) <= FEWEST:
+        return None
+    force = means_between(wrench.t, wrench.values[:, :3], edges)
+    place = means_between(pose.t, pose.position, edges)
+    R = means_between(pose.t, pose.R_base_sensor.reshape(-1, 9), edges).reshape(-1, 3, 3)
+    turned = np.swapaxes(R, 1, 2)[:, :, 2]
+    acceleration = _smooth(place - place[0], 2)
+    n = len(R)
+    design = np.concatenate([
+        -acceleration[:, :, None], -_smooth(R.reshape(n, 9), 2).reshape(n, 3, 3),
+        np.broadcast_to(np.eye(3), (n, 3, 3)), _smooth(R.reshape(n, 9), 0).reshape(n, 3, 3),
+        _smooth(np.einsum('nij,nj->ni', R, np.gradient(turned, STEP, axis=0)), 0)[:, :, None],
+    ], axis=2)
+    return design, _smooth(np.einsum('nij,nj->ni', R, force), 0), acceleration
+
+
+def _smooth(values: Array, order: int) -> Array:
+    return np.asarray(gaussian_filter1d(values, WIDTH, axis=0, order=order)) / STEP**order
