@@ -244,6 +244,7 @@ def _changes(forces: Forces, times: Array, off: Array, i: int) -> Iterator[_Chan
     if _spanned(forces.in_sensor[:i]) and _spanned(forces.in_sensor[i:]):
         yield _bias(off, i, times[i])
         yield _load(off, forces.in_sensor, i, times[i])
+        yield _tilt(off, forces, i, times[i])
 
 
 def _bias(off: Array, i: int, t: float) -> _Change:
@@ -267,6 +268,22 @@ def _load(off: Array, in_sensor: Array, i: int, t: float) -> _Change:
         f'from {t:.1f} s on the sensor carries {abs(mass):.3g} kg '
         f'{"more" if mass > 0 else "less"}: something was gripped or let go; its weight counts as '
         'contact (--track-tool follows it)')
+
+
+def _tilt(off: Array, forces: Forces, i: int, t: float) -> _Change:
+    """Fit a force across the vertical of base, as of a base that is not level any more."""
+    R = forces.R_base_sensor[i:]
+    down = forces.gravity / np.linalg.norm(forces.gravity)
+    before = off[:i] - np.median(off[:i], axis=0)
+    rest = off[i:] - np.median(off[:i], axis=0)
+    across = np.median(np.einsum('nij,nj->ni', R, rest), axis=0)
+    across = across - down * (across @ down)
+    size = float(np.linalg.norm(across))
+    return _Change(
+        i, _sum(before) + _sum(rest - across @ R), size,
+        f'from {t:.1f} s on a force of {size:.2g} N keeps its direction across the vertical of '
+        'base, however the sensor turns: the base is not level any more (it tilted, or drives '
+        'over a slope), or something pulls steadily; its pull counts as contact')
 
 
 def _sum(off: Array) -> float:
