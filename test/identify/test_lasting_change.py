@@ -1,7 +1,7 @@
 """A change that lasts is found in a long recording as in a short one."""
 
 from forcecal_ros.geometry import rotation_from_vector
-from forcecal_ros.identify.agreement import lasting_change
+from forcecal_ros.identify.lasting_change import lasting_change
 from forcecal_ros.recording.checks.frames import Forces
 import numpy as np
 import pytest
