@@ -19,8 +19,10 @@ STEP_UNEXPLAINED = 0.25
 recordings with pushes of up to 10 s for up to half of the time none leaves less than 0.31."""
 
 MOST, CLEAR, LASTS = 0.6, 0.2, 15.0
-"""A change is told as well, however hard the pushes beside it, where on either side so many of the
-means are off by less than this share of it, for so long [s]: PLACEHOLDER."""
+"""A change is told as well, however hard the pushes beside it, where on either side so many of
+the means are off by less than this share of it, for so long [s]: of 150 simulated recordings with
+pushes of up to 25 N and 10 s for up to half of the time none is told so; of as many with a base
+that tilts by 4 to 15 deg beside them 102 are."""
 
 SPLITS = 200
 """Times of a change that are tried at first; of 100 s of means that is each of them."""

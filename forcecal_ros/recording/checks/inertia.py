@@ -24,6 +24,16 @@ PARTS = 12
 ROUNDS, UNTOUCHED = 6, 4.0
 """Fits without what is farther off than so many times the median: contacts."""
 
+SLOW, SURE = 1.5, 10.0
+"""Inertia by which stamps are called slow, and how many standard errors it is off at least: sound
+logs, late, lost or low-passed ones show 0.85 to 1."""
+
+AS_MUCH = 0.7
+"""Where forces show less of the inertia than that the centre of mass is not judged by it."""
+
+ELSEWHERE = 0.05
+"""Centres of mass by torques and by inertia are apart by less where nothing is wrong [m]."""
+
 
 class Inertia(NamedTuple):
     """
@@ -68,6 +78,43 @@ def inertia_shown(recording: Recording) -> Inertia | None:
     std = np.sqrt((PARTS - 1) * spread.var(axis=0))
     shown = _ratios(_fit(design[keep], force[keep]))
     return Inertia(float(shown[0]), float(std[0]), shown[1:], std[1:])
+
+
+def other_time(recording: Recording) -> str:
+    """Say in a note that stamps run slower than time; empty: they do not, or nothing tells."""
+    found = inertia_shown(recording)
+    if found is None or found.times < SLOW or found.times - 1.0 < SURE * found.times_std:
+        return ''
+    return (f'wrench shows {found.times:.2g} +- {found.times_std:.1g} times the inertia that the '
+            'accelerations of the pose make: the stamps run at some '
+            f'{found.times**-0.5:.2g} of the speed of time, as of a log that was played slowly '
+            'and stamped anew; inertia counts as contact: use the log as it was recorded')
+
+
+def other_point(recording: Recording, com: Array, std: Array) -> str:
+    """
+    Say in a note that a centre of mass by torques is not that by inertia; empty: nothing tells.
+
+    Parameters
+    ----------
+    com, std : ndarray, shape (3,)
+        By torques at rest [m].
+    """
+    found = inertia_shown(recording)
+    if found is None or not AS_MUCH < found.times < SLOW:
+        return ''
+    off = com - found.com
+    error = float(np.linalg.norm(np.hypot(found.com_std, std)))
+    if np.linalg.norm(off) < max(ELSEWHERE, SURE * error):
+        return ''
+    return (f'torques put the centre of mass at {_metres(com)} m, inertia in motion at '
+            f'{_metres(found.com)} m from the point whose position the pose gives: torques are '
+            f'about a point {_metres(-off)} m from it (the tool centre?), or the '
+            'position is that of another link; set either right, and calibrate again')
+
+
+def _metres(place: Array) -> str:
+    return f'({" ".join(f"{x:.3f}" for x in place)})'
 
 
 def _ratios(theta: Array) -> Array:
