@@ -1,9 +1,10 @@
 """Poses that were interpolated along straight lines from a slow source."""
 
-from forcecal_ros.geometry import Array, rotation_vector
+from forcecal_ros.geometry import rotation_vector
 from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.streams import PoseStream
 import numpy as np
+from numpy.typing import NDArray
 
 STRAIGHT = 1e-6
 """Share of its way by which a position between its neighbours is off their line, at most, where it
@@ -45,7 +46,7 @@ def interpolated(pose: PoseStream) -> str:
             'weight and inertia are taken off wrongly while the robot moves; record every pose')
 
 
-def _corners(pose: PoseStream) -> tuple[Array, float]:
+def _corners(pose: PoseStream) -> tuple[NDArray[np.intp], float]:
     """Return rows at which straight lines meet, and the share of a motion that is straight."""
     t, place = pose.t, pose.position
     share = ((t[1:-1] - t[:-2]) / np.maximum(t[2:] - t[:-2], limits.TINY))[:, None]
@@ -54,10 +55,10 @@ def _corners(pose: PoseStream) -> tuple[Array, float]:
     moving = way > 0.0
     bent = moving & (off > STRAIGHT * way)
     alone = bent & ~np.roll(bent, 1) & ~np.roll(bent, -1)
-    return np.flatnonzero(alone) + 1, float(1.0 - bent.sum() / max(1, moving.sum()))
+    return np.flatnonzero(alone) + 1, 1.0 - float(bent.sum()) / max(1.0, float(moving.sum()))
 
 
-def _astray(pose: PoseStream, corners: Array) -> float:
+def _astray(pose: PoseStream, corners: NDArray[np.intp]) -> float:
     """How far orientations are off in between, by how the turning changes at corners [rad]."""
     R, t = pose.R_base_sensor[corners], pose.t[corners]
     turned = rotation_vector(np.swapaxes(R[:-1], 1, 2) @ R[1:])
