@@ -165,6 +165,9 @@ def test_an_effect_that_began_says_when():
     said = {one.label: one.words for one in facts(_view(begun), NEXT)}
     assert said['When'] == 'From 12.30 s on (95 %: 12.290 to 12.310 s).'
     assert figures.closest(_view(begun)).instants == (12.3005,)
+    ended = replace(IDENTIFIED, effects=(replace(LATE, end=14.5, end_ci95=(14.46, 14.53)),))
+    said = {one.label: one.words for one in facts(_view(ended), NEXT)}
+    assert said['When'] == 'Until 14.50 s (95 %: 14.460 to 14.530 s).'
 
 
 @pytest.mark.parametrize('verdict', ['unknown', 'not_excited', 'no_gap', 'invalid_data'])

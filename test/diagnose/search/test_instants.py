@@ -1,0 +1,44 @@
+"""Fits at all instants at once are those of one instant after the other."""
+
+from forcecal_ros.diagnose.inputs.dataset import prepare, split
+from forcecal_ros.diagnose.model.evidence import fit, Prior
+from forcecal_ros.diagnose.model.gates import Gate, gated
+from forcecal_ros.diagnose.model.linearised import EFFECT, linearised_model
+from forcecal_ros.diagnose.search.instants import Instants
+from forcecal_ros.recording.noise.autoregression import white
+from forcecal_ros.simulators.rig.file import load_rig
+import numpy as np
+import pytest
+from rig_recordings import FREE, own_recording
+
+LENGTH = 50
+
+
+@pytest.fixture(scope='module')
+def model():
+    dataset = split(prepare(own_recording(5, FREE), load_rig()))
+    out = linearised_model(load_rig(), (dataset,))
+    # white noise keeps no history, so that a gate has no transient
+    out.noise = [white(out.residuals[0], dataset.measured.present, dataset.groups)]
+    return out
+
+
+@pytest.mark.parametrize('ends', [False, True])
+def test_a_fit_at_an_instant_is_that_of_the_gated_column(model, ends):
+    columns = model.jacobian[0][:2]
+    instants = Instants(model, model.jacobian, model.prior(), [columns], model.residuals, 0,
+                        LENGTH)
+    found = instants.fits([0, 1], ends, False)
+    i = len(instants.blocks) // 2
+    at = model.datasets[0].measured.start + 0.004 * float(instants.blocks[i])
+    gate = Gate(0, None, at) if ends else Gate(0, at)
+    rows = gate.rows(model.datasets[0].measured, 0)
+    train, held = model.products([gated(columns, rows)], absent=True).at(
+        model.discrepancy_scales)
+    own = model.prior()
+    prior = Prior(np.append(own.centre, [0.0, 0.0]), np.append(own.precision, [EFFECT, EFFECT]),
+                  np.append(own.bound, [np.inf, np.inf]))
+    m = np.arange(len(own.centre))
+    joint, alone = fit(train + held, prior), fit((train + held).of(m), own)
+    assert found.x[i] == pytest.approx(joint.x[-2:], rel=0.02, abs=1e-3)
+    assert found.evidence[i] == pytest.approx(joint.log_evidence - alone.log_evidence, abs=0.2)
