@@ -8,7 +8,7 @@ from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.diagnose.say.verdict import percent
 from forcecal_ros.report.diagnosis_view import View
-from forcecal_ros.report.effect_words import phrase, sentence
+from forcecal_ros.report.effect_words import phrase, sentence, WORDS
 from forcecal_ros.report.quantity import size
 from forcecal_ros.report.words import Fact, Step
 
@@ -50,9 +50,16 @@ def headline(d: Diagnosis) -> str:
     """
     if d.verdict not in NAMED:
         head = HEADS[d.verdict]
-        return f'{head}{d.reason}.' if head.endswith(' ') else head
+        return f'{head}{_cause_and_remedy(d)[0]}.' if head.endswith(' ') else head
     found = ' '.join(f'{sentence(e)} ({percent(e.probability)} sure).' for e in d.effects)
     return ' '.join(part for part in (found, explained(d), *_but(d)) if part)
+
+
+def _cause_and_remedy(d: Diagnosis) -> tuple[str, str]:
+    """Part a recording that cannot be used into what is wrong and what to do, where it says so."""
+    cause, _, remedy = d.reason.rpartition('; ')
+    apart = cause and remedy.count('(') == remedy.count(')')  # not within parentheses
+    return (cause, remedy) if apart and d.verdict == 'invalid_data' else (d.reason, '')
 
 
 def explained(d: Diagnosis) -> str:
@@ -61,7 +68,9 @@ def explained(d: Diagnosis) -> str:
         return ''
     low, high = d.gap.closed_ci95
     them = 'it' if len(d.effects) == 1 else 'them'
-    return (f'Adding {them} explains {percent(d.gap.closed)} of the misfit (95 % interval: '
+    # a name that is no effect's is a number of somebody's simulator
+    do = 'Adding' if any(e.name in WORDS for e in d.effects) else 'Changing'
+    return (f'{do} {them} explains {percent(d.gap.closed)} of the misfit (95 % interval: '
             f'{max(0.0, 100.0 * low):.0f} to {100.0 * high:.0f} %).')
 
 
@@ -118,6 +127,8 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice:
     """
     if d.verdict == 'ambiguous' and advice:
         return Step(f'{advice.partition(";")[0].rstrip(".")}.')
+    if remedy := _cause_and_remedy(d)[1]:
+        return Step(f'{_begun(remedy)}. Then diagnose again.')
     rig, calibration, model = (
         next((f'{folder.rstrip("/")}/{f}' for f in files if f.startswith(kind)), '')
         for kind in ('rig', 'calibration_patched', 'model_patched'))

@@ -138,7 +138,7 @@ def as_text(shown: list[Row]) -> str:
         if with_truth:
             sigmas = row.sigmas
             cells += ['' if row.truth is None else f'{row.truth:.6g}',
-                      '' if sigmas is None else f'{sigmas:+.1f} sigma']
+                      '' if sigmas is None or negligible(row) else f'{sigmas:+.1f} sigma']
         body.append(cells)
     rule = ['-' * max(len(line[i]) for line in [head, *body]) for i in range(len(head))]
     return '\n'.join(aligned([head, rule, *body], left=(0, 3)))
@@ -152,12 +152,19 @@ def interval(row: Row) -> str:
 
 def value(row: Row) -> str:
     """Return the value as text, to the digits that its standard error warrants."""
-    return number(row.value, row.std)
+    return f'{row.value:.{MOST_DECIMALS}g}' if negligible(row) else number(row.value, row.std)
 
 
 def error(row: Row) -> str:
     """Return the standard error as text, or a dash where it is not known."""
+    if negligible(row):
+        return f'< 1e-{MOST_DECIMALS}'
     return number(row.std, row.std) if row.std > 0 else '-'
+
+
+def negligible(row: Row) -> bool:
+    """Whether a standard error is known, and less than the last digit that a table shows."""
+    return 0 < row.std < 0.5 * 10.0 ** -MOST_DECIMALS
 
 
 def number(x: float, std: float) -> str:
