@@ -26,7 +26,10 @@ HEADS = {
 SHARE = ' of the misfit'
 """A verdict of effects that show in stamps and values alone says no share, nor does its page."""
 
-SAID = (SHARE, 'explains it about as well', 'explains the recording down to its noise')
+AS_WELL = 'explains it about as well'
+"""How the verdict ends of an effect that others could replace."""
+
+SAID = (SHARE, AS_WELL, 'explains the recording down to its noise')
 """A verdict that ends so says no more than its first sentence on the page."""
 
 FEW = 6
@@ -77,7 +80,8 @@ def explained(d: Diagnosis) -> str:
 def _but(d: Diagnosis) -> Iterator[str]:
     others = [n for n, _ in d.candidates if n not in {e.name for e in d.effects} | {'unknown'}]
     if d.verdict == 'ambiguous' and others:
-        yield f'But this would explain it about as well: {_listed(others)}.'
+        these = 'this' if len(others) == 1 else 'each of these'
+        yield f'But {these} would explain it about as well: {_listed(others)}.'
     if d.verdict == 'partial':
         yield 'Part of the misfit is something else.'
 
@@ -104,6 +108,8 @@ def _in_full(d: Diagnosis) -> Fact:
     if HEADS.get(d.verdict, '').endswith(' ') or d.reason.endswith(SAID):
         return Fact('In full', '')
     _, share, more = d.reason.partition(SHARE)
+    if d.verdict == 'ambiguous':  # the first sentence names the others
+        more = more.partition(AS_WELL)[2]
     if share and d.verdict in NAMED:
         return Fact('Besides', _begun(f'{more.lstrip(",; ")}.'))
     return Fact('In full', _begun(f'{d.reason}.'))
@@ -197,7 +203,7 @@ def _called(name: str, named: Collection[str]) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
-    return ' or '.join(map(_explained_name, names))
+    return '; '.join(map(_explained_name, names))
 
 
 def _explained_name(name: str) -> str:
