@@ -53,8 +53,8 @@ def _values(effect: Effect, given: Any) -> tuple[float, ...]:
                           'each with its name')
     unknown = [str(key) for key in given if key not in {q.name for q in effect.parameters}]
     if unknown:
-        raise ConfigError(f'{where}: unknown key {", ".join(unknown)}, expected only '
-                          f'{_listed(effect)}; correct its name')
+        raise ConfigError(f'{where}: unknown key {", ".join(unknown)}; expected only '
+                          f'{_listed(effect)}')
     return tuple(Row('', q.unit, q.low, q.high).take(
         float, given.get(q.name, q.nominal), f'{where}.{q.name}') for q in effect.parameters)
 
