@@ -18,7 +18,7 @@ NAMED = ('identified', 'ambiguous', 'partial')
 HEADS = {
     'no_gap': 'The simulation explains this recording down to its noise.',
     'unknown': 'Recording and simulation differ, and no known effect explains it.',
-    'not_excited': 'This recording cannot tell: ',
+    'not_excited': 'No verdict: ',
     'invalid_data': 'This recording cannot be used: ',
 }
 """First sentence of the verdicts that name no effect; the reason follows a colon."""
@@ -59,10 +59,10 @@ def headline(d: Diagnosis) -> str:
 
 
 def _cause_and_remedy(d: Diagnosis) -> tuple[str, str]:
-    """Part a recording that cannot be used into what is wrong and what to do, where it says so."""
+    """Part the reason of a recording that tells nothing into what is wrong and what to do."""
     cause, _, remedy = d.reason.rpartition('; ')
     apart = cause and remedy.count('(') == remedy.count(')')  # not within parentheses
-    return (cause, remedy) if apart and d.verdict == 'invalid_data' else (d.reason, '')
+    return (cause, remedy) if apart and HEADS[d.verdict].endswith(' ') else (d.reason, '')
 
 
 def explained(d: Diagnosis) -> str:
@@ -133,7 +133,7 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice:
     """
     if d.verdict == 'ambiguous' and advice:
         return Step(f'{advice.partition(";")[0].rstrip(".")}.')
-    if remedy := _cause_and_remedy(d)[1]:
+    if d.verdict == 'invalid_data' and (remedy := _cause_and_remedy(d)[1]):
         return Step(f'{_begun(remedy)}. Then diagnose again.')
     rig, calibration, model = (
         next((f'{folder.rstrip("/")}/{f}' for f in files if f.startswith(kind)), '')
