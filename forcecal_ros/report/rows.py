@@ -14,6 +14,9 @@ MOST_DECIMALS = 7
 """Of a number in a table: the part of a unit vector along its axis would have ten, which nobody
 knows."""
 
+FINEST = 0.5 * 10.0 ** -MOST_DECIMALS
+"""Standard error below which a table shows none of it."""
+
 AXES = ('x', 'y', 'z')
 WRENCH_AXES = ('force x', 'force y', 'force z', 'torque x', 'torque y', 'torque z')
 
@@ -164,7 +167,7 @@ def error(row: Row) -> str:
 
 def negligible(row: Row) -> bool:
     """Whether a standard error is known, and less than the last digit that a table shows."""
-    return 0 < row.std < 0.5 * 10.0 ** -MOST_DECIMALS
+    return 0 < row.std < FINEST
 
 
 def number(x: float, std: float) -> str:
