@@ -76,7 +76,8 @@ def payloads(seeds):
 
 def real():
     """Print the rows of a real arm, whose recording ends after 6.3 s."""
-    folder = Path(os.environ.get('FORCECAL_DATA', 'data')) / 'kuka_lbr_med'
+    folder = Path(os.environ.get('FORCECAL_DATA', ROOT.parent / 'shared' / 'data'))
+    folder /= 'kuka_lbr_med'
     if not folder.is_dir():
         print(f'no {folder}: set FORCECAL_DATA', file=sys.stderr)
         return

@@ -1,13 +1,10 @@
 """Whether a calibration belongs to a recording, by what weighs on the sensor whatever it does."""
 
-from collections.abc import Iterator
-from typing import NamedTuple
-
 from forcecal_ros.calibration.model import Calibration
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
+from forcecal_ros.identify.lasting_change import lasting_change
 from forcecal_ros.recording.axes import DOWN
-from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.at_rest import (
     at_rest,
     AtRest,
@@ -19,6 +16,7 @@ from forcecal_ros.recording.checks.at_rest import (
 )
 from forcecal_ros.recording.checks.frame_faults import refuse_other_frame
 from forcecal_ros.recording.checks.frames import Forces, judge
+from forcecal_ros.recording.checks.inertia import other_time
 from forcecal_ros.recording.checks.orientations import refuse_other_orientation
 from forcecal_ros.recording.checks.torques import refuse_exchanged, refuse_other_torques
 from forcecal_ros.recording.streams import Recording
@@ -74,7 +72,9 @@ def refuse_disagreeing(recording: Recording, calibration: Calibration) -> tuple[
     if changed:
         return (changed,)
     untouched = found.untouched
-    return _judged(untouched, calibration) or _torques_judged(untouched, calibration)
+    found_at_rest = _judged(untouched, calibration) or _torques_judged(untouched, calibration)
+    slow = other_time(recording)
+    return (*found_at_rest, slow) if slow else found_at_rest
 
 
 def _refuse_other_gravity(recording: Recording, calibration: Calibration, begins: Array, R: Array
@@ -175,105 +175,3 @@ def _made_worse(forces: Forces, mass: float) -> tuple[str, ...]:
 
 def _rms(values: Array) -> float:
     return float(np.sqrt((values**2).mean()))
-
-
-FEWEST = 12
-"""Means on either side of a change, at least: 6 s of half a second each."""
-
-SHARE = 0.2
-"""Share of a recording on either side of a change, at least."""
-
-STEP_UNEXPLAINED = 0.25
-"""A change is told where it leaves less than this share of what is left without: of 300 simulated
-recordings with pushes of up to 10 s for up to half of the time none leaves less than 0.31."""
-
-SPLITS = 200
-"""Times of a change that are tried at first; of 100 s of means that is each of them."""
-
-
-class _Change(NamedTuple):
-    """One that is fitted: from which mean on, what it leaves, and how it is said."""
-
-    at: int
-    residual: float
-    size: float
-    said: str
-
-
-def lasting_change(forces: Forces, times: Array, off: Array, least: float) -> str:
-    """
-    Name the change after which a sensor shows another bias or another weight, to the end.
-
-    Parameters
-    ----------
-    forces : Forces
-        Means at rest.
-    times : ndarray, shape (n,)
-        Of the means, increasing [s].
-    off : ndarray, shape (n, 3)
-        What a calibration leaves of the forces [N].
-    least : float
-        A smaller change is none [N].
-
-    Returns
-    -------
-    str
-        Empty where nothing changed for good, or orientations do not tell it.
-    """
-    side = max(FEWEST, int(SHARE * len(times)))
-    best = _likeliest(forces, times, off, range(side, len(times) - side + 1))
-    if best is None or best.size <= least:
-        return ''
-    without = _sum(off - np.median(off, axis=0))
-    return best.said if best.residual < STEP_UNEXPLAINED * without else ''
-
-
-def _likeliest(forces: Forces, times: Array, off: Array, splits: range) -> _Change | None:
-    """Return the change that leaves least, of a few times at first, then of those about it."""
-    step = max(1, len(splits) // SPLITS)
-    best = min((change for i in splits[::step] for change in _changes(forces, times, off, i)),
-               key=lambda one: one.residual, default=None)
-    if best is None or step == 1:
-        return best
-    near = range(max(splits.start, best.at - step), min(splits.stop, best.at + step + 1))
-    return _likeliest(forces, times, off, near)
-
-
-def _changes(forces: Forces, times: Array, off: Array, i: int) -> Iterator[_Change]:
-    """Fit a change of bias and one of load; none where orientations do not tell them."""
-    if _spanned(forces.in_sensor[:i]) and _spanned(forces.in_sensor[i:]):
-        yield _bias(off, i, times[i])
-        yield _load(off, forces.in_sensor, i, times[i])
-
-
-def _bias(off: Array, i: int, t: float) -> _Change:
-    before, after = np.median(off[:i], axis=0), np.median(off[i:], axis=0)
-    jump = after - before
-    x, y, z = jump
-    return _Change(
-        i, _sum(off[:i] - before) + _sum(off[i:] - after), float(np.linalg.norm(jump)),
-        f'from {t:.1f} s on the wrench is {x:+.2g} {y:+.2g} {z:+.2g} N off, however the sensor '
-        'turns: it was tared, or its driver started anew, while this was recorded; that is no '
-        'contact: use either part alone')
-
-
-def _load(off: Array, in_sensor: Array, i: int, t: float) -> _Change:
-    g = float(np.linalg.norm(in_sensor[0]))
-    before = off[:i] - np.median(off[:i], axis=0)
-    rest = off[i:] - np.median(off[:i], axis=0)
-    mass = float(np.median((rest * in_sensor[i:]).sum(axis=1))) / g**2
-    return _Change(
-        i, _sum(before) + _sum(rest - mass * in_sensor[i:]), abs(mass) * g,
-        f'from {t:.1f} s on the sensor carries {abs(mass):.3g} kg '
-        f'{"more" if mass > 0 else "less"}: something was gripped or let go; its weight counts as '
-        'contact (--track-tool follows it)')
-
-
-def _sum(off: Array) -> float:
-    """Sum of magnitudes, on which a few pushes weigh little."""
-    return float(np.linalg.norm(off, axis=1).sum())
-
-
-def _spanned(in_sensor: Array) -> bool:
-    return bool(np.linalg.norm(in_sensor.std(axis=0))
-                > limits.SPANNED * np.linalg.norm(in_sensor[0]))

@@ -46,6 +46,7 @@ from forcecal_ros.identify.unsettled import settled
 from forcecal_ros.recording.axes import in_axes_of_pose, level_from_base, levelled
 from forcecal_ros.recording.checks.clipping import clipped
 from forcecal_ros.recording.checks.entry import checked
+from forcecal_ros.recording.checks.inertia import other_point
 from forcecal_ros.recording.checks.units import refuse_on_another_link, refuse_other_unit
 from forcecal_ros.recording.kinematics import AngularMotion
 from forcecal_ros.recording.stamps import with_even_stamps
@@ -116,6 +117,12 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
     return replace(calibration, quality=quality)
 
 
+def _with_other_point(recording: Recording, tool: ToolFit) -> Recording:
+    """Note where torques and inertia show different centres of mass."""
+    said = other_point(recording, tool.com, np.sqrt(np.diag(tool.covariance))[4:7])
+    return replace(recording, notes=(*recording.notes, said)) if said else recording
+
+
 def _unit(direction: Vector3 | None) -> Vector3 | None:
     """Return the unit vector of a direction that is not plainly down."""
     if direction is None or level_from_base(direction) is None:
@@ -177,7 +184,7 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     slide = _slide(recording, gridded, weight, ring)
     tool, inertia, late = _tool(gridded, statics, weight, slide, settings)
     turn = gridded.kinematics.angular(late[0] if late else 0.0)
-    return Stages(recording, removed, poses, statics, tool, sag, ring,
+    return Stages(_with_other_point(recording, tool), removed, poses, statics, tool, sag, ring,
                   _accelerometer(recording, gridded, tool, turn, settings), inertia, late,
                   ToolMotion(gridded, slide, turn), slight, stops)
 

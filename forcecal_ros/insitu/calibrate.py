@@ -98,7 +98,8 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
         _require_alive(reduced)
     offset = np.zeros_like(moments[0].mean) if options.moving else shared_offset(moments)
     used = [(r.moments, r.blocks, r.use) for r in reduced]
-    held_out = residuals(used)
+    held_out = residuals(used, 0.0 if options.poses else options.filter_window,
+                         options.filter_order)
     covariance = _covariance(moments, held_out) + doubt_covariance(
         used, [r.screening.doubts for r in reduced])
     hidden = hidden_covariance(moments, found_causes)

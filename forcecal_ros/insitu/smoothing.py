@@ -104,3 +104,23 @@ def smooth(chunks: Iterable[Array], window: int, order: int) -> Iterator[Smoothe
     else:
         short = projection(len(held), order)
         yield Smoothed(short @ held, float(np.trace(short)))
+
+
+def gathered(run: Array, window: int, order: int) -> Array:
+    """
+    Apply the transpose of the filter to one gapless run: sum x smooth(y) is sum gathered(x) y.
+
+    Parameters
+    ----------
+    run : ndarray, shape (n, k)
+    window : int
+        Odd number of samples, more than one.
+    """
+    n = len(run)
+    if n < window + 1:
+        return np.asarray(projection(n, order) @ run)
+    hat, half = projection(window, order), window // 2
+    out = signal.oaconvolve(run[half:n - half], hat[half][:, None], mode='full', axes=0)
+    out[:window] += hat[:half].T @ run[:half]
+    out[-window:] += hat[half + 1:].T @ run[-half:]
+    return np.asarray(out)

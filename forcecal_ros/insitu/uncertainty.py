@@ -3,7 +3,8 @@
 The filter correlates neighbouring samples, and so do hysteresis, flex and what else the model
 leaves out. Residuals are therefore taken of block means of the unfiltered recording, each stretch
 of some seconds under the fit to all other stretches, so that what a stretch bends the fit by is
-not lost. The covariance of every weighted sum of them is built from their autocovariance.
+not lost. The covariance of every weighted sum of them is built from their autocovariance. Weights
+are the regressors as the filter leaves them: motion about as fast as its window is less there.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -12,6 +13,7 @@ from typing import NamedTuple
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.blocks import Blocks, Mask
 from forcecal_ros.insitu.moments import Moments
+from forcecal_ros.insitu.smoothing import gathered, smooth
 from forcecal_ros.recording.noise.autocovariance import (
     andrews_lags,
     Autocovariance,
@@ -59,8 +61,8 @@ class Residual(NamedTuple):
     """
     Held-out residual of one data set.
 
-    ``regressors`` (b, 1 + q) constant and pseudo-sample weights, zero where a block is not used;
-    ``samples`` in a block; ``noise`` of the block means.
+    ``regressors`` (b, 1 + q) constant and pseudo-sample weights, filtered twice, zero where a
+    block is not used; ``samples`` in a block; ``noise`` of the block means.
     """
 
     regressors: Array
@@ -73,8 +75,18 @@ class Residual(NamedTuple):
         return self.noise.long_run * self.samples
 
 
-def residuals(data_sets: Sequence[tuple[Moments, Blocks, Mask]]) -> list[Residual]:
-    """Hold out stretch after stretch: its residuals under the fit to all others."""
+def residuals(data_sets: Sequence[tuple[Moments, Blocks, Mask]], seconds: float, order: int
+              ) -> list[Residual]:
+    """
+    Hold out stretch after stretch: its residuals under the fit to all others.
+
+    Parameters
+    ----------
+    seconds : float
+        Window of the filter that the moments are of; 0: none [s].
+    order : int
+        Of its polynomial.
+    """
     x = [np.where(use[:, None], _regressors(moments, blocks), 0.0)
          for moments, blocks, use in data_sets]
     sums = [_sums(one, blocks.raw) for one, (_, blocks, _) in zip(x, data_sets)]
@@ -89,7 +101,24 @@ def residuals(data_sets: Sequence[tuple[Moments, Blocks, Mask]]) -> list[Residua
             offset = _divide(constant - total.weighted_constant + others.weighted_constant,
                              weight - total.weight + others.weight)
             held_out[part] = blocks.raw[part] - offset - one[part, 1:] @ others.slopes(offset)
-        out.append(_residual(one, held_out, blocks.samples))
+        window = round(seconds / blocks.length / 2) * 2 + 1
+        out.append(_residual(_as_filtered(one, use, window, order), held_out, blocks.samples))
+    return out
+
+
+def _as_filtered(x: Array, use: Mask, window: int, order: int) -> Array:
+    """
+    Filter regressors twice, run by run: sum (S x)(S r) is sum (S' S x) r.
+
+    ``window`` is in blocks; one that holds no more than the polynomial changes nothing.
+    """
+    if window <= order + 1:
+        return x
+    out = np.zeros_like(x)
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], use, [False]]).astype(int)))
+    for start, end in ends.reshape(-1, 2):
+        smoothed = [part.values for part in smooth([x[start:end]], window, order)]
+        out[start:end] = gathered(np.concatenate(smoothed), window, order)
     return out
 
 

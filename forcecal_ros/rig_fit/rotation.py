@@ -7,7 +7,7 @@ from typing import NamedTuple
 from forcecal_ros.effects.rig import Rig, Servo
 from forcecal_ros.geometry import Array, rotation_vector
 from forcecal_ros.rig_fit.grid import Followed
-from forcecal_ros.rig_fit.translation import at_ends, MOST_DELAY
+from forcecal_ros.rig_fit.translation import at_ends, COARSE, MOST_DELAY
 from forcecal_ros.schema import Matrix3
 import numpy as np
 from scipy.optimize import least_squares, OptimizeResult
@@ -20,9 +20,6 @@ LIMITS = ((2.0, 0.3), (300.0, 3.0))
 
 PATIENCE = 2
 """Longer delays, each worse than the best, that end the search for it."""
-
-COARSE = 0.002
-"""Longest integration step while fitting [s]; half of it, times 1800 rad/s, is stable."""
 
 
 class RotationFit(NamedTuple):
@@ -114,7 +111,7 @@ def _servo(rig: Rig, x: Array, delay: float) -> Servo:
 
 def turned_apart(rig: Rig, one: Followed) -> Array:
     """Return the rotation from simulated to measured at each period's end, in S, shape (m, 3)."""
-    R = at_ends(rig, one, int(np.ceil(rig.robot.period / COARSE))).R_base_sensor
+    R = at_ends(rig, one).R_base_sensor
     return rotation_vector(np.swapaxes(R, 1, 2) @ one.R_reached)
 
 

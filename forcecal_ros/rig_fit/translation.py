@@ -35,6 +35,12 @@ MOVED = 1e-3
 PAUSE = 0.5
 """Rest that is put between recordings, in which one's motion dies away [s]."""
 
+COARSE = 0.002
+"""
+Longest integration step while fitting [s]; half of it, times 1800 rad/s, is stable: orientations
+of any bandwidth and damping that are tried. Positions are exact at any step.
+"""
+
 SURE = 1.0
 """Standard error of an axis's lag, in periods, up to which its delay is told."""
 
@@ -89,8 +95,9 @@ def through_servo(rig: Rig, one: Followed) -> Array:
     return at_ends(rig, one).position
 
 
-def at_ends(rig: Rig, one: Followed, steps: int = 1) -> Motion:
-    """Return how a rig's robot moves, at each period's end; position is exact at any steps."""
+def at_ends(rig: Rig, one: Followed) -> Motion:
+    """Return how a rig's robot moves, at each period's end."""
+    steps = int(np.ceil(rig.robot.period / COARSE))
     rate = 1.0 / rig.robot.period
     bare = replace(rig, optidrive=None, **{name: replace(getattr(rig, name), rate=rate)
                                            for name in ('wrench_sensor', 'accelerometer',

@@ -20,7 +20,8 @@ from forcecal_ros.simulators.mujoco_drives import (
     Drive,
     found_drives,
     is_scalar,
-    refuse_warned,
+    of_same_tree,
+    warned,
     why_not,
 )
 from forcecal_ros.simulators.mujoco_numbers import Number, numbers_of
@@ -33,6 +34,12 @@ SETTLING = 2.0
 
 EVERY = 0.002
 """Between samples, at least [s]: the wrench is compared up to far below 250 Hz."""
+
+SMALLER = (2, 4, 8, 16)
+"""
+Parts of a time step that are tried where a simulation is unstable: the step that a stiff joint
+bears is told to a factor of two, and 16 parts take as long as a diagnosis' first 16 runs.
+"""
 
 OVER_READS = 1.05
 """
@@ -84,21 +91,44 @@ class MujocoRobot:
             The recording has no commands of joints, or of others than the model's, or beyond
             what its actuators take; the simulation is unstable.
         """
-        return self._simulated(inputs, parameters, 1)
+        found, warning = self._simulated(inputs, parameters, 1)
+        if warning:
+            raise ConfigError(
+                f'--mujoco {self.path}: the simulation is unstable or incomplete, MuJoCo says '
+                f'"{warning}"; {self._steadier(inputs, parameters)}')
+        return found
 
     def simulate_finer(self, inputs: Inputs, parameters: Mapping[str, float]
                        ) -> Mapping[str, Any]:
         """Simulate with half the model's time step, sampled at the same instants."""
+        found, warning = self._in_parts(inputs, parameters, 2)
+        if warning:
+            raise ConfigError(f'--mujoco {self.path}: with half its timestep the simulation is '
+                              f'unstable, MuJoCo says "{warning}"; mend the model')
+        return found
+
+    def _steadier(self, inputs: Inputs, parameters: Mapping[str, float]) -> str:
+        """Say with which time step it runs, or that it runs with none."""
         step = float(self.model.opt.timestep)
-        self.model.opt.timestep = 0.5 * step
+        for parts in SMALLER:
+            if not self._in_parts(inputs, parameters, parts)[1]:
+                return f'with timestep {step / parts:g} for {step:g} it runs: take that'
+        return (f'nor does it run with timestep {step / SMALLER[-1]:g} for {step:g}: look for '
+                'gains too high for the inertias, bodies that collide, or joints without armature')
+
+    def _in_parts(self, inputs: Inputs, parameters: Mapping[str, float], parts: int
+                  ) -> tuple[Mapping[str, Any], str]:
+        """Simulate with one of so many parts of the model's own time step."""
+        step = float(self.model.opt.timestep)
+        self.model.opt.timestep = step / parts
         try:
-            return self._simulated(inputs, parameters, 2)
+            return self._simulated(inputs, parameters, parts)
         finally:
             self.model.opt.timestep = step
 
     def _simulated(self, inputs: Inputs, parameters: Mapping[str, float], parts: int
-                   ) -> Mapping[str, Any]:
-        """Simulate; the time step is one of so many parts of the model's own."""
+                   ) -> tuple[Mapping[str, Any], str]:
+        """Simulate; the time step is one of so many parts. Say what MuJoCo warns of."""
         import mujoco
 
         model = self.model
@@ -125,9 +155,9 @@ class MujocoRobot:
             mujoco.mj_step(model, data)
             if k % skipped == 0:
                 rows.append(data.sensordata.copy())
-        refuse_warned(mujoco, data, self.path)
         joints = self._joints(inputs.measured_joints, np.array(places))
-        return {**self._streams(t[::skipped], np.array(rows)), 'joints': (t[::skipped], joints)}
+        return ({**self._streams(t[::skipped], np.array(rows)), 'joints': (t[::skipped], joints)},
+                warned(mujoco, data))
 
     def _joints(self, names: Sequence[str], places: Array) -> Array:
         """Return a column for each joint that is named, NaN for those that move no tool."""
@@ -203,10 +233,11 @@ def load_mujoco(path: str, ft_site: str | None = None, imu: str | None = None) -
     except ValueError as error:
         raise ConfigError(f'--mujoco {path}: MuJoCo says {" ".join(str(error).split())}') from None
     drives = found_drives(mujoco, model, path)
-    numbers = numbers_of(mujoco, model, drives, body.name, site)
+    own = of_same_tree(model, drives, body.name)
+    numbers = numbers_of(mujoco, model, own, body.name, site)
     turned = _axes(mujoco, model, site).T @ _axes(mujoco, model, imu) if imu else None
     return MujocoRobot(path, model, tuple(drives), _chain(mujoco, model, body.name), turned,
-                       numbers, tuple(_over_reading(mujoco, model, drives)))
+                       numbers, tuple(_over_reading(mujoco, model, own)))
 
 
 def _ignore(_: str) -> None:

@@ -220,20 +220,18 @@ def _refuse_beyond(model: Any, one: Drive, given: Array) -> None:
                           'MuJoCo would clip; give the model the range that the robot has')
 
 
-def refuse_warned(mujoco: Any, data: Any, path: str) -> None:
-    """
-    Refuse a simulation that MuJoCo warns of, which is no answer.
+def of_same_tree(model: Any, drives: Sequence[Drive], body: str) -> list[Drive]:
+    """Leave out what drives no arm that carries a body: a second arm on a base of its own."""
+    moved = int(model.body_weldid[model.body(body).id])
+    tree = int(model.dof_treeid[model.body_dofadr[moved]])
+    return [one for one in drives if int(model.dof_treeid[one.dof]) == tree]
 
-    Raises
-    ------
-    ConfigError
-        It began anew in between, or left out contacts or constraints.
-    """
+
+def warned(mujoco: Any, data: Any) -> str:
+    """Return what MuJoCo warns of: it began anew, or left out contacts; empty: of nothing."""
     kinds = mujoco.mjtWarning
-    warned = [(int(kind), data.warning[int(kind)]) for kind in (
+    found = [(int(kind), data.warning[int(kind)]) for kind in (
         kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC, kinds.mjWARN_BADCTRL,
         kinds.mjWARN_INERTIA, kinds.mjWARN_CONTACTFULL, kinds.mjWARN_CNSTRFULL)]
-    said = [mujoco.mju_warningText(kind, int(one.lastinfo)) for kind, one in warned if one.number]
-    if said:
-        raise ConfigError(f'--mujoco {path}: the simulation is unstable or incomplete, MuJoCo '
-                          f'says "{said[0].rstrip(".")}"; take a smaller timestep')
+    said = (mujoco.mju_warningText(kind, int(one.lastinfo)) for kind, one in found if one.number)
+    return next(said, '').rstrip('.')

@@ -417,7 +417,8 @@ WRONG = {
     'pose repeats at 10 Hz': Wrong(
         lambda one, rng: replace(one, **{name: getattr(one, name)[held(one.pose_t, 10.0)]
                                          for name in ('place', 'q')}), 'repeat|10 Hz|10 a second'),
-    'poses interpolated from 2 Hz': Wrong(lambda one, rng: resampled(one, 2.0)),
+    'poses interpolated from 2 Hz': Wrong(
+        lambda one, rng: resampled(one, 2.0), 'interpolated'),
     'poses of two digits': Wrong(
         lambda one, rng: replace(one, q=np.round(one.q, 2), place=np.round(one.place, 2)),
         'digits|round|steps'),

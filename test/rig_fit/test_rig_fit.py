@@ -13,7 +13,10 @@ from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.recording.bags import write_recording
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.rig_fit.fit import fit_rig
+from forcecal_ros.rig_fit.grid import Followed
+from forcecal_ros.rig_fit.rotation import LIMITS
 from forcecal_ros.rig_fit.tool import command_period, fit_tool, noise_of
+from forcecal_ros.rig_fit.translation import at_ends
 from forcecal_ros.simulators.rig.file import dump_rig, load_rig
 from forcecal_ros.simulators.rig.offline import simulate
 from forcecal_ros.simulators.rig.plant import Plant
@@ -189,3 +192,15 @@ def test_without_static_poses_the_motion_tells_where_an_imu_sits():
     turned = replace(made, accelerometer=replace(imu, values=imu.values[:, [1, 2, 0]]))
     with pytest.raises(DataError, match='feels gravity [0-9]+ deg from where the pose has it'):
         fit_tool(TOLERANCES, [turned], IdentificationSettings())
+
+
+def test_any_orientation_that_is_tried_while_fitting_is_integrated_stably():
+    t = 0.004 * np.arange(1000)
+    R = rotation_from_vector(np.outer(np.sin(6.0 * t), [0.6, 0.8, 0.0]))
+    place, all_rows = np.zeros((len(t), 3)), np.ones(len(t), dtype=bool)
+    told = Followed(0.0, place, R, place, R, all_rows, all_rows)
+    for w in (LIMITS[0][0], LIMITS[1][0]):
+        rig = replace(NOMINAL, robot=replace(NOMINAL.robot, period=0.004), servo=replace(
+            NOMINAL.servo, orientation_bandwidth=w, orientation_damping=LIMITS[1][1]))
+        made = at_ends(rig, told).R_base_sensor
+        assert np.abs(made @ np.swapaxes(made, 1, 2) - np.eye(3)).max() < 1e-6

@@ -7,6 +7,7 @@ from pathlib import Path
 import re
 
 from forcecal_ros.cli import main
+from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair
 from forcecal_ros.diagnose.by_simulator import diagnose_rerun, inputs_of
 from forcecal_ros.diagnose.inputs.motion_dataset import span
 from forcecal_ros.diagnose.inputs.simulated_tool import refuse_other_wrench, simulated_tool
@@ -234,6 +235,23 @@ def test_what_mujoco_would_clip_or_begin_anew_in_silence_is_refused(tmp_path):
         robot.simulate(inputs, nominal(robot))
 
 
+def test_an_unstable_simulation_is_told_the_time_step_with_which_it_runs(tmp_path):
+    path, inputs = tmp_path / 'arm.xml', Inputs(0.0, 3.0, joints=told(3.0))
+    path.write_text(mjcf().replace('kp="4000"', 'kp="4e6"'))
+    robot = load_mujoco(str(path))
+    with pytest.raises(ConfigError, match='with timestep .* it runs: take that') as caught:
+        robot.simulate(inputs, nominal(robot))
+    assert robot.model.opt.timestep == 0.002
+    step = re.search('with timestep (.+) for 0.002', str(caught.value)).group(1)
+    path.write_text(path.read_text().replace('timestep="0.002"', f'timestep="{step}"'))
+    robot = load_mujoco(str(path))
+    assert robot.simulate(inputs, nominal(robot))
+    path.write_text(mjcf().replace('kp="4000"', 'kp="4e12"'))
+    robot = load_mujoco(str(path))
+    with pytest.raises(ConfigError, match='nor does it run with timestep 0.000125'):
+        robot.simulate(inputs, nominal(robot))
+
+
 def test_what_mujoco_warns_of_is_not_written_where_the_user_is(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'arm.xml').write_text(mjcf().replace('kp="4000"', 'kp="4e7"'))
@@ -241,6 +259,19 @@ def test_what_mujoco_warns_of_is_not_written_where_the_user_is(tmp_path, monkeyp
         robot = load_mujoco('arm.xml')
         robot.simulate(Inputs(0.0, 3.0, joints=told(3.0)), nominal(robot))
     assert [path.name for path in tmp_path.iterdir()] == ['arm.xml']
+
+
+def test_a_second_arm_on_a_base_of_its_own_has_no_numbers(tmp_path):
+    other = ('<body name="other" pos="5 0 0"><joint name="other" axis="0 1 0"/>'
+             '<geom size="0.1"/></body>')
+    (tmp_path / 'arms.xml').write_text(mjcf().replace(
+        '</worldbody><actuator>', f'{other}</worldbody><actuator><position joint="other"/>'))
+    (tmp_path / 'arm.xml').write_text(mjcf())
+    two, one = (load_mujoco(str(tmp_path / name)) for name in ('arms.xml', 'arm.xml'))
+    assert [p.name for p in two.parameters()] == [p.name for p in one.parameters()]
+    inputs = Inputs(0.0, 3.0, joints=told(3.0))
+    wrench = two.simulate(inputs, nominal(two))['wrench'][1]
+    np.testing.assert_allclose(wrench, one.simulate(inputs, nominal(one))['wrench'][1], atol=1e-6)
 
 
 def test_joints_that_do_not_move_the_tool_are_not_compared(tmp_path):
@@ -504,7 +535,7 @@ def in_base(w, pose):
     return np.hstack([np.einsum('nij,nj->ni', pose, part) for part in (w[:, :3], w[:, 3:])])
 
 
-@pytest.mark.parametrize('fault, said', [
+FAULTS = [
     (lambda w, pose: w / 9.80665, 'its forces are in kgf'),
     (lambda w, pose: w / ([9.80665] * 3 + [1.0] * 3), 'its forces are in kgf'),
     (lambda w, pose: -w, 'it has the opposite sign'),
@@ -512,16 +543,35 @@ def in_base(w, pose):
     (lambda w, pose: w[:, [1, 0, 2, 4, 3, 5]], 'mirrored'),
     (turned_wrench([0.0, 0.0, 90.0]), 'turned'),
     (turned_wrench([0.0, 0.0, 45.0]), 'turned'),
-    (in_base, 'base')])
+    (in_base, 'base')]
+
+
+def spoilt(real, fault):
+    at = np.clip(np.searchsorted(real.pose.t, real.wrench.t), 0, len(real.pose) - 1)
+    values = fault(real.wrench.values, real.pose.R_base_sensor[at])
+    return replace(real, wrench=replace(real.wrench, values=values))
+
+
+@pytest.mark.parametrize('fault, said', FAULTS)
 def test_frame_axes_sign_and_units_of_the_robots_wrench_are_asked_before_effects(
         sample, fault, said):
     arm, real = sample
-    at = np.clip(np.searchsorted(real.pose.t, real.wrench.t), 0, len(real.pose) - 1)
-    values = fault(real.wrench.values, real.pose.R_base_sensor[at])
-    wrong = replace(real, wrench=replace(real.wrench, values=values))
+    wrong = spoilt(real, fault)
     found = diagnose_rerun(wrong, None, arm, load_rig('rigid_tool.yaml')).outcome.diagnosis
     assert found.verdict == 'invalid_data'
     assert said in found.reason
+    assert 'at rest' not in found.reason
+
+
+@pytest.mark.parametrize('fault, said',
+                         [*FAULTS, (turned_wrench([0.0, 0.0, 20.0]), 'turned')])
+def test_of_two_recordings_they_are_asked_in_the_same_way(sample, fault, said):
+    arm, real = sample
+    made = arm.run(inputs_of(real), arm.nominal)
+    found = diagnose_simulated(Pair(spoilt(real, fault), made), None, load_rig('rigid_tool.yaml'))
+    assert found.outcome.diagnosis.verdict == 'invalid_data'
+    assert said in found.outcome.diagnosis.reason
+    assert 'at rest' not in found.outcome.diagnosis.reason
 
 
 @pytest.mark.parametrize('factors, change', [

@@ -101,7 +101,7 @@ def prepare_simulated(recording: Recording, simulated: Recording, tool: Simulate
     first, n = span(recording, simulated)
     known = tool or simulated_tool(
         replace(simulated, accelerometer=None), first, n, rig).with_accelerometer()
-    refuse_other_wrench(recording, known)
+    refuse_other_wrench(recording, known, simulated)
     moved = replace(recording, accelerometer=None)
     simulation = RecordedSimulation(moved, simulated, first, n, 'acc1', known.simulated)
     nominal = simulation.signals(known.rigid_tool)

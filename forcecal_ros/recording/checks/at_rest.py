@@ -85,7 +85,8 @@ class AtRest(NamedTuple):
         keep = off <= UNTOUCHED * max(float(np.median(off)), limits.TINY)
         specific = None if forces.specific is None else forces.specific[keep]
         return AtRest(self.begins[keep], Forces(
-            forces.R_base_sensor[keep], forces.wire[keep], forces.gravity, None, specific),
+            forces.R_base_sensor[keep], forces.wire[keep], forces.gravity, None, specific,
+            forces.rests),
             self.torque[keep])
 
     @property
@@ -132,7 +133,8 @@ def at_rest(recording: Recording, gravity: Array, length: float = LENGTH) -> AtR
     whole = np.isfinite(means).all(axis=1)
     if whole.sum() < FEWEST:
         return None
-    return AtRest(begins[whole], Forces(R[whole], means[whole, :3], gravity, None),
+    return AtRest(begins[whole], Forces(R[whole], means[whole, :3], gravity, None, None,
+                                        length >= LENGTH),
                   means[whole, 3:])
 
 
@@ -193,7 +195,7 @@ def refuse_other_forces(found: AtRest, mass: float, com: Array, other_tool: str)
     refuse_other_force_unit(plain.mass, mass)
     _refuse_other_tool(plain.mass, mass, other_tool)
     weight = mass * found.forces.in_sensor
-    refuse_other_torques(weight, found.torque, None)
+    refuse_other_torques(weight, found.torque, None, rests=found.forces.rests)
     refuse_other_lever(weight, found.torque, com)
 
 
@@ -221,7 +223,7 @@ def beside_simulated(recording: Recording, simulated: Recording, mass: float, gr
     both = np.isfinite(force).all(axis=1)
     forces, R = found.forces, found.forces.R_base_sensor[both]
     moving = Forces(R, forces.wire[both], gravity, None,
-                    np.einsum('nij,nj->ni', R, force[both]) / mass)
+                    np.einsum('nij,nj->ni', R, force[both]) / mass, rests=False)
     if len(moving.wire) < FEWEST:
         return None
     found = AtRest(found.begins[both], moving, found.torque[both]).untouched

@@ -14,6 +14,7 @@ from forcecal_ros.recording.checks.clocks import (
     silences,
 )
 from forcecal_ros.recording.checks.held import dead_bands, lost_packets, without_held
+from forcecal_ros.recording.checks.interpolated import interpolated
 from forcecal_ros.recording.checks.motion import refuse_frozen_pose, refuse_silent_pose
 from forcecal_ros.recording.checks.repeats import refuse_dead, refuse_stuck
 from forcecal_ros.recording.checks.slowness import lag_note
@@ -92,10 +93,12 @@ def _how_it_follows(recording: Recording) -> str:
 
 
 def _coarse(recording: Recording) -> Iterator[str]:
-    """Name what cuts small readings off, and positions that come in steps."""
+    """Name dead bands, and poses that come in steps or on straight lines."""
     wrench, pose = recording.wrench, recording.pose
     if wrench is not None:
         yield from dead_bands(wrench.values, CHANNELS['wrench'])
+    if pose is not None and (straight := interpolated(pose)):
+        yield straight
     if pose is not None and recording.accelerometer is None and pose.has_position:
         step = max(resolution(column) for column in pose.position.T)
         if step > limits.COARSE_PLACE:

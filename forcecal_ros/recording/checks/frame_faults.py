@@ -39,7 +39,8 @@ def refuse_other_frame(judgement: Judgement, believed: Array = DOWN, wrench_sign
         remedies = ', or '.join(remedy for _, remedy in named)
         recorded = f' with a mass of {plain.mass:.4g} kg' if plain.mass < 0.0 else ''
         raise DataError(
-            f'wrench: {causes}; RMS of the residual forces at rest {likely[0].rms:.2g} N then, '
+            f'wrench: {causes}; RMS of the residual forces{" at rest" * judgement.rests} '
+            f'{likely[0].rms:.2g} N then, '
             f'{plain.rms:.2g} N{recorded} as recorded; {remedies}'.replace(
                 'SIGN', str(-wrench_sign)))
 

@@ -41,6 +41,8 @@ class Forces(NamedTuple):
         Standard deviation of each mean; None: not known, taken from the residuals [N].
     specific : ndarray, shape (n, 3), or None
         Of a tool in motion: gravity less its acceleration, in base [m/s^2].
+    rests : bool
+        Whether the sensor rested.
     """
 
     R_base_sensor: Array
@@ -48,6 +50,7 @@ class Forces(NamedTuple):
     gravity: Array
     noise: Array | None
     specific: Array | None = None
+    rests: bool = True
 
     @property
     def in_sensor(self) -> Array:
@@ -127,12 +130,15 @@ class Judgement(NamedTuple):
         Of the forces on the wire [N].
     changes : float
         RMS of the forces about it [N].
+    rests : bool
+        Whether the sensor rested.
     """
 
     plain: Fit
     likely: tuple[Fit, ...]
     mean: Array
     changes: float
+    rests: bool = True
 
 
 def judge(forces: Forces) -> Judgement:
@@ -148,19 +154,20 @@ def judge(forces: Forces) -> Judgement:
     changes = float((forces.wire - mean).std())
     fits = [fit for fit in (plain, *_others(forces, plain)) if fit.mass > 0.0 and fit.degrees > 0]
     if not fits or not np.ptp(forces.wire, axis=0).any():
-        return Judgement(plain, (plain,), mean, changes)
+        return Judgement(plain, (plain,), mean, changes, forces.rests)
     variance = max(1.0, min(fit.chi_square / fit.degrees for fit in fits))
     best = min(fits, key=lambda fit: fit.chi_square / variance
                + fit.unknowns * np.log(forces.wire.size))
     reference = plain if plain.mass > 0.0 else _weightless(forces)
     if best is plain or _chance(best, reference, forces) > limits.BY_CHANCE:
-        return Judgement(plain, (plain,), mean, changes)
+        return Judgement(plain, (plain,), mean, changes, forces.rests)
     holds = [fit for fit in fits if fit.unknowns <= best.unknowns
              and _chance(best, fit, forces) >= 1.0 / limits.ODDS]
     # one more unknown is no simpler: a turn has one more than a tilt
     simplest = min(fit.unknowns for fit in holds) + 1
     return Judgement(plain, tuple(sorted((fit for fit in holds if fit.unknowns <= simplest),
-                                         key=lambda fit: fit.chi_square)), mean, changes)
+                                         key=lambda fit: fit.chi_square)), mean, changes,
+                     forces.rests)
 
 
 def _chance(best: Fit, other: Fit, forces: Forces) -> float:

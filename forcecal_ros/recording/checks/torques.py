@@ -53,7 +53,7 @@ def weight_in(forces: Forces) -> float:
 
 
 def refuse_other_torques(weight: Array, torque: Array, noise: Array | None,
-                         R_base_sensor: Array | None = None) -> None:
+                         R_base_sensor: Array | None = None, rests: bool = True) -> None:
     """
     Refuse torques that fit a weight at one place with other axes only.
 
@@ -67,6 +67,8 @@ def refuse_other_torques(weight: Array, torque: Array, noise: Array | None,
         Standard error of these means; None: not known.
     R_base_sensor : ndarray, shape (n, 3, 3), optional
         To ask as well whether they are expressed in base.
+    rests : bool
+        Whether the sensor rested.
 
     Raises
     ------
@@ -88,7 +90,8 @@ def refuse_other_torques(weight: Array, torque: Array, noise: Array | None,
     shown = ', '.join('-' * (sign < 0) + 'xyz'[axis] for axis, sign in zip(best[:3], best[3:]))
     raise DataError(
         f'wrench: its torques are not about the axes of its forces: x, y, z show {shown}, or all '
-        f'three the other way round; RMS of the residual torques at rest {found[best]:.2g} N m '
+        f'three the other way round; RMS of the residual torques{" at rest" * rests} '
+        f'{found[best]:.2g} N m '
         f'then, {plain:.2g} N m as recorded; correct the order and the signs of the torques in '
         'the driver')
 
