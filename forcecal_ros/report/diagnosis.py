@@ -105,7 +105,8 @@ def _with_error(p: Parameter) -> tuple[str, str]:
 def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:
     """Return every number that was found, in SI units, as a rig file wants them."""
     out = [(e.name, name, *_with_error(p), '' if p.unit == '1' else p.unit)
-           for e in d.effects for name, p in e.parameters.items() if p.value or p.std]
+           for e in d.effects for name, p in e.parameters.items()
+           if p.value or p.std or p.at_bound]
     return out + [(e.name, 'from', f'{e.begin:.3f}',
                    f'{e.begin_ci95[0]:.3f} to {e.begin_ci95[1]:.3f} (95 %)', 's')
                   for e in d.effects if e.begin is not None and e.begin_ci95 is not None]

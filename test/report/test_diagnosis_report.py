@@ -202,6 +202,13 @@ def test_a_recording_that_cannot_be_used_says_what_to_do_as_the_next_step():
     assert next_step(cut, 'bag', 'out', ()).words.startswith('Mend what is named above')
 
 
+def test_numbers_that_were_not_found_are_not_listed():
+    d = replace(IDENTIFIED, effects=(NamedEffect('wrench_gain', {
+        'fx': Parameter(0.02, 0.001, '1'), 'fy': Parameter(0.0, 0.0, '1')}, 0.9),))
+    page = render(view_without_signals(d), ['bag'], NEXT)
+    assert '>fx<' in page and '>fy<' not in page
+
+
 def test_a_number_of_a_simulator_is_changed_and_not_added():
     d = replace(IDENTIFIED, effects=(NamedEffect(
         'body_mass[gripper]', {'body_mass[gripper]': Parameter(1.26, 0.002, 'kg')}, 0.97),))
