@@ -38,8 +38,8 @@ GROUPS = {
     'contact force from a recording': {
         'estimate': Command('estimate', 'run the contact-force observer over a recording'),
         'gravity': Command(
-            'gravity', 'take weight, inertia and bias off a recorded wrench, the bias estimated '
-            'along'),
+            'gravity', 'take weight, inertia and bias off a recorded wrench, and estimate the '
+            'bias meanwhile'),
     },
     'gaps between robot and simulation': {
         'plan': Command(
@@ -54,7 +54,7 @@ GROUPS = {
             'diagnose', 'find where and why simulation and recording differ, and how much of the '
             'misfit is explained'),
         'check-simulator': Command(
-            'check_simulator', 'try whether your own simulator can be compared with a robot'),
+            'check_simulator', 'check whether your own simulator can be compared with a robot'),
     },
     'contact tasks': {
         'impedance': Command(

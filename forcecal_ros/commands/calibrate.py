@@ -45,7 +45,7 @@ def add_parser(subparsers: Any) -> None:
                              'of it are refused, with the unit that they may be in')
     add_output(parser, '-o', '--output', kind=FILE, suffix='.yaml', metavar='FILE',
                default='calibration.yaml',
-               help='calibration to write, - for standard output; one that is there is kept as '
+               help='calibration to write, - for standard output; an earlier one is kept as '
                     'FILE~; of several BAGs, a folder for them')
     add_output(parser, '--report', kind=FILE, suffix='.html', metavar='FILE',
                help='write an HTML report as well; of several BAGs, a folder for them')

@@ -112,9 +112,9 @@ def add_sensor_pose(parser: argparse.ArgumentParser, option: str = '--sensor-fro
 
     parser.add_argument(
         option, metavar=('X', 'Y', 'Z', 'QX', 'QY', 'QZ', 'QW'), nargs=7, type=real,
-        help=f'where ft_sensor is in the frame whose pose{of} was recorded and commanded, a '
-             'flange or a TCP [m] (default: the pose is that of ft_sensor, or as a calibration '
-             'says)')
+        help=f'pose of ft_sensor in the frame whose pose{of} was recorded and commanded, e.g. a '
+             'flange or TCP [m, quaternion] (default: the recorded pose is that of ft_sensor, or '
+             'as a calibration says)')
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

@@ -17,7 +17,7 @@ def add_parser(subparsers: Any) -> None:
         subparsers, 'compare',
         example='forcecal compare before.yaml after.yaml')
     parser.add_argument('first', metavar='A', help='calibration.yaml, or diagnosis.json (or the '
-                        'folder of a diagnosis); the older one as a rule')
+                        'folder of a diagnosis); usually the older one')
     parser.add_argument('second', metavar='B', help='the same of another time, or of another '
                         'robot')
     add_json(parser)

@@ -33,8 +33,8 @@ def add_parser(subparsers: Any) -> None:
                         help='acc1: DC response, acc2: AC-coupled')
     add_output(parser, '-o', '--output', '--out', kind=RESULTS, metavar='DIR',
                default='forcecal_demo',
-               help='folder for calibration.yaml, the recording and report.html; what is there of '
-                    'them is kept as NAME~')
+               help='folder for calibration.yaml, the recording and report.html; earlier '
+                    'ones are kept as NAME~')
     parser.add_argument('--seed', type=whole, default=1, help='of the sensor noise')
     add_quiet(parser)
     add_json(parser)

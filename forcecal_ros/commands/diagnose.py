@@ -73,7 +73,7 @@ def add_parser(subparsers: Any) -> None:
                         help='whose recording it is, kept in diagnosis.json for forcecal fleet')
     add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
                help='folder for diagnosis.json, report.html and rig_patched.yaml (or '
-                    'calibration_patched.yaml, or model_patched.xml); results that are there are '
+                    'calibration_patched.yaml, or model_patched.xml); earlier results are '
                     'kept as NAME~; of several BAGs, a folder of such folders')
     parser.set_defaults(run=run, inputs=('bag', 'heldout', 'rig', 'calibration', 'simulated',
                                          'heldout_simulated', 'mujoco', 'priors'))

@@ -48,7 +48,7 @@ class Answer(NamedTuple):
 
 def add_bags(parser: argparse.ArgumentParser) -> None:
     """Add the recordings, what :func:`add_bag` adds, ``--jobs``, ``--dask`` and ``--json``."""
-    add_bag(parser, several='each by itself')
+    add_bag(parser, several='each is worked on by itself')
     add_workers(parser)
     add_quiet(parser)
     add_json(parser)

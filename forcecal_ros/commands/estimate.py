@@ -33,12 +33,12 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--inertial-wrench', action='store_true',
                         help="write the wrench of the tool's weight and inertia as well")
     parser.add_argument('--innovation', action='store_true',
-                        help='write the innovation (measured less predicted) as well')
+                        help='write the innovation (measured - predicted) as well')
     parser.add_argument('--track-tool', action='store_true',
-                        help='follow mass and centre of mass of what hangs on the sensor, take '
-                             'them off, and write them as observer/tool')
+                        help='estimate mass and centre of mass of the tool while they change, '
+                             'and write them as observer/tool')
     add_output(parser, '-o', '--output', kind=RECORDING, metavar='OUT_BAG', required=True,
-               help='recording to write; one that is there is kept as OUT_BAG~; of several BAGs, '
+               help='recording to write; an earlier one is kept as OUT_BAG~; of several BAGs, '
                     'a folder for them')
     parser.set_defaults(run=run, inputs=('bag', 'calibration'))
 

@@ -34,7 +34,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--sensor-in-flange', metavar=FLANGE, nargs=7, type=real,
                         help='ur: pose of the sensor in the flange (default: they are one) [m]')
     add_output(parser, '-o', '--output', kind=FILE, metavar='FILE',
-               help='file to write (default: print); one that is there is kept as FILE~')
+               help='file to write (default: print); an earlier one is kept as FILE~')
     parser.set_defaults(run=run, inputs=('calibration',))
 
 

@@ -46,7 +46,7 @@ def add_parser(subparsers: Any) -> None:
                              'is not level (default: 0 0 -1)')
     add_output(parser, '-o', '--output', kind=FILE, suffix='.yaml', metavar='RIG.yaml',
                default='my_rig.yaml',
-               help='rig to write; a file that is there is kept as RIG.yaml~')
+               help='rig to write; an earlier one is kept as RIG.yaml~')
     add_json(parser)
     parser.set_defaults(run=run, inputs=('bag', 'heldout'))
 

@@ -61,7 +61,7 @@ def add_parser(subparsers: Any) -> None:
                         help='standard deviation of a payload taken up since the calibration '
                         '(imu only)')
     add_output(parser, '-o', '--output', kind=RECORDING, metavar='OUT_BAG', required=True,
-               help='recording to write; one that is there is kept as OUT_BAG~')
+               help='recording to write; an earlier one is kept as OUT_BAG~')
     add_quiet(parser)
     add_json(parser)
     parser.set_defaults(run=run, inputs=('bag', 'calibration'))

@@ -20,7 +20,7 @@ def add_parser(subparsers: Any) -> None:
     add_bags(parser)
     add_output(parser, '-o', '--output', kind=FILE, suffix='.yaml', metavar='FILE',
                default='plant.yaml',
-               help='models to write, - for standard output; a file that is there is kept as '
+               help='models to write, - for standard output; an earlier one is kept as '
                     'FILE~; of several BAGs, a folder for them')
     parser.set_defaults(run=run, inputs=('bag',))
 

@@ -32,7 +32,7 @@ def add_parser(subparsers: Any) -> None:
         subparsers, 'impedance',
         example='forcecal impedance -o contact_experiment')
     add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
-               help='folder for report.html and the pictures; results that are there are kept as '
+               help='folder for report.html and the pictures; earlier results are kept as '
                     'NAME~')
     parser.add_argument('--accelerometer', choices=('acc1', 'acc2'),
                         help='only this one (default: both, one after the other)')

@@ -17,7 +17,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--tables', metavar='DIR',
                         help='where the tables are (default: beside SPEC.yaml)')
     add_output(parser, '-o', '--output', kind=RECORDING, metavar='BAG', required=True,
-               help='recording to write; one that is there is kept as BAG~')
+               help='recording to write; an earlier one is kept as BAG~')
     parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap',
                         help='how the recording is stored')
     parser.set_defaults(run=run, inputs=('specification', 'tables'))

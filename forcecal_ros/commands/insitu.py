@@ -27,8 +27,8 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('specification', metavar='SPEC.yaml',
                         help='data sets, sensors and accelerometer; see config/examples')
     add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
-               help='folder for insitu.json, calibration.yaml, pictures and report.html; results '
-                    'that are there are kept as NAME~')
+               help='folder for insitu.json, calibration.yaml, pictures and report.html; '
+                    'earlier results are kept as NAME~')
     add_quiet(parser)
     add_json(parser)
     parser.set_defaults(run=run)

@@ -27,7 +27,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--sim', action='store_true',
                         help='start a simulated rig anyhow, apart from any robot')
     parser.add_argument('--rig', metavar='RIG.yaml',
-                        help='rig to simulate; the gap is what sets it apart from the nominal one')
+                        help='rig to simulate; the gap is its difference from the nominal one')
     add_namespace(parser)
     parser.add_argument('--wrench', metavar='TOPIC', type=topic_name, default='wrench',
                         help="WrenchStamped of the robot's sensor")

@@ -35,7 +35,7 @@ def add_parser(subparsers: Any) -> None:
         example='forcecal play my_bag --rate 0.5')
     parser.add_argument('bag', metavar='BAG', help='rosbag2 folder or file (mcap, sqlite3)')
     parser.add_argument('--rate', metavar='X', type=positive, default=1.0,
-                        help='recorded seconds a second')
+                        help='recorded seconds in each second of playing')
     parser.add_argument('--clock', metavar='HZ', type=not_negative, default=250.0,
                         help='how often /clock tells the recorded time; 0: not at all')
     parser.add_argument('--delay', metavar='S', type=not_negative, default=1.0,

@@ -23,10 +23,10 @@ def add_parser(subparsers: Any) -> None:
                         help="recorded besides this package's own, which are taken in any "
                              'namespace')
     add_output(parser, '-o', '--output', kind=RECORDING, metavar='BAG', required=True,
-               help='recording to write; one that is there is kept as BAG~')
+               help='recording to write; an earlier one is kept as BAG~')
     parser.add_argument('--all', action='store_true', help='record every topic there is')
     parser.add_argument('--only', action='store_true', help='record the named topics alone')
-    parser.add_argument('--duration', metavar='S', type=positive, help='end after so long')
+    parser.add_argument('--duration', metavar='S', type=positive, help='stop after this time')
     parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap',
                         help='how the recording is stored')
     parser.add_argument('--no-compression', action='store_true',

@@ -22,14 +22,14 @@ def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(subparsers, 'sample', example='forcecal sample rig -o sample')
     parser.add_argument('kind', choices=tuple(KINDS),
-                        help='rig: the simulated rig in the planned motion, sound, and with a '
-                             'wrench that comes 4 ms late; rigid_arm: an arm with a rigid '
-                             'gripper, sound, and with a gripper that weighs 5 %% more than in '
-                             'its MuJoCo model, which lies beside; insitu: tables of a limb with '
-                             'added masses, and the SPEC.yaml that describes them; shaken: the '
+                        help='rig: two recordings of the simulated rig, one without any fault '
+                             'and one whose wrench comes 4 ms late; rigid_arm: two of an arm, '
+                             'one without any fault and one whose gripper weighs 5 %% more than '
+                             'in its MuJoCo model, and that model; insitu: tables of a limb with '
+                             'added masses, and the spec.yaml that describes them; shaken: the '
                              'simulated rig shaken along x, for identify-robot')
     add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
-               help='folder for them; what is there of these names is kept as NAME~')
+               help='folder for them; earlier ones are kept as NAME~')
     parser.add_argument('--seed', type=whole, default=0, help='of the sensor noise')
     parser.set_defaults(run=run)
 

@@ -32,7 +32,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--seed', type=whole, default=0, help='of the sensor noise')
     parser.add_argument('--noise-free', action='store_true', help='leave the sensor noise out')
     add_output(parser, '-o', '--output', kind=RECORDING, metavar='OUT_BAG', required=True,
-               help='recording to write; one that is there is kept as OUT_BAG~')
+               help='recording to write; an earlier one is kept as OUT_BAG~')
     add_topics(parser)
     add_sensor_pose(parser)
     add_json(parser)

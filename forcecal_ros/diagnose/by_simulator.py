@@ -27,6 +27,7 @@ from forcecal_ros.diagnose.inputs.simulated_tool import (
     refuse_other_wrench,
     simulated_tool,
     SimulatedTool,
+    TURN,
 )
 from forcecal_ros.diagnose.inputs.stamps import Corrected, evened
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND
@@ -214,7 +215,7 @@ def _prepared(recording: Recording, simulator: ThirdParty, tool: SimulatedTool |
     runs = Runs(simulator, inputs_of(real), real.pose)
     made = runs.exact(simulator.nominal)
     known = tool or simulated_tool(
-        replace(made, accelerometer=None), start, n, rig).with_accelerometer()
+        replace(made, accelerometer=None), start, n, rig, TURN).with_accelerometer()
     refuse_other_wrench(real, known, made)
     simulation = Rerun(runs, start, n, known.simulated)
     felt, _, note = imus_compared(real, made)
@@ -245,8 +246,8 @@ def inputs_of(recording: Recording) -> Inputs:
     """
     told = [s for s in (recording.target, recording.joint_commands) if s is not None and len(s)]
     if not told:
-        raise DataError('the recording holds no commands; record target_frame, or the joint '
-                        'commands and name them with --topic joint_commands=NAME')
+        raise DataError('the recording holds no commands; record those of the joints, and name '
+                        'them with --topic joint_commands=NAME')
     streams = [s.t for s in (recording.wrench, recording.pose) if s is not None]
     start = min(float(told[0].t[0]), *(float(t[0]) for t in streams))
     return Inputs(start, max(float(t[-1]) for t in streams), recording.target,

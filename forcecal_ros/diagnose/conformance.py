@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.diagnose.by_simulator import inputs_of
 from forcecal_ros.diagnose.inputs.motion_dataset import span
-from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool
+from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool, TURN
 from forcecal_ros.diagnose.inputs.stamps import evened
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
@@ -93,7 +93,7 @@ def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Confor
     made = runs.exact(simulator.nominal)
     seconds = time.process_time() - began
     refuse_unsteady(runs)
-    simulated_tool(replace(made, accelerometer=None), start, n, rig)
+    simulated_tool(replace(made, accelerometer=None), start, n, rig, TURN)
     runs.try_all(simulator.nominal)
     streams = tuple(name for name in (*STREAMS, 'joints') if getattr(made, name) is not None)
     return Conformance(simulator.name, seconds, inputs.end - inputs.start, streams, tuple(

@@ -54,7 +54,7 @@ def _values(effect: Effect, given: Any) -> tuple[float, ...]:
     unknown = [str(key) for key in given if key not in {q.name for q in effect.parameters}]
     if unknown:
         raise ConfigError(f'{where}: unknown key {", ".join(unknown)}; expected only '
-                          f'{_listed(effect)}: remove or rename it')
+                          f'{_listed(effect)}')
     return tuple(Row('', q.unit, q.low, q.high).take(
         float, given.get(q.name, q.nominal), f'{where}.{q.name}') for q in effect.parameters)
 

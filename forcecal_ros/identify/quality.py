@@ -126,7 +126,7 @@ def _plain(stages: Stages, calibration: Calibration, settings: IdentificationSet
 def _weak(c: Calibration, settings: IdentificationSettings) -> Iterator[str]:
     """Estimates whose standard error passes its threshold."""
     limit = settings.thresholds
-    add = 'measure longer, or in more poses'
+    add = 'measure in more poses'
     rows: list[tuple[str, float, float, str, str]] = [
         ('mass', _relative(c.mass), limit.mass, '', add),
         ('centre of mass', float(c.com.std.max()), limit.com, ' m',
@@ -141,10 +141,10 @@ def _weak(c: Calibration, settings: IdentificationSettings) -> Iterator[str]:
                   limit.offset, ' m/s^2', 'add poses with gravity in opposite directions')]
         if np.isfinite(a.delay.std):
             rows.append(('accelerometer delay', float(a.delay.std), limit.delay, ' s',
-                         'make a step, or a faster one'))
+                         'make a faster step'))
     if c.tool:
         rows += [('tool stiffness', _relative(c.tool.stiffness), limit.stiffness, '',
-                  'add a pose with x of ft_sensor vertical, or a larger step'),
+                  'make a larger step'),
                  ('tool damping', _relative(c.tool.damping), limit.damping, '',
                   'make a larger step and let it ring out')]
     for name, std, threshold, unit, remedy in rows:

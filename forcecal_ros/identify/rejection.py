@@ -165,8 +165,8 @@ def _changes(load: Array, times: Array) -> Iterator[_Change]:
                       'let go, opened or slipped; use either part alone')
     run = (times - times.mean())[:, None, None] / np.ptp(times)
     yield _Change(np.concatenate([np.eye(6) * run, np.eye(6) * run**2], axis=2),
-                  'they fit one tool with a bias that drifts: let the sensor warm up, or record '
-                  'faster')
+                  'they fit one tool with a bias that drifts: let the sensor warm up, and '
+                  'record again')
 
 
 def _touched(plain: Array, wrench: Array, weight: Array) -> Iterator[_Change]:

@@ -274,8 +274,8 @@ def design_calibration(robot: Robot, sensors: Sensors, duration: float,
     planner.require_room()
     value, sequence = planner.search(criterion, (3, 4, 5))
     if not np.isfinite(value):
-        raise MotionError(f'no three poses fit into {duration:g} s: give more time, a quicker '
-                          'pace or a smaller tilt')
+        raise MotionError(f'no three poses fit into {duration:g} s: give more time '
+                          '(--time)')
     measure = float(np.floor(100 * planner.measure(sequence)) / 100)
     names = ['home', *(f'pose_{k}' for k in range(1, len(sequence)))]
     return Design(robot, sensors, {name: poses[i] for name, i in zip(names, sequence)},

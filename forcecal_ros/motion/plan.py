@@ -212,7 +212,8 @@ def check_wrench(plan: Sequence[PlannedSegment], wrench: Array, limits: Limits) 
                                     ('torque', torque, limits.torque, 'N m')):
         if not value <= limit:
             raise MotionError(f'the sensor reads {value:.4g} {unit} at rest, limits.{key} is '
-                              f'{limit:g} {unit}; unload it or raise the limit')
+                              f'{limit:g} {unit}; see that nothing touches the tool, then '
+                              'raise the limit')
     for part in plan:
         if not isinstance(part.move, Move):
             continue

@@ -116,8 +116,8 @@ def _of_joints(node: Node, base: str, frame: str, urdf: str) -> PoseSource:
         text = urdf.encode() if source != urdf else Path(urdf).read_bytes()
         poses = JointPose(Description(text, source), base, frame, 'pose', source)
     except OSError as error:
-        raise ConfigError(f'pose.urdf {urdf}: cannot be read ({error.strerror}); name a URDF, or '
-                          'give its text') from error
+        raise ConfigError(f'pose.urdf {urdf}: cannot be read ({error.strerror}); name a URDF '
+                          'that is there') from error
     except DataError as error:
         raise ConfigError(f'pose.urdf: {error}') from error
     joints = JointsReader(poses.drivers)

@@ -11,7 +11,7 @@ from forcecal_ros.report import figures
 from forcecal_ros.report.page import Picture, picture, render_page
 from forcecal_ros.report.panels import Line, Panel, Shown
 from forcecal_ros.report.quantity import handy, quantity, rounded, size
-from forcecal_ros.report.rows import HALF, interval, promises, Row, table, value
+from forcecal_ros.report.rows import HALF, interval, negligible, promises, Row, table, value
 from forcecal_ros.report.words import Fact, origin, Step
 from matplotlib.figure import Figure
 import numpy as np
@@ -135,7 +135,7 @@ def _cells(row: Row, with_truth: bool) -> list[str]:
     cells = [row.name, value(row), '' if row.unit == '1' else row.unit, interval(row)]
     if with_truth:
         cells += ['' if row.truth is None else f'{row.truth:.6g}',
-                  '' if row.sigmas is None else f'{row.sigmas:+.1f} σ']
+                  '' if row.sigmas is None or negligible(row) else f'{row.sigmas:+.1f} σ']
     return cells
 
 
@@ -228,6 +228,8 @@ def in_words(quality: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 def _fit(chi_square: Mapping[str, Any]) -> str:
     p = float(chi_square['probability'])
+    if not np.isfinite(p):
+        return 'Not tested: the recording does not tell how noisy a reading is at rest.'
     fits = 'do not fit one rigid tool' if p < DOUBTFUL else 'fit one rigid tool'
     return (f'They {fits}: chi-square {rounded(float(chi_square["value"]))} for '
             f'{chi_square["degrees"]:g} degrees of freedom (probability {rounded(p, 2)}).')

@@ -10,6 +10,7 @@ from forcecal_ros.report.rows import (
     aligned,
     AXES,
     estimates,
+    FINEST,
     HALF,
     number,
     Row,
@@ -168,10 +169,17 @@ def _settings(c: Calibration) -> dict[str, Any]:
             'observer.mode': c.observer and c.observer.mode}
 
 
+def _change(change: Change) -> str:
+    """Write a difference to the digits that its standard error warrants, however small."""
+    if 0 < change.std < FINEST:
+        return f'{change.difference:.1e}'
+    return number(change.difference, change.std)
+
+
 def as_text(comparison: Comparison) -> str:
     """Return a table of all numbers, then what else differs, and the sum of it in one line."""
     head = ['estimate', 'first', 'second', 'change', 'std. errors', 'unit']
-    body = [[c.first.name, value(c.first), value(c.second), number(c.difference, c.std),
+    body = [[c.first.name, value(c.first), value(c.second), _change(c),
              '-' if c.sigmas is None else f'{c.sigmas:+.1f}', c.first.unit]
             for c in comparison.changes]
     rule = ['-' * max(len(line[i]) for line in [head, *body]) for i in range(len(head))]

@@ -27,19 +27,19 @@ TONES = {'no_gap': 'good', 'identified': 'known', 'ambiguous': 'doubt', 'partial
 """Colour of each verdict."""
 
 CAPTIONS = {
-    'Where it shows most': 'The channel and the phase that the verdict names; below it measured '
-                           'less simulated.',
+    'Where it shows most': 'The channel and the phase that the verdict names; below, its '
+                           'residual: measured - simulated.',
     'Where else': 'How far measured and simulated are apart beyond the noise at rest, by stage '
                   'and channel, phase and octave. Grey: no farther than noise.',
-    'Signals': 'Simulated: after what differs from robot to robot was fitted within its '
+    'Signals': 'Simulated: after what differs from robot to robot was re-estimated within its '
                'tolerances.',
-    'What is left': 'The same channels, measured less simulated.',
-    'Spectra': 'What is left in motion, against the noise at rest.',
+    'Residuals': 'The same channels, measured - simulated.',
+    'Spectra': 'Power of the residuals in motion, beside the noise at rest.',
 }
 
 
-WITH_EFFECTS = {'Signals': ' Explained: with the effects, too.',
-                'What is left': ' Less explained: with the effects, too.'}
+WITH_EFFECTS = {'Signals': ' Explained: with the effects added.',
+                'Residuals': ' Explained: with the effects added.'}
 """What follows where effects are named."""
 
 
@@ -61,7 +61,7 @@ def render(view: View, origin: list[str], step: Step) -> str:
     """
     d = view.diagnosis
     named = d.verdict in NAMED
-    arms = ('as the file has it', 'simulated', *(('explained',) if named else ()), 'noise')
+    arms = ('nominal', 'simulated', *(('explained',) if named else ()), 'noise')
     kept = [0, 1, *((2,) if named else ()), 3]
     return render_page(
         'diagnosis.html.j2', 'Sim-to-real gap', origin=origin, verdict=d.verdict.replace('_', ' '),
@@ -90,7 +90,7 @@ def _pictures(view: View, *, first: bool) -> Iterator[Picture]:
     shown: dict[str, Figure | Shown | None] = {
         'Where it shows most': closest(view)} if first else {
         'Where else': heat_map(view), 'Signals': signals(view),
-        'What is left': residuals(view), 'Spectra': spectra(view)}
+        'Residuals': residuals(view), 'Spectra': spectra(view)}
     for title, what in shown.items():
         if what is not None:
             more = WITH_EFFECTS.get(title, '') if named(view) else ''
@@ -103,9 +103,10 @@ def _with_error(p: Parameter) -> tuple[str, str]:
 
 
 def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:
-    """Return every number of every effect in SI units, as a rig file wants them."""
+    """Return every number that was found, in SI units, as a rig file wants them."""
     out = [(e.name, name, *_with_error(p), '' if p.unit == '1' else p.unit)
-           for e in d.effects for name, p in e.parameters.items()]
+           for e in d.effects for name, p in e.parameters.items()
+           if p.value or p.std or p.at_bound]
     return out + [(e.name, word, f'{at:.3f}', f'{low:.3f} to {high:.3f} (95 %)', 's')
                   for e in d.effects for word, at, (low, high) in instants(e)]
 
@@ -168,7 +169,7 @@ def signals(view: View) -> Shown:
 
 
 def residuals(view: View) -> Shown:
-    """Show what is left of the measured signals before and after the effects."""
+    """Show measured - simulated, before and after the effects."""
     return _whole(view, tuple(_residuals(view, c) for c in view.channels(SHOWN)))
 
 
@@ -186,17 +187,17 @@ def _signals(view: View, channel: int) -> Panel:
     return _panel(view, channel, (
         ('measured', 'measured', measured, False),
         ('simulated', 'simulated', measured - view.recalibrated[:, channel], False),
-        ('as the file has it', 'other', measured - view.nominal[:, channel], True),
+        ('nominal', 'other', measured - view.nominal[:, channel], True),
         ('explained', 'explained', measured - view.explained[:, channel], False)))
 
 
 def _residuals(view: View, channel: int) -> Panel:
     there = view.present[:, channel]
-    name = f'{CHANNELS[channel].name} left'
+    title = f'Δ {CHANNELS[channel].name}'
     return _panel(view, channel, tuple(
         (name, role, np.where(there, values[:, channel], np.nan), False)
-        for name, role, values in (('less simulated', 'simulated', view.recalibrated),
-                                   ('less explained', 'explained', view.explained))), name)
+        for name, role, values in (('measured - simulated', 'simulated', view.recalibrated),
+                                   ('measured - explained', 'explained', view.explained))), title)
 
 
 def _panel(view: View, channel: int, lines: tuple[tuple[str, str, Array, bool], ...],
@@ -225,9 +226,10 @@ def spectra(view: View) -> Figure | None:
     axes = np.atleast_1d(figure.subplots(1, len(chosen)))
     for ax, c in zip(axes, chosen):
         there = view.present[:, c]
+        moving = there & (view.groups > 0)
         for rows, role, label in (
-                (view.recalibrated[there & (view.groups > 0), c], 'simulated', 'less simulated'),
-                (view.explained[there & (view.groups > 0), c], 'explained', 'less explained'),
+                (view.recalibrated[moving, c], 'simulated', 'measured - simulated'),
+                (view.explained[moving, c], 'explained', 'measured - explained'),
                 (view.explained[there & (view.groups == 0), c], 'other', 'at rest')):
             if len(rows) > 64 and (role != 'explained' or named(view)):
                 _spectrum(ax, rows, COLOURS[role], label, _rate(there))

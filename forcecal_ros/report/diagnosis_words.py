@@ -9,7 +9,7 @@ from forcecal_ros.diagnose.judge.named_effects import instants
 from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.diagnose.say.verdict import percent
 from forcecal_ros.report.diagnosis_view import View
-from forcecal_ros.report.effect_words import phrase, sentence
+from forcecal_ros.report.effect_words import phrase, sentence, WORDS
 from forcecal_ros.report.quantity import size
 from forcecal_ros.report.words import Fact, Step
 
@@ -19,7 +19,7 @@ NAMED = ('identified', 'ambiguous', 'partial')
 HEADS = {
     'no_gap': 'The simulation explains this recording down to its noise.',
     'unknown': 'Recording and simulation differ, and no known effect explains it.',
-    'not_excited': 'This recording cannot tell: ',
+    'not_excited': 'No verdict: ',
     'invalid_data': 'This recording cannot be used: ',
 }
 """First sentence of the verdicts that name no effect; the reason follows a colon."""
@@ -27,7 +27,10 @@ HEADS = {
 SHARE = ' of the misfit'
 """A verdict of effects that show in stamps and values alone says no share, nor does its page."""
 
-SAID = (SHARE, 'explains it about as well', 'explains the recording down to its noise')
+AS_WELL = 'explains it about as well'
+"""How the verdict ends of an effect that others could replace."""
+
+SAID = (SHARE, AS_WELL, 'explains the recording down to its noise')
 """A verdict that ends so says no more than its first sentence on the page."""
 
 FEW = 6
@@ -51,9 +54,16 @@ def headline(d: Diagnosis) -> str:
     """
     if d.verdict not in NAMED:
         head = HEADS[d.verdict]
-        return f'{head}{d.reason}.' if head.endswith(' ') else head
+        return f'{head}{_cause_and_remedy(d)[0]}.' if head.endswith(' ') else head
     found = ' '.join(f'{sentence(e)} ({percent(e.probability)} sure).' for e in d.effects)
     return ' '.join(part for part in (found, explained(d), *_but(d)) if part)
+
+
+def _cause_and_remedy(d: Diagnosis) -> tuple[str, str]:
+    """Part the reason of a recording that tells nothing into what is wrong and what to do."""
+    cause, _, remedy = d.reason.rpartition('; ')
+    apart = cause and remedy.count('(') == remedy.count(')')  # not within parentheses
+    return (cause, remedy) if apart and HEADS[d.verdict].endswith(' ') else (d.reason, '')
 
 
 def explained(d: Diagnosis) -> str:
@@ -62,14 +72,17 @@ def explained(d: Diagnosis) -> str:
         return ''
     low, high = d.gap.closed_ci95
     them = 'it' if len(d.effects) == 1 else 'them'
-    return (f'Adding {them} explains {percent(d.gap.closed)} of the misfit (95 % interval: '
+    # a name that is no effect's is a number of somebody's simulator
+    do = 'Adding' if any(e.name in WORDS for e in d.effects) else 'Changing'
+    return (f'{do} {them} explains {percent(d.gap.closed)} of the misfit (95 % interval: '
             f'{max(0.0, 100.0 * low):.0f} to {100.0 * high:.0f} %).')
 
 
 def _but(d: Diagnosis) -> Iterator[str]:
     others = [n for n, _ in d.candidates if n not in {e.name for e in d.effects} | {'unknown'}]
     if d.verdict == 'ambiguous' and others:
-        yield f'But this would explain it about as well: {_listed(others)}.'
+        these = 'this' if len(others) == 1 else 'each of these'
+        yield f'But {these} would explain it about as well: {_listed(others)}.'
     if d.verdict == 'partial':
         yield 'Part of the misfit is something else.'
 
@@ -96,6 +109,8 @@ def _in_full(d: Diagnosis) -> Fact:
     if HEADS.get(d.verdict, '').endswith(' ') or d.reason.endswith(SAID):
         return Fact('In full', '')
     _, share, more = d.reason.partition(SHARE)
+    if d.verdict == 'ambiguous':  # the first sentence names the others
+        more = more.partition(AS_WELL)[2]
     if share and d.verdict in NAMED:
         return Fact('Besides', _begun(f'{more.lstrip(",; ")}.'))
     return Fact('In full', _begun(f'{d.reason}.'))
@@ -119,6 +134,8 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice:
     """
     if d.verdict == 'ambiguous' and advice:
         return Step(f'{advice.partition(";")[0].rstrip(".")}.')
+    if d.verdict == 'invalid_data' and (remedy := _cause_and_remedy(d)[1]):
+        return Step(f'{_begun(remedy)}. Then diagnose again.')
     rig, calibration, model = (
         next((f'{folder.rstrip("/")}/{f}' for f in files if f.startswith(kind)), '')
         for kind in ('rig', 'calibration_patched', 'model_patched'))
@@ -187,7 +204,7 @@ def _called(name: str, named: Collection[str]) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
-    return ' or '.join(map(_explained_name, names))
+    return '; '.join(map(_explained_name, names))
 
 
 def _explained_name(name: str) -> str:

@@ -65,7 +65,7 @@ def _facts(result: SensorResult, file: str) -> Iterator[Fact]:
     if result.matrix is not None and result.mass is not None and result.com is not None:
         yield Fact('Body', (
             f'What hangs on the sensor besides weighs {_estimate(result.mass)} kg, its centre of '
-            f'mass at {_estimate(result.com)} m (x, y, z).'))
+            f'mass at {_pairs(1e3 * result.com.value, 1e3 * result.com.std)} mm (x, y, z).'))
     if result.warnings:
         yield Fact('Next', 'Do what the warnings below say, and calibrate again.')
     elif result.matrix is None:

@@ -14,6 +14,9 @@ MOST_DECIMALS = 7
 """Of a number in a table: the part of a unit vector along its axis would have ten, which nobody
 knows."""
 
+FINEST = 0.5 * 10.0 ** -MOST_DECIMALS
+"""Standard error below which a table shows none of it."""
+
 AXES = ('x', 'y', 'z')
 WRENCH_AXES = ('force x', 'force y', 'force z', 'torque x', 'torque y', 'torque z')
 
@@ -138,7 +141,7 @@ def as_text(shown: list[Row]) -> str:
         if with_truth:
             sigmas = row.sigmas
             cells += ['' if row.truth is None else f'{row.truth:.6g}',
-                      '' if sigmas is None else f'{sigmas:+.1f} sigma']
+                      '' if sigmas is None or negligible(row) else f'{sigmas:+.1f} sigma']
         body.append(cells)
     rule = ['-' * max(len(line[i]) for line in [head, *body]) for i in range(len(head))]
     return '\n'.join(aligned([head, rule, *body], left=(0, 3)))
@@ -152,12 +155,19 @@ def interval(row: Row) -> str:
 
 def value(row: Row) -> str:
     """Return the value as text, to the digits that its standard error warrants."""
-    return number(row.value, row.std)
+    return f'{row.value:.{MOST_DECIMALS}g}' if negligible(row) else number(row.value, row.std)
 
 
 def error(row: Row) -> str:
     """Return the standard error as text, or a dash where it is not known."""
+    if negligible(row):
+        return f'< 1e-{MOST_DECIMALS}'
     return number(row.std, row.std) if row.std > 0 else '-'
+
+
+def negligible(row: Row) -> bool:
+    """Whether a standard error is known, and less than the last digit that a table shows."""
+    return 0 < row.std < FINEST
 
 
 def number(x: float, std: float) -> str:

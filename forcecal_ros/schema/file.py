@@ -43,7 +43,8 @@ def load(kind: type[T], source: 'Path | Traversable', *, name: str = '', form: s
         with source.open('rb') as file:
             document = load_yaml(file.read(LARGEST + 1), name)
     except OSError as error:
-        raise ConfigError(f'{name}: cannot be read ({error.strerror}); {remedy}') from error
+        there = 'name a file that is there' if isinstance(error, FileNotFoundError) else remedy
+        raise ConfigError(f'{name}: cannot be read ({error.strerror}); {there}') from error
     if form and isinstance(document, dict):
         if document.get('format') != form:
             raise ConfigError(f'{name}: format is {shown(document.get("format"))}, expected '

@@ -262,9 +262,9 @@ def _site(mujoco: Any, spec: Any, path: str, given: str | None) -> str:
     names = [site.name for site in spec.sites]
     found = {one.objname for one in spec.sensors if one.type == mujoco.mjtSensor.mjSENS_FORCE}
     if len(found) != 1:
-        raise ConfigError(f'--mujoco {path}: {len(found)} sites have a force sensor; say which '
-                          f'with --ft-site, one of {", ".join(filter(None, names)) or "none"}, or '
-                          "add a site to the tool's body")
+        raise ConfigError(f'--mujoco {path}: {len(found)} sites have a force sensor; ' + (
+            f'say which with --ft-site, one of {", ".join(filter(None, names))}'
+            if any(names) else "add a site with a name to the tool's body"))
     return str(found.pop())
 
 
@@ -292,7 +292,7 @@ def _base_of(body: Any, path: str, site: str) -> Any:
     moved = [one for one in chain if list(one.joints)]
     if not moved:
         raise ConfigError(f'--mujoco {path}: site {site} is on {body.name or "a body"}, which no '
-                          'joint moves; name one on the tool, or add it there')
+                          'joint moves; name one on the tool with --ft-site')
     return moved[-1].parent
 
 

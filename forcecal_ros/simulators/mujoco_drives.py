@@ -96,7 +96,7 @@ def _others(mujoco: Any, model: Any, joint: str = '') -> str:
     gains = [f'<numeric name="{letter}[{first}]" data="..."/>'
              for letter in ('p' if kind == VELOCITY else 'pd')]
     return (f'{", ".join(wants)}; put the gains of its controller into <custom>, '
-            f'{" and ".join(gains)}, or make it a position actuator')
+            f'{" and ".join(gains)}')
 
 
 def _drive(mujoco: Any, model: Any, i: int) -> Drive | None:

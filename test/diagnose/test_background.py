@@ -41,7 +41,7 @@ def test_an_effect_is_identified_beside_what_no_library_has_and_that_is_said():
     assert [e.name for e in found.effects] == ['wrench_crosstalk']
     value = found.effects[0].parameters['fx_of_fz']
     assert value.value == pytest.approx(0.05, abs=0.01)
-    assert 'like none of the library' in found.reason
+    assert 'matches no effect of the library' in found.reason
     document = to_document(found, {c.name: c.unit for c in DIAGNOSED}, None)
     assert json.loads(json.dumps(document, allow_nan=False))['gap']['closed'] > 0.5
 
@@ -50,7 +50,7 @@ def test_what_no_library_has_is_not_given_a_name_of_the_library():
     found = diagnose(recorded({}), None, load_rig()).diagnosis
     assert found.verdict == 'unknown'
     assert all(p < 0.5 for name, p in found.candidates if name != 'unknown')
-    assert 'like none of the library' in found.reason
+    assert 'matches no effect of the library' in found.reason
 
 
 @pytest.mark.parametrize('rate', [250.0, 500.0, 750.0])

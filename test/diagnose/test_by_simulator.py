@@ -23,7 +23,7 @@ import numpy as np
 from own_arm import commands, SECONDS, TOLERANCES
 import pytest
 
-PAGE = Path(__file__).resolve().parents[2] / 'docs/simulator.md'
+PAGE = Path(__file__).resolve().parents[2] / 'docs/own_simulator.md'
 INPUTS = Inputs(0.0, SECONDS, commands())
 
 

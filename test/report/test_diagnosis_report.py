@@ -118,6 +118,9 @@ def test_other_causes_are_explained_and_an_ambiguous_verdict_says_what_tells_the
     assert said['How sure'] == ('70 % wrench_delay, 30 % wrench_lowpass (force and torque are '
                                 'smoothed by a filter).')
     assert 'In full' not in said and 'Besides' not in said  # the first sentence says it
+    rest = replace(two, reason=f'{two.reason}; what remains: force.x in step')
+    said = {one.label: one.words for one in facts(view_without_signals(rest), NEXT)}
+    assert said['Besides'] == 'What remains: force.x in step.'
     left = replace(IDENTIFIED, reason=f'{IDENTIFIED.reason}; what remains: force.x in step')
     said = {one.label: one.words for one in facts(view_without_signals(left), NEXT)}
     assert said['Besides'] == 'What remains: force.x in step.'
@@ -191,6 +194,30 @@ def test_every_share_on_the_page_is_the_same_one():
     assert 'class="said known"' in page and TONES.keys() >= {'no_gap', 'partial', 'ambiguous'}
 
 
+def test_a_recording_that_cannot_be_used_says_what_to_do_as_the_next_step():
+    d = replace(IDENTIFIED, verdict='invalid_data', effects=(),
+                reason='force.z (x; y) never changes; check the cable, and record again')
+    assert headline(d) == 'This recording cannot be used: force.z (x; y) never changes.'
+    assert next_step(d, 'bag', 'out', ()).words == (
+        'Check the cable, and record again. Then diagnose again.')
+    cut = replace(d, reason='too few samples (12; 300 are needed)')
+    assert headline(cut).endswith('(12; 300 are needed).')
+    assert next_step(cut, 'bag', 'out', ()).words.startswith('Mend what is named above')
+
+
+def test_numbers_that_were_not_found_are_not_listed():
+    d = replace(IDENTIFIED, effects=(NamedEffect('wrench_gain', {
+        'fx': Parameter(0.02, 0.001, '1'), 'fy': Parameter(0.0, 0.0, '1')}, 0.9),))
+    page = render(view_without_signals(d), ['bag'], NEXT)
+    assert '>fx<' in page and '>fy<' not in page
+
+
+def test_a_number_of_a_simulator_is_changed_and_not_added():
+    d = replace(IDENTIFIED, effects=(NamedEffect(
+        'body_mass[gripper]', {'body_mass[gripper]': Parameter(1.26, 0.002, 'kg')}, 0.97),))
+    assert ' Changing it explains ' in headline(d)
+
+
 def test_the_next_step_is_a_command_that_a_shell_takes():
     step = next_step(IDENTIFIED, 'my bag', 'out/', ('rig_patched.yaml',))
     assert step.command == ("forcecal simulate --rig out/rig_patched.yaml --commands 'my bag' "
@@ -237,7 +264,7 @@ def test_the_plot_that_zooms_shows_the_phase_and_channel_of_the_verdict():
     assert 9.0 < shown.start < 10.0 and 12.0 < shown.end < 13.0
     plot = json.loads(json.dumps(live(shown), allow_nan=False))
     assert [axis['title']['text'] for key, axis in plot['layout'].items()
-            if key.startswith('yaxis')] == ['force.y [N]', 'force.y left [N]']
+            if key.startswith('yaxis')] == ['force.y [N]', 'Δ force.y [N]']
     assert {one['name'] for one in plot['data'] if one['visible'] is True} >= {
         'measured', 'simulated', 'explained'}
     step, = (one for one in plot['layout']['shapes'] if one['fillcolor'] == 'var(exciting)')

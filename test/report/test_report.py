@@ -7,7 +7,7 @@ from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
 from forcecal_ros.report.calibration import in_words, render
 from forcecal_ros.report.impedance import _cells
-from forcecal_ros.report.rows import as_text, table
+from forcecal_ros.report.rows import as_text, Row, table
 from forcecal_ros.reproduce.assess import Figures, rms
 import numpy as np
 import pytest
@@ -40,6 +40,11 @@ def test_standard_errors_decide_how_many_digits_are_shown(calibration):
 def test_forces_and_torques_have_units_of_their_own(calibration):
     units = {row.key: row.unit for row in table(calibration)}
     assert units['wrench_bias.force.z'] == 'N' and units['wrench_bias.torque.x'] == 'N m'
+
+
+def test_an_error_below_the_last_digit_is_no_zero_and_no_distance():
+    exact = Row('map xx', 'map.xx', '1', 0.9999999991, 2e-9, 1.0)
+    assert as_text([exact]).splitlines()[-1].split() == ['map', 'xx', '1', '<', '1e-7', '1', '1']
 
 
 def test_the_truth_stands_beside_with_its_distance(calibration):
@@ -89,6 +94,8 @@ def test_quality_is_said_in_words():
     assert said['Fit of the poses'] == ('They do not fit one rigid tool: chi-square 3.79 for 8 '
                                         'degrees of freedom (probability 0.0012).')
     assert said['Note'] == 'X points along +x.' and not dict(in_words({}))
+    untested = {'value': float('nan'), 'degrees': 8, 'probability': float('nan')}
+    assert 'Not tested' in dict(in_words({'chi_square': untested}))['Fit of the poses']
 
 
 def test_warnings_come_before_the_numbers(calibration, recording):

@@ -147,7 +147,7 @@ def _unusable(recording: Recording) -> str:
     assert stream is not None
     assert pose is not None
     if recording.accelerometer_unit != 'm/s^2':
-        return 'speaks volts; record an Imu or AccelStamped'
+        return 'speaks volts; record an Imu'
     angle = from_gravity(stream, pose)
     if angle > TURNED:
         return (f'feels gravity {np.degrees(angle):.0f} deg from where the pose has it; publish '

@@ -28,6 +28,12 @@ from scipy.optimize import least_squares
 LIGHTEST = 0.02
 """Mass of a tool, at least, that a wrench sensor shows [kg]: 0.2 N, the noise of most."""
 
+OTHER_SIGN = 'give --simulated-wrench-sign -1 (1 where -1 is given)'
+"""How a recorded wrench of the other sign is turned."""
+
+TURN = 'turn it in the simulator'
+"""How that of a simulator that is run is turned."""
+
 DRAWN = (0.01, 0.001)
 """
 How well a tool is known by its drawing, 1 sigma of mass (relative) and centre of mass [m]: cables
@@ -97,7 +103,8 @@ class SimulatedTool(NamedTuple):
                              rigid_tool=replace(self.rigid_tool, wrench_sensor=moved))
 
 
-def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig) -> SimulatedTool:
+def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig,
+                   turn: str = OTHER_SIGN) -> SimulatedTool:
     """
     Tell the tool of a simulator from its wrench and motion.
 
@@ -109,6 +116,8 @@ def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig) 
         When block 0 begins [s].
     rig : Rig
         Gives the tolerances.
+    turn : str
+        How a wrench of the other sign is turned.
 
     Returns
     -------
@@ -125,8 +134,7 @@ def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig) 
     tool, bias, unexplained = tool_along(motion, simulated, rig)
     if tool[0] < -LIGHTEST:
         raise DataError("the simulated wrench has the other sign: at rest it must be the tool's "
-                        f'weight, pointing down, and shows {tool[0]:.2f} kg; turn it in the '
-                        'simulator, or of a recording give --simulated-wrench-sign -1')
+                        f'weight, pointing down, and shows {tool[0]:.2f} kg; {turn}')
     if tool[0] < LIGHTEST:
         raise DataError(f'the simulated wrench holds no weight of a tool ({tool[0]:.3f} kg)'
                         f'{vertical}; let the simulator publish the wrench in the frame of its '

@@ -96,7 +96,7 @@ def refuse_unjudged(model: LinearisedModel) -> None:
         counts = {name: max(_blocks(model, name)) for name in SENSORS if max(_blocks(model, name))}
         listed = ', '.join(f'{name} {n}' for name, n in counts.items())
         raise DataError(f'too few samples beside the commands to know the noise ({listed}; '
-                        f'{FEWEST} in steady succession are needed): record longer, or faster')
+                        f'{FEWEST} in steady succession are needed); record longer')
 
 
 def unjudged(model: LinearisedModel) -> str:

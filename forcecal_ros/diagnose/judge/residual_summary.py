@@ -230,7 +230,7 @@ def _discrepancy_in_words(summary: ResidualSummary) -> str:
     c = int(summary.predictability.size.argmax())
     total = np.concatenate([one[:, c] for one in summary.predictability.prediction])
     rms = float(np.sqrt(np.mean(total ** 2)))
-    return (f'a part that follows the motion and is like none of the library, '
+    return (f'a part that follows the motion but matches no effect of the library, '
             f'{rms:.2g} {CHANNELS[c].unit} RMS in {CHANNELS[c].name}')
 
 

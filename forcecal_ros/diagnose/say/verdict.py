@@ -50,7 +50,7 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
     significant = part.ratio >= 1.0
     if not excited:
         return 'not_excited', ('the recording moves too little to tell effects apart; record '
-                               'poses, a step, a sweep, slow reversals and contact')
+                               'what forcecal plan writes')
     if not named:
         if significant:
             return 'unknown', (f'there is a gap that no effect of the library explains: '

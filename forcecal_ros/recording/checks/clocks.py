@@ -268,7 +268,7 @@ def lost_messages(recording: Recording) -> Iterator[str]:
         missing = int((np.diff(jitter.number) - 1)[short].sum())
         if missing > limits.LOST_TOLD * (missing + len(stream)):
             yield (f'{name}: {missing / (missing + len(stream)):.0%} of its messages are missing: '
-                   'record with reliable QoS, or on the computer that sends them')
+                   'record on the computer that sends them')
 
 
 def _pause_lines(who: str, gaps: list[Gap]) -> list[str]:
