@@ -18,7 +18,7 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.autoregression import Autoregression
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.linalg import cho_solve, cholesky, LinAlgError, solve_triangular
 
 Scales = tuple[float, ...]
 """Part of the signal that a discrepancy has in each stream, in the order of STREAM_SLICES."""
@@ -76,6 +76,16 @@ class _Modes(NamedTuple):
 def _square(rows: NDArray[np.float32]) -> Array:
     # combinations are nearly orthogonal, so that single precision keeps even the faint ones
     return np.asarray(rows @ rows.T, dtype=float)
+
+
+def _factor(information: Array) -> Array:
+    """Return a Cholesky factor; what rounding has made negative counts as nothing."""
+    try:
+        return np.asarray(cholesky(information, lower=True))
+    except LinAlgError:
+        values, vectors = np.linalg.eigh(information)
+        least = np.finfo(np.float32).eps * values[-1]
+        return np.asarray(cholesky((vectors * np.maximum(values, least)) @ vectors.T, lower=True))
 
 
 class Discrepancy:
@@ -156,8 +166,7 @@ class WhitenedDiscrepancy:
         if key not in self._factors:
             modes = self.modes(c)
             information = modes.trained if trained else modes.all
-            self._factors[key] = np.asarray(cholesky(
-                information + np.eye(len(information)) / size ** 2, lower=True))
+            self._factors[key] = _factor(information + np.eye(len(information)) / size ** 2)
         return self._factors[key]
 
     def predicted(self, residual: Sequence[Array]) -> list[Array]:

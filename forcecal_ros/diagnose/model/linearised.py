@@ -279,21 +279,31 @@ class LinearisedModel:
         """Fit the noise of what a step of the nuisances, and any discrepancy, leave."""
         residuals = [b - combined(columns, x, len(b))
                      for b, columns in zip(self.residuals, self.jacobian)]
-        signal = _signal(self) if self.discrepancy is None else self.discrepancy.signal
-        floor = QUIETEST * signal
-        floor[STREAM_SLICES['joints']] = JOINT
         if not self.noise and self.datasets[0].simulation.starts_white:
-            self.noise = [_no_less(white(r, c.measured.present, c.groups), floor)
-                          for r, c in zip(residuals, self.datasets)]
+            self.noise = self.white_noise(residuals)
         if self.noise and self.discrepancy is not None:
             predicted = self.whitened_discrepancy().predicted(residuals)
             residuals = [r - p for r, p in zip(residuals, predicted)]
+        floor = self._quietest()
         fitted = [_no_less(fit_autoregression(r, c.measured.present, c.groups), floor)
                   for r, c in zip(residuals, self.datasets)]
         # features are whitened anew for each noise, which takes seconds
         if not self.noise or not all(old.as_good_as(new, r) for old, new, r in zip(
                 self.noise, fitted, residuals)):
             self.noise = fitted
+
+    def white_noise(self, residuals: Sequence[Array]) -> list[Autoregression]:
+        """Return noise as strong as neighbouring samples of residuals differ by."""
+        floor = self._quietest()
+        return [_no_less(white(r, c.measured.present, c.groups), floor)
+                for r, c in zip(residuals, self.datasets)]
+
+    def _quietest(self) -> Array:
+        """Return the least noise of each channel, shape (channels,)."""
+        signal = _signal(self) if self.discrepancy is None else self.discrepancy.signal
+        floor = QUIETEST * signal
+        floor[STREAM_SLICES['joints']] = JOINT
+        return np.asarray(floor)
 
     def recalibrate(self) -> None:
         """Move the centre to the best nuisances, noise refitted on the way."""

@@ -23,7 +23,6 @@ from forcecal_ros.diagnose.search.onsets import (
     Onset,
 )
 from forcecal_ros.diagnose.search.selection import select, Selection
-from forcecal_ros.recording.noise.autoregression import white
 import numpy as np
 
 MOST = 2
@@ -105,8 +104,7 @@ def _white(model: LinearisedModel) -> LinearisedModel:
 
     One that was fitted to a residual in which an effect begins whitens its beginning away.
     """
-    return replace(model, noise=[white(r, c.measured.present, c.groups)
-                                 for r, c in zip(model.residuals, model.datasets)])
+    return replace(model, noise=model.white_noise(model.residuals))
 
 
 def _fitted(start: Found, now: JointFit, before: LinearisedModel,
