@@ -120,19 +120,20 @@ def _fitted(start: Found, now: JointFit, before: LinearisedModel,
                         library={**now.model.library, BIAS.name: BIAS})
         others = [a for a in now.accepted if a.name != onset.name]
         fit = joint_fit_if_finite(model, [*others, onset.accepted()])
-        if fit is None:
-            continue
-        fit = _refitted(fit, onset.name)
-        out.append((long_memory_likelihood_ratio(before, fit.model), start, fit, onset))
+        fit = fit and _refitted(fit, onset.name, before)
+        if fit is not None:
+            out.append((long_memory_likelihood_ratio(before, fit.model), start, fit, onset))
     return out
 
 
-def _refitted(now: JointFit, name: str) -> JointFit:
-    """Fit noise, instant and effects in turn."""
+def _refitted(now: JointFit, name: str, before: LinearisedModel) -> JointFit | None:
+    """Fit noise, instant and effects in turn; nothing where it brings nothing."""
     for _ in range(2):
         now.model.refit_noise(np.zeros(len(now.model.nuisances)))
-        model = moved(now.model, name, instant_of(now, name))
-        now = joint_fit_if_finite(model, now.accepted) or now
+        now = now._replace(model=moved(now.model, name, instant_of(now, name)))
+        if long_memory_likelihood_ratio(before, now.model) < 0.0:
+            return None
+        now = joint_fit_if_finite(now.model, now.accepted) or now
     return now
 
 
