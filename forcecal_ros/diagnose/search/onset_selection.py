@@ -13,6 +13,7 @@ from forcecal_ros.diagnose.search.acceptance import (
     SIMILAR,
 )
 from forcecal_ros.diagnose.search.bias_steps import Event
+from forcecal_ros.diagnose.search.fitted import Accepted
 from forcecal_ros.diagnose.search.joint_fit import joint_fit_if_finite, JointFit
 from forcecal_ros.diagnose.search.onsets import (
     Instant,
@@ -33,6 +34,10 @@ TRIES = 3
 
 LEAST = LEAST_LONG_MEMORY_RATIO + float(np.log(INSTANTS))
 """Log-likelihood ratio that an onset needs: what any effect does, and as many instants tried."""
+
+
+CERTAIN = float(np.sqrt(2.0 * LEAST))
+"""Standard errors of a number of an onset whose likelihood ratio is the least."""
 
 
 class Found(NamedTuple):
@@ -121,9 +126,24 @@ def _fitted(start: Found, now: JointFit, before: LinearisedModel,
         others = [a for a in now.accepted if a.name != onset.name]
         fit = joint_fit_if_finite(model, [*others, onset.accepted()])
         fit = fit and _refitted(fit, onset.name, before)
-        if fit is not None:
+        if fit is not None and _shown(fit.model, fit.accepted, onset.name):
             out.append((long_memory_likelihood_ratio(before, fit.model), start, fit, onset))
     return out
+
+
+def _shown(model: LinearisedModel, accepted: Sequence[Accepted], name: str) -> bool:
+    """
+    Say whether a number of an effect stands as far from nothing as its likelihood ratio says.
+
+    Where a simulation is as inexact as measured motion is, an effect at the end of its range, or
+    of a size that nothing tells, can make a likelihood larger: that is none.
+    """
+    own = next((a for a in accepted if a.name == name), None)
+    if own is None:
+        return False
+    return any(not q.shapes and std > 0.0 and q.low < value < q.high
+               and abs(value - q.nominal) > CERTAIN * std
+               for q, value, std in zip(model.library[name].parameters, own.theta, own.std))
 
 
 def _refitted(now: JointFit, name: str, before: LinearisedModel) -> JointFit | None:
@@ -155,6 +175,7 @@ def _searched(bare: LinearisedModel, now: Found, start: Found, fit: JointFit, on
         instants[name] = instant_of(jointly, name)
         selection = selection._replace(model=moved(selection.model, name, instants[name]))
     ratio = long_memory_likelihood_ratio(now.selection.model, selection.model)
-    if len(instants) <= len(now.instants) or ratio < LEAST:
+    if len(instants) <= len(now.instants) or ratio < LEAST \
+            or not all(_shown(selection.model, selection.accepted, n) for n in instants):
         return None
     return Found(start.model, selection, start.events, instants)
