@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
+from forcecal_ros.diagnose.search.instants import interval
 from forcecal_ros.effects.nuisances import Nuisance
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.steps import steps
@@ -30,9 +31,6 @@ SURE = 8.0
 
 NEAR = 0.3
 """How far from where it was first seen an instant is sought [s]: ten blocks at 30 Hz."""
-
-COVERED = 0.95
-"""Probability that the interval of an instant covers."""
 
 
 class Event(NamedTuple):
@@ -175,12 +173,8 @@ def _sharpened(model: LinearisedModel, events: Sequence[Event]) -> list[Event]:
         t = model.datasets[e.recording].measured.times('wrench')
         near = t[np.abs(t - e.instant) < NEAR]
         before = t[np.maximum(np.searchsorted(t, near) - 1, 0)]
-        weight = sum(_likelihood(model, e, c, near) for c in e.heights)
-        posterior = np.exp(weight - np.max(weight))
-        total = np.cumsum(posterior) / posterior.sum()
-        i = int(np.argmax(posterior))
-        low = int(np.searchsorted(total, 0.5 - 0.5 * COVERED))
-        high = min(int(np.searchsorted(total, 0.5 + 0.5 * COVERED)), len(near) - 1)
+        weight = np.sum([_likelihood(model, e, c, near) for c in e.heights], axis=0)
+        low, i, high = interval(weight)
         # a step lies between the last sample without and the first one with it
         out.append(e._replace(instant=0.5 * float(before[i] + near[i]), low=float(before[low]),
                               high=float(near[high])))

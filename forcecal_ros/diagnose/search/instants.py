@@ -11,6 +11,18 @@ from forcecal_ros.geometry import Array
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+COVERED = 0.95
+"""Probability that the interval of an instant covers."""
+
+
+def interval(log_likelihood: Array, temperature: float = 1.0) -> tuple[int, int, int]:
+    """Return, by position, where an interval begins, its likeliest instant, where it ends."""
+    weight = np.cumsum(np.exp((log_likelihood - log_likelihood.max()) / temperature))
+    share, last = weight / weight[-1], len(weight) - 1
+    low, high = (min(last, int(np.searchsorted(share, 0.5 + sign * 0.5 * COVERED)))
+                 for sign in (-1.0, 1.0))
+    return low, int(log_likelihood.argmax()), high
+
 
 class Fits(NamedTuple):
     """

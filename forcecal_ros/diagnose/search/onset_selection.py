@@ -99,8 +99,8 @@ def _one_more(bare: LinearisedModel, without_steps: LinearisedModel, now: Found,
               for one in _fitted(start, fit, selection.model, candidates)]
     if not fitted:
         return None
-    _, start, fit, onset = max(fitted, key=lambda one: one[0])
-    return _searched(bare, now, start, fit, onset, hypotheses, free)
+    ratio, start, fit, onset = max(fitted, key=lambda one: one[0])
+    return None if ratio < LEAST else _searched(bare, now, start, fit, onset, hypotheses, free)
 
 
 def _white(model: LinearisedModel) -> LinearisedModel:
@@ -162,8 +162,6 @@ def _searched(bare: LinearisedModel, now: Found, start: Found, fit: JointFit, on
     """Search with an onset among the hypotheses; nothing where it is not borne out."""
     gates = {**{n: now.selection.model.gates[n] for n in now.instants},
              onset.name: fit.model.gates[onset.name]}
-    if long_memory_likelihood_ratio(now.selection.model, fit.model) < LEAST:
-        return None
     model = replace(start.model, gates=gates, library=fit.model.library, noise=fit.model.noise)
     by_name = {h.name: for_a_part(model, h, gates[h.name]) for h in free if h.name in gates}
     found = [*(h for h in hypotheses if h.name not in by_name), *by_name.values()]

@@ -16,9 +16,10 @@ from forcecal_ros.diagnose.model.hypotheses import (
 from forcecal_ros.diagnose.model.jacobian import Column, column
 from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
 from forcecal_ros.diagnose.search.fitted import Accepted
-from forcecal_ros.diagnose.search.instants import Instants
+from forcecal_ros.diagnose.search.instants import Instants, interval
 from forcecal_ros.diagnose.search.joint_fit import JointFit
 from forcecal_ros.geometry import Array
+from forcecal_ros.simulators.signals import BLOCK
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
@@ -34,9 +35,6 @@ NEAR = 10
 
 MANY = 50
 """Blocks among which an instant may lie from which its samples are not told apart."""
-
-COVERED = 0.95
-"""Probability that the interval of an instant covers."""
 
 TEMPERATURE = 2.0
 """Of log-likelihoods of instants, as of hypotheses: noise and form are not quite as modelled."""
@@ -130,7 +128,7 @@ def _of_one(model: LinearisedModel, instants: Instants, h: Hypothesis,
             b = int(np.argmax(evidence))
             if not np.isfinite(evidence[b]):
                 continue
-            at = start + 0.004 * float(instants.blocks[b])
+            at = start + BLOCK * float(instants.blocks[b])
             gate = (Gate(recording, None, at, elsewhere) if ends
                     else Gate(recording, at, None, elsewhere))
             mean = float(logsumexp(evidence)) - float(np.log(len(evidence) * len(h.atoms) * 2))
@@ -176,8 +174,8 @@ def instant_of(now: JointFit, name: str) -> Instant:
     i, one = gate.recording, model.datasets[gate.recording].measured
     coarse = Instants(model, beside, comparison.null_prior, [[c] for c in added], residuals, i, 1)
     evidence = coarse.fits([0], gate.begin is None, gate.elsewhere).evidence
-    t = one.start + 0.004 * coarse.blocks
-    low, at, high = _interval(evidence)
+    t = one.start + BLOCK * coarse.blocks
+    low, at, high = interval(evidence, TEMPERATURE)
     if high - low > MANY:
         return Instant(float(t[at]), float(t[low]), float(t[high]))
     return _to_a_sample(model, gate, added[i], residuals[i], t[low], t[high])
@@ -190,22 +188,13 @@ def _dense(one: Column, n: int) -> Array:
     return out
 
 
-def _interval(evidence: Array) -> tuple[int, int, int]:
-    """Return, by position, where an interval begins, its likeliest instant, where it ends."""
-    weight = np.cumsum(np.exp((evidence - evidence.max()) / TEMPERATURE))
-    share = weight / weight[-1]
-    last = len(share) - 1
-    return (min(last, int(np.searchsorted(share, 0.5 - 0.5 * COVERED))), int(evidence.argmax()),
-            min(last, int(np.searchsorted(share, 0.5 + 0.5 * COVERED))))
-
-
 def _to_a_sample(model: LinearisedModel, gate: Gate, added: Column, residual: Array, low: float,
                  high: float) -> Instant:
     """Try the stamp of each sample between two instants."""
     measured, noise = model.datasets[gate.recording].measured, model.noise[gate.recording]
     stream = CHANNELS[max(added, key=lambda c: float(np.ptp(added[c]) / model.level[c]))].stream
     t = measured.times(stream)
-    near = np.flatnonzero((t > low - 0.004 * NEAR) & (t < high + 0.004 * NEAR))
+    near = np.flatnonzero((t > low - BLOCK * NEAR) & (t < high + BLOCK * NEAR))
     near = near[near > 0]
     acts = np.stack([measured.since(stream, s) for s in t[near]])
     if gate.begin is None:
@@ -217,7 +206,7 @@ def _to_a_sample(model: LinearisedModel, gate: Gate, added: Column, residual: Ar
         product_ += white[1:] @ white[0]
         square += np.sum(white[1:] ** 2, axis=1)
     # its size is known from all of the recording: only where it begins or ends is asked
-    first, best, last = _interval(product_ - 0.5 * square)
+    first, best, last = interval(product_ - 0.5 * square, TEMPERATURE)
     before, at = t[near - 1], t[near]
     return Instant(float(0.5 * (before[best] + at[best])), float(before[first]), float(at[last]))
 

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.geometry import Array
+from forcecal_ros.geometry import Array, STANDARD_GRAVITY
 from forcecal_ros.recording.streams import Recording
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -122,8 +122,8 @@ def _metres(place: Array) -> str:
 
 def _ratios(theta: Array) -> Array:
     """Return the inertial over the gravitational mass, and the centre of mass."""
-    gravity = 9.80665
-    return np.append(theta[0] / (np.linalg.norm(theta[4:7]) / gravity), theta[1:4] / theta[0])
+    mass = np.linalg.norm(theta[4:7]) / STANDARD_GRAVITY
+    return np.append(theta[0] / mass, theta[1:4] / theta[0])
 
 
 def _fit(design: Array, force: Array) -> Array:
