@@ -157,6 +157,7 @@ def _written(calibration: 'Calibration', args: argparse.Namespace, notes: tuple[
              ) -> Answer:
     """Write a calibration and say what is in it."""
     from forcecal_ros.calibration.file import save, to_document
+    from forcecal_ros.quantity import quantity
     from forcecal_ros.report.rows import as_text, promises, residuals, table
 
     save(calibration, args.output)
@@ -165,7 +166,7 @@ def _written(calibration: 'Calibration', args: argparse.Namespace, notes: tuple[
         to_document(calibration),
         as_text([*table(calibration), *promises(calibration), *residuals(calibration)])
         + f'\n\nwritten to {args.output}',
-        f'mass {float(calibration.mass):.4f} +- {float(calibration.mass.std):.4f} kg, '
+        f'mass {quantity(float(calibration.mass), float(calibration.mass.std), "kg")}, '
         f'written to {args.output}',
         (*(note for note in notes if not any(note in warning for warning in warnings)), *warnings,
          *calibration.quality.get('questions', ())))

@@ -48,6 +48,7 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.atomic_files import make_folder
     from forcecal_ros.calibration.file import dump, parse, to_document
     from forcecal_ros.observe import batch, replay
+    from forcecal_ros.quantity import size
     from forcecal_ros.recording.bags import read_recording
     from forcecal_ros.recording.streams import Stream
     from forcecal_ros.report.calibration import render
@@ -83,10 +84,10 @@ def run(args: argparse.Namespace) -> int:
         warn(warning)
     say(as_text(table(calibration, truth)))
     say(f'\nfrom the first command to the gains: {result.duration:.1f} s')
-    say(f'step, no contact: sensor {step["sensor"]:.2f} N RMS along x without bias, observer '
-        f'{step["observer"]:.3f} N ({step["reduction"]:.1f} dB less)')
-    say(f'contact: true force {touch["truth"]:.2f} N along x, published '
-        f'{touch["observer"]:.2f} N')
+    say(f'step, no contact: sensor {size(step["sensor"], "N")} RMS along x without bias, observer '
+        f'{size(step["observer"], "N")} ({step["reduction"]:.1f} dB less)')
+    say(f'contact: true force {size(touch["truth"], "N", 4)} along x, published '
+        f'{size(touch["observer"], "N", 4)}')
     say(f'written to {out}: calibration.yaml, bag, report.html')
     return 0
 

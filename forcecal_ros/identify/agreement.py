@@ -14,7 +14,7 @@ from forcecal_ros.recording.checks.at_rest import (
     refuse_other_lever,
     UNEXPLAINED,
 )
-from forcecal_ros.recording.checks.frame_faults import refuse_other_frame
+from forcecal_ros.recording.checks.frame_faults import refuse_other_frame, Stated
 from forcecal_ros.recording.checks.frames import Forces, judge
 from forcecal_ros.recording.checks.inertia import other_time
 from forcecal_ros.recording.checks.orientations import refuse_other_orientation
@@ -119,7 +119,9 @@ def _judged(found: AtRest, calibration: Calibration) -> tuple[str, ...]:
     if best.rms > (HALF if best is plain else UNEXPLAINED) * residual:
         return _made_worse(forces, mass)
     if best is not plain and best.name not in ('tilted', 'both'):
-        refuse_other_frame(judgement, DOWN, calibration.wrench_sign, calibration.sensor_rotation)
+        refuse_other_frame(judgement, Stated(
+            DOWN, calibration.wrench_sign, calibration.sensor_rotation,
+            calibration.sensor_from_pose, 'calibration'))
     if best.rms < UNEXPLAINED * residual:
         refuse_other_force_unit(plain.mass, mass)
     if best is not plain:

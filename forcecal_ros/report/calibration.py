@@ -5,13 +5,23 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.geometry import Array
+from forcecal_ros.quantity import quantity, rounded, size
 from forcecal_ros.recording.axes import in_axes_of_pose, levelled
 from forcecal_ros.recording.streams import FREE, Recording, STILL, Stream
 from forcecal_ros.report import figures
 from forcecal_ros.report.page import Picture, picture, render_page
 from forcecal_ros.report.panels import Line, Panel, Shown
-from forcecal_ros.report.quantity import handy, quantity, rounded, size
-from forcecal_ros.report.rows import HALF, interval, negligible, promises, Row, table, value
+from forcecal_ros.report.rows import (
+    HALF,
+    handy,
+    interval,
+    negligible,
+    promises,
+    Row,
+    table,
+    true_value,
+    value,
+)
 from forcecal_ros.report.words import Fact, origin, Step
 from matplotlib.figure import Figure
 import numpy as np
@@ -134,7 +144,7 @@ def _origin(recording: Recording, c: Calibration) -> list[str]:
 def _cells(row: Row, with_truth: bool) -> list[str]:
     cells = [row.name, value(row), '' if row.unit == '1' else row.unit, interval(row)]
     if with_truth:
-        cells += ['' if row.truth is None else f'{row.truth:.6g}',
+        cells += [true_value(row),
                   '' if row.sigmas is None or negligible(row) else f'{row.sigmas:+.1f} σ']
     return cells
 

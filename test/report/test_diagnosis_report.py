@@ -12,6 +12,7 @@ from forcecal_ros.diagnose.localise.localisation import Location
 from forcecal_ros.diagnose.say.result import Diagnosis, to_document
 from forcecal_ros.diagnose.say.verdict import percent
 from forcecal_ros.effects.library import EFFECTS
+from forcecal_ros.quantity import beside, quantity, rounded
 from forcecal_ros.recording.streams import Phase, Recording, Stream
 from forcecal_ros.report import diagnosis as figures
 from forcecal_ros.report import page as pages
@@ -20,7 +21,6 @@ from forcecal_ros.report.diagnosis_view import View, view_without_signals
 from forcecal_ros.report.diagnosis_words import facts, headline, next_step
 from forcecal_ros.report.effect_words import sentence, WORDS
 from forcecal_ros.report.panels import between, Line, live, MOST_POINTS
-from forcecal_ros.report.quantity import beside, quantity, rounded
 from forcecal_ros.report.words import origin, Step
 import numpy as np
 import pytest
