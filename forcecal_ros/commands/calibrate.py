@@ -108,6 +108,7 @@ def answer(args: argparse.Namespace) -> Answer:
         with_matrix_of,
     )
     from forcecal_ros.identify.delay import estimate_delay, with_delay
+    from forcecal_ros.observe.share import with_share
 
     if Path(args.bag).suffix in ('.yaml', '.yml'):
         return _written(_of_stated_mass(_with_mounting(load(args.bag), args), args), args, ())
@@ -124,6 +125,7 @@ def answer(args: argparse.Namespace) -> Answer:
         calibration = _of_stated_mass(calibrated(recording, args), args)
     if motion:
         calibration = with_delay(calibration, estimate_delay(motion, calibration))
+        calibration = with_share(calibration, motion)
     if args.report:
         write_report(args, recording, calibration)
     if matrix:

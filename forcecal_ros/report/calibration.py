@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.geometry import Array
-from forcecal_ros.quantity import quantity, rounded, size
+from forcecal_ros.quantity import quantity, rounded, size, sizes
 from forcecal_ros.recording.axes import in_axes_of_pose, levelled
 from forcecal_ros.recording.streams import FREE, Recording, STILL, Stream
 from forcecal_ros.report import figures
@@ -207,8 +207,8 @@ def in_words(quality: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """
     if 'residual_rms' in quality:
         yield 'Left over at rest', (
-            f'{_joined(quality["residual_rms"][:3])} N and '
-            f'{_joined(quality["residual_rms"][3:])} N m RMS (x, y, z) between the poses and one '
+            f'{sizes(quality["residual_rms"][:3], "N")} and '
+            f'{sizes(quality["residual_rms"][3:], "N m")} RMS (x, y, z) between the poses and one '
             'rigid tool.')
     if 'condition' in quality:
         yield 'Poses', (f'{_number_of(quality.get("poses", ()))}condition '
@@ -250,18 +250,14 @@ def _rejection(test: Mapping[str, Any]) -> str:
     if test['pose'] is None:
         return f'No pose is off what the others predict by more than chance ({limit} for all).'
     one = test['poses'][int(test['pose']) - 1]
-    return (f'Pose {test["pose"]} would be rejected: off by {_joined(one["off"][:3])} N and '
-            f'{_joined(one["off"][3:])} N m (x, y, z), {rounded(float(one["mass_eq23"]), 2)} kg '
+    return (f'Pose {test["pose"]} would be rejected: off by {sizes(one["off"][:3], "N")} and '
+            f'{sizes(one["off"][3:], "N m")} (x, y, z), {size(float(one["mass_eq23"]), "kg", 2)} '
             f'by Eq. 23 (probability {rounded(float(one["probability"]), 2)}, limit {limit} for '
             'all poses). Measure it again.')
 
 
 def _number_of(poses: Sequence[Any]) -> str:
     return f'{len(poses)}; ' if poses else ''
-
-
-def _joined(values: Sequence[float]) -> str:
-    return ', '.join(rounded(float(value), 2) for value in values)
 
 
 def _sentence(words: str) -> str:

@@ -147,6 +147,15 @@ def test_a_report_without_a_gap_says_which_effects_would_not_have_shown():
     assert said == [f'{shown}.', f'{shown}, except a, b, c, d, e, f, and 2 more.']
 
 
+@pytest.mark.parametrize('verdict', ['not_excited', 'invalid_data'])
+def test_a_report_without_a_comparison_says_that_nothing_is_known_of_size_and_cause(verdict):
+    d = replace(IDENTIFIED, verdict=verdict, reason=NO_REASON, effects=())
+    said = {one.label: one.words for one in facts(view_without_signals(d), NEXT)}
+    assert said['How large'].startswith('Not known: ') and said['Next']
+    assert said['How sure'].startswith({'not_excited': 'Not at all', 'invalid_data': 'No effect'}[
+        verdict])
+
+
 def test_the_first_sentence_says_what_how_large_how_sure_and_how_much_it_explains():
     assert headline(IDENTIFIED) == ('The wrench comes 4.00 ± 0.14 ms late (97 % sure). Adding it '
                                     'explains 98 % of the misfit (95 % interval: 97 to 99 %).')

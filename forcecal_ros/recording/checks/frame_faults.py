@@ -63,7 +63,7 @@ def refuse_other_frame(judgement: Judgement, stated: Stated = Stated()) -> None:
     if len(named) == len(likely):
         causes = ', or '.join(cause for cause, _ in named)
         remedy = named[0][1] + (
-            '; if that is refused, too, it is the other: poses in more directions tell at once'
+            '; poses in more directions tell whether it is the other'
             if len(named) > 1 else '')
         recorded = f' with a mass of {plain.mass:.4g} kg' if plain.mass < 0.0 else ''
         raise DataError(
@@ -177,7 +177,10 @@ def _rotation(Q: Array, stated: Stated) -> str:
         return f'--sensor-from-pose {_numbers(np.append(given[:3], right))}'
     before = pose_from_wire(stated.sensor_rotation)
     vector = rotation_vector(Q.T if before is None else Q.T @ before)
-    return f'--sensor-rotation {_numbers(np.degrees(vector))}'
+    option = f'--sensor-rotation {_numbers(np.degrees(vector))}'
+    return option if stated.by or before is not None else (
+        f'{option} (where the pose is that of a flange: --sensor-from-pose X Y Z '
+        f'{_numbers(quaternion_from_matrix(Q.T))}, with the place of the sensor in it)')
 
 
 def _stating(option: str, stated: Stated) -> str:

@@ -152,7 +152,7 @@ def doubt_of_torque_unit(away: float) -> str:
     if away < limits.FAR:
         return ''
     inches, kgf = away * _POUND_INCH, away / STANDARD_GRAVITY
-    return (f'a centre of mass {away:.3g} m away from the sensor is far: measure it. If it is '
+    return (f'a centre of mass {away:.3g} m away from the sensor is far: measure it; if it is '
             f'{inches:.2g} m, '
             f'the torques are in lbf in (multiply by {_POUND_INCH:.5g}), if {away / 10:.2g} m, '
             f'in dN m; if {away / _POUND_FORCE:.2g} or {kgf:.2g} m, the forces are in lbf or kgf '
