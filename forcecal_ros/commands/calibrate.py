@@ -35,8 +35,9 @@ def add_parser(subparsers: Any) -> None:
     add_bags(parser)
     add_identification(parser)
     parser.add_argument('--free-motion', metavar='BAG2',
-                        help='recording of motion without contact from which the delay between '
-                             'the sensors is estimated, where BAG holds static poses only')
+                        help='recording of motion without contact, where BAG holds static poses '
+                             'only: it tells the delay between the sensors, and how much of the '
+                             'accelerometer the force confirms on each axis')
     parser.add_argument('--matrix', metavar='C.yaml',
                         help='calibration.yaml of forcecal insitu whose matrix turns the raw '
                              'channels of the wrench topic into a wrench')
