@@ -45,7 +45,7 @@ def _group(name: str, section: Any, usual: Any) -> str:
 def as_text(design: Design) -> str:
     """Return the predicted standard errors as a table."""
     lines = [f'{"parameter":12}  predicted standard error (x y z)']
-    lines += [f'{name:12}  {sizes(design.errors.std(name), _unit(design, name) or "1")}'
+    lines += [f'{name:12}  {sizes(design.errors.std(name).tolist(), _unit(design, name) or "1")}'
               for name in design.errors.names]
     what = (f'{len(design.poses)} poses of {size(design.timing.measure, "s")}, '
             f'step {size(design.timing.step_distance, "m")}')
