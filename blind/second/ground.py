@@ -17,6 +17,7 @@ class Ground:
                  columns: Sequence[tuple[str, Departure]]) -> None:
         self._noise, self._sigmas = noise, sigmas
         self._keys = [key for key, _ in columns]
+        self._plain = [column for _, column in columns]
         self._columns = np.array([self.whitened(column) for _, column in columns])
         self._gram = self._columns @ self._columns.T + np.eye(len(columns))
 
@@ -34,6 +35,15 @@ class Ground:
         product = (self._columns @ d)[kept]
         taken = product @ np.linalg.solve(self._gram[np.ix_(kept, kept)], product)
         return float(max(0.0, d @ d - taken))
+
+    def left(self, departure: Departure) -> dict[str, Array]:
+        """Return it less what the nuisances take up within their priors."""
+        weights = np.linalg.solve(self._gram, self._columns @ self.whitened(departure))
+        out = {topic: np.array(departure[topic]) for topic in self._noise}
+        for weight, column in zip(weights, self._plain):
+            for topic in out:
+                out[topic] -= weight * column[topic]
+        return out
 
 
 def sized(energy_of: Callable[[float], float], wanted: float, start: float, limit: float

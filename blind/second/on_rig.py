@@ -56,6 +56,21 @@ class OnRig:
         """What is odd about its noise."""
         return quirks(self._noise)
 
+    @property
+    def levels(self) -> dict[str, Array]:
+        """Root mean square of the noise of one sample, by topic."""
+        return {topic: np.array([one.colour.level for one in self._noise[topic]]) * SIGMA[topic]
+                for topic in LOOKED_AT}
+
+    @property
+    def judged_seconds(self) -> float:
+        """Return the length of the recording that judges [s]."""
+        return 0.004 * len(self._commands[1].position)
+
+    def own_change(self) -> dict[str, Array]:
+        """Return what is beside all that was drawn: nothing."""
+        return {}
+
     def _truth(self, rig: Rig, which: int) -> Truth:
         robot = (which, f'{rig.robot}')
         if robot not in self._motions:
