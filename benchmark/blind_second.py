@@ -124,13 +124,17 @@ def show(part, args):
 
 
 def baselines(part, args):
-    from blind.baselines import judge
+    from blind import baselines, bounded
+    from blind.second import oracle
     import blind_second_tool
 
-    answers = part.read('answers')
-    told = {one: judge(blind_second_tool.recorded(sealing.kept(part, one).arrays, 0))
-            for one, bound in tqdm(part.read('commitments').items(), disable=None)
-            if bound['generator'] == 'rig' and one in answers}
+    answers, labels, told = part.read('answers'), part.read('opened')['labels'], {}
+    for one, bound in tqdm(part.read('commitments').items(), disable=None):
+        if bound['generator'] == 'rig' and one in answers:
+            arrays = sealing.kept(part, one).arrays
+            fit, judged = (blind_second_tool.recorded(arrays, which) for which in range(2))
+            told[one] = {**baselines.judge(fit), 'bounded': bounded.judge(fit),
+                         'oracle': oracle.told(labels[one], judged)}
     write_json(part.public / 'baselines.json', told)
     write_scores(part)
 

@@ -28,13 +28,24 @@ class Ground:
             for topic, channels in self._noise.items() if topic in departure
             for j, noise in enumerate(channels)])
 
+    def _product(self, one: Array, other: Array, without: str) -> float:
+        """Return a product of whitened departures, less what nuisances take up of it."""
+        kept = np.array([key != without for key in self._keys])
+        first, second = ((self._columns @ x)[kept] for x in (one, other))
+        return float(one @ other - first @ np.linalg.solve(self._gram[np.ix_(kept, kept)],
+                                                           second))
+
     def net(self, departure: Departure, without: str = '') -> float:
         """Return its energy; ``without``: a nuisance that may not take up any."""
         d = self.whitened(departure)
-        kept = np.array([key != without for key in self._keys])
-        product = (self._columns @ d)[kept]
-        taken = product @ np.linalg.solve(self._gram[np.ix_(kept, kept)], product)
-        return float(max(0.0, d @ d - taken))
+        return max(0.0, self._product(d, d, without))
+
+    def strength(self, measured: Departure, departure: Departure, without: str = ''
+                 ) -> tuple[float, float]:
+        """Return how much of a departure is in what was measured, and the standard error."""
+        d = self.whitened(departure)
+        energy = max(1e-12, self._product(d, d, without))
+        return self._product(d, self.whitened(measured), without) / energy, energy**-0.5
 
     def left(self, departure: Departure) -> dict[str, Array]:
         """Return it less what the nuisances take up within their priors."""

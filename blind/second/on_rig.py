@@ -46,7 +46,7 @@ class OnRig:
             trajectory(max(20.0, SECONDS * where.uniform(0.85, 1.15)), where) for _ in range(2)]
         self._motions: dict[tuple[int, str], Motion] = {}
         self._truths: dict[tuple[int, str], Truth] = {}
-        self._clean = self._recorded(self._base, 1)
+        self.clean = self._recorded(self._base, 1)
         self.ground = Ground({name: self._noise[name] for name in LOOKED_AT}, SIGMA,
                              self._columns())
         self.moved = [self._moved(which) for which in range(2)]
@@ -90,7 +90,7 @@ class OnRig:
         for name, (count, _) in NUISANCES.items():
             for one in np.eye(count):
                 rig = astray(self._base, {name: one})
-                found.append((name, departure(self._recorded(rig, 1), self._clean)))
+                found.append((name, departure(self._recorded(rig, 1), self.clean)))
         return found
 
     def _moved(self, which: int) -> Moved:
@@ -117,12 +117,12 @@ class OnRig:
     def of_effect(self, name: str, size: float, seed: int) -> dict[str, Array]:
         """Return what an effect changes in the recording that judges."""
         rig = self._known[name].apply(self._base, size, np.random.default_rng(seed))
-        return departure(self._recorded(rig, 1), self._clean)
+        return departure(self._recorded(rig, 1), self.clean)
 
     def of_law(self, what: Added) -> dict[str, Array]:
         """Return what a discrepancy changes in the recording that judges."""
         rig = _beside(self._base, what)
-        return departure(self._recorded(rig, 1), self._clean)
+        return departure(self._recorded(rig, 1), self.clean)
 
     def numbers(self, name: str, size: float, seed: int) -> dict[str, float]:
         """Return the numbers of an effect as the library calls them."""
