@@ -57,7 +57,7 @@ class Fit:
         self.steps = np.array([np.sqrt(LIBRARY[n.name].low * LIBRARY[n.name].high)
                                for n in self.numbers])
         self._motions: dict[str, Any] = {}
-        self._truth: tuple[str, Truth | None] = ('', None)
+        self._truths: dict[str, Truth] = {}
 
     def rig(self, x: Array) -> Rig:
         """Return the rig with its numbers so many steps off."""
@@ -74,9 +74,10 @@ class Fit:
             self._motions = dict(list(self._motions.items())[:1])  # nominal, and one other
             self._motions[f'{rig.robot}'] = follow(rig.robot, self._commands)
         whole = f'{rig.robot} {rig.tool} {rig.wall}'
-        if whole != self._truth[0]:
-            self._truth = whole, run(rig, self._commands, self._motions[f'{rig.robot}'])
-        left = self._measured - sampled(record(rig, self._truth[1], None, 0), self._t)
+        if whole not in self._truths:
+            self._truths = dict(list(self._truths.items())[:1])
+            self._truths[whole] = run(rig, self._commands, self._motions[f'{rig.robot}'])
+        left = self._measured - sampled(record(rig, self._truths[whole], None, 0), self._t)
         return np.asarray((left - left.mean(axis=0)).ravel())
 
     def jacobian(self, x: Array) -> Array:
