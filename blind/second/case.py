@@ -159,8 +159,9 @@ def _shrink(base: Any, part: Mapping[str, Any], beside: Added, onset: float | No
     """Return the share of the misfit that the effect makes, as the tool measures it."""
     changed = _late(base, base.of_effect(part['name'], part['size'], part['seed']), onset)
     laws, own = base.of_law(beside), base.own_change()
-    return true_shrink(base, changed, {topic: values + own[topic] if topic in own else values
-                                       for topic, values in laws.items()})
+    beside_it = {topic: values + own[topic] if topic in own else values
+                 for topic, values in laws.items()}
+    return true_shrink(base, changed, beside_it, base.nuisance(part['name'])[0])
 
 
 def _law(base: Any, kind: Kind, rng: np.random.Generator) -> tuple[list[Added], float]:

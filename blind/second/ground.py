@@ -5,9 +5,12 @@ from typing import Any
 
 from blind.robot import Array
 import numpy as np
+from scipy.optimize import lsq_linear
 
 Departure = Mapping[str, Array]
 """Topic -> change of its channels, (n, k)."""
+WITHIN = 3.0
+"""Sigmas within which the tool recalibrates, as docs/diagnosis.md states."""
 
 
 class Ground:
@@ -47,9 +50,13 @@ class Ground:
         energy = max(1e-12, self._product(d, d, without))
         return self._product(d, self.whitened(measured), without) / energy, energy**-0.5
 
-    def left(self, departure: Departure) -> dict[str, Array]:
-        """Return it less what the nuisances take up within their priors."""
-        weights = np.linalg.solve(self._gram, self._columns @ self.whitened(departure))
+    def left(self, departure: Departure, without: str = '') -> dict[str, Array]:
+        """Return it less what nuisances take up, each within three times its prior's sigma."""
+        kept = np.array([key != without for key in self._keys])
+        root = np.linalg.cholesky(self._gram[np.ix_(kept, kept)])
+        wanted = np.linalg.solve(root, (self._columns @ self.whitened(departure))[kept])
+        weights = np.zeros(len(kept))
+        weights[kept] = lsq_linear(root.T, wanted, (-WITHIN, WITHIN)).x
         out = {topic: np.array(departure[topic]) for topic in self._noise}
         for weight, column in zip(weights, self._plain):
             for topic in out:

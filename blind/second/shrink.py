@@ -22,7 +22,7 @@ def mean_squares(values: Array, seconds: float) -> Array:
     return np.asarray(np.mean(blocks**2, axis=0))
 
 
-def true_shrink(base: Any, effect: Departure, beside: Departure) -> float:
+def true_shrink(base: Any, effect: Departure, beside: Departure, nuisance: str = '') -> float:
     """
     Return the share that who knows the effect closes.
 
@@ -32,6 +32,8 @@ def true_shrink(base: Any, effect: Departure, beside: Departure) -> float:
         With ``ground``, ``levels`` and ``judged_seconds``.
     effect, beside : mapping of str to ndarray
         Noise-free changes by the effect and by all else that is no nuisance.
+    nuisance : str
+        Of the effect's name; before the effect is known it takes up what its prior lets it.
 
     Returns
     -------
@@ -39,13 +41,13 @@ def true_shrink(base: Any, effect: Departure, beside: Departure) -> float:
         What nuisances take up counts on neither side; the strength of the effect is known to one
         standard error, which is the root of its energy.
     """
-    energy = max(1.0, base.ground.net(effect))
-    alone, rest = base.ground.left(effect), base.ground.left(beside)
+    energy = max(1.0, base.ground.net(effect, nuisance))
+    alone, rest = base.ground.left(effect, nuisance), base.ground.left(beside)
+    whole = base.ground.left({topic: effect[topic] + beside[topic] for topic in effect})
     explained = recalibrated = 0.0
     for topic, levels in base.levels.items():
         noise, seconds = levels**2, base.judged_seconds
         wrong = mean_squares(alone[topic], seconds) / energy
         explained += float(np.sum((mean_squares(rest[topic], seconds) + wrong) / noise))
-        both = mean_squares(alone[topic] + rest[topic], seconds)
-        recalibrated += float(np.sum(both / noise))
+        recalibrated += float(np.sum(mean_squares(whole[topic], seconds) / noise))
     return float(1.0 - np.sqrt(explained / recalibrated))

@@ -59,6 +59,12 @@ def test_true_shrink_is_of_block_means_over_the_noise_and_leaves_what_the_fit_do
     assert true_shrink(base, effect, fast) == pytest.approx(1 - energy**-0.5, abs=0.01)
 
 
+def test_nuisance_takes_up_no_more_than_three_of_its_sigma_of_what_is_left():
+    for size, left in ((2.0, 0.0), (5.0, 2.0)):
+        found = _Plain.ground.left({'wrench': np.full((1000, 1), size)})['wrench']
+        assert found == pytest.approx(np.full((1000, 1), left), abs=0.01)
+
+
 def test_oracle_finds_the_strength_of_an_effect_within_its_error():
     base, rng = _Plain(), np.random.default_rng(3)
     effect = base.of_effect('wrench_gain', 0.2, 7)
