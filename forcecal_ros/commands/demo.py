@@ -84,10 +84,11 @@ def run(args: argparse.Namespace) -> int:
         warn(warning)
     say(as_text(table(calibration, truth)))
     say(f'\nfrom the first command to the gains: {result.duration:.1f} s')
-    say(f'step, no contact: sensor {size(step["sensor"], "N")} RMS along x without bias, observer '
-        f'{size(step["observer"], "N")} ({step["reduction"]:.1f} dB less)')
-    say(f'contact: true force {size(touch["truth"], "N", 4)} along x, published '
-        f'{size(touch["observer"], "N", 4)}')
+    sensor, observer, true, published_force = (size(float(x), 'N', 4) for x in (
+        step['sensor'], step['observer'], touch['truth'], touch['observer']))
+    say(f'step, no contact: sensor {sensor} RMS along x without bias, observer {observer} '
+        f'({step["reduction"]:.1f} dB less)')
+    say(f'contact: true force {true} along x, published {published_force}')
     say(f'written to {out}: calibration.yaml, bag, report.html')
     return 0
 

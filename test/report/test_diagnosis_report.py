@@ -191,6 +191,12 @@ def test_a_verdict_that_names_nothing_says_no_share(verdict):
     assert NO_REASON in page.lower()
 
 
+def test_a_narrow_screen_shows_still_pictures_in_their_own_size():
+    page = render(view_without_signals(IDENTIFIED), ['bag'], NEXT)
+    narrow = page.partition('@media (max-width: 34rem)')[2].partition('}')[0]
+    assert '.wide img { max-width: none;' in narrow
+
+
 def test_an_effect_that_shows_in_stamps_alone_explains_no_share():
     lost = replace(IDENTIFIED, reason='dropouts shows in stamps and values', effects=(
         NamedEffect('dropouts', {'wrench': Parameter(0.02, 0.001, '1')}, 0.99),))
