@@ -156,7 +156,7 @@ def _torques_judged(found: AtRest, calibration: Calibration) -> tuple[str, ...]:
     return ((f'torques put the centre of mass at {_metres(shown)} m, the calibration has it at '
              f'{_metres(com)} m, though the weight is the same: they are about another point (the '
              'tool centre, not the sensor), or another tool hangs there; torques that are left '
-             'count as contact'),)
+             'count as contact: calibrate again'),)
 
 
 def _metres(place: Array) -> str:
@@ -171,8 +171,8 @@ def _made_worse(forces: Forces, mass: float) -> tuple[str, ...]:
     if without < before or taken_off < UNEXPLAINED * before:
         return ()
     return ((f'forces change by {before:.2g} N RMS as recorded, and by {without:.2g} N with the '
-             'weight taken off: pose and wrench may not belong to each other, or the pose is that '
-             'of base in the sensor; look at both'),)
+             'weight taken off: pose and wrench do not belong to each other; name the pose of '
+             'this sensor with --topic pose=NAME'),)
 
 
 def _rms(values: Array) -> float:
