@@ -141,7 +141,7 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice:
         What a command has to say of the recording to find the same in it.
     """
     if d.verdict == 'ambiguous' and advice:
-        return Step(f'{advice.partition(";")[0].rstrip(".")}.')
+        return Step(_begun(f'{advice.partition(";")[0].rstrip(".")}.'))
     if d.verdict == 'invalid_data' and (remedy := _cause_and_remedy(d)[1]):
         return Step(f'{_begun(remedy)}. Then diagnose again.')
     rig, calibration, model = (
