@@ -183,14 +183,14 @@ def slow_noise(rng, shape, knee):
 
 
 def with_slow_noise(seed):
-    out, rng = own_recording(seed), np.random.default_rng(seed)
+    out, rng = own_recording(seed, FREE), np.random.default_rng(seed)
     wrench, pose = out.wrench, out.pose
     return replace(out, wrench=replace(wrench, values=wrench.values + np.repeat(
-        [0.05, 0.0025], 3) * slow_noise(rng, wrench.values.shape, 20.0)), pose=replace(
-            pose, position=pose.position + 1e-5 * slow_noise(rng, pose.position.shape, 20.0)))
+        [0.1, 0.005], 3) * slow_noise(rng, wrench.values.shape, 20.0)), pose=replace(
+            pose, position=pose.position + 2e-5 * slow_noise(rng, pose.position.shape, 20.0)))
 
 
 def test_slow_noise_that_does_not_repeat_is_no_gap_and_is_told():
-    found = diagnose(with_slow_noise(11), with_slow_noise(12), load_rig()).diagnosis
+    found = diagnose(with_slow_noise(21), with_slow_noise(22), load_rig()).diagnosis
     assert found.verdict == 'no_gap'
     assert any(note.startswith('slow noise, or else') for note in found.notes)
