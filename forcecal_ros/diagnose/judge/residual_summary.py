@@ -142,8 +142,8 @@ def _but_for_slow_noise(model: LinearisedModel, beyond: LinearisedModel, evidenc
     every = replace(model, residuals=[
         b - x for b, x in zip(model.residuals, discrepant(model, trained=False))])
     left = evidence - SLOW * of_slow_noise(model, beyond)
-    samples = sum(int(n.rows.sum()) for n in model.noise)
-    if evidence < FLAWED * samples and SLOW * of_slow_noise(model, every) > MOSTLY * evidence:
+    channels = len(model.whitened_discrepancy().channels)
+    if evidence < FLAWED * channels and SLOW * of_slow_noise(model, every) > MOSTLY * evidence:
         left = min(left, held_out_likelihood_ratio(model, beyond))
     return max(0.0, left)
 

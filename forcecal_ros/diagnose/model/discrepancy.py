@@ -312,6 +312,12 @@ class Products:
                                 2.0 * float(np.log(np.diag(factor) * size).sum()))
         return self._parts[key]
 
+    @property
+    def channels(self) -> NDArray[np.intp]:
+        """Count the channels of each stream, in the order of STREAM_SLICES."""
+        streams = [STREAM[one.channel] for one in self._channels]
+        return np.bincount(streams, minlength=len(STREAM_SLICES))
+
     def unexplained(self, x: Array, scales: Scales) -> tuple[Array, Array]:
         """
         Return what columns leave unexplained in each stream, in the order of STREAM_SLICES.
