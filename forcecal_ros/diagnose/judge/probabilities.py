@@ -17,8 +17,8 @@ MODEST = 0.99
 
 SURE = 0.8
 """
-Most of the probability of unknown: some gaps are known effects in forms of their own, or beside as
-much of others. Of 26 that were called unknown with 0.9 in a sealed part of the blind check, 18 were.
+Most of the probability of unknown: some gaps are known effects in forms of their own, or beside
+as much of others. Of 26 called unknown with 0.9 in a sealed part of the blind check, 18 were.
 """
 
 NEAREST = 3
