@@ -246,7 +246,11 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
 
 
 def _sorted(candidates: list[tuple[str, float]]) -> list[tuple[str, float]]:
-    return sorted(candidates, key=lambda pair: -pair[1])
+    """List every name once, the most probable first."""
+    highest: dict[str, float] = {}
+    for name, p in candidates:
+        highest[name] = max(p, highest.get(name, 0.0))
+    return sorted(highest.items(), key=lambda pair: -pair[1])
 
 
 def _say(first: LinearisedModel, model: LinearisedModel, selection: Selection, judged: _Judged,
