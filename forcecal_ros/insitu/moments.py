@@ -149,10 +149,8 @@ def _runs(chunks: Iterable[Prepared], kept: tuple[tuple[float, float], ...],
                 return
             i, j = np.searchsorted(chunk.t, [start, end])
             if j > i:
-                rows = np.concatenate([chunk.regressors[i:j], chunk.raw[i:j]], axis=1)
-                if magnitude is not None:
-                    _scale(rows, magnitude)
-                yield rows
+                yield _rows(np.ascontiguousarray(chunk.regressors[i:j]),
+                            np.ascontiguousarray(chunk.raw[i:j]), magnitude or np.nan)
             if j < len(chunk.t):
                 held.append(chunk.take(slice(j, None)))
                 return
@@ -162,12 +160,21 @@ def _runs(chunks: Iterable[Prepared], kept: tuple[tuple[float, float], ...],
 
 
 @compiled_in_any_order
-def _scale(rows: Array, magnitude: float) -> None:
-    """Give the first three columns of each row a magnitude."""
-    for i in range(len(rows)):
-        scale = magnitude / np.sqrt(rows[i, 0] ** 2 + rows[i, 1] ** 2 + rows[i, 2] ** 2)
-        for k in range(3):
-            rows[i, k] *= scale
+def _rows(regressors: Array, raw: Array, magnitude: float) -> Array:
+    """Put raw channels beside regressors, gravity of a magnitude unless that is NaN."""
+    m, n = regressors.shape[1], raw.shape[1]
+    rows = np.empty((len(raw), m + n))
+    for i in range(len(raw)):
+        x, y, z = regressors[i, 0], regressors[i, 1], regressors[i, 2]
+        scale = magnitude / np.sqrt(x * x + y * y + z * z)
+        for k in range(m):
+            rows[i, k] = regressors[i, k]
+        if not np.isnan(magnitude):
+            for k in range(3):
+                rows[i, k] *= scale
+        for k in range(n):
+            rows[i, m + k] = raw[i, k]
+    return rows
 
 
 @compiled_in_any_order

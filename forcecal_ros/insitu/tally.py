@@ -70,7 +70,7 @@ def tally_of(chunk: Prepared, samples: int, loudness: Array) -> tuple[Tally, Arr
     blocks, n, m = len(t), chunk.raw.shape[1], chunk.regressors.shape[1]
     correlation = np.zeros((n + 3, n + 3))
     tally = Tally(
-        t[:, 0], t[:, -1], np.diff(t, axis=1).max(axis=1, initial=0.0),
+        t[:, 0].copy(), t[:, -1].copy(), np.diff(t, axis=1).max(axis=1, initial=0.0),
         np.empty((blocks, m + n)), np.empty(blocks), np.empty((blocks, n + 3), np.float32),
         np.empty((blocks, n)), np.empty((blocks, n)),
         *(np.empty((blocks, n), np.int32) for _ in range(5)))
