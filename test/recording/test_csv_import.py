@@ -331,6 +331,7 @@ def test_parts_of_a_second_in_another_unit_are_refused(tmp_path, fraction, messa
 @pytest.mark.parametrize('times, message', [
     ((86399, 0.5), 'passed midnight; add a day'),
     ((5, 1), 'sort the table, or import each part'),
+    (('5.80000000', '5.90000000', '5.100000000'), 'without their leading zeros'),
     ((1, 1), 'as in 1 rows: they are nearer .* state rate')])
 def test_times_that_do_not_grow_are_told_by_their_kind(tmp_path, times, message):
     text = HEADER + ''.join(f'{t},{k},2,3,4,5,6\n' for k, t in enumerate(times))
@@ -359,6 +360,8 @@ def test_angles_about_other_axes_do_not_turn_as_the_weight_does(tmp_path):
             (R.as_euler('xyz')[:, ::-1], 'rpy', 'in the order yaw, pitch, roll'),
             (R.as_euler('XYZ'), 'rpy', 'if it is euler_xyz'),
             (R.as_euler('xyz'), 'euler_xyz', 'if it is rpy'),
+            (R.as_euler('ZYZ'), 'rpy', 'about the moving axes z, y, z'),
+            (R.as_rotvec(), 'rpy', 'if it is rotation_vector'),
             (R.inv().as_rotvec(), 'rotation_vector', 'that of base in the sensor')):
         with pytest.raises(DataError, match=said):
             moved(tmp_path, written, **{key: 'rad'})

@@ -156,9 +156,9 @@ def _other_angles(name: str, angles: Array, stated: str) -> Mapping[str, Array]:
                   _turn(name, angles).transpose(0, 2, 1)}
     if name != 'rotation_vector':
         others['its columns are in the order yaw, pitch, roll'] = _turn(name, angles[:, ::-1])
-        other = 'euler_xyz' if name == 'rpy' else 'rpy'
-        others[f'it is {other}'] = _turn(other, angles)
-    return others
+    others['its angles are about the moving axes z, y, z, to be written as quaternions'] = (
+        np.asarray(Rotation.from_euler('ZYZ', angles).as_matrix()))
+    return others | {f'it is {other}': _turn(other, angles) for other in ANGLES if other != name}
 
 
 def _orientation(signal: Signal) -> str:

@@ -121,4 +121,4 @@ def refuse_other_reading(wrench: Stream, pose: PoseStream, others: Mapping[str, 
         return
     if words := other_reading(force, pose.R_base_sensor[inside],
                               {name: R[inside] for name, R in others.items()}):
-        raise DataError(f'{key}: {words}; mend {key}')
+        raise DataError(f'{key}: {words}; state what it is')

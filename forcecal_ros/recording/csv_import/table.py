@@ -169,7 +169,8 @@ class Table:
             raise DataError(f'{self.path}: cannot be read ({error.strerror}); paths count '
                             'from the folder of the specification or from --tables') from error
         except (UnicodeDecodeError, csv.Error) as error:
-            raise DataError(f'{self.path}: not a table of text in UTF-8 ({error})') from error
+            raise DataError(f'{self.path}: not a table of text ({error}); save it in '
+                            'UTF-8') from error
 
     def having(self, names: Sequence[str]) -> tuple['Table', NDArray[np.bool_]]:
         """

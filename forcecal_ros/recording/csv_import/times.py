@@ -1,6 +1,8 @@
 """Columns of a table that say when its rows were measured, exact to the nanosecond."""
 
+from collections.abc import Sequence
 from decimal import Decimal, InvalidOperation
+from operator import lt
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.csv_import.table import Table
@@ -77,11 +79,23 @@ def _disorder(table: Table, stamps: Times, name: str) -> str:
              f'{cells[row - 1]} in the row before')
     if steps[row - 1] < _HOUR - _DAY:
         return f'{where}: a time of day that passed midnight; add a day from there on'
+    if _lacks_zeros(cells):
+        return (f'{where}: behind the point stand nanoseconds without their leading zeros; write '
+                'nine digits, or both numbers into columns of their own')
     if steps.min() < 0:
         return (f'{where}; sort the table, or import each part by itself where a clock was set '
                 'back or a second log begins')
     return (f'{where}, as in {int((steps == 0).sum())} rows: they are nearer to one another than '
             'their times tell; where they are evenly apart, state rate instead of time')
+
+
+def _lacks_zeros(cells: Sequence[str]) -> bool:
+    """Whether times grow if what stands behind the point counts nanoseconds."""
+    parts = [cell.strip().partition('.') for cell in cells]
+    if not all(whole.isdigit() and more.isdigit() for whole, _, more in parts):
+        return False
+    times = [(int(whole), int(more)) for whole, _, more in parts]
+    return len({len(more) for *_, more in parts}) > 1 and all(map(lt, times, times[1:]))
 
 
 def _exact(cell: str, unit: int) -> int:
