@@ -46,7 +46,7 @@ _DRIFT = 6.0
 
 _RESTLESS = 5.0
 """So many times as much as in the others a signal moves in a pose where something changed; in
-sound runs 2.2 times at most, behind a high-pass that settles, where jumps had hidden 10 and more."""
+sound runs 2.2 times at most, behind a high-pass that settles, where jumps hid 10 and more."""
 
 _MISSING = 0.005
 """Share of missing blocks that an AC-coupled accelerometer's model bears."""
