@@ -42,7 +42,7 @@ def usual_power(chunk: Prepared, samples: int) -> Array:
         Of the raw channels and of gravity, in their units squared, summed over a block.
     """
     tally, *_ = tally_of(chunk, samples, np.ones(chunk.raw.shape[1] + 3))
-    return np.maximum(np.median(tally.differences.astype(float), axis=0), TINY)
+    return np.asarray(np.maximum(np.median(tally.differences.astype(float), axis=0), TINY))
 
 
 def tally_of(chunk: Prepared, samples: int, loudness: Array) -> tuple[Tally, Array, bool]:
