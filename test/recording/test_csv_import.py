@@ -328,6 +328,13 @@ def test_parts_of_a_second_in_another_unit_are_refused(tmp_path, fraction, messa
         stamped(tmp_path, fraction)
 
 
+def test_nanoseconds_do_not_come_on_top_of_fractions(tmp_path):
+    one = table(ROWS.replace('\n2,', '\n2.5,'), tmp_path)
+    one['time']['nanoseconds'] = 'fx'
+    with pytest.raises(DataError, match="'t' is not in whole seconds"):
+        imported(tmp_path, one)
+
+
 @pytest.mark.parametrize('times, message', [
     ((86399, 0.5), 'passed midnight; add a day'),
     ((5, 1), 'sort the table, or import each part'),

@@ -38,6 +38,9 @@ def nanoseconds(table: Table, name: str, unit: int, further: str | None = None) 
     """
     stamps = _times(table, name, unit)
     if further is not None:
+        if (stamps % _SECOND).any():
+            raise DataError(f'{table.path}: column {name!r} is not in whole seconds, on top of '
+                            f'which {further!r} could come; name one of them')
         more = _times(table, further, 1)
         _require_nanoseconds(table, further, more, len(np.unique(stamps)))
         stamps = stamps + more
