@@ -69,3 +69,10 @@ def test_poses_as_they_were_recorded_or_coarse_are_not_called_interpolated():
     for wrong in ('nothing', 'pose repeats at 10 Hz', 'poses of two digits',
                   'every message twice', '30 % lost in bursts'):
         assert interpolated(spoilt(wrong, 72).pose) == ''
+
+
+def test_a_slow_log_is_not_said_to_hold_no_rotation():
+    one = log(3, poses=8, rate=10.0)
+    notes = identify(recording_of(one.of_pose(np.arange(0, len(one.pose_t), 12)))).quality['notes']
+    said, = (note for note in notes if 'inertia' in note)
+    assert 'readings at 10 Hz in poses of' in said and 'record faster' in said
