@@ -100,7 +100,7 @@ def findings(stages: Stages, settings: IdentificationSettings) -> Iterator[Findi
     yield from delays_too_long(stages, settings)
     yield from pose_astray(stages.recording, stages)
     yield from clips_or_drifts(stages, settings)
-    yield from moves_in_one_pose(stages)
+    yield from moves_in_one_pose(stages, settings)
 
 
 def slightly_turned(stages: Stages) -> Iterator[Finding]:
@@ -330,17 +330,20 @@ def clips_or_drifts(stages: Stages, settings: IdentificationSettings) -> Iterato
                 f'robot stands in pose {pose + 1}; look for {remedy}', suspect)
 
 
-def moves_in_one_pose(stages: Stages) -> Iterator[Finding]:
+def moves_in_one_pose(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
     """Look for signals that move in one static pose, where their noise hides a jump."""
-    recording = stages.recording
+    recording, fit, tool = stages.recording, stages.accelerometer, stages.tool
+    weight = _SMALL * tool.mass * settings.gravity
+    small = {'wrench': np.repeat([weight, weight * float(np.linalg.norm(tool.com))], 3),
+             'accelerometer': np.full(3, _small_volts(fit.matrix, settings) if fit else 0.0),
+             'optidrive': np.array([settings.thresholds.com])}
     for name, stream, suspect in (('wrench', recording.wrench, ALL),
                                   ('accelerometer', recording.accelerometer, MOTION),
                                   ('optidrive', recording.optidrive, ALL)):
-        if stream is None:
-            continue
-        times, pose, channel = restless(stream, [(p.start, p.end) for p in stages.poses])
-        if times > _RESTLESS:
+        found = None if stream is None else restless(
+            stream, [(p.start, p.end) for p in stages.poses])
+        if found and found.times > _RESTLESS and found.size > small[name][found.channel]:
             yield Finding(
-                f'{CHANNELS[name][channel]} moves {times:.0f} times as much in pose {pose + 1} as '
-                'in the others while the robot stands; something touched or changed it there: '
-                'measure that pose again', suspect)
+                f'{CHANNELS[name][found.channel]} moves {found.times:.0f} times as much in pose '
+                f'{found.window + 1} as in the others while the robot stands; something touched '
+                'or changed it there: measure that pose again', suspect)

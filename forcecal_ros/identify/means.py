@@ -85,7 +85,26 @@ def drift(stream: Stream, windows: list[tuple[float, float]]) -> tuple[float, in
     return worst
 
 
-def restless(stream: Stream, windows: list[tuple[float, float]]) -> tuple[float, int, int]:
+class Restless(NamedTuple):
+    """
+    A window in which a signal moves more than in the others.
+
+    Attributes
+    ----------
+    times : float
+        Standard deviation there over the median of all windows.
+    size : float
+        That standard deviation.
+    window, channel : int
+    """
+
+    times: float
+    size: float
+    window: int
+    channel: int
+
+
+def restless(stream: Stream, windows: list[tuple[float, float]]) -> Restless | None:
     """
     Find where a signal moves more than elsewhere while the robot stands.
 
@@ -98,18 +117,18 @@ def restless(stream: Stream, windows: list[tuple[float, float]]) -> tuple[float,
 
     Returns
     -------
-    times, window, channel : float, int, int
-        Standard deviation there over the median of all windows; 0 where these are too few.
+    Restless or None
+        None where windows or their samples are too few.
     """
     parts = [stream.between(start, end).values for start, end in windows]
     if len(parts) < _WINDOWS or min(map(len, parts)) < _SAMPLES:
-        return 0.0, 0, 0
+        return None
     spread = np.array([part.std(axis=0) for part in parts])
     step = np.array([resolution(column) for column in np.concatenate(parts).T])
     usual = np.maximum(np.median(spread, axis=0), step)
     times = np.where(usual > 0, spread / np.where(usual > 0, usual, 1.0), 0.0)
-    window, channel = np.unravel_index(int(np.argmax(times)), times.shape)
-    return float(times.max()), int(window), int(channel)
+    window, channel = map(int, np.unravel_index(int(np.argmax(times)), times.shape))
+    return Restless(float(times.max()), float(spread[window, channel]), window, channel)
 
 
 def _block_means(values: Array, size: int) -> Array:
