@@ -12,6 +12,9 @@ their PYTHONPATH.
 import os
 
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+# cases come out bit for bit on processors that round otherwise, too (PROTOCOL.md)
+os.environ.setdefault('OPENBLAS_CORETYPE', 'Haswell')
+os.environ.setdefault('NPY_DISABLE_CPU_FEATURES', 'X86_V4 AVX512_ICL AVX512_SPR')
 
 import argparse
 from pathlib import Path

@@ -5,7 +5,8 @@
 Every fault makes so many seeded runs, each of a rig of its own and of a strength drawn from two
 or three orders of magnitude, down to what does no harm. ``refused``: no calibration. ``flagged``:
 a warning. ``right``: nothing said, and no estimate is off by more than 5 of its standard errors.
-``silent``: one is, and no warning names it. There is to be no silent one, and no crash.
+``silent``: one is, and no warning names it; ``harmless``: so, but by less than what a standard
+error is warned of. There is to be no silent one, and no crash.
 """
 
 import argparse
@@ -23,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers')
 
 from fault_calibration_runs import FAULTS, judged, Verdict
 
-WORDS = ('refused', 'flagged', 'right', 'silent', 'crashed')
+WORDS = ('refused', 'flagged', 'right', 'harmless', 'silent', 'crashed')
 
 
 def table(verdicts: list[Verdict]) -> str:

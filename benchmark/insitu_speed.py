@@ -91,7 +91,7 @@ def main() -> None:
         head(f'{samples:.0e} samples', 'processor time', 'of one pass', 'wanted')
         for name, took in times.items():
             row(name, f'{took:.2f} s', f'{took / one:.2f}',
-                '3' if name.endswith('off') else '')
+                '5' if name.endswith('off') else '')
         share = 1 - times['calibrate, filter off'] / times['calibrate, filter on']
         row('share of the filter', f'{share:.0%}', '', '')
         row('most memory, filter off', most_memory(path), '', 'constant')

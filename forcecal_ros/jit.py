@@ -33,10 +33,31 @@ def compiled(function: F) -> F:
     -------
     callable
     """
+    return _compile(function)
+
+
+def compiled_in_any_order(function: F) -> F:
+    """
+    Compile as :func:`compiled` does, but let sums be added in any order.
+
+    The processor then adds several numbers at once; the last digits differ from those of a loop.
+
+    Parameters
+    ----------
+    function : callable
+
+    Returns
+    -------
+    callable
+    """
+    return _compile(function, fastmath={'reassoc'})
+
+
+def _compile(function: F, **options: Any) -> F:
     try:
-        return cast(F, njit(cache=True, nogil=True)(function))
+        return cast(F, njit(cache=True, nogil=True, **options)(function))
     except RuntimeError:  # nowhere to keep it: compile anew in each process
-        return cast(F, njit(nogil=True)(function))
+        return cast(F, njit(nogil=True, **options)(function))
 
 
 def waits_for_compiler(*functions: Callable[..., Any]) -> bool:

@@ -174,6 +174,26 @@ def franka_panda(data, case, folder):
         yield part, tool(found).replace(f'{folder}/', ''), plain
 
 
+def franka_at_work(data, case, folder):
+    part = {'columns': [f'force_{x}' for x in 'xyz'], 'unit': 'N'}
+    turned = [f'current_orientation_{x}' for x in 'xyzw']
+    for path in sorted((data / case['files']).glob('*.csv')):
+        spec = {'format': 'forcecal-import/1', 'tables': [{
+            'file': path.name, 'rate': 20, 'signals': {
+                'wrench': {'frame': 'tool', 'force': part, 'torque': {
+                    'columns': [f'torque_{x}' for x in 'xyz'], 'unit': 'N m'}},
+                'pose': {'frame': 'base', 'quaternion_xyzw': turned, 'position': {
+                    'columns': [f'current_pos_{x}' for x in 'xyz'], 'unit': 'm'}}}}]}
+        (folder / 'import.yaml').write_text(yaml.safe_dump(spec))
+        bag = folder / path.stem
+        found = said('import', folder / 'import.yaml', '--tables', path.parent, '-o', bag) or said(
+            'calibrate', bag, '--json', '-o', folder / 'c.yaml')
+        table = np.genfromtxt(path, delimiter=',', names=True)
+        R = Rotation.from_quat(np.stack([table[name] for name in turned], axis=1)).as_matrix()
+        force = np.stack([table[name] for name in part['columns']], axis=1)
+        yield path.stem, tool(found), f'{by_least_squares(force, R):.4f} kg'
+
+
 def icub_foot(data, case, folder):
     spec = folder / 'foot.yaml'
     text = (ROOT / 'config/examples/insitu_icub_foot.yaml').read_text()
@@ -234,8 +254,8 @@ def _left_out(places, out):
 
 
 CASES = {one.__name__: one for one in (
-    axia80, franka_panda, icub_foot, kuka_lbr_med, meca500_on_a_wall, orientations_of_others,
-    printed_sensor)}
+    axia80, franka_at_work, franka_panda, icub_foot, kuka_lbr_med, meca500_on_a_wall,
+    orientations_of_others, printed_sensor)}
 
 
 def main():

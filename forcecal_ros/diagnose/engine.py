@@ -40,7 +40,7 @@ from forcecal_ros.diagnose.judge.named_effects import (
     parameters_of,
     untold,
 )
-from forcecal_ros.diagnose.judge.probabilities import nameless, probabilities, UNKNOWN
+from forcecal_ros.diagnose.judge.probabilities import nameless, probabilities, SURE, UNKNOWN
 from forcecal_ros.diagnose.judge.residual_summary import (
     fitted_to_all,
     lines_of,
@@ -246,7 +246,11 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
 
 
 def _sorted(candidates: list[tuple[str, float]]) -> list[tuple[str, float]]:
-    return sorted(candidates, key=lambda pair: -pair[1])
+    """List every name once, the most probable first."""
+    highest: dict[str, float] = {}
+    for name, p in candidates:
+        highest[name] = max(p, highest.get(name, 0.0))
+    return sorted(highest.items(), key=lambda pair: -pair[1])
 
 
 def _say(first: LinearisedModel, model: LinearisedModel, selection: Selection, judged: _Judged,
@@ -259,7 +263,7 @@ def _say(first: LinearisedModel, model: LinearisedModel, selection: Selection, j
                                       for b, n in zip(model.residuals, model.noise)])
         selection = Selection(final, (), (), {})
         gap, noise = _measured(first, selection, summarise_residual(final), observed)
-        unknown = NamedEffect(UNKNOWN, {}, dict(judged.candidates).get(UNKNOWN, 0.9))
+        unknown = NamedEffect(UNKNOWN, {}, dict(judged.candidates).get(UNKNOWN, SURE))
         diagnosis = replace(diagnosis, gap=gap, effects=(unknown,))
     if judged.word == 'not_excited':
         diagnosis = replace(diagnosis, effects=(), candidates=())

@@ -16,7 +16,7 @@ from forcecal_ros.recording.checks.at_rest import (
 )
 from forcecal_ros.recording.checks.frame_faults import refuse_other_frame, Stated
 from forcecal_ros.recording.checks.frames import Forces, judge
-from forcecal_ros.recording.checks.inertia import other_time
+from forcecal_ros.recording.checks.inertia import motion_notes
 from forcecal_ros.recording.checks.orientations import refuse_other_orientation
 from forcecal_ros.recording.checks.torques import refuse_exchanged, refuse_other_torques
 from forcecal_ros.recording.streams import Recording
@@ -73,8 +73,7 @@ def refuse_disagreeing(recording: Recording, calibration: Calibration) -> tuple[
         return (changed,)
     untouched = found.untouched
     found_at_rest = _judged(untouched, calibration) or _torques_judged(untouched, calibration)
-    slow = other_time(recording)
-    return (*found_at_rest, slow) if slow else found_at_rest
+    return (*found_at_rest, *motion_notes(recording))
 
 
 def _refuse_other_gravity(recording: Recording, calibration: Calibration, begins: Array, R: Array

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array, rotation_vector
-from forcecal_ros.identify.means import DRIFT, drift
+from forcecal_ros.identify.means import DRIFT, drift, restless
 from forcecal_ros.identify.moving_tool import inertia_regressor, unexplained_torque
 from forcecal_ros.identify.rejection import pose_errors, rejected, what_changed
 from forcecal_ros.identify.residuals import (
@@ -40,6 +40,10 @@ MOTION = ('inertia', 'accelerometer', 'tool')
 
 ALL = (*STANDSTILL, *MOTION)
 """All keys that a finding can call into question."""
+
+_RESTLESS = 5.0
+"""So many times as much as in the others a signal moves in a pose where something changed; in
+sound runs 2.2 times at most, behind a high-pass that settles, where jumps hid 10 and more."""
 
 _MISSING = 0.005
 """Share of missing blocks that an AC-coupled accelerometer's model bears."""
@@ -93,6 +97,7 @@ def findings(stages: Stages, settings: IdentificationSettings) -> Iterator[Findi
     yield from delays_too_long(stages, settings)
     yield from pose_astray(stages.recording, stages)
     yield from clips_or_drifts(stages, settings)
+    yield from moves_in_one_pose(stages, settings)
 
 
 def slightly_turned(stages: Stages) -> Iterator[Finding]:
@@ -332,3 +337,22 @@ def clips_or_drifts(stages: Stages, settings: IdentificationSettings) -> Iterato
             yield Finding(
                 f'{channels[channel]} drifts by {sigmas:.0f} standard errors while the '
                 f'robot stands in pose {pose + 1}; look for {remedy}', suspect)
+
+
+def moves_in_one_pose(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
+    """Look for signals that move in one static pose, where their noise hides a jump."""
+    recording, fit, tool = stages.recording, stages.accelerometer, stages.tool
+    weight = _SMALL * tool.mass * settings.gravity
+    small = {'wrench': np.repeat([weight, weight * float(np.linalg.norm(tool.com))], 3),
+             'accelerometer': np.full(3, _small_volts(fit.matrix, settings) if fit else 0.0),
+             'optidrive': np.array([settings.thresholds.com])}
+    for name, stream, suspect in (('wrench', recording.wrench, ALL),
+                                  ('accelerometer', recording.accelerometer, MOTION),
+                                  ('optidrive', recording.optidrive, ALL)):
+        found = None if stream is None else restless(
+            stream, [(p.start, p.end) for p in stages.poses])
+        if found and found.times > _RESTLESS and found.size > small[name][found.channel]:
+            yield Finding(
+                f'{CHANNELS[name][found.channel]} moves {found.times:.0f} times as much in pose '
+                f'{found.window + 1} as in the others while the robot stands; something touched '
+                'or changed it there: measure that pose again', suspect)

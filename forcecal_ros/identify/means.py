@@ -6,6 +6,7 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.identify.poses import StaticPose
 from forcecal_ros.identify.settings import IdentificationSettings
+from forcecal_ros.recording.checks.clipping import resolution
 from forcecal_ros.recording.kinematics import (
     ABRUPT,
     acceleration_error,
@@ -18,6 +19,9 @@ from forcecal_ros.recording.streams import Recording, Stream
 from forcecal_ros.recording.time_grid import Averager, block_length, make_time_grid, TimeGrid
 import numpy as np
 from numpy.typing import NDArray
+
+_WINDOWS, _SAMPLES = 3, 10
+"""Fewer windows have no usual one among them, fewer samples in one do not show how they move."""
 
 
 def window_mean(stream: Stream, start: float, end: float, what: str = 'signal') -> Array:
@@ -83,6 +87,52 @@ def drift(stream: Stream, windows: list[tuple[float, float]]) -> tuple[float, in
         if sigmas.max() > worst[0]:
             worst = (float(sigmas.max()), i, int(np.argmax(sigmas)))
     return worst
+
+
+class Restless(NamedTuple):
+    """
+    A window in which a signal moves more than in the others.
+
+    Attributes
+    ----------
+    times : float
+        Standard deviation there over the median of all windows.
+    size : float
+        That standard deviation.
+    window, channel : int
+    """
+
+    times: float
+    size: float
+    window: int
+    channel: int
+
+
+def restless(stream: Stream, windows: list[tuple[float, float]]) -> Restless | None:
+    """
+    Find where a signal moves more than elsewhere while the robot stands.
+
+    A jump within a window widens the noise that is seen there, and hides behind it.
+
+    Parameters
+    ----------
+    windows : list of tuple of float
+        Start and end [s].
+
+    Returns
+    -------
+    Restless or None
+        None where windows or their samples are too few.
+    """
+    parts = [stream.between(start, end).values for start, end in windows]
+    if len(parts) < _WINDOWS or min(map(len, parts)) < _SAMPLES:
+        return None
+    spread = np.array([part.std(axis=0) for part in parts])
+    step = np.array([resolution(column) for column in np.concatenate(parts).T])
+    usual = np.maximum(np.median(spread, axis=0), step)
+    times = np.where(usual > 0, spread / np.where(usual > 0, usual, 1.0), 0.0)
+    window, channel = map(int, np.unravel_index(int(np.argmax(times)), times.shape))
+    return Restless(float(times.max()), float(spread[window, channel]), window, channel)
 
 
 def _block_means(values: Array, size: int) -> Array:

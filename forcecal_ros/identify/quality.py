@@ -5,7 +5,7 @@ system are not in the right order" [Gamez2005]: here each such sentence says whi
 how much, and where to look.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from forcecal_ros.calibration.model import Calibration
@@ -21,7 +21,7 @@ from forcecal_ros.identify.error_analysis import (
 from forcecal_ros.identify.findings import ALL, Finding, findings, MOTION
 from forcecal_ros.identify.moving_tool import ELEMENTS
 from forcecal_ros.identify.paper import Alignment, Plain, plain_procedure
-from forcecal_ros.identify.poses import orientation_h, orientation_v
+from forcecal_ros.identify.poses import orientation_h, orientation_v, StaticPose
 from forcecal_ros.identify.rejection import pose_errors, rejected
 from forcecal_ros.identify.result import Stages
 from forcecal_ros.identify.settings import IdentificationSettings
@@ -207,16 +207,33 @@ def _notes(stages: Stages, c: Calibration, plain: Plain) -> Iterator[str]:
             yield ("the accelerometer's place is not identified and taken to be the centre of "
                    'mass; rotate faster')
     if c.inertia is None:
-        weak = 'no rotation was recorded'
-        if stages.inertia is not None:
-            i = int(np.argmax(np.abs(stages.inertia.weakest)))
-            weak = f'the motion hardly shows J_{ELEMENTS[i]}'
-        yield f'inertia not identified: {weak}; rotate about all three axes between the poses'
+        yield f'inertia not identified: {_without_inertia(stages)}'
     if c.observer is None:
         yield ('observer.K not designed: the static poses do not show the noise of position and '
                'accelerometer')
     if c.tool is None:
         yield 'tool stiffness and damping not identified: nothing rang after a step'
+
+
+def _without_inertia(stages: Stages) -> str:
+    """Say why no inertia was found, and the remedy."""
+    remedy = 'rotate about all three axes between the poses'
+    if stages.inertia is not None:
+        i = int(np.argmax(np.abs(stages.inertia.weakest)))
+        return f'the motion hardly shows J_{ELEMENTS[i]}; {remedy}'
+    pose, wrench = stages.recording.pose, stages.recording.wrench
+    if pose is None or wrench is None or not _between(stages.poses, pose.t):
+        return f'no rotation was recorded; {remedy}'
+    rate = 1.0 / max(float(np.median(np.diff(one.t))) for one in (pose, wrench))
+    length = float(np.median([one.end - one.start for one in stages.poses]))
+    return (f'readings at {rate:.3g} Hz in poses of {length:.2g} s do not show noise and how the '
+            'turning between them accelerates; record faster, or hold each pose longer')
+
+
+def _between(poses: Sequence[StaticPose], t: Array) -> bool:
+    """Whether there are several samples for each of the moves between static poses."""
+    still = np.any([(t >= one.start) & (t < one.end) for one in poses], axis=0)
+    return int((~still).sum()) > 2 * len(poses)
 
 
 def _errors(stages: Stages, c: Calibration, settings: IdentificationSettings, plain: Plain

@@ -184,6 +184,8 @@ def slight_misfit(poses: list[StaticPose], statics: Statics, settings: Identific
         The wrench is in another frame, has other axes, its torques other ones than its forces,
         or base is far from level.
     """
+    if len(poses) == 1:  # which no frame fits better than another
+        check_weight(statics.gravity, settings.thresholds.condition)
     R_level_base = level_from_base(settings.gravity_direction)
     back: Array = np.eye(3) if R_level_base is None else R_level_base.T
     believed = back @ DOWN

@@ -2,12 +2,11 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
 
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.prepare import Prepared
-from forcecal_ros.jit import compiled
+from forcecal_ros.insitu.tally import joined, merged, Tally, tally_of, TINY, usual_power
 from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.clipping import Extreme
 from forcecal_ros.recording.checks.repeats import refuse_stuck
@@ -21,7 +20,6 @@ BLOCK = 0.25
 MOST_BLOCKS = 65536
 GAP = 5.0
 """A step of the stamps longer than this many median periods is a gap."""
-TINY = 1e-200
 FLOOR = 1e-4
 """
 No channel is taken to be less noisy than this share of its span over the recording, and not less
@@ -33,7 +31,6 @@ BEFORE = 4096
 """So many samples before a piece tell what its channels do when they do not stick."""
 
 Mask = NDArray[np.bool_]
-Values = NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -104,24 +101,6 @@ class Blocks:
                        square=np.full(len(self), magnitude ** 2))
 
 
-class _Tally(NamedTuple):
-    """What is summed, counted or compared in each block; the first axis is the block."""
-
-    start: Values
-    end: Values
-    step: Values
-    sums: Values
-    square: Values
-    differences: Values
-    low: Values
-    high: Values
-    at_low: Values
-    at_high: Values
-    low_again: Values
-    high_again: Values
-    still: Values
-
-
 def to_blocks(chunks: Iterable[Prepared], window: tuple[float, float] | None = None,
               poses: bool = False) -> Blocks:
     """
@@ -139,14 +118,14 @@ def to_blocks(chunks: Iterable[Prepared], window: tuple[float, float] | None = N
     DataError
         There are fewer samples than a block has, or a channel sticks.
     """
-    tallies: list[_Tally] = []
+    tallies: list[Tally] = []
     correlation: Array = np.zeros(())
     loudness: Array | None = None
     held: Prepared | None = None
     before: Prepared | None = None
     samples, period = 0, float('nan')
     for chunk in chunks:
-        held = chunk if held is None else Prepared(
+        held = chunk if held is None or not len(held.t) else Prepared(
             *(np.concatenate(pair) for pair in zip(held, chunk)))
         if not samples:
             if len(held.t) < 3:
@@ -156,24 +135,24 @@ def to_blocks(chunks: Iterable[Prepared], window: tuple[float, float] | None = N
         whole = len(held.t) // samples
         if whole:
             chunk = held.take(slice(whole * samples))
-            tally, differences = _tally(chunk, samples)
+            if loudness is None:
+                loudness = usual_power(chunk, samples)
+            tally, covariance, stands = tally_of(chunk, samples, loudness)
             tallies.append(tally)
-            if samples > 1 and ((tally.low == tally.high).any() or _stands(chunk, samples)):
+            if samples > 1 and stands:
                 _refuse_stuck(before, chunk, window)
             before = chunk.take(slice(-BEFORE, None))
-            if loudness is None:
-                loudness = np.maximum(np.median(tally.differences.astype(float), axis=0), TINY)
-            correlation = correlation + _correlation(differences, tally.differences, loudness)
+            correlation = correlation + covariance
             held = held.take(slice(whole * samples, None))
         if sum(len(tally.start) for tally in tallies) > MOST_BLOCKS:
-            tallies = [_merge(_join(tallies))]
+            tallies = [merged(joined(tallies))]
             samples *= 2
     if not tallies:
         if held is None:
             raise DataError('there are no samples in it; look at its file')
         raise DataError(f'{len(held.t)} samples are too few for one block '
                         f'of {BLOCK:g} s; is the time in seconds?')
-    return _finish(_join(tallies), samples, period, correlation)
+    return _finish(joined(tallies), samples, period, correlation)
 
 
 def _refuse_stuck(before: Prepared | None, chunk: Prepared, window: tuple[float, float] | None
@@ -191,93 +170,7 @@ def _refuse_stuck(before: Prepared | None, chunk: Prepared, window: tuple[float,
             refuse_stuck(used, name, channels)
 
 
-def _stands(chunk: Prepared, samples: int) -> bool:
-    """Say whether an axis of measured gravity is the same throughout any block."""
-    blocks = chunk.regressors[:, :3].reshape(-1, samples, 3)
-    return bool((blocks == blocks[:, :1]).all(axis=1).any())
-
-
-def _tally(chunk: Prepared, samples: int) -> tuple[_Tally, Array]:
-    """Return the tally of some blocks, and their third differences."""
-    t = chunk.t.reshape(-1, samples)
-    blocks, n, m = len(t), chunk.raw.shape[1], chunk.regressors.shape[1]
-    raw = np.ascontiguousarray(chunk.raw).reshape(blocks, samples, n)
-    regressors = np.ascontiguousarray(chunk.regressors).reshape(blocks, samples, m)
-    rough = np.empty((blocks, max(samples - 3, 0), n + 3))
-    tally = _Tally(
-        t[:, 0], t[:, -1], np.diff(t, axis=1).max(axis=1, initial=0.0),
-        np.zeros((blocks, m + n)), np.zeros(blocks), np.zeros((blocks, n + 3), np.float32),
-        np.empty((blocks, n)), np.empty((blocks, n)),
-        *(np.zeros((blocks, n), np.int32) for _ in range(5)))
-    _tally_blocks(raw, regressors, rough, *tally[3:])
-    return tally, rough
-
-
-@compiled
-def _tally_blocks(raw: Array, regressors: Array, rough: Array, sums: Array, square: Array,
-          differences: Array, low: Array, high: Array, at_low: Array, at_high: Array,
-          low_again: Array, high_again: Array, still: Array) -> None:
-    """Look at every sample of some blocks; fill what is given, see :class:`_Tally`."""
-    blocks, samples, n = raw.shape
-    m = regressors.shape[2]
-    for b in range(blocks):
-        for k in range(m):
-            for i in range(samples):
-                x = regressors[b, i, k]
-                sums[b, k] += x
-                square[b] += x * x if k < 3 else 0.0
-        for k in range(n):
-            low[b, k] = high[b, k] = raw[b, 0, k]
-            for i in range(samples):
-                x = raw[b, i, k]
-                sums[b, m + k] += x
-                low[b, k], high[b, k] = min(low[b, k], x), max(high[b, k], x)
-            before = np.nan
-            for i in range(samples):
-                x = raw[b, i, k]
-                again = x == before
-                still[b, k] += again
-                at_low[b, k] += x == low[b, k]
-                at_high[b, k] += x == high[b, k]
-                low_again[b, k] += again and x == low[b, k]
-                high_again[b, k] += again and x == high[b, k]
-                before = x
-        for k in range(n + 3):
-            signal = raw[b, :, k] if k < n else regressors[b, :, k - n]
-            power = 0.0
-            for i in range(samples - 3):
-                d = signal[i + 3] - signal[i] - 3.0 * (signal[i + 2] - signal[i + 1])
-                rough[b, i, k] = d
-                power += d * d
-            differences[b, k] = power
-
-
-def _correlation(differences: Array, power: Values, loudness: Array) -> Array:
-    """Sum of the blocks' covariances, loud ones scaled down to the others."""
-    power_ratio = np.maximum((power / loudness).mean(axis=1), TINY)
-    scaled = differences / np.sqrt(power_ratio)[:, None, None]
-    return np.asarray(np.tensordot(scaled, scaled, ((0, 1), (0, 1))))
-
-
-def _join(tallies: list[_Tally]) -> _Tally:
-    return _Tally(*(np.concatenate(arrays) for arrays in zip(*tallies)))
-
-
-def _merge(tally: _Tally) -> _Tally:
-    """Merge blocks in pairs; an odd one at the end is given up."""
-    a, b = (_Tally(*(array[i:len(tally.start) // 2 * 2:2] for array in tally)) for i in (0, 1))
-    step = np.maximum(np.maximum(a.step, b.step), b.start - a.end)
-    low, high = np.minimum(a.low, b.low), np.maximum(a.high, b.high)
-    a_low, b_low, a_high, b_high = a.low == low, b.low == low, a.high == high, b.high == high
-    return _Tally(
-        a.start, b.end, step, a.sums + b.sums, a.square + b.square,
-        a.differences + b.differences, low, high,
-        a.at_low * a_low + b.at_low * b_low, a.at_high * a_high + b.at_high * b_high,
-        a.low_again * a_low + b.low_again * b_low, a.high_again * a_high + b.high_again * b_high,
-        a.still + b.still)
-
-
-def _finish(tally: _Tally, samples: int, period: float, correlation: Array) -> Blocks:
+def _finish(tally: Tally, samples: int, period: float, correlation: Array) -> Blocks:
     n = tally.low.shape[1]
     means = tally.sums / samples
     noise, roughness = _noise(tally, samples, n, correlation)
@@ -288,7 +181,7 @@ def _finish(tally: _Tally, samples: int, period: float, correlation: Array) -> B
         np.maximum(tally.step, before) > GAP * period, _clipped(tally, samples))
 
 
-def _noise(tally: _Tally, samples: int, n: int, correlation: Array) -> tuple[Array, Array]:
+def _noise(tally: Tally, samples: int, n: int, correlation: Array) -> tuple[Array, Array]:
     """Return the noise covariance of raw and gravity, and the roughness of each block."""
     extremes = np.concatenate([tally.low, tally.high])
     floor = np.append(np.maximum((FLOOR * np.ptp(extremes, axis=0)) ** 2,
@@ -309,7 +202,7 @@ def _step(values: Array) -> float:
     return float(steps.min()) if len(steps) else 0.0
 
 
-def _clipped(tally: _Tally, samples: int) -> Mask:
+def _clipped(tally: Tally, samples: int) -> Mask:
     """
     Find where channels stop at a limit.
 

@@ -14,8 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from forcecal_ros.geometry import Array
-from forcecal_ros.insitu.blocks import Blocks, Mask, TINY
+from forcecal_ros.insitu.blocks import Blocks, Mask
 from forcecal_ros.insitu.moments import Moments
+from forcecal_ros.insitu.tally import TINY
 from forcecal_ros.jit import compiled
 from forcecal_ros.recording.noise.autocovariance import noise_of_residuals
 import numpy as np

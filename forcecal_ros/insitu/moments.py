@@ -7,10 +7,14 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.prepare import Prepared
 from forcecal_ros.insitu.smoothing import smooth
+from forcecal_ros.jit import compiled_in_any_order
 import numpy as np
 
 TRUNCATE = 1e-10
 """Directions of the regressors with less than this share of the largest moment are not used."""
+
+PIECE = 64
+"""Samples that are summed at a time: twenty columns of so many fit a first-level cache."""
 
 
 @dataclass(frozen=True)
@@ -105,21 +109,18 @@ def accumulate(chunks: Iterable[Prepared], kept: tuple[tuple[float, float], ...]
     """
     size = None if magnitude is None else magnitude + np.trace(gravity_noise) / (3 * magnitude)
     reference: Array | None = None
-    sums: Array = np.zeros(())
     gain = 0.0
     for run in _runs(chunks, kept, size):
         for part in smooth(run, window, order):
             if reference is None:
                 reference = part.values[0].copy()
                 reference[:-len(raw_noise)] = 0.0
-            rows = np.empty((len(part.values), 1 + len(reference)))
-            rows[:, 0] = 1.0
-            np.subtract(part.values, reference, out=rows[:, 1:])
-            sums = sums + rows.T @ rows
+                gram = np.zeros((1 + len(reference), 1 + len(reference)))
+            _add_products(part.values, reference, gram)
             gain += part.noise_gain
     if reference is None:
         raise DataError('no sample lies in the stretches that are used')
-    gram = np.asarray(sums)
+    gram = np.tril(gram) + np.tril(gram, -1).T
     if magnitude is not None:
         gravity_noise = _tangential(gram, gravity_noise, magnitude)
     return _moments(gram, reference[-len(raw_noise):], gain, raw_noise, gravity_noise)
@@ -148,16 +149,50 @@ def _runs(chunks: Iterable[Prepared], kept: tuple[tuple[float, float], ...],
                 return
             i, j = np.searchsorted(chunk.t, [start, end])
             if j > i:
-                rows = np.concatenate([chunk.regressors[i:j], chunk.raw[i:j]], axis=1)
-                if magnitude is not None:
-                    rows[:, :3] *= (magnitude / np.sqrt((rows[:, :3] ** 2).sum(axis=1)))[:, None]
-                yield rows
+                yield _rows(np.ascontiguousarray(chunk.regressors[i:j]),
+                            np.ascontiguousarray(chunk.raw[i:j]), magnitude or np.nan)
             if j < len(chunk.t):
                 held.append(chunk.take(slice(j, None)))
                 return
 
     for start, end in kept:
         yield stretch(start, end)
+
+
+@compiled_in_any_order
+def _rows(regressors: Array, raw: Array, magnitude: float) -> Array:
+    """Put raw channels beside regressors, gravity of a magnitude unless that is NaN."""
+    m, n = regressors.shape[1], raw.shape[1]
+    rows = np.empty((len(raw), m + n))
+    for i in range(len(raw)):
+        x, y, z = regressors[i, 0], regressors[i, 1], regressors[i, 2]
+        scale = magnitude / np.sqrt(x * x + y * y + z * z)
+        for k in range(m):
+            rows[i, k] = regressors[i, k]
+        if not np.isnan(magnitude):
+            for k in range(3):
+                rows[i, k] *= scale
+        for k in range(n):
+            rows[i, m + k] = raw[i, k]
+    return rows
+
+
+@compiled_in_any_order
+def _add_products(rows: Array, reference: Array, gram: Array) -> None:
+    """Add to the lower half of X^T X, X = [1, rows - reference], piece by piece."""
+    n = len(reference)
+    x = np.ones((1 + n, PIECE))
+    for start in range(0, len(rows), PIECE):
+        size = min(PIECE, len(rows) - start)
+        for i in range(size):
+            for k in range(n):
+                x[1 + k, i] = rows[start + i, k] - reference[k]
+        for k in range(1 + n):
+            for j in range(k + 1):
+                total = 0.0
+                for i in range(size):
+                    total += x[k, i] * x[j, i]
+                gram[k, j] += total
 
 
 def _moments(gram: Array, reference: Array, gain: float, raw_noise: Array,

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
-from forcecal_ros.insitu.blocks import Blocks, Mask, TINY
+from forcecal_ros.insitu.blocks import Blocks, Mask
+from forcecal_ros.insitu.tally import TINY
 import numpy as np
 
 MISFITS = 4.0

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.motion import moving_regressors
+from forcecal_ros.jit import compiled
 import numpy as np
 from scipy import signal
 
@@ -68,11 +69,23 @@ class Mounting:
 
     def gravity(self, specific_force: Array) -> Array:
         """Gravity in the sensor frame from specific force (n, 3) in the accelerometer's."""
-        return -specific_force @ self.R_sensor_accelerometer.T - self.gravity_offset
+        return _gravity(np.ascontiguousarray(specific_force), self.R_sensor_accelerometer,
+                        self.gravity_offset)
 
     def shifted(self, gravity_offset: Array) -> 'Mounting':
         """Return the same with a further offset to take off."""
         return replace(self, gravity_offset=self.gravity_offset + gravity_offset)
+
+
+@compiled
+def _gravity(force: Array, R: Array, offset: Array) -> Array:
+    """Return -force @ R.T - offset; of three columns faster by loop than by matrix products."""
+    gravity = np.empty((len(force), 3))
+    for i in range(len(force)):
+        for k in range(3):
+            gravity[i, k] = -offset[k] - (
+                force[i, 0] * R[k, 0] + force[i, 1] * R[k, 1] + force[i, 2] * R[k, 2])
+    return gravity
 
 
 def prepare(chunks: Iterable[Chunk], mounting: Mounting, moving: bool) -> Iterator[Prepared]:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from forcecal_ros.diagnose.by_commands import diagnose
+from forcecal_ros.diagnose.engine import _sorted
 from forcecal_ros.diagnose.inputs.channels import CHANNELS as DIAGNOSED
 from forcecal_ros.diagnose.inputs.stamps import Corrected
 from forcecal_ros.diagnose.judge.named_effects import from_checks
@@ -194,3 +195,8 @@ def test_slow_noise_that_does_not_repeat_is_no_gap_and_is_told():
     found = diagnose(with_slow_noise(21), with_slow_noise(22), load_rig()).diagnosis
     assert found.verdict == 'no_gap'
     assert any(note.startswith('slow noise, or else') for note in found.notes)
+
+
+def test_a_name_is_listed_once_with_the_most_that_speaks_for_it():
+    found = _sorted([('cable_force', 0.15), ('unknown', 0.32), ('cable_force', 0.25)])
+    assert found == [('unknown', 0.32), ('cable_force', 0.25)]

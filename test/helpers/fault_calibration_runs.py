@@ -8,9 +8,9 @@ from typing import NamedTuple
 from calibration_runs import run, shifted
 from forcecal_ros.effects.chosen import chosen_effects
 from forcecal_ros.errors import ForcecalError
-from forcecal_ros.geometry import rotation_from_vector
+from forcecal_ros.geometry import rotation_from_vector, STANDARD_GRAVITY
 from forcecal_ros.identify.pipeline import identify
-from forcecal_ros.identify.settings import IdentificationSettings
+from forcecal_ros.identify.settings import IdentificationSettings, Thresholds
 from forcecal_ros.recording.streams import Recording
 from forcecal_ros.simulators.rig.faults import in_recording, OFFSETS
 from identification_coverage import draw, errors
@@ -410,8 +410,9 @@ class Verdict:
     fault : str
     seed : int
     word : str
-        ``refused``, ``flagged``, ``right`` (nothing said, nothing wrong), ``silent`` (wrong and
-        not said of that estimate), ``crashed``.
+        ``refused``, ``flagged``, ``right`` (nothing said, nothing wrong), ``harmless`` (off by
+        less than what is called into question where a standard error is as large), ``silent``
+        (wrong and not said of that estimate), ``crashed``.
     worst : str
         The estimate that is farthest off among those not called into question.
     sigmas : float
@@ -439,12 +440,32 @@ def truth_of(rig, name):
         'tool.damping': rig.optidrive.damping}.items()}
 
 
+def of_account(key, truth):
+    """By how much an estimate may be off until a standard error of that size is warned of."""
+    limits, gain = Thresholds(), np.abs(truth['accelerometer.gain']).max()
+    return next(limit for name, limit in {
+        'mass': limits.mass * truth['mass'], 'com': limits.com,
+        'wrench_bias.force': limits.force_bias, 'wrench_bias.torque': limits.torque_bias,
+        'inertia': limits.inertia * np.abs(truth['inertia']).max(),
+        'accelerometer.offset': limits.offset * gain, 'accelerometer.gain': limits.gain * gain,
+        'accelerometer.map': limits.offset / STANDARD_GRAVITY,
+        'accelerometer.delay': limits.delay, 'accelerometer.position': limits.position,
+        'accelerometer.cutoff': 0.0, 'tool.stiffness': limits.stiffness * truth['tool.stiffness'],
+        'tool.damping': limits.damping * truth['tool.damping']}.items() if key.startswith(name))
+
+
 def farthest(found, truth, suspect):
-    """Return by how many standard errors the worst of the estimates not suspect is off."""
-    return max(((abs(error / std) if std > 0 else (np.inf if error else 0.0), key)
-                for key, error, std in errors(found, truth) if np.isfinite(error)
-                and not any(key.startswith(estimate) for estimate in suspect)),
-               default=(0.0, ''))
+    """
+    Return the worst of the estimates not suspect: off by how many standard errors, and which.
+
+    The last of the three says whether any that is too far off is off by what is of account.
+    """
+    off = [(abs(error / std) if std > 0 else (np.inf if error else 0.0), key,
+            abs(error) > of_account(key, truth))
+           for key, error, std in errors(found, truth) if np.isfinite(error)
+           and not any(key.startswith(estimate) for estimate in suspect)]
+    sigmas, worst, _ = max(off, default=(0.0, '', False))
+    return sigmas, worst, any(matters for z, _, matters in off if z > WORST)
 
 
 def judged(name, seed):
@@ -462,7 +483,8 @@ def judged(name, seed):
     except Exception as error:  # noqa: BLE001 - a crash is a verdict
         return Verdict(name, seed, 'crashed', said=(f'{type(error).__name__}: {error}',))
     warnings, suspect = tuple(found.quality['warnings']), set(found.quality.get('suspect', ()))
-    sigmas, worst = min(farthest(found, truth, suspect),
-                        farthest(found, {**truth, **after}, suspect))
-    word = 'silent' if sigmas > WORST else 'flagged' if warnings else 'right'
+    sigmas, worst, matters = min(farthest(found, truth, suspect),
+                                 farthest(found, {**truth, **after}, suspect))
+    word = ('flagged' if warnings else 'right') if sigmas <= WORST else (
+        'silent' if matters else 'harmless')
     return Verdict(name, seed, word, worst, float(sigmas), warnings)

@@ -422,7 +422,7 @@ WRONG = {
     'poses of two digits': Wrong(
         lambda one, rng: replace(one, q=np.round(one.q, 2), place=np.round(one.place, 2)),
         'digits|round|steps'),
-    'wrench behind a low-pass of 10 Hz': Wrong(lambda one, rng: lowpass(one, 10.0)),
+    'wrench behind a low-pass of 10 Hz': Wrong(lambda one, rng: lowpass(one, 10.0), 'low-pass'),
     'wrench behind a low-pass of 0.5 Hz': Wrong(
         lambda one, rng: lowpass(one, 0.5), 'filter|smooth'),
     'wrench averaged over 1 s': Wrong(

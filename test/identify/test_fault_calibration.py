@@ -27,6 +27,19 @@ def test_no_estimate_is_far_off_without_being_called_into_question(fault):
         assert all('\n' not in line for line in verdict.said)
 
 
+@pytest.mark.parametrize('fault, seed, said', [
+    ('accelerometer wrong', 9, 'accel.y moves 22 times as much in pose 3'),
+    ('optidrive wrong', 9, 'optidrive moves 249 times as much in pose 1')])
+def test_a_jump_in_a_pose_does_not_hide_behind_its_own_noise(fault, seed, said):
+    verdict = judged(fault, seed)
+    assert verdict.word == 'flagged'
+    assert any(said in line for line in verdict.said)
+
+
+def test_what_is_off_by_less_than_is_warned_of_is_harmless():
+    assert judged('contact in one pose', 4).word == 'harmless'
+
+
 def test_a_healthy_run_says_nothing():
     verdicts = [judged('none', seed) for seed in range(200, 204)]
     assert [verdict.word for verdict in verdicts] == ['right'] * 4

@@ -159,6 +159,7 @@ def test_every_way_to_write_an_orientation_is_the_same_rotation(tmp_path, conven
         'R_sensor_base': rotations.inv().as_matrix().reshape(5, 9),
         'quaternion_xyzw': rotations.as_quat(),
         'rpy': rotations.as_euler('xyz', degrees=True),
+        'euler_xyz': rotations.as_euler('XYZ', degrees=True),
         'rotation_vector': rotations.as_rotvec(degrees=True),
     }[convention]
     names = [f'q{i}' for i in range(written.shape[1])]
@@ -247,7 +248,13 @@ def test_topic_and_frame_are_the_ones_named(tmp_path):
     ('\ufeff' + ROWS.replace(',', '\t').replace('7', '7.5'), {'delimiter': '\t'}),
     ('# a robot, of 2019\n' + ROWS.replace('7', '7.5') + '# end\n', {'comment': '#'}),
     ('Some sensor\nserial,12\n' + ROWS.replace('7', '7.5'), {'header': 3}),
-    (ROWS.replace('7', '7.5').replace(HEADER, HEADER + 's,N,N,N,Nm,Nm,Nm\n'), {'skip': 1})])
+    (ROWS.replace('7', '7.5').replace(HEADER, HEADER + 's,N,N,N,Nm,Nm,Nm\n'), {'skip': 1}),
+    (ROWS.replace('7', '7.5').replace(',', '   ').replace('\n', ' \n '), {'delimiter': ' '}),
+    (HEADER + ROWS[len(HEADER):].replace('7', '7.5').replace('\n', ',\n'), {}),
+    (ROWS.replace('7', '7.5').replace('\n', ',\n'), {}),
+    (ROWS.replace('7', '7.5') + '3,1,2', {}),
+    ('# ' + ROWS.replace('7', '7.5'), {}),
+    ('# ' + ROWS.replace('7', '7.5').replace(',', ' '), {'delimiter': ' '})])
 def test_tables_of_other_programs_hold_the_same_numbers(tmp_path, text, dialect):
     wrench = imported(tmp_path, table(text, tmp_path, **dialect)).signals['wrench']
     assert wrench.values.tolist() == [[1, 2, 3, 4, 5, 6], [7.5, 8, 9, 10, 11, 12]]
@@ -267,6 +274,7 @@ def test_tables_of_other_programs_hold_the_same_numbers(tmp_path, text, dialect)
     (ROWS.replace('12', ''), "line 3: '' in column 'tz' is not a number"),
     (ROWS.replace('fx', 'fX'), "no column 'fx'; there are t, fX, fy"),
     (ROWS.replace('fx,fy', 'fx,fx'), "several columns 'fx'|no column 'fy'"),
+    (ROWS[len(HEADER):], "no column 't', and the line .* holds numbers; .* header: 0"),
     (HEADER, 'no rows'),
     ('', 'no rows'),
     ('t,"fx\n1,2', 'not a table of text'),
@@ -276,6 +284,94 @@ def test_faulty_table_is_one_line_that_says_where(tmp_path, text, message):
         run_import(specify(tmp_path, table(text, tmp_path)), tmp_path / 'bag')
     assert '\n' not in str(error.value)
     assert not (tmp_path / 'bag').exists()
+
+
+def test_a_table_without_names_has_columns_by_number(tmp_path):
+    signals = {'wrench': {'frame': 'ft', 'force': {'columns': ['1', '2', '3'], 'unit': 'N'},
+                          'torque': {'columns': ['4', '5', '6'], 'unit': 'N m'}}}
+    one = table(ROWS[len(HEADER):], tmp_path, signals=signals, header=0)
+    one['time']['column'] = '0'
+    result = imported(tmp_path, one)
+    assert result.signals['wrench'].values.tolist() == [[1, 2, 3, 4, 5, 6],
+                                                        [7, 8, 9, 10, 11, 12]]
+
+
+def test_rows_that_are_none_of_their_own_are_told(tmp_path):
+    twice = ROWS + ROWS.splitlines()[-1] + '\n3,7,8'
+    result = imported(tmp_path, table(twice, tmp_path))
+    assert len(result.signals['wrench']) == 2
+    repeated, cut = result.notes
+    assert '1 rows repeat the row before' in repeated and 'line 5: the last line is cut' in cut
+    of_rate = imported(tmp_path, table(twice[:-6], tmp_path, rate=10))
+    assert len(of_rate.signals['wrench']) == 3 and not of_rate.notes
+
+
+def stamped(folder, fraction, rows=100):
+    """Import rows 20 ms apart whose time is in two columns."""
+    lines = (f'{5 + k // 50},{fraction(k % 50)},{k},0,0,0,0,0' for k in range(rows))
+    one = table('sec,nsec' + HEADER[1:] + '\n'.join(lines) + '\n', folder)
+    one['time'] = {'column': 'sec', 'unit': 's', 'nanoseconds': 'nsec'}
+    return imported(folder, one)
+
+
+def test_seconds_and_nanoseconds_in_two_columns_are_one_time(tmp_path):
+    result = stamped(tmp_path, lambda k: 20_000_000 * k)
+    np.testing.assert_allclose(np.diff(result.signals['wrench'].t), 0.02, atol=1e-12)
+
+
+@pytest.mark.parametrize('fraction, message', [
+    (lambda k: 20_000 * k, 'never exceeds 980000: these are microseconds; multiply them by 1000'),
+    (lambda k: 20 * k, 'these are milliseconds; multiply them by 1000000'),
+    (lambda k: 10**9 + k, 'not nanoseconds within a second')])
+def test_parts_of_a_second_in_another_unit_are_refused(tmp_path, fraction, message):
+    with pytest.raises(DataError, match=message):
+        stamped(tmp_path, fraction)
+
+
+def test_nanoseconds_do_not_come_on_top_of_fractions(tmp_path):
+    one = table(ROWS.replace('\n2,', '\n2.5,'), tmp_path)
+    one['time']['nanoseconds'] = 'fx'
+    with pytest.raises(DataError, match="'t' is not in whole seconds"):
+        imported(tmp_path, one)
+
+
+@pytest.mark.parametrize('times, message', [
+    ((86399, 0.5), 'passed midnight; add a day'),
+    ((5, 1), 'sort the table, or import each part'),
+    (('5.80000000', '5.90000000', '5.100000000'), 'without their leading zeros'),
+    ((1, 1), 'as in 1 rows: they are nearer .* state rate')])
+def test_times_that_do_not_grow_are_told_by_their_kind(tmp_path, times, message):
+    text = HEADER + ''.join(f'{t},{k},2,3,4,5,6\n' for k, t in enumerate(times))
+    with pytest.raises(DataError, match=message):
+        imported(tmp_path, table(text, tmp_path))
+
+
+def test_rows_of_merged_streams_count_where_a_signal_has_cells(tmp_path):
+    signals = {'wrench': WRENCH, 'pose': {'frame': 'base', 'rpy': {
+        'columns': ['a', 'b', 'c'], 'unit': 'rad'}}}
+    text = (HEADER.strip() + ',a,b,c\n1,1,2,3,4,5,6,,,\n2,,,,,,,0,0,1\n'
+            '3,7,8,9,10,11,12,,, \n4,,,,,,,0,0,2\n')
+    result = imported(tmp_path, table(text, tmp_path, signals=signals))
+    assert result.signals['wrench'].t.tolist() == [0, 2]
+    assert result.signals['pose'].t.tolist() == [1, 3]
+    assert [note.split(': ')[1] for note in result.notes] == [
+        '2 of 4 rows have cells of wrench', '2 of 4 rows have cells of pose']
+    with pytest.raises(DataError, match="line 2: '' in column 'fy' is not a number.*empty cells"):
+        imported(tmp_path, table(text.replace('1,1,2,', '1,1,,'), tmp_path, signals=signals))
+
+
+def test_angles_about_other_axes_do_not_turn_as_the_weight_does(tmp_path):
+    R = weighed()[1]
+    assert moved(tmp_path, R.as_euler('XYZ'), euler_xyz='rad').notes == ()
+    for written, key, said in (
+            (R.as_euler('xyz')[:, ::-1], 'rpy', 'in the order yaw, pitch, roll'),
+            (R.as_euler('XYZ'), 'rpy', 'if it is euler_xyz'),
+            (R.as_euler('xyz'), 'euler_xyz', 'if it is rpy'),
+            (R.as_euler('ZYZ'), 'rpy', 'about the moving axes z, y, z'),
+            (R.as_rotvec(), 'rpy', 'if it is rotation_vector'),
+            (R.inv().as_rotvec(), 'rotation_vector', 'that of base in the sensor')):
+        with pytest.raises(DataError, match=said):
+            moved(tmp_path, written, **{key: 'rad'})
 
 
 def test_binary_and_missing_files_are_one_line(tmp_path):

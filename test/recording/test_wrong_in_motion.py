@@ -1,7 +1,12 @@
 """What spoils a log and shows in motion alone is told, and sound logs are not."""
 
 from forcecal_ros.identify.pipeline import identify
-from forcecal_ros.recording.checks.inertia import inertia_shown, other_point, other_time
+from forcecal_ros.recording.checks.inertia import (
+    inertia_shown,
+    motion_notes,
+    other_point,
+    other_time,
+)
 from forcecal_ros.recording.checks.interpolated import interpolated
 import numpy as np
 import pytest
@@ -27,6 +32,13 @@ def test_other_logs_show_no_other_speed_and_no_other_point(wrong):
     for seed in range(50, 54):
         recording = spoilt(wrong, seed)
         assert other_time(recording) == '' and other_point(recording, COM, STD) == ''
+
+
+@pytest.mark.parametrize('seed', range(80, 84))
+def test_a_wrench_that_a_driver_smooths_a_little_is_told_by_its_delay(seed):
+    said, = motion_notes(spoilt('wrench behind a low-pass of 10 Hz', seed))
+    assert 14 <= float(said.split('weight turn ')[1].split()[0]) <= 17
+    assert motion_notes(spoilt('nothing', seed)) == ()
 
 
 @pytest.mark.parametrize('seed', range(60, 64))
@@ -59,3 +71,10 @@ def test_poses_as_they_were_recorded_or_coarse_are_not_called_interpolated():
     for wrong in ('nothing', 'pose repeats at 10 Hz', 'poses of two digits',
                   'every message twice', '30 % lost in bursts'):
         assert interpolated(spoilt(wrong, 72).pose) == ''
+
+
+def test_a_slow_log_is_not_said_to_hold_no_rotation():
+    one = log(3, poses=8, rate=10.0)
+    notes = identify(recording_of(one.of_pose(np.arange(0, len(one.pose_t), 12)))).quality['notes']
+    said, = (note for note in notes if 'inertia' in note)
+    assert 'readings at 10 Hz in poses of' in said and 'record faster' in said

@@ -65,9 +65,10 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
         return 'unknown', (f'no effect of the library explains the gap: {closest}, but '
                            f'{" and ".join(at_limit)} is as large as that can be: another '
                            'robot, tool or unit was recorded than it is compared with')
-    done = f'explains {percent(closed or 0.0)} of the misfit'
+    end = '' if len(named) > 1 else 's'
+    done = f'explain{end} {percent(closed or 0.0)} of the misfit'
     if closed is None:
-        done, closed = 'shows in stamps and values', 1.0
+        done, closed = f'show{end} in stamps and values', 1.0
     doubtful = dict(candidates).get(UNKNOWN, 0.0) > 0.5
     beside = with_discrepancy and not doubtful
     if not beside and significant and (closed < NAMED or doubtful):

@@ -263,6 +263,12 @@ def _in_its_place(less: JointFit, found: Sequence[Hypothesis], free: Sequence[Hy
     return less._replace(model=replace(model, gates=gates)), others
 
 
+def _stands_at_bound(model: LinearisedModel, a: Accepted) -> bool:
+    """Say whether a size of an effect is as large as it can be."""
+    return any(not q.shapes and value != q.nominal and value in (q.low, q.high)
+               for q, value in zip(model.library[a.name].parameters, a.theta))
+
+
 def _pruned(now: JointFit) -> JointFit:
     """Forget when effects would act that are not there."""
     gates = {n: g for n, g in now.model.gates.items() if n in now.model.effects}
@@ -275,6 +281,8 @@ def _exchange(start: LinearisedModel, now: JointFit, found: Sequence[Hypothesis]
                          dict[str, Array]]:
     """
     Try every other effect in the place of each accepted one; keep what is better.
+
+    What has to stand at the end of its range to be better does not take the place of what has not.
 
     An effect that brings nothing any more beside noise that is fitted with it is dropped. Returns
     the alternatives' log-odds, and the log Bayes factors, of :class:`Selection`, and how much each
@@ -302,6 +310,7 @@ def _exchange(start: LinearisedModel, now: JointFit, found: Sequence[Hypothesis]
             continue
         own = weight[a.name]
         mine, degrees = next(t for t in results if t.name == a.name), a.degrees
+        limited = _stands_at_bound(now.model, a)
         for t in near[:TRIES]:
             refitted = joint_fit_if_finite(less.model, [*less.accepted, Accepted.of(t)],
                                            t.nuisances)
@@ -313,8 +322,9 @@ def _exchange(start: LinearisedModel, now: JointFit, found: Sequence[Hypothesis]
             more = instead.null_evidence - log_evidence
             odds = more / temperature_of(results, missing) - PARSIMONY * (t.degrees - degrees)
             weight[t.name] = own + odds
-            if odds > 0.0:
-                now = _pruned(other)
+            at_bound = _stands_at_bound(other.model, other.accepted[-1])
+            if odds > 0.0 and (limited or not at_bound):
+                now, limited = _pruned(other), at_bound
                 mine = t._replace(evidence=mine.evidence + more)
                 degrees, own, log_evidence = t.degrees, weight[t.name], instead.null_evidence
                 whole = instead

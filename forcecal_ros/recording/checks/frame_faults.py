@@ -87,9 +87,10 @@ def refuse_weightless(judgement: Judgement) -> None:
             raise DataError(
                 f'the forces of the static poses change by {judgement.changes:.2g} N, and not as '
                 f'a weight does (mass {plain.mass:.3g} +- {plain.mass_std:.2g} kg, residual RMS '
-                f'{plain.rms:.2g} N), in whatever frame: wrench and pose are not of the same '
-                'robot or of the same time, the frame changed meanwhile, or something else pulls; '
-                'compare them pose by pose')
+                f'{plain.rms:.2g} N), in whatever frame: the weight was taken off, as from what a '
+                'robot says of external forces, wrench and pose are not of the same robot or of '
+                'the same time, the frame changed meanwhile, or something else pulls; record the '
+                "sensor's own readings, or compare them pose by pose")
         raise UnobservableError(
             'the forces of the static poses show no weight that turns with the sensor (mass '
             f'{plain.mass:.3g} +- {plain.mass_std:.2g} kg, residual RMS {plain.rms:.2g} N)'

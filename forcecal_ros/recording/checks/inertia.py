@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array, matrix_from_quaternion, STANDARD_GRAVITY
+from forcecal_ros.recording.checks.slowness import TOLD_LATE
 from forcecal_ros.recording.streams import Recording
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -32,6 +33,12 @@ AS_MUCH = 0.85
 """Where forces show less of the inertia than that the centre of mass is not judged by it: tools on
 springs and short motions show 0.55 to 0.9, and it is some 0.1 m off then."""
 
+TURNS = 0.1
+"""Angular speed from which gravity turns in the sensor [rad/s]."""
+
+WHITE = 0.6745 * 2.0**0.5
+"""Median of the differences of white noise, over its standard deviation."""
+
 ELSEWHERE = 0.05
 """Centres of mass by torques and by inertia are apart by less where nothing is wrong [m]."""
 
@@ -46,12 +53,19 @@ class Inertia(NamedTuple):
         Force over mass times acceleration of the pose: 1 where both are in the same time.
     com, com_std : ndarray, shape (3,)
         Centre of mass from the point whose position the pose gives, in ft_sensor [m].
+    late, late_std : float
+        How much later than the pose the forces show the weight turn [s].
+    rate : float
+        How fast the weight's force changes where it turns, RMS [N/s].
     """
 
     times: float
     times_std: float
     com: Array
     com_std: Array
+    late: float
+    late_std: float
+    rate: float
 
 
 def inertia_shown(recording: Recording) -> Inertia | None:
@@ -79,13 +93,43 @@ def inertia_shown(recording: Recording) -> Inertia | None:
                      if (rows := keep & (part != k)).any()]
     spread = np.array(found_without)
     std = np.sqrt((PARTS - 1) * spread.var(axis=0))
-    shown = _ratios(_fit(design[keep], force[keep]))
-    return Inertia(float(shown[0]), float(std[0]), shown[1:], std[1:])
+    theta = _fit(design[keep], force[keep])
+    shown = _ratios(theta)
+    turning = np.linalg.norm(design[:, :, -1], axis=1)
+    rate = np.linalg.norm(theta[4:7]) * np.sqrt((turning[turning > TURNS]**2).mean()) if (
+        turning > TURNS).any() else 0.0
+    return Inertia(float(shown[0]), float(std[0]), shown[1:4], std[1:4], float(shown[4]),
+                   float(std[4]), float(rate))
+
+
+def motion_notes(recording: Recording) -> tuple[str, ...]:
+    """Say in notes that stamps run slower than time, or the wrench a little late."""
+    found = inertia_shown(recording)
+    return tuple(note for note in (_other_time(found), _late(recording, found)) if note)
 
 
 def other_time(recording: Recording) -> str:
     """Say in a note that stamps run slower than time; empty: they do not, or nothing tells."""
-    found = inertia_shown(recording)
+    return _other_time(inertia_shown(recording))
+
+
+def _late(recording: Recording, found: Inertia | None) -> str:
+    """Say that forces are late by what adds more to them than noise does; empty: they are not."""
+    if found is None or abs(found.late) < SURE * found.late_std or any(
+            TOLD_LATE.search(note) for note in recording.notes):
+        return ''
+    assert recording.wrench is not None
+    steps = np.abs(np.diff(recording.wrench.values[:, :3], axis=0))
+    size = abs(found.late) * found.rate
+    if size < np.linalg.norm(np.median(steps, axis=0)) / WHITE:
+        return ''
+    return (f'wrench shows the weight turn {1e3 * abs(found.late):.0f} +- '
+            f'{1e3 * found.late_std:.0f} ms {"later" if found.late > 0 else "earlier"} than the '
+            f'pose, which leaves {size:.2g} N RMS as contact while the robot turns: a low-pass of '
+            'its driver, or stamps; switch the filter off, and stamp both when they are measured')
+
+
+def _other_time(found: Inertia | None) -> str:
     if found is None or found.times < SLOW or found.times - 1.0 < SURE * found.times_std:
         return ''
     return (f'wrench shows {found.times:.2g} +- {found.times_std:.1g} times the inertia that the '
@@ -128,9 +172,10 @@ def _metres(place: Array) -> str:
 
 
 def _ratios(theta: Array) -> Array:
-    """Return the inertial over the gravitational mass, and the centre of mass."""
-    mass = np.linalg.norm(theta[4:7]) / STANDARD_GRAVITY
-    return np.append(theta[0] / mass, theta[1:4] / theta[0])
+    """Return the inertial over the gravitational mass, the centre of mass, and the delay."""
+    weight = np.linalg.norm(theta[4:7])
+    return np.concatenate([[theta[0] * STANDARD_GRAVITY / weight], theta[1:4] / theta[0],
+                           [theta[10] / weight]])
 
 
 def _fit(design: Array, force: Array) -> Array:

@@ -1,6 +1,7 @@
 """How a wrench follows gravity as the pose turns it: late, or smoothed by its driver."""
 
 from collections.abc import Iterator
+import re
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
@@ -33,6 +34,10 @@ fewer means nothing is said."""
 
 ROUNDS, PUSHED = 4, 9.0
 """Fits without what is pushed: what is off by three times what half of the readings are."""
+
+
+TOLD_LATE = re.compile('^wrench (follows gravity|shows gravity turn) ')
+"""How the notes of :func:`lag_note` begin."""
 
 
 class Follows(NamedTuple):

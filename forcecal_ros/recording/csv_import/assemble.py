@@ -10,12 +10,14 @@ from forcecal_ros.geometry import Array, matrix_from_quaternion
 from forcecal_ros.recording.checks.orientations import read_from_w
 from forcecal_ros.recording.csv_import import doubts
 from forcecal_ros.recording.csv_import.specification import (
+    ANGLES,
     ORIENTATIONS,
     Signal,
     Specification,
     TableSpecification,
 )
 from forcecal_ros.recording.csv_import.table import Table
+from forcecal_ros.recording.csv_import.times import nanoseconds
 from forcecal_ros.recording.csv_import.units import NANOSECONDS, UNITS
 from forcecal_ros.recording.streams import Phase, PHASES, PoseStream, Stream
 import numpy as np
@@ -67,7 +69,8 @@ def assemble(specification: Specification) -> Imported:
     ConfigError
         A table gives no signal, or two give the same.
     """
-    tables = [(one, Table(Path(one.file), one.dialect)) for one in specification.tables]
+    tables = [(one, Table(Path(one.file), one.dialect, timed=one.time is not None))
+              for one in specification.tables]
     stamps = [_stamps(one, table) for one, table in tables]
     _check_time_base(specification, stamps)
     start = int(min(times[0] for times in stamps))
@@ -77,7 +80,8 @@ def assemble(specification: Specification) -> Imported:
     for (one, table), times in zip(tables, stamps):
         t = (times - start) / 1e9
         found: dict[str, Stream | PoseStream | tuple[Phase, ...]] = {
-            role: _signal(table, t, signal) for role, signal in one.signals.given.items()}
+            role: _signal(*_having(table, t, signal), signal)
+            for role, signal in one.signals.given.items()}
         if one.phases:
             found['phase'] = _phases(one, table, t)
         if not found:
@@ -98,20 +102,24 @@ def assemble(specification: Specification) -> Imported:
 def _notes(specification: TableSpecification, table: Table, t: Array,
            signals: Mapping[str, Stream | PoseStream | tuple[Phase, ...]]) -> Iterator[str]:
     yield from doubts.skipped_lines(table)
+    yield from doubts.left_out(table)
     if specification.time is not None:
         yield from doubts.doubtful_rate(
             len(t), float(t[-1] - t[0]),
             f'{table.path}, column {specification.time.column!r}', specification.time.unit)
     for role, signal in signals.items():
+        if isinstance(signal, tuple):
+            continue
+        given = specification.signals.given[role]
+        part, _ = _having(table, t, given)
+        if len(part) < len(table):
+            yield f'{table.path}: {len(part)} of {len(table)} rows have cells of {role}'
         if isinstance(signal, Stream):
-            yield from doubts.missing(table, role, signal.values)
-        elif isinstance(signal, PoseStream) and specification.time is not None:
-            given = specification.signals.given[role]
-            name = _orientation(given)
-            if name in ('rpy', 'rotation_vector'):
-                doubts.refuse_degrees_and_radians(
-                    table, t, name, table.numbers(given.parts[name].columns),
-                    given.parts[name].unit, signal.R_base_sensor)
+            yield from doubts.missing(part, role, signal.values)
+        elif specification.time is not None and (name := _orientation(given)) in ANGLES:
+            doubts.refuse_degrees_and_radians(
+                part, signal.t, name, part.numbers(given.parts[name].columns),
+                given.parts[name].unit, signal.R_base_sensor)
 
 
 def _refuse_other_readings(tables: Sequence[tuple[TableSpecification, Table]],
@@ -120,6 +128,7 @@ def _refuse_other_readings(tables: Sequence[tuple[TableSpecification, Table]],
     if not (isinstance(wrench, Stream) and isinstance(pose, PoseStream)):
         return
     table, signal = next((table, one.signals.pose) for one, table in tables if one.signals.pose)
+    table, _ = _having(table, np.zeros(len(table)), signal)
     name = _orientation(signal)
     doubts.refuse_other_reading(wrench, pose, _other_readings(table, signal, name),
                                 f'{table.path}: {name}')
@@ -127,11 +136,8 @@ def _refuse_other_readings(tables: Sequence[tuple[TableSpecification, Table]],
 
 def _other_readings(table: Table, signal: Signal, name: str) -> Mapping[str, Array]:
     """R_base_sensor as it would be with the other unit, or the other order."""
-    if name in ('rpy', 'rotation_vector'):
-        stated = signal.parts[name].unit
-        unit = 'deg' if stated == 'rad' else 'rad'
-        size = UNITS['angle'][unit] / UNITS['angle'][stated]
-        return {f'its unit is {unit}': _turn(name, size * _part(table, signal, name))}
+    if name in ANGLES:
+        return _other_angles(name, _part(table, signal, name), signal.parts[name].unit)
     R = _rotations(table, signal)
     if name == 'quaternion_xyzw':
         return {'its columns are in the order w, x, y, z': read_from_w(R),
@@ -141,20 +147,34 @@ def _other_readings(table: Table, signal: Signal, name: str) -> Mapping[str, Arr
             R.transpose(0, 2, 1)}
 
 
+def _other_angles(name: str, angles: Array, stated: str) -> Mapping[str, Array]:
+    """Orientations by angles [rad] that are in the other unit, about other axes or turned."""
+    unit = 'deg' if stated == 'rad' else 'rad'
+    size = UNITS['angle'][unit] / UNITS['angle'][stated]
+    others = {f'its unit is {unit}': _turn(name, size * angles),
+              'it is that of base in the sensor, whose transpose is wanted':
+                  _turn(name, angles).transpose(0, 2, 1)}
+    if name != 'rotation_vector':
+        others['its columns are in the order yaw, pitch, roll'] = _turn(name, angles[:, ::-1])
+    others['its angles are about the moving axes z, y, z, to be written as quaternions'] = (
+        np.asarray(Rotation.from_euler('ZYZ', angles).as_matrix()))
+    return others | {f'it is {other}': _turn(other, angles) for other in ANGLES if other != name}
+
+
 def _orientation(signal: Signal) -> str:
     return next(name for name in ORIENTATIONS if name in signal.parts)
 
 
 def _turn(name: str, angles: Array) -> Array:
-    turn = (Rotation.from_euler('xyz', angles) if name == 'rpy'
-            else Rotation.from_rotvec(angles))
+    turn = (Rotation.from_rotvec(angles) if name == 'rotation_vector'
+            else Rotation.from_euler('xyz' if name == 'rpy' else 'XYZ', angles))
     return np.asarray(turn.as_matrix())
 
 
 def _stamps(specification: TableSpecification, table: Table) -> NDArray[np.int64]:
     time, rate, start = specification.time, specification.rate, specification.start or 0.0
     if time is not None:
-        return table.nanoseconds(time.column, NANOSECONDS[time.unit])
+        return nanoseconds(table, time.column, NANOSECONDS[time.unit], time.nanoseconds)
     assert rate is not None
     rows = np.arange(len(table)) / rate + start
     stamps = np.rint(rows * 1e9).astype(np.int64)
@@ -175,6 +195,12 @@ def _check_time_base(specification: Specification, stamps: Sequence[NDArray[np.i
                 'time')
 
 
+def _having(table: Table, t: Array, signal: Signal) -> tuple[Table, Array]:
+    """Return the rows that hold anything of a signal, and their times."""
+    part, rows = table.having([name for one in signal.parts.values() for name in one.columns])
+    return part, t[rows]
+
+
 def _part(table: Table, signal: Signal, name: str) -> Array:
     part = signal.parts[name]
     return np.asarray(table.numbers(part.columns) * np.array(part.factors))
@@ -192,7 +218,7 @@ def _signal(table: Table, t: Array, signal: Signal) -> Stream | PoseStream:
 def _rotations(table: Table, signal: Signal) -> Array:
     name = _orientation(signal)
     values = _part(table, signal, name)
-    if name in ('rpy', 'rotation_vector'):
+    if name in ANGLES:
         _refuse(table, ~np.isfinite(values).all(axis=1), 'no angles')
         _refuse(table, (np.abs(values) > _TOO_FAR).any(axis=1),
                 f'more than two turns ({np.abs(values).max():.4g} rad); is {name} in degrees '

@@ -6,7 +6,7 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.checks.limits import FEW, SPOILT
 from forcecal_ros.recording.checks.orientations import other_reading
-from forcecal_ros.recording.csv_import.table import Table
+from forcecal_ros.recording.csv_import.table import is_number, Table
 from forcecal_ros.recording.streams import PoseStream, Stream
 import numpy as np
 
@@ -40,7 +40,7 @@ def doubtful_rate(rows: int, span: float, what: str, unit: str) -> Iterator[str]
 
 def skipped_lines(table: Table) -> Iterator[str]:
     """Say how many lines the key skip left out, and whether they hold numbers."""
-    numbers = [line for line, cells in table.skipped if all(map(_is_number, cells))]
+    numbers = [line for line, cells in table.skipped if all(map(is_number, cells))]
     if table.skipped:
         yield (f'{table.path}: skip leaves out {len(table.skipped)} '
                f'line{"s" * (len(table.skipped) > 1)}'
@@ -48,12 +48,13 @@ def skipped_lines(table: Table) -> Iterator[str]:
                   if numbers else ''))
 
 
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+def left_out(table: Table) -> Iterator[str]:
+    """Say which rows are no rows of their own."""
+    if table.repeated:
+        yield (f'{table.path}: {table.repeated} rows repeat the row before to the last character '
+               'and are left out')
+    if table.cut:
+        yield f'{table.path} line {table.cut}: the last line is cut short and left out'
 
 
 def missing(table: Table, role: str, values: Array) -> Iterator[str]:
@@ -87,9 +88,10 @@ def refuse_degrees_and_radians(table: Table, t: Array, name: str, angles: Array,
                 f'faster than any robot; is {name} in degrees (unit: deg), or time in another '
                 'unit?')
     low, high = HALF_TURN
-    size = np.abs(angles) if name == 'rpy' else np.linalg.norm(angles, axis=1, keepdims=True)
-    turned = (angles[1:] * angles[:-1] < 0 if name == 'rpy' else
-              (angles[1:] * angles[:-1]).sum(axis=1, keepdims=True) < 0)
+    vector = name == 'rotation_vector'
+    size = np.linalg.norm(angles, axis=1, keepdims=True) if vector else np.abs(angles)
+    turned = ((angles[1:] * angles[:-1]).sum(axis=1, keepdims=True) < 0 if vector else
+              angles[1:] * angles[:-1] < 0)
     jumps = turned & (size[1:] > low) & (size[:-1] > low)
     if unit == 'deg' and size.max() <= high and jumps.any():
         row = int(np.argmax(jumps.any(axis=1))) + 1
@@ -119,4 +121,4 @@ def refuse_other_reading(wrench: Stream, pose: PoseStream, others: Mapping[str, 
         return
     if words := other_reading(force, pose.R_base_sensor[inside],
                               {name: R[inside] for name, R in others.items()}):
-        raise DataError(f'{key}: {words}; mend {key}')
+        raise DataError(f'{key}: {words}; state what it is')

@@ -11,8 +11,8 @@ from forcecal_ros.recording.streams import PHASES
 from forcecal_ros.schema import columns, load, Mismatch, path, read, Row, Section, TEXT
 
 FORMAT = 'forcecal-import/1'
-ORIENTATIONS = ('R_base_sensor', 'R_sensor_base', 'quaternion_xyzw', 'rpy',
-                'rotation_vector')
+ANGLES = ('rpy', 'euler_xyz', 'rotation_vector')
+ORIENTATIONS = ('R_base_sensor', 'R_sensor_base', 'quaternion_xyzw', *ANGLES)
 
 
 @dataclass(frozen=True)
@@ -121,6 +121,7 @@ class Pose(Signal):
     R_sensor_base: Annotated[Part | None, _MATRIX] = None
     quaternion_xyzw: Annotated[Part | None, _Columns(quantity='number', width=4)] = None
     rpy: Annotated[Part | None, _Columns(quantity='angle', width=3)] = None
+    euler_xyz: Annotated[Part | None, _Columns(quantity='angle', width=3)] = None
     rotation_vector: Annotated[Part | None, _Columns(quantity='angle', width=3)] = None
 
     def __post_init__(self) -> None:
@@ -158,10 +159,11 @@ class Signals:
 
 @dataclass(frozen=True)
 class Time(Section):
-    """The column of time."""
+    """The column of time, and of nanoseconds on top of it, as ROS writes stamps."""
 
     column: Annotated[str, Row(pattern=TEXT)]
     unit: Annotated[str, Row(words=tuple(NANOSECONDS))]
+    nanoseconds: Annotated[str | None, Row('Column that comes on top', pattern=TEXT)] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -194,7 +196,7 @@ class Written(Section):
     delimiter: Annotated[str, Row('', pattern='[^"\r\n]', wanted='one character')] = ','
     decimal: Annotated[str, Row('Of numbers', words=('.', ','))] = '.'
     comment: Annotated[str, Row('Lines that begin with it are left out')] = ''
-    header: Annotated[int, Row('Line that names the columns', low=1)] = 1
+    header: Annotated[int, Row('Line that names the columns; 0: none', low=0)] = 1
     skip: Annotated[int, Row('Lines between that and the numbers, as one of units', low=0)] = 0
 
     def __post_init__(self) -> None:

@@ -1,9 +1,11 @@
 """One CSV file: named columns of cells, and numbers and times out of them."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from copy import copy
 import csv
-from decimal import Decimal, InvalidOperation
-from itertools import islice
+from decimal import InvalidOperation
+from itertools import compress, islice, pairwise
+from os import SEEK_END
 from pathlib import Path
 import re
 from typing import NamedTuple
@@ -13,12 +15,9 @@ from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
 
-_FARTHEST = 1 << 62
-"""Times beyond are out of range of 64 bits once they are shifted [ns]."""
-
-
 _DECIMAL_COMMA = re.compile(r'\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*')
 _DATE = re.compile(r'\s*\d{1,4}[-/.:]\d{1,2}[-/.:]\d{1,4}')
+_BLANKS = re.compile(' +')
 
 
 Column = str | int
@@ -38,7 +37,7 @@ class Dialect(NamedTuple):
     comment : str
         Lines that begin with it are left out; empty: none.
     header : int
-        Line of the file that names the columns.
+        Line of the file that names the columns; 0: none does, and their names are 0, 1, 2 ...
     skip : int
         Lines between that one and the numbers, as one of units.
     """
@@ -51,7 +50,13 @@ class Dialect(NamedTuple):
 
 
 def rows_of(file: Iterable[str], dialect: Dialect) -> Iterator[tuple[int, list[str]]]:
-    """Yield the names of the columns and then the rows, each with its line in the file."""
+    """
+    Yield the names of the columns and then the rows, each with its line in the file.
+
+    Several blanks are one where blanks are between cells, as programs write that align columns.
+    """
+    if dialect.delimiter == ' ':
+        file = (_BLANKS.sub(' ', line.strip(' ')) for line in file)
     reader = csv.reader(file, delimiter=dialect.delimiter, strict=True)
     rows = ((reader.line_num, cells) for cells in reader if cells
             and reader.line_num >= dialect.header
@@ -101,11 +106,26 @@ class Table:
     """
     The cells of a CSV file, one row of which names the columns.
 
+    An empty cell behind the last named column is none: programs write a delimiter there. A last
+    line that is cut short, within a line, is left out.
+
+    Parameters
+    ----------
+    path : Path
+    dialect : Dialect
+    timed : bool
+        Every row has a time, so that one which repeats the row before to the last character was
+        written twice; such rows are left out.
+
     Attributes
     ----------
     names : list of str
     skipped : list of (int, list of str)
         Lines that the key skip leaves out.
+    cut : int
+        The last line, where it was cut short and is left out; else 0.
+    repeated : int
+        Rows that were left out because they repeat the one before.
 
     Raises
     ------
@@ -113,18 +133,30 @@ class Table:
         There is no such file, no row in it, or a row of another length than the first.
     """
 
-    def __init__(self, path: Path, dialect: Dialect = Dialect()) -> None:
+    def __init__(self, path: Path, dialect: Dialect = Dialect(), timed: bool = False) -> None:
         self.path = path
         rows = self._read(dialect._replace(skip=0))
+        if not dialect.header and len(rows) > dialect.skip:
+            rows.insert(0, (0, [str(k) for k in range(len(rows[dialect.skip][1]))]))
         self.skipped = rows[1:1 + dialect.skip]
         rows = rows[:1] + rows[1 + dialect.skip:]
         if len(rows) < 2:
             raise DataError(f'{path}: no rows; expected the names of the columns and then numbers')
-        self.names = [name.strip() for name in rows[0][1]]
-        require_width(path, rows, len(self.names), rows[0][0])
-        self._lines = [line for line, _ in rows[1:]]
+        self.names = _names(rows[0][1])
+        while self.names and not self.names[-1]:
+            self.names.pop()
+        width = len(self.names)
+        rows = [(line, cells[:width] if not any(map(str.strip, cells[width:])) else cells)
+                for line, cells in rows]
+        self.cut = rows.pop()[0] if len(rows) > 2 and len(rows[-1][1]) < width and not (
+            _ends_a_line(path)) else 0
+        require_width(path, rows[1:], width, rows[0][0])
+        again = [timed and cells == before for (_, before), (_, cells) in pairwise(rows)]
+        self.repeated = sum(again)
+        kept = [row for row, repeats in zip(rows[1:], again) if not repeats]
+        self._lines = [line for line, _ in kept]
         self._columns = [tuple(cell.replace(dialect.decimal, '.') for cell in column)
-                         for column in zip(*(cells for _, cells in rows[1:]))]
+                         for column in zip(*(cells for _, cells in kept))]
 
     def __len__(self) -> int:
         return len(self._lines)
@@ -137,7 +169,27 @@ class Table:
             raise DataError(f'{self.path}: cannot be read ({error.strerror}); paths count '
                             'from the folder of the specification or from --tables') from error
         except (UnicodeDecodeError, csv.Error) as error:
-            raise DataError(f'{self.path}: not a table of text ({error})') from error
+            raise DataError(f'{self.path}: not a table of text ({error}); save it in '
+                            'UTF-8') from error
+
+    def having(self, names: Sequence[str]) -> tuple['Table', NDArray[np.bool_]]:
+        """
+        Return the rows in which any of some columns has a cell that is not empty, and which.
+
+        Tables that merge streams of several rates leave the others' cells empty; all rows are
+        returned where all are empty.
+        """
+        columns = [self.cells(name) for name in names]
+        whole = np.ones(len(self), dtype=bool)
+        if all(all(column) and not any(map(str.isspace, column)) for column in columns):
+            return self, whole
+        filled = np.any([[bool(cell.strip()) for cell in column] for column in columns], axis=0)
+        if filled.all() or not filled.any():
+            return self, whole
+        part = copy(self)
+        vars(part).update(_lines=list(compress(self._lines, filled)),
+                          _columns=[tuple(compress(one, filled)) for one in self._columns])
+        return part, filled
 
     def cells(self, name: str) -> Sequence[str]:
         """
@@ -148,6 +200,11 @@ class Table:
         DataError
             There is no column of that name, or more than one.
         """
+        if name not in self.names and all(map(is_number, self.names)):
+            raise DataError(
+                f'{self.path}: no column {name!r}, and the line that should name the columns '
+                'holds numbers; without names state header: 0 and count columns from 0, or state '
+                'the line of the names, which must not begin with the key comment')
         return self._columns[place_of(name, self.names, self.path)]
 
     def numbers(self, names: Sequence[str]) -> Array:
@@ -166,45 +223,37 @@ class Table:
         try:
             return np.array(cells, dtype=float)
         except ValueError:
-            raise self._not_a_number(name, float) from None
+            raise self.not_a_number(name, float) from None
 
-    def _not_a_number(self, name: str, convert: Callable[[str], object]) -> DataError:
+    def not_a_number(self, name: str, convert: Callable[[str], object]) -> DataError:
+        """Return the complaint about the first cell of a column that is no number."""
         return not_a_number(self.path, zip(self._lines, self.cells(name)), name, convert)
-
-    def nanoseconds(self, name: str, unit: int) -> NDArray[np.int64]:
-        """
-        Return a column of times, exact to the nanosecond, shape (n,).
-
-        Parameters
-        ----------
-        unit : int
-            Nanoseconds in the unit of the column.
-
-        Raises
-        ------
-        DataError
-            A cell is no number, out of range, or not after the one before; the line is named.
-        """
-        try:
-            times = [_exact(cell, unit) for cell in self.cells(name)]
-        except (ValueError, InvalidOperation):
-            raise self._not_a_number(name, Decimal) from None
-        if max(times) >= _FARTHEST or min(times) <= -_FARTHEST:
-            raise DataError(f'{self.path}: times in column {name!r} are out of range; is the unit '
-                            'right?')
-        stamps = np.array(times, dtype=np.int64)
-        early = np.flatnonzero(np.diff(stamps) <= 0)
-        if len(early):
-            row = int(early[0]) + 1
-            cells = self.cells(name)
-            raise DataError(f'{self.path} line {self._lines[row]}: time {cells[row]} in column '
-                            f'{name!r} is not after {cells[row - 1]} in the row before; sort the '
-                            'table and take out repeated rows')
-        return stamps
 
     def line(self, row: int) -> int:
         """Return the line of the file that a row stands in."""
         return self._lines[row]
+
+
+def _names(cells: Sequence[str]) -> list[str]:
+    """Return the names of columns without the mark of a comment that programs write before."""
+    first = cells[0].strip()
+    names = [first.lstrip('# '), *(cell.strip() for cell in cells[1:])]
+    return names[1:] if first == '#' else names
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell holds a number."""
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _ends_a_line(path: Path) -> bool:
+    with path.open('rb') as file:
+        file.seek(-1, SEEK_END)
+        return file.read() in (b'\n', b'\r')
 
 
 def _remedy(cell: str) -> str:
@@ -213,14 +262,3 @@ def _remedy(cell: str) -> str:
     if _DATE.match(cell):
         return '; write times as seconds since 1970'
     return '' if cell.strip() else '; take out rows with empty cells'
-
-
-def _exact(cell: str, unit: int) -> int:
-    """Convert a time without passing through binary fractions."""
-    try:
-        return int(cell) * unit
-    except ValueError:
-        number = Decimal(cell.strip())
-    if not number.is_finite():
-        raise ValueError(cell)
-    return _FARTHEST if number.adjusted() > 18 else int((number * unit).to_integral_value())

@@ -3,9 +3,11 @@
 from types import SimpleNamespace
 
 from forcecal_ros.diagnose.model.evidence import Score
+from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.acceptance import weights
-from forcecal_ros.diagnose.search.fitted import HypothesisFit
-from forcecal_ros.diagnose.search.selection import _acts, _missing, _near
+from forcecal_ros.diagnose.search.fitted import Accepted, HypothesisFit
+from forcecal_ros.diagnose.search.selection import _acts, _missing, _near, _stands_at_bound
+from forcecal_ros.simulators.rig.file import load_rig
 import numpy as np
 
 
@@ -49,3 +51,15 @@ def test_what_is_missing_in_other_streams_is_not_held_against_an_effect():
     missing = _missing(whole, acts)
     assert missing['wrench_gain'] == 40.0 + 0.01 * 1e5
     assert missing['tool_mass'] == missing['robot_delay'] == 40.0 + 1e5
+
+
+def test_an_effect_at_the_end_of_its_range_is_told_from_one_within():
+    model = LinearisedModel(load_rig(None), ())
+    free = np.arange(3)
+
+    def accepted(*theta):
+        return Accepted('accel_misalignment', np.array(theta), np.zeros(3), free, frozenset())
+
+    low = model.library['accel_misalignment'].parameters[0].low
+    assert _stands_at_bound(model, accepted(low, 0.0, 0.0))
+    assert not _stands_at_bound(model, accepted(0.9 * low, 0.0, 0.1))
