@@ -12,7 +12,7 @@ from pathlib import Path
 import sys
 
 from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.observe import ContactEstimate, design, ObserverSettings, replay
+from forcecal_ros.observe import design, ObserverSettings, replay
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.simulator import Simulator
@@ -101,6 +101,7 @@ def real_arm() -> None:
         row('real arm', 'recording absent', '')
         return
     from forcecal_ros.identify.delay import estimate_delay, with_delay
+    from forcecal_ros.observe.share import with_share
     from kuka import kuka_recording, static_calibration
     folder /= 'kuka_lbr_med'
     static = static_calibration(folder)
@@ -108,7 +109,10 @@ def real_arm() -> None:
     delay = estimate_delay(free, static)
     row('real arm: accelerometer later than wrench',
         f'{1e3 * float(delay):.2f} +- {1e3 * float(delay.std):.2f} ms', '')
-    known = with_delay(static, delay)
+    known = with_share(with_delay(static, delay), free)
+    row('real arm: share of the accelerometer', ', '.join(
+        f'{x:.2f} +- {s:.2f}' for x, s in zip(known.accelerometer.share.value,
+                                             known.accelerometer.share.std)), '')
     still = replay(Recording(wrench=free.wrench, pose=free.pose), known)
     estimate = replay(free, known)
     for name, values, slow, whole in (
@@ -119,7 +123,6 @@ def real_arm() -> None:
         row(f'real arm, free, {name}: std below 10 Hz',
             show(sosfiltfilt(sos, force, axis=0).std(axis=0)), slow)
         row(f'real arm, free, {name}: std', show(force.std(axis=0)), whole)
-    weights(known, still, estimate)
     row('real arm, free: mean', show(estimate.contact[:, :3].mean(axis=0)), 'z about 0.2 N')
     touched = replay(kuka_recording(folder, '3-vibrations-contact'), known)
     above = touched.t[np.linalg.norm(touched.contact[:, :3], axis=1) > 3.0]
@@ -127,24 +130,6 @@ def real_arm() -> None:
         '0.60-0.85 s, 4.10-4.25 s')
     row('real arm: largest force when free',
         f'{np.linalg.norm(estimate.contact[:, :3], axis=1).max():.2f} N', '3 N')
-
-
-def weights(known: Calibration, still: ContactEstimate, estimate: ContactEstimate) -> None:
-    """Print which share of the accelerometer is best taken, axis by axis, below 10 Hz."""
-    from kuka import GRAVITY, slow, static_recording
-    alone, added = slow(still)[100:], (slow(estimate) - slow(still))[100:]
-    alone, added = alone - alone.mean(axis=0), added - added.mean(axis=0)
-    folder = Path(os.environ.get('FORCECAL_DATA', ROOT.parent / 'shared' / 'data'))
-    poses = static_recording(folder / 'kuka_lbr_med')
-    sensor = known.accelerometer
-    shown = np.linalg.solve(sensor.matrix, (poses.accelerometer.values - sensor.offset.value).T).T
-    error = float(known.mass) * (shown - GRAVITY * poses.pose.R_base_sensor[:, 2]).std(axis=0)
-    by_motion = -(alone * added).mean(axis=0) / (added ** 2).mean(axis=0)
-    by_poses = 1 - error ** 2 / (added ** 2).mean(axis=0)
-    for name, share in (('the motion itself', by_motion), ('its errors in the poses', by_poses)):
-        row(f'real arm, free, below 10 Hz: share of the accelerometer by {name}',
-            ', '.join(f'{x:.2f}' for x in share), '')
-        row('std with that share', show((alone + share * added).std(axis=0)), '')
 
 
 def show(values: np.ndarray) -> str:

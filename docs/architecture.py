@@ -15,8 +15,8 @@ PACKAGE = 'forcecal_ros'
 SOURCE = Path(__file__).resolve().parents[1] / PACKAGE
 PICTURE = Path(__file__).with_suffix('.svg')
 
-TOOLS = ('atomic_files', 'errors', 'extras', 'geometry', 'jit', 'parallel', 'places', 'safe_yaml',
-         'schema')
+TOOLS = ('atomic_files', 'errors', 'extras', 'geometry', 'jit', 'parallel', 'places', 'quantity',
+         'safe_yaml', 'schema')
 """Small tools beside the rooms, each used wherever it is needed."""
 
 WITHIN = ('recording.bags',)

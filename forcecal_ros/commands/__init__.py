@@ -77,7 +77,8 @@ GROUPS = {
         'preview': Command('service', 'say what the sequencer would do, without moving'),
         'start': Command('service', 'let the sequencer, or the impedance node, begin its motion'),
         'abort': Command('service', 'stop the motion of the sequencer, or of the impedance node'),
-        'save': Command('service', 'let the sequencer write its calibration to save.path'),
+        'save': Command('service', 'let the sequencer write its calibration to the file that its '
+                                   'parameter save.path names'),
         'tare': Command(
             'service', 'take the present reading of the observer, at rest, for no load'),
     },

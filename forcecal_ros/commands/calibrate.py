@@ -35,8 +35,9 @@ def add_parser(subparsers: Any) -> None:
     add_bags(parser)
     add_identification(parser)
     parser.add_argument('--free-motion', metavar='BAG2',
-                        help='recording of motion without contact from which the delay between '
-                             'the sensors is estimated, where BAG holds static poses only')
+                        help='recording of motion without contact, where BAG holds static poses '
+                             'only: it tells the delay between the sensors, and how much of the '
+                             'accelerometer the force confirms on each axis')
     parser.add_argument('--matrix', metavar='C.yaml',
                         help='calibration.yaml of forcecal insitu whose matrix turns the raw '
                              'channels of the wrench topic into a wrench')
@@ -108,6 +109,7 @@ def answer(args: argparse.Namespace) -> Answer:
         with_matrix_of,
     )
     from forcecal_ros.identify.delay import estimate_delay, with_delay
+    from forcecal_ros.observe.share import with_share
 
     if Path(args.bag).suffix in ('.yaml', '.yml'):
         return _written(_of_stated_mass(_with_mounting(load(args.bag), args), args), args, ())
@@ -124,6 +126,7 @@ def answer(args: argparse.Namespace) -> Answer:
         calibration = _of_stated_mass(calibrated(recording, args), args)
     if motion:
         calibration = with_delay(calibration, estimate_delay(motion, calibration))
+        calibration = with_share(calibration, motion)
     if args.report:
         write_report(args, recording, calibration)
     if matrix:
@@ -157,6 +160,7 @@ def _written(calibration: 'Calibration', args: argparse.Namespace, notes: tuple[
              ) -> Answer:
     """Write a calibration and say what is in it."""
     from forcecal_ros.calibration.file import save, to_document
+    from forcecal_ros.quantity import quantity
     from forcecal_ros.report.rows import as_text, promises, residuals, table
 
     save(calibration, args.output)
@@ -165,7 +169,7 @@ def _written(calibration: 'Calibration', args: argparse.Namespace, notes: tuple[
         to_document(calibration),
         as_text([*table(calibration), *promises(calibration), *residuals(calibration)])
         + f'\n\nwritten to {args.output}',
-        f'mass {float(calibration.mass):.4f} +- {float(calibration.mass.std):.4f} kg, '
+        f'mass {quantity(float(calibration.mass), float(calibration.mass.std), "kg")}, '
         f'written to {args.output}',
         (*(note for note in notes if not any(note in warning for warning in warnings)), *warnings,
          *calibration.quality.get('questions', ())))

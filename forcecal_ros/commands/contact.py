@@ -220,6 +220,27 @@ def over_which(figures: dict[str, Any]) -> str:
     return f', mean and std over the {figures["valid"]} valid ones'
 
 
-def row(values: Sequence[float | None]) -> str:
-    """Return six numbers in columns."""
-    return '  '.join('        -' if x is None else f'{x:9.4f}' for x in values)
+def table(figures: dict[str, Any]) -> list[str]:
+    """Return lines with mean and std of each channel, and its bias where a filter learned one."""
+    from forcecal_ros.quantity import beside, quantity
+    from forcecal_ros.report.rows import aligned, WRENCH_AXES
+
+    if None in figures['std']:
+        return []
+    bias = figures.get('bias')
+    head = ['', 'mean', 'std', 'unit'] + ['bias'] * bool(bias)
+    rows = [head]
+    for i, (name, mean, std) in enumerate(zip(WRENCH_AXES, figures['mean'], figures['std'])):
+        unit = 'N' if i < 3 else 'N m'
+        shown, cells = beside((mean, std), unit)
+        rows.append([name, *cells, shown] + (
+            [quantity(bias[i], figures['bias_std'][i], unit)] if bias else []))
+    return aligned(rows, left=(0, 3))
+
+
+def in_short(figures: dict[str, Any]) -> str:
+    """Return the mean force in a few digits."""
+    from forcecal_ros.quantity import sizes
+
+    force = figures['mean'][:3]
+    return 'no valid one' if None in force else f'mean force {sizes(force, "N", 3)}'

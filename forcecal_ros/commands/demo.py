@@ -48,6 +48,7 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.atomic_files import make_folder
     from forcecal_ros.calibration.file import dump, parse, to_document
     from forcecal_ros.observe import batch, replay
+    from forcecal_ros.quantity import size
     from forcecal_ros.recording.bags import read_recording
     from forcecal_ros.recording.streams import Stream
     from forcecal_ros.report.calibration import render
@@ -83,10 +84,11 @@ def run(args: argparse.Namespace) -> int:
         warn(warning)
     say(as_text(table(calibration, truth)))
     say(f'\nfrom the first command to the gains: {result.duration:.1f} s')
-    say(f'step, no contact: sensor {step["sensor"]:.2f} N RMS along x without bias, observer '
-        f'{step["observer"]:.3f} N ({step["reduction"]:.1f} dB less)')
-    say(f'contact: true force {touch["truth"]:.2f} N along x, published '
-        f'{touch["observer"]:.2f} N')
+    sensor, observer, true, published_force = (size(float(x), 'N', 4) for x in (
+        step['sensor'], step['observer'], touch['truth'], touch['observer']))
+    say(f'step, no contact: sensor {sensor} RMS along x without bias, observer {observer} '
+        f'({step["reduction"]:.1f} dB less)')
+    say(f'contact: true force {true} along x, published {published_force}')
     say(f'written to {out}: calibration.yaml, bag, report.html')
     return 0
 

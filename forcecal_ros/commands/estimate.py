@@ -89,15 +89,14 @@ def answer(args: argparse.Namespace) -> Answer:
                            () if followed is None else followed.announced)
     figures = contact.statistics(estimate)
     notes = (*recording.notes, *about, *contact.status_notes(estimate))
-    means = 'mean [N, N m]  ' + contact.row(figures['mean'])
     count = f'{figures["samples"]} contact wrenches{contact.over_which(figures)}'
-    lines = [f'{args.output}: {count}', means, 'std  [N, N m]  ' + contact.row(figures['std'])]
+    lines = [f'{args.output}: {count}', *contact.table(figures)]
     if followed is not None:
         figures['tool'] = tool_figures(followed)
         lines += tool_lines(figures['tool'])
     text = '\n'.join(lines)
     return Answer({'output': args.output, 'notes': list(notes), **figures}, text,
-                  f'{count}, {means}', notes)
+                  f'{count}, {contact.in_short(figures)}', notes)
 
 
 def tool_figures(followed: 'Followed') -> dict[str, Any]:
@@ -123,15 +122,16 @@ def tool_figures(followed: 'Followed') -> dict[str, Any]:
 
 def tool_lines(tool: dict[str, Any]) -> list[str]:
     """Say the same in words."""
-    lines = [f'tool: {tool["state"]}, {tool["mass"]:.4f} +- {tool["mass_std"]:.4f} kg, centre of '
-             'mass ' + ' '.join(f'{1e3 * x:.1f} +- {1e3 * std:.1f}' for x, std in zip(
-                 tool['com'], tool['com_std'])) + ' mm']
+    from forcecal_ros.quantity import quantity
+
+    lines = [f'tool: {tool["state"]}, {quantity(tool["mass"], tool["mass_std"], "kg")}, centre of '
+             'mass ' + ', '.join(quantity(x, std, 'm') for x, std in zip(
+                 tool['com'], tool['com_std']))]
     told = {True: 'weight and accelerations', False: 'weight alone: a steady push straight down '
             'is not excluded'}
-    lines += [f'tool: {one["mass"]:+.4f} kg known at {one["t"]:.2f} s, by {told[one["inert"]]}'
-              for one in tool['changes']]
+    lines += [f'tool: {quantity(one["mass"], 0.0, "kg", signed=True)} known at {one["t"]:.2f} s, '
+              f'by {told[one["inert"]]}' for one in tool['changes']]
     if tool['suspected_change'] is not None:
-        std = tool['suspected_change_std']
-        lines.append(f'tool: may have changed by {tool["suspected_change"]:.3f} +- {std:.3f} kg, '
-                     'or something pushes; turn it to tell')
+        by = quantity(tool['suspected_change'], tool['suspected_change_std'], 'kg')
+        lines.append(f'tool: may have changed by {by}, or something pushes; turn it to tell')
     return lines

@@ -93,25 +93,27 @@ def run(args: argparse.Namespace) -> int:
 
 def as_text(fit: 'RigFit') -> str:
     """Say how the robot follows, what hangs on it, and what the model leaves."""
+    from forcecal_ros.quantity import quantity, size
+
     rig, turn = fit.rig, fit.rotation
     left, tool = rig.robot.unexplained, rig.tool
     assert left is not None
-    lines = [f'commands every {1e3 * rig.robot.period:.3g} ms']
-    lines += [f'{name}: order {a.order or "of another axis"}, lag {1e3 * a.lag:.1f} +- '
-              f'{1e3 * a.lag_std:.1g} ms' for name, a in zip('xyz', fit.axes)]
-    lines += [(f'orientation: lag {1e3 * turn.lag:.1f} ms, delay '
-              f'{1e3 * (rig.servo.orientation_delay or 0.0):.1f} ms, bandwidth '
-              f'{rig.servo.orientation_bandwidth:.3g} rad/s'),
-              f'tool: {tool.mass:.4g} kg, '
+    lines = [f'commands every {size(rig.robot.period, "s")}']
+    lines += [f'{name}: order {a.order or "of another axis"}, lag '
+              f'{quantity(a.lag, a.lag_std, "s")}' for name, a in zip('xyz', fit.axes)]
+    lines += [(f'orientation: lag {size(turn.lag, "s")}, delay '
+              f'{size(rig.servo.orientation_delay or 0.0, "s")}, bandwidth '
+              f'{size(rig.servo.orientation_bandwidth, "rad/s")}'),
+              f'tool: {size(tool.mass, "kg", 4)}, '
               + ('rigid' if rig.optidrive is None else
-                 f'on a spring of {rig.optidrive.stiffness:.4g} N/m'),
-              (f'noise: {rig.wrench_sensor.force_noise:.2g} N, '
-              f'{rig.wrench_sensor.torque_noise:.2g} N m, {1e6 * fit.noise[0]:.2g} um, '
-              f'{1e3 * fit.noise[1]:.2g} mrad'),
-              f'the model of the robot leaves {1e6 * left.position:.2g} um and '
-              f'{1e3 * left.orientation:.2g} mrad RMS of motion that it was not fitted to, beyond '
-              f'noise, and rests {1e6 * left.position_offset:.2g} um and '
-              f'{1e3 * left.orientation_offset:.2g} mrad from the commands; ' + _reach(fit)]
+                 f'on a spring of {size(rig.optidrive.stiffness, "N/m", 4)}'),
+              (f'noise: {size(rig.wrench_sensor.force_noise, "N", 2)}, '
+              f'{size(rig.wrench_sensor.torque_noise, "N m", 2)}, {size(fit.noise[0], "m", 2)}, '
+              f'{size(fit.noise[1], "rad", 2)}'),
+              (f'the model of the robot leaves {size(left.position, "m", 2)} and '
+               f'{size(left.orientation, "rad", 2)} RMS of motion that it was not fitted to, '
+               f'beyond noise, and rests {size(left.position_offset, "m", 2)} and '
+               f'{size(left.orientation_offset, "rad", 2)} from the commands; {_reach(fit)}')]
     if fit.poor:
         lines.append('that is more than noise: a diagnosis takes the measured motion, and '
                      'compares the robot by what it leaves')

@@ -238,17 +238,17 @@ def figures(estimate: 'ContactEstimate') -> dict[str, Any]:
 
 def _print(document: dict[str, Any]) -> None:
     from forcecal_ros.commands import contact
+    from forcecal_ros.quantity import quantity
 
     for note in document['notes']:
         warn(note)
     say(f'{document["output"]}: {document["samples"]} wrenches by {document["filter"]}, gravity '
         f'from the {document["orientation"]}, calibration {document["calibration"]}'
         + contact.over_which(document))
-    for name in ('mean', 'std', 'bias', 'bias_std'):
-        if document[name] is not None:
-            say(f'{name:8} [N, N m]  {contact.row(document[name])}')
+    for line in contact.table(document):
+        say(line)
     if document['nis'] is not None:
         say(f'NIS {document["nis"]:.2f} without contact (6 where all is as modelled), contact '
             f'{100 * document["contact_share"]:.1f} % of the time')
     if document.get('mass') is not None:
-        say(f'mass {document["mass"]:.4f} +- {document["mass_std"]:.4f} kg')
+        say(f'mass {quantity(document["mass"], document["mass_std"], "kg")}')

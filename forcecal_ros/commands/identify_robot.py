@@ -45,20 +45,22 @@ def answer(args: argparse.Namespace) -> Answer:
 
 def as_text(fit: 'PlantFit') -> str:
     """Return the models as one table, and what tells how good they are."""
+    from math import nan
+
+    from forcecal_ros.quantity import size
+    from forcecal_ros.report.rows import as_text as table
+    from forcecal_ros.report.rows import Row
+
     found, robot = fit.robot, fit.robot.robot
-    rows: list[tuple[str, str, float, float | None]] = [
-        ('period', 's', robot.period, None), ('delay', 'periods', robot.delay, None)]
+    rows = [('period', 's', robot.period, nan), ('delay', 'periods', robot.delay, nan)]
     for name, estimate in (('feedback', robot.feedback), ('feedforward', robot.feedforward)):
         rows += [(f'{name} {i + 1}', '1', value, std)
                  for i, (value, std) in enumerate(zip(estimate.value, estimate.std))]
     rows += [(f'tool {name}', one.unit, float(one), float(one.std))
              for name, one in vars(fit.slide.slide).items()]
-    lines = [f'{"":18} {"unit":8} {"value":>12} {"std":>10}']
-    lines += [f'{name:18} {unit:8} {value:12.6g} {"" if std is None else f"{std:10.2g}"}'.rstrip()
-              for name, unit, value, std in rows]
-    orders = ', '.join(f'{one.order}: {1e6 * one.error:.2f}' for one in found.orders)
-    lines += ['', (f'held-out fit {100.0 * found.fit:.3f} %; held-out error by order [um]: '
-                   f'{orders}')]
+    orders = ', '.join(f'{one.order}: {size(one.error, "m")}' for one in found.orders)
+    lines = [table([Row(name, name, unit, value, std) for name, unit, value, std in rows]), '',
+             f'held-out fit {100.0 * found.fit:.2f} %; held-out error by order: {orders}']
     lines += [f'pole {_number(pair.pole)} and zero {_number(pair.zero)} nearly cancel: together '
               f'at most {100.0 * pair.effect:.2g} % of the response' for pair in found.pairs]
     return '\n'.join(lines)

@@ -25,7 +25,8 @@ def add_parser(subparsers: Any) -> None:
         subparsers, 'insitu',
         example='forcecal insitu leg.yaml -o leg_calibration')
     parser.add_argument('specification', metavar='SPEC.yaml',
-                        help='data sets, sensors and accelerometer; see config/examples')
+                        help='data sets, sensors and accelerometer; forcecal sample insitu '
+                             'writes one to go by')
     add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
                help='folder for insitu.json, calibration.yaml, pictures and report.html; '
                     'earlier results are kept as NAME~')

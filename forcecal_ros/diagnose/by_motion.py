@@ -58,7 +58,8 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, rigid_tool:
     try:
         require_same_sensors(given)
         stamps = [evened(r) for r in given]
-        require_axes_of(rigid_tool, [s.recording for s in stamps])
+        require_axes_of(rigid_tool, [s.recording for s in stamps],
+                        'calibration' if calibration else 'rig')
         if calibration is not None:
             stamps = [s._replace(recording=as_specific_force(s.recording,
                                                              calibration.accelerometer))

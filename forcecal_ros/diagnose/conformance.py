@@ -1,5 +1,6 @@
 """Whether somebody's simulator can be compared with a robot: it is run a few times."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 import time
 from typing import Any, NamedTuple
@@ -10,6 +11,7 @@ from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool, TURN
 from forcecal_ros.diagnose.inputs.stamps import evened
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
+from forcecal_ros.quantity import size
 from forcecal_ros.recording.streams import Recording
 from forcecal_ros.simulators.rerun import refuse_unsteady, Runs
 from forcecal_ros.simulators.run_limit import MOST
@@ -59,11 +61,16 @@ class Conformance(NamedTuple):
             f'{self.length:.0f} s of commands take {self.seconds:.2g} s',
             f'a diagnosis runs it at most {runs} times a recording: {runs * self.seconds:.0f} s',
             'one sigma of a parameter moves, RMS:',
-            *(f'  {s.name}  {s.force:.3g} N  {s.torque:.3g} N m  {1e3 * s.position:.3g} mm  '
-              f'{1e3 * s.turn:.3g} mrad' + (f'  joints {1e3 * s.joints:.3g} mrad'
-                                              if 'joints' in self.streams else '')
-                + ('' if any(s[1:]) else '  (nothing)')
-              for s in self.sensitivity), *(f'note: {note}' for note in self.notes)])
+            *(f'  {s.name}  ' + '  '.join(self._moves(s)) for s in self.sensitivity),
+            *(f'note: {note}' for note in self.notes)])
+
+    def _moves(self, s: Sensitivity) -> Iterator[str]:
+        for value, unit in ((s.force, 'N'), (s.torque, 'N m'), (s.position, 'm'), (s.turn, 'rad')):
+            yield size(value, unit)
+        if 'joints' in self.streams:
+            yield f'joints {size(s.joints, "rad")}'
+        if not any(s[1:]):
+            yield '(nothing)'
 
 
 def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Conformance:

@@ -14,7 +14,7 @@ from forcecal_ros.recording.checks.at_rest import (
     refuse_other_lever,
     UNEXPLAINED,
 )
-from forcecal_ros.recording.checks.frame_faults import refuse_other_frame
+from forcecal_ros.recording.checks.frame_faults import refuse_other_frame, Stated
 from forcecal_ros.recording.checks.frames import Forces, judge
 from forcecal_ros.recording.checks.inertia import motion_notes
 from forcecal_ros.recording.checks.orientations import refuse_other_orientation
@@ -118,7 +118,9 @@ def _judged(found: AtRest, calibration: Calibration) -> tuple[str, ...]:
     if best.rms > (HALF if best is plain else UNEXPLAINED) * residual:
         return _made_worse(forces, mass)
     if best is not plain and best.name not in ('tilted', 'both'):
-        refuse_other_frame(judgement, DOWN, calibration.wrench_sign, calibration.sensor_rotation)
+        refuse_other_frame(judgement, Stated(
+            DOWN, calibration.wrench_sign, calibration.sensor_rotation,
+            calibration.sensor_from_pose, 'calibration'))
     if best.rms < UNEXPLAINED * residual:
         refuse_other_force_unit(plain.mass, mass)
     if best is not plain:
@@ -153,7 +155,7 @@ def _torques_judged(found: AtRest, calibration: Calibration) -> tuple[str, ...]:
     return ((f'torques put the centre of mass at {_metres(shown)} m, the calibration has it at '
              f'{_metres(com)} m, though the weight is the same: they are about another point (the '
              'tool centre, not the sensor), or another tool hangs there; torques that are left '
-             'count as contact'),)
+             'count as contact: calibrate again'),)
 
 
 def _metres(place: Array) -> str:
@@ -168,8 +170,8 @@ def _made_worse(forces: Forces, mass: float) -> tuple[str, ...]:
     if without < before or taken_off < UNEXPLAINED * before:
         return ()
     return ((f'forces change by {before:.2g} N RMS as recorded, and by {without:.2g} N with the '
-             'weight taken off: pose and wrench may not belong to each other, or the pose is that '
-             'of base in the sensor; look at both'),)
+             'weight taken off: pose and wrench do not belong to each other; name the pose of '
+             'this sensor with --topic pose=NAME'),)
 
 
 def _rms(values: Array) -> float:

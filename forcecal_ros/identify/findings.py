@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array, rotation_vector
-from forcecal_ros.identify.means import drift, restless
+from forcecal_ros.identify.means import DRIFT, drift, restless
 from forcecal_ros.identify.moving_tool import inertia_regressor, unexplained_torque
 from forcecal_ros.identify.rejection import pose_errors, rejected, what_changed
 from forcecal_ros.identify.residuals import (
@@ -40,9 +40,6 @@ MOTION = ('inertia', 'accelerometer', 'tool')
 
 ALL = (*STANDSTILL, *MOTION)
 """All keys that a finding can call into question."""
-
-_DRIFT = 6.0
-"""Drifts within a static pose of fewer standard errors are taken for chance."""
 
 _RESTLESS = 5.0
 """So many times as much as in the others a signal moves in a pose where something changed; in
@@ -125,8 +122,8 @@ def poses_disagree(stages: Stages, settings: IdentificationSettings) -> Iterator
     i = int(np.argmax(np.abs(offs / sigma).max(axis=1))) if i is None else i
     j = int(np.argmax(np.abs(offs[i]) / sigma[i]))
     remedy = what_changed(statics, np.array([pose.start for pose in stages.poses])) or (
-        'look for a cable that pulls, contact, a loose mount, or a pose measured before it was '
-        'still, and measure it again')
+        'measure it again with nothing that touches or pulls at the tool; if it is off again, '
+        'tighten the mount')
     yield Finding(
         f'the static poses do not fit one tool (chi-square {tool.chi_square:.3g} for '
         f'{tool.degrees} degrees of freedom): pose {i + 1} is off by '
@@ -139,12 +136,13 @@ def samples_disagree(stages: Stages, settings: IdentificationSettings) -> Iterat
     tool, statics = stages.tool, stages.statics
     if statics.covariance is not None:
         return
-    remedy = 'look for a cable that pulls, contact, a loose mount, or a pose that was still moving'
+    remedy = ('take the cable off the tool and measure again, each pose once it is still; if that '
+              'changes nothing, tighten the mount')
     if found := [f'{CHANNELS["wrench"][j]} by {rms:.2g} {"N" if j < 3 else "N m"} RMS, '
                  f'{share:.0%} of what the weight makes of it'
                  for j, rms, share in scatters(tool.residuals, statics.wrench, tool.com)]:
         yield Finding(f'the static poses do not fit one tool: they scatter in {", ".join(found)}; '
-                      f'{remedy}, and record several samples a pose', ALL)
+                      f'{remedy}. Record several samples a pose', ALL)
     one = farthest(tool.residuals)
     if one is not None and one.probability < FARTHEST:
         yield Finding(f'the static poses do not fit one tool: pose {one.pose + 1} is off by '
@@ -206,9 +204,9 @@ def torque_departs(stages: Stages, settings: IdentificationSettings) -> Iterator
         said = True
         yield Finding(
             f'torque.{"xyz"[found.channel]} is off by {found.size:+.2g} N m '
-            f'({found.sigmas:.0f} standard errors) {where} about {found.time:.2f} s; look for '
-            'contact, a cable, a tool that was changed, drift, or a pose that does not '
-            'belong to that instant', suspect)
+            f'({found.sigmas:.0f} standard errors) {where} about {found.time:.2f} s; look '
+            'what touches or pulls at the tool then, and record it again without; if it is off '
+            'again, compare the stamps of pose and wrench', suspect)
 
 
 def accelerometer_disagrees(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
@@ -222,8 +220,18 @@ def accelerometer_disagrees(stages: Stages, settings: IdentificationSettings) ->
         yield Finding(
             f'the accelerometer does not follow gravity in the static poses (chi-square '
             f'{fit.chi_square:.3g} for {fit.degrees} readings, up to {fit.misfit:.2g} '
-            f'{stages.recording.accelerometer_unit}); look for a loose mount, '
-            'or for the wrong accelerometer.coupling', ACCELEROMETER)
+            f'{stages.recording.accelerometer_unit}); {_mend_accelerometer(stages, settings)}',
+            ACCELEROMETER)
+
+
+def _mend_accelerometer(stages: Stages, settings: IdentificationSettings) -> str:
+    """Say what to do about an accelerometer that is off: one that drifts at rest is coupled so."""
+    stream = stages.recording.accelerometer
+    if stream is not None and settings.coupling != 'ac':
+        sigmas, *_ = drift(stream, [(pose.start, pose.end) for pose in stages.poses])
+        if sigmas > DRIFT:
+            return 'it drifts while the robot stands: calibrate with --coupling ac'
+    return 'tighten its mount, and record again'
 
 
 def _small_volts(matrix: Array, settings: IdentificationSettings) -> float:
@@ -244,8 +252,8 @@ def accelerometer_departs(stages: Stages, settings: IdentificationSettings) -> I
         yield Finding(
             f'accelerometer {"xyz"[found.channel]} is off by {found.size:+.2g} '
             f'{stages.recording.accelerometer_unit} ({found.sigmas:.0f} standard errors) about '
-            f'{grid.starts[0] + found.time:.2f} s; look for contact, a loose mount, a slow or '
-            'saturated sensor, or the wrong accelerometer.coupling', MOTION)
+            f'{grid.starts[0] + found.time:.2f} s; look what touches the tool then. Nothing: '
+            f'{_mend_accelerometer(stages, settings)}', MOTION)
 
 
 def gaps_behind_highpass(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
@@ -273,7 +281,8 @@ def ringing_departs(stages: Stages) -> Iterator[Finding]:
     if not found.is_chance:
         yield Finding(
             f'the tool does not ring like a spring and a damper ({found.sigmas:.0f} standard '
-            'errors); look for friction, a stop, contact, or a robot that still moves', ('tool',))
+            'errors); record it again with nothing that touches the tool, the robot at rest; if '
+            'it is the same, the slide has friction or a stop', ('tool',))
 
 
 def delays_too_long(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
@@ -322,9 +331,9 @@ def clips_or_drifts(stages: Stages, settings: IdentificationSettings) -> Iterato
         if name == 'accelerometer' and settings.coupling == 'ac':
             continue
         sigmas, pose, channel = drift(stream, [(p.start, p.end) for p in stages.poses])
-        if sigmas > _DRIFT:
+        if sigmas > DRIFT:
             remedy = ('an AC-coupled accelerometer (accelerometer.coupling: ac)'
-                    if name == 'accelerometer' else 'ringing that had not settled, or warming up')
+                    if name == 'accelerometer' else 'a sensor that warms up, and record again')
             yield Finding(
                 f'{channels[channel]} drifts by {sigmas:.0f} standard errors while the '
                 f'robot stands in pose {pose + 1}; look for {remedy}', suspect)

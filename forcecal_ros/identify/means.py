@@ -51,6 +51,10 @@ def window_mean(stream: Stream, start: float, end: float, what: str = 'signal') 
     return np.asarray(values.mean(axis=0))
 
 
+DRIFT = 6.0
+"""Drifts within a static pose of fewer standard errors are taken for chance."""
+
+
 def drift(stream: Stream, windows: list[tuple[float, float]]) -> tuple[float, int, int]:
     """
     Find the strongest drift of a signal while the robot stands.

@@ -14,7 +14,14 @@ from forcecal_ros.identify.accelerometer import (
 )
 from forcecal_ros.identify.accelerometer_model import lowpassed, MotionBlocks, ToolPart
 from forcecal_ros.identify.delay import pose_delay
-from forcecal_ros.identify.means import grid_recording, GriddedRecording, ToolMotion, window_mean
+from forcecal_ros.identify.means import (
+    DRIFT,
+    drift,
+    grid_recording,
+    GriddedRecording,
+    ToolMotion,
+    window_mean,
+)
 from forcecal_ros.identify.moving_tool import identify_inertia, identify_moving_tool, InertiaFit
 from forcecal_ros.identify.poses import static_poses, StaticPose
 from forcecal_ros.identify.quality import quality_of
@@ -172,7 +179,7 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     _refuse_other_unit(recording, poses, settings)
     gridded = grid_recording(recording, poses, settings)
     statics = read_statics(recording, poses, settings, gridded)
-    slight = slight_misfit(poses, statics, settings)
+    slight = slight_misfit(poses, statics, settings, recording.sensor_from_pose)
     if gridded is None:
         return replace(_single_samples(recording, removed, poses, statics, settings),
                        slight_misfit=slight, stops=stops)
@@ -225,7 +232,8 @@ def _refuse_other_unit(recording: Recording, poses: list[StaticPose],
              if len(part := stream.between(pose.start, pose.end).values)]
     if shown:
         means, gravity = (np.array(column) for column in zip(*shown, strict=True))
-        refuse_other_unit(means, settings.gravity)
+        sigmas, *_ = drift(stream, [(pose.start, pose.end) for pose in poses])
+        refuse_other_unit(means, settings.gravity, decays=sigmas > DRIFT)
         refuse_on_another_link(means, gravity)
 
 

@@ -12,10 +12,12 @@ from forcecal_ros.recording.checks.frame_faults import (
     refuse_unexplained,
     refuse_weightless,
     slightly_off,
+    Stated,
 )
 from forcecal_ros.recording.checks.frames import Forces, judge
 from forcecal_ros.recording.checks.orientations import refuse_other_orientation
 from forcecal_ros.recording.checks.torques import refuse_exchanged, refuse_other_torques
+from forcecal_ros.schema import Vector7
 import numpy as np
 
 
@@ -164,10 +166,15 @@ def refuse_negative(mass: float) -> None:
             f'the mass comes out as {mass:.4g} kg: the wrench has the opposite sign')
 
 
-def slight_misfit(poses: list[StaticPose], statics: Statics,
-                  settings: IdentificationSettings) -> str:
+def slight_misfit(poses: list[StaticPose], statics: Statics, settings: IdentificationSettings,
+                  sensor_from_pose: Vector7 | None = None) -> str:
     """
     Name a small turn of the sensor or tilt of the base; empty: there is none.
+
+    Parameters
+    ----------
+    sensor_from_pose : tuple of 7 float or None
+        By which the poses were taken to ft_sensor, x y z [m] qx qy qz qw.
 
     Raises
     ------
@@ -190,7 +197,8 @@ def slight_misfit(poses: list[StaticPose], statics: Statics,
     judgement = judge(forces)
     refuse_exchanged(forces, statics.wrench[:, 3:])
     refuse_other_orientation(forces, judgement)
-    refuse_other_frame(judgement, believed, settings.wrench_sign, settings.sensor_rotation)
+    refuse_other_frame(judgement, Stated(
+        believed, settings.wrench_sign, settings.sensor_rotation, sensor_from_pose))
     check_weight(statics.gravity, settings.thresholds.condition)
     refuse_weightless(judgement)
     refuse_unexplained(judgement)

@@ -8,6 +8,7 @@ from forcecal_ros.motion.optimal_design import Design, GROUPS, Robot
 from forcecal_ros.motion.plan import Timing
 from forcecal_ros.motion.poses import flatten_poses, POSE_LENGTH
 from forcecal_ros.motion.profiles import Pace, Pose
+from forcecal_ros.quantity import size, sizes
 from forcecal_ros.schema import parameters_of
 from forcecal_ros.schema.file import yaml_value
 
@@ -44,11 +45,10 @@ def _group(name: str, section: Any, usual: Any) -> str:
 def as_text(design: Design) -> str:
     """Return the predicted standard errors as a table."""
     lines = [f'{"parameter":12}  predicted standard error (x y z)']
-    for name in design.errors.names:
-        numbers = ' '.join(f'{one:.2g}' for one in design.errors.std(name))
-        lines.append(f'{name:12}  {numbers} {_unit(design, name)}'.rstrip())
-    what = (f'{len(design.poses)} poses of {design.timing.measure:g} s, '
-            f'step {1e3 * design.timing.step_distance:g} mm')
+    lines += [f'{name:12}  {sizes(design.errors.std(name).tolist(), _unit(design, name) or "1")}'
+              for name in design.errors.names]
+    what = (f'{len(design.poses)} poses of {size(design.timing.measure, "s")}, '
+            f'step {size(design.timing.step_distance, "m")}')
     return '\n'.join([*lines, '', what])
 
 

@@ -13,6 +13,7 @@ from forcecal_ros.observe.live import LiveObserver
 from forcecal_ros.observe.payload.model import payload_model, PayloadSettings
 from forcecal_ros.observe.payload.step import FROZEN, NOT_EXCITED, ToolEstimate, TRACKING
 from forcecal_ros.observe.payload.tracker import Tracker
+from forcecal_ros.quantity import quantity, size
 from geometry_msgs.msg import Inertia, InertiaStamped
 import numpy as np
 from rclpy.lifecycle import LifecycleNode
@@ -190,14 +191,14 @@ def tool_values(found: ToolEstimate) -> dict[str, object]:
 def tool_warning(found: ToolEstimate, in_use: float) -> str:
     """Return what a user should know of a tracked tool, where another mass may be in use [kg]."""
     if found.state == NOT_EXCITED and found.suspected == found.suspected:
-        return (f'tool: may have changed by {found.suspected:.3g} +- {found.suspected_std:.2g} '
-                'kg, or something pushes; turn it to tell')
+        by = quantity(found.suspected, found.suspected_std, 'kg')
+        return f'tool: may have changed by {by}, or something pushes; turn it to tell'
     if found.state == FROZEN and found.suspected == found.suspected:
         return 'tool: a steady force that is no weight; it is not taken for a tool'
     if found.state == TRACKING and abs(found.mass - in_use) > max(
             SURE * found.mass_std, 0.01 * in_use):
-        return (f'tool: {found.mass:.4g} +- {found.mass_std:.2g} kg are on the sensor, '
-                f'{in_use:.4g} kg are taken off; set tool: {TRACKED}')
+        return (f'tool: {quantity(found.mass, found.mass_std, "kg")} are on the sensor, '
+                f'{size(in_use, "kg", 4)} are taken off; set tool: {TRACKED}')
     return ''
 
 

@@ -31,6 +31,7 @@ from forcecal_ros.observe.frames import Frames, Placement
 from forcecal_ros.observe.gains import accuracy
 from forcecal_ros.observe.live import LiveObserver, Samples, Values
 from forcecal_ros.observe.mounting import agreed, at_the_sensor
+from forcecal_ros.observe.status import INVALID
 from forcecal_ros.observe.tare import with_bias
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
@@ -352,8 +353,9 @@ class Observer(ManagedNode):
         assert self._frames is not None
         stamp = self._origin + round(sample.t * 1e9)
         self._out.publish(self._write(stamp, sample.contact))
-        for field, publisher in self._optional:
-            publisher.publish(self._write(stamp, getattr(sample, field)))
+        if not sample.status & INVALID:
+            for field, publisher in self._optional:
+                publisher.publish(self._write(stamp, getattr(sample, field)))
         self._frames.publish(stamp, sample.t, sample.contact, self._chain.model.pose_timeout)
         if self._markers is not None and self._source is not None:
             self._markers.publish(stamp, sample.contact, self._source.calibration.sensor_frame)

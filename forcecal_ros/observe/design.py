@@ -1,7 +1,7 @@
 """From a calibration to the numbers the running step needs; everything slow happens here."""
 
 from math import exp, inf, sqrt, tau
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from forcecal_ros.calibration.model import Accelerometer, Calibration
 from forcecal_ros.calibration.sensor_matrix import sensor_matrix, SensorMatrix
@@ -62,6 +62,11 @@ class Model(NamedTuple):
     volts: tuple[float, ...]
     """Accelerometer: offset (3), then the inverse of its sensitivity, row by row (9)."""
     delay: float
+    weighs: bool
+    """Whether some axis of the accelerometer counts for less than all of it."""
+    share: Vector
+    level: Vector
+    """See ``weighing.weigh``."""
     place: tuple[float, float, float]
     """Where the accelerometer sits at zero displacement."""
     stiffness: float
@@ -143,6 +148,14 @@ def _volts(calibration: Calibration) -> tuple[float, ...]:
     if not np.isfinite(offset).all():
         raise ConfigError(f'the accelerometer offset is {offset}; calibrate it at rest')
     return tuple(float(x) for x in (*offset, *np.linalg.inv(matrix).ravel()))
+
+
+def _weight(accelerometer: Accelerometer | None) -> dict[str, Any]:
+    """Return how the axes of the accelerometer are weighed."""
+    if accelerometer is None or accelerometer.share is None or accelerometer.level is None:
+        return {'weighs': False, 'share': (1.0, 1.0, 1.0), 'level': ZERO}
+    share, level = accelerometer.share.value.tolist(), accelerometer.level.value.tolist()
+    return {'weighs': min(share) < 1.0, 'share': tuple(share), 'level': tuple(level)}
 
 
 def _ac_rate(accelerometer: Accelerometer | None) -> float:
@@ -236,6 +249,7 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
         ac_rate=_ac_rate(accelerometer),
         volts=_volts(calibration),
         delay=delay,
+        **_weight(accelerometer),
         place=(load.cx - load.dx, load.cy - load.dy, load.cz - load.dz),
         stiffness=stiffness, relaxation=stiffness / damping if damping > 0 else inf,
         rate=rate, adaptive=_is_adaptive(calibration, settings),

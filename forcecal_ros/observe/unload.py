@@ -11,16 +11,28 @@ from forcecal_ros.observe.motion import carried, gravity_in_sensor, MotionEstima
 from forcecal_ros.observe.sample import NO_WRENCH, Wrench
 from forcecal_ros.observe.status import saturated
 from forcecal_ros.observe.tracking import turned, Vector, ZERO
+from forcecal_ros.observe.weighing import weigh, Weighing
 from forcecal_ros.recording.checks.limits import ABSURD
 
 _ABSURD_SQUARED = ABSURD * ABSURD
 
 
 class Tool(NamedTuple):
-    """Displacement ``s`` [m] along x of the tool when the last wrench was used, at ``t`` [s]."""
+    """
+    What is remembered from the last wrench that was used.
+
+    Attributes
+    ----------
+    t : float
+        Its stamp [s].
+    s : float
+        Displacement along x of the tool [m].
+    weighing : Weighing
+    """
 
     t: float = -inf
     s: float = 0.0
+    weighing: Weighing = Weighing()
 
 
 class Unloaded(NamedTuple):
@@ -38,7 +50,7 @@ class Unloaded(NamedTuple):
     inertial : tuple of 6 float
         What weight and motion of the tool put on the wire [N, N m].
     f : tuple of 3 float
-        Specific force at the accelerometer [m/s^2].
+        Specific force at the accelerometer, as far as it counts [m/s^2].
     """
 
     t: float
@@ -79,6 +91,9 @@ def unload(tool: Tool, motion: MotionEstimate, t: float, wire: Wrench, force: Re
         status, f, omega, alpha = _kinematics(status, motion, t, force, model)
     if status & st.NO_GRAVITY:
         return tool, Unloaded(t, status, NO_WRENCH, NO_WRENCH, ZERO)
+    weighing = tool.weighing
+    if model.weighs and not model.weight_only and not status & (st.NO_ACCELEROMETER | st.NO_POSE):
+        weighing, f = _weighed(weighing, motion, t, f, model)
     if model.limited and saturated(wire, model.wrench_limit):
         status |= st.SATURATED
     i0, i1, i2, i3, i4, i5 = inertial = tool_wrench(model.load, f, omega, alpha, s)
@@ -86,7 +101,7 @@ def unload(tool: Tool, motion: MotionEstimate, t: float, wire: Wrench, force: Re
     m3, m4, m5 = w3 - b3 - i3, w4 - b4 - i4, w5 - b5 - i5
     if not (m0 * m0 + m1 * m1 + m2 * m2 + m3 * m3 + m4 * m4 + m5 * m5 < _ABSURD_SQUARED):
         return tool, Unloaded(t, st.BAD_WRENCH, NO_WRENCH, NO_WRENCH, ZERO)
-    return Tool(t, s), Unloaded(t, status, (m0, m1, m2, m3, m4, m5), inertial, f)
+    return Tool(t, s, weighing), Unloaded(t, status, (m0, m1, m2, m3, m4, m5), inertial, f)
 
 
 def _kinematics(status: int, motion: MotionEstimate, t: float, force: Reading, model: Model
@@ -124,13 +139,28 @@ def _kinematics(status: int, motion: MotionEstimate, t: float, force: Reading, m
     return status | st.NO_ACCELEROMETER, (-ox, -oy, -oz), omega, alpha
 
 
+def _weighed(weighing: Weighing, motion: MotionEstimate, t: float, f: Vector, model: Model
+             ) -> tuple[Weighing, Vector]:
+    """Return the specific force without what is not taken for motion."""
+    gx, gy, gz = _gravity(motion, t, model)
+    fx, fy, fz = f
+    weighing, (x, y, z) = weigh(weighing, t, (fx + gx, fy + gy, fz + gz), model.share,
+                                model.level, model.pause)
+    return weighing, (fx - x, fy - y, fz - z)
+
+
+def _gravity(motion: MotionEstimate, t: float, model: Model) -> Vector:
+    """Return gravity in ft_sensor as the pose has it now [m/s^2]."""
+    rotation = motion.rotation
+    h = t - rotation.t
+    wx, wy, wz = rotation.omega
+    return gravity_in_sensor(turned(rotation.q, h * wx, h * wy, h * wz), model.gravity)
+
+
 def _kinematics_at_rest(status: int, motion: MotionEstimate, t: float, model: Model
                         ) -> tuple[int, Vector, Vector, Vector]:
     """Return the same as if the tool hung still in its present orientation: weight alone."""
-    rotation = motion.rotation
-    h = t - rotation.t
-    if h > model.pose_timeout:
+    if t - motion.rotation.t > model.pose_timeout:
         return status | st.NO_POSE | st.NO_GRAVITY, ZERO, ZERO, ZERO
-    wx, wy, wz = rotation.omega
-    x, y, z = gravity_in_sensor(turned(rotation.q, h * wx, h * wy, h * wz), model.gravity)
+    x, y, z = _gravity(motion, t, model)
     return status, (-x, -y, -z), ZERO, ZERO

@@ -5,13 +5,23 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.geometry import Array
+from forcecal_ros.quantity import quantity, rounded, size, sizes
 from forcecal_ros.recording.axes import in_axes_of_pose, levelled
 from forcecal_ros.recording.streams import FREE, Recording, STILL, Stream
 from forcecal_ros.report import figures
 from forcecal_ros.report.page import Picture, picture, render_page
 from forcecal_ros.report.panels import Line, Panel, Shown
-from forcecal_ros.report.quantity import handy, quantity, rounded, size
-from forcecal_ros.report.rows import HALF, interval, negligible, promises, Row, table, value
+from forcecal_ros.report.rows import (
+    HALF,
+    handy,
+    interval,
+    negligible,
+    promises,
+    Row,
+    table,
+    true_value,
+    value,
+)
 from forcecal_ros.report.words import Fact, origin, Step
 from matplotlib.figure import Figure
 import numpy as np
@@ -134,7 +144,7 @@ def _origin(recording: Recording, c: Calibration) -> list[str]:
 def _cells(row: Row, with_truth: bool) -> list[str]:
     cells = [row.name, value(row), '' if row.unit == '1' else row.unit, interval(row)]
     if with_truth:
-        cells += ['' if row.truth is None else f'{row.truth:.6g}',
+        cells += [true_value(row),
                   '' if row.sigmas is None or negligible(row) else f'{row.sigmas:+.1f} σ']
     return cells
 
@@ -197,8 +207,8 @@ def in_words(quality: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """
     if 'residual_rms' in quality:
         yield 'Left over at rest', (
-            f'{_joined(quality["residual_rms"][:3])} N and '
-            f'{_joined(quality["residual_rms"][3:])} N m RMS (x, y, z) between the poses and one '
+            f'{sizes(quality["residual_rms"][:3], "N")} and '
+            f'{sizes(quality["residual_rms"][3:], "N m")} RMS (x, y, z) between the poses and one '
             'rigid tool.')
     if 'condition' in quality:
         yield 'Poses', (f'{_number_of(quality.get("poses", ()))}condition '
@@ -240,18 +250,14 @@ def _rejection(test: Mapping[str, Any]) -> str:
     if test['pose'] is None:
         return f'No pose is off what the others predict by more than chance ({limit} for all).'
     one = test['poses'][int(test['pose']) - 1]
-    return (f'Pose {test["pose"]} would be rejected: off by {_joined(one["off"][:3])} N and '
-            f'{_joined(one["off"][3:])} N m (x, y, z), {rounded(float(one["mass_eq23"]), 2)} kg '
+    return (f'Pose {test["pose"]} would be rejected: off by {sizes(one["off"][:3], "N")} and '
+            f'{sizes(one["off"][3:], "N m")} (x, y, z), {size(float(one["mass_eq23"]), "kg", 2)} '
             f'by Eq. 23 (probability {rounded(float(one["probability"]), 2)}, limit {limit} for '
             'all poses). Measure it again.')
 
 
 def _number_of(poses: Sequence[Any]) -> str:
     return f'{len(poses)}; ' if poses else ''
-
-
-def _joined(values: Sequence[float]) -> str:
-    return ', '.join(rounded(float(value), 2) for value in values)
 
 
 def _sentence(words: str) -> str:

@@ -12,6 +12,7 @@ from forcecal_ros.report.rows import (
     estimates,
     FINEST,
     HALF,
+    handy,
     number,
     Row,
     rows,
@@ -176,12 +177,20 @@ def _change(change: Change) -> str:
     return number(change.difference, change.std)
 
 
+def _handy(change: Change) -> Change:
+    """Return both numbers in one unit, that of the larger, or of its error."""
+    first, second = change.first, change.second
+    largest = max(abs(x) for one in (first, second) for x in (one.value, one.std) if isfinite(x))
+    return Change(handy(first, largest), handy(second, largest))
+
+
 def as_text(comparison: Comparison) -> str:
     """Return a table of all numbers, then what else differs, and the sum of it in one line."""
     head = ['estimate', 'first', 'second', 'change', 'std. errors', 'unit']
+    changes = [_handy(c) for c in comparison.changes]
     body = [[c.first.name, value(c.first), value(c.second), _change(c),
-             '-' if c.sigmas is None else f'{c.sigmas:+.1f}', c.first.unit]
-            for c in comparison.changes]
+             '-' if c.sigmas is None else f'{c.sigmas:+.1f}',
+             '' if c.first.unit == '1' else c.first.unit] for c in changes]
     rule = ['-' * max(len(line[i]) for line in [head, *body]) for i in range(len(head))]
     lines = [*aligned([head, rule, *body], left=(0, 5)), '']
     lines += [f'{key}: {_word(a)}, then {_word(b)}' for key, (a, b) in

@@ -8,12 +8,12 @@ from forcecal_ros.diagnose.localise.time_frequency import BANDS, RATE
 from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.diagnose.say.verdict import percent
 from forcecal_ros.geometry import Array
+from forcecal_ros.quantity import beside, rounded, with_error
 from forcecal_ros.report.diagnosis_view import FAINT, SEEN, View
 from forcecal_ros.report.diagnosis_words import explained, facts, headline, NAMED
 from forcecal_ros.report.effect_words import phrase
 from forcecal_ros.report.page import Picture, picture, render_page
 from forcecal_ros.report.panels import COLOURS, Line, Panel, Shown
-from forcecal_ros.report.quantity import beside, rounded, with_error
 from forcecal_ros.report.words import Step
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm

@@ -8,9 +8,9 @@ from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.judge.named_effects import instants
 from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.diagnose.say.verdict import percent
+from forcecal_ros.quantity import size
 from forcecal_ros.report.diagnosis_view import View
 from forcecal_ros.report.effect_words import phrase, sentence, WORDS
-from forcecal_ros.report.quantity import size
 from forcecal_ros.report.words import Fact, Step
 
 NAMED = ('identified', 'ambiguous', 'partial')
@@ -23,6 +23,14 @@ HEADS = {
     'invalid_data': 'This recording cannot be used: ',
 }
 """First sentence of the verdicts that name no effect; the reason follows a colon."""
+
+UNTOLD = {
+    'not_excited': ('Not known: what hardly moves shows no gap.',
+                    'Not at all: an effect of its usual size need not have shown.'),
+    'invalid_data': ('Not known: nothing was compared.',
+                     'No effect was weighed; the fault shows in the recording itself.'),
+}
+"""How large and how sure a gap is that was not looked for."""
 
 SHARE = ' of the misfit'
 """A verdict of effects that show in stamps and values alone says no share, nor does its page."""
@@ -133,7 +141,7 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice:
         What a command has to say of the recording to find the same in it.
     """
     if d.verdict == 'ambiguous' and advice:
-        return Step(f'{advice.partition(";")[0].rstrip(".")}.')
+        return Step(_begun(f'{advice.partition(";")[0].rstrip(".")}.'))
     if d.verdict == 'invalid_data' and (remedy := _cause_and_remedy(d)[1]):
         return Step(f'{_begun(remedy)}. Then diagnose again.')
     rig, calibration, model = (
@@ -160,7 +168,9 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice:
 
 def _how_large(view: View) -> str:
     d, parts = view.diagnosis, []
-    if d.gap is None or d.verdict == 'not_excited':
+    if d.verdict in UNTOLD:
+        return UNTOLD[d.verdict][0]
+    if d.gap is None:
         return ''
     _, before, after = d.gap.contact_force
     if d.verdict == 'no_gap':
@@ -182,7 +192,9 @@ def _how_sure(d: Diagnosis) -> str:
     if d.verdict == 'no_gap':
         hidden = f', except {_few(d.not_excited)}' if d.not_excited else ''
         return f'Every effect looked for would have shown at its usual size{hidden}.'
-    if d.verdict in ('not_excited', 'invalid_data') or not d.candidates:
+    if d.verdict in UNTOLD:
+        return UNTOLD[d.verdict][1]
+    if not d.candidates:
         return ''
     named = {e.name for e in d.effects}
     said = ', '.join(f'{percent(p)} {_called(name, named)}' for name, p in d.candidates)

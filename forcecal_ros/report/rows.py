@@ -1,10 +1,11 @@
 """Tables for a terminal; estimates as rows, each with its standard error and the truth."""
 
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from forcecal_ros.calibration.model import Calibration, Estimate
 from forcecal_ros.geometry import Array
+from forcecal_ros.quantity import decimals_of, rounded, scaled
 import numpy as np
 
 HALF = 1.96
@@ -71,6 +72,8 @@ def estimates(calibration: Calibration) -> Iterator[tuple[str, str, Estimate, tu
         yield 'accelerometer map', 'accelerometer.map', a.map, tuple(
             f'{i}{j}' for i in AXES for j in AXES)
         yield 'accelerometer delay', 'accelerometer.delay', a.delay, ()
+        if a.share:
+            yield 'accelerometer share', 'accelerometer.share', a.share, AXES
     if c.tool:
         yield 'tool stiffness', 'tool.stiffness', c.tool.stiffness, ()
         yield 'tool damping', 'tool.damping', c.tool.damping, ()
@@ -108,7 +111,7 @@ def promises(calibration: Calibration) -> list[Row]:
     """Return how quick and how sure filter kalman is to be; files without them none."""
     kalman = {} if calibration.observer is None else calibration.observer.kalman
     return [Row(f'{words} {label}'.strip(), f'observer.kalman.{key}', kalman[key].unit_of(i),
-                float(f'{value:.3g}'), float('nan'))
+                float(value), float('nan'))
             for key, words, labels in (
                 ('bandwidth', 'contact wrench: -3 dB at', ('',)),
                 ('rise_time', 'contact wrench: 10-90 % rise', ('',)),
@@ -120,7 +123,7 @@ def residuals(calibration: Calibration) -> list[Row]:
     """Return the RMS of what the static poses leave over, one row a channel; older files none."""
     rms = calibration.quality.get('residual_rms', ())
     return [Row(f'residual {label} at rest', f'quality.residual_rms.{label.replace(" ", ".")}',
-                'N' if i < 3 else 'N m', float(f'{value:.3g}'), float('nan'))
+                'N' if i < 3 else 'N m', float(value), float('nan'))
             for i, (label, value) in enumerate(zip(WRENCH_AXES, rms))]
 
 
@@ -133,18 +136,28 @@ def as_text(shown: list[Row]) -> str:
     str
         Truth and its distance appear where at least one truth is known.
     """
+    shown = [handy(row) for row in shown]
     with_truth = any(row.truth is not None for row in shown)
     head = ['estimate', 'value', 'std. error', 'unit'] + ['truth', 'off by'] * with_truth
     body = []
     for row in shown:
-        cells = [row.name, value(row), error(row), row.unit]
+        cells = [row.name, value(row), error(row), '' if row.unit == '1' else row.unit]
         if with_truth:
             sigmas = row.sigmas
-            cells += ['' if row.truth is None else f'{row.truth:.6g}',
+            cells += [true_value(row),
                       '' if sigmas is None or negligible(row) else f'{sigmas:+.1f} sigma']
         body.append(cells)
     rule = ['-' * max(len(line[i]) for line in [head, *body]) for i in range(len(head))]
     return '\n'.join(aligned([head, rule, *body], left=(0, 3)))
+
+
+def handy(row: Row, beside: float = 0.0) -> Row:
+    """Return a row in a unit of a handy size, that of ``beside`` if larger; shares as they are."""
+    if row.unit == '1':
+        return row
+    shown, factor = scaled(max(abs(row.value), abs(beside)), row.unit, row.std)
+    return replace(row, unit=shown, value=row.value * factor, std=row.std * factor,
+                   truth=None if row.truth is None else row.truth * factor)
 
 
 def interval(row: Row) -> str:
@@ -156,6 +169,11 @@ def interval(row: Row) -> str:
 def value(row: Row) -> str:
     """Return the value as text, to the digits that its standard error warrants."""
     return f'{row.value:.{MOST_DECIMALS}g}' if negligible(row) else number(row.value, row.std)
+
+
+def true_value(row: Row) -> str:
+    """Return the truth as text, to the digits of the value; empty where it is not known."""
+    return '' if row.truth is None else value(replace(row, value=row.truth))
 
 
 def error(row: Row) -> str:
@@ -173,8 +191,8 @@ def negligible(row: Row) -> bool:
 def number(x: float, std: float) -> str:
     """Return a number as text, to the digits that a standard error warrants."""
     if not std > 0:
-        return f'{x:.6g}'
-    decimals = min(MOST_DECIMALS, max(0, 1 - int(np.floor(np.log10(std)))))
+        return rounded(x)
+    decimals = min(MOST_DECIMALS, decimals_of(std))
     return f'{round(x, decimals) + 0.0:.{decimals}f}'  # + 0.0: no minus before a zero
 
 

@@ -69,14 +69,28 @@ def test_an_arm_on_a_wall_is_calibrated_with_the_direction_stated(bags, tmp_path
     assert float(load(path).mass) == pytest.approx(float(load(tmp_path / 'level.yaml').mass))
 
 
+def test_the_rotation_that_a_refusal_names_is_that_of_the_sensor(bags, tmp_path, capsys):
+    assert main(['calibrate', str(bags / 'turned'), '-o', str(tmp_path / 'c.yaml')]) == 1
+    said = capsys.readouterr().err
+    stated = re.search(r'--sensor-rotation (\S+) (\S+) (\S+)', said).groups()
+    np.testing.assert_allclose(np.array(stated, dtype=float), [10.0, -20.0, 35.0], atol=0.5)
+
+
+def test_a_transform_that_was_given_is_set_right_by_the_one_that_a_refusal_names(
+        bags, tmp_path, capsys):
+    calibrate, path = ['calibrate', str(bags / 'both'), '-o', str(tmp_path / 'c.yaml')], tmp_path
+    assert main([*calibrate, *FROM_POSE]) == 1
+    right = re.search(r'--sensor-from-pose( \S+){7}', capsys.readouterr().err).group(0).split()
+    assert right[1:4] == FROM_POSE[1:4] and main([*calibrate, *right]) == 0
+    assert main(['calibrate', str(bags / 'sound'), '-o', str(path / 'sound.yaml')]) == 0
+    assert float(load(path / 'c.yaml').mass) == pytest.approx(
+        float(load(path / 'sound.yaml').mass), rel=1e-3)
+
+
 @pytest.mark.parametrize('bag, given', [('turned', []), ('both', FROM_POSE)])
 def test_a_turned_sensor_is_calibrated_once_its_rotation_is_stated(
         bags, tmp_path, capsys, bag, given):
     calibrate = ['calibrate', str(bags / bag), *given, '-o', str(tmp_path / 'turned.yaml')]
-    assert main(calibrate) == 1
-    said = capsys.readouterr().err
-    stated = re.search(r'--sensor-rotation (\S+) (\S+) (\S+)', said).groups()
-    np.testing.assert_allclose(np.array(stated, dtype=float), [10.0, -20.0, 35.0], atol=0.5)
     turned, sound = tmp_path / 'turned.yaml', tmp_path / 'sound.yaml'
     assert main([*calibrate, '--sensor-rotation', '10', '-20', '35']) == 0
     assert main(['calibrate', str(bags / 'sound'), '-o', str(sound)]) == 0

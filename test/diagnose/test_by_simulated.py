@@ -141,7 +141,7 @@ def with_wrench(recording, change):
     (lambda w, R: w[:, [1, 0, 2, 4, 3, 5]], r'mirrored \(left-handed\): x, y, z show y, x, z'),
     (lambda w, R: w * [1.0, 1.0, 1.0, 1e3, 1e3, 1e3], 'they are in N mm'),
     (lambda w, R: w - np.hstack([f := WEIGHT @ R, np.cross(GRIPPER.com, f)]),
-     'the driver takes its weight off; simulate the tool that hung there')])
+     'the driver takes its weight off; let it leave the weight in')])
 def test_frame_sign_and_units_of_the_robots_wrench_are_asked_before_effects(change, said):
     wrong = diagnose_simulated(Pair(with_wrench(real({}), change), simulated()), None, TOLERANCES)
     assert wrong.outcome.diagnosis.verdict == 'invalid_data'

@@ -55,7 +55,7 @@ def test_what_drifted_first_is_named_and_what_cannot_be_read_is_a_row(fleet, cap
     status, found, err = run(fleet, capsys)
     assert status == 1 and err.count('\n') == 1 and 'damaged_0.mcap' in err
     assert found['read'] == found['new'] - 1 == 2 * NIGHTS + 1
-    assert 'First to drift: tool mass of left, by +0.020 ' in found['headline']
+    assert 'First to drift: tool mass of left, by +20 ± ' in found['headline']
     (change,) = found['robots']['left']['changed']
     assert change['since'].startswith('2026-03-11') and found['robots']['right'] == {
         'entries': NIGHTS, 'changed': []}

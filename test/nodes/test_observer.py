@@ -1,6 +1,7 @@
 """The observer as a process: lifecycle, services, and the numbers of the offline replay."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 from forcecal_ros.calibration.file import dump, save
 from forcecal_ros.calibration.model import Accelerometer, Calibration, Estimate, Noise, Tool
@@ -8,8 +9,10 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.motion.poses import nominal_poses
 from forcecal_ros.motion.profiles import Move, Pose
+from forcecal_ros.nodes.observer import Observer
 from forcecal_ros.nodes.runtime import LATCHED
-from forcecal_ros.observe import ObserverSettings, replay
+from forcecal_ros.observe import ContactSample, ObserverSettings, replay
+from forcecal_ros.observe.status import INVALID
 from forcecal_ros.observe.tare import refuse_motion
 from forcecal_ros.recording.streams import PoseStream
 from forcecal_ros.simulators.rig.file import load_rig
@@ -74,6 +77,21 @@ def noisy():
         wrench=Estimate(np.diag([0.25**2] * 3 + [0.02**2] * 3), 0.0, '(N, N m)^2'),
         specific_force=Estimate(np.eye(3) * 0.034**2, 0.0, '(m/s^2)^2'),
         wrench_rate=1000.0, accelerometer_rate=1000.0))
+
+
+class Sent(list):
+    publish = list.append
+
+
+@pytest.mark.parametrize('status, sent', [(0, [(7.0,) * 6]), (INVALID, [])])
+def test_where_nothing_is_known_no_weight_is_published(status, sent):
+    wrench, out, inertial = (7.0,) * 6, Sent(), Sent()
+    sample = ContactSample(1.0, wrench, status, wrench, wrench, wrench, None)
+    Observer._publish(SimpleNamespace(
+        _origin=0, _chain=SimpleNamespace(model=SimpleNamespace(pose_timeout=0.1)), _out=out,
+        _optional=[('inertial', inertial)], _write=lambda stamp, values: values, _markers=None,
+        _source=None, _frames=SimpleNamespace(publish=lambda *_: None)), sample)
+    assert out == [wrench] and inertial == sent
 
 
 def offline(recording, gravity):

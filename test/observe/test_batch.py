@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from forcecal_ros.calibration.model import Estimate
 from forcecal_ros.observe import design, ObserverSettings
 from forcecal_ros.observe.batch import estimates, in_order
 from forcecal_ros.observe.playback import run
@@ -75,6 +76,13 @@ def only(*names):
     return Recording(**{name: getattr(r, name) for name in names})
 
 
+def weighed():
+    c = calibration()
+    return replace(c, accelerometer=replace(
+        c.accelerometer, share=Estimate([0.2, 1.0, 0.5], 0.1, '1'),
+        level=Estimate([0.1, 0.1, 0.1], np.nan, 'm/s^2')))
+
+
 CASES = {
     'plain': (swing(), calibration(), ObserverSettings()),
     'gaps': (with_gaps(), calibration(), ObserverSettings()),
@@ -100,6 +108,7 @@ CASES = {
     'limits': (swing(), calibration(), ObserverSettings(
         wrench_limit=(100.0,) * 3 + (3.0,) * 3, accelerometer_limit=6.0)),
     'pauses': (with_pauses(), calibration(), ObserverSettings()),
+    'weighed': (with_gaps(), weighed(), ObserverSettings()),
     'bad samples': (with_bad_samples(), calibration(), ObserverSettings()),
     'jitter': (with_jitter(), calibration(), ObserverSettings()),
 }

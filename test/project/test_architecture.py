@@ -12,7 +12,7 @@ ROS = re.compile(
 
 NUMERICS = (
     ('errors',),
-    ('atomic_files', 'extras', 'geometry', 'jit', 'places', 'safe_yaml'),
+    ('atomic_files', 'extras', 'geometry', 'jit', 'places', 'quantity', 'safe_yaml'),
     ('schema',),
     ('recording',),
     ('calibration',),

@@ -1,5 +1,7 @@
 """Forces at rest tell frame, axes and the way down where the poses do, and nothing else."""
 
+import re
+
 from forcecal_ros.errors import DataError, UnobservableError
 from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.recording.checks.frame_faults import (
@@ -7,6 +9,7 @@ from forcecal_ros.recording.checks.frame_faults import (
     refuse_unexplained,
     refuse_weightless,
     slightly_off,
+    Stated,
 )
 from forcecal_ros.recording.checks.frames import Forces, judge
 import numpy as np
@@ -62,8 +65,24 @@ def test_a_turn_is_found_within_its_standard_error(n, known):
 
 
 def test_a_turn_is_named_about_the_axis_that_the_sensor_was_turned_about():
-    with pytest.raises(DataError, match=r'turned by 30\.\d+ \+- 0\.\d+ deg about z .* flange'):
+    with pytest.raises(DataError, match=r'turned by 30\.\d+ \+- 0\.\d+ deg about z .*'
+                                        r'; state --sensor-rotation \S+ \S+ 30\S* \(where'):
         refuse_other_frame(judge(forces(1, Q=turn(0.0, 0.0, 30.0).T)))
+
+
+@pytest.mark.parametrize('given, by, said', [
+    (None, 'calibration', r'calibrate again with --sensor-rotation \S+ \S+ 30\S*$'),
+    (None, 'rig', r'state --sensor-from-pose 0 0 0 \S+ \S+ (\S+) (\S+)$'),
+    ((0.1, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0), '',
+     r'state --sensor-from-pose 0.1 0 0.2 \S+ \S+ (\S+) (\S+)$')])
+def test_a_turn_is_mended_where_the_pose_of_the_sensor_was_stated(given, by, said):
+    with pytest.raises(DataError, match=said) as refused:
+        refuse_other_frame(judge(forces(1, Q=turn(0.0, 0.0, 30.0).T)),
+                           Stated(sensor_from_pose=given, by=by))
+    about_z = re.search(said, str(refused.value)).groups()
+    np.testing.assert_allclose(np.array(about_z, dtype=float),
+                               [np.sin(np.radians(15.0)), np.cos(np.radians(15.0))][:len(about_z)],
+                               atol=0.01)
 
 
 def test_a_tilted_base_is_named_with_the_option_that_states_it():
@@ -97,7 +116,7 @@ def test_the_opposite_sign_is_not_taken_for_a_turn(sign):
     for seed in range(20):
         with pytest.raises(DataError, match=f'set wrench.sign to {-sign} .*upside|upside.*'
                                             f'set wrench.sign to {-sign} '):
-            refuse_other_frame(judge(forces(seed, 6, Q=-np.eye(3))), wrench_sign=sign)
+            refuse_other_frame(judge(forces(seed, 6, Q=-np.eye(3))), Stated(wrench_sign=sign))
 
 
 def test_a_degree_is_named_and_not_refused():
@@ -112,7 +131,8 @@ def test_a_degree_is_named_and_not_refused():
 def test_three_poses_that_cannot_tell_a_turn_from_a_mirror_name_both():
     found = judge(forces(1, 3, Q=SWAPPED, known=True))
     assert set(names(found)) == {'turned', 'mirrored'}
-    with pytest.raises(DataError, match='mirrored .*, or its axes are turned'):
+    with pytest.raises(DataError, match='turned .*, or its axes are mirrored.*; poses in more|'
+                                        'mirrored .*, or its axes are turned.*; poses in more'):
         refuse_other_frame(found)
 
 

@@ -55,6 +55,8 @@ def test_torques_about_another_point_are_told_while_calibrating():
              for line in lines if 'inertia in motion' in str(line))
     place = note.split('about a point (')[1].split(')')[0]
     np.testing.assert_allclose([float(x) for x in place.split()], [0.0, 0.0, 0.15], atol=0.01)
+    stated = note.split('--sensor-from-pose ')[1].split(',')[0].split()
+    np.testing.assert_allclose([float(x) for x in stated], [0.0, 0.0, 0.15, 0, 0, 0, 1], atol=0.01)
     sound = identify(recording_of(log(70))).quality
     assert 'inertia in motion' not in str(sound)
 

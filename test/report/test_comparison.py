@@ -30,7 +30,7 @@ def test_a_change_is_told_in_the_standard_errors_of_both():
     assert by_key['com.x'].sigmas == pytest.approx(2 ** 0.5)
     assert [one.first.key for one in found.changed] == ['mass']
     line = next(line for line in as_text(found).splitlines() if line.startswith('tool mass'))
-    assert line.split() == ['tool', 'mass', '13.0000', '13.00600', '0.0060', '+4.5', 'kg']
+    assert line.split() == ['tool', 'mass', '13.0000', '13.0060', '0.0060', '+4.5', 'kg']
     assert as_text(found).endswith('standard errors, tool mass most (+4.5)')
 
 

@@ -12,6 +12,7 @@ from forcecal_ros.diagnose.localise.localisation import Location
 from forcecal_ros.diagnose.say.result import Diagnosis, to_document
 from forcecal_ros.diagnose.say.verdict import percent
 from forcecal_ros.effects.library import EFFECTS
+from forcecal_ros.quantity import beside, quantity, rounded
 from forcecal_ros.recording.streams import Phase, Recording, Stream
 from forcecal_ros.report import diagnosis as figures
 from forcecal_ros.report import page as pages
@@ -20,7 +21,6 @@ from forcecal_ros.report.diagnosis_view import View, view_without_signals
 from forcecal_ros.report.diagnosis_words import facts, headline, next_step
 from forcecal_ros.report.effect_words import sentence, WORDS
 from forcecal_ros.report.panels import between, Line, live, MOST_POINTS
-from forcecal_ros.report.quantity import beside, quantity, rounded
 from forcecal_ros.report.words import origin, Step
 import numpy as np
 import pytest
@@ -147,6 +147,15 @@ def test_a_report_without_a_gap_says_which_effects_would_not_have_shown():
     assert said == [f'{shown}.', f'{shown}, except a, b, c, d, e, f, and 2 more.']
 
 
+@pytest.mark.parametrize('verdict', ['not_excited', 'invalid_data'])
+def test_a_report_without_a_comparison_says_that_nothing_is_known_of_size_and_cause(verdict):
+    d = replace(IDENTIFIED, verdict=verdict, reason=NO_REASON, effects=())
+    said = {one.label: one.words for one in facts(view_without_signals(d), NEXT)}
+    assert said['How large'].startswith('Not known: ') and said['Next']
+    assert said['How sure'].startswith({'not_excited': 'Not at all', 'invalid_data': 'No effect'}[
+        verdict])
+
+
 def test_the_first_sentence_says_what_how_large_how_sure_and_how_much_it_explains():
     assert headline(IDENTIFIED) == ('The wrench comes 4.00 ± 0.14 ms late (97 % sure). Adding it '
                                     'explains 98 % of the misfit (95 % interval: 97 to 99 %).')
@@ -180,6 +189,12 @@ def test_a_verdict_that_names_nothing_says_no_share(verdict):
     page = render(view_without_signals(d), ['bag'], NEXT)
     assert not re.search(r'explains \d+ % of the misfit|explained</th>', page)
     assert NO_REASON in page.lower()
+
+
+def test_a_narrow_screen_shows_still_pictures_in_their_own_size():
+    page = render(view_without_signals(IDENTIFIED), ['bag'], NEXT)
+    narrow = page.partition('@media (max-width: 34rem)')[2].partition('}')[0]
+    assert '.wide img { max-width: none;' in narrow
 
 
 def test_an_effect_that_shows_in_stamps_alone_explains_no_share():

@@ -37,6 +37,14 @@ def test_standard_errors_decide_how_many_digits_are_shown(calibration):
     assert line.split() == ['tool', 'mass', '13.0012', '0.0011', 'kg']
 
 
+def test_a_table_for_a_terminal_has_the_digits_and_units_of_the_page():
+    rows = [Row('delay', 'delay', 's', 0.0040021, 0.00014), Row('rise', 'rise', 's', 0.0140837,
+                                                                np.nan),
+            Row('share', 'share', '1', 0.51234, 0.004)]
+    assert [line.split() for line in as_text(rows).splitlines()[2:]] == [
+        ['delay', '4.00', '0.14', 'ms'], ['rise', '14.1', '-', 'ms'], ['share', '0.512', '0.004']]
+
+
 def test_forces_and_torques_have_units_of_their_own(calibration):
     units = {row.key: row.unit for row in table(calibration)}
     assert units['wrench_bias.force.z'] == 'N' and units['wrench_bias.torque.x'] == 'N m'
@@ -44,7 +52,7 @@ def test_forces_and_torques_have_units_of_their_own(calibration):
 
 def test_an_error_below_the_last_digit_is_no_zero_and_no_distance():
     exact = Row('map xx', 'map.xx', '1', 0.9999999991, 2e-9, 1.0)
-    assert as_text([exact]).splitlines()[-1].split() == ['map', 'xx', '1', '<', '1e-7', '1', '1']
+    assert as_text([exact]).splitlines()[-1].split() == ['map', 'xx', '1', '<', '1e-7', '1']
 
 
 def test_the_truth_stands_beside_with_its_distance(calibration):
@@ -90,7 +98,7 @@ def test_quality_is_said_in_words():
     said = dict(in_words({'condition': 1.7361, 'residual_rms': [0.0036, 0.0055, 0.0039, 3e-4] + [
         6e-5, 1e-4], 'chi_square': {'value': 3.789, 'degrees': 8, 'probability': 0.0012},
         'notes': ['x points along +x'], 'questions': []}))
-    assert said['Left over at rest'].startswith('0.0036, 0.0055, 0.0039 N and 0.00030,')
+    assert said['Left over at rest'].startswith('3.6, 5.5, 3.9 mN and 0.30, ')
     assert said['Fit of the poses'] == ('They do not fit one rigid tool: chi-square 3.79 for 8 '
                                         'degrees of freedom (probability 0.0012).')
     assert said['Note'] == 'X points along +x.' and not dict(in_words({}))

@@ -39,7 +39,7 @@ def require_same_sensors(recordings: Sequence[Recording]) -> None:
                             'record the same topics in both')
 
 
-def require_axes_of(rig: Rig, recordings: Iterable[Recording]) -> None:
+def require_axes_of(rig: Rig, recordings: Iterable[Recording], by: str = 'rig') -> None:
     """
     Refuse wrenches whose frame, axes or units are not those of a rig.
 
@@ -47,6 +47,8 @@ def require_axes_of(rig: Rig, recordings: Iterable[Recording]) -> None:
     ----------
     recordings : iterable of Recording
         Checked.
+    by : str
+        ``rig`` or ``calibration``: where the model is.
 
     Raises
     ------
@@ -54,7 +56,8 @@ def require_axes_of(rig: Rig, recordings: Iterable[Recording]) -> None:
         Names cause and remedy.
     """
     for recording in recordings:
-        refuse_other_axes(recording, rig.tool.mass, np.array(rig.tool.com), np.array(rig.gravity))
+        refuse_other_axes(recording, rig.tool.mass, np.array(rig.tool.com), np.array(rig.gravity),
+                          by=by)
 
 
 def require_overlap(recording: Recording, reference: str, shortest: float) -> None:

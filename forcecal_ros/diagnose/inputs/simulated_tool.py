@@ -16,7 +16,7 @@ from forcecal_ros.recording.checks.at_rest import (
     refuse_other_forces,
     untouched_at_rest,
 )
-from forcecal_ros.recording.checks.frame_faults import as_in_base, refuse_other_frame
+from forcecal_ros.recording.checks.frame_faults import as_in_base, refuse_other_frame, Stated
 from forcecal_ros.recording.checks.frames import judge
 from forcecal_ros.recording.streams import phase_spans, Recording, TOUCHING
 from forcecal_ros.simulators.rigid_tool import CarriedTool, GYRATION, rigid_tool_of_rig, RigidTool
@@ -63,7 +63,7 @@ tool's weight in a moving arm the best other frame left 0.94 to 1 where the sign
 and 0.07 where x and y were exchanged.
 """
 
-SIMULATE_IT = 'simulate the tool that hung there, or let the driver leave its weight in'
+SIMULATE_IT = 'simulate what hung there'
 """What to do where another tool hung on the robot than in the simulation."""
 
 
@@ -162,7 +162,7 @@ def _require_own_axes(simulated: Recording, rig: Rig) -> str:
     # without noise another frame always fits a little better than rounding
     if is_elsewhere(judgement) and not upside_down and plain.rms > OTHER_FRAME * judgement.changes:
         try:
-            refuse_other_frame(judgement, gravity / np.linalg.norm(gravity))
+            refuse_other_frame(judgement, Stated(gravity / np.linalg.norm(gravity)))
         except DataError as error:
             cause = str(error).rpartition(';')[0]
             raise DataError(f'the simulated {cause}; let the simulator publish it in the frame '
@@ -191,7 +191,8 @@ def refuse_other_wrench(real: Recording, tool: SimulatedTool, simulated: Recordi
     mass, com, gravity = rigid.tool.mass, np.array(rigid.tool.com), np.array(rigid.gravity)
     found = simulated and beside_simulated(real, simulated, mass, gravity)
     if found:
-        refuse_other_forces(found, mass, com, SIMULATE_IT)
+        refuse_other_forces(found, mass, com, SIMULATE_IT, Stated(
+            gravity / np.linalg.norm(gravity), sensor_from_pose=real.sensor_from_pose, by='rig'))
     else:
         refuse_other_axes(real, mass, com, gravity, SIMULATE_IT, short=True)
 

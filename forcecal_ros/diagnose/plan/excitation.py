@@ -9,6 +9,7 @@ from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedM
 from forcecal_ros.effects import applicable, EFFECTS
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
+from forcecal_ros.quantity import scaled
 from forcecal_ros.recording.streams import Phase, PoseStream
 from forcecal_ros.simulators.rig.offline import simulate
 from forcecal_ros.simulators.signals import UNSEEN
@@ -154,8 +155,8 @@ def _shown(h: Hypothesis, information: Array, part: NDArray[np.intp]) -> Shown:
     best, worst = int(energy.argmax()), int(energy.argmin())
     q = quantities[best]
     size = q.typical if h.releases else float(h.atoms[0].start[moved[best]])
-    unit = '' if q.unit == '1' else f' {q.unit}'
-    return Shown(h.name, f'{q.name} {size:g}{unit}', float(energy[best]),
+    shown, factor = scaled(size, q.unit)
+    return Shown(h.name, f'{q.name} {factor * size:.3g} {shown}', float(energy[best]),
                  quantities[worst].name, float(energy[worst]), h.effect.excited_by)
 
 

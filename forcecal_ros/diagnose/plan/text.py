@@ -8,9 +8,11 @@ from forcecal_ros.diagnose.plan.recording import Planned
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.plan_file import sequencer_parameters
+from forcecal_ros.quantity import rounded
 
 CONTACT = 'it shows in contact only: add --contact'
-HEAD = ('effect', 'at a size of', 'energy', 'shows', 'weakest')
+HEAD = ('effect', 'at a size of', 'std. errors', 'shows', 'weakest')
+"""What an effect's energy is the square of: how many standard errors of its parameter it is."""
 
 
 def as_text(planned: Planned) -> str:
@@ -93,5 +95,6 @@ def wider_box(limits: Limits, reach: float) -> str:
 def _cells(s: Shown) -> tuple[str, str, str, str, str]:
     if math.isnan(s.energy):
         return s.name, '', '', s.word, ''
-    weak = f'{s.weakest}: {s.weakest_energy:.3g}' if s.weakest_energy < s.energy else ''
-    return s.name, s.size, f'{s.energy:.3g}', s.word, weak
+    weak = (f'{s.weakest}: {rounded(math.sqrt(s.weakest_energy))}'
+            if s.weakest_energy < s.energy else '')
+    return s.name, s.size, rounded(math.sqrt(s.energy)), s.word, weak

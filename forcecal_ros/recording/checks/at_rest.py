@@ -5,11 +5,11 @@ from typing import NamedTuple
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, skew
 from forcecal_ros.recording.checks import limits
-from forcecal_ros.recording.checks.frame_faults import refuse_other_frame
+from forcecal_ros.recording.checks.frame_faults import refuse_other_frame, Stated
 from forcecal_ros.recording.checks.frames import Forces, judge, Judgement
 from forcecal_ros.recording.checks.orientations import read_from_w
 from forcecal_ros.recording.checks.torques import refuse_other_torques
-from forcecal_ros.recording.checks.units import force_unit_of
+from forcecal_ros.recording.checks.units import force_unit_of, mended
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.recording.time_grid import Averager
 import numpy as np
@@ -49,8 +49,7 @@ WEIGHTLESS = 0.05
 """What weighs less than this share of a model's tool in any frame has had its weight taken off:
 kgf would leave a tenth."""
 
-NAME_THE_TOOL = ('name it by a calibration (forcecal calibrate) or a rig of its own (forcecal '
-                 'fit-rig)')
+NAME_THE_TOOL = 'calibrate what hung there (forcecal calibrate) and give --calibration'
 """What to do where another tool hung on the sensor than that of a rig."""
 
 THOUSAND = 0.3
@@ -155,7 +154,8 @@ def means_at(stream: Stream, begins: Array, length: float = LENGTH) -> Array:
 
 
 def refuse_other_axes(recording: Recording, mass: float, com: Array, gravity: Array,
-                      other_tool: str = NAME_THE_TOOL, short: bool = False) -> None:
+                      other_tool: str = NAME_THE_TOOL, short: bool = False, by: str = 'rig'
+                      ) -> None:
     """
     Refuse a wrench in another frame, with other axes or in other units than is believed.
 
@@ -171,6 +171,8 @@ def refuse_other_axes(recording: Recording, mass: float, com: Array, gravity: Ar
         What to do where another tool hung there.
     short : bool
         Ask robots that never rest, too.
+    by : str
+        ``rig`` or ``calibration``: where the model is.
 
     Raises
     ------
@@ -179,16 +181,18 @@ def refuse_other_axes(recording: Recording, mass: float, com: Array, gravity: Ar
     """
     found = untouched_at_rest(recording, gravity, short)
     if found is not None:
-        refuse_other_forces(found, mass, com, other_tool)
+        refuse_other_forces(found, mass, com, other_tool, Stated(
+            gravity / np.linalg.norm(gravity), sensor_from_pose=recording.sensor_from_pose, by=by))
 
 
-def refuse_other_forces(found: AtRest, mass: float, com: Array, other_tool: str) -> None:
+def refuse_other_forces(found: AtRest, mass: float, com: Array, other_tool: str, stated: Stated
+                        ) -> None:
     """Refuse means without contact; otherwise as :func:`refuse_other_axes`."""
-    judgement, gravity = judge(found.forces), found.forces.gravity
+    judgement = judge(found.forces)
     if judgement.likely[0].mass < WEIGHTLESS * mass:
         _refuse_other_tool(judgement.plain.mass, mass, other_tool)
     if is_elsewhere(judgement):
-        refuse_other_frame(judgement, gravity / np.linalg.norm(gravity))
+        refuse_other_frame(judgement, stated)
     plain = judgement.plain
     if judgement.likely[0] is not plain:
         return
@@ -279,16 +283,17 @@ def refuse_other_lever(weight: Array, torque: Array, com: Array) -> None:
     if abs(times / 1000.0 - 1.0) < THOUSAND:
         raise DataError(
             f'wrench: its torques put the centre of mass at {_metres(shown)}, the model has it at '
-            f'{_metres(com)}: they are in N mm; divide them by 1000 in the driver or in the '
-            'import')
+            f'{_metres(com)}: they are in N mm; {mended(1e-3, "N mm")}')
 
 
 def _refuse_other_tool(shown: float, mass: float, remedy: str) -> None:
     """Refuse a recording in which far less than a tool's mass [kg] weighs on the sensor."""
     if shown < OTHER_TOOL * mass:
-        raise DataError(
-            f'wrench: the tool of {mass:.4g} kg weighs {shown:.4g} kg in this recording: another '
-            f'one hung there, or the driver takes its weight off; {remedy}')
+        why = ('the driver takes its weight off; let it leave the weight in (where nothing hung '
+               f'there, {remedy} instead)' if shown < WEIGHTLESS * mass else
+               f'another one hung there; {remedy}')
+        raise DataError(f'wrench: the tool of {mass:.4g} kg weighs {shown:.4g} kg in this '
+                        f'recording: {why}')
 
 
 def _metres(place: Array) -> str:
@@ -309,4 +314,4 @@ def refuse_other_force_unit(shown: float, mass: float) -> None:
         name, factor = unit
         raise DataError(
             f'wrench: the tool of {mass:.4g} kg weighs {shown:.4g} kg in this recording: '
-            f'its forces are in {name}; multiply by {factor:.5g} in the driver or in the import')
+            f'its forces are in {name}; {mended(factor, name)}')

@@ -1,48 +1,75 @@
 """What is said of a wrench in another frame, and of a base that is not level: cause and remedy."""
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 from forcecal_ros.errors import DataError, UnobservableError
-from forcecal_ros.geometry import Array, rotation_vector
+from forcecal_ros.geometry import (
+    Array,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    rotation_vector,
+)
 from forcecal_ros.recording.axes import DOWN, pose_from_wire
 from forcecal_ros.recording.checks import limits
 from forcecal_ros.recording.checks.frames import Fit, Judgement
+from forcecal_ros.schema import Vector7
 import numpy as np
 
+ITSELF: Vector7 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+"""ft_sensor in its own frame."""
 
-def refuse_other_frame(judgement: Judgement, believed: Array = DOWN, wrench_sign: int = 1,
-                       sensor_rotation: Sequence[float] | None = None) -> None:
+
+class Stated(NamedTuple):
     """
-    Refuse forces that fit another frame, other axes or another way down.
+    What was stated of sensor and base, by which a judgement was made.
 
-    Parameters
+    Attributes
     ----------
-    believed : ndarray, shape (3,)
-        Unit vector of gravity in base that the judgement was made with.
+    down : ndarray, shape (3,)
+        Unit vector of gravity in base.
     wrench_sign : int
         What the readings were multiplied by.
     sensor_rotation : sequence of 3 float or None
         What they were turned by [rad].
+    sensor_from_pose : tuple of 7 float or None
+        By which the poses were taken to ft_sensor, x y z [m] qx qy qz qw.
+    by : str
+        Where it is stated: '' in options of this command, or in a ``calibration`` or a ``rig``.
+    """
+
+    down: Array = DOWN
+    wrench_sign: int = 1
+    sensor_rotation: Sequence[float] | None = None
+    sensor_from_pose: Vector7 | None = None
+    by: str = ''
+
+
+def refuse_other_frame(judgement: Judgement, stated: Stated = Stated()) -> None:
+    """
+    Refuse forces that fit another frame, other axes or another way down.
 
     Raises
     ------
     DataError
-        Names the cause, how well it fits, and the remedy; several where poses cannot tell which.
+        Names the cause, how well it fits, and the remedy; where poses cannot tell causes apart,
+        all of them, and the remedy of the likeliest.
     """
     plain, likely = judgement.plain, judgement.likely
     if likely == (plain,):
         return
     named = [one for fit in sorted(likely, key=_oddness)
-            if (one := _beyond_tolerance(fit, believed, sensor_rotation))]
+            if (one := _beyond_tolerance(fit, stated))]
     if len(named) == len(likely):
         causes = ', or '.join(cause for cause, _ in named)
-        remedies = ', or '.join(remedy for _, remedy in named)
+        remedy = named[0][1] + (
+            '; poses in more directions tell whether it is the other'
+            if len(named) > 1 else '')
         recorded = f' with a mass of {plain.mass:.4g} kg' if plain.mass < 0.0 else ''
         raise DataError(
             f'wrench: {causes}; RMS of the residual forces{" at rest" * judgement.rests} '
             f'{likely[0].rms:.2g} N then, '
-            f'{plain.rms:.2g} N{recorded} as recorded; {remedies}'.replace(
-                'SIGN', str(-wrench_sign)))
+            f'{plain.rms:.2g} N{recorded} as recorded; {remedy}')
 
 
 def refuse_weightless(judgement: Judgement) -> None:
@@ -100,7 +127,8 @@ def slightly_off(judgement: Judgement, believed: Array = DOWN) -> str:
     parts = []
     if fit.name in ('tilted', 'both'):
         parts.append(f'gravity is {_deg(_tilt(fit, believed), fit.tilt_std)} off '
-                     f'{_numbers(believed)} of base, as {_option(_down(fit))} would state')
+                     f'{_numbers(believed)} of base, as --gravity-direction '
+                     f'{_numbers(_down(fit))} would state')
     if fit.name in ('turned', 'both'):
         parts.append(f'the sensor is turned by {_turn(fit.Q, fit.turn_std)} against its pose')
     return f'{" and ".join(parts)}, by the forces at rest'
@@ -111,10 +139,9 @@ def _oddness(fit: Fit) -> tuple[bool, bool]:
     return not _order(fit.Q), fit.name == 'mirrored'
 
 
-def _beyond_tolerance(fit: Fit, believed: Array, stated: Sequence[float] | None
-           ) -> tuple[str, str] | None:
+def _beyond_tolerance(fit: Fit, stated: Stated) -> tuple[str, str] | None:
     """Cause and remedy of what no tolerance of a mount explains; None: it may be tolerance."""
-    tilt, mirrored = _tilt(fit, believed), np.linalg.det(fit.Q) < 0.0
+    tilt, mirrored = _tilt(fit, stated.down), np.linalg.det(fit.Q) < 0.0
     if fit.name == 'base':
         return ('it is expressed in base, not in the frame of the sensor',
                 "set the driver to publish in the sensor's frame")
@@ -122,17 +149,17 @@ def _beyond_tolerance(fit: Fit, believed: Array, stated: Sequence[float] | None
     if flipped:
         Q, tilt, mirrored = -Q, 0.0, not mirrored
     if mirrored and _angle(-Q) < limits.TURNED_OFF:
-        remedy = ('set wrench.sign to SIGN (--wrench-sign SIGN), unless the robot hangs upside '
-                  f'down, which {_option(-believed)} states, or its driver takes off a heavier '
-                  'load than it carries')
-        return 'it has the opposite sign', remedy
-    found = [*_axes(Q, mirrored, fit.turn_std, stated), *(() if flipped else _tilted(fit, tilt))]
+        sign = -stated.wrench_sign
+        return 'it has the opposite sign', (
+            f'set wrench.sign to {sign} (--wrench-sign {sign}), unless the robot hangs upside '
+            f'down: then {_level(-stated.down, stated)}')
+    found = [*_axes(Q, mirrored, fit.turn_std, stated),
+             *(() if flipped else _tilted(fit, tilt, stated))]
     return (' and '.join(cause for cause, _ in found),
             ' and '.join(remedy for _, remedy in found)) if found else None
 
 
-def _axes(Q: Array, mirrored: bool, std: float, stated: Sequence[float] | None
-          ) -> Iterator[tuple[str, str]]:
+def _axes(Q: Array, mirrored: bool, std: float, stated: Stated) -> Iterator[tuple[str, str]]:
     """Cause and remedy of axes that are turned, swapped or mirrored."""
     order = _order(Q)
     if mirrored:
@@ -140,21 +167,37 @@ def _axes(Q: Array, mirrored: bool, std: float, stated: Sequence[float] | None
                'correct the order and the signs of its axes in the driver')
     elif _angle(Q) > limits.TURNED_OFF:
         yield (f"its axes are turned by {_turn(Q, std)} against the sensor's pose{order}",
-               'correct the transform from flange to sensor, your own or --sensor-from-pose, or '
-               'state ' + _rotation(Q, stated))
+               _stating(_rotation(Q, stated), stated))
 
 
-def _rotation(Q: Array, stated: Sequence[float] | None) -> str:
-    """Say the option that states how the wire's axes are turned against the pose, in all."""
-    before = pose_from_wire(stated)
+def _rotation(Q: Array, stated: Stated) -> str:
+    """Say the option by which the pose's axes become the wire's: the one given, set right."""
+    given = stated.sensor_from_pose or (ITSELF if stated.by == 'rig' else None)
+    if given is not None:
+        right = quaternion_from_matrix(matrix_from_quaternion(given[3:]) @ Q.T)
+        return f'--sensor-from-pose {_numbers(np.append(given[:3], right))}'
+    before = pose_from_wire(stated.sensor_rotation)
     vector = rotation_vector(Q.T if before is None else Q.T @ before)
-    return f'--sensor-rotation {_numbers(np.degrees(vector))}'
+    option = f'--sensor-rotation {_numbers(np.degrees(vector))}'
+    return option if stated.by or before is not None else (
+        f'{option} (where the pose is that of a flange: --sensor-from-pose X Y Z '
+        f'{_numbers(quaternion_from_matrix(Q.T))}, with the place of the sensor in it)')
 
 
-def _tilted(fit: Fit, tilt: float) -> Iterator[tuple[str, str]]:
+def _stating(option: str, stated: Stated) -> str:
+    return f'{"calibrate again with" if stated.by == "calibration" else "state"} {option}'
+
+
+def _level(down: Array, stated: Stated) -> str:
+    if stated.by == 'rig':
+        return f'turn gravity in the rig along {_numbers(down)}'
+    return _stating(f'--gravity-direction {_numbers(down)}', stated)
+
+
+def _tilted(fit: Fit, tilt: float, stated: Stated) -> Iterator[tuple[str, str]]:
     if fit.name in ('tilted', 'both') and tilt > limits.TILTED_OFF:
         yield (f'base is not level, gravity in it is {_deg(tilt, fit.tilt_std)} off',
-               f'state {_option(_down(fit))}')
+               _level(_down(fit), stated))
 
 
 def _order(Q: Array) -> str:
@@ -199,10 +242,6 @@ def _tilt(fit: Fit, believed: Array) -> float:
     """Angle between gravity as fitted and as believed [deg]."""
     cross, along = np.linalg.norm(np.cross(_down(fit), believed)), _down(fit) @ believed
     return float(np.degrees(np.arctan2(cross, along)))
-
-
-def _option(direction: Array) -> str:
-    return f'--gravity-direction {_numbers(direction)}'
 
 
 def _numbers(vector: Array) -> str:

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.geometry import Array, STANDARD_GRAVITY
+from forcecal_ros.geometry import Array, matrix_from_quaternion, STANDARD_GRAVITY
 from forcecal_ros.recording.checks.slowness import TOLD_LATE
 from forcecal_ros.recording.streams import Recording
 import numpy as np
@@ -156,8 +156,15 @@ def other_point(recording: Recording, com: Array, std: Array) -> str:
         return ''
     return (f'torques put the centre of mass at {_metres(com)} m, inertia in motion at '
             f'{_metres(found.com)} m from the point whose position the pose gives: torques are '
-            f'about a point {_metres(-off)} m from it (the tool centre?), or the '
-            'position is that of another link; set either right, and calibrate again')
+            f'about a point {_metres(-off)} m from it; calibrate again with --sensor-from-pose '
+            f'{_sensor_at(recording, -off)}, which puts the sensor there')
+
+
+def _sensor_at(recording: Recording, place: Array) -> str:
+    """Say the transform from the recorded pose to a place in what it was taken to [m]."""
+    x, y, z, *q = recording.sensor_from_pose or (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    there = np.array([x, y, z]) + matrix_from_quaternion(q) @ place
+    return ' '.join([*(f'{v:.3f}' for v in there), *(f'{v:.6g}' for v in q)])
 
 
 def _metres(place: Array) -> str:

@@ -39,7 +39,7 @@ def refuse_exchanged(forces: Forces, torque: Array) -> None:
         raise DataError(
             f'wrench: its torques turn as a weight does ({others:.0%} of their changes), its '
             f'forces do not ({mine:.0%}): force and torque are exchanged; mend their order in the '
-            'driver or in the import')
+            'driver')
 
 
 def weight_in(forces: Forces) -> float:

@@ -12,12 +12,17 @@ _POUND_FORCE = 4.4482216152605
 _POUND_INCH = 0.1129848290276167
 """[N m]"""
 
-_ACCELERATIONS = {'g': 1.0 / STANDARD_GRAVITY, 'thousandths of g': 1e3 / STANDARD_GRAVITY,
-                  'mm/s^2': 1e3}
+_ACCELERATIONS = {'g': 1.0 / STANDARD_GRAVITY, 'mg': 1e3 / STANDARD_GRAVITY, 'mm/s^2': 1e3}
 """Units that drivers send instead of m/s^2: how many of them one m/s^2 is."""
 
 
-def refuse_other_unit(at_rest: Array, gravity: float) -> None:
+def mended(factor: float, unit: str) -> str:
+    """Say how readings in a unit become SI: where they are made, or where a table was read."""
+    return (f'multiply by {factor:.6g} in the driver (where forcecal import read a table, write '
+            f'"unit: {unit}" into its specification instead)')
+
+
+def refuse_other_unit(at_rest: Array, gravity: float, decays: bool = False) -> None:
     """
     Refuse an accelerometer that says m/s^2 and at rest does not show gravity.
 
@@ -27,6 +32,8 @@ def refuse_other_unit(at_rest: Array, gravity: float) -> None:
         Means of static poses, as recorded.
     gravity : float
         Magnitude [m/s^2].
+    decays : bool
+        Whether readings drift while the robot stands, as behind a high-pass.
 
     Raises
     ------
@@ -40,12 +47,15 @@ def refuse_other_unit(at_rest: Array, gravity: float) -> None:
     said = f'accelerometer: |f| at rest is {shown:.3g}, not the {gravity:.3g} m/s^2 of gravity'
     for unit, scale in _ACCELERATIONS.items():
         if abs(share / scale - 1.0) < limits.SAME_UNIT:
-            raise DataError(f'{said}: it is in {unit}; multiply by {1.0 / scale:.6g} in the '
-                            'driver or in the import, as sensor_msgs/Imu wants m/s^2')
+            raise DataError(f'{said}: it is in {unit}; {mended(1.0 / scale, unit)}')
+    if share < limits.NO_GRAVITY and decays:
+        raise DataError(f'{said}, and decays while the robot stands: the sensor is AC-coupled; '
+                        'state --coupling ac')
     if share < limits.NO_GRAVITY:
-        raise DataError(f'{said}: the driver takes gravity off; publish specific force (REP-145), '
-                        'or state --coupling ac for a sensor that lets it decay')
-    raise DataError(f'{said}: its unit or its gain is another; set it right in the driver')
+        raise DataError(f'{said}, however long the robot stands: the driver takes gravity off; '
+                        'let it publish specific force (REP-145)')
+    raise DataError(f'{said}: no unit explains it, so its gain is another; divide by '
+                    f'{share:.3g} in the driver')
 
 
 def refuse_on_another_link(at_rest: Array, gravity: Array) -> None:
@@ -67,8 +77,8 @@ def refuse_on_another_link(at_rest: Array, gravity: Array) -> None:
     if wanted > limits.SPANNED * g and shown < limits.TURNS_ALONG * wanted:
         raise DataError(
             f'accelerometer: gravity changes by {shown:.2g} m/s^2 from pose to pose in it, by '
-            f'{wanted:.2g} m/s^2 as the pose turns: it does not sit on the tool or the flange, or '
-            'the topic is that of another one; name it with --topic accelerometer=NAME')
+            f'{wanted:.2g} m/s^2 as the pose turns: it does not sit on the tool; name the one '
+            'that does with --topic accelerometer=NAME')
 
 
 def force_unit_of(shown: float, mass: float) -> tuple[str, float] | None:
@@ -91,9 +101,9 @@ def refuse_other_mass(found: float, std: float, stated: float) -> None:
     if abs(found - stated) < limits.SAME_MASS * stated + limits.SURE_WEIGHT * std:
         return
     unit = force_unit_of(found, stated)
-    why = (f'its forces are in {unit[0]}; multiply by {unit[1]:.5g} in the driver or in the import'
-           if unit else 'its unit or its gain is another, the driver takes a load off, or more '
-           'than the tool hangs there, as a coupling below the sensor')
+    why = (f'its forces are in {unit[0]}; {mended(unit[1], unit[0])}' if unit else
+           'no unit explains it; put all on the scale that hangs below the sensor, couplings too. '
+           'If the mass was right, the driver takes a load off or its gain is another')
     raise DataError(f'wrench: a tool of {stated:.4g} kg weighs {found:.4g} +- {std:.2g} kg in it: '
                     f'{why}')
 
@@ -119,22 +129,22 @@ def refuse_other_length(pose: PoseStream | None) -> None:
     fast = float(np.quantile(speed[np.isfinite(speed)], 0.9)) if n > 10 else 0.0
     if fast > limits.FASTEST:
         raise DataError(f'pose: its position moves at {fast:.3g} m/s for a tenth of the '
-                        'recording, which no arm does: it is in mm; divide by 1000 in the driver '
-                        'or in the import, as geometry_msgs/Pose wants m')
+                        f'recording, which no arm does: it is in mm; {mended(1e-3, "mm")}')
 
 
 def doubt_of_force_unit(mass: float) -> str:
     """Question a mass that is odd for a tool [kg], as another unit makes it; or empty."""
     if mass > limits.HEAVY:
-        return (f'a mass of {mass:.3g} kg is much for a wrist to carry: if it weighs '
-                f'{mass / 1000:.3g} kg, the wrench is in mN; else it may be counts of a '
-                'converter: divide them by the counts a newton')
+        return (f'a mass of {mass:.3g} kg is much for a wrist to carry: weigh the tool and give '
+                f'--tool-mass, which tells the unit; if it weighs {mass / 1000:.3g} kg, the '
+                'wrench is in mN, else in counts of a converter: divide them by the counts a '
+                'newton')
     if mass > limits.LIGHT:
         return ''
     kgf, lbf = mass * STANDARD_GRAVITY, mass * _POUND_FORCE
-    return (f'a mass of {mass:.3g} kg is little for a wrist to carry: if it weighs {kgf:.3g} kg, '
-            f'the wrench is in kgf, if {lbf:.3g} kg, in lbf; multiply by {STANDARD_GRAVITY:g} or '
-            f'{_POUND_FORCE:.5g} in the driver')
+    return (f'a mass of {mass:.3g} kg is little for a wrist to carry: weigh the tool and give '
+            f'--tool-mass, which tells the unit; if it weighs {kgf:.3g} kg, the wrench is in kgf, '
+            f'if {lbf:.3g} kg, in lbf')
 
 
 def doubt_of_torque_unit(away: float) -> str:
@@ -142,7 +152,8 @@ def doubt_of_torque_unit(away: float) -> str:
     if away < limits.FAR:
         return ''
     inches, kgf = away * _POUND_INCH, away / STANDARD_GRAVITY
-    return (f'a centre of mass {away:.3g} m away from the sensor is far: if it is {inches:.2g} m, '
+    return (f'a centre of mass {away:.3g} m away from the sensor is far: measure it; if it is '
+            f'{inches:.2g} m, '
             f'the torques are in lbf in (multiply by {_POUND_INCH:.5g}), if {away / 10:.2g} m, '
             f'in dN m; if {away / _POUND_FORCE:.2g} or {kgf:.2g} m, the forces are in lbf or kgf '
             'and the torques in N m')

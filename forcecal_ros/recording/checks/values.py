@@ -62,8 +62,8 @@ class Unreadable:
         what = f'not finite or beyond {self._limit:g}'
         if self._finite and self.count == self.total:
             raise DataError(f'{self._stream}: all samples are beyond {self._limit:g} '
-                            f'({self._first}): counts of a converter? divide them by the counts '
-                            'of each unit in the driver or in the import')
+                            f'({self._first}): they are counts of a converter; divide them '
+                            'by the counts of each unit in the driver')
         if self.count == self.total or self.count > max(limits.FEW, limits.SPOILT * self.total):
             raise DataError(f'{self._stream}: {100.0 * self.count / self.total:.1f} % of the '
                             f'samples are {what} ({self._first}); check the driver and record '

@@ -1,10 +1,7 @@
 """Numbers as a person writes them: as many digits as are known, in units of a handy size."""
 
 from collections.abc import Sequence
-from dataclasses import replace
-from math import floor, isfinite, log10
-
-from forcecal_ros.report.rows import Row
+from math import floor, isfinite, log10, nan
 
 SCALES = {
     's': ((1e-3, 'µs', 1e6), (0.5, 'ms', 1e3), (float('inf'), 's', 1.0)),
@@ -12,6 +9,11 @@ SCALES = {
     'rad': ((float('inf'), 'deg', 57.29577951308232),),
     '1': ((1e-3, 'ppm', 1e6), (float('inf'), '%', 100.0)),
     'V': ((0.1, 'mV', 1e3), (float('inf'), 'V', 1.0)),
+    'V/(m/s^2)': ((0.5, 'mV/(m/s^2)', 1e3), (float('inf'), 'V/(m/s^2)', 1.0)),
+    'kg': ((0.1, 'g', 1e3), (float('inf'), 'kg', 1.0)),
+    'kg m^2': ((0.01, 'g m^2', 1e3), (float('inf'), 'kg m^2', 1.0)),
+    'N': ((0.01, 'mN', 1e3), (float('inf'), 'N', 1.0)),
+    'N m': ((0.01, 'mN m', 1e3), (float('inf'), 'N m', 1.0)),
 }
 """SI unit -> (below which size, unit that is shown, factor); other units stay as they are."""
 
@@ -37,7 +39,7 @@ def quantity(value: float, std: float, unit: str, *, signed: bool = False) -> st
     str
         ``4.000 ± 0.014 ms``
     """
-    shown, factor = _scale(value, unit)
+    shown, factor = scaled(value, unit, std)
     value, std = value * factor, std * factor
     sign = '+' if signed and value > 0 else ''
     if abs(value) >= LARGE:
@@ -48,22 +50,19 @@ def quantity(value: float, std: float, unit: str, *, signed: bool = False) -> st
 
 def size(value: float, unit: str, digits: int = 3) -> str:
     """Write a number of unknown error and its unit, in a few digits."""
-    shown, factor = _scale(value, unit)
+    shown, factor = scaled(value, unit)
     return f'{rounded(value * factor, digits)} {shown}'
 
 
-def handy(row: Row) -> Row:
-    """Return a row in a unit of a handy size; shares stay as they are."""
-    if row.unit == '1':
-        return row
-    shown, factor = _scale(row.value, row.unit)
-    return replace(row, unit=shown, value=row.value * factor, std=row.std * factor,
-                   truth=None if row.truth is None else row.truth * factor)
+def sizes(values: Sequence[float], unit: str, digits: int = 2) -> str:
+    """Write numbers of one kind in a few digits each, and their unit once."""
+    shown, factor = scaled(max(map(abs, values)), unit)
+    return f'{", ".join(rounded(value * factor, digits) for value in values)} {shown}'
 
 
 def beside(values: Sequence[float], unit: str) -> tuple[str, list[str]]:
     """Write numbers of one row, the last of which is their noise: the unit, and each number."""
-    shown, factor = _scale(max(map(abs, values)), unit)
+    shown, factor = scaled(max(map(abs, values)), unit)
     noise = abs(values[-1]) * factor
     decimals = max(0, 2 - floor(log10(noise))) if noise > 0.0 else 3
     written = [f'{value * factor:.{decimals}f}' for value in values]
@@ -74,15 +73,17 @@ def rounded(value: float, digits: int = 3) -> str:
     """Write a number in so many significant digits, without an exponent where it is readable."""
     if not isfinite(value) or value == 0.0:
         return f'{value:g}'
-    power = floor(log10(abs(value)))
+    power = int(f'{value:.{digits - 1}e}'.partition('e')[2])  # of what it is rounded to
     if not -4 <= power < 5:
         return f'{value:.{digits - 1}e}'
     return f'{round(value, digits - 1 - power):.{max(0, digits - 1 - power)}f}'
 
 
-def _scale(value: float, unit: str) -> tuple[str, float]:
+def scaled(value: float, unit: str, std: float = nan) -> tuple[str, float]:
+    """Return the unit in which a number, or its larger error, is of a handy size, and how many."""
+    largest = max(abs(value), 0.0, std)
     for below, shown, factor in SCALES.get(unit, ()):
-        if abs(value) < below and value:
+        if largest < below and largest:
             return shown, factor
     *_, (_, shown, factor) = SCALES.get(unit, ((0.0, unit, 1.0),))
     return shown, factor
@@ -92,9 +93,14 @@ def with_error(value: float, std: float) -> tuple[str, str]:
     """Write both to the digits of the error: two where it begins with 1 or 2, else one."""
     if not std > 0.0 or not isfinite(std):
         return rounded(value), '-'
-    power = floor(log10(std))
-    decimals = max(0, (1 if std / 10.0 ** power < 2.95 else 0) - power)
+    decimals = decimals_of(std)
     return f'{round(value, decimals) + 0.0:.{decimals}f}', f'{std:.{decimals}f}'
+
+
+def decimals_of(std: float) -> int:
+    """Return how many decimals a standard error above zero warrants."""
+    power = floor(log10(std))
+    return max(0, (1 if std / 10.0 ** power < 2.95 else 0) - power)
 
 
 def pair(value: float, std: float) -> str:
