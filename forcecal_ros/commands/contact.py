@@ -217,6 +217,8 @@ def over_which(figures: dict[str, Any]) -> str:
     """Say what mean and std are over, where that is not every sample."""
     if figures['valid'] == figures['samples']:
         return ''
+    if not figures['valid']:
+        return ', none of them valid'
     return f', mean and std over the {figures["valid"]} valid ones'
 
 
