@@ -146,9 +146,12 @@ def diagnose_rerun(recording: Recording, heldout: Recording | None, simulator: T
         many parameters that it would be run too often.
     """
     given = of_same_joints([one for one in (recording, heldout) if one is not None])
-    refuse_too_many(simulator, len(given))
     try:
         require_same_sensors(given)
+        for one in given:
+            _require_wrench_and_pose(one)
+        simulator = simulator.acting([inputs_of(evened(one).recording) for one in given])
+        refuse_too_many(simulator, len(given))
         first = _prepared(given[0], simulator, None, rig)
         ready = [first, *(_prepared(one, simulator, first.tool, rig) for one in given[1:])]
     except DataError as error:
@@ -206,8 +209,6 @@ class _Prepared(NamedTuple):
 
 def _prepared(recording: Recording, simulator: ThirdParty, tool: SimulatedTool | None, rig: Rig
               ) -> _Prepared:
-    require_wrench_and_pose(recording, 'the recording lacks wrench or measured pose; record '
-                            'wrench and current_pose beside the commands')
     stamps = evened(recording)
     real = stamps.recording
     start, n = span(real)
@@ -233,6 +234,11 @@ def _prepared(recording: Recording, simulator: ThirdParty, tool: SimulatedTool |
     dataset = Dataset(real, simulation, MeasuredBlocks(seen, start, n), nominal, groups,
                       real.phases or made_up(groups, start), np.ones(n, bool), np.zeros(n, bool))
     return _Prepared(dataset, stamps, runs, simulation, known, robot, note)
+
+
+def _require_wrench_and_pose(recording: Recording) -> None:
+    require_wrench_and_pose(recording, 'the recording lacks wrench or measured pose; record '
+                            'wrench and current_pose beside the commands')
 
 
 def inputs_of(recording: Recording) -> Inputs:
