@@ -253,8 +253,8 @@ def load_mujoco(path: str, ft_site: str | None = None, imu: str | None = None) -
     numbers = (*numbers_of(mujoco, model, own, body.name, site),
                *(Number(*one) for one in contact_numbers(model, body.name)))
     turned = _axes(mujoco, model, site).T @ _axes(mujoco, model, imu) if imu else None
-    return MujocoRobot(path, model, body.name, tuple(drives), _chain(mujoco, model, body.name), turned,
-                       numbers, tuple(_over_reading(mujoco, model, own)))
+    return MujocoRobot(path, model, body.name, tuple(drives), _chain(mujoco, model, body.name),
+                       turned, numbers, tuple(_over_reading(mujoco, model, own)))
 
 
 def _ignore(_: str) -> None:
