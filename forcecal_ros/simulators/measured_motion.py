@@ -95,6 +95,9 @@ class MeasuredMotion:
                   for n in of_sensors(self.accelerometer, streams)]
         return tuple(n for n in found if getattr(rig.spreads, n.key) > 0.0)
 
+    def tangent(self, rig: Rig) -> None:
+        """Say that its signals are straight about no point."""
+
     def signals(self, rig: Rig) -> Signals:
         """
         Carry a tool along.

@@ -6,7 +6,7 @@ point where all of them were tried, one after the other; where it was run itself
 counts.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -118,7 +118,7 @@ class Runs:
         """Return what it says with other parameters, as far as that is linear in them."""
         if numbers in self._exact or not self._changes:
             return self.exact(numbers)
-        near = self._near(numbers)
+        near = self.near(numbers)
         away = (np.array(numbers) - near) / self._sigma
         return _moved(self._exact[near], self._changes[near], away)
 
@@ -127,14 +127,14 @@ class Runs:
         made = self.at(numbers)
         if not finer or not self._finer:
             return made
-        return _moved(made, [self._finer[self._near(numbers)]], np.array([finer]))
+        return _moved(made, [self._finer[self.near(numbers)]], np.array([finer]))
 
     @property
     def _sigma(self) -> Array:
         return np.array([p.sigma for p in self.simulator.parameters])
 
-    def _near(self, numbers: Numbers) -> Numbers:
-        """Return the nearest point at which all was tried."""
+    def near(self, numbers: Numbers) -> Numbers:
+        """Return the nearest point at which all parameters were tried."""
         return min(self._changes, key=lambda one: float(
             np.linalg.norm((np.array(numbers) - one) / self._sigma)))
 
@@ -249,6 +249,11 @@ class Rerun:
                       for i, a in enumerate('xyz')]
         found += of_sensors(self.accelerometer, streams)
         return tuple(n for n in found if n.prior_std or getattr(rig.spreads, n.key) > 0.0)
+
+    def tangent(self, rig: Rig) -> Hashable:
+        """Return where all parameters were tried, and the effects that act beside them."""
+        assert isinstance(rig, SimulatedRobot)
+        return self.runs.near(rig.numbers), rig.effects
 
     def smooth(self, signals: Signals) -> Signals:
         """Return signals as a discrepancy may follow them: these have no noise."""

@@ -1,6 +1,6 @@
 """What is asked of any simulation: the signals that noise-free sensors would give."""
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from typing import NamedTuple, Protocol
 
 from forcecal_ros.effects import Effect
@@ -112,6 +112,12 @@ class Simulation(Protocol):
 
     def signals(self, rig: Rig) -> Signals:
         """Simulate a rig, with its effects."""
+
+    def tangent(self, rig: Rig) -> Hashable:
+        """
+        Say about which point signals are straight in the nuisances, so that what these change is
+        the same wherever that point is; None of a simulation whose signals are not.
+        """
 
     def smooth(self, signals: Signals) -> Signals:
         """Return signals without the noise of measured inputs, as a discrepancy may follow."""
