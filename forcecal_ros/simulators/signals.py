@@ -115,8 +115,9 @@ class Simulation(Protocol):
 
     def tangent(self, rig: Rig) -> Hashable:
         """
-        Say about which point signals are straight in the nuisances, so that what these change is
-        the same wherever that point is; None of a simulation whose signals are not.
+        Say about which point signals are straight in the nuisances.
+
+        What these change is then the same as long as that point is; None where they are not.
         """
 
     def smooth(self, signals: Signals) -> Signals:
