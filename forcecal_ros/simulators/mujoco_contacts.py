@@ -1,5 +1,5 @@
 """
-What the tool of a MuJoCo model touches: how soft that is, and how it rubs.
+What the tool of a MuJoCo model touches: how soft that is, how it rubs, and where it stands.
 
 MuJoCo mixes both of a contact's geoms, or takes the larger or harder one. So what is changed of
 the one that is touched is changed of the tool's own geoms by the same ratio: then the ratio is the
@@ -9,6 +9,7 @@ contact's, however they are mixed.
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+from forcecal_ros.geometry import Array
 from forcecal_ros.simulators.protocol import Parameter
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,18 @@ one over the square of that time, is taken to be known as well as a friction, to
 FAR = 5.0
 """Factor by which either may be off, at most: beyond, another material was meant."""
 
-SOLREF, FRICTION = 'geom_solref', 'geom_friction'
+STANDS, MOVED = 0.001, 0.1
+"""
+Of the place of what stands in the world, 1 sigma and at most [m]: as a table is measured. Were it
+taken to be where the model has it, one that is a millimetre lower would be called softer.
+"""
+
+FACES = 0.1
+"""Part of a contact's normal along an axis, from which a place along that axis counts."""
+
+SOLREF, FRICTION, PLACE = 'geom_solref', 'geom_friction', 'geom_pos'
+
+AXES = 'xyz'
 
 _Write = Callable[[Any, float], None]
 
@@ -59,7 +71,7 @@ def _name(model: Any, i: int) -> str:
 
 def contact_numbers(model: Any, body: str) -> Iterator[tuple[Parameter, _Write, _Write]]:
     """
-    List softness and friction of all that a tool may touch.
+    List softness, friction and, where it stands in the world, place of all that a tool may touch.
 
     Yields
     ------
@@ -79,6 +91,27 @@ def contact_numbers(model: Any, body: str) -> Iterator[tuple[Parameter, _Write, 
             unit = '1' if field == FRICTION else '1/s^2' if stiffness else 's'
             yield (Parameter(f'{field}[{name}]', value, (1 + stiffness) * part * abs(value), unit,
                              low, high, 'environment'), *shared.of(i))
+    for i, name in names.items():
+        if model.body_weldid[model.geom_bodyid[i]] == 0:
+            yield from _places(model, i, name)
+
+
+def _places(model: Any, i: int, name: str) -> Iterator[tuple[Parameter, _Write, _Write]]:
+    first = model.geom_pos[i].copy()
+
+    def along(axis: int) -> tuple[_Write, _Write]:
+        def write(to: Any, value: float) -> None:
+            to.geom_pos[i, axis] = value
+
+        def patch(spec: Any, value: float) -> None:
+            geom = {one.id: one for one in spec.geoms}[i]
+            for place in (geom.pos[axis:], geom.fromto[axis:], geom.fromto[axis + 3:]):
+                place[0] += value - first[axis]
+        return write, patch
+
+    for k, a in enumerate(AXES):
+        yield (Parameter(f'{PLACE}[{name}].{a}', float(first[k]), STANDS, 'm', first[k] - MOVED,
+                         first[k] + MOVED, 'environment'), *along(k))
 
 
 class _Shared:
@@ -111,18 +144,23 @@ class Touched:
     """Collects what a tool touches while a model is run."""
 
     def __init__(self, model: Any, body: str) -> None:
-        self._own, self._names = own_geoms(model, body), touchable(model, body)
-        self._seen: set[int] = set()
+        self._model, self._own = model, own_geoms(model, body)
+        self._names = touchable(model, body)
+        self._faces: dict[int, Array] = {}
 
     @property
     def parameters(self) -> set[str]:
         """Names of the parameters of what was touched."""
-        return {f'{field}[{self._names[i]}]' for field in (SOLREF, FRICTION) for i in self._seen}
+        found = {f'{field}[{self._names[i]}]' for field in (SOLREF, FRICTION) for i in self._faces}
+        return found | {f'{PLACE}[{self._names[i]}].{a}' for i, faces in self._faces.items()
+                        for a, most in zip(AXES, faces) if most > FACES}
 
     def look(self, data: Any) -> None:
-        """See what touches now."""
-        if not data.ncon:
-            return
-        pairs = data.contact.geom[data.contact.exclude == 0]
-        of_tool = np.isin(pairs, self._own)
-        self._seen |= {int(i) for i in pairs[of_tool[:, ::-1] & ~of_tool]} & self._names.keys()
+        """See what touches now, and along which axes of the body that has it."""
+        for k in range(data.ncon):
+            pair, normal = data.contact.geom[k], data.contact.frame[k, :3]
+            for i in {int(one) for one in pair} & self._names.keys():
+                if data.contact.exclude[k] == 0 and np.isin(pair, self._own).any():
+                    body = data.xmat[self._model.geom_bodyid[i]].reshape(3, 3)
+                    self._faces[i] = np.maximum(self._faces.get(i, np.zeros(3)),
+                                                np.abs(normal @ body))
