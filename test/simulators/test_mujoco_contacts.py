@@ -39,8 +39,9 @@ def pressed(free=0.0, deep=0.01):
 
     t = np.arange(0.0, 10.0, 0.01)
     down = rising(t, 0.5, 2.0) - rising(t, 7.5, 2.0)
-    q = np.stack([0.1 * np.sin(1.5 * (t - 3.5)) * rising(t, 3.5, 0.5) * rising(-t, -7.0, 0.5),
-                  (TOUCHES + deep * (1.0 + 0.5 * np.sin(6.0 * t))) * down, np.zeros(len(t))], axis=1)
+    along = 0.1 * np.sin(1.5 * (t - 3.5)) * rising(t, 3.5, 0.5) * rising(-t, -7.0, 0.5)
+    into = (TOUCHES + deep * (1.0 + 0.5 * np.sin(6.0 * t))) * down
+    q = np.stack([along, into, np.zeros(len(t))], axis=1)
     if free:
         q = np.concatenate([told(free).values, q])
     return JointStream(0.01 * np.arange(len(q)), q, '', NAMES)
