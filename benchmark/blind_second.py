@@ -1,9 +1,9 @@
 """The second edition of the blind check (benchmark/blind/PROTOCOL.md), part by part.
 
-    python benchmark/blind_check.py second 1 seal --rig 22 --arm 6 --real 12 --until 15:15
-    python benchmark/blind_check.py second 1 run --until 15:15
-    python benchmark/blind_check.py second 1 open
-    python benchmark/blind_check.py second 1 baselines     (of an opened part)
+    python benchmark/blind_check.py second 2 seal --half sealed-2 --rig 22 --arm 6 --until 15:15
+    python benchmark/blind_check.py second 2 run --until 15:15
+    python benchmark/blind_check.py second 2 open
+    python benchmark/blind_check.py second 2 baselines     (of an opened part)
     python benchmark/blind_check.py second 1 --development all --rig 4 --arm 2 --real 4
     python benchmark/blind_check.py verify [--cases N]
     python benchmark/blind_check.py rerun [--cases N]
@@ -27,7 +27,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / 'benchmark')]
 
 from blind.seal import SealError, write_json
 from blind.second import sealing
-from blind.second.case import DEVELOPMENT, SEALED
+from blind.second.rules import DEVELOPMENT
 from blind.second.sealing import Part
 from tqdm import tqdm
 
@@ -54,6 +54,7 @@ def parse(words):
     second.add_argument('--development', action='store_true', help='known seeds, seen kinds')
     for name in sealing.GENERATORS:
         second.add_argument(f'--{name}', type=int, default=0, help='cases')
+    second.add_argument('--half', default='', metavar='NAME', help='sealed half: sealed-2, ...')
     second.add_argument('--until', default='', metavar='HH:MM', help='no case is begun later')
     second.set_defaults(work=work)
     for name, function in (('verify', verify), ('rerun', rerun)):
@@ -82,7 +83,10 @@ def seal(part, args):
     counts = {name: getattr(args, name) for name in sealing.GENERATORS}
     if counts['real'] and not _has_recordings():
         counts['real'] = 0
-    sealing.begin(part, DEVELOPMENT if args.development else SEALED, counts, args.until)
+    half = DEVELOPMENT if args.development else args.half
+    if not half:
+        raise SealError('say which sealed half the part is of, as --half sealed-2')
+    sealing.begin(part, half, counts, args.until)
     if not (part.public / 'commitments.json').exists():
         for _ in tqdm(sealing.seal(part), desc='making', total=sum(counts.values()),
                       disable=None):
@@ -120,13 +124,17 @@ def show(part, args):
 
 
 def baselines(part, args):
-    from blind.baselines import judge
+    from blind import baselines, bounded
+    from blind.second import oracle
     import blind_second_tool
 
-    answers = part.read('answers')
-    told = {one: judge(blind_second_tool.recorded(sealing.kept(part, one).arrays, 0))
-            for one, bound in tqdm(part.read('commitments').items(), disable=None)
-            if bound['generator'] == 'rig' and one in answers}
+    answers, labels, told = part.read('answers'), part.read('opened')['labels'], {}
+    for one, bound in tqdm(part.read('commitments').items(), disable=None):
+        if bound['generator'] == 'rig' and one in answers:
+            arrays = sealing.kept(part, one).arrays
+            fit, judged = (blind_second_tool.recorded(arrays, which) for which in range(2))
+            told[one] = {**baselines.judge(fit), 'bounded': bounded.judge(fit),
+                         'oracle': oracle.told(labels[one], judged)}
     write_json(part.public / 'baselines.json', told)
     write_scores(part)
 

@@ -33,7 +33,8 @@ class Columns(NamedTuple):
     effects: dict[str, Array]
 
 
-def _sampled(recorded: Recorded, t: Array) -> Array:
+def sampled(recorded: Recorded, t: Array) -> Array:
+    """Return a recording at instants, in units of the nominal noise, (n, 10)."""
     values = [np.interp(t, stamps, column) for stamps, table in (
         (recorded.wrench_t, recorded.wrench), (recorded.volts_t, recorded.volts),
         (recorded.slide_t, recorded.slide[:, None])) for column in table.T]
@@ -52,7 +53,7 @@ def columns(commands: Commands, accelerometer: str, t: Array) -> Columns:
             truth = moved  # only its sensors differ
         else:
             truth = run(changed, commands, motion if same else None)
-        return _sampled(record(changed, truth, None, 0), t)
+        return sampled(record(changed, truth, None, 0), t)
 
     was = answer(rig)
     effects: dict[str, Array] = {}
@@ -76,6 +77,16 @@ def _nuisances(was: Array) -> Array:
     return np.stack(out, axis=1)
 
 
+def asked(recorded: Recorded) -> tuple[Array, Commands, str, Array]:
+    """Return instants, commands, the accelerometer's name and what was measured."""
+    t = np.arange(STEP, recorded.wrench_t[-1], STEP)
+    # recognised by its volts at rest, where both feel gravity along z
+    away = {name: abs(float(np.median(recorded.volts[:500, 0])) - offset)
+            for name, (_, offset, _) in ACCELEROMETERS.items()}
+    return (t, Commands(recorded.target_position, recorded.target_R, recorded.phases),
+            min(away, key=lambda name: away[name]), sampled(recorded, t))
+
+
 def judge(recorded: Recorded) -> dict[str, Any]:
     """
     Return what each baseline says of one recording.
@@ -85,13 +96,8 @@ def judge(recorded: Recorded) -> dict[str, Any]:
     dict
         ``rmse``: ``gap`` and ``channel``; ``bic`` and ``everything``: ``names``, best first.
     """
-    t = np.arange(STEP, recorded.wrench_t[-1], STEP)
-    commands = Commands(recorded.target_position, recorded.target_R, recorded.phases)
-    measured = _sampled(recorded, t)
-    # recognised by its volts at rest, where both feel gravity along z
-    away = {name: abs(float(np.median(recorded.volts[:500, 0])) - offset)
-            for name, (_, offset, _) in ACCELEROMETERS.items()}
-    known = columns(commands, min(away, key=lambda name: away[name]), t)
+    t, commands, accelerometer, measured = asked(recorded)
+    known = columns(commands, accelerometer, t)
     residual = measured - known.nominal
     rest = residual[t < recorded.phases[0][2]].std(axis=0)
     loud = np.sqrt(np.mean(residual**2, axis=0)) / rest

@@ -2,20 +2,17 @@
 
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
-import importlib
 from typing import Any, NamedTuple
 
-from blind.effect import Effect
 from blind.robot import Array
-from blind.second import kinds_development
+from blind.second.ground import Departure, sized
 from blind.second.law import Added, Kind
+from blind.second.rules import DEVELOPMENT, half, Rules, rules_of
+from blind.second.shrink import true_shrink
 import numpy as np
 
-DEVELOPMENT, SEALED = 'development', 'sealed'
 BACKGROUND, RATIO, ALONE = (30.0, 1e6), (0.3, 100.0), (20.0, 5000.0)
 """Energies of a background, of an effect in that of its background, of one without."""
-BARE, BEGUN = 0.2, 0.1
-"""Shares without background, and of a sensor's effects that begin half-way."""
 CERTAIN, SURELY = 2.5, 3.5
 """Sigmas from and up to which an effect of a nuisance's name is ambiguous."""
 NONE, OUTSIDE, LIBRARY = 'none', 'outside', 'library'
@@ -28,14 +25,6 @@ NAMES = {'mass': 'tool_mass', 'com': 'tool_com', 'stiffness': 'tool_stiffness',
          'tilt': 'base_tilt', 'friction': 'joint_friction', 'kp': 'joint_gain',
          'kv': 'joint_damping'}
 """Nuisance -> the effect of its name."""
-
-
-def half(name: str) -> tuple[Mapping[str, Kind], Mapping[str, Effect]]:
-    """Return the kinds of a half and its forms of library effects."""
-    module: Any = kinds_development
-    if name == SEALED:
-        module = importlib.import_module('blind.second.kinds_sealed')
-    return module.KINDS, module.FORMS
 
 
 class Plan(NamedTuple):
@@ -96,12 +85,12 @@ class _Drawn(NamedTuple):
     begun: float
 
 
-def _drawn(rng: np.random.Generator, names: Sequence[str], most: float) -> _Drawn:
+def _drawn(rng: np.random.Generator, names: Sequence[str], most: float, rules: Rules) -> _Drawn:
     chosen = rng.permutation(list(names))[:rng.integers(3, 7)].tolist()
     low, high = np.log(BACKGROUND[0]), np.log(min(most, BACKGROUND[1]))
     energies = np.exp(rng.uniform(low, high, len(chosen)))
-    bare = bool(rng.random() < BARE)
-    begun = float(rng.uniform(0.35, 0.65)) if rng.random() < BEGUN else 0.0
+    bare = bool(rng.random() < rules.bare)
+    begun = float(rng.uniform(0.35, 0.65)) if rng.random() < rules.begun else 0.0
     return _Drawn({} if bare else dict(zip(chosen, map(float, energies))),
                   float(np.exp(rng.uniform(*np.log(RATIO)))),
                   float(np.exp(rng.uniform(*np.log(ALONE)))), bare, begun)
@@ -118,30 +107,61 @@ def make(plan: Plan, generator: Any) -> Made:
         (seed, forms of effects) -> what makes recordings; see ``on_rig``.
     """
     kinds, forms = half(plan.half)
+    rules = rules_of(plan.half)
     what, how = (np.random.default_rng(one) for one in np.random.SeedSequence(plan.seed).spawn(2))
     base = generator(plan.seed, forms)
     known = sorted(name for name, kind in kinds.items() if not kind.wants & base.lacks)
-    drawn = _drawn(what, known, base.most)
-    effect = plan.effect
-    if plan.kind == OUTSIDE:
-        left = [name for name in known if name not in drawn.background]
-        seen = base.outside if plan.half == DEVELOPMENT else ()
-        effect = str(what.choice([*left, *seen]))
+    drawn = _drawn(what, known, base.most, rules)
+    effect = _effect(plan, drawn, base, known, what)
     laws = {name: _law(base, kinds[name], how)
             for name in (*drawn.background, *([effect] if effect in kinds else []))}
-    part, background = _sized(base, plan, drawn, effect, laws, how)
-    onset = None
-    if plan.kind == LIBRARY and drawn.begun and base.stage(effect) in (
-            'wrench_sensor', 'accelerometer'):
-        onset = drawn.begun * base.duration()
-    scales = {name: np.sqrt(energy / laws[name][1]) for name, energy in background.items()}
-    if effect in kinds:
-        scales[effect] = part['size']
+    onset = _onset(plan, drawn, base, effect)
+    part, background = _sized(base, rules, drawn, effect, laws, onset, how)
+    beside = {name: np.sqrt(energy / laws[name][1]) for name, energy in background.items()}
+    scales = {**beside, **({effect: part['size']} if effect in kinds else {})}
     both = [_sum([laws[name][0][i].times(scale) for name, scale in scales.items()], moved)
             for i, moved in enumerate(base.moved)]
     given = (effect, part['size'], part['seed']) if part and effect not in kinds else None
-    return Made(base.recordings(given, both, onset),
-                _label(plan, base, kinds, part, background, onset, drawn.bare))
+    label = _label(plan, base, kinds, part, background, onset, drawn.bare)
+    if rules.mended and plan.kind == LIBRARY:
+        label['aliases'] = list(rules.touchless.get(effect, ()) if 'contact' in base.lacks else ())
+        label['shrink'] = _shrink(base, part, both[-1], onset)
+    return Made(base.recordings(given, both, onset), label)
+
+
+def _effect(plan: Plan, drawn: _Drawn, base: Any, known: Sequence[str],
+            rng: np.random.Generator) -> str:
+    """Return the effect of a plan; draw one where it is outside the library."""
+    if plan.kind != OUTSIDE:
+        return plan.effect
+    left = [name for name in known if name not in drawn.background]
+    seen = base.outside if plan.half == DEVELOPMENT else ()
+    return str(rng.choice([*left, *seen]))
+
+
+def _onset(plan: Plan, drawn: _Drawn, base: Any, effect: str) -> float | None:
+    """Return when the effect begins in the first recording [s], where it does half-way."""
+    if plan.kind == LIBRARY and drawn.begun and base.stage(effect) in (
+            'wrench_sensor', 'accelerometer'):
+        return float(drawn.begun * base.duration())
+    return None
+
+
+def _late(base: Any, changed: Departure, onset: float | None) -> Departure:
+    """Return a change from its begin on, where one recording is both fitted and judged."""
+    if onset is None or len(base.moved) > 1:
+        return changed
+    there = base.moved[0].t[:, None] >= onset
+    return {topic: np.where(there, values, 0.0) for topic, values in changed.items()}
+
+
+def _shrink(base: Any, part: Mapping[str, Any], beside: Added, onset: float | None) -> float:
+    """Return the share of the misfit that the effect makes, as the tool measures it."""
+    changed = _late(base, base.of_effect(part['name'], part['size'], part['seed']), onset)
+    laws, own = base.of_law(beside), base.own_change()
+    beside_it = {topic: values + own[topic] if topic in own else values
+                 for topic, values in laws.items()}
+    return true_shrink(base, changed, beside_it, base.nuisance(part['name'])[0])
 
 
 def _law(base: Any, kind: Kind, rng: np.random.Generator) -> tuple[list[Added], float]:
@@ -162,9 +182,9 @@ def _sum(parts: Sequence[Added], moved: Any) -> Added:
     return total
 
 
-def _sized(base: Any, plan: Plan, drawn: _Drawn, effect: str,
-           laws: Mapping[str, tuple[list[Added], float]], rng: np.random.Generator
-           ) -> tuple[dict[str, Any], dict[str, float]]:
+def _sized(base: Any, rules: Rules, drawn: _Drawn, effect: str,
+           laws: Mapping[str, tuple[list[Added], float]], onset: float | None,
+           rng: np.random.Generator) -> tuple[dict[str, Any], dict[str, float]]:
     """Size the effect; where it cannot be as large as wanted, its background shrinks."""
     background = dict(drawn.background)
     total = sum(background.values()) + base.own
@@ -176,25 +196,28 @@ def _sized(base: Any, plan: Plan, drawn: _Drawn, effect: str,
     if effect in laws:
         return {'name': effect, 'size': float(np.sqrt(wanted / laws[effect][1])), 'seed': seed,
                 'energy': wanted}, background
-    size, energy = _size(base, effect, wanted, seed)
+    size, energy = _size(base, effect, wanted, seed, rules, onset)
     if background and energy < 0.8 * wanted:
         shrink = max(0.0, energy / drawn.ratio - base.own) / sum(drawn.background.values())
         background = {name: max(BACKGROUND[0], shrink * one) for name, one in background.items()}
     return {'name': effect, 'size': size, 'seed': seed, 'energy': energy}, background
 
 
-def _size(base: Any, effect: str, wanted: float, seed: int) -> tuple[float, float]:
+def _size(base: Any, effect: str, wanted: float, seed: int, rules: Rules,
+          onset: float | None = None) -> tuple[float, float]:
     """Return size and energy; of a nuisance's name, beyond 2.5 of its sigma."""
-    from blind.second.ground import sized
     key, sigma = base.nuisance(effect)
     usual, largest = base.start(effect)
     least = CERTAIN * sigma
+    largest = min(largest, rules.limits.get((base.name, effect), np.inf) - least)
     rest = base.of_effect(effect, least, seed) if least else None
 
     def energy_of(size: float) -> float:
         changed = base.of_effect(effect, least + size, seed)
         if rest:
             changed = {topic: values - rest[topic] for topic, values in changed.items()}
+        if rules.mended:
+            changed = _late(base, changed, onset)
         return float(base.ground.net(changed, key))
 
     size, energy = sized(energy_of, wanted, usual, largest)

@@ -5,9 +5,12 @@ from typing import Any
 
 from blind.robot import Array
 import numpy as np
+from scipy.optimize import lsq_linear
 
 Departure = Mapping[str, Array]
 """Topic -> change of its channels, (n, k)."""
+WITHIN = 3.0
+"""Sigmas within which the tool recalibrates, as docs/diagnosis.md states."""
 
 
 class Ground:
@@ -17,6 +20,7 @@ class Ground:
                  columns: Sequence[tuple[str, Departure]]) -> None:
         self._noise, self._sigmas = noise, sigmas
         self._keys = [key for key, _ in columns]
+        self._plain = [column for _, column in columns]
         self._columns = np.array([self.whitened(column) for _, column in columns])
         self._gram = self._columns @ self._columns.T + np.eye(len(columns))
 
@@ -27,13 +31,37 @@ class Ground:
             for topic, channels in self._noise.items() if topic in departure
             for j, noise in enumerate(channels)])
 
+    def _product(self, one: Array, other: Array, without: str) -> float:
+        """Return a product of whitened departures, less what nuisances take up of it."""
+        kept = np.array([key != without for key in self._keys])
+        first, second = ((self._columns @ x)[kept] for x in (one, other))
+        return float(one @ other - first @ np.linalg.solve(self._gram[np.ix_(kept, kept)],
+                                                           second))
+
     def net(self, departure: Departure, without: str = '') -> float:
         """Return its energy; ``without``: a nuisance that may not take up any."""
         d = self.whitened(departure)
+        return max(0.0, self._product(d, d, without))
+
+    def strength(self, measured: Departure, departure: Departure, without: str = ''
+                 ) -> tuple[float, float]:
+        """Return how much of a departure is in what was measured, and the standard error."""
+        d = self.whitened(departure)
+        energy = max(1e-12, self._product(d, d, without))
+        return self._product(d, self.whitened(measured), without) / energy, energy**-0.5
+
+    def left(self, departure: Departure, without: str = '') -> dict[str, Array]:
+        """Return it less what nuisances take up, each within three times its prior's sigma."""
         kept = np.array([key != without for key in self._keys])
-        product = (self._columns @ d)[kept]
-        taken = product @ np.linalg.solve(self._gram[np.ix_(kept, kept)], product)
-        return float(max(0.0, d @ d - taken))
+        root = np.linalg.cholesky(self._gram[np.ix_(kept, kept)])
+        wanted = np.linalg.solve(root, (self._columns @ self.whitened(departure))[kept])
+        weights = np.zeros(len(kept))
+        weights[kept] = lsq_linear(root.T, wanted, (-WITHIN, WITHIN)).x
+        out = {topic: np.array(departure[topic]) for topic in self._noise}
+        for weight, column in zip(weights, self._plain):
+            for topic in out:
+                out[topic] -= weight * column[topic]
+        return out
 
 
 def sized(energy_of: Callable[[float], float], wanted: float, start: float, limit: float

@@ -57,7 +57,8 @@ class Judged:
 
     def is_right(self, name: str) -> bool:
         """Tell whether a name is the effect, or an alias."""
-        return bool(self.effect) and same_class(name, self.effect)
+        return bool(self.effect) and (same_class(name, self.effect)
+                                      or name in self.label.get('aliases', ()))
 
     @property
     def first(self) -> str:
@@ -111,7 +112,9 @@ class Judged:
 
     @property
     def shrink(self) -> float:
-        """The share of the misfit that the effect makes, as root mean square."""
+        """The share of the misfit that the effect makes, in the tool's measure since part 2."""
+        if 'shrink' in self.label:
+            return float(self.label['shrink'])
         beside = sum(self.label['background'].values()) + self.label['own']
         return 1.0 - math.sqrt(beside / (beside + self.label['energy']))
 

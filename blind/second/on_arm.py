@@ -89,12 +89,28 @@ class OnArm:
         self.ground = Ground({key: self._noise[key] for key in looked_at}, SIGMA, self._columns())
         self.moved = [self._moved()]
         truth = ran(Numbers(), self._told, *TRUTH)
-        self.own = self.ground.net(_between(truth, self._clean))
+        self._own = _between(truth, self._clean)
+        self.own = self.ground.net(self._own)
 
     @property
     def quirks(self) -> dict[str, float]:
         """What is odd about its noise."""
         return quirks(self._noise)
+
+    @property
+    def levels(self) -> dict[str, Array]:
+        """Root mean square of the noise of one sample, by topic."""
+        return {topic: np.array([one.colour.level for one in self._noise[topic]]) * SIGMA[topic]
+                for topic in ('wrench', 'position', 'joints')}
+
+    @property
+    def judged_seconds(self) -> float:
+        """Return the length of the recording [s]."""
+        return SECONDS
+
+    def own_change(self) -> dict[str, Array]:
+        """Return what the nominal model leaves without any effect."""
+        return self._own
 
     def _columns(self) -> list[tuple[str, dict[str, Array]]]:
         found = []

@@ -137,6 +137,13 @@ class OnReal:
         columns += [('com', self._low(_moment(0.001 * one, m.felt))) for one in np.eye(3)]
         self.ground = Ground({'wrench': [plain] * 6}, {'wrench': m.noise}, columns)
         self.own = self.ground.net(self._low(m.own))
+        # what is faster than the motion is noise to who compares with it
+        self.levels = {'wrench': np.std(m.wrench - m.bias - m.felt, axis=0)}
+        self.judged_seconds = self.duration()
+
+    def own_change(self) -> dict[str, Array]:
+        """Return what the recording leaves beside a rigid tool."""
+        return self._low(measured().own)
 
     def _low(self, change: Array) -> dict[str, Array]:
         """Keep what is slow enough to be compared with the motion."""

@@ -46,7 +46,7 @@ class OnRig:
             trajectory(max(20.0, SECONDS * where.uniform(0.85, 1.15)), where) for _ in range(2)]
         self._motions: dict[tuple[int, str], Motion] = {}
         self._truths: dict[tuple[int, str], Truth] = {}
-        self._clean = self._recorded(self._base, 1)
+        self.clean = self._recorded(self._base, 1)
         self.ground = Ground({name: self._noise[name] for name in LOOKED_AT}, SIGMA,
                              self._columns())
         self.moved = [self._moved(which) for which in range(2)]
@@ -55,6 +55,21 @@ class OnRig:
     def quirks(self) -> dict[str, float]:
         """What is odd about its noise."""
         return quirks(self._noise)
+
+    @property
+    def levels(self) -> dict[str, Array]:
+        """Root mean square of the noise of one sample, by topic."""
+        return {topic: np.array([one.colour.level for one in self._noise[topic]]) * SIGMA[topic]
+                for topic in LOOKED_AT}
+
+    @property
+    def judged_seconds(self) -> float:
+        """Return the length of the recording that judges [s]."""
+        return 0.004 * len(self._commands[1].position)
+
+    def own_change(self) -> dict[str, Array]:
+        """Return what is beside all that was drawn: nothing."""
+        return {}
 
     def _truth(self, rig: Rig, which: int) -> Truth:
         robot = (which, f'{rig.robot}')
@@ -75,7 +90,7 @@ class OnRig:
         for name, (count, _) in NUISANCES.items():
             for one in np.eye(count):
                 rig = astray(self._base, {name: one})
-                found.append((name, departure(self._recorded(rig, 1), self._clean)))
+                found.append((name, departure(self._recorded(rig, 1), self.clean)))
         return found
 
     def _moved(self, which: int) -> Moved:
@@ -102,12 +117,12 @@ class OnRig:
     def of_effect(self, name: str, size: float, seed: int) -> dict[str, Array]:
         """Return what an effect changes in the recording that judges."""
         rig = self._known[name].apply(self._base, size, np.random.default_rng(seed))
-        return departure(self._recorded(rig, 1), self._clean)
+        return departure(self._recorded(rig, 1), self.clean)
 
     def of_law(self, what: Added) -> dict[str, Array]:
         """Return what a discrepancy changes in the recording that judges."""
         rig = _beside(self._base, what)
-        return departure(self._recorded(rig, 1), self._clean)
+        return departure(self._recorded(rig, 1), self.clean)
 
     def numbers(self, name: str, size: float, seed: int) -> dict[str, float]:
         """Return the numbers of an effect as the library calls them."""

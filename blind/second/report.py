@@ -10,6 +10,9 @@ from blind.second.judged import Judged
 from blind.second.score import Bin, Figures, judged, score, surely
 from blind.second.sealing import Part
 
+SEEN = 3.0
+"""Standard errors from which the oracle sees an effect."""
+
 
 def cases_of(part: Part) -> list[Judged]:
     """Return the answered cases of an opened part."""
@@ -98,11 +101,19 @@ def _baselines(part: Part) -> list[str]:
              '|---|---|---|']
     loud = sum(told[c.identity]['rmse']['gap'] for c in without)
     lines.append(f'| ranking by RMSE | {loud} of {len(without)} | names none |')
-    for method, word in (('bic', 'white BIC'), ('everything', 'a fit of everything')):
+    for method, word in (('bic', 'white BIC'), ('everything', 'a fit of everything'),
+                         ('bounded', 'bounded least squares')):
+        if any(method not in told[c.identity] for c in cases):
+            continue  # a part that was opened before it was asked
         names = {c.identity: told[c.identity][method]['names'] for c in cases}
         loud = sum(bool(names[c.identity]) for c in without)
         right = sum(any(map(c.is_right, names[c.identity][:1])) for c in known)
         lines.append(f'| {word} | {loud} of {len(without)} | {right} of {len(known)} |')
+    sees = [told[c.identity]['oracle'] for c in known if 'oracle' in told[c.identity]]
+    if sees:
+        seen = sum(one['strength'] > SEEN * one['error'] for one in sees)
+        lines.append('| the oracle, which is told the effect and fits its strength | | beyond '
+                     f'{SEEN:g} standard errors: {seen} of {len(sees)} |')
     right = sum(c.is_right(c.first) for c in known)
     named = sum(bool(c.false_names) for c in without)
     return [*lines, f'| the tool | {named} of {len(without)} name one | {right} of {len(known)} |',

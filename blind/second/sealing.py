@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 
 from blind.robot import Array
 from blind.seal import commitment, digest, now, read_json, SealError, write_json
-from blind.second.case import Made, make, Plan, plans, SEALED, seed_of
+from blind.second.case import Made, make, Plan, plans, seed_of
+from blind.second.rules import DEVELOPMENT, file_of
 import numpy as np
 
 GENERATORS = {'rig': 'blind.second.on_rig:OnRig', 'arm': 'blind.second.on_arm:OnArm',
@@ -18,12 +19,11 @@ GENERATORS = {'rig': 'blind.second.on_rig:OnRig', 'arm': 'blind.second.on_arm:On
 """Name -> module and class; loaded when wanted, as not everyone has MuJoCo or the recordings."""
 LIBRARIES = ('numpy', 'scipy', 'numba', 'mujoco')
 SOURCES = Path(__file__).resolve().parents[1]
-SEALED_FILE = Path(__file__).with_name('kinds_sealed.py')
 MAKING = (*(f'{name}.py' for name in (
     'dynamics', 'effect', 'effects_physics', 'effects_sensing', 'motion', 'noise', 'outside',
     'rig', 'robot', 'sensors', 'tool', 'cases')), *(f'second/{name}.py' for name in (
         'arm', 'case', 'ground', 'kinds_development', 'laid', 'law', 'noise', 'numbers', 'on_arm',
-        'on_real', 'on_rig')))
+        'on_real', 'on_rig', 'rules', 'shrink')))
 """Files that make cases."""
 
 
@@ -95,11 +95,14 @@ def begin(part: Part, half: str, counts: Mapping[str, int], until: str) -> dict[
             raise SealError(f'{part.public} holds another part ({plan["counts"]}); choose '
                             'another number')
         return plan
-    master = secrets.token_hex(16) if half == SEALED else f'{half}/{part.public.name}'
+    sealed = half != DEVELOPMENT
+    if sealed and not file_of(half).exists():
+        raise SealError(f'{file_of(half)} is not there; it has the kinds of {half}')
+    master = secrets.token_hex(16) if sealed else f'{half}/{part.public.name}'
     write_json(part.private / 'master.json', {'master': master}, private=True)
     plan = {'half': half, 'counts': dict(counts), 'until': until, 'begun': now(),
             'master_sha256': digest(master.encode()), 'sources': sources(),
-            'sealed_sha256': digest(SEALED_FILE.read_bytes()) if half == SEALED else '',
+            'sealed_sha256': digest(file_of(half).read_bytes()) if sealed else '',
             'versions': versions()}
     write_json(path, plan)
     return plan
@@ -214,8 +217,9 @@ def faults(part: Part) -> Iterator[str]:
     master, labels = opened['master'], opened['labels']
     if digest(master.encode()) != plan['master_sha256']:
         yield 'the master is not the one that was committed to'
-    if plan['half'] == SEALED and digest(SEALED_FILE.read_bytes()) != plan['sealed_sha256']:
-        yield f'{SEALED_FILE.name} is not the one that was committed to'
+    half = plan['half']
+    if half != DEVELOPMENT and digest(file_of(half).read_bytes()) != plan['sealed_sha256']:
+        yield f'{file_of(half).name} is not the one that was committed to'
     cases = planned(plan, master)
     if list(cases) != list(bound):
         yield 'the cases are not those that the master draws, in its order'

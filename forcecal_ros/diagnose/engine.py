@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.accelerometer import in_volts
-from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.inputs.dataset import Dataset
 from forcecal_ros.diagnose.inputs.requirements import missing_streams
 from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
@@ -55,7 +55,7 @@ from forcecal_ros.diagnose.localise.localisation import localise, Location, stag
 from forcecal_ros.diagnose.localise.predictability import Predictability
 from forcecal_ros.diagnose.localise.time_frequency import BANDS, Line
 from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
-from forcecal_ros.diagnose.model.hypotheses import hypotheses
+from forcecal_ros.diagnose.model.hypotheses import hypotheses, Hypothesis
 from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
 from forcecal_ros.diagnose.model.saturation import CLIPPING
 from forcecal_ros.diagnose.say.patched import patched_rig
@@ -65,7 +65,7 @@ from forcecal_ros.diagnose.search.acceptance import least_evidence
 from forcecal_ros.diagnose.search.bias_steps import Event, with_steps
 from forcecal_ros.diagnose.search.onset_selection import Found, with_onsets
 from forcecal_ros.diagnose.search.onsets import Instant
-from forcecal_ros.diagnose.search.selection import select, Selection
+from forcecal_ros.diagnose.search.selection import nearest, select, Selection
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
@@ -163,7 +163,7 @@ def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[
     found = hypotheses(model, frequencies[0] if frequencies else None)
     model, selection, events, instants = with_onsets(
         first, known, Found(model, select(model, found, first), events, {}), found)
-    judged = _judge(first, model, selection, checks, observed, events, instants)
+    judged = _judge(first, model, selection, found, checks, observed, events, instants)
     where = _localised(selection, judged.summary.predictability, checks)
     return _say(first, model, selection, judged, Diagnosis(
         judged.word, judged.sentence, judged.effects, tuple(judged.candidates), where, judged.gap,
@@ -202,9 +202,9 @@ def _observed(dataset: Dataset, recording: Recording, rig: Rig) -> MeasuredBlock
                           dataset.measured.start, dataset.measured.n_blocks)
 
 
-def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection, checks: Checks,
-           observed: list[MeasuredBlocks], events: tuple[Event, ...],
-           instants: Mapping[str, Instant]) -> _Judged:
+def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
+           found: Sequence[Hypothesis], checks: Checks, observed: list[MeasuredBlocks],
+           events: tuple[Event, ...], instants: Mapping[str, Instant]) -> _Judged:
     """Weigh what was found: share of the misfit, probabilities, what is unexplained, verdict."""
     final = selection.model
     with_discrepancy = final.discrepancy_scales != NO_DISCREPANCY
@@ -212,14 +212,16 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
                                  selection.discrepancy_evidence)
     part = unexplained(summary)
     gap, noise = _measured(first, selection, summary, observed)
+    in_wrench = float(selection.missing_by_stream[list(STREAM_SLICES).index('wrench')])
     steps = named_steps(final, events, least_evidence(
-        selection.missing_evidence, list(selection.log_bayes_factors.values())))
+        in_wrench, list(selection.log_bayes_factors.values())))
     sudden = {e.name: e.probability for e in steps}
     known = len(model.fixed) + len(sudden)
     doubts = nameless(selection.log_bayes_factors, selection.missing_evidence, known)
     probability, candidates = probabilities(
         [(a.name, selection.alternatives.get(a.name, {})) for a in selection.accepted], part,
-        gap.closed, known, doubts if with_discrepancy else None, selection.log_bayes_factors)
+        gap.closed, known, doubts if with_discrepancy else None, selection.log_bayes_factors,
+        {} if selection.accepted or part.ratio < 1.0 else nearest(selection, found))
     candidates = _sorted([*candidates, *sudden.items(), *((n, CHECKED) for n in checks.effects)])
     numbers = {a.name: parameters_of(final, a) for a in selection.accepted}
     named = list(numbers)

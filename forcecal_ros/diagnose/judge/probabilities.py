@@ -18,11 +18,14 @@ MODEST = 0.99
 SURE = 0.9
 """Most of the probability of unknown: some gaps are known effects in forms of their own."""
 
+NEAREST = 3
+"""Effects listed that come closest where none is named: as many as are refined at once."""
+
 UNKNOWN = 'unknown'
 
 
-def nameless(log_bayes_factors: Mapping[str, float], missing_evidence: float, known: int = 0
-             ) -> dict[str, float]:
+def nameless(log_bayes_factors: Mapping[str, float], missing_evidence: Mapping[str, float],
+             known: int = 0) -> dict[str, float]:
     """
     Return the probability that each effect is none, beside a discrepancy.
 
@@ -30,19 +33,20 @@ def nameless(log_bayes_factors: Mapping[str, float], missing_evidence: float, kn
     ----------
     log_bayes_factors : mapping of str to float
         Of each effect against a discrepancy in its place.
-    missing_evidence : float
-        Log-evidence that a model without any flaw would have more.
+    missing_evidence : mapping of str to float
+        Log-evidence that a model without any flaw would have more where each acts.
     known : int
         Effects besides, known before any model.
     """
-    return {name: 1.0 - min(MODEST, _sigmoid(log_odds(name, log_bayes_factors, missing_evidence,
-                                                      known)))
+    return {name: 1.0 - min(MODEST, _sigmoid(log_odds(name, log_bayes_factors,
+                                                      missing_evidence[name], known)))
             for name in log_bayes_factors}
 
 
 def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], part: UnexplainedPart,
                   closed: float, known: int = 0, doubts: Mapping[str, float] | None = None,
-                  log_bayes_factors: Mapping[str, float] | None = None
+                  log_bayes_factors: Mapping[str, float] | None = None,
+                  nearest: Mapping[str, float] | None = None
                   ) -> tuple[dict[str, float], list[tuple[str, float]]]:
     """
     Turn log-odds into probabilities.
@@ -59,6 +63,8 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], part: Unexpl
         Of each accepted effect, where a discrepancy is allowed for: that it is none.
     log_bayes_factors : mapping of str to float, optional
         By which those doubts count in that of the whole.
+    nearest : mapping of str to float, optional
+        Log-odds, among themselves, of effects that come closest where none is accepted.
 
     Returns
     -------
@@ -96,7 +102,16 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], part: Unexpl
         chosen[UNKNOWN] = sum(w * doubts[n] for n, w in weight.items()) / sum(weight.values())
     if not slots and part.ratio >= 1.0 and unknown > 1.0 - CANDIDATES:
         chosen[UNKNOWN] = unknown
+        chosen.update(_shared(1.0 - SURE, nearest or {}))
     return named, sorted(chosen.items(), key=lambda pair: -pair[1])
+
+
+def _shared(whole: float, log_odds_among: Mapping[str, float]) -> dict[str, float]:
+    """Share a probability among the likeliest few."""
+    likeliest = sorted(log_odds_among, key=lambda name: -log_odds_among[name])[:NEAREST]
+    weight = {name: math.exp(log_odds_among[name] - log_odds_among[likeliest[0]])
+              for name in likeliest}
+    return {name: whole * w / sum(weight.values()) for name, w in weight.items()}
 
 
 def _sigmoid(log_odds: float) -> float:

@@ -25,7 +25,7 @@ from forcecal_ros.diagnose.model.evidence import fit
 from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, VIBRATION
 from forcecal_ros.diagnose.model.jacobian import combined
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.diagnose.search.acceptance import of_slow_noise
+from forcecal_ros.diagnose.search.acceptance import held_out_likelihood_ratio, of_slow_noise
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
 from forcecal_ros.geometry import Array
 from forcecal_ros.simulators.signals import SMALL
@@ -43,6 +43,9 @@ Part of what a discrepancy brings for following slow noise that does not count. 
 take a small background for noise, for its past predicts it as well: this keeps the one of 93 (and
 a real arm's of 175), and takes off what 1/f noise in all channels of a rig made, 66 and 24.
 """
+
+MOSTLY = 0.5
+"""Part of a discrepancy's evidence for following slow noise from which it has to be seen again."""
 
 NOWHERE = TimeFrequencyBin(0, 'no phase', BANDS[0], 0.0, 0.0)
 """Stands for the bins of recordings whose phases are too short for any."""
@@ -105,8 +108,7 @@ def summarise_residual(model: LinearisedModel,
         found = discrepant(model)
         beyond = replace(model, residuals=[b - x for b, x in zip(model.residuals, found)])
         if discrepancy_evidence > 0.0:
-            discrepancy_evidence = max(0.0, discrepancy_evidence
-                                       - SLOW * of_slow_noise(model, beyond))
+            discrepancy_evidence = _but_for_slow_noise(model, beyond, discrepancy_evidence)
         model = beyond
     bins = [c for dataset, n, b in zip(model.datasets, model.noise, model.residuals)
             for c in time_frequency_bins(dataset, n, b) if c.band[0] < dataset.simulation.band]
@@ -122,6 +124,25 @@ def summarise_residual(model: LinearisedModel,
         summary = summary._replace(notes=(*wanders, 'slow noise, or else ' + _discrepancy_in_words(
             summary) + ': the recording is too short to tell'))
     return summary
+
+
+def _but_for_slow_noise(model: LinearisedModel, beyond: LinearisedModel, evidence: float
+                        ) -> float:
+    """
+    Return a discrepancy's evidence but for what it brings for following slow noise.
+
+    One that mostly does has to predict what it was not fitted to as well: noise does not repeat.
+
+    Parameters
+    ----------
+    beyond : LinearisedModel
+        With the discrepancy, as training blocks show it, taken off.
+    """
+    slow = SLOW * of_slow_noise(model, beyond)
+    left = evidence - slow
+    if slow > MOSTLY * evidence and (again := held_out_likelihood_ratio(model, beyond)) < left:
+        left = again
+    return max(0.0, left)
 
 
 def discrepant(model: LinearisedModel) -> list[Array]:

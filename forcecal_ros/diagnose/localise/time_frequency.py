@@ -15,6 +15,15 @@ STRONG = 9.0
 IMPULSE = 7.0
 """Innovation, in its sigma, that noise does not make: an impulse."""
 
+NEARLY = 5.0
+"""Innovation, in its sigma, from which the tail of a noise shows."""
+
+TAIL = 0.57
+"""
+Part of the innovations between NEARLY and IMPULSE that noise with a heavy tail has beyond: that of
+Student's t with three degrees of freedom, about the heaviest that a sensor's was.
+"""
+
 IMPULSES = 4
 """So many impulses in a channel count; fewer may be by chance."""
 
@@ -132,8 +141,15 @@ def _octaves(white: Array, rows: NDArray[np.bool_], spacing: float) -> tuple[Arr
 def count_impulses(noise: Autoregression, residual: Array) -> Array:
     """Count innovations of each channel that noise does not make, shape (channels,)."""
     return np.array([
-        np.sum(np.abs(noise.whiten(residual[:, c][np.newaxis], c)) > IMPULSE)
+        _beyond_its_tail(np.abs(noise.whiten(residual[:, c][np.newaxis], c)))
         if noise.sigma[:, c].any() else 0 for c in range(len(CHANNELS))])
+
+
+def _beyond_its_tail(white: Array) -> int:
+    """Count the impulses that are more than a heavy tail makes, by two standard deviations."""
+    beyond = int(np.sum(white > IMPULSE))
+    expected = TAIL * float(np.sum((white > NEARLY) & (white <= IMPULSE)))
+    return max(0, int(beyond - expected - 2.0 * np.sqrt(expected)))
 
 
 LINE = 35.0

@@ -77,7 +77,7 @@ class _Level(NamedTuple):
         return self.held.residual_squares(self.null.x) - self.held.n
 
 
-def _by_chance(n: int) -> float:
+def _by_chance(n: float) -> float:
     return CHANCE * float(np.sqrt(0.5 * n))
 
 
@@ -137,6 +137,21 @@ class ModelComparison:
         every, found = self._all
         missed = -found.log_evidence - found.volume - 0.5 * every.n - _by_chance(every.n)
         return max(0.0, missed) + min(self._gained, FLAWED * every.n)
+
+    @cached_property
+    def unexplained(self) -> Array:
+        """Negative log-likelihood of each stream, beside the discrepancy, shape (streams,)."""
+        return self._products.unexplained(self._all[1].x, self.scales)[0]
+
+    @cached_property
+    def missing_by_stream(self) -> Array:
+        """Stream by stream, ``missing_evidence`` but for priors, shape (streams,)."""
+        none = next(level for level in self.levels if level.scales == NO_DISCREPANCY)
+        bare, n = self._products.unexplained(fit(none.train + none.held, self.null_prior).x,
+                                             NO_DISCREPANCY)
+        missed = self.unexplained - 0.5 * n - [_by_chance(each) for each in n]
+        gained = np.clip(bare - self.unexplained, 0.0, FLAWED * n)
+        return np.maximum(missed, 0.0) + gained
 
     @cached_property
     def _all(self) -> tuple[Gram, Fit]:

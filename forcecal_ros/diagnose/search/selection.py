@@ -5,6 +5,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
+from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
 from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
 from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, for_a_part, Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
@@ -31,6 +32,7 @@ from forcecal_ros.diagnose.search.joint_fit import (
 )
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
 from forcecal_ros.effects.nuisances import LIMIT, ROBOT
+from forcecal_ros.geometry import Array
 import numpy as np
 
 NEAR = 3.0
@@ -57,8 +59,11 @@ class Selection(NamedTuple):
         Of each accepted effect against a discrepancy in its place.
     discrepancy_evidence : float
         Log-likelihood of a discrepancy, and of whatever else is unexplained.
-    missing_evidence : float
-        Log-evidence that a model without any flaw would have more.
+    missing_evidence : dict of str to float
+        Log-evidence that a model without any flaw would have more, of each accepted or doubtful
+        effect in the streams in which it acts.
+    missing_by_stream : ndarray, shape (streams,)
+        The same in each stream.
     doubtful : dict of str to float
         The same as ``log_bayes_factors`` of effects that a discrepancy may only look like.
     """
@@ -69,7 +74,8 @@ class Selection(NamedTuple):
     alternatives: dict[str, dict[str, float]]
     log_bayes_factors: Mapping[str, float] = MappingProxyType({})
     discrepancy_evidence: float = 0.0
-    missing_evidence: float = 0.0
+    missing_evidence: Mapping[str, float] = MappingProxyType({})
+    missing_by_stream: Array = np.zeros(len(STREAM_SLICES))
     doubtful: Mapping[str, float] = MappingProxyType({})
 
 
@@ -108,12 +114,37 @@ def select(model: LinearisedModel, found: Sequence[Hypothesis], bare: Linearised
         now = _refitted(_shaped(fitted))
     if len(now.accepted) > 1:
         now = _drop(start, bare, now)
-    now, alternatives, factors = _exchange(start, now, found, free)
-    now, last = _certain(start, now, factors)
+    now, alternatives, factors, acts = _exchange(start, now, found, free)
+    now, last = _certain(start, now, factors, acts)
     sure = {a.name: factors[a.name] for a in now.accepted}
     doubtful = {name: factor for name, factor in factors.items() if name not in sure}
     return Selection(now.model, tuple(now.accepted), tuple(now.jacobians), alternatives, sure,
-                     last.discrepancy_evidence, last.missing_evidence, doubtful)
+                     last.discrepancy_evidence, _missing(last, acts), last.missing_by_stream,
+                     doubtful)
+
+
+def nearest(selection: Selection, found: Sequence[Hypothesis], least: float = LEAST_GAIN
+            ) -> dict[str, float]:
+    """
+    Weigh what comes closest to explaining recordings in which no effect was accepted.
+
+    Parameters
+    ----------
+    found : sequence of Hypothesis
+        All that was tried.
+    least : float
+        Log-evidence that one has to gain.
+
+    Returns
+    -------
+    dict of str to float
+        Log-odds of each against the likeliest.
+    """
+    comparison = JointFit(selection.model, [], []).comparison()
+    results = ranked(comparison, found, sum(h.ways for h in found))
+    weight = weights(results, comparison.missing_evidence)
+    return {t.name: weight[t.name] for t in results
+            if t.evidence > least and t.name not in selection.doubtful}
 
 
 def _with(now: JointFit, best: HypothesisFit) -> JointFit | None:
@@ -144,18 +175,30 @@ def _in_full(now: JointFit, results: Sequence[HypothesisFit], out: set[str]) -> 
                       and explained > LEAST_FRACTION) else None
 
 
-def _certain(start: LinearisedModel, now: JointFit, factors: Mapping[str, float]
-             ) -> tuple[JointFit, ModelComparison]:
+def _missing(comparison: ModelComparison, acts: Mapping[str, Array]) -> dict[str, float]:
+    """Return what is missing where each effect acts: of an arm's motion it is no wrench's."""
+    return {name: float(weight @ comparison.missing_by_stream) for name, weight in acts.items()}
+
+
+def _acts(without: ModelComparison, whole: ModelComparison) -> Array:
+    """Return how much an effect explains in each stream, in the most of any."""
+    gained = np.maximum(without.unexplained - whole.unexplained, 0.0)
+    return gained / gained.max() if gained.any() else np.ones(len(gained))
+
+
+def _certain(start: LinearisedModel, now: JointFit, factors: Mapping[str, float],
+             acts: Mapping[str, Array]) -> tuple[JointFit, ModelComparison]:
     """Drop what a discrepancy as large as what is unexplained, or another, could do as well."""
     while True:
         last = now.comparison()
         now = now._replace(model=replace(now.model, discrepancy_scales=last.scales))
         shown = {a.name: factors[a.name] for a in now.accepted}
-        least = least_evidence(last.missing_evidence, list(shown.values()))
-        doubtful = [a for a in now.accepted if factors[a.name] < least
+        missing, found = _missing(last, acts), list(shown.values())
+        doubtful = [a for a in now.accepted
+                    if factors[a.name] < least_evidence(missing[a.name], found)
                     or (factors[a.name] < max(shown.values())
                         and last.scales != NO_DISCREPANCY
-                        and log_odds(a.name, shown, last.missing_evidence) < 0.0)]
+                        and log_odds(a.name, shown, missing[a.name]) < 0.0)]
         if not doubtful:
             return now, last
         worst = min(doubtful, key=lambda a: factors[a.name])
@@ -228,15 +271,18 @@ def _pruned(now: JointFit) -> JointFit:
 
 def _exchange(start: LinearisedModel, now: JointFit, found: Sequence[Hypothesis],
               free: Sequence[Hypothesis]
-              ) -> tuple[JointFit, dict[str, dict[str, float]], dict[str, float]]:
+              ) -> tuple[JointFit, dict[str, dict[str, float]], dict[str, float],
+                         dict[str, Array]]:
     """
     Try every other effect in the place of each accepted one; keep what is better.
 
     An effect that brings nothing any more beside noise that is fitted with it is dropped. Returns
-    the alternatives' log-odds, and the log Bayes factors, of :class:`Selection`.
+    the alternatives' log-odds, and the log Bayes factors, of :class:`Selection`, and how much each
+    explains in each stream.
     """
     alternatives: dict[str, dict[str, float]] = {}
     factors: dict[str, float] = {}
+    acts: dict[str, Array] = {}
     for a in list(now.accepted):
         less = without_effect(start, now, a.name)
         less, options = _in_its_place(less, found, free, a.name)
@@ -263,17 +309,19 @@ def _exchange(start: LinearisedModel, now: JointFit, found: Sequence[Hypothesis]
                 weight[t.name] = -np.inf
                 continue
             other = _shaped(refitted)
-            evidence = other.comparison().null_evidence
-            more = evidence - log_evidence
+            instead = other.comparison()
+            more = instead.null_evidence - log_evidence
             odds = more / temperature_of(results, missing) - PARSIMONY * (t.degrees - degrees)
             weight[t.name] = own + odds
             if odds > 0.0:
                 now = _pruned(other)
                 mine = t._replace(evidence=mine.evidence + more)
-                degrees, own, log_evidence = t.degrees, weight[t.name], evidence
+                degrees, own, log_evidence = t.degrees, weight[t.name], instead.null_evidence
+                whole = instead
         names = {b.name for b in now.accepted}
         possible = {t.name for t in results if t.evidence > LEAST_GAIN}
         factors[mine.name] = mine.evidence
+        acts[mine.name] = _acts(comparison, whole)
         alternatives[mine.name] = {name: float(value - own) for name, value in weight.items()
                                    if name in possible - names and np.isfinite(value)}
-    return now, alternatives, factors
+    return now, alternatives, factors, acts

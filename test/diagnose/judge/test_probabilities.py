@@ -50,9 +50,10 @@ def test_what_is_known_before_any_model_counts_among_the_effects():
 
 
 def test_a_faint_effect_beside_a_strong_one_takes_nothing_from_it():
-    alone = nameless({'wrench_gain': 3113.0}, 24.0)['wrench_gain']
-    faint = nameless({'wrench_gain': 3113.0, 'wrench_crosstalk': 39.0}, 24.0)
-    alike = nameless({'wrench_gain': 3113.0, 'wrench_crosstalk': 3000.0}, 24.0)
+    missing = {'wrench_gain': 24.0, 'wrench_crosstalk': 24.0}
+    alone = nameless({'wrench_gain': 3113.0}, missing)['wrench_gain']
+    faint = nameless({'wrench_gain': 3113.0, 'wrench_crosstalk': 39.0}, missing)
+    alike = nameless({'wrench_gain': 3113.0, 'wrench_crosstalk': 3000.0}, missing)
     assert alone < 0.15
     assert faint['wrench_gain'] == pytest.approx(alone, abs=0.02)
     assert faint['wrench_crosstalk'] > 0.5
@@ -70,8 +71,19 @@ def test_unknown_is_what_the_strong_effects_leave_and_not_the_faint_ones():
 
 
 def test_an_effect_is_doubted_by_what_it_brings_beside_what_is_left():
-    assert nameless({'tool_mass': 100.0}, 1e5)['tool_mass'] > 0.99
-    assert nameless({'tool_mass': 1e5}, 1e5)['tool_mass'] == pytest.approx(0.5)
-    assert nameless({'tool_mass': 1e7}, 1e5)['tool_mass'] < 0.05
+    assert nameless({'tool_mass': 100.0}, {'tool_mass': 1e5})['tool_mass'] > 0.99
+    assert nameless({'tool_mass': 1e5}, {'tool_mass': 1e5})['tool_mass'] == pytest.approx(0.5)
+    assert nameless({'tool_mass': 1e7}, {'tool_mass': 1e5})['tool_mass'] < 0.05
     # never surer than experience with cases can show
-    assert nameless({'tool_mass': 1e9}, 0.0)['tool_mass'] == pytest.approx(0.01)
+    assert nameless({'tool_mass': 1e9}, {'tool_mass': 0.0})['tool_mass'] == pytest.approx(0.01)
+
+
+def test_where_nothing_is_named_what_comes_closest_shares_what_unknown_leaves():
+    left = UnexplainedPart(5.0, 'force.x')
+    closest = {'tool_com': 0.0, 'tool_mass': -1.0, 'base_tilt': -2.0, 'wrench_gain': -9.0}
+    candidates = probabilities([], left, 0.0, nearest=closest)[1]
+    assert [name for name, _ in candidates] == [UNKNOWN, 'tool_com', 'tool_mass', 'base_tilt']
+    chances = dict(candidates)
+    assert sum(chances.values()) == pytest.approx(1.0)
+    assert chances['tool_com'] / chances['tool_mass'] == pytest.approx(np.e)
+    assert dict(probabilities([], left, 0.0)[1]) == {UNKNOWN: chances[UNKNOWN]}

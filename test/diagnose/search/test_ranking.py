@@ -1,9 +1,11 @@
 """Which hypothesis is fitted in full, and which is likelier."""
 
+from types import SimpleNamespace
+
 from forcecal_ros.diagnose.model.evidence import Score
 from forcecal_ros.diagnose.search.acceptance import weights
 from forcecal_ros.diagnose.search.fitted import HypothesisFit
-from forcecal_ros.diagnose.search.selection import _near
+from forcecal_ros.diagnose.search.selection import _acts, _missing, _near
 import numpy as np
 
 
@@ -37,3 +39,13 @@ def test_beside_much_that_is_missing_a_lead_of_less_does_not_decide():
         odds = weights(fits, missing)
         assert odds['tool_com'] - odds['wrench_crosstalk'] < most
     assert odds['tool_com'] - odds['wrench_crosstalk'] > -0.1
+
+
+def test_what_is_missing_in_other_streams_is_not_held_against_an_effect():
+    without, whole = (SimpleNamespace(unexplained=np.array(costs), missing_by_stream=np.array(
+        [40.0, 1e5, 0.0])) for costs in ([900.0, 1e5, 5.0], [100.0, 1e5 - 8.0, 6.0]))
+    acts = {'wrench_gain': _acts(without, whole), 'tool_mass': np.ones(3),
+            'robot_delay': _acts(whole, whole)}
+    missing = _missing(whole, acts)
+    assert missing['wrench_gain'] == 40.0 + 0.01 * 1e5
+    assert missing['tool_mass'] == missing['robot_delay'] == 40.0 + 1e5
