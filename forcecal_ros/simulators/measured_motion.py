@@ -223,5 +223,10 @@ def touches(beyond: Array) -> NDArray[np.bool_]:
     """
     force = np.linalg.norm(beyond[:, :3] - np.median(beyond[:, :3], axis=0), axis=1)
     limit = max(FORCE, OUT * 1.4826 * float(np.median(np.abs(force - np.median(force)))))
-    near = maximum_filter1d((force > limit).astype(np.int8), 2 * round(AROUND / BLOCK) + 1) > 0
+    near = around(force > limit)
     return near if near.mean() <= MOST_IN_CONTACT else np.zeros(len(force), dtype=bool)
+
+
+def around(blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Add what is near some blocks."""
+    return np.asarray(maximum_filter1d(blocks.astype(np.int8), 2 * round(AROUND / BLOCK) + 1) > 0)
