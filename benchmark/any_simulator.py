@@ -6,15 +6,15 @@
 
 An arm in MuJoCo stands for the robot: integrated four times as finely as its simulation (by Euler,
 too: MuJoCo's RK4 is 0.29 N from it on this arm at 0.5 ms, which is a gap of its own), with every
-number off by 0.5 to 2 %, with one effect or none, a sensor that nobody zeroed, and the noise of a UR's wrench (0.15 N, 6 mN m), of poses (0.1 mm, 0.2 mrad), joints (0.03 mrad)
-and, where there is one, an Imu (0.05 m/s^2). What is in the joints moves the arm otherwise and is
-no departure of the wrench from the motion: there, no effect is the right answer of two bags, and
-the difference of the motions tells it. With --rerun the simulation is run again with other
-numbers, and what is in the joints has a name. With --mujoco it is run as a model in MuJoCo,
-and the robot is integrated by implicitfast at 0.1 ms; the table is MuJoCo's own contact, pressed
-on for a third of the time. With --fit-rig there is no simulation: a rig is
-fitted to a recording of the robot without an effect, and others of the same robot and day are
-compared with that.
+number off by 0.5 to 2 %, with one effect or none, a sensor that nobody zeroed, and the noise of a
+UR's wrench (0.15 N, 6 mN m), of poses (0.1 mm, 0.2 mrad), joints (0.03 mrad) and, where there is
+one, an Imu (0.05 m/s^2). What is in the joints moves the arm otherwise and is no departure of the
+wrench from the motion: there, no effect is the right answer of two bags, and the difference of the
+motions tells it. With --rerun the simulation is run again with other numbers, and what is in the
+joints has a name. With --mujoco it is run as a model in MuJoCo, and the robot is integrated by
+implicitfast at 0.1 ms; the table is MuJoCo's own contact, pressed on for a third of the time. With
+--fit-rig there is no simulation: a rig is fitted to a recording of the robot without an effect,
+and others of the same robot and day are compared with that.
 """
 
 import os
