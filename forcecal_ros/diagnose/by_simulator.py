@@ -157,10 +157,11 @@ def diagnose_rerun(recording: Recording, heldout: Recording | None, simulator: T
         require_same_sensors(given)
         for one in given:
             _require_wrench_and_pose(one)
-        simulator = simulator.acting([inputs_of(evened(one).recording) for one in given])
+        stamps = [evened(one) for one in given]
+        simulator = simulator.acting([inputs_of(one.recording) for one in stamps])
         refuse_too_many(simulator, len(given))
-        first = _prepared(given[0], simulator, None, rig)
-        ready = [first, *(_prepared(one, simulator, first.tool, rig) for one in given[1:])]
+        first = _prepared(stamps[0], simulator, None, rig)
+        ready = [first, *(_prepared(one, simulator, first.tool, rig) for one in stamps[1:])]
     except DataError as error:
         return RerunDiagnosis(Outcome(Diagnosis('invalid_data', str(error)), rig))
     datasets = [one.dataset for one in ready]
@@ -214,9 +215,8 @@ class _Prepared(NamedTuple):
     notes: tuple[str, ...]
 
 
-def _prepared(recording: Recording, simulator: ThirdParty, tool: SimulatedTool | None, rig: Rig
+def _prepared(stamps: Corrected, simulator: ThirdParty, tool: SimulatedTool | None, rig: Rig
               ) -> _Prepared:
-    stamps = evened(recording)
     real = stamps.recording
     start, n = span(real)
     assert real.pose is not None

@@ -11,6 +11,7 @@ from forcecal_ros.diagnose import by_simulator
 from forcecal_ros.diagnose.by_simulator import diagnose_rerun
 from forcecal_ros.diagnose.inputs.measured_joints import compared, of_same_joints
 from forcecal_ros.diagnose.inputs.motion_dataset import held_out
+from forcecal_ros.diagnose.inputs.stamps import evened
 from forcecal_ros.diagnose.model.jacobian import nuisance_column
 from forcecal_ros.diagnose.model.linearised import linearised_model
 from forcecal_ros.effects import EFFECTS
@@ -115,7 +116,7 @@ def test_between_runs_its_streams_are_those_of_a_line(robot):
 
 def test_what_a_parameter_changes_is_the_same_wherever_it_is_and_not_simulated_again(
         robot, monkeypatch):
-    one = by_simulator._prepared(measured(robot, 1.2, 0.072), robot, None, TOLERANCES)
+    one = by_simulator._prepared(evened(measured(robot, 1.2, 0.072)), robot, None, TOLERANCES)
     one.runs.try_all(robot.nominal)
     one.simulation.forget()
     model = linearised_model(one.robot, held_out([one.dataset]))
