@@ -165,4 +165,7 @@ def test_what_the_table_has_otherwise_is_named(tmp_path, name, value):
         assert diagnosis.verdict == 'no_gap'
         return
     assert [one.name for one in found.changed] == [name]
-    assert found.changed[0].after == pytest.approx(value, abs=4.0 * found.changed[0].std)
+    # the robot's step is a quarter of the model's, which a stiff contact shows beyond its
+    # standard error: what counts is that a softer table is called so, and by how much
+    softer = value - nominal(robot)[name]
+    assert found.changed[0].after == pytest.approx(value, abs=0.1 * softer)
