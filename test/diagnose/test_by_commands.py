@@ -173,3 +173,24 @@ def test_of_two_small_effects_neither_is_given_to_a_discrepancy():
     diagnosis = diagnose(first, second, load_rig()).diagnosis
     assert {e.name for e in diagnosis.effects} == {'wrench_crosstalk', 'tool_friction'}
     assert diagnosis.verdict == 'identified', diagnosis.reason
+
+
+def slow_noise(rng, shape, knee):
+    """Return 1/f noise of unit density above its knee [Hz], at 1 kHz."""
+    frequency = np.maximum(np.fft.rfftfreq(shape[0], 1e-3), 1e3 / shape[0])
+    white = np.fft.rfft(rng.standard_normal(shape), axis=0)
+    return np.fft.irfft(white * np.sqrt(knee / frequency)[:, np.newaxis], shape[0], axis=0)
+
+
+def with_slow_noise(seed):
+    out, rng = own_recording(seed, FREE), np.random.default_rng(seed)
+    wrench, pose = out.wrench, out.pose
+    return replace(out, wrench=replace(wrench, values=wrench.values + np.repeat(
+        [0.1, 0.005], 3) * slow_noise(rng, wrench.values.shape, 20.0)), pose=replace(
+            pose, position=pose.position + 2e-5 * slow_noise(rng, pose.position.shape, 20.0)))
+
+
+def test_slow_noise_that_does_not_repeat_is_no_gap_and_is_told():
+    found = diagnose(with_slow_noise(21), with_slow_noise(22), load_rig()).diagnosis
+    assert found.verdict == 'no_gap'
+    assert any(note.startswith('slow noise, or else') for note in found.notes)

@@ -26,7 +26,7 @@ from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, VIBRATION
 from forcecal_ros.diagnose.model.jacobian import combined
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.acceptance import held_out_likelihood_ratio, of_slow_noise
-from forcecal_ros.diagnose.search.model_comparison import ModelComparison
+from forcecal_ros.diagnose.search.model_comparison import FLAWED, ModelComparison
 from forcecal_ros.geometry import Array
 from forcecal_ros.simulators.signals import SMALL
 import numpy as np
@@ -131,23 +131,26 @@ def _but_for_slow_noise(model: LinearisedModel, beyond: LinearisedModel, evidenc
     """
     Return a discrepancy's evidence but for what it brings for following slow noise.
 
-    One that mostly does has to predict what it was not fitted to as well: noise does not repeat.
+    One that mostly does, and is no larger than noise that is not quite what it is taken for may
+    make it, has to predict what it was not fitted to as well: noise does not repeat.
 
     Parameters
     ----------
     beyond : LinearisedModel
         With the discrepancy, as training blocks show it, taken off.
     """
-    slow = SLOW * of_slow_noise(model, beyond)
-    left = evidence - slow
-    if slow > MOSTLY * evidence and (again := held_out_likelihood_ratio(model, beyond)) < left:
-        left = again
+    every = replace(model, residuals=[
+        b - x for b, x in zip(model.residuals, discrepant(model, trained=False))])
+    left = evidence - SLOW * of_slow_noise(model, beyond)
+    channels = len(model.whitened_discrepancy().channels)
+    if evidence < FLAWED * channels and SLOW * of_slow_noise(model, every) > MOSTLY * evidence:
+        left = min(left, held_out_likelihood_ratio(model, beyond))
     return max(0.0, left)
 
 
-def discrepant(model: LinearisedModel) -> list[Array]:
+def discrepant(model: LinearisedModel, trained: bool = True) -> list[Array]:
     """
-    Return the discrepancy that training blocks show.
+    Return the discrepancy that training blocks, or all, show.
 
     Parameters
     ----------
@@ -159,7 +162,7 @@ def discrepant(model: LinearisedModel) -> list[Array]:
     list of ndarray, shape (n, channels)
         In each recording.
     """
-    weights = model.residual_products().trained(model.discrepancy_scales)
+    weights = model.residual_products().weights(model.discrepancy_scales, trained)
     return model.whitened_discrepancy().of_weights(weights, [b.shape for b in model.residuals])
 
 

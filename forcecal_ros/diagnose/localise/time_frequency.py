@@ -27,6 +27,15 @@ Student's t with three degrees of freedom, about the heaviest that a sensor's wa
 IMPULSES = 4
 """So many impulses in a channel count; fewer may be by chance."""
 
+BURST, LOUD = 25, 2.5
+"""
+Blocks (0.1 s) over which the level of noise is taken, and the mean square in that of the noise
+from which it is a burst: by chance one of 20,000 such stretches has as much.
+"""
+
+IMPULSE_LASTS = 3
+"""Blocks that one impulse may take, cut by two of them, or filtered."""
+
 STEEPEST = 2.2
 """By how much the power of coloured noise may grow from one octave to the next lower one."""
 
@@ -42,6 +51,8 @@ RATE = 250.0
 
 SHORTEST, FEWEST = 50.0, 8
 """Stretch whose spectrum is taken, in blocks: 0.2 s tell octaves from 5 Hz on; its samples."""
+
+
 
 
 class TimeFrequencyBin(NamedTuple):
@@ -64,8 +75,8 @@ def time_frequency_bins(dataset: Blocks, noise: Autoregression,
     """
     Compare the energy of every channel, phase and octave with the noise at standstill.
 
-    Noise that is stronger in a phase at all frequencies is still noise: the highest octave's
-    ratio divides the others'.
+    Noise that is stronger in a phase, or for a moment, at all frequencies is still noise: the
+    highest octave's ratio divides the others', and bursts are brought to the usual level.
 
     Parameters
     ----------
@@ -81,7 +92,8 @@ def time_frequency_bins(dataset: Blocks, noise: Autoregression,
             continue
         white = rest.whiten(residual[:, c][np.newaxis], c)[0]
         there, spacing = noise.present[:, c], noise.spacing(c)
-        octaves = {word: _octaves(white[there], (rows & noise.rows[:, c])[there], spacing)
+        even = _without_bursts(white[there])
+        octaves = {word: _octaves(even, (rows & noise.rows[:, c])[there], spacing)
                    for word, rows in phases.items()}
         expected = _colour(list(octaves.values()))
         for word, (energy, dof) in octaves.items():
@@ -95,6 +107,15 @@ def time_frequency_bins(dataset: Blocks, noise: Autoregression,
                     found.append(TimeFrequencyBin(c, word, band, float(np.sqrt(max(0.0, over))),
                                                   float(z)))
     return sorted(found, key=lambda one: -one.z)
+
+
+def _without_bursts(white: Array) -> Array:
+    """Bring innovations to unit variance wherever they are larger at the highest frequencies."""
+    if len(white) < BURST:
+        return white
+    quick = np.diff(white, 2, prepend=white[:1], append=white[-1:]) / np.sqrt(6.0)
+    level = np.convolve(quick ** 2, np.full(BURST, 1.0 / BURST), mode='same')
+    return np.asarray(white / np.sqrt(np.where(level > LOUD, level, 1.0)))
 
 
 def _colour(octaves: list[tuple[Array, Array]]) -> Array:
@@ -141,15 +162,21 @@ def _octaves(white: Array, rows: NDArray[np.bool_], spacing: float) -> tuple[Arr
 def count_impulses(noise: Autoregression, residual: Array) -> Array:
     """Count innovations of each channel that noise does not make, shape (channels,)."""
     return np.array([
-        _beyond_its_tail(np.abs(noise.whiten(residual[:, c][np.newaxis], c)))
+        _beyond_its_tail(noise.whiten(residual[:, c][np.newaxis], c)[0])
         if noise.sigma[:, c].any() else 0 for c in range(len(CHANNELS))])
 
 
 def _beyond_its_tail(white: Array) -> int:
-    """Count the impulses that are more than a heavy tail makes, by two standard deviations."""
-    beyond = int(np.sum(white > IMPULSE))
-    expected = TAIL * float(np.sum((white > NEARLY) & (white <= IMPULSE)))
-    return max(0, int(beyond - expected - 2.0 * np.sqrt(expected)))
+    """Count the impulses, not of a burst, that a heavy tail does not make by two deviations."""
+    size = np.abs(white)
+    single = size > IMPULSE
+    if len(white) >= BURST:
+        around = np.full(BURST, 1.0 / (BURST - IMPULSE_LASTS))
+        middle = (BURST - IMPULSE_LASTS) // 2
+        around[middle:middle + IMPULSE_LASTS] = 0.0
+        single &= np.convolve(white ** 2, around, mode='same') <= LOUD
+    expected = TAIL * float(np.sum((size > NEARLY) & (size <= IMPULSE)))
+    return max(0, int(single.sum() - expected - 2.0 * np.sqrt(expected)))
 
 
 LINE = 35.0

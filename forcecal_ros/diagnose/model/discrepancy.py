@@ -312,6 +312,12 @@ class Products:
                                 2.0 * float(np.log(np.diag(factor) * size).sum()))
         return self._parts[key]
 
+    @property
+    def channels(self) -> NDArray[np.intp]:
+        """Count the channels of each stream, in the order of STREAM_SLICES."""
+        streams = [STREAM[one.channel] for one in self._channels]
+        return np.bincount(streams, minlength=len(STREAM_SLICES))
+
     def unexplained(self, x: Array, scales: Scales) -> tuple[Array, Array]:
         """
         Return what columns leave unexplained in each stream, in the order of STREAM_SLICES.
@@ -356,22 +362,25 @@ class Products:
                 out[one.channel] = modes.weights @ (vectors @ (right / (values + best ** -2.0)))
         return out
 
-    def trained(self, scales: Scales) -> dict[int, Array]:
+    def weights(self, scales: Scales, trained: bool = True) -> dict[int, Array]:
         """
-        Return the features' likeliest weights by the training blocks, shape (k,) each.
+        Return the features' likeliest weights, shape (k,) each.
 
         Parameters
         ----------
         scales : tuple of float
             Of the discrepancy in each stream.
+        trained : bool
+            By the training blocks, or by all.
         """
         out = {}
         for one in self._channels:
             size = scales[STREAM[one.channel]]
-            if size and len(one.trained.cross):
-                factor = self._whitened.factor(one.channel, True, size)
+            sums = one.trained if trained else one.all
+            if size and len(sums.cross):
+                factor = self._whitened.factor(one.channel, trained, size)
                 out[one.channel] = self._whitened.modes(one.channel).weights @ cho_solve(
-                    (factor, True), one.trained.cross[:, 0])
+                    (factor, True), sums.cross[:, 0])
         return out
 
 

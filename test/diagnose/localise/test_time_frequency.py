@@ -16,9 +16,28 @@ def test_noise_that_grows_from_octave_to_octave_is_expected_and_one_strong_octav
 @pytest.mark.parametrize('degrees', [3.0, 4.0, 8.0])
 def test_a_heavy_tail_makes_no_impulses_and_knocks_do(degrees):
     rng = np.random.default_rng(4)
-    white = np.abs(rng.standard_t(degrees, 20000)) / np.sqrt(degrees / (degrees - 2.0))
-    assert np.sum(white > time_frequency.IMPULSE) >= (4 if degrees < 5.0 else 0)
+    white = rng.standard_t(degrees, 20000) / np.sqrt(degrees / (degrees - 2.0))
+    assert np.sum(np.abs(white) > time_frequency.IMPULSE) >= (4 if degrees < 5.0 else 0)
     assert time_frequency._beyond_its_tail(white) < time_frequency.IMPULSES
-    knocked = np.abs(rng.standard_normal(20000))
-    knocked[::2500] += 12.0
+    knocked = rng.standard_normal(20000)
+    knocked[100::2500] += 12.0
     assert time_frequency._beyond_its_tail(knocked) == 8
+    loud = np.where(np.arange(20000) % 2500 < 50, 6.0, 1.0) * rng.standard_normal(20000)
+    assert time_frequency._beyond_its_tail(loud) < time_frequency.IMPULSES
+
+
+def test_a_burst_of_noise_is_no_octave_and_a_mode_of_the_same_length_is():
+    rng = np.random.default_rng(2)
+    white = rng.standard_normal(2000)
+    t = np.arange(2000) / time_frequency.RATE
+    shaken = white + np.where((t > 3.0) & (t < 3.4), 6.0 * np.sin(2.0 * np.pi * 20.0 * t), 0.0)
+    loud = np.where((t > 3.0) & (t < 3.2), 7.0, 1.0) * white
+
+    def ratios(innovations):
+        energy, dof = time_frequency._octaves(innovations, np.ones(2000, dtype=bool), 1.0)
+        return energy[3:] / dof[3:]
+
+    assert ratios(loud).min() > 1.5
+    assert ratios(time_frequency._without_bursts(loud)) == pytest.approx(1.0, abs=0.2)
+    assert ratios(time_frequency._without_bursts(shaken))[2] > 3.0
+    assert np.array_equal(time_frequency._without_bursts(white), white)

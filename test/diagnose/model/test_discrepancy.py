@@ -94,7 +94,7 @@ def test_weights_are_found_again_from_the_training_blocks():
     for one, rows in zip(residual, of.basis.rows):
         one[:, 0] += w @ rows
     beside = of.whitened([white(n) for n in N])
-    found = beside.products([[], []], residual).trained((0.003,) * 4)[0]
+    found = beside.products([[], []], residual).weights((0.003,) * 4)[0]
     # eighty samples of noise 0.5 know each weight to 0.056
     assert found == pytest.approx(w, abs=4 * 0.056)
 
