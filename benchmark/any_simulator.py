@@ -1,19 +1,20 @@
 """A robot against somebody else's simulation of it: what can be told of it in three ways.
 
     pip install mujoco
-    python benchmark/any_simulator.py --out any_simulator.jsonl [--rerun | --fit-rig] [--jobs N]
-        [--clean N] [--seeds N] [--first N] [--effects NAME ...]
+    python benchmark/any_simulator.py --out any_simulator.jsonl [--rerun | --mujoco | --fit-rig]
+        [--jobs N] [--clean N] [--seeds N] [--first N] [--effects NAME ...]
 
 An arm in MuJoCo stands for the robot: integrated four times as finely as its simulation (by Euler,
-too: MuJoCo's RK4 is 0.1 to 0.3 N from it on this arm at any step, which is a gap of its own), with
-every number off by 0.5 to 2 %, with one effect or none, a sensor that nobody zeroed,
-and the noise of a UR's wrench (0.15 N, 6 mN m), of poses (0.1 mm, 0.2 mrad), joints (0.03 mrad)
-and, where there is one, an Imu (0.05 m/s^2). What is in the joints moves the arm otherwise and is
-no departure of the wrench from the motion: there, no effect is the right answer of two bags, and
-the difference of the motions tells it. With --rerun the simulation is run again with other
-numbers, and what is in the joints has a name. With --fit-rig there is no simulation: a rig is
-fitted to a recording of the robot without an effect, and others of the same robot and day are
-compared with that.
+too: MuJoCo's RK4 is 0.29 N from it on this arm at 0.5 ms, which is a gap of its own), with every
+number off by 0.5 to 2 %, with one effect or none, a sensor that nobody zeroed, and the noise of a
+UR's wrench (0.15 N, 6 mN m), of poses (0.1 mm, 0.2 mrad), joints (0.03 mrad) and, where there is
+one, an Imu (0.05 m/s^2). What is in the joints moves the arm otherwise and is no departure of the
+wrench from the motion: there, no effect is the right answer of two bags, and the difference of the
+motions tells it. With --rerun the simulation is run again with other numbers, and what is in the
+joints has a name. With --mujoco it is run as a model in MuJoCo, and the robot is integrated by
+implicitfast at 0.1 ms; the table is MuJoCo's own contact, pressed on for a third of the time. With
+--fit-rig there is no simulation: a rig is fitted to a recording of the robot without an effect,
+and others of the same robot and day are compared with that.
 """
 
 import os
@@ -24,6 +25,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 import sys
+import tempfile
 import time
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -36,19 +38,37 @@ from forcecal_ros.diagnose.by_tracked import diagnose_tracked, is_tracked
 from forcecal_ros.diagnose.inputs.alignment import shifted
 from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.rig_fit.fit import fit_rig
+from forcecal_ros.simulators.mujoco import load_mujoco
 from forcecal_ros.simulators.rig.file import dump_rig, load_rig
 from forcecal_ros.simulators.third_party import third_party
-from mujoco_arm import Arm, ArmSimulator, commands, forward, model_of, run, varied
+from mujoco_arm import (
+    Arm,
+    ArmSimulator,
+    commands,
+    forward,
+    mjcf_of,
+    model_of,
+    pressing,
+    run,
+    TIP,
+    varied,
+)
 import numpy as np
 from resumable import resumed
 
 SECONDS = 30.0
 NOISE = np.array([0.15] * 3 + [0.006] * 3)
+FINER = {'step': 0.0001, 'integrator': 'implicitfast'}
+"""How the robot of a model in MuJoCo is integrated: 0.013 N RMS from Euler at 0.25 ms."""
+
 PLACE, TURN, ENCODER, FELT = 1e-4, 2e-4, 3e-5, 0.05
 """Noise of a pose [m], [rad], of a joint [rad], of an Imu [m/s^2]."""
 
 DEEP = 0.005
 """By which the motion would go below a table [m]."""
+
+SOFT = 0.05
+"""Time constant of a table in MuJoCo [s]: 2 mm under 100 N, of a few kilograms behind a tip."""
 
 
 def payload(arm):
@@ -114,6 +134,8 @@ SENSORS = {'delay': late, 'crosstalk': crosstalk, 'gain': gain, 'drift': drift}
 BIAS = np.array([0.2, 0.0, 0.0])
 """Of the Imu [m/s^2]."""
 
+ON_TABLE = ('contact softness', 'none, table')
+
 NONE = ('none', 'none, table', 'none, Imu')
 
 TRUTH = {'payload': 'tool_mass', 'tilt': 'base_tilt', 'cable': 'cable_force',
@@ -125,6 +147,13 @@ TRUTH = {'payload': 'tool_mass', 'tilt': 'base_tilt', 'cable': 'cable_force',
 RERUN = {'payload': 'payload', 'tilt': 'tilt.x', 'joint friction': 'frictionloss[2]',
          'joint gain': 'kp[1]', 'contact softness': 'table'}
 """Name -> the number of the simulator that tells it, where it can be run again."""
+
+MUJOCO = {'payload': 'body_mass[gripper]', 'tilt': 'tilt.x',
+          'joint friction': 'dof_frictionloss[joint2]', 'joint gain': 'kp[joint1]',
+          'contact softness': 'geom_solref[table]'}
+"""The same of a model in MuJoCo."""
+
+OF_WAY = {'rerun': RERUN, 'mujoco': MUJOCO}
 
 
 def zero(rng):
@@ -151,12 +180,21 @@ def measured(recording, effect, rng, of_sensor=None):
                    joints=replace(joints, values=encoders), accelerometer=felt)
 
 
-def simulated_arm(effect, joints):
+def simulated_arm(effect, joints, soft=None):
     """Return the arm of the simulation: with a table or an Imu where the effect wants them."""
     table = None
-    if effect in ('contact softness', 'none, table'):
-        table = float(forward(model_of(Arm()), joints)[0][:, 2].min()) + DEEP
-    return Arm(table=table, imu=effect in ('Imu bias', 'none, Imu'))
+    if effect in ON_TABLE:
+        lowest = float(forward(model_of(Arm()), joints)[0][:, 2].min())
+        table = lowest + DEEP - (0.0 if soft is None else TIP)
+    return Arm(table=table, soft=None if table is None else soft,
+               imu=effect in ('Imu bias', 'none, Imu'))
+
+
+def commanded(effect, seed, way):
+    """Return the commands of a case: with MuJoCo's table a third of them press on it."""
+    if way == 'mujoco' and effect in ON_TABLE:
+        return np.concatenate([commands(seed, 2.0 * SECONDS / 3.0), pressing(SECONDS / 3.0)])
+    return commands(seed, SECONDS)
 
 
 def answer(case):
@@ -166,11 +204,13 @@ def answer(case):
         found = _fitted(effect, seed, Path(case['folder']))
     else:
         rng = np.random.default_rng([seed, *effect.encode()])
-        joints = commands(seed, SECONDS)
-        arm = simulated_arm(effect, joints)
-        robot = ARMS.get(effect, same_arm)(varied(replace(arm, step=0.00025), rng))
+        way = case['way']
+        joints = commanded(effect, seed, way)
+        arm = simulated_arm(effect, joints, SOFT if way == 'mujoco' else None)
+        finer = FINER if way == 'mujoco' else {'step': 0.00025}
+        robot = ARMS.get(effect, same_arm)(varied(replace(arm, **finer), rng))
         real = measured(run(robot, joints, every=0.004), effect, rng)
-        found = (_rerun if case['way'] == 'rerun' else _compared)(real, joints, arm)
+        found = WAYS[way](real, joints, arm)
     return {**case, **found, 'seconds': time.process_time() - began}
 
 
@@ -203,10 +243,24 @@ def _compared(real, joints, arm):
 
 
 def _rerun(real, joints, arm):
-    found = diagnose_rerun(real, None, third_party('arm', ArmSimulator(arm)),
-                           load_rig('rigid_tool.yaml'))
+    return _run_again(real, third_party('arm', ArmSimulator(arm)))
+
+
+def _by_mujoco(real, joints, arm):
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / 'arm.xml'
+        path.write_text(mjcf_of(arm))
+        robot = load_mujoco(str(path), imu='ft' if arm.imu else None)
+    return _run_again(real, third_party('arm.xml', robot))
+
+
+def _run_again(real, simulator):
+    found = diagnose_rerun(real, None, simulator, load_rig('rigid_tool.yaml'))
     return {**_said(found.outcome.diagnosis), 'runs': found.runs,
             'recomputed': found.recomputed}
+
+
+WAYS = {'rerun': _rerun, 'mujoco': _by_mujoco, 'compared': _compared}
 
 
 def _said(d):
@@ -227,7 +281,7 @@ def table(results, way):
     """Print what was told of each effect."""
     print('| effect | first | offered | false | verdict | size | explained | recomputed | CPU s |')
     print('|---|---|---|---|---|---|---|---|---|')
-    names = {**dict.fromkeys(NONE, ''), **TRUTH, **(RERUN if way == 'rerun' else {})}
+    names = {**dict.fromkeys(NONE, ''), **TRUTH, **OF_WAY.get(way, {})}
     for name, truth in names.items():
         rows = [r for r in results if r['effect'] == name and r['way'] == way]
         if rows:
@@ -259,6 +313,8 @@ def main():
     parser.add_argument('--out', type=Path, required=True)
     parser.add_argument('--rerun', action='store_true',
                         help='run the simulation again with other numbers')
+    parser.add_argument('--mujoco', action='store_true',
+                        help='run it again as a model in MuJoCo, the robot integrated otherwise')
     parser.add_argument('--fit-rig', action='store_true',
                         help='compare with a rig that is fitted to another recording')
     parser.add_argument('--jobs', type=int, default=1)
@@ -268,7 +324,8 @@ def main():
     parser.add_argument('--first', type=int, default=0, help='the first seed')
     parser.add_argument('--effects', nargs='*', default=(*NONE, *TRUTH))
     args = parser.parse_args()
-    way = 'rerun' if args.rerun else 'fit-rig' if args.fit_rig else 'compared'
+    way = ('rerun' if args.rerun else 'mujoco' if args.mujoco
+           else 'fit-rig' if args.fit_rig else 'compared')
     each = {'none': args.clean, **dict.fromkeys(NONE[1:], 1), **dict.fromkeys(TRUTH, args.seeds)}
     left_out = {'fit-rig': ('none, table', 'contact softness')}.get(way, ())
     wanted = [{'effect': name, 'seed': args.first + i, 'way': way} for name in args.effects

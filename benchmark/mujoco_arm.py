@@ -27,8 +27,17 @@ LINKS = (  # axis, offset of the next joint [m], mass [kg], radius [m], armature
 
 JOINTS = tuple(f'joint{i}' for i in range(len(LINKS)))
 
+LOWERED = 0.45
+"""Of the second joint, while the arm presses [rad]: lower than its free motion."""
+
+DEEPER = 0.001
+"""By which it presses deeper and less, ten times [rad]."""
+
 TABLE = 2e4
 """Stiffness of a table [N/m]."""
+
+TIP = 0.01
+"""Radius of the tip that touches a table, at the flange [m]."""
 
 HOME = np.array([0.3, -1.3, 1.7, -1.9, -1.5, 0.4])
 
@@ -60,6 +69,8 @@ class Arm:
         Height of a table under the flange [m]; None: there is none.
     stiffness : float
         Of the table.
+    soft : float or None
+        Time constant of MuJoCo's own contact with that table [s]; None: it is a spring.
     play : tuple of float
         Of the drive of each joint, half of it [rad].
     imu : bool
@@ -80,6 +91,7 @@ class Arm:
     pull: Callable[[np.ndarray], np.ndarray] | None = field(default=None, compare=False)
     table: float | None = None
     stiffness: float = 1.0
+    soft: float | None = None
     play: tuple[float, ...] = (0.0,) * 6
     imu: bool = False
 
@@ -98,6 +110,11 @@ def varied(arm: Arm, rng: np.random.Generator) -> Arm:
 
 def model_of(arm: Arm) -> mujoco.MjModel:
     """Compile an arm."""
+    return mujoco.MjModel.from_xml_string(mjcf_of(arm))
+
+
+def mjcf_of(arm: Arm) -> str:
+    """Write an arm."""
     x, y = arm.tilt
     gravity = 9.80665 * np.array([np.sin(y), -np.sin(x), -np.cos(x) * np.cos(y)])
     bodies, ends = '', ''
@@ -116,16 +133,34 @@ def model_of(arm: Arm) -> mujoco.MjModel:
     tool = (f'<site name="flange" pos="0 0 -0.05"/><body name="gripper" pos="0 0 -0.05">'
             f'<inertial pos="{0.008 * c} {-0.004 * c} {-0.065 * c}" mass="{m}" '
             f'diaginertia="{3e-3 * k} {2.6e-3 * k} {1.4e-3 * k}"/>'
-            '<site name="ft" pos="0 0 0"/></body>')
+            f'<site name="ft" pos="0 0 0"/>{_tip(arm)}</body>')
     actuators = ''.join(
         f'<position joint="joint{i}" kp="{kp * arm.kp[i]}" kv="{kv * arm.kv[i]}"/>'
         for i, (*_, kp, kv) in enumerate(LINKS))
-    return mujoco.MjModel.from_xml_string(
-        f'<mujoco><option timestep="{arm.step}" integrator="{arm.integrator}" '
-        f'gravity="{gravity[0]} {gravity[1]} {gravity[2]}"/><worldbody>{bodies}{tool}{ends}'
+    return (
+        f'<mujoco><option timestep="{arm.step}" integrator="{arm.integrator}" gravity='
+        f'"{gravity[0]} {gravity[1]} {gravity[2]}"/><worldbody>{_table(arm)}{bodies}{tool}{ends}'
         f'</worldbody><actuator>{actuators}</actuator><sensor><force site="ft"/>'
         '<torque site="ft"/><framepos objtype="site" objname="ft"/>'
         '<framequat objtype="site" objname="ft"/><accelerometer site="ft"/></sensor></mujoco>')
+
+
+def _contact(arm):
+    """Softness and friction of tip and table, as attributes of a geom."""
+    return f'solref="{arm.soft / arm.stiffness ** 0.5} 1" friction="0.3 0.005 0.0001"'
+
+
+def _table(arm):
+    if arm.soft is None:
+        return ''
+    return (f'<geom name="table" type="plane" size="2 2 0.1" pos="0 0 {arm.table}" '
+            f'{_contact(arm)}/>')
+
+
+def _tip(arm):
+    if arm.soft is None:
+        return ''
+    return f'<geom name="tip" size="{TIP}" mass="0" {_contact(arm)}/>'
 
 
 def commands(seed: int, seconds: float) -> np.ndarray:
@@ -141,6 +176,19 @@ def commands(seed: int, seconds: float) -> np.ndarray:
             size = most * rng.uniform(0.3, 0.6) * min(1.0, 0.3 / frequency)
             out[:, joint] += rise * size * np.sin(2 * np.pi * frequency * u
                                                   + rng.uniform(0, 2 * np.pi))
+    return out
+
+
+def pressing(seconds: float) -> np.ndarray:
+    """Return joint commands that begin and end at rest, and press on a table in between."""
+    def rising(begin, end):
+        x = np.clip((t - begin) / (end - begin), 0.0, 1.0)
+        return x ** 3 * (10.0 - 15.0 * x + 6.0 * x ** 2)
+
+    t = PERIOD * np.arange(round(seconds / PERIOD)) / seconds
+    out = np.tile(HOME, (len(t), 1))
+    pressed = rising(0.05, 0.35) - rising(0.65, 0.95)
+    out[:, 1] += pressed * (LOWERED + DEEPER * np.sin(20.0 * np.pi * t))
     return out
 
 
@@ -199,7 +247,7 @@ def _pulled(arm, data, site, body):
     if arm.pull is None and arm.table is None:
         return
     force = np.zeros(3) if arm.pull is None else arm.pull(data.site_xpos[site])
-    if arm.table is not None:
+    if arm.table is not None and arm.soft is None:
         force[2] += TABLE * arm.stiffness * max(0.0, arm.table - data.site_xpos[site][2])
     data.xfrc_applied[body, :3] = force
     data.xfrc_applied[body, 3:] = np.cross(data.site_xpos[site] - data.xipos[body], force)

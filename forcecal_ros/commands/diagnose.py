@@ -232,7 +232,7 @@ def _by_simulator(args: argparse.Namespace) -> Answer:
         simulator = simulator_of(args)
         stage(f'reading {args.bag}')
         recording, heldout = _read(args, joints=True)
-        stage(f'running {simulator.name} with {len(simulator.parameters)} parameters')
+        stage(f'running {simulator.name} with other numbers')
         rig, of_channels = load_rig(RIGID), units('m/s^2')
         found = diagnose_rerun(recording, heldout, simulator, rig)
         document = to_document(found.outcome.diagnosis, of_channels, None)

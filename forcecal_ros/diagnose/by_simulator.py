@@ -41,9 +41,11 @@ from forcecal_ros.simulators.protocol import Inputs
 from forcecal_ros.simulators.rerun import Numbers, refuse_unsteady, Rerun, Runs
 from forcecal_ros.simulators.rigid_tool import beyond
 from forcecal_ros.simulators.run_limit import refuse_too_many, runs_short
+from forcecal_ros.simulators.signals import BLOCK
 from forcecal_ros.simulators.simulated_robot import simulated_robot, SimulatedRobot, STEP
 from forcecal_ros.simulators.third_party import ThirdParty
 import numpy as np
+from numpy.typing import NDArray
 
 ROUNDS = 2
 """
@@ -62,6 +64,11 @@ LESS = 0.05
 Share of the misfit that is gone in the prediction and not when the simulator is run, from which
 all parameters are tried again: the width of most confidence intervals of that share.
 """
+
+KNOCKS = ('for {:.1f} s the simulated tool knocks at something, or sticks and slips, so that half '
+          'the step of its integration changes its wrench by more than 1 N: left out, as that is '
+          'chance; touch more softly or slide less')
+"""What is said of contact that no number of a simulator is told by."""
 
 CERTAIN = 3.0
 """Standard errors from which a recalibrated parameter is told: once in 400 by chance."""
@@ -146,11 +153,15 @@ def diagnose_rerun(recording: Recording, heldout: Recording | None, simulator: T
         many parameters that it would be run too often.
     """
     given = of_same_joints([one for one in (recording, heldout) if one is not None])
-    refuse_too_many(simulator, len(given))
     try:
         require_same_sensors(given)
-        first = _prepared(given[0], simulator, None, rig)
-        ready = [first, *(_prepared(one, simulator, first.tool, rig) for one in given[1:])]
+        for one in given:
+            _require_wrench_and_pose(one)
+        stamps = [evened(one) for one in given]
+        simulator = simulator.acting([inputs_of(one.recording) for one in stamps])
+        refuse_too_many(simulator, len(given))
+        first = _prepared(stamps[0], simulator, None, rig)
+        ready = [first, *(_prepared(one, simulator, first.tool, rig) for one in stamps[1:])]
     except DataError as error:
         return RerunDiagnosis(Outcome(Diagnosis('invalid_data', str(error)), rig))
     datasets = [one.dataset for one in ready]
@@ -187,7 +198,7 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...],
         if straight and not _falls_short(outcome, recomputed):
             break
     notes = (*outcome.diagnosis.notes, *simulator.notes, *_recalibrated(simulator, outcome),
-             *dict.fromkeys(filter(None, [*(one.note for one in ready), short])),
+             *dict.fromkeys(filter(None, [*(x for one in ready for x in one.notes), short])),
              *named_joints(ready[0].simulation.joints, given))
     outcome = replace(outcome, diagnosis=replace(
         in_unit('m/s^2', outcome.diagnosis), notes=notes))
@@ -201,14 +212,11 @@ class _Prepared(NamedTuple):
     simulation: Rerun
     tool: SimulatedTool
     robot: SimulatedRobot
-    note: str
+    notes: tuple[str, ...]
 
 
-def _prepared(recording: Recording, simulator: ThirdParty, tool: SimulatedTool | None, rig: Rig
+def _prepared(stamps: Corrected, simulator: ThirdParty, tool: SimulatedTool | None, rig: Rig
               ) -> _Prepared:
-    require_wrench_and_pose(recording, 'the recording lacks wrench or measured pose; record '
-                            'wrench and current_pose beside the commands')
-    stamps = evened(recording)
     real = stamps.recording
     start, n = span(real)
     assert real.pose is not None
@@ -232,7 +240,20 @@ def _prepared(recording: Recording, simulator: ThirdParty, tool: SimulatedTool |
     groups = kinds(nominal)
     dataset = Dataset(real, simulation, MeasuredBlocks(seen, start, n), nominal, groups,
                       real.phases or made_up(groups, start), np.ones(n, bool), np.zeros(n, bool))
-    return _Prepared(dataset, stamps, runs, simulation, known, robot, note)
+    notes = tuple(filter(None, (note, _without_knocking(dataset, simulation.knocking(robot)))))
+    return _Prepared(dataset, stamps, runs, simulation, known, robot, notes)
+
+
+def _without_knocking(dataset: Dataset, knocking: NDArray[np.bool_]) -> str:
+    """Leave out what is chance in the simulation, and say for how long."""
+    dataset.measured.present[knocking] = False
+    seconds = BLOCK * float(knocking.sum())
+    return KNOCKS.format(seconds) if seconds else ''
+
+
+def _require_wrench_and_pose(recording: Recording) -> None:
+    require_wrench_and_pose(recording, 'the recording lacks wrench or measured pose; record '
+                            'wrench and current_pose beside the commands')
 
 
 def inputs_of(recording: Recording) -> Inputs:

@@ -95,6 +95,7 @@ def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Confor
     start, n = span(real)
     assert real.pose is not None
     inputs = inputs_of(real)
+    simulator = simulator.acting([inputs])
     runs = Runs(simulator, inputs, real.pose)
     began = time.process_time()
     made = runs.exact(simulator.nominal)

@@ -95,6 +95,9 @@ class MeasuredMotion:
                   for n in of_sensors(self.accelerometer, streams)]
         return tuple(n for n in found if getattr(rig.spreads, n.key) > 0.0)
 
+    def tangent(self, rig: Rig) -> None:
+        """Say that its signals are straight about no point."""
+
     def signals(self, rig: Rig) -> Signals:
         """
         Carry a tool along.
@@ -220,5 +223,10 @@ def touches(beyond: Array) -> NDArray[np.bool_]:
     """
     force = np.linalg.norm(beyond[:, :3] - np.median(beyond[:, :3], axis=0), axis=1)
     limit = max(FORCE, OUT * 1.4826 * float(np.median(np.abs(force - np.median(force)))))
-    near = maximum_filter1d((force > limit).astype(np.int8), 2 * round(AROUND / BLOCK) + 1) > 0
+    near = around(force > limit)
     return near if near.mean() <= MOST_IN_CONTACT else np.zeros(len(force), dtype=bool)
+
+
+def around(blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Add what is near some blocks."""
+    return np.asarray(maximum_filter1d(blocks.astype(np.int8), 2 * round(AROUND / BLOCK) + 1) > 0)

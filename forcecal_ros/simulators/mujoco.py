@@ -6,7 +6,7 @@ that is below the body of its site, so the tool has to be a body of its own. All
 show the state before it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from forcecal_ros.errors import ConfigError
 from forcecal_ros.extras import installing
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import JointStream
+from forcecal_ros.simulators.mujoco_contacts import contact_numbers, Touched
 from forcecal_ros.simulators.mujoco_drives import (
     Controller,
     Drive,
@@ -58,6 +59,8 @@ class MujocoRobot:
     path : str
         Of the model's source.
     model : mujoco.MjModel
+    tool : str
+        Body of the force-torque site.
     drives : tuple of Drive
         Actuators that joints can be told positions by.
     chain : tuple of str
@@ -71,6 +74,7 @@ class MujocoRobot:
 
     path: str
     model: Any
+    tool: str
     drives: tuple[Drive, ...]
     chain: tuple[str, ...]
     turned: Array | None
@@ -80,6 +84,15 @@ class MujocoRobot:
     def parameters(self) -> Sequence[Parameter]:
         """List what can be set."""
         return [one.parameter for one in self.numbers]
+
+    def idle(self, inputs: Inputs) -> Sequence[str]:
+        """Name the parameters of contacts that do not come about under these commands."""
+        of_contacts = {p.name for p in self.parameters() if p.stage == 'environment'}
+        if not of_contacts:
+            return []
+        touched = Touched(self.model, self.tool)
+        self._simulated(inputs, {}, 1, touched.look)
+        return sorted(of_contacts - touched.parameters)
 
     def simulate(self, inputs: Inputs, parameters: Mapping[str, float]) -> Mapping[str, Any]:
         """
@@ -126,14 +139,14 @@ class MujocoRobot:
         finally:
             self.model.opt.timestep = step
 
-    def _simulated(self, inputs: Inputs, parameters: Mapping[str, float], parts: int
-                   ) -> tuple[Mapping[str, Any], str]:
+    def _simulated(self, inputs: Inputs, parameters: Mapping[str, float], parts: int,
+                   look: Callable[[Any], None] | None = None) -> tuple[Mapping[str, Any], str]:
         """Simulate; the time step is one of so many parts. Say what MuJoCo warns of."""
         import mujoco
 
         model = self.model
         for one in self.numbers:
-            one.write(model, parameters[one.parameter.name])
+            one.write(model, parameters.get(one.parameter.name, one.parameter.nominal))
         data = mujoco.MjData(model)
         mujoco.mj_setConst(model, data)
         if model.nkey:  # joints that are not commanded, a gripper's, hold that
@@ -155,6 +168,8 @@ class MujocoRobot:
             mujoco.mj_step(model, data)
             if k % skipped == 0:
                 rows.append(data.sensordata.copy())
+            if look:
+                look(data)
         joints = self._joints(inputs.measured_joints, np.array(places))
         return ({**self._streams(t[::skipped], np.array(rows)), 'joints': (t[::skipped], joints)},
                 warned(mujoco, data))
@@ -184,8 +199,9 @@ class MujocoRobot:
         import mujoco
 
         spec = mujoco.MjSpec.from_file(self.path)
+        spec.compile()  # numbers its geoms
         for one in self.numbers:
-            one.patch(spec, parameters[one.parameter.name])
+            one.patch(spec, parameters.get(one.parameter.name, one.parameter.nominal))
         return str(spec.to_xml())
 
 
@@ -234,10 +250,11 @@ def load_mujoco(path: str, ft_site: str | None = None, imu: str | None = None) -
         raise ConfigError(f'--mujoco {path}: MuJoCo says {" ".join(str(error).split())}') from None
     drives = found_drives(mujoco, model, path)
     own = of_same_tree(model, drives, body.name)
-    numbers = numbers_of(mujoco, model, own, body.name, site)
+    numbers = (*numbers_of(mujoco, model, own, body.name, site),
+               *(Number(*one) for one in contact_numbers(model, body.name)))
     turned = _axes(mujoco, model, site).T @ _axes(mujoco, model, imu) if imu else None
-    return MujocoRobot(path, model, tuple(drives), _chain(mujoco, model, body.name), turned,
-                       numbers, tuple(_over_reading(mujoco, model, own)))
+    return MujocoRobot(path, model, body.name, tuple(drives), _chain(mujoco, model, body.name),
+                       turned, numbers, tuple(_over_reading(mujoco, model, own)))
 
 
 def _ignore(_: str) -> None:

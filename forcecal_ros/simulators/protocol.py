@@ -78,7 +78,9 @@ class Simulator(Protocol):
     has noise.
 
     One that integrates may have a method ``simulate_finer``, which does the same with half the
-    step, at the same stamps: what the step makes of the signals is then no gap.
+    step, at the same stamps: what the step makes of the signals is then no gap. One with
+    parameters of what may be touched may have a method ``idle(inputs)``, which names those that
+    cannot act under these commands: they are left out.
     """
 
     def parameters(self) -> Sequence[Parameter]:

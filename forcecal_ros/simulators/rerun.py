@@ -6,7 +6,7 @@ point where all of them were tried, one after the other; where it was run itself
 counts.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -17,11 +17,11 @@ from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import Array, rotation_from_vector, rotation_vector
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.simulators.low_pass import MOST
-from forcecal_ros.simulators.measured_motion import EXACT
+from forcecal_ros.simulators.measured_motion import around, EXACT, FORCE, touches
 from forcecal_ros.simulators.poses import in_base_of
 from forcecal_ros.simulators.protocol import Inputs
 from forcecal_ros.simulators.rigid_tool import CarriedTool, RigidTool
-from forcecal_ros.simulators.signals import padded, RATE, Signals
+from forcecal_ros.simulators.signals import block_means, padded, RATE, Signals
 from forcecal_ros.simulators.simulated_robot import (
     addable,
     library_of,
@@ -30,6 +30,7 @@ from forcecal_ros.simulators.simulated_robot import (
 )
 from forcecal_ros.simulators.third_party import ThirdParty
 import numpy as np
+from numpy.typing import NDArray
 
 STEP = 1.0
 """Step by which a parameter is moved to see what it does, in its sigma."""
@@ -70,6 +71,7 @@ class Runs:
         self._inputs, self._measured = inputs, measured
         self._exact: dict[Numbers, Recording] = {}
         self._changes: dict[Numbers, list[_Change]] = {}
+        self._halved: dict[Numbers, Recording] = {}
         self._finer: dict[Numbers, _Change] = {}
 
     def exact(self, numbers: Numbers) -> Recording:
@@ -99,11 +101,16 @@ class Runs:
             changes.append(_change(here, self._passing(moved), p.sigma / step))
         self._changes[numbers] = changes
         if self.simulator.has_finer:
+            self._finer[numbers] = _change(*_of_one_length(here, self.halved(numbers)), 1.0)
+
+    def halved(self, numbers: Numbers) -> Recording:
+        """Run it with half its step of integration, unless that was done before."""
+        if numbers not in self._halved:
             self.count += 1
             made = self.simulator.run_finer(self._inputs, numbers)
             assert made.pose is not None
-            finer = replace(made, pose=in_base_of(self._measured, made.pose))
-            self._finer[numbers] = _change(*_of_one_length(here, finer), 1.0)
+            self._halved[numbers] = replace(made, pose=in_base_of(self._measured, made.pose))
+        return self._halved[numbers]
 
     def changes(self, numbers: Numbers) -> Sequence['_Change']:
         """Return what one sigma of each parameter does at a point that was tried."""
@@ -118,7 +125,7 @@ class Runs:
         """Return what it says with other parameters, as far as that is linear in them."""
         if numbers in self._exact or not self._changes:
             return self.exact(numbers)
-        near = self._near(numbers)
+        near = self.near(numbers)
         away = (np.array(numbers) - near) / self._sigma
         return _moved(self._exact[near], self._changes[near], away)
 
@@ -127,14 +134,14 @@ class Runs:
         made = self.at(numbers)
         if not finer or not self._finer:
             return made
-        return _moved(made, [self._finer[self._near(numbers)]], np.array([finer]))
+        return _moved(made, [self._finer[self.near(numbers)]], np.array([finer]))
 
     @property
     def _sigma(self) -> Array:
         return np.array([p.sigma for p in self.simulator.parameters])
 
-    def _near(self, numbers: Numbers) -> Numbers:
-        """Return the nearest point at which all was tried."""
+    def near(self, numbers: Numbers) -> Numbers:
+        """Return the nearest point at which all parameters were tried."""
         return min(self._changes, key=lambda one: float(
             np.linalg.norm((np.array(numbers) - one) / self._sigma)))
 
@@ -250,9 +257,29 @@ class Rerun:
         found += of_sensors(self.accelerometer, streams)
         return tuple(n for n in found if n.prior_std or getattr(rig.spreads, n.key) > 0.0)
 
+    def tangent(self, rig: Rig) -> Hashable:
+        """Return where all parameters were tried, and the effects that act beside them."""
+        assert isinstance(rig, SimulatedRobot)
+        return self.runs.near(rig.numbers), rig.effects
+
     def smooth(self, signals: Signals) -> Signals:
         """Return signals as a discrepancy may follow them: these have no noise."""
         return signals
+
+    def knocking(self, rig: Rig) -> NDArray[np.bool_]:
+        """
+        Tell blocks in which the tool touches something, and half the step changes how.
+
+        What knocks, or sticks and slips, does so otherwise with every number.
+        """
+        assert isinstance(rig, SimulatedRobot)
+        tool = self._along(rig.numbers, rig.late, rig.finer).tool
+        if not self.runs.simulator.has_finer:
+            return np.zeros(self.n_blocks, dtype=bool)
+        changed = (tool.recorded_wrench(self.runs.halved(rig.numbers))
+                   - tool.recorded_wrench(self.runs.exact(rig.numbers)))
+        force = np.linalg.norm(block_means(changed)[:, :3], axis=1)
+        return touches(block_means(tool.beyond)) & around(force > FORCE)
 
     def forget(self) -> None:
         """Let what was predicted be asked for anew, where the simulator was run meanwhile."""

@@ -1,6 +1,6 @@
 """What is asked of any simulation: the signals that noise-free sensors would give."""
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from typing import NamedTuple, Protocol
 
 from forcecal_ros.effects import Effect
@@ -112,6 +112,13 @@ class Simulation(Protocol):
 
     def signals(self, rig: Rig) -> Signals:
         """Simulate a rig, with its effects."""
+
+    def tangent(self, rig: Rig) -> Hashable:
+        """
+        Say about which point signals are straight in the nuisances.
+
+        What these change is then the same as long as that point is; None where they are not.
+        """
 
     def smooth(self, signals: Signals) -> Signals:
         """Return signals without the noise of measured inputs, as a discrepancy may follow."""

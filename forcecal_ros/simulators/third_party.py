@@ -76,6 +76,16 @@ class ThirdParty:
         """
         return self._recording(inputs, 'simulate', values)
 
+    def acting(self, inputs: Sequence[Inputs]) -> 'ThirdParty':
+        """Leave out parameters that, as it says, can act under none of these commands."""
+        idle = getattr(self.simulator, 'idle', None)
+        if idle is None:
+            return self
+        with _blamed(f'{self.name}: idle'):
+            never = set.intersection(*(set(idle(one)) for one in inputs))
+        return replace(self, parameters=tuple(
+            p for p in self.parameters if p.name not in never))
+
     @property
     def has_finer(self) -> bool:
         """Whether it can be run with half its step of integration."""

@@ -7,8 +7,13 @@ from pathlib import Path
 import re
 
 from forcecal_ros.cli import main
+from forcecal_ros.diagnose import by_simulator
 from forcecal_ros.diagnose.by_simulator import diagnose_rerun
 from forcecal_ros.diagnose.inputs.measured_joints import compared, of_same_joints
+from forcecal_ros.diagnose.inputs.motion_dataset import held_out
+from forcecal_ros.diagnose.inputs.stamps import evened
+from forcecal_ros.diagnose.model.jacobian import nuisance_column
+from forcecal_ros.diagnose.model.linearised import linearised_model
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.errors import ConfigError, DataError
 from forcecal_ros.geometry import rotation_from_vector
@@ -107,6 +112,34 @@ def test_between_runs_its_streams_are_those_of_a_line(robot):
     moved = np.abs(own.pose.position - runs.exact(robot.nominal).pose.position).max()
     assert np.abs(later.pose.position - own.pose.position).max() < 0.05 * moved
     assert runs.repeats()
+
+
+def test_what_a_parameter_changes_is_the_same_wherever_it_is_and_not_simulated_again(
+        robot, monkeypatch):
+    one = by_simulator._prepared(evened(measured(robot, 1.2, 0.072)), robot, None, TOLERANCES)
+    one.runs.try_all(robot.nominal)
+    one.simulation.forget()
+    model = linearised_model(one.robot, held_out([one.dataset]))
+    model.centre = model.moved(np.ones(len(model.nuisances)))
+    rig, (dataset, *_), asked = model.current(), model.datasets, []
+    base = one.simulation.signals(rig)
+    residual = dataset.measured.residual(base)
+    anew = [nuisance_column(dataset, n, size, rig, base, residual, model.level)
+            for n, size in zip(model.nuisances, model.prior_std)]
+    carried = type(one.simulation).signals
+    monkeypatch.setattr(type(one.simulation), 'signals',
+                        lambda self, rig: asked.append(rig) or carried(self, rig))
+    model.linearise()
+    assert len(asked) == 2  # at the point itself
+    for n, kept, own in zip(model.nuisances, model.jacobian[0], anew):
+        one_sigma, off = (np.sqrt(sum(np.sum((rows / model.level[c]) ** 2)
+                                      for c, rows in column.items()))
+                          for column in (own, {c: kept[c] - own[c] for c in own}))
+        # a step by columns that are a tenth off leaves a tenth, which the next one takes
+        assert off < 0.1 * one_sigma, n.name
+    one.runs.try_all((1.21, 0.072))
+    model.linearise()
+    assert len(asked) > 10
 
 
 class Own:

@@ -14,7 +14,6 @@ from forcecal_ros.diagnose.inputs.simulated_tool import refuse_other_wrench, sim
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import matrix_from_quaternion, rotation_from_vector
 from forcecal_ros.recording.bags import write_recording
-from forcecal_ros.recording.streams import JointStream
 from forcecal_ros.simulators.mujoco import load_mujoco
 from forcecal_ros.simulators.protocol import Inputs
 from forcecal_ros.simulators.rerun import Runs
@@ -24,29 +23,9 @@ from forcecal_ros.simulators.simulated_robot import library_of, nuisances_of, ST
 from forcecal_ros.simulators.third_party import third_party, with_priors
 import numpy as np
 import pytest
+from small_arm import GRAVITY, mjcf, NAMES, nominal, told, TOOL
 
 pytest.importorskip('mujoco')
-
-GRAVITY = 9.80665
-LINK = ('<body name="link{i}" pos="{place}"><joint name="{name}" axis="{axis}" armature="0.4" '
-        'frictionloss="0.5"/><inertial pos="0.1 0 0" mass="2" diaginertia="0.02 0.02 0.02"/>')
-TOOL = ('<body name="gripper" pos="0.1 0 0" quat="0 0.6 0 0.8"><inertial pos="0.01 0 0.05" '
-        'mass="1.5" diaginertia="3e-3 3e-3 2e-3"/><site name="ft"/></body>')
-NAMES = ('pan', 'lift', 'twist')
-
-
-def mjcf(tool=TOOL, integrator='Euler', sensor='<force site="ft"/>', actuator='position'):
-    """Return an arm of three joints on a base that is turned about the vertical."""
-    links = ''.join(LINK.format(i=i, place=place, name=name, axis=axis) for i, (name, place, axis)
-                    in enumerate(zip(NAMES, ('0 0 0.2', '0.3 0 0', '0.3 0 0'),
-                                     ('0 0 1', '0 1 0', '1 0 0'))))
-    gains = ' kp="4000" kv="150"' if actuator == 'position' else ''
-    driven = ''.join(f'<{actuator} joint="{name}"{gains}/>' for name in NAMES)
-    option = f'timestep="0.002" integrator="{integrator}" gravity="0 0 -{GRAVITY}"'
-    base = 'name="base" pos="1 2 3" quat="0.8 0 0 0.6"'
-    return (f'<mujoco><option {option}/><worldbody><body {base}>{links}{tool}'
-            f'</body></body></body></body></worldbody><actuator>{driven}</actuator>'
-            f'<sensor>{sensor}</sensor></mujoco>')
 
 
 @pytest.fixture
@@ -55,18 +34,6 @@ def model(tmp_path):
         (tmp_path / 'arm.xml').write_text(mjcf(**changes))
         return str(tmp_path / 'arm.xml')
     return written
-
-
-def told(seconds, moving=1.0):
-    t = np.arange(0.0, seconds, 0.01)
-    rise = np.clip(np.minimum(t - 1.0, seconds - 1.0 - t), 0.0, 1.0)
-    q = moving * np.stack([0.5 * np.sin(1.3 * t), 0.3 * np.sin(2.1 * t) - 0.2,
-                           1.2 * np.sin(1.7 * t)], axis=1) * (rise ** 2 * (3 - 2 * rise))[:, None]
-    return JointStream(t, q, '', NAMES)
-
-
-def nominal(robot):
-    return {p.name: p.nominal for p in robot.parameters()}
 
 
 def test_at_rest_the_wrench_is_the_weight_in_the_frame_of_the_site(model):

@@ -1,6 +1,6 @@
 """A rig linearised in its parameters: residual, Jacobian, noise and discrepancy at a point."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
@@ -116,6 +116,7 @@ class LinearisedModel:
     library: Mapping[str, Effect] = EFFECTS
     gates: Mapping[str, Gate] = field(default_factory=dict)
     _calibrated: tuple[bytes, Rig] | None = None
+    _straight: dict[Hashable, Column] = field(default_factory=dict)
 
     def current(self, effects: Values | None = None) -> Rig:
         """Return the rig at the centre, with the accepted effects or with others."""
@@ -217,12 +218,24 @@ class LinearisedModel:
         rig = self.current(self._always(self.effects))
         self.base = [c.simulation.signals(rig) for c in self.datasets]
         self.jacobian = [
-            [nuisance_column(c, n, size, rig, s, b, self.level)
-             if n.acts_on != 'step' or n.recording == i else {}
+            [self._column(i, n, size, rig, s, b) if n.acts_on != 'step' or n.recording == i else {}
              for n, size in zip(self.nuisances, self.prior_std)]
             for i, (c, s) in enumerate(zip(self.datasets, self.base))
             for b in [c.measured.residual(s)]]
         self.evaluate()
+
+    def _column(self, dataset: int, nuisance: Nuisance, size: float, rig: Rig, base: Signals,
+                residual: Array) -> Column:
+        """Return the column of a nuisance, the one of before where that holds wherever it is."""
+        one = self.datasets[dataset]
+        tangent = one.simulation.tangent(rig) if nuisance.acts_on == 'rig' else None
+        if tangent is None:
+            return nuisance_column(one, nuisance, size, rig, base, residual, self.level)
+        key = dataset, nuisance.name, tangent
+        if key not in self._straight:
+            self._straight[key] = nuisance_column(one, nuisance, size, rig, base, residual,
+                                                  self.level)
+        return self._straight[key]
 
     def grams(self, extra: list[list[Column]], residuals: list[Array] | None = None
               ) -> tuple[Gram, Gram]:

@@ -69,6 +69,9 @@ class Replay:
         """Say whether an effect could be there and be seen."""
         return effect not in UNSEEN and applicable(EFFECTS[effect], rig, self.accelerometer)
 
+    def tangent(self, rig: Rig) -> None:
+        """Say that its signals are straight about no point."""
+
     def signals(self, rig: Rig) -> Signals:
         """Simulate the rig."""
         physics = self._physics(rig)
