@@ -11,6 +11,7 @@ from forcecal_ros.diagnose.model.hypotheses import (
     values_of,
 )
 from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
+from forcecal_ros.diagnose.search.acceptance import holds_beside_long_memory
 from forcecal_ros.diagnose.search.fitted import Accepted
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
 from forcecal_ros.effects.nuisances import LIMIT
@@ -105,6 +106,20 @@ def joint_fit_if_finite(model: LinearisedModel, accepted: Sequence[Accepted],
         return joint_fit(model, accepted, step)
     except Diverged:
         return None
+
+
+def shaped(now: JointFit) -> JointFit:
+    """Give the effect accepted last the shapes that it began without, if that is better."""
+    last = now.accepted[-1]
+    for i, q in enumerate(now.model.library[last.name].parameters):
+        if len(last.theta) and q.shapes and i not in last.free:
+            theta = last.theta.copy()
+            theta[i] = q.starts[-1]
+            other = joint_fit_if_finite(now.model, [*now.accepted[:-1], last._replace(
+                theta=theta, free=np.sort(np.append(last.free, i)))])
+            if other is not None and holds_beside_long_memory(now.model, other.model):
+                now, last = other, other.accepted[-1]
+    return now
 
 
 def without_effect(start: LinearisedModel, now: JointFit, name: str) -> JointFit:

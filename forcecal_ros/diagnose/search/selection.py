@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
 from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
-from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, for_a_part, Hypothesis
+from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.acceptance import (
     acceptable,
@@ -17,29 +17,22 @@ from forcecal_ros.diagnose.search.acceptance import (
     LEAST_FRACTION,
     LEAST_GAIN,
     log_odds,
-    PARSIMONY,
     ranked,
-    SIMILAR,
-    temperature_of,
     weights,
 )
+from forcecal_ros.diagnose.search.exchange import exchange, Exchanged
 from forcecal_ros.diagnose.search.fitted import Accepted, HypothesisFit
 from forcecal_ros.diagnose.search.joint_fit import (
     joint_fit,
     joint_fit_if_finite,
     JointFit,
+    shaped,
     without_effect,
 )
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
 from forcecal_ros.effects.nuisances import LIMIT, ROBOT
 from forcecal_ros.geometry import Array
 import numpy as np
-
-NEAR = 3.0
-"""Log-odds within which an alternative is fitted in full."""
-
-TRIES = 2
-"""Alternatives of each effect that are fitted in full."""
 
 MOST_EFFECTS = 4
 """Effects that are searched for in one diagnosis."""
@@ -111,20 +104,20 @@ def select(model: LinearisedModel, found: Sequence[Hypothesis], bare: Linearised
         fitted = fitted or _in_full(now, results, out)
         if fitted is None:
             break
-        now = _refitted(_shaped(fitted))
+        now = _refitted(shaped(fitted))
     if len(now.accepted) > 1:
         now = _drop(start, bare, now)
-    now, alternatives, factors, acts = _exchange(start, now, found, free)
-    now, last = _certain(start, now, factors, acts)
+    exchanged = exchange(start, now, found, free)
+    now, last = _certain(start, exchanged)
+    factors = exchanged.log_bayes_factors
     sure = {a.name: factors[a.name] for a in now.accepted}
     doubtful = {name: factor for name, factor in factors.items() if name not in sure}
-    return Selection(now.model, tuple(now.accepted), tuple(now.jacobians), alternatives, sure,
-                     last.discrepancy_evidence, _missing(last, acts), last.missing_by_stream,
-                     doubtful)
+    return Selection(now.model, tuple(now.accepted), tuple(now.jacobians), exchanged.alternatives,
+                     sure, last.discrepancy_evidence, _missing(last, exchanged.acts),
+                     last.missing_by_stream, doubtful)
 
 
-def nearest(selection: Selection, found: Sequence[Hypothesis], least: float = LEAST_GAIN
-            ) -> dict[str, float]:
+def nearest(selection: Selection, found: Sequence[Hypothesis]) -> dict[str, float]:
     """
     Weigh what comes closest to explaining recordings in which no effect was accepted.
 
@@ -132,8 +125,6 @@ def nearest(selection: Selection, found: Sequence[Hypothesis], least: float = LE
     ----------
     found : sequence of Hypothesis
         All that was tried.
-    least : float
-        Log-evidence that one has to gain.
 
     Returns
     -------
@@ -144,7 +135,7 @@ def nearest(selection: Selection, found: Sequence[Hypothesis], least: float = LE
     results = ranked(comparison, found, sum(h.ways for h in found))
     weight = weights(results, comparison.missing_evidence)
     return {t.name: weight[t.name] for t in results
-            if t.evidence > least and t.name not in selection.doubtful}
+            if t.evidence > LEAST_GAIN and t.name not in selection.doubtful}
 
 
 def _with(now: JointFit, best: HypothesisFit) -> JointFit | None:
@@ -176,19 +167,13 @@ def _in_full(now: JointFit, results: Sequence[HypothesisFit], out: set[str]) -> 
 
 
 def _missing(comparison: ModelComparison, acts: Mapping[str, Array]) -> dict[str, float]:
-    """Return what is missing where each effect acts: of an arm's motion it is no wrench's."""
+    """Return the evidence that is missing in the streams in which each effect acts."""
     return {name: float(weight @ comparison.missing_by_stream) for name, weight in acts.items()}
 
 
-def _acts(without: ModelComparison, whole: ModelComparison) -> Array:
-    """Return how much an effect explains in each stream, in the most of any."""
-    gained = np.maximum(without.unexplained - whole.unexplained, 0.0)
-    return gained / gained.max() if gained.any() else np.ones(len(gained))
-
-
-def _certain(start: LinearisedModel, now: JointFit, factors: Mapping[str, float],
-             acts: Mapping[str, Array]) -> tuple[JointFit, ModelComparison]:
+def _certain(start: LinearisedModel, exchanged: Exchanged) -> tuple[JointFit, ModelComparison]:
     """Drop what a discrepancy as large as what is unexplained, or another, could do as well."""
+    now, _, factors, acts = exchanged
     while True:
         last = now.comparison()
         now = now._replace(model=replace(now.model, discrepancy_scales=last.scales))
@@ -212,20 +197,6 @@ def _refitted(now: JointFit) -> JointFit:
     return joint_fit_if_finite(now.model, now.accepted) or now
 
 
-def _shaped(now: JointFit) -> JointFit:
-    """Give the effect accepted last the shapes that it began without, if that is better."""
-    last = now.accepted[-1]
-    for i, q in enumerate(now.model.library[last.name].parameters):
-        if len(last.theta) and q.shapes and i not in last.free:
-            theta = last.theta.copy()
-            theta[i] = q.starts[-1]
-            other = joint_fit_if_finite(now.model, [*now.accepted[:-1], last._replace(
-                theta=theta, free=np.sort(np.append(last.free, i)))])
-            if other is not None and holds_beside_long_memory(now.model, other.model):
-                now, last = other, other.accepted[-1]
-    return now
-
-
 def _drop(start: LinearisedModel, bare: LinearisedModel, now: JointFit) -> JointFit:
     """Take out what the others, fitted anew, explain as well but for a wrong form of theirs."""
     full = now.comparison()
@@ -240,98 +211,3 @@ def _drop(start: LinearisedModel, bare: LinearisedModel, now: JointFit) -> Joint
                 or not explains_beyond(bare, fitted.model, now.model):
             now, full = fitted, fitted.comparison()
     return now
-
-
-def _near(results: Sequence[HypothesisFit], name: str, tested: int) -> list[HypothesisFit]:
-    """List what may do as well as an effect, both as screened and refined."""
-    weight, own = weights(results), next(t for t in results if t.name == name)
-    return [t for t in results if t.name != name and (
-        t.evidence > SIMILAR * own.evidence > 0.0
-        or (weight[t.name] > weight[name] - NEAR and acceptable(t, tested)))]
-
-
-def _in_its_place(less: JointFit, found: Sequence[Hypothesis], free: Sequence[Hypothesis],
-                  name: str) -> tuple[JointFit, list[Hypothesis]]:
-    """Return what may stand in the place of an effect: of one that begins what begins with it."""
-    model, taken = less.model, {a.name for a in less.accepted}
-    if name not in model.gates:
-        return less, [h for h in found if h.name not in taken]
-    gate = model.gates[name]
-    others = [for_a_part(model, h, gate) for h in free if h.name not in taken]
-    gates = {**{h.name: gate for h in others},
-             **{n: model.gates[n] for n in taken if n in model.gates}}
-    return less._replace(model=replace(model, gates=gates)), others
-
-
-def _stands_at_bound(model: LinearisedModel, a: Accepted) -> bool:
-    """Say whether a size of an effect is as large as it can be."""
-    return any(not q.shapes and value != q.nominal and value in (q.low, q.high)
-               for q, value in zip(model.library[a.name].parameters, a.theta))
-
-
-def _pruned(now: JointFit) -> JointFit:
-    """Forget when effects would act that are not there."""
-    gates = {n: g for n, g in now.model.gates.items() if n in now.model.effects}
-    return now._replace(model=replace(now.model, gates=gates))
-
-
-def _exchange(start: LinearisedModel, now: JointFit, found: Sequence[Hypothesis],
-              free: Sequence[Hypothesis]
-              ) -> tuple[JointFit, dict[str, dict[str, float]], dict[str, float],
-                         dict[str, Array]]:
-    """
-    Try every other effect in the place of each accepted one; keep what is better.
-
-    What has to stand at the end of its range to be better does not take the place of what has not.
-
-    An effect that brings nothing any more beside noise that is fitted with it is dropped. Returns
-    the alternatives' log-odds, and the log Bayes factors, of :class:`Selection`, and how much each
-    explains in each stream.
-    """
-    alternatives: dict[str, dict[str, float]] = {}
-    factors: dict[str, float] = {}
-    acts: dict[str, Array] = {}
-    for a in list(now.accepted):
-        less = without_effect(start, now, a.name)
-        less, options = _in_its_place(less, found, free, a.name)
-        comparison = less.comparison()
-        whole = now.comparison()
-        log_evidence, missing = whole.null_evidence, whole.missing_evidence
-        # screened anew an effect may lie far from where it was fitted to
-        fitted = log_evidence - comparison.null_evidence
-        anew = ranked(comparison, options, len(found))
-        near = _near(anew, a.name, len(found))
-        results = [t._replace(evidence=max(t.evidence, fitted)) if t.name == a.name else t
-                   for t in anew]
-        weight = weights(results, missing)
-        if next(t.evidence for t in results if t.name == a.name) < LEAST_GAIN:
-            now = (joint_fit(less.model, less.accepted) if less.accepted
-                   else JointFit(start, [], []))
-            continue
-        own = weight[a.name]
-        mine, degrees = next(t for t in results if t.name == a.name), a.degrees
-        limited = _stands_at_bound(now.model, a)
-        for t in near[:TRIES]:
-            refitted = joint_fit_if_finite(less.model, [*less.accepted, Accepted.of(t)],
-                                           t.nuisances)
-            if refitted is None:
-                weight[t.name] = -np.inf
-                continue
-            other = _shaped(refitted)
-            instead = other.comparison()
-            more = instead.null_evidence - log_evidence
-            odds = more / temperature_of(results, missing) - PARSIMONY * (t.degrees - degrees)
-            weight[t.name] = own + odds
-            at_bound = _stands_at_bound(other.model, other.accepted[-1])
-            if odds > 0.0 and (limited or not at_bound):
-                now, limited = _pruned(other), at_bound
-                mine = t._replace(evidence=mine.evidence + more)
-                degrees, own, log_evidence = t.degrees, weight[t.name], instead.null_evidence
-                whole = instead
-        names = {b.name for b in now.accepted}
-        possible = {t.name for t in results if t.evidence > LEAST_GAIN}
-        factors[mine.name] = mine.evidence
-        acts[mine.name] = _acts(comparison, whole)
-        alternatives[mine.name] = {name: float(value - own) for name, value in weight.items()
-                                   if name in possible - names and np.isfinite(value)}
-    return now, alternatives, factors, acts
