@@ -322,7 +322,8 @@ def main():
                         'an effect, beside one on a table and one with an Imu')
     parser.add_argument('--seeds', type=int, default=2, help='recordings of each effect')
     parser.add_argument('--first', type=int, default=0, help='the first seed')
-    parser.add_argument('--effects', nargs='*', default=(*NONE, *TRUTH))
+    known = (*NONE, *TRUTH)
+    parser.add_argument('--effects', nargs='*', choices=known, default=known)
     args = parser.parse_args()
     way = ('rerun' if args.rerun else 'mujoco' if args.mujoco
            else 'fit-rig' if args.fit_rig else 'compared')
