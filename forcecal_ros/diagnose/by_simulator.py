@@ -32,6 +32,7 @@ from forcecal_ros.diagnose.inputs.simulated_tool import (
 from forcecal_ros.diagnose.inputs.stamps import Corrected, evened
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND
 from forcecal_ros.diagnose.say.result import Diagnosis, NO_MOTION
+from forcecal_ros.diagnose.say.verdict import FURTHER
 from forcecal_ros.effects.nuisances import LIMIT
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
@@ -200,8 +201,12 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...],
     notes = (*outcome.diagnosis.notes, *simulator.notes, *_recalibrated(simulator, outcome),
              *dict.fromkeys(filter(None, [*(x for one in ready for x in one.notes), short])),
              *named_joints(ready[0].simulation.joints, given))
-    outcome = replace(outcome, diagnosis=replace(
-        in_unit('m/s^2', outcome.diagnosis), notes=notes))
+    told = in_unit('m/s^2', outcome.diagnosis)
+    if told.verdict == 'no_gap' and (held := _held(simulator, outcome)):
+        word, apart, more = told.reason.partition('; ')
+        told = replace(told, reason=f'{word}, with {" and ".join(held)} as far off as three '
+                                    f'sigma allow{apart}{more}')
+    outcome = replace(outcome, diagnosis=replace(told, notes=notes))
     return RerunDiagnosis(outcome, changed, sum(one.runs.count for one in ready), recomputed)
 
 
@@ -313,20 +318,16 @@ def _changes(simulator: ThirdParty, outcome: Outcome) -> tuple[Changed, ...]:
 def _recalibrated(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]:
     """Say which parameters are off by no more than they may be."""
     named = {e.name for e in outcome.diagnosis.effects}
-    limited, told = [], []
+    held, told = _held(simulator, outcome), []
     for p in simulator.parameters:
         x, std = outcome.recalibrations.get(p.name, (0.0, 0.0))
-        if p.name in named:
-            continue
-        if abs(x) > 0.999 * LIMIT * p.sigma:
-            limited.append(p.name)
-        elif abs(x) > CERTAIN * std:
+        if p.name not in (*named, *held) and abs(x) > CERTAIN * std:
             told.append(str(Changed(p.name, p.unit, p.nominal, p.nominal + x, std)))
     if told:
         yield f'recalibrated, within three of their sigma: {"; ".join(told)}'
-    if limited:
-        yield (f'{", ".join(limited)} would move by more than three sigma, and beside what else '
-               'is there is not certain enough for a name')
+    if held:
+        yield (f'{", ".join(held)} {FURTHER}, and beside what else is there is not certain '
+               'enough for a name')
     finer, std = outcome.recalibrations.get(STEP, (0.0, 0.0))
     if abs(finer) > CERTAIN * std:
         yield (f'the step of its integration makes {_sure(finer, std)} times what half the '
@@ -334,6 +335,13 @@ def _recalibrated(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]:
     late, std = outcome.recalibrations.get('robot.delay', (0.0, 0.0))
     if 'robot_delay' not in named and abs(late) > CERTAIN * std:
         yield f'the robot is {_sure(1e3 * late, 1e3 * std)} ms later than its simulation'
+
+
+def _held(simulator: ThirdParty, outcome: Outcome) -> list[str]:
+    """List the parameters, not named, that would move further than three of their sigma."""
+    named = {e.name for e in outcome.diagnosis.effects}
+    return [p.name for p in simulator.parameters if p.name not in named and abs(
+        outcome.recalibrations.get(p.name, (0.0, 0.0))[0]) > 0.999 * LIMIT * p.sigma]
 
 
 def _sure(value: float, std: float) -> str:

@@ -7,7 +7,7 @@ import shlex
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.judge.named_effects import instants
 from forcecal_ros.diagnose.say.result import Diagnosis
-from forcecal_ros.diagnose.say.verdict import percent
+from forcecal_ros.diagnose.say.verdict import FURTHER, percent
 from forcecal_ros.quantity import size
 from forcecal_ros.report.diagnosis_view import View
 from forcecal_ros.report.effect_words import phrase, sentence, WORDS
@@ -156,6 +156,9 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice:
     if d.verdict in NAMED and calibration:
         return Step('Estimate the contact force with what was found:', shlex.join(
             ('forcecal', 'estimate', bag, '--calibration', calibration, *how, '-o', 'contact')))
+    if d.verdict == 'no_gap' and (held := _held(d)):
+        return Step(f'Look at {held}: this recording is explained only with so much of it as its '
+                    'tolerance allows. State by --priors how far it may be off.')
     return {
         'no_gap': Step('Nothing has to be changed.'),
         'unknown': Step('Record the same motion again: what comes again belongs to the rig or '
@@ -164,6 +167,11 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice:
                             'forcecal plan -o plan.yaml'),
         'invalid_data': Step('Mend what is named above, and diagnose again.'),
     }.get(d.verdict, Step('Give the simulation what was found, and compare again.'))
+
+
+def _held(d: Diagnosis) -> str:
+    """Name the numbers of a simulator that only their tolerance keeps from going further."""
+    return next((note.partition(f' {FURTHER}')[0] for note in d.notes if FURTHER in note), '')
 
 
 def _how_large(view: View) -> str:

@@ -302,3 +302,11 @@ def test_with_plotly_the_page_holds_it_once_and_needs_no_network():
     assert page.count('id="plotly"') == 1 and page.count('class="live"') == 3
     assert not re.search(r'(?:src|href)="(?!data:)', page)
     assert len(page) < 5e6
+
+
+def test_a_number_that_only_its_tolerance_holds_is_the_next_thing_to_look_at():
+    held = Diagnosis('no_gap', 'the recalibrated rig explains the recording down to its noise',
+                     notes=('kp[elbow] would move by more than three sigma, and so on',))
+    assert next_step(held, 'bag', 'out', ()).words.startswith('Look at kp[elbow]: ')
+    assert next_step(replace(held, notes=()), 'bag', 'out', ()).words == (
+        'Nothing has to be changed.')

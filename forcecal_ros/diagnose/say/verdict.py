@@ -14,6 +14,9 @@ GLARING = 10.0
 HALF = 0.5
 """Explained share below which effects that are sure leave more than they explain."""
 
+FURTHER = 'would move by more than three sigma'
+"""What a note says of a simulator's numbers that only their tolerance holds."""
+
 
 def percent(share: float) -> str:
     """Write a share; what is not all is never called 100 %, what is not nothing never 0 %."""
