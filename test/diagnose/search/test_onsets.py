@@ -36,7 +36,8 @@ def _switched(effects, at, ends, seed):
 
 @pytest.mark.parametrize(('effects', 'ends', 'at'), [
     ({'tool_mass': {'change': 0.1}}, True, 4.2),
-    pytest.param({'wrench_crosstalk': {'fx_of_fz': 0.05}}, False, 3.4, marks=pytest.mark.long)])
+    # while force.z is loaded: from 2.5 to 4.5 s it is zero, and no instant would show
+    pytest.param({'wrench_crosstalk': {'fx_of_fz': 0.05}}, False, 5.0, marks=pytest.mark.long)])
 def test_an_effect_of_half_a_recording_is_named_with_its_instant(effects, ends, at):
     (name, values), = effects.items()
     diagnosis = diagnose(_switched(effects, at, ends, 31), None, load_rig()).diagnosis
