@@ -106,7 +106,7 @@ def summarise_residual(model: LinearisedModel,
     found, seen = None, discrepancy_evidence
     if model.discrepancy_scales != NO_DISCREPANCY:
         found = discrepant(model)
-        beyond = replace(model, residuals=[b - x for b, x in zip(model.residuals, found)])
+        beyond = _without(model, found)
         if discrepancy_evidence > 0.0:
             discrepancy_evidence = _but_for_slow_noise(model, beyond, discrepancy_evidence)
         model = beyond
@@ -139,13 +139,17 @@ def _but_for_slow_noise(model: LinearisedModel, beyond: LinearisedModel, evidenc
     beyond : LinearisedModel
         With the discrepancy, as training blocks show it, taken off.
     """
-    every = replace(model, residuals=[
-        b - x for b, x in zip(model.residuals, discrepant(model, trained=False))])
     left = evidence - SLOW * of_slow_noise(model, beyond)
-    channels = len(model.whitened_discrepancy().channels)
-    if evidence < FLAWED * channels and SLOW * of_slow_noise(model, every) > MOSTLY * evidence:
-        left = min(left, held_out_likelihood_ratio(model, beyond))
+    if evidence < FLAWED * len(model.whitened_discrepancy().channels):
+        every = _without(model, discrepant(model, trained=False))
+        if SLOW * of_slow_noise(model, every) > MOSTLY * evidence:
+            left = min(left, held_out_likelihood_ratio(model, beyond))
     return max(0.0, left)
+
+
+def _without(model: LinearisedModel, found: Sequence[Array]) -> LinearisedModel:
+    """Take a discrepancy off the residuals."""
+    return replace(model, residuals=[b - x for b, x in zip(model.residuals, found)])
 
 
 def discrepant(model: LinearisedModel, trained: bool = True) -> list[Array]:
