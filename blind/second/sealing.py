@@ -1,6 +1,8 @@
 """A part of the second edition: made and sealed, opened, and verified by anyone."""
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+import fcntl
 from hashlib import sha256
 import importlib
 import importlib.metadata
@@ -10,6 +12,7 @@ from typing import Any, NamedTuple
 
 from blind.robot import Array
 from blind.seal import commitment, digest, now, read_json, SealError, write_json
+from blind.second import methods
 from blind.second.case import Made, make, Plan, plans, seed_of
 from blind.second.rules import DEVELOPMENT, file_of
 import numpy as np
@@ -128,12 +131,52 @@ def planned(plan: Mapping[str, Any], master: str) -> dict[str, Plan]:
     return {names[i]: cases[names[i]] for i in order}
 
 
+@contextmanager
+def claimed(part: Part, what: str, identity: str) -> Iterator[bool]:
+    """Say whether a case is this process's to work on, and hold it; others hold others."""
+    path = part.private / what / identity
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open('w') as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            yield False
+        else:
+            yield True
+
+
+def prepare(part: Part) -> Iterator[str]:
+    """Make cases, several processes each its own; yields each that is made."""
+    plan, master = part.read('plan'), read_json(part.private / 'master.json')['master']
+    for identity, one in planned(plan, master).items():
+        with claimed(part, 'making', identity) as mine:
+            if mine and not part.recordings(identity).exists():
+                _make(part, identity, one)
+                yield identity
+
+
+def _make(part: Part, identity: str, one: Plan) -> Made:
+    """Make a case, and ask simpler methods of it, which are no part of what is checked."""
+    bases: list[Any] = []
+
+    def held(*words: Any) -> Any:
+        bases[:] = [generator(one.generator)(*words)]
+        return bases[0]
+
+    made = _keep(part, identity, make(one, held))
+    measured = bases[0].measured(made.arrays)
+    write_json(part.private / 'baselines' / f'{identity}.json', {
+        **methods.judge(bases[0], measured),
+        'oracle': methods.told(bases[0], made.label, measured)}, private=True)
+    return made
+
+
 def seal(part: Part) -> Iterator[str]:
     """Make every case, then publish what binds it; yields each that is made."""
     plan, master = part.read('plan'), read_json(part.private / 'master.json')['master']
     bound, labels = {}, {}
     for identity, one in planned(plan, master).items():
-        made = kept(part, identity) or _keep(part, identity, make(one, generator(one.generator)))
+        made = kept(part, identity) or _make(part, identity, one)
         labels[identity] = made.label
         bound[identity] = {'generator': one.generator, 'case': content(made.arrays),
                            'label': commitment(made.label, nonce_of(master, identity))}
