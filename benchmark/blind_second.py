@@ -33,7 +33,7 @@ from blind.second.sealing import Part
 from tqdm import tqdm
 
 OPENINGS = ROOT / 'benchmark' / 'blind' / 'second'
-STEPS = ('seal', 'run', 'open', 'all', 'baselines', 'make')
+STEPS = ('seal', 'run', 'open', 'all', 'baselines', 'make', 'ask')
 
 
 def main(words):
@@ -76,7 +76,7 @@ def work(args):
     part = part_of(args.number, args.development)
     steps = STEPS[:3] if args.step == 'all' else (args.step,)
     for step in steps:
-        {'make': seal, 'seal': seal, 'run': run, 'open': show, 'baselines': baselines}[step](part, args)
+        DO[step](part, args)
     return 0
 
 
@@ -128,34 +128,30 @@ def show(part, args):
     write_scores(part)
 
 
-def baselines(part, args):
-    """Ask simpler methods of every answered case; goes on where it was."""
-    from blind.second import methods
-    from blind.second.rules import half
+def ask(part, args):
+    """Ask simpler methods of cases that are made, sealed or not; answers stay with the labels."""
+    for identity in sealing.ask(part):
+        print(identity, flush=True)
 
-    answers, labels = part.read('answers'), part.read('opened')['labels']
+
+def baselines(part, args):
+    """Publish what simpler methods say of every answered case; goes on where it was."""
+    answers, plans = part.read('answers'), None
     path = part.public / 'baselines.json'
     told = part.read('baselines') if path.exists() else {}
     for one, bound in tqdm(part.read('commitments').items(), disable=None):
-        if one not in answers or one in told or not _can(bound['generator']):
+        if one not in answers or one in told:
             continue
-        asked = part.private / 'baselines' / f'{one}.json'
-        if asked.exists():  # as the case was made
-            told[one] = read_json(asked)
-            continue
-        label = labels[one]
-        base = sealing.generator(label['generator'])(label['seed'], half(label['half'])[1])
-        made = sealing.kept(part, one) or sealing.made_anew(part, one)
-        measured = base.measured(made.arrays)
-        told[one] = {**methods.judge(base, measured),
-                     'oracle': methods.told(base, label, measured)}
-        write_json(path, told)
+        before = part.private / 'baselines' / f'{one}.json'
+        if before.exists():
+            told[one] = read_json(before)
+        elif bound['generator'] != 'real' or _has_recordings():
+            plans = plans or sealing.planned(part.read('plan'), part.read('opened')['master'])
+            told[one] = sealing.asked(plans[one], sealing.kept(part, one)
+                                      or sealing.made_anew(part, one))
+            write_json(path, told)
     write_json(path, told)
     write_scores(part)
-
-
-def _can(generator):
-    return generator != 'real' or _has_recordings()
 
 
 def write_scores(part):
@@ -232,6 +228,9 @@ def _said(document):
                       for one in document.get('candidates', []))
     return f'{document["verdict"]}: {named}'
 
+
+DO = {'make': seal, 'seal': seal, 'run': run, 'open': show, 'ask': ask, 'baselines': baselines}
+"""What each step does."""
 
 if __name__ == '__main__':
     sys.exit(main(sys.argv[1:]))

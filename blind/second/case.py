@@ -205,7 +205,7 @@ def _law(base: Any, kind: Kind, rng: np.random.Generator, rules: Rules) -> _Law:
         sound = min(energy / max(1e-12, float(whole @ whole)) / LEFT,
                     peaks[-1] / max(1e-12, peaks[0]) / ALIKE)
         if sound > how_sound:
-            best, how_sound = _Law(both, energy, energy / max(1e-12, max(peaks))**2), sound
+            best, how_sound = _Law(both, energy, energy / max(1e-12, *peaks)**2), sound
         if sound > 1.0:
             break
     assert best is not None

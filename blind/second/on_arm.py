@@ -112,7 +112,7 @@ class OnArm:
     def knowing(self, forms: Mapping[str, Effect]) -> 'OnArm':
         """Return the same case with other forms of effects."""
         other = copy.copy(self)
-        other._known = {**LIBRARY, **forms}
+        vars(other)['_known'] = {**LIBRARY, **forms}
         return other
 
     def measured(self, arrays: Mapping[str, Array]) -> dict[str, Array]:

@@ -146,7 +146,7 @@ class OnReal:
     def knowing(self, forms: Mapping[str, Effect]) -> 'OnReal':
         """Return the same case with other forms of effects."""
         other = copy.copy(self)
-        other._known = {**LIBRARY, **forms}
+        vars(other)['_known'] = {**LIBRARY, **forms}
         return other
 
     def measured(self, arrays: Mapping[str, Array]) -> dict[str, Array]:

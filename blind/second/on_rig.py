@@ -74,7 +74,7 @@ class OnRig:
     def knowing(self, forms: Mapping[str, Effect]) -> 'OnRig':
         """Return the same case with other forms of effects."""
         other = copy.copy(self)
-        other._known = {**LIBRARY, **OUTSIDE, **forms}
+        vars(other)['_known'] = {**LIBRARY, **OUTSIDE, **forms}
         return other
 
     def measured(self, arrays: Mapping[str, Array]) -> dict[str, Array]:

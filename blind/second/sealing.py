@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from blind.robot import Array
 from blind.seal import commitment, digest, now, read_json, SealError, write_json
-from blind.second import methods
+from blind.second import methods, rules
 from blind.second.case import Made, make, Plan, plans, seed_of
 from blind.second.rules import DEVELOPMENT, file_of
 import numpy as np
@@ -151,24 +151,27 @@ def prepare(part: Part) -> Iterator[str]:
     for identity, one in planned(plan, master).items():
         with claimed(part, 'making', identity) as mine:
             if mine and not part.recordings(identity).exists():
-                _make(part, identity, one)
+                _keep(part, identity, make(one, generator(one.generator)))
                 yield identity
 
 
-def _make(part: Part, identity: str, one: Plan) -> Made:
-    """Make a case, and ask simpler methods of it, which are no part of what is checked."""
-    bases: list[Any] = []
+def ask(part: Part) -> Iterator[str]:
+    """Ask simpler methods of cases, several processes each its own; yields each that was asked."""
+    plan, master = part.read('plan'), read_json(part.private / 'master.json')['master']
+    for identity, one in planned(plan, master).items():
+        path = part.private / 'baselines' / f'{identity}.json'
+        with claimed(part, 'asking-others', identity) as mine:
+            made = kept(part, identity)
+            if mine and made and not path.exists():
+                write_json(path, asked(one, made), private=True)
+                yield identity
 
-    def held(*words: Any) -> Any:
-        bases[:] = [generator(one.generator)(*words)]
-        return bases[0]
 
-    made = _keep(part, identity, make(one, held))
-    measured = bases[0].measured(made.arrays)
-    write_json(part.private / 'baselines' / f'{identity}.json', {
-        **methods.judge(bases[0], measured),
-        'oracle': methods.told(bases[0], made.label, measured)}, private=True)
-    return made
+def asked(one: Plan, made: Made) -> dict[str, Any]:
+    """Return what simpler methods say of a case, and what the oracle finds."""
+    base = generator(one.generator)(one.seed, rules.half(one.half)[1])
+    measured = base.measured(made.arrays)
+    return {**methods.judge(base, measured), 'oracle': methods.told(base, made.label, measured)}
 
 
 def seal(part: Part) -> Iterator[str]:
@@ -176,7 +179,7 @@ def seal(part: Part) -> Iterator[str]:
     plan, master = part.read('plan'), read_json(part.private / 'master.json')['master']
     bound, labels = {}, {}
     for identity, one in planned(plan, master).items():
-        made = kept(part, identity) or _make(part, identity, one)
+        made = kept(part, identity) or _keep(part, identity, make(one, generator(one.generator)))
         labels[identity] = made.label
         bound[identity] = {'generator': one.generator, 'case': content(made.arrays),
                            'label': commitment(made.label, nonce_of(master, identity))}
