@@ -7,6 +7,7 @@
     python benchmark/blind_check.py second 1 --development all --rig 4 --arm 2 --real 4
     python benchmark/blind_check.py verify [--cases N]
     python benchmark/blind_check.py rerun [--cases N]
+    python benchmark/blind_check.py compare 2 3
 
 ``seal`` makes all cases and publishes what binds them; commit that. ``run`` asks the tool, in the
 order that was sealed, and starts no case after the hour. Several processes of ``run``, and of
@@ -63,6 +64,9 @@ def parse(words):
         one.add_argument('--part', type=int, nargs='*', help='(default: all)')
         one.add_argument('--cases', type=int, default=0 if name == 'verify' else 10)
         one.set_defaults(work=function)
+    two = commands.add_parser('compare', help='two opened parts, row by row')
+    two.add_argument('parts', type=int, nargs=2)
+    two.set_defaults(work=compare)
     return parser.parse_args(words)
 
 
@@ -221,6 +225,13 @@ def rerun(args):
                   + ('' if same else f', now {_said(again)}'), flush=True)
     print(f'{differ} answers differ')
     return int(differ > 0)
+
+
+def compare(args):
+    from blind.second import others
+
+    print('\n'.join(others.against(*(part_of(one).read('scores') for one in args.parts))))
+    return 0
 
 
 def _said(document):
