@@ -40,10 +40,10 @@ def table(told: Mapping[str, Mapping[str, Any]], cases: Sequence[Judged]) -> lis
     found = [told[c.identity]['oracle'] for c in known]
     seen = sum(one['strength'] > SEEN * one['error'] for one in found)
     off = float(np.median([abs(one['strength'] - 1) for one in found])) if found else math.nan
-    said = (f'beyond {SEEN:g} standard errors: {seen} of {len(found)}; off by {100 * off:.0f} % at '
-            'the median')
-    return [*lines, f'| the oracle, told the effect and its form, fits its strength | | {said} | |',
-            '']
+    said = (f'beyond {SEEN:g} standard errors: {seen} of {len(found)}; '
+            f'off by {100 * off:.0f} % at the median')
+    word = 'the oracle, told the effect and its form, fits its strength'
+    return [*lines, f'| {word} | | {said} | |', '']
 
 
 def _of_truth(c: Judged, odds: Mapping[str, float]) -> float:
