@@ -214,7 +214,7 @@ def _law(base: Any, kind: Kind, rng: np.random.Generator, rules: Rules) -> _Law:
 
 def _peak(one: Added, moved: Any) -> float:
     """Return the largest change in what a sensor carries: a load and a half, as much as weight."""
-    carried = 1.5 * moved.load
+    carried = 1.5 * float(moved.load)
     return max(float(np.abs(one.wrench[:, :3]).max()) / carried,
                float(np.abs(one.wrench[:, 3:]).max()) / (ARM * carried),
                float(np.abs(one.accel).max()) / 9.81,
