@@ -9,7 +9,11 @@ import re
 from forcecal_ros.cli import main
 from forcecal_ros.diagnose import by_simulator
 from forcecal_ros.diagnose.by_simulator import diagnose_rerun
-from forcecal_ros.diagnose.inputs.measured_joints import compared, of_same_joints
+from forcecal_ros.diagnose.inputs.measured_joints import (
+    compared,
+    not_simulated,
+    of_same_joints,
+)
 from forcecal_ros.diagnose.inputs.motion_dataset import held_out
 from forcecal_ros.diagnose.inputs.stamps import evened
 from forcecal_ros.diagnose.model.jacobian import nuisance_column
@@ -275,6 +279,15 @@ def test_joints_that_a_simulator_has_are_compared_and_no_others():
                                           r'expected \(n,\) and \(n, 3\)'):
         third_party('own', Own({'wrench': WRENCH, 'pose': POSE, 'joints': (T, rows[:, :2])})).run(
             inputs, (1.0,))
+
+
+def test_measured_joints_that_a_simulator_lacks_are_said():
+    assert not list(not_simulated((), ()))
+    assert not list(not_simulated(('lift',), ('lift',)))
+    none, = not_simulated(('shoulder', 'elbow'), ())
+    assert none.startswith('it simulates none of the joints in joint_states (shoulder, elbow)')
+    some, = not_simulated(('shoulder', 'finger'), ('shoulder',))
+    assert some.endswith('joints finger')
 
 
 def test_commands_of_joints_are_read_as_they_were_told(tmp_path):

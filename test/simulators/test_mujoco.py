@@ -402,6 +402,22 @@ def test_a_model_is_tried_from_the_command_line(model, tmp_path, capsys):
         assert main(['check-simulator', str(tmp_path / 'real'), option, 'ft']) == 2
 
 
+def test_measured_joints_are_tried_too(model, tmp_path, capsys):
+    path, joints = model(), told(6.0)
+    write_recording(tmp_path / 'real', replace(measured(path, 6.0, {}), joints=joints))
+    place = ['--sensor-from-pose', *'0 0 0 0 0 0 1'.split()]
+    assert main(['check-simulator', str(tmp_path / 'real'), '--mujoco', path, *place]) == 0
+    said = capsys.readouterr().out
+    assert 'simulates wrench, pose, joints' in said
+    again = f'forcecal diagnose {tmp_path / "real"} --mujoco {path} {" ".join(place)} -o why'
+    assert f'next: {again}' in said
+    assert main(['check-simulator', str(tmp_path / 'real'), '--mujoco', path, '--json']) == 0
+    document = json.loads(capsys.readouterr().out)
+    rubs, = (one for one in document['sensitivity'] if one['name'] == 'dof_frictionloss[lift]')
+    # a tenth of 0.5 N m and 0.1 N m, of 4000 N m/rad
+    assert rubs['joints'] == pytest.approx(0.15 / 4e3, rel=0.5)
+
+
 @pytest.mark.long
 def test_friction_of_a_joint_is_named_with_its_number(model, tmp_path, capsys):
     path = model()
