@@ -31,8 +31,9 @@ from forcecal_ros.diagnose.inputs.simulated_tool import (
 )
 from forcecal_ros.diagnose.inputs.stamps import Corrected, evened
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND
+from forcecal_ros.diagnose.refit import Bent, bent, refitted, widened
 from forcecal_ros.diagnose.say.result import Diagnosis, NO_MOTION
-from forcecal_ros.diagnose.say.verdict import FURTHER
+from forcecal_ros.diagnose.say.verdict import FIRST, FURTHER
 from forcecal_ros.effects.nuisances import LIMIT
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
@@ -64,6 +65,12 @@ LESS = 0.05
 """
 Share of the misfit that is gone in the prediction and not when the simulator is run, from which
 all parameters are tried again: the width of most confidence intervals of that share.
+"""
+
+SETTLED = 1.0
+"""
+Standard errors that a number would still move, where the simulator was run as it was found, from
+which it is fitted once more about there: half of what chance makes of it.
 """
 
 KNOCKS = ('for {:.1f} s the simulated tool knocks at something, or sticks and slips, so that half '
@@ -198,7 +205,12 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...],
         recomputed = _recomputed(ready, judged, outcome) if changed else None
         if straight and not _falls_short(outcome, recomputed):
             break
-    notes = (*outcome.diagnosis.notes, *simulator.notes, *_recalibrated(simulator, outcome),
+    remarks = tuple(dict.fromkeys(x for one in ready for x in one.remarks))
+    if changed:
+        outcome = _settled(ready, judged, outcome, not short)
+        changed, recomputed = _changes(simulator, outcome), _recomputed(ready, judged, outcome)
+    notes = (*outcome.diagnosis.notes, *simulator.notes, *remarks,
+             *_recalibrated(simulator, outcome),
              *dict.fromkeys(filter(None, [*(x for one in ready for x in one.notes), short])),
              *named_joints(ready[0].simulation.joints, given))
     told = in_unit('m/s^2', outcome.diagnosis)
@@ -206,8 +218,37 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...],
         word, apart, more = told.reason.partition('; ')
         told = replace(told, reason=f'{word}, with {" and ".join(held)} as far off as three '
                                     f'sigma allow{apart}{more}')
+    if remarks and told.verdict in ('unknown', 'partial'):
+        told = replace(told, reason=f'{told.reason}; {FIRST}{remarks[0]}')
     outcome = replace(outcome, diagnosis=replace(told, notes=notes))
     return RerunDiagnosis(outcome, changed, sum(one.runs.count for one in ready), recomputed)
+
+
+def _settled(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...], outcome: Outcome,
+             again: bool) -> Outcome:
+    """Fit the numbers named about where they were found, and say what a line leaves wrong."""
+    off = _bent(ready, outcome)
+    moves = max((abs(one.shift) / one.std for one in off.values() if one.std), default=0.0)
+    if again and moves > SETTLED and not runs_short(ready[0].runs.simulator,
+                                                    [one.runs for one in ready]):
+        assert isinstance(outcome.rig, SimulatedRobot)
+        for one in ready:
+            one.runs.try_all(outcome.rig.numbers)
+            one.simulation.forget()
+        anew = refitted(outcome)
+        if _squares(ready, judged, anew)[-1] < _squares(ready, judged, outcome)[-1]:
+            outcome, off = anew, _bent(ready, anew)
+    return widened(outcome, off)
+
+
+def _bent(ready: Sequence['_Prepared'], outcome: Outcome) -> dict[str, Bent]:
+    """Run the simulator as it was found, and say how far its named numbers would still move."""
+    if outcome.selection is None or not isinstance(outcome.rig, SimulatedRobot):
+        return {}
+    for one in ready:
+        one.runs.exact(outcome.rig.numbers)
+        one.simulation.forget()
+    return bent(outcome.selection)
 
 
 class _Prepared(NamedTuple):
@@ -218,6 +259,7 @@ class _Prepared(NamedTuple):
     tool: SimulatedTool
     robot: SimulatedRobot
     notes: tuple[str, ...]
+    remarks: tuple[str, ...]
 
 
 def _prepared(stamps: Corrected, simulator: ThirdParty, tool: SimulatedTool | None, rig: Rig
@@ -246,7 +288,8 @@ def _prepared(stamps: Corrected, simulator: ThirdParty, tool: SimulatedTool | No
     dataset = Dataset(real, simulation, MeasuredBlocks(seen, start, n), nominal, groups,
                       real.phases or made_up(groups, start), np.ones(n, bool), np.zeros(n, bool))
     notes = tuple(filter(None, (note, _without_knocking(dataset, simulation.knocking(robot)))))
-    return _Prepared(dataset, stamps, runs, simulation, known, robot, notes)
+    return _Prepared(dataset, stamps, runs, simulation, known, robot, notes,
+                     simulator.remarks(inputs_of(real)))
 
 
 def _without_knocking(dataset: Dataset, knocking: NDArray[np.bool_]) -> str:
@@ -357,10 +400,19 @@ def _recomputed(ready: Sequence[_Prepared], judged: Sequence[Dataset], outcome: 
     The share that the diagnosis states, times what the run explains of the squares on judged
     blocks for what its linear prediction explains of them.
     """
-    gap, noise, robot = outcome.diagnosis.gap, outcome.noise, outcome.rig
-    if gap is None or noise is None or not isinstance(robot, SimulatedRobot):
+    gap = outcome.diagnosis.gap
+    if gap is None or outcome.noise is None or not isinstance(outcome.rig, SimulatedRobot):
         return None
-    squares = np.zeros(3)
+    before, linear, exact = _squares(ready, judged, outcome)
+    explained = before - linear
+    return float(gap.closed * (before - exact) / explained) if explained > 0.0 else None
+
+
+def _squares(ready: Sequence[_Prepared], judged: Sequence[Dataset], outcome: Outcome) -> Array:
+    """Sum the squares on judged blocks: recalibrated, as predicted and as it is when run."""
+    noise, robot, squares = outcome.noise, outcome.rig, np.zeros(3)
+    assert isinstance(robot, SimulatedRobot)
+    assert noise is not None
     for one, dataset, before, linear in zip(ready, judged, outcome.recalibrated,
                                             outcome.explained):
         one.runs.exact(robot.numbers)
@@ -369,5 +421,4 @@ def _recomputed(ready: Sequence[_Prepared], judged: Sequence[Dataset], outcome: 
         for i, blocks in enumerate((before, linear, exact)):
             rows = np.where(dataset.measured.present, blocks, 0.0)[dataset.held]
             squares[i] += float(np.sum((rows / np.where(noise > 0.0, noise, np.inf)) ** 2))
-    explained = squares[0] - squares[1]
-    return float(gap.closed * (squares[0] - squares[2]) / explained) if explained > 0.0 else None
+    return squares

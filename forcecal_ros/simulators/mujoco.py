@@ -7,7 +7,7 @@ show the state before it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from forcecal_ros.simulators.mujoco_drives import (
     warned,
     why_not,
 )
+from forcecal_ros.simulators.mujoco_limits import Forces, Limit, limit_numbers, limits_of
 from forcecal_ros.simulators.mujoco_numbers import Number, numbers_of
 from forcecal_ros.simulators.protocol import Inputs, Parameter
 import numpy as np
@@ -70,6 +71,8 @@ class MujocoRobot:
     numbers : tuple
     notes : tuple of str
         What the user should know of the model.
+    limits : tuple of Limit
+        Of the force of its drives.
     """
 
     path: str
@@ -80,19 +83,44 @@ class MujocoRobot:
     turned: Array | None
     numbers: tuple[Number, ...]
     notes: tuple[str, ...]
+    limits: tuple[Limit, ...] = ()
+    _seen: list[tuple[Inputs, Touched, Forces]] = field(default_factory=list, repr=False)
 
     def parameters(self) -> Sequence[Parameter]:
         """List what can be set."""
         return [one.parameter for one in self.numbers]
 
     def idle(self, inputs: Inputs) -> Sequence[str]:
-        """Name the parameters of contacts that do not come about under these commands."""
+        """Name the parameters of contacts and limits that are not come to under these commands."""
         of_contacts = {p.name for p in self.parameters() if p.stage == 'environment'}
-        if not of_contacts:
+        of_limits = {one.name for one in self.limits}
+        if not (of_contacts or of_limits):
             return []
-        touched = Touched(self.model, self.tool)
-        self._simulated(inputs, {}, 1, touched.look)
-        return sorted(of_contacts - touched.parameters)
+        touched, forces = self._looked_at(inputs)
+        return sorted((of_contacts - touched.parameters)
+                      | (of_limits - {one.name for one in forces.near()}))
+
+    def remarks(self, inputs: Inputs) -> Sequence[str]:
+        """Say which drives are at the limit of their force under these commands."""
+        if not self.limits:
+            return []
+        return list(self._looked_at(inputs)[1].said(float(self.model.opt.timestep)))
+
+    def _looked_at(self, inputs: Inputs) -> tuple[Touched, Forces]:
+        """Run it, unless that was done, to see what it touches and how much its drives give."""
+        for seen, touched, forces in self._seen:
+            if (seen.joints is inputs.joints
+                    and (seen.start, seen.end) == (inputs.start, inputs.end)):
+                return touched, forces
+        touched, forces = Touched(self.model, self.tool), Forces(self.model, self.limits)
+
+        def look(data: Any) -> None:
+            touched.look(data)
+            forces.look(data)
+
+        self._simulated(inputs, {}, 1, look)
+        self._seen.append((inputs, touched, forces))
+        return touched, forces
 
     def simulate(self, inputs: Inputs, parameters: Mapping[str, float]) -> Mapping[str, Any]:
         """
@@ -250,11 +278,13 @@ def load_mujoco(path: str, ft_site: str | None = None, imu: str | None = None) -
         raise ConfigError(f'--mujoco {path}: MuJoCo says {" ".join(str(error).split())}') from None
     drives = found_drives(mujoco, model, path)
     own = of_same_tree(model, drives, body.name)
+    limits = limits_of(model, own)
     numbers = (*numbers_of(mujoco, model, own, body.name, site),
-               *(Number(*one) for one in contact_numbers(model, body.name)))
+               *(Number(*one) for one in (*limit_numbers(model, limits),
+                                          *contact_numbers(model, body.name))))
     turned = _axes(mujoco, model, site).T @ _axes(mujoco, model, imu) if imu else None
     return MujocoRobot(path, model, body.name, tuple(drives), _chain(mujoco, model, body.name),
-                       turned, numbers, tuple(_over_reading(mujoco, model, own)))
+                       turned, numbers, tuple(_over_reading(mujoco, model, own)), tuple(limits))
 
 
 def _ignore(_: str) -> None:

@@ -97,8 +97,10 @@ class Runs:
             step = STEP * p.sigma
             if numbers[i] + step > p.high:
                 step = -step
-            moved = (*numbers[:i], numbers[i] + step, *numbers[i + 1:])
-            changes.append(_change(here, self._passing(moved), p.sigma / step))
+            change = self._changed(here, numbers, i, step)
+            if _is_nothing(change) and numbers[i] - step > p.low:  # a limit acts where it is lower
+                change = self._changed(here, numbers, i, -step)
+            changes.append(change)
         self._changes[numbers] = changes
         if self.simulator.has_finer:
             self._finer[numbers] = _change(*_of_one_length(here, self.halved(numbers)), 1.0)
@@ -115,6 +117,11 @@ class Runs:
     def changes(self, numbers: Numbers) -> Sequence['_Change']:
         """Return what one sigma of each parameter does at a point that was tried."""
         return self._changes[numbers]
+
+    def _changed(self, here: Recording, numbers: Numbers, i: int, step: float) -> _Change:
+        """Run it with another value of a parameter, and say what one sigma of that does."""
+        moved = (*numbers[:i], numbers[i] + step, *numbers[i + 1:])
+        return _change(here, self._passing(moved), self.simulator.parameters[i].sigma / step)
 
     def _passing(self, numbers: Numbers) -> Recording:
         made = self.exact(numbers)
@@ -175,6 +182,10 @@ def _change(here: Recording, there: Recording, scale: float) -> _Change:
     return _Change(wrench, scale * (other.position - one.position), scale * turn,
                    _less(there.accelerometer, here.accelerometer, scale),
                    _less(there.joints, here.joints, scale))
+
+
+def _is_nothing(change: _Change) -> bool:
+    return not any(rows is not None and rows.any() for rows in change)
 
 
 def _less(one: Stream | None, other: Stream | None, scale: float) -> Array | None:

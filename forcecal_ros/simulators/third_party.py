@@ -86,6 +86,14 @@ class ThirdParty:
         return replace(self, parameters=tuple(
             p for p in self.parameters if p.name not in never))
 
+    def remarks(self, inputs: Inputs) -> tuple[str, ...]:
+        """Return what it says of a run under these commands, where it has such a method."""
+        say = getattr(self.simulator, 'remarks', None)
+        if say is None:
+            return ()
+        with _blamed(f'{self.name}: remarks'):
+            return tuple(map(str, say(inputs)))
+
     @property
     def has_finer(self) -> bool:
         """Whether it can be run with half its step of integration."""
