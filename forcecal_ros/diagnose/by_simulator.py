@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.diagnose.by_motion import in_unit
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
+from forcecal_ros.diagnose.imitations import judged_beside, tried
 from forcecal_ros.diagnose.inputs.accelerometer import as_compared, imus_compared
 from forcecal_ros.diagnose.inputs.dataset import Dataset, made_up
 from forcecal_ros.diagnose.inputs.measured_joints import (
@@ -203,12 +204,16 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...],
         point = outcome.rig.numbers
         straight = _predicted(ready, point)  # before it is run there
         recomputed = _recomputed(ready, judged, outcome) if changed else None
-        if straight and not _falls_short(outcome, recomputed):
+        if straight and not _falls_short(outcome, recomputed) and not _might_bend(outcome):
             break
     remarks = tuple(dict.fromkeys(x for one in ready for x in one.remarks))
     if changed:
         outcome = _settled(ready, judged, outcome, not short)
-        changed, recomputed = _changes(simulator, outcome), _recomputed(ready, judged, outcome)
+        recomputed = _recomputed(ready, judged, outcome)
+        squares = _squares(ready, judged, outcome)
+        if other := tried([one.simulation for one in ready], judged, outcome, simulator):
+            outcome = judged_beside(outcome, other, squares)
+        changed = _changes(simulator, outcome)
     notes = (*outcome.diagnosis.notes, *simulator.notes, *remarks,
              *_recalibrated(simulator, outcome),
              *dict.fromkeys(filter(None, [*(x for one in ready for x in one.notes), short])),
@@ -333,6 +338,11 @@ def _predicted(ready: Sequence[_Prepared], point: Numbers) -> bool:
             if np.linalg.norm(wrong) > ROUGH * np.linalg.norm(moved):
                 return False
     return True
+
+
+def _might_bend(outcome: Outcome) -> bool:
+    """Say whether what is unexplained may be what a line about the nominal numbers leaves."""
+    return outcome.diagnosis.verdict == 'unknown'
 
 
 def _falls_short(outcome: Outcome, recomputed: float | None) -> bool:

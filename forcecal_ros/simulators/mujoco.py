@@ -27,7 +27,7 @@ from forcecal_ros.simulators.mujoco_drives import (
 )
 from forcecal_ros.simulators.mujoco_limits import Forces, Limit, limit_numbers, limits_of
 from forcecal_ros.simulators.mujoco_numbers import Number, numbers_of
-from forcecal_ros.simulators.protocol import Inputs, Parameter
+from forcecal_ros.simulators.protocol import Imitation, Inputs, Parameter
 import numpy as np
 from numpy.typing import NDArray
 
@@ -106,6 +106,21 @@ class MujocoRobot:
             return []
         return list(self._looked_at(inputs)[1].said(float(self.model.opt.timestep)))
 
+    def imitation(self, name: str, change: float) -> Imitation | None:
+        """Say that play in the drive of a joint looks like more friction of that joint."""
+        rubs = _named(RUBS, {name: change})
+        for one in self.drives:
+            if (more := rubs.get(one.joint, 0.0)) > 0.0 and (stiff := one.stiffness(self.model)):
+                slides = 'm' if self._slides(one.joint) else 'rad'
+                return Imitation(f'{PLAY}[{one.joint}]', more / stiff, slides, NO_PLAY)
+        return None
+
+    def _slides(self, joint: str) -> bool:
+        import mujoco
+
+        return bool(self.model.jnt_type[self.model.joint(joint).id]
+                    == mujoco.mjtJoint.mjJNT_SLIDE)
+
     def _looked_at(self, inputs: Inputs) -> tuple[Touched, Forces]:
         """Run it, unless that was done, to see what it touches and how much its drives give."""
         for seen, touched, forces in self._seen:
@@ -183,7 +198,7 @@ class MujocoRobot:
         step = float(model.opt.timestep)
         t = inputs.start + step * np.arange(int((inputs.end - inputs.start) / step) + 1)
         q = np.stack([np.interp(t, given.t, one) for one in given.values.T], axis=1)
-        controller = Controller(model, driven, q, step)
+        controller = Controller(model, driven, q, step, _named(PLAY, parameters))
         controller.begin(data)
         for _ in range(round(SETTLING / step)):
             controller.hold(data)
@@ -233,8 +248,19 @@ class MujocoRobot:
         return str(spec.to_xml())
 
 
+RUBS, PLAY = 'dof_frictionloss', 'backlash'
+
+NO_PLAY = ('which no number of the model makes: let the controller of that joint command through '
+           'play of so much to either side')
+
 OWN = 'forcecal_'
 """Before the names of the sensors that are added to a model."""
+
+
+def _named(field: str, parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return by joint what parameters say of a field."""
+    return {name[len(field) + 1:-1]: value for name, value in parameters.items()
+            if name.startswith(f'{field}[')}
 
 
 def load_mujoco(path: str, ft_site: str | None = None, imu: str | None = None) -> MujocoRobot:

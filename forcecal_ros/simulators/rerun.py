@@ -7,6 +7,7 @@ counts.
 """
 
 from collections.abc import Hashable, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -127,6 +128,19 @@ class Runs:
         made = self.exact(numbers)
         del self._exact[numbers]
         return made
+
+    def otherwise(self, numbers: Numbers, beside: Mapping[str, float]) -> 'Runs':
+        """Run the simulator with something beside its parameters; what is near stays as it is."""
+        made = self.simulator.run(self._inputs, numbers, beside)
+        assert made.pose is not None
+        self.count += 1
+        other = copy(self)
+        other.keep(numbers, replace(made, pose=in_base_of(self._measured, made.pose)))
+        return other
+
+    def keep(self, numbers: Numbers, made: Recording) -> None:
+        """Take this for what it says there."""
+        self._exact = {**self._exact, numbers: made}
 
     def at(self, numbers: Numbers) -> Recording:
         """Return what it says with other parameters, as far as that is linear in them."""
@@ -292,9 +306,16 @@ class Rerun:
         force = np.linalg.norm(block_means(changed)[:, :3], axis=1)
         return touches(block_means(tool.beyond)) & around(force > FORCE)
 
+    def otherwise(self, numbers: Numbers, beside: Mapping[str, float]) -> 'Rerun':
+        """Return the same with the simulator run with something beside its parameters."""
+        other = copy(self)
+        other.runs = self.runs.otherwise(numbers, beside)
+        other.forget()
+        return other
+
     def forget(self) -> None:
         """Let what was predicted be asked for anew, where the simulator was run meanwhile."""
-        self._carried.clear()
+        self._carried = {}
 
     def signals(self, rig: Rig) -> Signals:
         """
