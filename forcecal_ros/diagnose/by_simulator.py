@@ -1,6 +1,6 @@
 """From a recording and a simulator that can be run to a diagnosis."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -31,11 +31,10 @@ from forcecal_ros.diagnose.inputs.simulated_tool import (
     TURN,
 )
 from forcecal_ros.diagnose.inputs.stamps import Corrected, evened
-from forcecal_ros.diagnose.judge.named_effects import AT_BOUND
+from forcecal_ros.diagnose.numbers_found import Changed, changes, held, recalibrated
 from forcecal_ros.diagnose.refit import Bent, bent, refitted, widened
 from forcecal_ros.diagnose.say.result import Diagnosis, NO_MOTION
-from forcecal_ros.diagnose.say.verdict import FIRST, FURTHER
-from forcecal_ros.effects.nuisances import LIMIT
+from forcecal_ros.diagnose.say.verdict import FIRST
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
@@ -45,7 +44,7 @@ from forcecal_ros.simulators.rerun import Numbers, refuse_unsteady, Rerun, Runs
 from forcecal_ros.simulators.rigid_tool import beyond
 from forcecal_ros.simulators.run_limit import refuse_too_many, runs_short
 from forcecal_ros.simulators.signals import BLOCK
-from forcecal_ros.simulators.simulated_robot import simulated_robot, SimulatedRobot, STEP
+from forcecal_ros.simulators.simulated_robot import simulated_robot, SimulatedRobot
 from forcecal_ros.simulators.third_party import ThirdParty
 import numpy as np
 from numpy.typing import NDArray
@@ -74,36 +73,16 @@ Standard errors that a number would still move, where the simulator was run as i
 which it is fitted once more about there: half of what chance makes of it.
 """
 
+REFITS = 3
+"""
+Times that numbers named are fitted once more: each leaves the square of what was left before, so
+that three settle whatever two rounds came near.
+"""
+
 KNOCKS = ('for {:.1f} s the simulated tool knocks at something, or sticks and slips, so that half '
           'the step of its integration changes its wrench by more than 1 N: left out, as that is '
           'chance; touch more softly or slide less')
 """What is said of contact that no number of a simulator is told by."""
-
-CERTAIN = 3.0
-"""Standard errors from which a recalibrated parameter is told: once in 400 by chance."""
-
-
-class Changed(NamedTuple):
-    """
-    A parameter of the simulator as it was, as it should be, and its standard error.
-
-    Where it is at its bound, that says nothing.
-    """
-
-    name: str
-    unit: str
-    before: float
-    after: float
-    std: float
-    at_bound: bool = False
-
-    def __str__(self) -> str:
-        unit = '' if self.unit == '1' else f' {self.unit}'
-        moved = f'{self.name} {self.before:.4g} -> {self.after:.4g}'
-        if self.at_bound or self.std == 0.0:
-            return f'{moved}{unit} ({AT_BOUND})'
-        return f'{moved} +- {self.std:.2g}{unit}'
-
 
 class RerunDiagnosis(NamedTuple):
     """
@@ -198,7 +177,7 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...],
             one.runs.try_all(point)
             one.simulation.forget()
         outcome = diagnose_datasets(robot, judged, [one.stamps for one in ready], given)
-        changed, recomputed = _changes(simulator, outcome), None
+        changed, recomputed = changes(simulator, outcome), None
         if not isinstance(outcome.rig, SimulatedRobot):
             break
         point = outcome.rig.numbers
@@ -213,15 +192,15 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...],
         squares = _squares(ready, judged, outcome)
         if other := tried([one.simulation for one in ready], judged, outcome, simulator):
             outcome = judged_beside(outcome, other, squares)
-        changed = _changes(simulator, outcome)
+        changed = changes(simulator, outcome)
     notes = (*outcome.diagnosis.notes, *simulator.notes, *remarks,
-             *_recalibrated(simulator, outcome),
+             *recalibrated(simulator, outcome),
              *dict.fromkeys(filter(None, [*(x for one in ready for x in one.notes), short])),
              *named_joints(ready[0].simulation.joints, given))
     told = in_unit('m/s^2', outcome.diagnosis)
-    if told.verdict == 'no_gap' and (held := _held(simulator, outcome)):
+    if told.verdict == 'no_gap' and (limited := held(simulator, outcome)):
         word, apart, more = told.reason.partition('; ')
-        told = replace(told, reason=f'{word}, with {" and ".join(held)} as far off as three '
+        told = replace(told, reason=f'{word}, with {" and ".join(limited)} as far off as three '
                                     f'sigma allow{apart}{more}')
     if remarks and told.verdict in ('unknown', 'partial'):
         told = replace(told, reason=f'{told.reason}; {FIRST}{remarks[0]}')
@@ -232,18 +211,24 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...],
 def _settled(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...], outcome: Outcome,
              again: bool) -> Outcome:
     """Fit the numbers named about where they were found, and say what a line leaves wrong."""
-    off = _bent(ready, outcome)
-    moves = max((abs(one.shift) / one.std for one in off.values() if one.std), default=0.0)
-    if again and moves > SETTLED and not runs_short(ready[0].runs.simulator,
-                                                    [one.runs for one in ready]):
+    off, simulator = _bent(ready, outcome), ready[0].runs.simulator
+    for _ in range(REFITS if again else 0):
+        if not _moves(off) or runs_short(simulator, [one.runs for one in ready]):
+            break
         assert isinstance(outcome.rig, SimulatedRobot)
         for one in ready:
             one.runs.try_all(outcome.rig.numbers)
             one.simulation.forget()
         anew = refitted(outcome)
-        if _squares(ready, judged, anew)[-1] < _squares(ready, judged, outcome)[-1]:
-            outcome, off = anew, _bent(ready, anew)
+        if _squares(ready, judged, anew)[-1] >= _squares(ready, judged, outcome)[-1]:
+            break
+        outcome, off = anew, _bent(ready, anew)
     return widened(outcome, off)
+
+
+def _moves(off: Mapping[str, Bent]) -> bool:
+    """Say whether a number would still move by more than its standard error."""
+    return any(abs(one.shift) > SETTLED * one.std for one in off.values())
 
 
 def _bent(ready: Sequence['_Prepared'], outcome: Outcome) -> dict[str, Bent]:
@@ -359,47 +344,6 @@ def _wrench(recording: Recording) -> Array:
 def _position(recording: Recording) -> Array:
     assert recording.pose is not None
     return recording.pose.position
-
-
-def _changes(simulator: ThirdParty, outcome: Outcome) -> tuple[Changed, ...]:
-    found = {e.name: e.parameters['value'] for e in outcome.diagnosis.effects
-             if 'value' in e.parameters}
-    return tuple(Changed(p.name, p.unit, p.nominal, found[p.name].value, found[p.name].std,
-                         found[p.name].at_bound) for p in simulator.parameters if p.name in found)
-
-
-def _recalibrated(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]:
-    """Say which parameters are off by no more than they may be."""
-    named = {e.name for e in outcome.diagnosis.effects}
-    held, told = _held(simulator, outcome), []
-    for p in simulator.parameters:
-        x, std = outcome.recalibrations.get(p.name, (0.0, 0.0))
-        if p.name not in (*named, *held) and abs(x) > CERTAIN * std:
-            told.append(str(Changed(p.name, p.unit, p.nominal, p.nominal + x, std)))
-    if told:
-        yield f'recalibrated, within three of their sigma: {"; ".join(told)}'
-    if held:
-        yield (f'{", ".join(held)} {FURTHER}, and beside what else is there is not certain '
-               'enough for a name')
-    finer, std = outcome.recalibrations.get(STEP, (0.0, 0.0))
-    if abs(finer) > CERTAIN * std:
-        yield (f'the step of its integration makes {_sure(finer, std)} times what half the '
-               'step changes, and that was taken out: a smaller step is nearer to the robot')
-    late, std = outcome.recalibrations.get('robot.delay', (0.0, 0.0))
-    if 'robot_delay' not in named and abs(late) > CERTAIN * std:
-        yield f'the robot is {_sure(1e3 * late, 1e3 * std)} ms later than its simulation'
-
-
-def _held(simulator: ThirdParty, outcome: Outcome) -> list[str]:
-    """List the parameters, not named, that would move further than three of their sigma."""
-    named = {e.name for e in outcome.diagnosis.effects}
-    return [p.name for p in simulator.parameters if p.name not in named and abs(
-        outcome.recalibrations.get(p.name, (0.0, 0.0))[0]) > 0.999 * LIMIT * p.sigma]
-
-
-def _sure(value: float, std: float) -> str:
-    """Write a number and its standard error, or that it could go no further."""
-    return f'{value:.2g} +- {std:.1g}' if std > 0.0 else f'{value:.2g} ({AT_BOUND})'
 
 
 def _recomputed(ready: Sequence[_Prepared], judged: Sequence[Dataset], outcome: Outcome

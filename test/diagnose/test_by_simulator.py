@@ -146,6 +146,31 @@ def test_what_a_parameter_changes_is_the_same_wherever_it_is_and_not_simulated_a
     assert len(asked) > 10
 
 
+class Giving:
+    """The robot of the page, with a number that its wrench goes with one over the square of."""
+
+    def __init__(self, robot):
+        self.robot = robot
+
+    def parameters(self):
+        _, lag = self.robot.parameters()
+        return [Parameter('give', 1.0, 0.03, '1', 0.1, 5.0, 'tool', ('tool_mass',)), lag]
+
+    def simulate(self, inputs, parameters):
+        payload = 1.2 / parameters['give'] ** 2
+        return self.robot.simulate(inputs, {'payload': payload, 'lag': parameters['lag']})
+
+
+def test_a_number_that_is_no_straight_line_is_fitted_where_it_was_found(example):
+    giving = third_party('giving', Giving(example[0].make()))
+    found = diagnose_rerun(replace(measured(giving, 0.8, 0.072), target=commands()), None, giving,
+                           TOLERANCES)
+    changed, = found.changed
+    assert changed.name == 'give'
+    assert changed.std < 0.002
+    assert changed.after == pytest.approx(0.8, abs=3.0 * changed.std)
+
+
 class Own:
     """A simulator whose answers a test chooses."""
 
