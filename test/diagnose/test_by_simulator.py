@@ -161,6 +161,7 @@ class Giving:
         return self.robot.simulate(inputs, {'payload': payload, 'lag': parameters['lag']})
 
 
+@pytest.mark.long
 def test_a_number_that_is_no_straight_line_is_fitted_where_it_was_found(example):
     giving = third_party('giving', Giving(example[0].make()))
     found = diagnose_rerun(replace(measured(giving, 0.8, 0.072), target=commands()), None, giving,
