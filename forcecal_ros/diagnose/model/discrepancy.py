@@ -108,9 +108,10 @@ class Discrepancy:
         """Return it whitened by a noise: the last one, which takes much memory, is kept."""
         kept = self._kept
         if kept is None or any(a is not b for a, b in zip(kept.noise, noise, strict=True)):
-            self._kept = None
-            self._kept = kept = WhitenedDiscrepancy(self.basis, self.signal, self.train,
-                                                    list(noise))
+            self._kept = WhitenedDiscrepancy(self.basis, self.signal, self.train, list(noise))
+            if kept is not None:
+                self._kept.take_over(kept)
+            kept = self._kept
         return kept
 
 
@@ -133,6 +134,13 @@ class WhitenedDiscrepancy:
                          if any(n.sigma[:, c].any() for n in noise)]
         self._found: dict[int, _Modes] = {}
         self._factors: dict[tuple[int, bool, float], Array] = {}
+
+    def take_over(self, other: 'WhitenedDiscrepancy') -> None:
+        """Take over what another one holds of channels that are whitened alike."""
+        alike = {c for c in other.channels
+                 if all(a.same(b, c) for a, b in zip(self.noise, other.noise, strict=True))}
+        self._found = {c: modes for c, modes in other._found.items() if c in alike}
+        self._factors = {key: f for key, f in other._factors.items() if key[0] in alike}
 
     def modes(self, c: int) -> _Modes:
         """Return a channel's whitened features, which are found at the first time they count."""
