@@ -22,7 +22,11 @@ from forcecal_ros.identify.estimating import jacobian
 from forcecal_ros.identify.static_readings import gravity_spread, Statics
 from forcecal_ros.identify.tool import ToolFit, Weight, X_HAT
 from forcecal_ros.recording.kinematics import AngularMotion, smoothed
-from forcecal_ros.recording.noise.autocovariance import noise_of_windows
+from forcecal_ros.recording.noise.autocovariance import (
+    MOST_LAGS,
+    noise_of_residuals,
+    noise_of_windows,
+)
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
@@ -170,6 +174,9 @@ def identify_moving_tool(
     """
     Fit centre of mass, torque bias and inertia to all blocks of free motion.
 
+    Standard errors are those of the noise at rest, or of what the motion leaves over where that
+    is more.
+
     Parameters
     ----------
     weight : Weight
@@ -220,10 +227,20 @@ def identify_moving_tool(
     by_bias = jacobian(lambda b: fit(b, precision)[0], weight.force_bias, np.full(3, 1e-2))
     noise = noise_of_windows(still_residuals(theta))
     covariance = bread @ noise.covariance_of_sum(instruments) @ bread.T
+    left = np.where(use[:, None], torque_of(weight.force_bias)
+                    - rows_of(weight.force_bias, smooth) @ theta, 0.0)
+    misfit = noise_of_residuals(left, MOST_LAGS, int(use.sum()))
+    covariance = _widened(covariance, bread @ misfit.covariance_of_sum(instruments) @ bread.T)
     covariance = covariance + by_bias @ weight.covariance[1:, 1:] @ by_bias.T
     tool = _tool_fit(weight, statics, theta, covariance, by_bias)
     _, vectors = np.linalg.eigh(np.linalg.inv(covariance[6:, 6:]))
     return tool, InertiaFit(theta[6:], covariance[6:, 6:], vectors[:, 0])
+
+
+def _widened(by_noise: Array, by_misfit: Array) -> Array:
+    """Widen a covariance to the errors that what a motion leaves over makes, where larger."""
+    times = np.sqrt(np.maximum(1.0, np.diag(by_misfit) / np.diag(by_noise)))
+    return np.asarray(by_noise * np.outer(times, times))
 
 
 def _standstill_product(smooth: Array, turned: Array, still: NDArray[np.intp]) -> Array:
