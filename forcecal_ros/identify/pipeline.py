@@ -268,9 +268,9 @@ def _tool(gridded: GriddedRecording, statics: Statics, weight: Weight, slide: Ar
     by_motion = spread[1] * condition < spread[0] and bool(grid.free.any())
     if touched and by_motion:
         raise UnobservableError(
-            f'centre of mass and torque bias are not observable from {len(statics.gravity)} static '
-            f'poses, and {touched}; add a pose tilted about another axis of ft_sensor, or move it '
-            'with nothing that touches it')
+            'centre of mass and torque bias are not observable from '
+            f'{len(statics.gravity)} static poses, and {touched}; add a pose tilted about another '
+            'axis of ft_sensor, or move it with nothing that touches it')
     tool = None if by_motion else identify_tool(statics, condition)
     if touched and tool is not None:
         return tool, None, None

@@ -7,8 +7,8 @@ import numpy as np
 
 ASKED = 10.0
 """Acceleration that forces ask of a tool in half of a motion, from which it is no motion of the
-tool alone [m/s^2]: hands of arms do as much for moments. Free motions of this package's rigs and of
-a KUKA ask for 0.1 to 2, a tool that a hand leads for 10 to 26."""
+tool alone [m/s^2]: hands of arms do as much for moments. Free motions of this package's rigs and
+of a KUKA ask for 0.1 to 2, a tool that a hand leads for 10 to 26."""
 
 
 def accelerations_asked(gridded: GriddedRecording, weight: Weight, gravity: float) -> Array:
@@ -42,6 +42,6 @@ def what_touches(gridded: GriddedRecording, weight: Weight, gravity: float) -> s
     half = float(np.median(asked)) if len(asked) else 0.0
     if half < ASKED:
         return ''
-    return (f'in half of the motion the force is {weight.mass * half:.2g} N or more off the weight '
-            f'of {weight.mass:.3g} kg, which would have to move by {half:.2g} m/s^2: something '
-            'touches the tool')
+    return (f'in half of the motion the force is {weight.mass * half:.2g} N or more off the '
+            f'weight of {weight.mass:.3g} kg, which would have to move by {half:.2g} m/s^2: '
+            'something touches the tool')
