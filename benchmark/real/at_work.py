@@ -12,19 +12,22 @@ AXES = ('x', 'y', 'z')
 def lasa_peeling(data, case, folder):
     trials = loadmat(data / case['files'], squeeze_me=True)['Data_noObj']
     names = [f'{name}_{arm}' for arm in ('peels', 'holds') for name in ARM]
-    for k, arm, words, order in (
-            (0, 'holds', 'from x, as stated', (0, 1, 2, 3)), (0, 'holds', 'from w', (1, 2, 3, 0)),
-            (1, 'holds', 'from w', (1, 2, 3, 0)), (0, 'peels', 'from w', (1, 2, 3, 0))):
+    x, w, turned = (0, 1, 2, 3), (1, 2, 3, 0), ('--sensor-rotation', '0', '0', '-90')
+    for k, arm, words, order, options in (
+            (0, 'holds', 'from x, as stated', x, ()), (0, 'holds', 'from w', w, ()),
+            (1, 'holds', 'from w', w, ()), (0, 'peels', 'from w', w, ()),
+            (0, 'peels', f'from w, `{" ".join(turned)}`', w, turned)):
         columns = dict(zip(names, trials[k]))
         write_table(folder / f'{k}.csv', names, trials[k].T)
         pose = {'frame': 'base',
-                'position': {'columns': [f'{x}_{arm}' for x in AXES], 'unit': 'm'},
+                'position': {'columns': [f'{axis}_{arm}' for axis in AXES], 'unit': 'm'},
                 'quaternion_xyzw': [f'q{i}_{arm}' for i in order]}
         R = Rotation.from_quat(np.stack([columns[f'q{i}_{arm}'] for i in order], 1)).as_matrix()
-        force = np.stack([columns[f'f{x}_{arm}'] for x in AXES], axis=1)
+        force = np.stack([columns[f'f{axis}_{arm}'] for axis in AXES], axis=1)
         came = taken(folder, [{'file': f'{k}.csv', 'rate': 100, 'signals': {
-            'wrench': wrench('ft', *([f'{kind}{x}_{arm}' for x in AXES] for kind in 'ft')),
-            'pose': pose}}])
+            'wrench': wrench('ft', *(
+                [f'{kind}{axis}_{arm}' for axis in AXES] for kind in 'ft')),
+            'pose': pose}}], *options)
         yield (f'trial {k + 1}, arm that {arm}, quaternions {words}', came,
                f'{by_least_squares(force, R):.4f} kg')
 

@@ -12,7 +12,6 @@ sys.path[:0] = [str(ROOT)]
 
 from forcecal_ros.cli import main as forcecal
 import numpy as np
-import yaml
 
 G = 9.81
 
@@ -50,7 +49,7 @@ def tool(found):
 def taken(folder, tables, *options):
     """Import tables as they are, and calibrate; what came of it, paths left out."""
     spec, bag = folder / 'import.yaml', folder / f'bag{len(list(folder.glob("bag*")))}'
-    spec.write_text(yaml.safe_dump({'format': 'forcecal-import/1', 'tables': tables}))
+    spec.write_text(json.dumps({'format': 'forcecal-import/1', 'tables': tables}))
     found = said('import', spec, '-o', bag) or said(
         'calibrate', bag, '--gravity', G, '--json', '-o', folder / 'c.yaml', *options)
     return tool(found).replace(f'{folder}/', '').replace(f'{bag.name}: ', '')

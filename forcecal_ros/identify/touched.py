@@ -11,7 +11,7 @@ tool alone [m/s^2]: hands of arms do as much for moments. Free motions of this p
 of a KUKA ask for 0.1 to 2, a tool that a hand leads for 10 to 26."""
 
 
-def accelerations_asked(gridded: GriddedRecording, weight: Weight, gravity: float) -> Array:
+def acceleration_asked(gridded: GriddedRecording, weight: Weight, gravity: float) -> float:
     """
     Return what free motion would have to accelerate the tool by, beyond what its pose shows.
 
@@ -22,26 +22,31 @@ def accelerations_asked(gridded: GriddedRecording, weight: Weight, gravity: floa
 
     Returns
     -------
-    ndarray, shape (n,)
-        Of the blocks of free motion that hold wrenches: norm of the force that the tool's weight
-        leaves over, by its mass [m/s^2].
+    float
+        Median over free motion of the force that the tool's weight leaves over, by its mass; less
+        the same at rest, which is noise [m/s^2].
     """
-    R = gridded.kinematics.angular().R_base_sensor
+    grid, R = gridded.grid, gridded.kinematics.angular().R_base_sensor
     shown = gridded.kinematics.acceleration()
     free_fall = -gravity * R[:, 2]
     if shown is not None:
         free_fall = free_fall - np.einsum('nij,ni->nj', R, shown)
     asked = (gridded.wrench[:, :3] - weight.force_bias) / weight.mass - free_fall
-    size = np.linalg.norm(asked[gridded.grid.free], axis=1)
-    return np.asarray(size[np.isfinite(size)])
+    size = np.linalg.norm(asked, axis=1)
+    moved, rested = (_median(size[blocks]) for blocks in (grid.free, grid.still >= 0))
+    return float(np.sqrt(max(0.0, moved**2 - rested**2)))
+
+
+def _median(values: Array) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if len(finite) else 0.0
 
 
 def what_touches(gridded: GriddedRecording, weight: Weight, gravity: float) -> str:
     """Say that something touches the tool in what counts as free motion; empty: nothing does."""
-    asked = accelerations_asked(gridded, weight, gravity)
-    half = float(np.median(asked)) if len(asked) else 0.0
-    if half < ASKED:
+    asked = acceleration_asked(gridded, weight, gravity)
+    if asked < ASKED:
         return ''
-    return (f'in half of the motion the force is {weight.mass * half:.2g} N or more off the '
-            f'weight of {weight.mass:.3g} kg, which would have to move by {half:.2g} m/s^2: '
+    return (f'in half of the motion the force is {weight.mass * asked:.2g} N or more off the '
+            f'weight of {weight.mass:.3g} kg, which would have to move by {asked:.2g} m/s^2: '
             'something touches the tool')

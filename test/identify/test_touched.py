@@ -16,7 +16,7 @@ TWO = ((0.0, 0.0, 0.0), (1.5, 0.4, 0.0))
 THREE = (*TWO, (0.3, -1.3, 0.2))
 
 
-def led(turns, hand, seed=0):
+def led(turns, hand, seed=0, noise=(0.02, 0.001)):
     """Stand at each turn, with a push of ``hand`` N at ``HAND`` on the ways between."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, len(turns) * (HOLD + WAY) - WAY, 1.0 / RATE)
@@ -36,7 +36,7 @@ def led(turns, hand, seed=0):
         [np.sin(1.1 * t), np.cos(1.7 * t), np.sin(0.6 * t + 1.0)], axis=1)
     wrench = np.hstack([weight + push, torque + np.cross(HAND, push)])
     wrench += [0.5, -0.3, 1.0, 0.02, 0.01, -0.03]
-    wrench += rng.standard_normal(wrench.shape) * np.repeat([0.02, 0.001], 3)
+    wrench += rng.standard_normal(wrench.shape) * np.repeat(noise, 3)
     return Recording(wrench=Stream(t, wrench, 'ft'),
                      pose=PoseStream(t, np.full((len(t), 3), np.nan), R, 'base'))
 
@@ -68,3 +68,8 @@ def test_inertia_is_not_taken_from_what_a_hand_leads():
     assert any('touches the tool; inertia is not taken' in note
                for note in touched.recording.notes)
     np.testing.assert_allclose(touched.tool.com, COM, atol=2e-3)
+
+
+def test_noise_of_a_light_tool_is_no_hand():
+    noisy = identify_stages(led(THREE, 0.0, noise=(6.0, 0.3)), IdentificationSettings())
+    assert not any('touches the tool' in note for note in noisy.recording.notes)

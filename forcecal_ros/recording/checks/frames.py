@@ -157,6 +157,10 @@ def judge(forces: Forces) -> Judgement:
         return Judgement(plain, (plain,), mean, changes, forces.rests)
     variance = max(1.0, min(fit.chi_square / fit.degrees for fit in fits))
     best = min(fits, key=lambda fit: criterion(fit, variance))
+    if best.name == 'both':  # a second cause has to be as sure as a first
+        best = min((fit for fit in fits if fit is best or (
+            fit.name in ('tilted', 'turned')
+            and _chance(best, fit, forces) > limits.BY_CHANCE)), key=lambda fit: fit.unknowns)
     reference = plain if plain.mass > 0.0 else _weightless(forces)
     if best is plain or _chance(best, reference, forces) > limits.BY_CHANCE:
         return Judgement(plain, (plain,), mean, changes, forces.rests)
@@ -196,8 +200,8 @@ def _others(forces: Forces, plain: Fit) -> Iterator[Fit]:
     if tells_down:
         yield _tilted(forces)
     if n > 1 and _singular_values(in_sensor[:, None])[1] > limits.SPANNED:
-        yield _turned(forces, 1.0)
-        yield _turned(forces, -1.0)
+        yield turned_fit(forces)
+        yield turned_fit(forces, -1.0)
     if n > 3 and tells_down:
         yield _both(forces)
 
@@ -274,7 +278,7 @@ def _of_weight(name: str, u: Array, covariance: Array, Q: Array, turn_std: float
                turn_std, float(tilt), residuals, chi_square, rank)
 
 
-def _turned(forces: Forces, hand: float) -> Fit:
+def turned_fit(forces: Forces, hand: float = 1.0) -> Fit:
     """Fit a turn where ``hand`` is 1, a mirrored one where it is -1."""
     g, w = forces.in_sensor, forces.weight**2
     centred, read = g - np.average(g, 0, w), forces.wire - np.average(forces.wire, 0, w)

@@ -1,10 +1,22 @@
 """Orientations read in another order than they were written: by which a weight would turn."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array, matrix_from_quaternion, quaternion_from_matrix
-from forcecal_ros.recording.checks.frames import criterion, Forces, Judgement, plain_fit
+from forcecal_ros.geometry import (
+    Array,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    rotation_vector,
+)
+from forcecal_ros.recording.checks.frames import (
+    criterion,
+    Fit,
+    Forces,
+    Judgement,
+    plain_fit,
+    turned_fit,
+)
 from forcecal_ros.recording.checks.limits import EXPLAINED, ODDS, SURE_WEIGHT, TINY, VERTICAL
 import numpy as np
 
@@ -61,9 +73,7 @@ def simpler_reading(forces: Forces, judgement: Judgement, odds: float = ODDS) ->
         return ''
     variance = max(1.0, best.chi_square / best.degrees)
     most = criterion(best, variance) + 2.0 * float(np.log(odds))
-    fits = [(plain_fit(forces._replace(R_base_sensor=R)), words)
-            for words, R in _readings(forces.R_base_sensor).items()]
-    for fit, words in sorted(fits, key=lambda one: one[0].chi_square):
+    for fit, words in sorted(_fits(forces, best.unknowns), key=lambda one: one[0].chi_square):
         explained = 1.0 - (fit.rms / changes)**2
         if (fit.mass > SURE_WEIGHT * fit.mass_std and explained > EXPLAINED
                 and criterion(fit, variance) < most):
@@ -71,6 +81,17 @@ def simpler_reading(forces: Forces, judgement: Judgement, odds: float = ODDS) ->
             return (f'force turns as the weight of {fit.mass:.3g} kg does if {words} '
                     f'({explained:.0%} of its changes follow), not as stated ({mine:.0%})')
     return ''
+
+
+def _fits(forces: Forces, unknowns: int) -> Iterator[tuple[Fit, str]]:
+    """Fits of a weight by other readings, of fewer unknowns; and how they are said."""
+    for words, R in _readings(forces.R_base_sensor).items():
+        other = forces._replace(R_base_sensor=R)
+        yield plain_fit(other), words
+        turned = turned_fit(other)
+        if turned.unknowns < unknowns:
+            angle = np.degrees(np.linalg.norm(rotation_vector(turned.Q)))
+            yield turned, f'{words}, and the sensor sits turned by {angle:.0f} deg'
 
 
 def read_from_w(R_base_sensor: Array) -> Array:
