@@ -5,10 +5,10 @@ from forcecal_ros.identify.means import GriddedRecording
 from forcecal_ros.identify.tool import Weight
 import numpy as np
 
-ASKED = 10.0
+ASKED = 5.0
 """Acceleration that forces ask of a tool in half of a motion, from which it is no motion of the
-tool alone [m/s^2]: hands of arms do as much for moments. Free motions of this package's rigs and
-of a KUKA ask for 0.1 to 2, a tool that a hand leads for 10 to 26."""
+tool alone [m/s^2]: hands of arms do as much for moments. The calibration of the demo asks for 0.3,
+an arm that holds what another one peels for 1.7, tools that a hand leads ask for 10 and 26."""
 
 
 def acceleration_asked(gridded: GriddedRecording, weight: Weight, gravity: float) -> float:

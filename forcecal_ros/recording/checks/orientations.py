@@ -17,7 +17,14 @@ from forcecal_ros.recording.checks.frames import (
     plain_fit,
     turned_fit,
 )
-from forcecal_ros.recording.checks.limits import EXPLAINED, ODDS, SURE_WEIGHT, TINY, VERTICAL
+from forcecal_ros.recording.checks.limits import (
+    EXPLAINED,
+    ODDS,
+    SURE_WEIGHT,
+    TINY,
+    TURNED_OFF,
+    VERTICAL,
+)
 import numpy as np
 
 FOLLOWS, WORSE = 0.1, 10.0
@@ -41,8 +48,15 @@ def refuse_other_orientation(forces: Forces, judgement: Judgement) -> None:
     believed = (judgement.likely[0].rms / max(judgement.changes, TINY))**2
     readings = _readings(R)
     words = other_reading(forces.wire, R, readings, believed) if len(R) >= FEWEST else ''
-    if words := words or simpler_reading(forces, judgement, 1.0):
+    if not words and not _shows_whole_axes(judgement.likely[0].Q):
+        words = simpler_reading(forces, judgement, 1.0)
+    if words:
         raise DataError(f'pose: {words}')
+
+
+def _shows_whole_axes(Q: Array) -> bool:
+    """Whether channels show one axis each, as drivers may set them; else it is a mount."""
+    return bool((np.abs(Q).max(axis=1) > np.cos(np.radians(TURNED_OFF))).all())
 
 
 def _readings(R: Array) -> Mapping[str, Array]:
