@@ -212,3 +212,16 @@ def test_other_axes_are_not_taken_for_an_orientation_read_wrongly():
             assert names(judgement) != ['plain']
             refuse_other_orientation(recorded, judgement)
             assert not simpler_reading(recorded, judgement)
+
+
+def test_pulls_that_poses_share_make_no_tilt_beside_a_turn():
+    found = []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        lean = np.repeat(rng.normal(0.0, 0.9, (4, 3)), 3, axis=0) + rng.normal(0.0, 0.08, (12, 3))
+        R = rotation_from_vector(lean)
+        pull = np.repeat(rng.normal(0.0, 0.06, (4, 3)), 3, axis=0)
+        wire = 0.4 * G @ R @ turn(0.0, 0.0, -85.0).T + pull
+        wire += NOISE * rng.standard_normal((12, 3))
+        found.append(names(judge(Forces(R, wire, G, np.full(12, 0.1 * NOISE)))))
+    assert sum('turned' in one for one in found) >= 25
