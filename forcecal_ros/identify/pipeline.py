@@ -49,7 +49,7 @@ from forcecal_ros.identify.static_readings import (
 )
 from forcecal_ros.identify.statics import read_statics, ring_of, Sag, sag_of, with_ring
 from forcecal_ros.identify.tool import identify_tool, ToolFit, weigh, Weight
-from forcecal_ros.identify.unsettled import settled
+from forcecal_ros.identify.unsettled import mode_of, settled, without_ringing
 from forcecal_ros.recording.axes import in_axes_of_pose, level_from_base, levelled
 from forcecal_ros.recording.checks.clipping import clipped
 from forcecal_ros.recording.checks.entry import checked
@@ -185,6 +185,9 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
                        slight_misfit=slight, stops=stops)
     weight, sag, ring = _ringing(recording, poses, statics, gridded, settings)
     if ring is not None:
+        if (mode := mode_of(ring, weight.mass)) is not None:
+            gridded = without_ringing(gridded, mode)
+            statics = read_statics(recording, poses, settings, gridded)
         statics = settled(statics, recording, poses, weight.mass, ring)
         weight, sag, ring = _ringing(recording, poses, statics, gridded, settings)
     statics = with_ring(statics, weight.mass, ring, settings)
