@@ -1,10 +1,10 @@
 """Effects that samples cannot tell apart, whatever a fit says.
 
-A late wrench and one behind a low-pass differ, below the corner, in what the latter takes off the
-amplitude at frequency w: (w T)^2 / 2 of a lag T. Readings that come late by a part a of a sample dt
-have been interpolated between two of them, or averaged over one, and that takes off the like,
-a (1 - a) (w dt)^2 / 2 where it is a straight line. Which of the two such a lag is depends on how a
-driver makes its samples, which no recording shows.
+A late wrench and one behind a low-pass differ, below the corner, in what the latter takes off
+the amplitude at frequency w: (w T)^2 / 2 of a lag T. Readings that come late by a part a of a
+sample dt have been interpolated between two of them, or averaged over one, and that takes off the
+like, a (1 - a) (w dt)^2 / 2 where it is a straight line. Which of the two such a lag is depends on
+how a driver makes its samples, which no recording shows.
 """
 
 from collections.abc import Mapping
