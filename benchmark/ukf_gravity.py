@@ -120,9 +120,10 @@ def plot_over_noise(worst, file):
                                  for (force, way), error in worst.items() if way == name])
             axes.plot(noise, times, 'o-', label=name)
         axes.axhline(1.0, color='#555555', linestyle=':', label='[Ukf2025], its table')
-        axes.set(xlabel='noise of the force sensor [N]', title=what, ylim=(0.0, None))
-    axes.legend()
-    figure.axes[0].set_ylabel("largest error / the paper's")
+        axes.set(xlabel='noise of the force sensor [N]', title=what,
+                 xticks=sorted({force for force, _ in worst}))
+    figure.axes[0].set(ylabel="largest error / the paper's", ylim=(0.0, None))
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc='outside upper center', ncols=4)
     figure.savefig(file, dpi=110)
 
 
