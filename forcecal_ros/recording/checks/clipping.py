@@ -160,7 +160,8 @@ def _wraps(t: Array, values: Array, pose: PoseStream) -> int:
     steps = np.abs(np.diff(values))
     at = np.flatnonzero(steps > limits.LEAP * span)
     if len(values) <= limits.DEAD or len(at) < limits.WRAPS or (
-            np.median(np.diff(at)) < limits.STAYS or np.median(steps) > limits.SMOOTH * span):
+            np.median(np.diff(at)) < limits.STAYS or np.median(steps) > limits.SMOOTH * span) or (
+            span < limits.COUNTED * resolution(values)):
         return 0
     ends = np.sort(np.stack([values[at], values[at + 1]]), axis=0)
     off = np.maximum(ends[0] - values.min(), values.max() - ends[1])
