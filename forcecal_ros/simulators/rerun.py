@@ -36,6 +36,15 @@ from numpy.typing import NDArray
 STEP = 1.0
 """Step by which a parameter is moved to see what it does, in its sigma."""
 
+QUARTER = 1.5
+"""What a quarter of a step changes in what half of it does, of an error of first order."""
+
+NOTICED = (0.15, 0.006, 1e-4)
+"""
+Noise of a usual wrist sensor [N], [N m], and of poses and joints [m], [rad]: where half the step
+changes less, what is no straight line in that, a twentieth of an implicit integrator's, is none.
+"""
+
 KEPT = 6
 """Carried tools that are kept, one for each motion."""
 
@@ -74,6 +83,7 @@ class Runs:
         self._changes: dict[Numbers, list[_Change]] = {}
         self._halved: dict[Numbers, Recording] = {}
         self._finer: dict[Numbers, _Change] = {}
+        self._finest: dict[Numbers, _Change] = {}
 
     def exact(self, numbers: Numbers) -> Recording:
         """Run the simulator, unless it was run so before."""
@@ -104,7 +114,23 @@ class Runs:
             changes.append(change)
         self._changes[numbers] = changes
         if self.simulator.has_finer:
-            self._finer[numbers] = _change(*_of_one_length(here, self.halved(numbers)), 1.0)
+            finer = _change(*_of_one_length(here, self.halved(numbers)), 1.0)
+            self._finer[numbers] = finer
+            if self.simulator.has_finest and _is_coarse(finer):
+                self._finest[numbers] = self._bend(here, numbers, finer)
+
+    @property
+    def is_coarse(self) -> bool:
+        """Whether its step makes so much that this is no straight line either."""
+        return bool(self._finest)
+
+    def _bend(self, here: Recording, numbers: Numbers, finer: _Change) -> _Change:
+        """Run it with a quarter of its step; say what that does beyond 1.5 times half of it."""
+        self.count += 1
+        made = self.simulator.run_finest(self._inputs, numbers)
+        assert made.pose is not None
+        made = replace(made, pose=in_base_of(self._measured, made.pose))
+        return _beyond(_change(*_of_one_length(here, made), 1.0), finer, QUARTER)
 
     def halved(self, numbers: Numbers) -> Recording:
         """Run it with half its step of integration, unless that was done before."""
@@ -150,12 +176,14 @@ class Runs:
         away = (np.array(numbers) - near) / self._sigma
         return _moved(self._exact[near], self._changes[near], away)
 
-    def integrated(self, numbers: Numbers, finer: float) -> Recording:
-        """Return what it says if its step made so many times what halving it makes."""
+    def integrated(self, numbers: Numbers, finer: float, finest: float = 0.0) -> Recording:
+        """Return what it says if its step made so many times what half and a quarter of it do."""
         made = self.at(numbers)
-        if not finer or not self._finer:
+        if not self._finer or not (finer or finest):
             return made
-        return _moved(made, [self._finer[self.near(numbers)]], np.array([finer]))
+        near = self.near(numbers)
+        known = [self._finer[near], *([self._finest[near]] if near in self._finest else [])]
+        return _moved(made, known, np.array([finer, finest])[:len(known)])
 
     @property
     def _sigma(self) -> Array:
@@ -196,6 +224,26 @@ def _change(here: Recording, there: Recording, scale: float) -> _Change:
     return _Change(wrench, scale * (other.position - one.position), scale * turn,
                    _less(there.accelerometer, here.accelerometer, scale),
                    _less(there.joints, here.joints, scale))
+
+
+def _beyond(change: _Change, line: _Change, times: float) -> _Change:
+    """Return what one changes beyond so many times what another does."""
+    def less(one: Array | None, other: Array | None) -> Array | None:
+        return None if one is None or other is None else one - times * other
+
+    return _Change(change.wrench - times * line.wrench, change.position - times * line.position,
+                   change.turn - times * line.turn,
+                   less(change.accelerometer, line.accelerometer),
+                   less(change.joints, line.joints))
+
+
+def _is_coarse(finer: _Change) -> bool:
+    """Say whether half the step changes more than the noise of usual sensors."""
+    force, torque = finer.wrench[:, :3], finer.wrench[:, 3:]
+    sizes = [(force, 0), (torque, 1), (finer.position, 2), (finer.turn, 2)]
+    if finer.joints is not None:
+        sizes.append((finer.joints, 2))
+    return any(np.sqrt(np.mean(rows ** 2, axis=0)).max() > NOTICED[i] for rows, i in sizes)
 
 
 def _is_nothing(change: _Change) -> bool:
@@ -264,7 +312,7 @@ class Rerun:
         self.accelerated = nominal.accelerometer is not None
         self.joints = () if nominal.joints is None else nominal.joints.names
         self.library: Mapping[str, Effect] = library_of(runs.simulator.parameters)
-        self._carried: dict[tuple[Numbers, float, float], _Carried] = {}
+        self._carried: dict[tuple[Numbers, float, float, float], _Carried] = {}
 
     def can_show(self, effect: str, rig: Rig) -> bool:
         """Say whether an effect could be there and be seen."""
@@ -273,7 +321,7 @@ class Rerun:
     def nuisances(self, rig: Rig, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """List the nuisance parameters: those of the simulator, tool, mounting and sensors."""
         found = nuisances_of(self.runs.simulator.parameters, len(self.joints),
-                             finer=self.runs.simulator.has_finer)
+                             finer=self.runs.simulator.has_finer, finest=self.runs.is_coarse)
         if 'tool_mass' in self.library:
             found.append(Nuisance('tool.mass', 'mass', scaled('tool', 'mass'), least=LEAST))
         if 'tool_com' in self.library:
@@ -298,7 +346,7 @@ class Rerun:
         What knocks, or sticks and slips, does so otherwise with every number.
         """
         assert isinstance(rig, SimulatedRobot)
-        tool = self._along(rig.numbers, rig.late, rig.finer).tool
+        tool = self._along(rig).tool
         if not self.runs.simulator.has_finer:
             return np.zeros(self.n_blocks, dtype=bool)
         changed = (tool.recorded_wrench(self.runs.halved(rig.numbers))
@@ -327,7 +375,7 @@ class Rerun:
             A SimulatedRobot.
         """
         assert isinstance(rig, SimulatedRobot)
-        carried, accel, joints = self._along(rig.numbers, rig.late, rig.finer)
+        carried, accel, joints = self._along(rig)
         place, turn = np.array(rig.mounting[:3]), np.array(rig.mounting[3:])
         n = len(carried.t)
         volts = np.zeros((n, 3)) if accel is None else self._volts(rig, carried, accel)
@@ -346,19 +394,21 @@ class Rerun:
         on_volts = AccelerometerEffects(rig, self.accelerometer, 1.0 / RATE)
         return on_volts.after_noise(on_volts.before_noise(readings * model.gain + model.offset))
 
-    def _along(self, numbers: Numbers, late: float, finer: float) -> '_Carried':
+    def _along(self, rig: SimulatedRobot) -> '_Carried':
         """Carry the simulator's tool along its own motion, so much later; the last are kept."""
-        if (numbers, late, finer) not in self._carried:
+        key = rig.numbers, rig.late, rig.finer, rig.finest
+        if key not in self._carried:
             if len(self._carried) >= KEPT:
                 self._carried.pop(next(iter(self._carried)))
-            made = self.runs.integrated(numbers, finer)
+            made = self.runs.integrated(rig.numbers, rig.finer, rig.finest)
             motion = replace(made, accelerometer=None)
-            carried = CarriedTool(motion, self.start - late, self.n_blocks, self.accelerometer)
+            carried = CarriedTool(motion, self.start - rig.late, self.n_blocks,
+                                  self.accelerometer)
             carried.beyond = carried.recorded_wrench(made) - carried.wire(self._rigid_tool)
             accel, joints = (None if one is None else one.at(carried.t)
                             for one in (made.accelerometer, made.joints))
-            self._carried[numbers, late, finer] = _Carried(carried, accel, joints)
+            self._carried[key] = _Carried(carried, accel, joints)
         # the point that all others are compared with is asked for most, and is not to go first
-        found = self._carried.pop((numbers, late, finer))
-        self._carried[numbers, late, finer] = found
+        found = self._carried.pop(key)
+        self._carried[key] = found
         return found
