@@ -9,7 +9,7 @@ show the state before it.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.extras import installing
@@ -22,6 +22,7 @@ from forcecal_ros.simulators.mujoco_drives import (
     found_drives,
     is_scalar,
     of_same_tree,
+    Swing,
     warned,
     why_not,
 )
@@ -84,7 +85,7 @@ class MujocoRobot:
     numbers: tuple[Number, ...]
     notes: tuple[str, ...]
     limits: tuple[Limit, ...] = ()
-    _seen: list[tuple[Inputs, Touched, Forces]] = field(default_factory=list, repr=False)
+    _seen: list['_Seen'] = field(default_factory=list, repr=False)
 
     def parameters(self) -> Sequence[Parameter]:
         """List what can be set."""
@@ -96,15 +97,16 @@ class MujocoRobot:
         of_limits = {one.name for one in self.limits}
         if not (of_contacts or of_limits):
             return []
-        touched, forces = self._looked_at(inputs)
-        return sorted((of_contacts - touched.parameters)
-                      | (of_limits - {one.name for one in forces.near()}))
+        seen = self._looked_at(inputs)
+        return sorted((of_contacts - seen.touched.parameters)
+                      | (of_limits - {one.name for one in seen.forces.near()}))
 
     def remarks(self, inputs: Inputs) -> Sequence[str]:
-        """Say which drives are at the limit of their force under these commands."""
-        if not self.limits:
-            return []
-        return list(self._looked_at(inputs)[1].said(float(self.model.opt.timestep)))
+        """Say which drives are at the limit of their force, and whether the arm rests at first."""
+        seen = self._looked_at(inputs)
+        # a drive that is too weak to hold its joint is why that moves
+        return (list(seen.forces.said(float(self.model.opt.timestep)))
+                or list(seen.swing.said(SETTLING)))
 
     def imitation(self, name: str, change: float) -> Imitation | None:
         """Say that play in the drive of a joint looks like more friction of that joint."""
@@ -121,21 +123,17 @@ class MujocoRobot:
         return bool(self.model.jnt_type[self.model.joint(joint).id]
                     == mujoco.mjtJoint.mjJNT_SLIDE)
 
-    def _looked_at(self, inputs: Inputs) -> tuple[Touched, Forces]:
-        """Run it, unless that was done, to see what it touches and how much its drives give."""
-        for seen, touched, forces in self._seen:
-            if (seen.joints is inputs.joints
-                    and (seen.start, seen.end) == (inputs.start, inputs.end)):
-                return touched, forces
-        touched, forces = Touched(self.model, self.tool), Forces(self.model, self.limits)
-
-        def look(data: Any) -> None:
-            touched.look(data)
-            forces.look(data)
-
-        self._simulated(inputs, {}, 1, look)
-        self._seen.append((inputs, touched, forces))
-        return touched, forces
+    def _looked_at(self, inputs: Inputs) -> '_Seen':
+        """Run it, unless that was done, to see what it touches and what its drives do."""
+        for one in self._seen:
+            if (one.inputs.joints is inputs.joints
+                    and (one.inputs.start, one.inputs.end) == (inputs.start, inputs.end)):
+                return one
+        seen = _Seen(inputs, Touched(self.model, self.tool), Forces(self.model, self.limits),
+                     Swing([one for one in self.drives if one.joint in self.chain]))
+        self._simulated(inputs, {}, 1, seen.look)
+        self._seen.append(seen)
+        return seen
 
     def simulate(self, inputs: Inputs, parameters: Mapping[str, float]) -> Mapping[str, Any]:
         """
@@ -255,6 +253,19 @@ class MujocoRobot:
         for one in self.numbers:
             one.patch(spec, parameters.get(one.parameter.name, one.parameter.nominal))
         return str(spec.to_xml())
+
+
+class _Seen(NamedTuple):
+    """What was looked at while a model was run."""
+
+    inputs: Inputs
+    touched: Touched
+    forces: Forces
+    swing: Swing
+
+    def look(self, data: Any) -> None:
+        for one in (self.touched, self.forces, self.swing):
+            one.look(data)
 
 
 RUBS, PLAY = 'dof_frictionloss', 'backlash'
