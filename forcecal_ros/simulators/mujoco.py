@@ -270,8 +270,8 @@ class _Seen(NamedTuple):
 
 RUBS, PLAY = 'dof_frictionloss', 'backlash'
 
-NO_PLAY = ('which no number of the model makes: let the controller of that joint command through '
-           'play of so much to either side')
+NO_PLAY = ('no number of a model in MuJoCo makes play: let the controller of that joint command '
+           'through play of so much to either side')
 
 OWN = 'forcecal_'
 """Before the names of the sensors that are added to a model."""
