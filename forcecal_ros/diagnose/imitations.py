@@ -19,7 +19,8 @@ from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.say.verdict import percent
 from forcecal_ros.geometry import Array
 from forcecal_ros.simulators.protocol import Imitation
-from forcecal_ros.simulators.rerun import Numbers, Rerun
+from forcecal_ros.simulators.rerun import Rerun
+from forcecal_ros.simulators.runs import Numbers
 from forcecal_ros.simulators.simulated_robot import SimulatedRobot
 from forcecal_ros.simulators.third_party import ThirdParty
 import numpy as np

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from forcecal_ros.errors import ConfigError
-from forcecal_ros.simulators.rerun import Runs
+from forcecal_ros.simulators.runs import Runs
 from forcecal_ros.simulators.third_party import ThirdParty
 
 MOST = 150

@@ -16,8 +16,8 @@ from forcecal_ros.geometry import matrix_from_quaternion, rotation_from_vector
 from forcecal_ros.recording.bags import write_recording
 from forcecal_ros.simulators.mujoco import load_mujoco
 from forcecal_ros.simulators.protocol import Inputs
-from forcecal_ros.simulators.rerun import Runs
 from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.runs import Runs
 from forcecal_ros.simulators.samples import recorded
 from forcecal_ros.simulators.simulated_robot import BEND, library_of, nuisances_of, STEP
 from forcecal_ros.simulators.third_party import third_party, with_priors

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.simulators.mujoco import load_mujoco
 from forcecal_ros.simulators.protocol import Inputs
-from forcecal_ros.simulators.rerun import Runs
+from forcecal_ros.simulators.runs import Runs
 from forcecal_ros.simulators.third_party import third_party
 import numpy as np
 import pytest
