@@ -24,8 +24,8 @@ from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.recording.bags import read_recording, write_recording
 from forcecal_ros.recording.streams import JointStream, Recording, Stream
 from forcecal_ros.simulators.protocol import Inputs, Parameter
-from forcecal_ros.simulators.rerun import Runs
 from forcecal_ros.simulators.run_limit import refuse_too_many, runs_short
+from forcecal_ros.simulators.runs import Runs
 from forcecal_ros.simulators.simulated_robot import addable, library_of
 from forcecal_ros.simulators.third_party import load_simulator, third_party
 import numpy as np
