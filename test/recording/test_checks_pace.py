@@ -1,0 +1,94 @@
+"""Times in another unit, and places and angles, are told by how fast readings and arm are."""
+
+from dataclasses import replace
+
+from forcecal_ros.errors import DataError
+from forcecal_ros.geometry import rotation_from_vector, rotation_vector
+from forcecal_ros.recording.checks.entry import checked
+from forcecal_ros.recording.checks.pace import refuse_other_pace
+from forcecal_ros.recording.streams import PoseStream, Recording, Stream
+from kuka import static_recording
+import numpy as np
+import pytest
+from static_sets import static_set
+from wrong_recordings import log, recording_of, work
+
+LOGS = {'poses': recording_of(log(1)), 'work': recording_of(work(2)),
+        'at 10 Hz': recording_of(work(3, rate=10.0))}
+
+
+def paced(recording, factor, names=('wrench', 'pose')):
+    return replace(recording, **{name: replace(stream, t=factor * stream.t) for name in names
+                                 if (stream := getattr(recording, name)) is not None})
+
+
+def turned(recording, vectors):
+    pose = recording.pose
+    return replace(recording, pose=replace(pose, R_base_sensor=rotation_from_vector(vectors)))
+
+
+@pytest.mark.parametrize('name', LOGS)
+@pytest.mark.parametrize('factor', [0.1, 1.0, 4.0])
+def test_sound_logs_and_slower_and_faster_ones_are_left_alone(name, factor):
+    if name == 'at 10 Hz' and factor > 1.0:
+        factor = 2.0
+    refuse_other_pace(paced(LOGS[name], factor))
+
+
+@pytest.mark.parametrize('seed', range(5))
+@pytest.mark.parametrize('rate', [0.0, 100.0])
+def test_sets_of_poses_are_left_alone_however_far_they_are_apart(seed, rate):
+    refuse_other_pace(paced(static_set(seed, rate)[0], 1.0, ('wrench', 'pose')))
+    poses = static_set(seed)[0]
+    often = replace(poses, pose=PoseStream(
+        60.0 * np.arange(240.0), np.full((240, 3), np.nan),
+        np.resize(poses.pose.R_base_sensor, (240, 3, 3))))
+    refuse_other_pace(often)
+
+
+def test_real_poses_are_left_alone(kuka_data):
+    refuse_other_pace(static_recording(kuka_data))
+
+
+@pytest.mark.parametrize('name', LOGS)
+@pytest.mark.parametrize('factor', [1e3, 1e6])
+def test_milliseconds_and_less_that_are_taken_for_seconds_are_refused(name, factor):
+    with pytest.raises(DataError, match='time is in ms or us and taken for s.* state its unit'):
+        checked(paced(LOGS[name], factor))
+
+
+def test_numbers_of_rows_that_are_taken_for_seconds_are_refused():
+    with pytest.raises(DataError, match='or counts rows; .*rate: where rows are evenly apart'):
+        checked(paced(LOGS['poses'], 200.0))
+
+
+@pytest.mark.parametrize('name', LOGS)
+@pytest.mark.parametrize('factor', [1e-3, 1e-6])
+def test_seconds_that_are_taken_for_less_are_refused(name, factor):
+    with pytest.raises(DataError, match='time is in (another unit \\()?s .*taken for ms'):
+        checked(paced(LOGS[name], factor))
+
+
+@pytest.mark.parametrize('names', [('wrench',), ('pose',)])
+def test_one_stream_in_milliseconds_is_refused(names):
+    with pytest.raises(DataError, match=rf'^{names[0]}: .* time is in ms in one and in s in the'):
+        checked(paced(LOGS['work'], 1e3, names))
+
+
+def test_places_in_millimetres_are_told_by_their_speed():
+    recording = LOGS['work']
+    pose = recording.pose
+    with pytest.raises(DataError, match=r'pose: its position moves .* it is in mm; multiply by 0.001 '):
+        checked(replace(recording, pose=replace(pose, position=1e3 * pose.position)))
+
+
+def test_degrees_that_are_taken_for_radians_are_refused():
+    recording = LOGS['work']
+    vectors = np.degrees(rotation_vector(recording.pose.R_base_sensor))
+    with pytest.raises(DataError, match='pose: it turns .* its angles are in degrees'):
+        checked(turned(recording, vectors))
+
+
+def test_a_stream_of_its_own_has_no_pace_to_compare():
+    t = np.arange(1000.0)
+    refuse_other_pace(Recording(wrench=Stream(t, np.ones((1000, 6)))))
