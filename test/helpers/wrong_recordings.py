@@ -444,7 +444,7 @@ WRONG = {
     'wrench averaged over 1 s': Wrong(
         lambda one, rng: averaged(one, 1.0), 'filter|smooth|average'),
     'wrench of 10 Hz published at 200': Wrong(
-        lambda one, rng: replace(one, wrench=one.wrench[held(one.t, 10.0)]), 'repeat|10 Hz'),
+        lambda one, rng: replace(one, wrench=one.wrench[held(one.t, 10.0)]), 'repetitions|10 Hz'),
     'wrench 80 ms late': Wrong(lambda one, rng: replace(
         one, stamp=one.stamp + 80_000_000), 'late|delay|behind|clock'),
     'torque about the tool centre': Wrong(

@@ -107,17 +107,24 @@ def inertia_shown(recording: Recording) -> Inertia | None:
 
 def motion_notes(recording: Recording) -> tuple[str, ...]:
     """Say in notes that stamps run slower than time, or the wrench a little late."""
-    found = _shown_in_metres(recording)
+    found = shown_in_metres(recording)
     return tuple(note for note in (_other_time(found), _late(recording, found)) if note)
 
 
 def other_time(recording: Recording) -> str:
     """Say in a note that stamps run slower than time; empty: they do not, or nothing tells."""
-    return _other_time(_shown_in_metres(recording))
+    return _other_time(shown_in_metres(recording))
 
 
-def _shown_in_metres(recording: Recording) -> Inertia | None:
-    """Return the inertia that forces show, of positions in metres; refuse those in others."""
+def shown_in_metres(recording: Recording) -> Inertia | None:
+    """
+    Return the inertia that forces show beside positions in metres.
+
+    Raises
+    ------
+    DataError
+        The positions are in another unit.
+    """
     found = inertia_shown(recording)
     if found is not None and recording.pose is not None:
         refuse_other_length(found.times, found.times_std, recording.pose)
@@ -163,7 +170,7 @@ def other_point(recording: Recording, com: Array, std: Array) -> str:
     DataError
         Another unit explains it.
     """
-    found = _shown_in_metres(recording)
+    found = shown_in_metres(recording)
     if found is None or not AS_MUCH < found.times < SLOW:
         return ''
     off = com - found.com
