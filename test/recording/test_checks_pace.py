@@ -5,13 +5,13 @@ from dataclasses import replace
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import rotation_from_vector, rotation_vector
 from forcecal_ros.recording.checks.entry import checked
-from forcecal_ros.recording.checks.pace import refuse_other_pace
+from forcecal_ros.recording.checks.pace import refuse_degrees_a_second, refuse_other_pace
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from kuka import static_recording
 import numpy as np
 import pytest
 from static_sets import static_set
-from wrong_recordings import log, recording_of, work
+from wrong_recordings import log, path, recording_of, work
 
 LOGS = {'poses': recording_of(log(1)), 'work': recording_of(work(2)),
         'at 10 Hz': recording_of(work(3, rate=10.0))}
@@ -87,6 +87,32 @@ def test_degrees_that_are_taken_for_radians_are_refused():
     vectors = np.degrees(rotation_vector(recording.pose.R_base_sensor))
     with pytest.raises(DataError, match='pose: it turns .* its angles are in degrees'):
         checked(turned(recording, vectors))
+
+
+def with_gyro(seed, factor):
+    one = work(seed)
+    way = path(np.random.default_rng(seed), 16, 0.8, 1.8)
+    motion = way.at(one.t)
+    rng = np.random.default_rng(seed)
+    gravity = -9.81 * motion.R[:, 2]
+    felt = np.einsum('nji,nj->ni', motion.R, motion.acceleration) - gravity
+    return replace(
+        recording_of(one), angular_velocity=Stream(
+            one.t, factor * (motion.omega + 0.01 * rng.standard_normal((len(one.t), 3)))),
+        accelerometer=Stream(one.t, felt + 0.05 * rng.standard_normal(felt.shape)),
+        accelerometer_unit='m/s^2')
+
+
+@pytest.mark.parametrize('seed', [2, 302])
+def test_a_gyro_in_degrees_a_second_is_told_by_the_pose_and_by_gravity(seed):
+    sound, other = with_gyro(seed, 1.0), with_gyro(seed, 57.29578)
+    for without in ({}, {'pose': None}):
+        refuse_degrees_a_second(replace(sound, **without))
+        with pytest.raises(DataError, match='^angular_velocity: .* it is in deg/s; multiply by'):
+            refuse_degrees_a_second(replace(other, **without))
+    resting = replace(other, pose=None, accelerometer=replace(
+        other.accelerometer, values=np.ones_like(other.accelerometer.values)))
+    refuse_degrees_a_second(resting)
 
 
 def test_a_stream_of_its_own_has_no_pace_to_compare():

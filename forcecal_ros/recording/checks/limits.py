@@ -294,6 +294,11 @@ WHIRLS = 30.0
 """A hand that turns faster for a tenth of its motion is not in radians, or not in seconds [rad/s]:
 the fastest wrists do 12, and those at work 0.6 to 3, which is 34 to 170 deg/s."""
 
+TURNING, FOLLOWS_GYRO, LIKE_DEGREES = 0.1, 0.7, 0.25
+"""A gyro is compared where the pose turns faster than the first [rad/s], or where the change of
+specific force goes along with it to the second, a correlation. It is in deg/s where it is 57.3
+times as fast, to the third: means over a tenth of a second lose a hundredth, contact more."""
+
 SHORT_SLICE = 0.02
 """A turn is seen over so long, which evens out noise [s]: over more, 100 rad/s look like few."""
 

@@ -10,6 +10,7 @@ from itertools import permutations
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, rotation_vector
 from forcecal_ros.recording.checks import limits
+from forcecal_ros.recording.checks.clocks import means_between
 from forcecal_ros.recording.checks.units import mended
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 import numpy as np
@@ -93,6 +94,58 @@ def refuse_other_length(times: float, std: float, pose: PoseStream) -> None:
             f'move at {speed:.2g} m/s: they are in m and taken for mm or cm, or the stamps pass '
             f'{times**0.5:.2g} times too slowly; state their unit in the specification of '
             'forcecal import, or mend the driver')
+
+
+def refuse_degrees_a_second(recording: Recording) -> None:
+    """
+    Refuse a gyro that turns as many times as fast as the pose, or gravity, as degrees do.
+
+    Raises
+    ------
+    DataError
+        Says how many times.
+    """
+    gyro = recording.angular_velocity
+    if gyro is None or len(gyro) < limits.PACED:
+        return
+    times, by = _gyro_beside_pose(gyro, recording.pose), 'the pose turns'
+    if not times:
+        times, by = _gyro_beside_gravity(gyro, recording), 'gravity turns in the accelerometer'
+    if abs(times / np.degrees(1.0) - 1.0) < limits.LIKE_DEGREES:
+        raise DataError(f'angular_velocity: it is {times:.3g} times as fast as {by}: it is in '
+                        f'deg/s; {mended(np.pi / 180.0, "deg/s")}')
+
+
+def _gyro_beside_pose(gyro: Stream, pose: PoseStream | None) -> float:
+    """Return how many times as fast as the pose a gyro turns; 0: nothing turns, or no pose."""
+    if pose is None or len(pose) < limits.PACED:
+        return 0.0
+    edges = np.arange(max(pose.t[0], gyro.t[0]), min(pose.t[-1], gyro.t[-1]), limits.SLICE)
+    if len(edges) < limits.PACED:
+        return 0.0
+    R = pose.R_base_sensor[np.searchsorted(pose.t, edges)]
+    turning = np.linalg.norm(
+        rotation_vector(np.swapaxes(R[:-1], 1, 2) @ R[1:]), axis=1) / limits.SLICE
+    said = np.linalg.norm(means_between(gyro.t, gyro.values, edges), axis=1)
+    moves = turning > limits.TURNING
+    return float(said[moves].sum() / turning[moves].sum()) if moves.any() else 0.0
+
+
+def _gyro_beside_gravity(gyro: Stream, recording: Recording) -> float:
+    """Return how many times as fast as gravity a gyro turns; 0: nothing tells."""
+    force = recording.accelerometer
+    if force is None or len(force) < limits.PACED or recording.accelerometer_unit == 'V':
+        return 0.0
+    edges = np.arange(max(force.t[0], gyro.t[0]), min(force.t[-1], gyro.t[-1]), limits.SLICE)
+    if len(edges) < limits.PACED:
+        return 0.0
+    f, rate = (means_between(one.t, one.values, edges) for one in (force, gyro))
+    change = (f[2:] - f[:-2]) / (2.0 * limits.SLICE)
+    wanted = -np.cross(rate, f)[1:-1]
+    both, own, others = (change * wanted).sum(), (change**2).sum(), (wanted**2).sum()
+    if both <= limits.FOLLOWS_GYRO * np.sqrt(own * others):
+        return 0.0
+    return float(others / both)
 
 
 def _rate(stream: Stream | PoseStream) -> float:
