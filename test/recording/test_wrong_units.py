@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 from forcecal_ros.errors import DataError
-from forcecal_ros.recording.checks.at_rest import force_unit_of, refuse_other_lever
+from forcecal_ros.recording.checks.at_rest import refuse_other_lever
 from forcecal_ros.recording.checks.clipping import clipped
 from forcecal_ros.recording.checks.entry import checked
 from forcecal_ros.recording.checks.header_stamps import usable_stamps
 from forcecal_ros.recording.checks.inertia import other_point, shown_in_metres
 from forcecal_ros.recording.checks.slowness import lag_note
-from forcecal_ros.recording.checks.units import lever_units_of
+from forcecal_ros.recording.checks.units import force_unit_of, lever_units_of
 import numpy as np
 import pytest
 from wrong_recordings import COM, log, RECEIVED, recording_of, work, WRONG
