@@ -49,6 +49,10 @@ WEIGHTLESS = 0.05
 """What weighs less than this share of a model's tool in any frame has had its weight taken off:
 kgf would leave a tenth."""
 
+CLEARLY = 50.0
+"""Standard errors of what weighs a thousandth of a model's tool: forces in kN have a thousandth of
+the noise, too, and a weight that was taken off leaves none."""
+
 NAME_THE_TOOL = 'calibrate what hung there (forcecal calibrate) and give --calibration'
 """What to do where another tool hung on the sensor than that of a rig."""
 
@@ -190,6 +194,8 @@ def refuse_other_forces(found: AtRest, mass: float, com: Array, other_tool: str,
     """Refuse means without contact; otherwise as :func:`refuse_other_axes`."""
     judgement = judge(found.forces)
     if judgement.likely[0].mass < WEIGHTLESS * mass:
+        if judgement.plain.mass > CLEARLY * judgement.plain.mass_std:
+            refuse_other_force_unit(judgement.plain.mass, mass)
         _refuse_other_tool(judgement.plain.mass, mass, other_tool)
     if is_elsewhere(judgement):
         refuse_other_frame(judgement, stated)
@@ -199,7 +205,8 @@ def refuse_other_forces(found: AtRest, mass: float, com: Array, other_tool: str,
     refuse_other_force_unit(plain.mass, mass)
     _refuse_other_tool(plain.mass, mass, other_tool)
     weight = mass * found.forces.in_sensor
-    refuse_other_torques(weight, found.torque, None, rests=found.forces.rests)
+    refuse_other_torques(weight, found.torque, None, found.forces.R_base_sensor,
+                         found.forces.rests)
     refuse_other_lever(weight, found.torque, com)
 
 
