@@ -150,7 +150,7 @@ RERUN = {'payload': 'payload', 'tilt': 'tilt.x', 'joint friction': 'frictionloss
 
 MUJOCO = {'payload': 'body_mass[gripper]', 'tilt': 'tilt.x',
           'joint friction': 'dof_frictionloss[joint2]', 'joint gain': 'kp[joint1]',
-          'contact softness': 'geom_solref[table]'}
+          'joint backlash': 'backlash[joint2]', 'contact softness': 'geom_solref[table]'}
 """The same of a model in MuJoCo."""
 
 OF_WAY = {'rerun': RERUN, 'mujoco': MUJOCO}

@@ -2,7 +2,7 @@
 
     python benchmark/blind_check.py --seeds development 40            work on the tool
     python benchmark/blind_check.py --seeds sealed 400 --none 200     the figures for the README
-    python benchmark/blind_check.py second|verify|rerun --help        the second edition
+    python benchmark/blind_check.py second|verify|rerun|compare --help        the second edition
 
 All four steps follow each other and go on where they were interrupted. A Dask cluster (--dask
 tcp://host:8786) does the same work; its workers need this folder under the same name, and on
@@ -36,7 +36,7 @@ OPENINGS = ROOT / 'benchmark' / 'blind'
 
 
 def main():
-    if sys.argv[1:2] and sys.argv[1] in ('second', 'verify', 'rerun'):
+    if sys.argv[1:2] and sys.argv[1] in ('second', 'verify', 'rerun', 'compare'):
         import blind_second
         return blind_second.main(sys.argv[1:])
     args = parse()

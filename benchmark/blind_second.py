@@ -3,13 +3,15 @@
     python benchmark/blind_check.py second 2 seal --half sealed-2 --rig 22 --arm 6 --until 15:15
     python benchmark/blind_check.py second 2 run --until 15:15
     python benchmark/blind_check.py second 2 open
-    python benchmark/blind_check.py second 2 baselines     (of an opened part)
+    python benchmark/blind_check.py second 2 baselines     (of an opened part; goes on)
     python benchmark/blind_check.py second 1 --development all --rig 4 --arm 2 --real 4
     python benchmark/blind_check.py verify [--cases N]
     python benchmark/blind_check.py rerun [--cases N]
+    python benchmark/blind_check.py compare 2 3
 
 ``seal`` makes all cases and publishes what binds them; commit that. ``run`` asks the tool, in the
-order that was sealed, and starts no case after the hour. ``open`` publishes labels and answers,
+order that was sealed, and starts no case after the hour. Several processes of ``run``, and of
+``make`` before ``seal``, share the work. ``open`` publishes labels and answers,
 scores, and adds to RESULTS.md. Interrupted, each goes on where it was.
 """
 
@@ -25,14 +27,14 @@ import time
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'benchmark')]
 
-from blind.seal import SealError, write_json
+from blind.seal import read_json, SealError, write_json
 from blind.second import sealing
 from blind.second.rules import DEVELOPMENT
 from blind.second.sealing import Part
 from tqdm import tqdm
 
 OPENINGS = ROOT / 'benchmark' / 'blind' / 'second'
-STEPS = ('seal', 'run', 'open', 'all', 'baselines')
+STEPS = ('seal', 'run', 'open', 'all', 'baselines', 'make', 'ask')
 
 
 def main(words):
@@ -62,6 +64,9 @@ def parse(words):
         one.add_argument('--part', type=int, nargs='*', help='(default: all)')
         one.add_argument('--cases', type=int, default=0 if name == 'verify' else 10)
         one.set_defaults(work=function)
+    two = commands.add_parser('compare', help='two opened parts, row by row')
+    two.add_argument('parts', type=int, nargs=2)
+    two.set_defaults(work=compare)
     return parser.parse_args(words)
 
 
@@ -75,7 +80,7 @@ def work(args):
     part = part_of(args.number, args.development)
     steps = STEPS[:3] if args.step == 'all' else (args.step,)
     for step in steps:
-        {'seal': seal, 'run': run, 'open': show, 'baselines': baselines}[step](part, args)
+        DO[step](part, args)
     return 0
 
 
@@ -87,7 +92,10 @@ def seal(part, args):
     if not half:
         raise SealError('say which sealed half the part is of, as --half sealed-2')
     sealing.begin(part, half, counts, args.until)
-    if not (part.public / 'commitments.json').exists():
+    if args.step == 'make':
+        for identity in sealing.prepare(part):
+            print(identity, flush=True)
+    elif not (part.public / 'commitments.json').exists():
         for _ in tqdm(sealing.seal(part), desc='making', total=sum(counts.values()),
                       disable=None):
             pass
@@ -106,16 +114,17 @@ def run(part, args):
     sealing.start(part, blind_second_tool.identity_of_tool())
     for identity, bound in tqdm(part.read('commitments').items(), desc='diagnosing',
                                 disable=None):
-        path = part.private / 'answers' / f'{identity}.json'
-        if path.exists():
-            continue
-        if args.until and time.strftime('%H:%M') >= args.until:
-            print(f'no case is begun after {args.until}')
-            return
-        arrays = sealing.kept(part, identity).arrays
-        if sealing.content(arrays) != bound['case']:
-            raise SealError(f'case {identity} is not the one that was committed to')
-        write_json(path, blind_second_tool.answer(bound['generator'], arrays))
+        with sealing.claimed(part, 'asking', identity) as mine:
+            path = part.private / 'answers' / f'{identity}.json'
+            if not mine or path.exists():
+                continue
+            if args.until and time.strftime('%H:%M') >= args.until:
+                print(f'no case is begun after {args.until}')
+                return
+            arrays = sealing.kept(part, identity).arrays
+            if sealing.content(arrays) != bound['case']:
+                raise SealError(f'case {identity} is not the one that was committed to')
+            write_json(path, blind_second_tool.answer(bound['generator'], arrays))
 
 
 def show(part, args):
@@ -123,19 +132,29 @@ def show(part, args):
     write_scores(part)
 
 
-def baselines(part, args):
-    from blind import baselines, bounded
-    from blind.second import oracle
-    import blind_second_tool
+def ask(part, args):
+    """Ask simpler methods of cases that are made, sealed or not; answers stay with the labels."""
+    for identity in sealing.ask(part):
+        print(identity, flush=True)
 
-    answers, labels, told = part.read('answers'), part.read('opened')['labels'], {}
+
+def baselines(part, args):
+    """Publish what simpler methods say of every answered case; goes on where it was."""
+    answers, plans = part.read('answers'), None
+    path = part.public / 'baselines.json'
+    told = part.read('baselines') if path.exists() else {}
     for one, bound in tqdm(part.read('commitments').items(), disable=None):
-        if bound['generator'] == 'rig' and one in answers:
-            arrays = sealing.kept(part, one).arrays
-            fit, judged = (blind_second_tool.recorded(arrays, which) for which in range(2))
-            told[one] = {**baselines.judge(fit), 'bounded': bounded.judge(fit),
-                         'oracle': oracle.told(labels[one], judged)}
-    write_json(part.public / 'baselines.json', told)
+        if one not in answers or one in told:
+            continue
+        before = part.private / 'baselines' / f'{one}.json'
+        if before.exists():
+            told[one] = read_json(before)
+        elif bound['generator'] != 'real' or _has_recordings():
+            plans = plans or sealing.planned(part.read('plan'), part.read('opened')['master'])
+            told[one] = sealing.asked(plans[one], sealing.kept(part, one)
+                                      or sealing.made_anew(part, one))
+            write_json(path, told)
+    write_json(path, told)
     write_scores(part)
 
 
@@ -208,11 +227,21 @@ def rerun(args):
     return int(differ > 0)
 
 
+def compare(args):
+    from blind.second import others
+
+    print('\n'.join(others.against(*(part_of(one).read('scores') for one in args.parts))))
+    return 0
+
+
 def _said(document):
     named = ', '.join(f'{one["name"]} {one["probability"]:.2f}'
                       for one in document.get('candidates', []))
     return f'{document["verdict"]}: {named}'
 
+
+DO = {'make': seal, 'seal': seal, 'run': run, 'open': show, 'ask': ask, 'baselines': baselines}
+"""What each step does."""
 
 if __name__ == '__main__':
     sys.exit(main(sys.argv[1:]))

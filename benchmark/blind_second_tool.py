@@ -100,6 +100,8 @@ def _short(document):
     if gap:
         kept['gap'] = {key: gap[key] for key in ('nominal', 'recalibrated', 'explained', 'closed',
                                                  'closed_ci95')}
+        kept['gap']['noise'] = {name: float(f'{one["noise_rms"]:.4g}')
+                                for name, one in gap['per_channel'].items()}
     return {**kept, 'where': [[one['stage'], one['channel'], one['phase']]
                               for one in document['where'][:PLACES]]}
 

@@ -8,13 +8,18 @@ from blind.robot import Array
 from blind.second.ground import Departure, sized
 from blind.second.law import Added, Kind
 from blind.second.rules import DEVELOPMENT, half, Rules, rules_of
-from blind.second.shrink import true_shrink
+from blind.second.shrink import squares, true_shrink
 import numpy as np
 
 BACKGROUND, RATIO, ALONE = (30.0, 1e6), (0.3, 100.0), (20.0, 5000.0)
 """Energies of a background, of an effect in that of its background, of one without."""
 CERTAIN, SURELY = 2.5, 3.5
 """Sigmas from and up to which an effect of a nuisance's name is ambiguous."""
+DRAWS, LEFT, ALIKE = 12, 0.05, 0.05
+"""How often a law is drawn at most; the share of its energy that nuisances leave, and of its peak
+in the first recording that it has in the other, from which it is sound."""
+ARM = 0.2
+"""Lever at which a sensor's torques are as large as its forces [m]."""
 NONE, OUTSIDE, LIBRARY = 'none', 'outside', 'library'
 WITHOUT_EFFECT, LACKED = 0.27, 0.16
 """Shares of the cases."""
@@ -85,11 +90,11 @@ class _Drawn(NamedTuple):
     begun: float
 
 
-def _drawn(rng: np.random.Generator, names: Sequence[str], most: float, rules: Rules) -> _Drawn:
+def _drawn(rng: np.random.Generator, names: Sequence[str], base: Any, rules: Rules) -> _Drawn:
     chosen = rng.permutation(list(names))[:rng.integers(3, 7)].tolist()
-    low, high = np.log(BACKGROUND[0]), np.log(min(most, BACKGROUND[1]))
+    low, high = np.log(BACKGROUND[0]), np.log(min(base.most, BACKGROUND[1]))
     energies = np.exp(rng.uniform(low, high, len(chosen)))
-    bare = bool(rng.random() < rules.bare)
+    bare = bool(rng.random() < rules.bare[base.name])
     begun = float(rng.uniform(0.35, 0.65)) if rng.random() < rules.begun else 0.0
     return _Drawn({} if bare else dict(zip(chosen, map(float, energies))),
                   float(np.exp(rng.uniform(*np.log(RATIO)))),
@@ -111,21 +116,21 @@ def make(plan: Plan, generator: Any) -> Made:
     what, how = (np.random.default_rng(one) for one in np.random.SeedSequence(plan.seed).spawn(2))
     base = generator(plan.seed, forms)
     known = sorted(name for name, kind in kinds.items() if not kind.wants & base.lacks)
-    drawn = _drawn(what, known, base.most, rules)
+    drawn = _drawn(what, known, base, rules)
     effect = _effect(plan, drawn, base, known, what)
-    laws = {name: _law(base, kinds[name], how)
+    laws = {name: _law(base, kinds[name], how, rules)
             for name in (*drawn.background, *([effect] if effect in kinds else []))}
     onset = _onset(plan, drawn, base, effect)
     part, background = _sized(base, rules, drawn, effect, laws, onset, how)
-    beside = {name: np.sqrt(energy / laws[name][1]) for name, energy in background.items()}
+    beside = {name: np.sqrt(energy / laws[name].energy) for name, energy in background.items()}
     scales = {**beside, **({effect: part['size']} if effect in kinds else {})}
-    both = [_sum([laws[name][0][i].times(scale) for name, scale in scales.items()], moved)
+    both = [_sum([laws[name].both[i].times(scale) for name, scale in scales.items()], moved)
             for i, moved in enumerate(base.moved)]
     given = (effect, part['size'], part['seed']) if part and effect not in kinds else None
-    label = _label(plan, base, kinds, part, background, onset, drawn.bare)
+    label = _label(plan, base, kinds, part, background, onset, drawn.bare, rules)
     if rules.mended and plan.kind == LIBRARY:
         label['aliases'] = list(rules.touchless.get(effect, ()) if 'contact' in base.lacks else ())
-        label['shrink'] = _shrink(base, part, both[-1], onset)
+        label['shrink'] = _shrink(base, part, both[-1], onset, rules)
     return Made(base.recordings(given, both, onset), label)
 
 
@@ -155,23 +160,65 @@ def _late(base: Any, changed: Departure, onset: float | None) -> Departure:
     return {topic: np.where(there, values, 0.0) for topic, values in changed.items()}
 
 
-def _shrink(base: Any, part: Mapping[str, Any], beside: Added, onset: float | None) -> float:
+def _shrink(base: Any, part: Mapping[str, Any], beside: Added, onset: float | None,
+            rules: Rules) -> float | dict[str, list[float]]:
     """Return the share of the misfit that the effect makes, as the tool measures it."""
     changed = _late(base, base.of_effect(part['name'], part['size'], part['seed']), onset)
     laws, own = base.of_law(beside), base.own_change()
+    if rules.sound:
+        changed, laws = base.compared(changed), base.compared(laws)
     beside_it = {topic: values + own[topic] if topic in own else values
                  for topic, values in laws.items()}
-    return true_shrink(base, changed, beside_it, base.nuisance(part['name'])[0])
+    measure = squares if rules.sound else true_shrink
+    return measure(base, changed, beside_it, base.nuisance(part['name'])[0])
 
 
-def _law(base: Any, kind: Kind, rng: np.random.Generator) -> tuple[list[Added], float]:
-    """Draw a law: what it adds to each recording, and its energy at that size."""
-    law = kind.draw(rng)
-    both = [law(moved) for moved in base.moved]
-    # scaled to about the noise first, so that no sum of squares overflows
-    size = 1e-3 / max(1e-12, float(np.abs(both[-1].wrench).max() + np.abs(both[-1].accel).max()))
-    both = [one.times(size) for one in both]
-    return both, max(1e-12, base.ground.net(base.of_law(both[-1])))
+class _Law(NamedTuple):
+    """What a law adds to each recording, its energy at that size, and the most it may have."""
+
+    both: list[Added]
+    energy: float
+    most: float
+
+
+def _law(base: Any, kind: Kind, rng: np.random.Generator, rules: Rules) -> _Law:
+    """
+    Draw a law.
+
+    A sound one is not an offset or a gain in disguise, which as large as wanted would be larger
+    than any sensor reads, and is about as large in one recording as in the other.
+    """
+    best, how_sound = None, -1.0
+    for _ in range(DRAWS if rules.sound else 1):
+        law = kind.draw(rng)
+        both = [law(moved) for moved in base.moved]
+        # scaled to about the noise first, so that no sum of squares overflows
+        size = 1e-3 / max(1e-12, float(np.abs(both[-1].wrench).max()
+                                       + np.abs(both[-1].accel).max()))
+        both = [one.times(size) for one in both]
+        departure = base.of_law(both[-1])
+        energy = max(1e-12, base.ground.net(departure))
+        if not rules.sound:
+            return _Law(both, energy, np.inf)
+        whole = base.ground.whitened(departure)
+        peaks = [_peak(one, moved) for one, moved in zip(both, base.moved)]
+        sound = min(energy / max(1e-12, float(whole @ whole)) / LEFT,
+                    peaks[-1] / max(1e-12, peaks[0]) / ALIKE)
+        if sound > how_sound:
+            best, how_sound = _Law(both, energy, energy / max(1e-12, *peaks)**2), sound
+        if sound > 1.0:
+            break
+    assert best is not None
+    return best
+
+
+def _peak(one: Added, moved: Any) -> float:
+    """Return the largest change in what a sensor carries: a load and a half, as much as weight."""
+    carried = 1.5 * float(moved.load)
+    return max(float(np.abs(one.wrench[:, :3]).max()) / carried,
+               float(np.abs(one.wrench[:, 3:]).max()) / (ARM * carried),
+               float(np.abs(one.accel).max()) / 9.81,
+               float(np.abs(one.position).max()) / 0.1)
 
 
 def _sum(parts: Sequence[Added], moved: Any) -> Added:
@@ -183,10 +230,11 @@ def _sum(parts: Sequence[Added], moved: Any) -> Added:
 
 
 def _sized(base: Any, rules: Rules, drawn: _Drawn, effect: str,
-           laws: Mapping[str, tuple[list[Added], float]], onset: float | None,
+           laws: Mapping[str, _Law], onset: float | None,
            rng: np.random.Generator) -> tuple[dict[str, Any], dict[str, float]]:
     """Size the effect; where it cannot be as large as wanted, its background shrinks."""
-    background = dict(drawn.background)
+    background = {name: min(energy, laws[name].most) for name, energy in drawn.background.items()
+                  if laws[name].most >= BACKGROUND[0]}
     total = sum(background.values()) + base.own
     if not effect:
         return {}, background
@@ -194,11 +242,18 @@ def _sized(base: Any, rules: Rules, drawn: _Drawn, effect: str,
     wanted = drawn.alone if alone else drawn.ratio * total
     seed = int(rng.integers(2**32))
     if effect in laws:
-        return {'name': effect, 'size': float(np.sqrt(wanted / laws[effect][1])), 'seed': seed,
-                'energy': wanted}, background
-    size, energy = _size(base, effect, wanted, seed, rules, onset)
+        energy = min(wanted, laws[effect].most)
+        size = float(np.sqrt(energy / laws[effect].energy))
+    else:
+        size, energy = _size(base, effect, wanted, seed, rules, onset)
+        least = RATIO[0] * (len(background) * BACKGROUND[0] + base.own)
+        for other in rng.integers(2**32, size=DRAWS if rules.sound else 0).tolist():
+            if energy >= least:
+                break  # else of axes that the motion does not load
+            seed = int(other)
+            size, energy = _size(base, effect, wanted, seed, rules, onset)
     if background and energy < 0.8 * wanted:
-        shrink = max(0.0, energy / drawn.ratio - base.own) / sum(drawn.background.values())
+        shrink = max(0.0, energy / drawn.ratio - base.own) / sum(background.values())
         background = {name: max(BACKGROUND[0], shrink * one) for name, one in background.items()}
     return {'name': effect, 'size': size, 'seed': seed, 'energy': energy}, background
 
@@ -225,10 +280,13 @@ def _size(base: Any, effect: str, wanted: float, seed: int, rules: Rules,
 
 
 def _label(plan: Plan, base: Any, kinds: Mapping[str, Kind], part: dict[str, Any],
-           background: dict[str, float], onset: float | None, bare: bool) -> dict[str, Any]:
+           background: dict[str, float], onset: float | None, bare: bool, rules: Rules
+           ) -> dict[str, Any]:
     total = sum(background.values()) + base.own
     excused = {name for kind in (*background, *([part['name']] if part else []))
                if kind in kinds for name in kinds[kind].alias}
+    if rules.sound and 'contact' in base.lacks:
+        excused.update(*(rules.touchless.get(name, ()) for name in tuple(excused)))
     if onset is not None:  # a gain that sets in is a step of a constant load
         excused.add('wrench_bias_step')
     doubtful = sorted(NAMES[key] for key, z in base.strays.items()

@@ -57,10 +57,11 @@ class Ground:
         wanted = np.linalg.solve(root, (self._columns @ self.whitened(departure))[kept])
         weights = np.zeros(len(kept))
         weights[kept] = lsq_linear(root.T, wanted, (-WITHIN, WITHIN)).x
-        out = {topic: np.array(departure[topic]) for topic in self._noise}
+        out = {topic: np.array(values) for topic, values in departure.items()}
         for weight, column in zip(weights, self._plain):
             for topic in out:
-                out[topic] -= weight * column[topic]
+                if topic in column:
+                    out[topic] -= weight * column[topic]
         return out
 
 

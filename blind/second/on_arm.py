@@ -1,6 +1,7 @@
 """The arm in MuJoCo as a generator of the second edition."""
 
 from collections.abc import Mapping
+import copy
 
 from blind.cases import LIBRARY
 from blind.effect import Effect, sign
@@ -104,9 +105,29 @@ class OnArm:
                 for topic in ('wrench', 'position', 'joints')}
 
     @property
+    def nominal_levels(self) -> dict[str, Array]:
+        """Noise of one sample as one takes it to be."""
+        return {topic: SIGMA[topic] for topic in ('wrench', 'position', 'joints')}
+
+    def knowing(self, forms: Mapping[str, Effect]) -> 'OnArm':
+        """Return the same case with other forms of effects."""
+        other = copy.copy(self)
+        vars(other)['_known'] = {**LIBRARY, **forms}
+        return other
+
+    def measured(self, arrays: Mapping[str, Array]) -> dict[str, Array]:
+        """Return by how much the recording differs from nominal."""
+        return {topic: arrays[topic] - getattr(self._clean, topic)
+                for topic in ('wrench', 'position', 'joints')}
+
+    @property
     def judged_seconds(self) -> float:
         """Return the length of the recording [s]."""
         return SECONDS
+
+    def compared(self, change: dict[str, Array]) -> dict[str, Array]:
+        """Return what of a change is compared: all."""
+        return change
 
     def own_change(self) -> dict[str, Array]:
         """Return what the nominal model leaves without any effect."""
@@ -126,7 +147,7 @@ class OnArm:
 
     def _of_wrench(self, change: Array) -> dict[str, Array]:
         return {'wrench': change, 'position': np.zeros((len(change), 3)),
-                'joints': np.zeros((len(change), 6))}
+                'joints': np.zeros((len(change), 6)), 'turn': np.zeros((len(change), 3))}
 
     def _moved(self) -> Moved:
         n, at = Numbers(), self._clean
@@ -211,5 +232,6 @@ class OnArm:
 
 
 def _between(one: Ran, other: Ran) -> dict[str, Array]:
-    return {key: getattr(one, key) - getattr(other, key) for key in (
-        'wrench', 'position', 'joints')}
+    turn = Rotation.from_matrix(np.swapaxes(other.R, 1, 2) @ one.R).as_rotvec()
+    return {**{key: getattr(one, key) - getattr(other, key) for key in (
+        'wrench', 'position', 'joints')}, 'turn': turn}

@@ -1,6 +1,7 @@
 """A real arm's free motion (KUKA LBR Med), on whose measured wrench effects are laid."""
 
 from collections.abc import Mapping
+import copy
 from functools import lru_cache
 import os
 from pathlib import Path
@@ -139,7 +140,22 @@ class OnReal:
         self.own = self.ground.net(self._low(m.own))
         # what is faster than the motion is noise to who compares with it
         self.levels = {'wrench': np.std(m.wrench - m.bias - m.felt, axis=0)}
+        self.nominal_levels = {'wrench': m.noise}
         self.judged_seconds = self.duration()
+
+    def knowing(self, forms: Mapping[str, Effect]) -> 'OnReal':
+        """Return the same case with other forms of effects."""
+        other = copy.copy(self)
+        vars(other)['_known'] = {**LIBRARY, **forms}
+        return other
+
+    def measured(self, arrays: Mapping[str, Array]) -> dict[str, Array]:
+        """Return by how much the recording differs from a rigid tool, as far as that is slow."""
+        return self._low(measured().own + arrays['change'])
+
+    def compared(self, change: dict[str, Array]) -> dict[str, Array]:
+        """Return what of a change is slow enough to be compared with the motion."""
+        return self._low(change['wrench'])
 
     def own_change(self) -> dict[str, Array]:
         """Return what the recording leaves beside a rigid tool."""

@@ -1,6 +1,7 @@
 """The second rig as a generator of the second edition."""
 
 from collections.abc import Mapping
+import copy
 from typing import Any
 
 from blind.cases import LIBRARY, OUTSIDE
@@ -15,6 +16,7 @@ from blind.second.noise import draw_noise, quirks
 from blind.second.numbers import changed_numbers
 from blind.sensors import record, Recorded
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 RATES = {'wrench': 1000.0, 'volts': 1000.0, 'slide': 1000.0, 'position': 250.0, 'turn': 250.0}
 SECONDS = 22.0
@@ -23,9 +25,11 @@ LOOKED_AT = ('wrench', 'volts', 'slide', 'position')
 
 
 def departure(one: Recorded, other: Recorded) -> dict[str, Array]:
-    """Return how two recordings of the same stamps differ."""
-    return {topic: np.reshape(getattr(one, topic) - getattr(other, topic),
-                              (len(getattr(one, topic)), -1)) for topic in LOOKED_AT}
+    """Return how two recordings of the same stamps differ; ``turn``: by a rotation vector."""
+    turn = Rotation.from_matrix(np.swapaxes(other.R, 1, 2) @ one.R).as_rotvec()
+    return {**{topic: np.reshape(getattr(one, topic) - getattr(other, topic),
+                                 (len(getattr(one, topic)), -1)) for topic in LOOKED_AT},
+            'turn': turn}
 
 
 class OnRig:
@@ -63,9 +67,30 @@ class OnRig:
                 for topic in LOOKED_AT}
 
     @property
+    def nominal_levels(self) -> dict[str, Array]:
+        """Noise of one sample as one takes it to be."""
+        return {topic: SIGMA[topic] for topic in LOOKED_AT}
+
+    def knowing(self, forms: Mapping[str, Effect]) -> 'OnRig':
+        """Return the same case with other forms of effects."""
+        other = copy.copy(self)
+        vars(other)['_known'] = {**LIBRARY, **OUTSIDE, **forms}
+        return other
+
+    def measured(self, arrays: Mapping[str, Array]) -> dict[str, Array]:
+        """Return by how much the recording that judges differs from nominal."""
+        return {topic: arrays[f'1.{topic}'].reshape(len(arrays[f'1.{topic}']), -1)
+                - getattr(self.clean, topic).reshape(len(arrays[f'1.{topic}']), -1)
+                for topic in LOOKED_AT}
+
+    @property
     def judged_seconds(self) -> float:
         """Return the length of the recording that judges [s]."""
         return 0.004 * len(self._commands[1].position)
+
+    def compared(self, change: dict[str, Array]) -> dict[str, Array]:
+        """Return what of a change is compared: all."""
+        return change
 
     def own_change(self) -> dict[str, Array]:
         """Return what is beside all that was drawn: nothing."""

@@ -7,11 +7,9 @@ from typing import Any
 from blind.score import Rate, Value
 from blind.second.case import NONE
 from blind.second.judged import Judged
+from blind.second.others import SEEN, table
 from blind.second.score import Bin, Figures, judged, score, surely
 from blind.second.sealing import Part
-
-SEEN = 3.0
-"""Standard errors from which the oracle sees an effect."""
 
 
 def cases_of(part: Part) -> list[Judged]:
@@ -95,6 +93,8 @@ def _baselines(part: Part) -> list[str]:
     if not (part.public / 'baselines.json').exists():
         return []
     told, cases = part.read('baselines'), [c for c in cases_of(part) if c.generator == 'rig']
+    if any('odds' in one['bic'] for one in told.values()):  # asked of every generator
+        return table(told, cases_of(part))
     without = [c for c in cases if c.kind == NONE]
     known = [c for c in cases if c.effect and not c.label['ambiguous']]
     lines = ['| on the rig | a gap where no effect is | right effect or an alias first |',

@@ -1,6 +1,8 @@
 """A part of the second edition: made and sealed, opened, and verified by anyone."""
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+import fcntl
 from hashlib import sha256
 import importlib
 import importlib.metadata
@@ -10,6 +12,7 @@ from typing import Any, NamedTuple
 
 from blind.robot import Array
 from blind.seal import commitment, digest, now, read_json, SealError, write_json
+from blind.second import methods, rules
 from blind.second.case import Made, make, Plan, plans, seed_of
 from blind.second.rules import DEVELOPMENT, file_of
 import numpy as np
@@ -126,6 +129,49 @@ def planned(plan: Mapping[str, Any], master: str) -> dict[str, Plan]:
     order = np.random.default_rng(seed_of(master, 'order')).permutation(len(cases))
     names = list(cases)
     return {names[i]: cases[names[i]] for i in order}
+
+
+@contextmanager
+def claimed(part: Part, what: str, identity: str) -> Iterator[bool]:
+    """Say whether a case is this process's to work on, and hold it; others hold others."""
+    path = part.private / what / identity
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open('w') as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            yield False
+        else:
+            yield True
+
+
+def prepare(part: Part) -> Iterator[str]:
+    """Make cases, several processes each its own; yields each that is made."""
+    plan, master = part.read('plan'), read_json(part.private / 'master.json')['master']
+    for identity, one in planned(plan, master).items():
+        with claimed(part, 'making', identity) as mine:
+            if mine and not part.recordings(identity).exists():
+                _keep(part, identity, make(one, generator(one.generator)))
+                yield identity
+
+
+def ask(part: Part) -> Iterator[str]:
+    """Ask simpler methods of cases, several processes each its own; yields each that was asked."""
+    plan, master = part.read('plan'), read_json(part.private / 'master.json')['master']
+    for identity, one in planned(plan, master).items():
+        path = part.private / 'baselines' / f'{identity}.json'
+        with claimed(part, 'asking-others', identity) as mine:
+            made = kept(part, identity)
+            if mine and made and not path.exists():
+                write_json(path, asked(one, made), private=True)
+                yield identity
+
+
+def asked(one: Plan, made: Made) -> dict[str, Any]:
+    """Return what simpler methods say of a case, and what the oracle finds."""
+    base = generator(one.generator)(one.seed, rules.half(one.half)[1])
+    measured = base.measured(made.arrays)
+    return {**methods.judge(base, measured), 'oracle': methods.told(base, made.label, measured)}
 
 
 def seal(part: Part) -> Iterator[str]:

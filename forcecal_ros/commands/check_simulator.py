@@ -6,12 +6,13 @@ from typing import Any
 
 from forcecal_ros.commands.common import (
     add_json,
+    add_sensor_pose,
     add_topics,
     new_parser,
     print_json,
     read_likewise,
+    read_poses_of_sensor,
     say,
-    topic_names,
 )
 from forcecal_ros.commands.simulators import (
     add_simulators,
@@ -29,6 +30,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('bag', metavar='BAG', help='recording whose commands it is run with')
     add_simulators(parser)
     add_topics(parser)
+    add_sensor_pose(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -36,14 +38,13 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     from forcecal_ros.diagnose.conformance import conformance
-    from forcecal_ros.recording.bags import read_recording
     from forcecal_ros.simulators.rig.file import load_rig
 
     check_simulators(args)
     if not (args.simulator or args.mujoco):
         raise UsageError('name what is to be checked: --simulator MODULE:FACTORY or --mujoco '
                          'MODEL.xml')
-    found = conformance(simulator_of(args), read_recording(args.bag, topics=topic_names(args)),
+    found = conformance(simulator_of(args), read_poses_of_sensor(args, args.bag, joints=True),
                         load_rig('rigid_tool.yaml'))
     if args.json:
         print_json(found.document())
@@ -59,4 +60,4 @@ def _next(args: argparse.Namespace) -> str:
              if (value := getattr(args, name))
              for word in (f'--{name.replace("_", "-")}', value)]
     return shlex.join(('forcecal', 'diagnose', args.bag, *named,
-                       *read_likewise(args, poses=False), '-o', 'why'))
+                       *read_likewise(args), '-o', 'why'))

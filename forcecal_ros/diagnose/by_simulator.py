@@ -1,11 +1,12 @@
 """From a recording and a simulator that can be run to a diagnosis."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 from forcecal_ros.diagnose.by_motion import in_unit
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
+from forcecal_ros.diagnose.imitations import judged_beside, tried
 from forcecal_ros.diagnose.inputs.accelerometer import as_compared, imus_compared
 from forcecal_ros.diagnose.inputs.dataset import Dataset, made_up
 from forcecal_ros.diagnose.inputs.measured_joints import (
@@ -30,10 +31,10 @@ from forcecal_ros.diagnose.inputs.simulated_tool import (
     TURN,
 )
 from forcecal_ros.diagnose.inputs.stamps import Corrected, evened
-from forcecal_ros.diagnose.judge.named_effects import AT_BOUND
+from forcecal_ros.diagnose.numbers_found import Changed, changes, held, recalibrated
+from forcecal_ros.diagnose.refit import Bent, bent, refitted, widened
 from forcecal_ros.diagnose.say.result import Diagnosis, NO_MOTION
-from forcecal_ros.diagnose.say.verdict import FURTHER
-from forcecal_ros.effects.nuisances import LIMIT
+from forcecal_ros.diagnose.say.verdict import FIRST
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
@@ -43,7 +44,7 @@ from forcecal_ros.simulators.rerun import Numbers, refuse_unsteady, Rerun, Runs
 from forcecal_ros.simulators.rigid_tool import beyond
 from forcecal_ros.simulators.run_limit import refuse_too_many, runs_short
 from forcecal_ros.simulators.signals import BLOCK
-from forcecal_ros.simulators.simulated_robot import simulated_robot, SimulatedRobot, STEP
+from forcecal_ros.simulators.simulated_robot import simulated_robot, SimulatedRobot
 from forcecal_ros.simulators.third_party import ThirdParty
 import numpy as np
 from numpy.typing import NDArray
@@ -66,36 +67,22 @@ Share of the misfit that is gone in the prediction and not when the simulator is
 all parameters are tried again: the width of most confidence intervals of that share.
 """
 
+SETTLED = 1.0
+"""
+Standard errors that a number would still move, where the simulator was run as it was found, from
+which it is fitted once more about there: half of what chance makes of it.
+"""
+
+REFITS = 3
+"""
+Times that numbers named are fitted once more: each leaves the square of what was left before, so
+that three settle whatever two rounds came near.
+"""
+
 KNOCKS = ('for {:.1f} s the simulated tool knocks at something, or sticks and slips, so that half '
           'the step of its integration changes its wrench by more than 1 N: left out, as that is '
           'chance; touch more softly or slide less')
 """What is said of contact that no number of a simulator is told by."""
-
-CERTAIN = 3.0
-"""Standard errors from which a recalibrated parameter is told: once in 400 by chance."""
-
-
-class Changed(NamedTuple):
-    """
-    A parameter of the simulator as it was, as it should be, and its standard error.
-
-    Where it is at its bound, that says nothing.
-    """
-
-    name: str
-    unit: str
-    before: float
-    after: float
-    std: float
-    at_bound: bool = False
-
-    def __str__(self) -> str:
-        unit = '' if self.unit == '1' else f' {self.unit}'
-        moved = f'{self.name} {self.before:.4g} -> {self.after:.4g}'
-        if self.at_bound or self.std == 0.0:
-            return f'{moved}{unit} ({AT_BOUND})'
-        return f'{moved} +- {self.std:.2g}{unit}'
-
 
 class RerunDiagnosis(NamedTuple):
     """
@@ -190,24 +177,68 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...],
             one.runs.try_all(point)
             one.simulation.forget()
         outcome = diagnose_datasets(robot, judged, [one.stamps for one in ready], given)
-        changed, recomputed = _changes(simulator, outcome), None
+        changed, recomputed = changes(simulator, outcome), None
         if not isinstance(outcome.rig, SimulatedRobot):
             break
         point = outcome.rig.numbers
         straight = _predicted(ready, point)  # before it is run there
         recomputed = _recomputed(ready, judged, outcome) if changed else None
-        if straight and not _falls_short(outcome, recomputed):
+        if straight and not _falls_short(outcome, recomputed) and not _might_bend(outcome):
             break
-    notes = (*outcome.diagnosis.notes, *simulator.notes, *_recalibrated(simulator, outcome),
+    remarks = tuple(dict.fromkeys(x for one in ready for x in one.remarks))
+    if changed:
+        outcome = _settled(ready, judged, outcome, not short)
+        recomputed = _recomputed(ready, judged, outcome)
+        squares = _squares(ready, judged, outcome)
+        if other := tried([one.simulation for one in ready], judged, outcome, simulator):
+            outcome = judged_beside(outcome, other, squares)
+        changed = changes(simulator, outcome)
+    notes = (*outcome.diagnosis.notes, *simulator.notes, *remarks,
+             *recalibrated(simulator, outcome),
              *dict.fromkeys(filter(None, [*(x for one in ready for x in one.notes), short])),
              *named_joints(ready[0].simulation.joints, given))
     told = in_unit('m/s^2', outcome.diagnosis)
-    if told.verdict == 'no_gap' and (held := _held(simulator, outcome)):
+    if told.verdict == 'no_gap' and (limited := held(simulator, outcome)):
         word, apart, more = told.reason.partition('; ')
-        told = replace(told, reason=f'{word}, with {" and ".join(held)} as far off as three '
+        told = replace(told, reason=f'{word}, with {" and ".join(limited)} as far off as three '
                                     f'sigma allow{apart}{more}')
+    if remarks and told.verdict in ('unknown', 'partial'):
+        told = replace(told, reason=f'{told.reason}; {FIRST}{remarks[0]}')
     outcome = replace(outcome, diagnosis=replace(told, notes=notes))
     return RerunDiagnosis(outcome, changed, sum(one.runs.count for one in ready), recomputed)
+
+
+def _settled(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...], outcome: Outcome,
+             again: bool) -> Outcome:
+    """Fit the numbers named about where they were found, and say what a line leaves wrong."""
+    off, simulator = _bent(ready, outcome), ready[0].runs.simulator
+    for _ in range(REFITS if again else 0):
+        if not _moves(off) or runs_short(simulator, [one.runs for one in ready]):
+            break
+        assert isinstance(outcome.rig, SimulatedRobot)
+        for one in ready:
+            one.runs.try_all(outcome.rig.numbers)
+            one.simulation.forget()
+        anew = refitted(outcome)
+        if _squares(ready, judged, anew)[-1] >= _squares(ready, judged, outcome)[-1]:
+            break
+        outcome, off = anew, _bent(ready, anew)
+    return widened(outcome, off)
+
+
+def _moves(off: Mapping[str, Bent]) -> bool:
+    """Say whether a number would still move by more than its standard error."""
+    return any(abs(one.shift) > SETTLED * one.std for one in off.values())
+
+
+def _bent(ready: Sequence['_Prepared'], outcome: Outcome) -> dict[str, Bent]:
+    """Run the simulator as it was found, and say how far its named numbers would still move."""
+    if outcome.selection is None or not isinstance(outcome.rig, SimulatedRobot):
+        return {}
+    for one in ready:
+        one.runs.exact(outcome.rig.numbers)
+        one.simulation.forget()
+    return bent(outcome.selection)
 
 
 class _Prepared(NamedTuple):
@@ -218,6 +249,7 @@ class _Prepared(NamedTuple):
     tool: SimulatedTool
     robot: SimulatedRobot
     notes: tuple[str, ...]
+    remarks: tuple[str, ...]
 
 
 def _prepared(stamps: Corrected, simulator: ThirdParty, tool: SimulatedTool | None, rig: Rig
@@ -246,7 +278,8 @@ def _prepared(stamps: Corrected, simulator: ThirdParty, tool: SimulatedTool | No
     dataset = Dataset(real, simulation, MeasuredBlocks(seen, start, n), nominal, groups,
                       real.phases or made_up(groups, start), np.ones(n, bool), np.zeros(n, bool))
     notes = tuple(filter(None, (note, _without_knocking(dataset, simulation.knocking(robot)))))
-    return _Prepared(dataset, stamps, runs, simulation, known, robot, notes)
+    return _Prepared(dataset, stamps, runs, simulation, known, robot, notes,
+                     simulator.remarks(inputs_of(real)))
 
 
 def _without_knocking(dataset: Dataset, knocking: NDArray[np.bool_]) -> str:
@@ -292,6 +325,11 @@ def _predicted(ready: Sequence[_Prepared], point: Numbers) -> bool:
     return True
 
 
+def _might_bend(outcome: Outcome) -> bool:
+    """Say whether what is unexplained may be what a line about the nominal numbers leaves."""
+    return outcome.diagnosis.verdict == 'unknown'
+
+
 def _falls_short(outcome: Outcome, recomputed: float | None) -> bool:
     """Say whether a run with what was found leaves more than was predicted."""
     gap = outcome.diagnosis.gap
@@ -308,47 +346,6 @@ def _position(recording: Recording) -> Array:
     return recording.pose.position
 
 
-def _changes(simulator: ThirdParty, outcome: Outcome) -> tuple[Changed, ...]:
-    found = {e.name: e.parameters['value'] for e in outcome.diagnosis.effects
-             if 'value' in e.parameters}
-    return tuple(Changed(p.name, p.unit, p.nominal, found[p.name].value, found[p.name].std,
-                         found[p.name].at_bound) for p in simulator.parameters if p.name in found)
-
-
-def _recalibrated(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]:
-    """Say which parameters are off by no more than they may be."""
-    named = {e.name for e in outcome.diagnosis.effects}
-    held, told = _held(simulator, outcome), []
-    for p in simulator.parameters:
-        x, std = outcome.recalibrations.get(p.name, (0.0, 0.0))
-        if p.name not in (*named, *held) and abs(x) > CERTAIN * std:
-            told.append(str(Changed(p.name, p.unit, p.nominal, p.nominal + x, std)))
-    if told:
-        yield f'recalibrated, within three of their sigma: {"; ".join(told)}'
-    if held:
-        yield (f'{", ".join(held)} {FURTHER}, and beside what else is there is not certain '
-               'enough for a name')
-    finer, std = outcome.recalibrations.get(STEP, (0.0, 0.0))
-    if abs(finer) > CERTAIN * std:
-        yield (f'the step of its integration makes {_sure(finer, std)} times what half the '
-               'step changes, and that was taken out: a smaller step is nearer to the robot')
-    late, std = outcome.recalibrations.get('robot.delay', (0.0, 0.0))
-    if 'robot_delay' not in named and abs(late) > CERTAIN * std:
-        yield f'the robot is {_sure(1e3 * late, 1e3 * std)} ms later than its simulation'
-
-
-def _held(simulator: ThirdParty, outcome: Outcome) -> list[str]:
-    """List the parameters, not named, that would move further than three of their sigma."""
-    named = {e.name for e in outcome.diagnosis.effects}
-    return [p.name for p in simulator.parameters if p.name not in named and abs(
-        outcome.recalibrations.get(p.name, (0.0, 0.0))[0]) > 0.999 * LIMIT * p.sigma]
-
-
-def _sure(value: float, std: float) -> str:
-    """Write a number and its standard error, or that it could go no further."""
-    return f'{value:.2g} +- {std:.1g}' if std > 0.0 else f'{value:.2g} ({AT_BOUND})'
-
-
 def _recomputed(ready: Sequence[_Prepared], judged: Sequence[Dataset], outcome: Outcome
                 ) -> float | None:
     """
@@ -357,10 +354,19 @@ def _recomputed(ready: Sequence[_Prepared], judged: Sequence[Dataset], outcome: 
     The share that the diagnosis states, times what the run explains of the squares on judged
     blocks for what its linear prediction explains of them.
     """
-    gap, noise, robot = outcome.diagnosis.gap, outcome.noise, outcome.rig
-    if gap is None or noise is None or not isinstance(robot, SimulatedRobot):
+    gap = outcome.diagnosis.gap
+    if gap is None or outcome.noise is None or not isinstance(outcome.rig, SimulatedRobot):
         return None
-    squares = np.zeros(3)
+    before, linear, exact = _squares(ready, judged, outcome)
+    explained = before - linear
+    return float(gap.closed * (before - exact) / explained) if explained > 0.0 else None
+
+
+def _squares(ready: Sequence[_Prepared], judged: Sequence[Dataset], outcome: Outcome) -> Array:
+    """Sum the squares on judged blocks: recalibrated, as predicted and as it is when run."""
+    noise, robot, squares = outcome.noise, outcome.rig, np.zeros(3)
+    assert isinstance(robot, SimulatedRobot)
+    assert noise is not None
     for one, dataset, before, linear in zip(ready, judged, outcome.recalibrated,
                                             outcome.explained):
         one.runs.exact(robot.numbers)
@@ -369,5 +375,4 @@ def _recomputed(ready: Sequence[_Prepared], judged: Sequence[Dataset], outcome: 
         for i, blocks in enumerate((before, linear, exact)):
             rows = np.where(dataset.measured.present, blocks, 0.0)[dataset.held]
             squares[i] += float(np.sum((rows / np.where(noise > 0.0, noise, np.inf)) ** 2))
-    explained = squares[0] - squares[1]
-    return float(gap.closed * (squares[0] - squares[2]) / explained) if explained > 0.0 else None
+    return squares

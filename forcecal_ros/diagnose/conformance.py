@@ -6,6 +6,7 @@ import time
 from typing import Any, NamedTuple
 
 from forcecal_ros.diagnose.by_simulator import inputs_of
+from forcecal_ros.diagnose.inputs.measured_joints import not_simulated
 from forcecal_ros.diagnose.inputs.motion_dataset import span
 from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool, TURN
 from forcecal_ros.diagnose.inputs.stamps import evened
@@ -80,7 +81,7 @@ def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Confor
     Parameters
     ----------
     recording : Recording
-        With commands, wrench and pose.
+        With commands, wrench and pose; its joints, where it has any, are simulated, too.
     rig : Rig
         Gives the tolerances.
 
@@ -104,10 +105,13 @@ def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Confor
     simulated_tool(replace(made, accelerometer=None), start, n, rig, TURN)
     runs.try_all(simulator.nominal)
     streams = tuple(name for name in (*STREAMS, 'joints') if getattr(made, name) is not None)
+    lacking = not_simulated(inputs.measured_joints,
+                            () if made.joints is None else made.joints.names)
     return Conformance(simulator.name, seconds, inputs.end - inputs.start, streams, tuple(
         Sensitivity(p.name, _rms(c.wrench[:, :3]), _rms(c.wrench[:, 3:]), _rms(c.position),
                     _rms(c.turn), 0.0 if c.joints is None else _rms(c.joints))
-        for p, c in zip(simulator.parameters, runs.changes(simulator.nominal))), simulator.notes)
+        for p, c in zip(simulator.parameters, runs.changes(simulator.nominal))),
+        (*simulator.notes, *lacking))
 
 
 def _rms(rows: Array) -> float:

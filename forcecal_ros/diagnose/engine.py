@@ -106,6 +106,10 @@ class Outcome:
         Measured less simulated, in block means, of each recording.
     noise : ndarray, shape (channels,)
         RMS of one sample of each channel.
+    selection : Selection or None
+        What was accepted, at its fit.
+    checks : Checks or None
+        What the data said before.
     """
 
     diagnosis: Diagnosis
@@ -115,6 +119,8 @@ class Outcome:
     explained: tuple[Array, ...] = ()
     datasets: tuple[Dataset, ...] = ()
     noise: Array | None = None
+    selection: Selection | None = None
+    checks: Checks | None = None
 
 
 class _Judged(NamedTuple):
@@ -268,7 +274,8 @@ def _say(first: LinearisedModel, model: LinearisedModel, selection: Selection, j
     if judged.word == 'not_excited':
         diagnosis = replace(diagnosis, effects=(), candidates=())
     return Outcome(diagnosis, patched_rig(final, selection, checks), _moved(final),
-                   tuple(first.residuals), tuple(final.residuals), final.datasets, noise)
+                   tuple(first.residuals), tuple(final.residuals), final.datasets, noise,
+                   selection, checks)
 
 
 def _measured(first: LinearisedModel, selection: Selection, summary: ResidualSummary,

@@ -7,7 +7,7 @@ import shlex
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.judge.named_effects import instants
 from forcecal_ros.diagnose.say.result import Diagnosis
-from forcecal_ros.diagnose.say.verdict import FURTHER, percent
+from forcecal_ros.diagnose.say.verdict import FIRST, FURTHER, percent
 from forcecal_ros.quantity import size
 from forcecal_ros.report.diagnosis_view import View
 from forcecal_ros.report.effect_words import phrase, sentence, WORDS
@@ -156,6 +156,9 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice:
     if d.verdict in NAMED and calibration:
         return Step('Estimate the contact force with what was found:', shlex.join(
             ('forcecal', 'estimate', bag, '--calibration', calibration, *how, '-o', 'contact')))
+    if first := d.reason.partition(FIRST)[2]:
+        return Step(f'{_begun(first)}. Move more slowly, or give the model the limit that the '
+                    'robot has, and diagnose again.')
     if d.verdict == 'no_gap' and (held := _held(d)):
         return Step(f'Look at {held}: this recording is explained only with so much of it as its '
                     'tolerance allows. State by --priors how far it may be off.')

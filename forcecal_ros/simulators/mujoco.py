@@ -7,7 +7,7 @@ show the state before it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +25,9 @@ from forcecal_ros.simulators.mujoco_drives import (
     warned,
     why_not,
 )
+from forcecal_ros.simulators.mujoco_limits import Forces, Limit, limit_numbers, limits_of
 from forcecal_ros.simulators.mujoco_numbers import Number, numbers_of
-from forcecal_ros.simulators.protocol import Inputs, Parameter
+from forcecal_ros.simulators.protocol import Imitation, Inputs, Parameter
 import numpy as np
 from numpy.typing import NDArray
 
@@ -70,6 +71,8 @@ class MujocoRobot:
     numbers : tuple
     notes : tuple of str
         What the user should know of the model.
+    limits : tuple of Limit
+        Of the force of its drives.
     """
 
     path: str
@@ -80,19 +83,59 @@ class MujocoRobot:
     turned: Array | None
     numbers: tuple[Number, ...]
     notes: tuple[str, ...]
+    limits: tuple[Limit, ...] = ()
+    _seen: list[tuple[Inputs, Touched, Forces]] = field(default_factory=list, repr=False)
 
     def parameters(self) -> Sequence[Parameter]:
         """List what can be set."""
         return [one.parameter for one in self.numbers]
 
     def idle(self, inputs: Inputs) -> Sequence[str]:
-        """Name the parameters of contacts that do not come about under these commands."""
+        """Name the parameters of contacts and limits that are not come to under these commands."""
         of_contacts = {p.name for p in self.parameters() if p.stage == 'environment'}
-        if not of_contacts:
+        of_limits = {one.name for one in self.limits}
+        if not (of_contacts or of_limits):
             return []
-        touched = Touched(self.model, self.tool)
-        self._simulated(inputs, {}, 1, touched.look)
-        return sorted(of_contacts - touched.parameters)
+        touched, forces = self._looked_at(inputs)
+        return sorted((of_contacts - touched.parameters)
+                      | (of_limits - {one.name for one in forces.near()}))
+
+    def remarks(self, inputs: Inputs) -> Sequence[str]:
+        """Say which drives are at the limit of their force under these commands."""
+        if not self.limits:
+            return []
+        return list(self._looked_at(inputs)[1].said(float(self.model.opt.timestep)))
+
+    def imitation(self, name: str, change: float) -> Imitation | None:
+        """Say that play in the drive of a joint looks like more friction of that joint."""
+        rubs = _named(RUBS, {name: change})
+        for one in self.drives:
+            if (more := rubs.get(one.joint, 0.0)) > 0.0 and (stiff := one.stiffness(self.model)):
+                slides = 'm' if self._slides(one.joint) else 'rad'
+                return Imitation(f'{PLAY}[{one.joint}]', more / stiff, slides, NO_PLAY)
+        return None
+
+    def _slides(self, joint: str) -> bool:
+        import mujoco
+
+        return bool(self.model.jnt_type[self.model.joint(joint).id]
+                    == mujoco.mjtJoint.mjJNT_SLIDE)
+
+    def _looked_at(self, inputs: Inputs) -> tuple[Touched, Forces]:
+        """Run it, unless that was done, to see what it touches and how much its drives give."""
+        for seen, touched, forces in self._seen:
+            if (seen.joints is inputs.joints
+                    and (seen.start, seen.end) == (inputs.start, inputs.end)):
+                return touched, forces
+        touched, forces = Touched(self.model, self.tool), Forces(self.model, self.limits)
+
+        def look(data: Any) -> None:
+            touched.look(data)
+            forces.look(data)
+
+        self._simulated(inputs, {}, 1, look)
+        self._seen.append((inputs, touched, forces))
+        return touched, forces
 
     def simulate(self, inputs: Inputs, parameters: Mapping[str, float]) -> Mapping[str, Any]:
         """
@@ -155,7 +198,7 @@ class MujocoRobot:
         step = float(model.opt.timestep)
         t = inputs.start + step * np.arange(int((inputs.end - inputs.start) / step) + 1)
         q = np.stack([np.interp(t, given.t, one) for one in given.values.T], axis=1)
-        controller = Controller(model, driven, q, step)
+        controller = Controller(model, driven, q, step, _named(PLAY, parameters))
         controller.begin(data)
         for _ in range(round(SETTLING / step)):
             controller.hold(data)
@@ -205,8 +248,19 @@ class MujocoRobot:
         return str(spec.to_xml())
 
 
+RUBS, PLAY = 'dof_frictionloss', 'backlash'
+
+NO_PLAY = ('which no number of the model makes: let the controller of that joint command through '
+           'play of so much to either side')
+
 OWN = 'forcecal_'
 """Before the names of the sensors that are added to a model."""
+
+
+def _named(field: str, parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return by joint what parameters say of a field."""
+    return {name[len(field) + 1:-1]: value for name, value in parameters.items()
+            if name.startswith(f'{field}[')}
 
 
 def load_mujoco(path: str, ft_site: str | None = None, imu: str | None = None) -> MujocoRobot:
@@ -250,11 +304,13 @@ def load_mujoco(path: str, ft_site: str | None = None, imu: str | None = None) -
         raise ConfigError(f'--mujoco {path}: MuJoCo says {" ".join(str(error).split())}') from None
     drives = found_drives(mujoco, model, path)
     own = of_same_tree(model, drives, body.name)
+    limits = limits_of(model, own)
     numbers = (*numbers_of(mujoco, model, own, body.name, site),
-               *(Number(*one) for one in contact_numbers(model, body.name)))
+               *(Number(*one) for one in (*limit_numbers(model, limits),
+                                          *contact_numbers(model, body.name))))
     turned = _axes(mujoco, model, site).T @ _axes(mujoco, model, imu) if imu else None
     return MujocoRobot(path, model, body.name, tuple(drives), _chain(mujoco, model, body.name),
-                       turned, numbers, tuple(_over_reading(mujoco, model, own)))
+                       turned, numbers, tuple(_over_reading(mujoco, model, own)), tuple(limits))
 
 
 def _ignore(_: str) -> None:

@@ -9,7 +9,7 @@ error``, with ``p`` and ``d`` from numerics of the model,
 ``<custom><numeric name="p[JOINT]" data="30"/></custom>``.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from forcecal_ros.errors import ConfigError
@@ -52,6 +52,15 @@ class Drive(NamedTuple):
     dof: int
     act: int
     gains: tuple[int, ...] = ()
+
+    def stiffness(self, model: Any) -> float:
+        """Return how stiffly it holds its joint [N m/rad] or [N/m]; 0 where that is not known."""
+        if self.kind == TORQUE and self.gains:
+            return float(model.numeric_data[self.gains[0]])
+        if self.kind in (POSITION, INTEGRATED):
+            gear = float(model.actuator_gear[self.actuator, 0])
+            return -gear ** 2 * float(model.actuator_biasprm[self.actuator, 1])
+        return 0.0
 
 
 def found_drives(mujoco: Any, model: Any, path: str) -> list[Drive]:
@@ -157,6 +166,9 @@ class Controller:
         Of each step [rad] or [m].
     step : float
         [s]
+    play : mapping of str to float
+        Of the drives of joints, half of it [rad] or [m]: the joint, which its friction holds,
+        stays where it is until the command has crossed the play.
 
     Raises
     ------
@@ -164,7 +176,11 @@ class Controller:
         A command is beyond what an actuator takes.
     """
 
-    def __init__(self, model: Any, drives: Sequence[Drive], q: Array, step: float) -> None:
+    def __init__(self, model: Any, drives: Sequence[Drive], q: Array, step: float,
+                 play: Mapping[str, float]) -> None:
+        if play:
+            q = np.stack([_behind(x, play.get(one.joint, 0.0)) for x, one in zip(q.T, drives)],
+                         axis=1)
         self._q, self._drives = q, drives
         self._rate = np.diff(q, axis=0, append=q[-1:]) / step
         scale = np.array([one.scale for one in drives])
@@ -205,6 +221,17 @@ class Controller:
         if one.kind == VELOCITY:
             return float(one.scale * (rate + gains[0] * error))
         return float(one.scale * (gains[0] * error + gains[1] * (rate - data.qvel[one.dof])))
+
+
+def _behind(q: Array, play: float) -> Array:
+    """Follow a command as what is behind play does."""
+    if play <= 0.0:
+        return q
+    out, at = np.empty_like(q), float(q[0])
+    for k, x in enumerate(q.tolist()):
+        at = min(max(at, x - play), x + play)
+        out[k] = at
+    return out
 
 
 def _refuse_beyond(model: Any, one: Drive, given: Array) -> None:

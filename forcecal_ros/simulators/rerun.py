@@ -7,6 +7,7 @@ counts.
 """
 
 from collections.abc import Hashable, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -97,8 +98,10 @@ class Runs:
             step = STEP * p.sigma
             if numbers[i] + step > p.high:
                 step = -step
-            moved = (*numbers[:i], numbers[i] + step, *numbers[i + 1:])
-            changes.append(_change(here, self._passing(moved), p.sigma / step))
+            change = self._changed(here, numbers, i, step)
+            if _is_nothing(change) and numbers[i] - step > p.low:  # a limit acts where it is lower
+                change = self._changed(here, numbers, i, -step)
+            changes.append(change)
         self._changes[numbers] = changes
         if self.simulator.has_finer:
             self._finer[numbers] = _change(*_of_one_length(here, self.halved(numbers)), 1.0)
@@ -116,10 +119,28 @@ class Runs:
         """Return what one sigma of each parameter does at a point that was tried."""
         return self._changes[numbers]
 
+    def _changed(self, here: Recording, numbers: Numbers, i: int, step: float) -> _Change:
+        """Run it with another value of a parameter, and say what one sigma of that does."""
+        moved = (*numbers[:i], numbers[i] + step, *numbers[i + 1:])
+        return _change(here, self._passing(moved), self.simulator.parameters[i].sigma / step)
+
     def _passing(self, numbers: Numbers) -> Recording:
         made = self.exact(numbers)
         del self._exact[numbers]
         return made
+
+    def otherwise(self, numbers: Numbers, beside: Mapping[str, float]) -> 'Runs':
+        """Run the simulator with something beside its parameters; what is near stays as it is."""
+        made = self.simulator.run(self._inputs, numbers, beside)
+        assert made.pose is not None
+        self.count += 1
+        other = copy(self)
+        other.keep(numbers, replace(made, pose=in_base_of(self._measured, made.pose)))
+        return other
+
+    def keep(self, numbers: Numbers, made: Recording) -> None:
+        """Take this for what it says there."""
+        self._exact = {**self._exact, numbers: made}
 
     def at(self, numbers: Numbers) -> Recording:
         """Return what it says with other parameters, as far as that is linear in them."""
@@ -175,6 +196,10 @@ def _change(here: Recording, there: Recording, scale: float) -> _Change:
     return _Change(wrench, scale * (other.position - one.position), scale * turn,
                    _less(there.accelerometer, here.accelerometer, scale),
                    _less(there.joints, here.joints, scale))
+
+
+def _is_nothing(change: _Change) -> bool:
+    return not any(rows is not None and rows.any() for rows in change)
 
 
 def _less(one: Stream | None, other: Stream | None, scale: float) -> Array | None:
@@ -281,9 +306,16 @@ class Rerun:
         force = np.linalg.norm(block_means(changed)[:, :3], axis=1)
         return touches(block_means(tool.beyond)) & around(force > FORCE)
 
+    def otherwise(self, numbers: Numbers, beside: Mapping[str, float]) -> 'Rerun':
+        """Return the same with the simulator run with something beside its parameters."""
+        other = copy(self)
+        other.runs = self.runs.otherwise(numbers, beside)
+        other.forget()
+        return other
+
     def forget(self) -> None:
         """Let what was predicted be asked for anew, where the simulator was run meanwhile."""
-        self._carried.clear()
+        self._carried = {}
 
     def signals(self, rig: Rig) -> Signals:
         """

@@ -8,6 +8,7 @@ import math
 from pathlib import Path
 import sys
 import traceback
+from types import MappingProxyType
 from typing import Any
 
 from forcecal_ros.errors import ConfigError, DataError, ForcecalError
@@ -15,7 +16,7 @@ from forcecal_ros.geometry import Array, matrix_from_quaternion
 from forcecal_ros.recording.streams import JointStream, PoseStream, Recording, Stream
 from forcecal_ros.safe_yaml import load_yaml
 from forcecal_ros.schema import instead
-from forcecal_ros.simulators.protocol import Inputs, Parameter, Simulator
+from forcecal_ros.simulators.protocol import Imitation, Inputs, Parameter, Simulator
 from forcecal_ros.simulators.signals import JOINTS
 import numpy as np
 
@@ -25,6 +26,8 @@ STREAMS = {'wrench': 6, 'pose': 7, 'accelerometer': 3}
 NEEDED = ('wrench', 'pose')
 
 STAGES = ('robot', 'tool', 'environment')
+
+NOTHING: Mapping[str, float] = MappingProxyType({})
 
 UNIT = 1e-3
 """How far the norm of a quaternion may be from 1: what seven digits lose, and more."""
@@ -55,7 +58,8 @@ class ThirdParty:
         """Values of all parameters as they are."""
         return tuple(p.nominal for p in self.parameters)
 
-    def run(self, inputs: Inputs, values: Sequence[float]) -> Recording:
+    def run(self, inputs: Inputs, values: Sequence[float],
+            beside: Mapping[str, float] = NOTHING) -> Recording:
         """
         Simulate.
 
@@ -63,6 +67,8 @@ class ThirdParty:
         ----------
         values : sequence of float
             One for each parameter.
+        beside : mapping of str to float
+            What else it understands.
 
         Returns
         -------
@@ -74,7 +80,7 @@ class ThirdParty:
         ConfigError
             It raised an exception, or answers otherwise than the protocol says.
         """
-        return self._recording(inputs, 'simulate', values)
+        return self._recording(inputs, 'simulate', values, beside)
 
     def acting(self, inputs: Sequence[Inputs]) -> 'ThirdParty':
         """Leave out parameters that, as it says, can act under none of these commands."""
@@ -86,6 +92,26 @@ class ThirdParty:
         return replace(self, parameters=tuple(
             p for p in self.parameters if p.name not in never))
 
+    def remarks(self, inputs: Inputs) -> tuple[str, ...]:
+        """Return what it says of a run under these commands, where it has such a method."""
+        say = getattr(self.simulator, 'remarks', None)
+        if say is None:
+            return ()
+        with _blamed(f'{self.name}: remarks'):
+            return tuple(map(str, say(inputs)))
+
+    def imitation(self, name: str, change: float) -> Imitation | None:
+        """Return what would look like such a change of a parameter, if it knows of any."""
+        ask = getattr(self.simulator, 'imitation', None)
+        if ask is None:
+            return None
+        with _blamed(f'{self.name}: imitation'):
+            found = ask(name, change)
+        if found is not None and not isinstance(found, Imitation):
+            raise ConfigError(f'{self.name}: imitation returned {type(found).__name__}, expected '
+                              'forcecal_ros.simulators.protocol.Imitation or None')
+        return found
+
     @property
     def has_finer(self) -> bool:
         """Whether it can be run with half its step of integration."""
@@ -95,8 +121,9 @@ class ThirdParty:
         """Simulate with half its step of integration; otherwise as :meth:`run`."""
         return self._recording(inputs, 'simulate_finer', values)
 
-    def _recording(self, inputs: Inputs, method: str, values: Sequence[float]) -> Recording:
-        named = {p.name: float(v) for p, v in zip(self.parameters, values)}
+    def _recording(self, inputs: Inputs, method: str, values: Sequence[float],
+                   beside: Mapping[str, float] = NOTHING) -> Recording:
+        named = {**{p.name: float(v) for p, v in zip(self.parameters, values)}, **beside}
         with _blamed(f'{self.name}: {method}'):
             answer = getattr(self.simulator, method)(inputs, named)
         if not isinstance(answer, Mapping):

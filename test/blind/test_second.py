@@ -151,7 +151,7 @@ def test_backgrounds_and_effects_have_the_energies_that_were_drawn(short_motions
     base = on_rig.OnRig(5, {})
     rng = np.random.default_rng(6)
     for name in ('pose_sag', 'mains', 'tip_stick'):
-        both, energy = case._law(base, kinds_development.KINDS[name], rng)
+        both, energy, _ = case._law(base, kinds_development.KINDS[name], rng, rules.THIRD)
         scaled = base.of_law(both[1].times(np.sqrt(1234.0 / energy)))
         assert base.ground.net(scaled) == pytest.approx(1234.0, rel=1e-3), name
     for name in ('wrench_delay', 'tool_mass', 'cable_force'):
@@ -160,17 +160,17 @@ def test_backgrounds_and_effects_have_the_energies_that_were_drawn(short_motions
         assert size > case.CERTAIN * base.nuisance(name)[1]
 
 
-@pytest.mark.parametrize('drawn_by', [rules.FIRST, rules.MENDED])
+@pytest.mark.parametrize('drawn_by', [rules.FIRST, rules.MENDED, rules.THIRD])
 def test_energies_and_ratios_are_drawn_evenly_in_their_logarithm(drawn_by):
-    drawn = [case._drawn(np.random.default_rng(i), sorted(kinds_development.KINDS), 1e6, drawn_by)
-             for i in range(2000)]
+    drawn = [case._drawn(np.random.default_rng(i), sorted(kinds_development.KINDS), on_rig.OnRig,
+                         drawn_by) for i in range(2000)]
     for values, (low, high) in (
             ([e for d in drawn for e in d.background.values()], case.BACKGROUND),
             ([d.ratio for d in drawn], case.RATIO), ([d.alone for d in drawn], case.ALONE)):
         share = (np.log(values) - np.log(low)) / (np.log(high) - np.log(low))
         assert share.min() >= 0.0 and share.max() <= 1.0
         assert abs(share.mean() - 0.5) < 4 / np.sqrt(12 * len(share))
-    for told, share in (([d.bare for d in drawn], drawn_by.bare),
+    for told, share in (([d.bare for d in drawn], drawn_by.bare['rig']),
                         ([d.begun > 0 for d in drawn], drawn_by.begun)):
         assert abs(np.mean(told) - share) < 4 * np.sqrt(0.25 / 2000)
     assert {len(d.background) for d in drawn} == {0, 3, 4, 5, 6}
@@ -206,15 +206,17 @@ def test_verify_looks_at_the_file_of_the_half_of_each_part(part, tmp_path, monke
         assert any('sealed-2.py' in one for one in sealing.faults(part)) == found
 
 
-def test_later_sealed_half_is_of_new_kinds_that_run(short_motions):
-    if not rules.file_of('sealed-2').exists():
-        pytest.skip('the second sealed half is not in the repository before it is opened')
-    kinds, forms = rules.half('sealed-2')
-    seen = {*kinds_development.KINDS, *rules.half(rules.SEALED)[0]}
-    assert len(kinds) >= 15 and len(forms) >= 3 and not seen & set(kinds)
+@pytest.mark.parametrize('half, before', [
+    ('sealed-2', ('sealed',)), ('sealed-3', ('sealed', 'sealed-2'))])
+def test_later_sealed_half_is_of_new_kinds_that_run(short_motions, half, before):
+    if not rules.file_of(half).exists():
+        pytest.skip(f'{half} is not in the repository before it is opened')
+    kinds, forms = rules.half(half)
+    seen = {*kinds_development.KINDS}.union(*(rules.half(one)[0] for one in before))
+    assert len(kinds) >= 20 and len(forms) >= 3 and not seen & set(kinds)
     base, rng = on_rig.OnRig(5, forms), np.random.default_rng(6)
     for name, kind in kinds.items():
-        both, energy = case._law(base, kind, rng)
+        both, energy, _ = case._law(base, kind, rng, rules.rules_of(half))
         assert all(np.isfinite(x).all() for one in both for x in one), name
         scaled = base.of_law(both[1].times(np.sqrt(1234.0 / energy)))
         assert base.ground.net(scaled) == pytest.approx(1234.0, rel=1e-2), name

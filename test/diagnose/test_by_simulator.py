@@ -9,7 +9,11 @@ import re
 from forcecal_ros.cli import main
 from forcecal_ros.diagnose import by_simulator
 from forcecal_ros.diagnose.by_simulator import diagnose_rerun
-from forcecal_ros.diagnose.inputs.measured_joints import compared, of_same_joints
+from forcecal_ros.diagnose.inputs.measured_joints import (
+    compared,
+    not_simulated,
+    of_same_joints,
+)
 from forcecal_ros.diagnose.inputs.motion_dataset import held_out
 from forcecal_ros.diagnose.inputs.stamps import evened
 from forcecal_ros.diagnose.model.jacobian import nuisance_column
@@ -140,6 +144,32 @@ def test_what_a_parameter_changes_is_the_same_wherever_it_is_and_not_simulated_a
     one.runs.try_all((1.21, 0.072))
     model.linearise()
     assert len(asked) > 10
+
+
+class Giving:
+    """The robot of the page, with a number that its wrench goes with one over the square of."""
+
+    def __init__(self, robot):
+        self.robot = robot
+
+    def parameters(self):
+        _, lag = self.robot.parameters()
+        return [Parameter('give', 1.0, 0.03, '1', 0.1, 5.0, 'tool', ('tool_mass',)), lag]
+
+    def simulate(self, inputs, parameters):
+        payload = 1.2 / parameters['give'] ** 2
+        return self.robot.simulate(inputs, {'payload': payload, 'lag': parameters['lag']})
+
+
+@pytest.mark.long
+def test_a_number_that_is_no_straight_line_is_fitted_where_it_was_found(example):
+    giving = third_party('giving', Giving(example[0].make()))
+    found = diagnose_rerun(replace(measured(giving, 0.8, 0.072), target=commands()), None, giving,
+                           TOLERANCES)
+    changed, = found.changed
+    assert changed.name == 'give'
+    assert changed.std < 0.002
+    assert changed.after == pytest.approx(0.8, abs=3.0 * changed.std)
 
 
 class Own:
@@ -275,6 +305,15 @@ def test_joints_that_a_simulator_has_are_compared_and_no_others():
                                           r'expected \(n,\) and \(n, 3\)'):
         third_party('own', Own({'wrench': WRENCH, 'pose': POSE, 'joints': (T, rows[:, :2])})).run(
             inputs, (1.0,))
+
+
+def test_measured_joints_that_a_simulator_lacks_are_said():
+    assert not list(not_simulated((), ()))
+    assert not list(not_simulated(('lift',), ('lift',)))
+    none, = not_simulated(('shoulder', 'elbow'), ())
+    assert none.startswith('it simulates none of the joints in joint_states (shoulder, elbow)')
+    some, = not_simulated(('shoulder', 'finger'), ('shoulder',))
+    assert some.endswith('joints finger')
 
 
 def test_commands_of_joints_are_read_as_they_were_told(tmp_path):

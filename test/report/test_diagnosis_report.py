@@ -10,7 +10,7 @@ from forcecal_ros.diagnose.judge.gap import Gap
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.localise.localisation import Location
 from forcecal_ros.diagnose.say.result import Diagnosis, to_document
-from forcecal_ros.diagnose.say.verdict import percent
+from forcecal_ros.diagnose.say.verdict import FIRST, percent
 from forcecal_ros.effects.library import EFFECTS
 from forcecal_ros.quantity import beside, quantity, rounded
 from forcecal_ros.recording.streams import Phase, Recording, Stream
@@ -310,3 +310,11 @@ def test_a_number_that_only_its_tolerance_holds_is_the_next_thing_to_look_at():
     assert next_step(held, 'bag', 'out', ()).words.startswith('Look at kp[elbow]: ')
     assert next_step(replace(held, notes=()), 'bag', 'out', ()).words == (
         'Nothing has to be changed.')
+
+
+def test_a_drive_at_its_limit_is_the_next_thing_to_look_at():
+    drive = 'in the model the drive of wrist_3 is at its actuator_forcerange (28) for 0.4 s'
+    d = Diagnosis('unknown', f'there is a gap that no effect of the library explains: pose.x; '
+                  f'{FIRST}{drive}')
+    words = next_step(d, 'bag', 'out', ()).words
+    assert words.startswith(f'In {drive[3:]}. Move more slowly, or give the model the limit')

@@ -379,7 +379,9 @@ def measured(path, seconds, changed):
     robot = third_party('robot', load_mujoco(path))
     joints, rng = told(seconds), np.random.default_rng(2)
     values = [changed.get(p.name, p.nominal) for p in robot.parameters]
-    made = robot.run(Inputs(0.0, float(joints.t[-1]), joints=joints), values)
+    beside = {name: value for name, value in changed.items()
+              if name not in {p.name for p in robot.parameters}}
+    made = robot.run(Inputs(0.0, float(joints.t[-1]), joints=joints), values, beside)
     noisy = made.wrench.values + rng.normal(size=made.wrench.values.shape) * np.repeat(
         [0.1, 0.005], 3)
     place = made.pose.position + 1e-4 * rng.normal(size=made.pose.position.shape)
@@ -400,6 +402,22 @@ def test_a_model_is_tried_from_the_command_line(model, tmp_path, capsys):
     assert main(['check-simulator', str(tmp_path / 'real')]) == 2
     for option in ('--ft-site', '--imu', '--priors'):
         assert main(['check-simulator', str(tmp_path / 'real'), option, 'ft']) == 2
+
+
+def test_measured_joints_are_tried_too(model, tmp_path, capsys):
+    path, joints = model(), told(6.0)
+    write_recording(tmp_path / 'real', replace(measured(path, 6.0, {}), joints=joints))
+    place = ['--sensor-from-pose', *'0 0 0 0 0 0 1'.split()]
+    assert main(['check-simulator', str(tmp_path / 'real'), '--mujoco', path, *place]) == 0
+    said = capsys.readouterr().out
+    assert 'simulates wrench, pose, joints' in said
+    again = f'forcecal diagnose {tmp_path / "real"} --mujoco {path} {" ".join(place)} -o why'
+    assert f'next: {again}' in said
+    assert main(['check-simulator', str(tmp_path / 'real'), '--mujoco', path, '--json']) == 0
+    document = json.loads(capsys.readouterr().out)
+    rubs, = (one for one in document['sensitivity'] if one['name'] == 'dof_frictionloss[lift]')
+    # a tenth of 0.5 N m and 0.1 N m, of 4000 N m/rad
+    assert rubs['joints'] == pytest.approx(0.15 / 4e3, rel=0.5)
 
 
 @pytest.mark.long
@@ -555,3 +573,35 @@ def test_effects_of_any_usual_size_are_no_other_frame(sample, factors, change):
         real = replace(real, wrench=replace(real.wrench, values=change(real.wrench.values)))
         made = arm.run(inputs_of(real), arm.nominal)
         refuse_other_wrench(real, simulated_tool(made, *span(real), rig), made)
+
+
+def test_a_drive_with_play_leaves_its_joint_until_the_command_has_crossed_it(model):
+    robot, inputs = load_mujoco(model()), Inputs(0.0, 6.0, joints=told(6.0), measured_joints=NAMES)
+    plain = robot.simulate(inputs, nominal(robot))['joints'][1]
+    behind = robot.simulate(inputs, {**nominal(robot), 'backlash[lift]': 0.02})['joints'][1]
+    lag = np.abs(behind - plain)
+    np.testing.assert_allclose(lag[:, 1].max(), 0.02, rtol=0.1)
+    assert lag[:, [0, 2]].max() < 1e-3
+    again = robot.simulate(inputs, nominal(robot))['joints'][1]
+    np.testing.assert_array_equal(again, plain)
+
+
+def test_more_friction_looks_like_play_and_nothing_else_does(model):
+    robot = load_mujoco(model())
+    found = robot.imitation('dof_frictionloss[lift]', 8.0)
+    assert (found.name, found.value, found.unit) == ('backlash[lift]', 8.0 / 4000.0, 'rad')
+    assert robot.imitation('dof_frictionloss[lift]', -0.3) is None
+    assert robot.imitation('kp[lift]', 8.0) is None
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('name, value', [
+    ('backlash[lift]', 1e-3), ('dof_frictionloss[lift]', 4.5)])
+def test_play_is_not_called_friction_nor_friction_play(model, name, value):
+    arm = third_party('arm', load_mujoco(model()))
+    real = measured(model(), 16.0, {name: value})
+    found = diagnose_rerun(real, None, arm, load_rig('rigid_tool.yaml'))
+    effect, = found.outcome.diagnosis.effects
+    assert effect.name == name
+    assert effect.parameters['value'].value == pytest.approx(value, rel=0.1)
+    assert [one.name for one in found.changed] == [name] * (name != 'backlash[lift]')

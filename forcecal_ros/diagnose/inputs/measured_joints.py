@@ -49,3 +49,13 @@ def named_joints(names: Sequence[str], recordings: Sequence[Recording]) -> Itera
     listed = [one.joints for one in recordings if one.joints is not None]
     if listed:
         yield 'joints compared: ' + ', '.join(f'joint.{i} {name}' for i, name in enumerate(names))
+
+
+def not_simulated(measured: Sequence[str], names: Sequence[str]) -> Iterator[str]:
+    """Say which measured joints a simulator lacks."""
+    if measured and not names:
+        yield (f'it simulates none of the joints in joint_states ({", ".join(measured)}): what '
+               'friction and gains of joints do is seen in the pose alone; return joints, named '
+               'as measured')
+    elif missing := [name for name in measured if name not in names]:
+        yield f'not compared, as it does not simulate them: joints {", ".join(missing)}'

@@ -108,10 +108,17 @@ class Discrepancy:
         """Return it whitened by a noise: the last one, which takes much memory, is kept."""
         kept = self._kept
         if kept is None or any(a is not b for a, b in zip(kept.noise, noise, strict=True)):
-            self._kept = None
-            self._kept = kept = WhitenedDiscrepancy(self.basis, self.signal, self.train,
-                                                    list(noise))
+            self._kept = kept = WhitenedDiscrepancy(
+                self.basis, self.signal, self.train, list(noise),
+                kept.known(noise) if kept else _Known({}, {}))
         return kept
+
+
+class _Known(NamedTuple):
+    """What was found: a channel's combinations, and factors of its information on them."""
+
+    modes: dict[int, _Modes]
+    factors: dict[tuple[int, bool, float], Array]
 
 
 class WhitenedDiscrepancy:
@@ -124,15 +131,23 @@ class WhitenedDiscrepancy:
     train : sequence of ndarray of bool, shape (n,)
     noise : list of Autoregression
         Of each recording.
+    known : tuple
+        What was found already, of channels whose noise is the same.
     """
 
     def __init__(self, of: Basis, signal: Array, train: Sequence[BoolArray],
-                 noise: list[Autoregression]) -> None:
+                 noise: list[Autoregression], known: _Known) -> None:
         self.basis, self.signal, self.train, self.noise = of, signal, train, noise
         self.channels = [c for c in range(len(CHANNELS))
                          if any(n.sigma[:, c].any() for n in noise)]
-        self._found: dict[int, _Modes] = {}
-        self._factors: dict[tuple[int, bool, float], Array] = {}
+        self._found, self._factors = known
+
+    def known(self, noise: Sequence[Autoregression]) -> _Known:
+        """Return what was found of channels that another noise whitens alike."""
+        alike = {c for c in self.channels
+                 if all(a.same(b, c) for a, b in zip(self.noise, noise, strict=True))}
+        return _Known({c: modes for c, modes in self._found.items() if c in alike},
+                      {key: f for key, f in self._factors.items() if key[0] in alike})
 
     def modes(self, c: int) -> _Modes:
         """Return a channel's whitened features, which are found at the first time they count."""

@@ -301,9 +301,8 @@ class LinearisedModel:
         fitted = [_no_less(fit_autoregression(r, c.measured.present, c.groups), floor)
                   for r, c in zip(residuals, self.datasets)]
         # features are whitened anew for each noise, which takes seconds
-        if not self.noise or not all(old.as_good_as(new, r) for old, new, r in zip(
-                self.noise, fitted, residuals)):
-            self.noise = fitted
+        self.noise = [old.or_better(new, r) for old, new, r in zip(
+            self.noise or fitted, fitted, residuals)]
 
     def white_noise(self, residuals: Sequence[Array]) -> list[Autoregression]:
         """Return noise as strong as neighbouring samples of residuals differ by."""

@@ -17,6 +17,9 @@ HALF = 0.5
 FURTHER = 'would move by more than three sigma'
 """What a note says of a simulator's numbers that only their tolerance holds."""
 
+FIRST = 'look first at this: '
+"""Before what a simulator says of its own run, where that may be why nothing explains the gap."""
+
 
 def percent(share: float) -> str:
     """Write a share; what is not all is never called 100 %, what is not nothing never 0 %."""

@@ -1,6 +1,6 @@
 """What an effect has to bring to be accepted, and which hypothesis is likeliest."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.model.hypotheses import Hypothesis
@@ -105,27 +105,39 @@ def held_out_likelihood_ratio(before: LinearisedModel, after: LinearisedModel) -
         Without and with what was fitted to the training blocks.
     """
     total = 0.0
-    for noise, one, r0, r1 in zip(after.noise, after.datasets, before.residuals, after.residuals):
-        for c in range(len(CHANNELS)):
-            rows = one.held & noise.rows[:, c]
-            white = noise.whiten(np.stack([r0[:, c], r1[:, c]]), c)[:, rows]
-            squares = np.sum(white ** 2, axis=1)
-            total += 0.5 * float(squares[0] - squares[1])
+    for i, rows, white in _whitened(after, before.residuals, after.residuals):
+        squares = np.sum(white[:, rows & after.datasets[i].held] ** 2, axis=1)
+        total += 0.5 * float(squares[0] - squares[1])
     return total
+
+
+def _whitened(model: LinearisedModel, *residuals: Sequence[Array]
+              ) -> Iterator[tuple[int, NDArray[np.bool_], Array]]:
+    """
+    Whiten residuals of each recording and channel by a model's noise, where they differ.
+
+    Yields
+    ------
+    recording : int
+    rows : ndarray of bool, shape (n,)
+        Samples that count.
+    white : ndarray, shape (residuals, n)
+    """
+    for i, (noise, *own) in enumerate(zip(model.noise, *residuals)):
+        for c in range(len(CHANNELS)):
+            rows = noise.rows[:, c] & noise.sigma[noise.groups, c].astype(bool)
+            stack = np.stack([one[:, c] for one in own])
+            if rows.any() and not (stack == stack[0]).all():
+                yield i, rows, noise.whiten(stack, c)
 
 
 def _likelihood_ratio(before: LinearisedModel, after: LinearisedModel,
                       unexplained: Callable[[Array, NDArray[np.bool_]], float]) -> float:
     """Compare whitened residuals by the squares of each channel that remain unexplained."""
     total = 0.0
-    for noise, r0, r1 in zip(after.noise, before.residuals, after.residuals):
-        for c in range(len(CHANNELS)):
-            rows = noise.rows[:, c] & noise.sigma[noise.groups, c].astype(bool)
-            if not rows.any() or np.array_equal(r0[:, c], r1[:, c]):
-                continue
-            white = noise.whiten(np.stack([r0[:, c], r1[:, c]]), c)
-            rests = [unexplained(w, rows) for w in white]
-            total += 0.5 * int(rows.sum()) * float(np.log(rests[0] / rests[1]))
+    for _, rows, white in _whitened(after, before.residuals, after.residuals):
+        rests = [unexplained(w, rows) for w in white]
+        total += 0.5 * int(rows.sum()) * float(np.log(rests[0] / rests[1]))
     return total
 
 
@@ -186,12 +198,9 @@ def beyond_mismatch(first: LinearisedModel, before: LinearisedModel,
         Without any effect, without the last one, with it.
     """
     total = 0.0
-    for noise, r0, r1, r2 in zip(after.noise, first.residuals, before.residuals, after.residuals):
-        for c in range(len(CHANNELS)):
-            if noise.sigma[:, c].any():
-                white = noise.whiten(np.stack([r0[:, c] - r1[:, c], r1[:, c] - r2[:, c]]), c)
-                others, last = np.sum(white ** 2, axis=1)
-                total += max(0.0, float(last) - FORM * float(others))
+    for _, _, white in _whitened(after, first.residuals, before.residuals, after.residuals):
+        others, last = np.sum(np.diff(white, axis=0) ** 2, axis=1)
+        total += max(0.0, float(last) - FORM * float(others))
     return total
 
 

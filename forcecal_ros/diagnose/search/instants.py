@@ -9,7 +9,8 @@ from forcecal_ros.diagnose.model.jacobian import Column
 from forcecal_ros.diagnose.model.linearised import EFFECT, LinearisedModel
 from forcecal_ros.geometry import Array
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular
 
 COVERED = 0.95
 """Probability that the interval of an instant covers."""
@@ -40,6 +41,40 @@ class Fits(NamedTuple):
     x: Array
 
 
+class _Beside(NamedTuple):
+    """
+    Inner products of columns over parts of recordings, beside what is fitted along: they add up.
+
+    Attributes
+    ----------
+    inner : ndarray, shape (..., k, k)
+        Among each other.
+    taken : ndarray, shape (..., m, k)
+        With what is fitted along, by the root of its information.
+    right : ndarray, shape (..., k)
+        With the residual that it leaves.
+    """
+
+    inner: Array
+    taken: Array
+    right: Array
+
+    @classmethod
+    def of(cls, products: Array, root: Array, left: Array) -> '_Beside':
+        m = len(root)
+        cross = np.moveaxis(products[..., 1:1 + m, :], -2, 0)
+        taken = solve_triangular(root, cross.reshape(m, -1), lower=True).reshape(cross.shape)
+        taken = np.moveaxis(taken, 0, -2)
+        return cls(products[..., 1 + m:, :], taken, products[..., 0, :] - left @ taken)
+
+    def some(self, columns: NDArray[np.intp]) -> '_Beside':
+        return _Beside(self.inner[..., columns[:, np.newaxis], columns],
+                       self.taken[..., columns], self.right[..., columns])
+
+    def plus(self, other: '_Beside', times: float = 1.0) -> '_Beside':
+        return _Beside(*(a + times * b for a, b in zip(self, other)))
+
+
 class Instants:
     """
     Inner products of columns over what comes after each of some instants of one recording.
@@ -65,7 +100,7 @@ class Instants:
                  columns: Sequence[Sequence[Column]], residuals: Sequence[Array],
                  recording: int, length: int) -> None:
         m, k = len(beside[0]), len(columns[0])
-        self._m, self.length = m, length
+        self.length = length
         n = len(residuals[recording])
         self.blocks = np.arange(1, n // length) * length
         whole, others = np.zeros((1 + m + k,) * 2), np.zeros((1 + m + k,) * 2)
@@ -87,13 +122,14 @@ class Instants:
                 if len(free):
                     parts[np.ix_(np.arange(len(parts)), index, index[free] - 1 - m)] += _by_parts(
                         white, white[free], length)
-        self._factor = cho_factor(whole[1:1 + m, 1:1 + m] + np.diag(prior.precision))
+        root = cholesky(whole[1:1 + m, 1:1 + m] + np.diag(prior.precision), lower=True)
         gradient = whole[1:1 + m, 0] - prior.precision * prior.centre
-        self._left = cho_solve(self._factor, gradient)
+        left = solve_triangular(root, gradient, lower=True)
         # the last samples, too few for a part, count with the last one
         total = (whole - others)[:, 1 + m:]
         after = total - np.cumsum(parts, axis=0)[:-1]
-        self._whole, self._others, self._after = total, others[:, 1 + m:], after
+        self._whole, self._after, self._others = (
+            _Beside.of(one, root, left) for one in (total, after, others[:, 1 + m:]))
 
     def fits(self, of: Sequence[int], ends: bool, elsewhere: bool) -> Fits:
         """
@@ -108,20 +144,17 @@ class Instants:
         elsewhere : bool
             They act in the other recordings.
         """
-        products = (self._whole - self._after if ends else self._after)[:, :, list(of)]
+        chosen = np.array(of)
+        there = self._after.some(chosen)
+        if ends:
+            there = self._whole.some(chosen).plus(there, -1.0)
         if elsewhere:
-            products = products + self._others[:, list(of)]
-        m, p = self._m, len(of)
-        rows = 1 + m + np.array(of)
-        cross = products[:, 1:1 + m]
-        taken = cho_solve(self._factor, np.moveaxis(cross, 1, 0).reshape(m, -1))
-        taken = np.moveaxis(taken.reshape(m, len(products), p), 0, 1)
-        inner = products[:, rows] - np.einsum('tmi,tmj->tij', cross, taken)
-        inner = 0.5 * (inner + np.swapaxes(inner, 1, 2)) + EFFECT * np.eye(p)
-        right = products[:, 0] - np.einsum('tmi,m->ti', cross, self._left)
-        x = np.linalg.solve(inner, right[..., np.newaxis])[..., 0]
+            there = there.plus(self._others.some(chosen))
+        inner = there.inner - np.swapaxes(there.taken, 1, 2) @ there.taken
+        inner = 0.5 * (inner + np.swapaxes(inner, 1, 2)) + EFFECT * np.eye(len(chosen))
+        x = np.linalg.solve(inner, there.right[..., np.newaxis])[..., 0]
         volume = np.linalg.slogdet(inner / EFFECT)[1]
-        return Fits(0.5 * np.einsum('ti,ti->t', x, right) - 0.5 * volume, x)
+        return Fits(0.5 * np.einsum('ti,ti->t', x, there.right) - 0.5 * volume, x)
 
 
 def _by_parts(left: Array, right: Array, length: int) -> Array:

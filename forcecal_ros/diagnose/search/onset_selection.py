@@ -165,7 +165,7 @@ def _searched(bare: LinearisedModel, now: Found, start: Found, fit: JointFit, on
     model = replace(start.model, gates=gates, library=fit.model.library, noise=fit.model.noise)
     by_name = {h.name: for_a_part(model, h, gates[h.name]) for h in free if h.name in gates}
     found = [*(h for h in hypotheses if h.name not in by_name), *by_name.values()]
-    selection = select(model, found, bare, free)
+    selection = select(model, found, bare, free, fit)
     named = {a.name for a in selection.accepted}
     instants = {}
     for name in named & set(selection.model.gates):

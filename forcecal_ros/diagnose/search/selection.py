@@ -73,7 +73,7 @@ class Selection(NamedTuple):
 
 
 def select(model: LinearisedModel, found: Sequence[Hypothesis], bare: LinearisedModel,
-           free: Sequence[Hypothesis] = ()) -> Selection:
+           free: Sequence[Hypothesis] = (), begin: JointFit | None = None) -> Selection:
     """
     Search for the effects that explain the recordings.
 
@@ -85,8 +85,10 @@ def select(model: LinearisedModel, found: Sequence[Hypothesis], bare: Linearised
         The same without what is known before any model, such as limits.
     free : sequence of Hypothesis
         What may begin or end in the place of an effect that does.
+    begin : JointFit, optional
+        Effects to search from; none is accepted unless they are given.
     """
-    start, now = model, JointFit(model, [], [])
+    start, now = model, begin or JointFit(model, [], [])
     out: set[str] = set()
     while len(now.accepted) < MOST_EFFECTS:
         untried = [h for h in found if h.name not in out | {a.name for a in now.accepted}]

@@ -116,25 +116,41 @@ class Autoregression(NamedTuple):
         out[:, chosen] = white
         return out
 
-    def as_good_as(self, other: 'Autoregression', residual: Array) -> bool:
+    def or_better(self, other: 'Autoregression', residual: Array) -> 'Autoregression':
         """
-        Say whether another model, fitted to a residual, explains it no better but for chance.
+        Take another model, fitted to a residual, in the channels that it explains better.
 
         Parameters
         ----------
         residual : ndarray, shape (n, channels)
+
+        Returns
+        -------
+        Autoregression
+            Itself where the other one explains none better but for chance.
         """
         if not np.array_equal(self.rows, other.rows):
-            return False
-        for c in map(int, np.flatnonzero(other.sigma.any(axis=0))):
-            rows = self.rows[:, c]
-            white = [0.5 * m.whiten(residual[np.newaxis, :, c], c)[0][rows] ** 2
-                     + np.log(m.sigma[m.groups[rows], c]) for m in (self, other)]
-            for g in range(len(GROUPS)):
-                gains = (white[0] - white[1])[self.groups[rows] == g]
-                if not gains.sum() <= SETTLED:
-                    return False
-        return True
+            return other
+        better = np.array([self._is_bettered(other, residual[:, c], c)
+                           for c in range(residual.shape[1])])
+        return self if not better.any() else other._replace(
+            coefficients=np.where(better[:, np.newaxis], other.coefficients, self.coefficients),
+            sigma=np.where(better, other.sigma, self.sigma))
+
+    def _is_bettered(self, other: 'Autoregression', residual: Array, channel: int) -> bool:
+        """Say whether another model explains one channel's residual better in any motion."""
+        if not other.sigma[:, channel].any():
+            return bool(self.sigma[:, channel].any())
+        rows = self.rows[:, channel]
+        white = [0.5 * m.whiten(residual[np.newaxis], channel)[0][rows] ** 2
+                 + np.log(m.sigma[m.groups[rows], channel]) for m in (self, other)]
+        gains = np.bincount(self.groups[rows], white[0] - white[1], len(GROUPS))
+        return not bool((gains <= SETTLED).all())
+
+    def same(self, other: 'Autoregression', channel: int) -> bool:
+        """Say whether another model whitens a channel as this one does."""
+        return self is other or (np.array_equal(self.groups, other.groups) and all(
+            np.array_equal(a[:, channel], b[:, channel]) for a, b in zip(self[:-1], other[:-1])))
 
     def spacing(self, channel: int) -> float:
         """Mean distance of a channel's samples, gaps left out: 1 where it has all of them."""

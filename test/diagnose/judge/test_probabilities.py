@@ -50,7 +50,7 @@ def test_what_is_known_before_any_model_counts_among_the_effects():
 
 
 def test_a_faint_effect_beside_a_strong_one_takes_nothing_from_it():
-    missing = {'wrench_gain': 24.0, 'wrench_crosstalk': 24.0}
+    missing = {'wrench_gain': 240.0, 'wrench_crosstalk': 240.0}
     alone = nameless({'wrench_gain': 3113.0}, missing)['wrench_gain']
     faint = nameless({'wrench_gain': 3113.0, 'wrench_crosstalk': 39.0}, missing)
     alike = nameless({'wrench_gain': 3113.0, 'wrench_crosstalk': 3000.0}, missing)
@@ -73,9 +73,9 @@ def test_unknown_is_what_the_strong_effects_leave_and_not_the_faint_ones():
 def test_an_effect_is_doubted_by_what_it_brings_beside_what_is_left():
     assert nameless({'tool_mass': 100.0}, {'tool_mass': 1e5})['tool_mass'] > 0.99
     assert nameless({'tool_mass': 1e5}, {'tool_mass': 1e5})['tool_mass'] == pytest.approx(0.5)
-    assert nameless({'tool_mass': 1e7}, {'tool_mass': 1e5})['tool_mass'] < 0.05
+    assert 0.1 < nameless({'tool_mass': 1e6}, {'tool_mass': 1e5})['tool_mass'] < 0.2
     # never surer than experience with cases can show
-    assert nameless({'tool_mass': 1e9}, {'tool_mass': 0.0})['tool_mass'] == pytest.approx(0.01)
+    assert nameless({'tool_mass': 1e9}, {'tool_mass': 0.0})['tool_mass'] == pytest.approx(0.1)
 
 
 def test_where_nothing_is_named_what_comes_closest_shares_what_unknown_leaves():

@@ -126,3 +126,17 @@ def test_features_are_of_one_size_whatever_varies_and_groups_share_the_variance(
     # 13 cosines less the constant, and a wave of two phases, are each recording's own
     own = [np.flatnonzero(~np.abs(r).max(axis=1).astype(bool)) for r in found.rows]
     assert len(own[0]) == 0 or set(own[0]).isdisjoint(own[1])
+
+
+def test_only_a_channel_that_is_whitened_otherwise_is_whitened_anew():
+    _, columns, residual, of = setting(6)
+    before = of.whitened([white(n) for n in N])
+    modes = before.modes(0)
+    assert of.whitened([white(n) for n in N]).modes(0) is modes
+    louder = [one._replace(sigma=2.0 * one.sigma) for one in map(white, N)]
+    other = of.whitened(louder)
+    assert other.modes(0) is not modes
+    fresh = setting(6)[3].whitened(louder)
+    for got, expected in zip(other.products(columns, residual).at((3e-3,) * 4),
+                             fresh.products(columns, residual).at((3e-3,) * 4)):
+        assert got.square == pytest.approx(expected.square)

@@ -82,13 +82,17 @@ def test_signals_in_single_precision_are_whitened_to_the_same_bits(lost):
     np.testing.assert_array_equal(noise.whiten_singly(rows, 1, sizes), expected)
 
 
-def test_a_noise_stays_where_another_brings_no_more_than_chance():
+def test_a_noise_stays_in_channels_where_another_brings_no_more_than_chance():
     rng, n = np.random.default_rng(7), 6000
-    present, groups = np.ones((n, 1), dtype=bool), np.repeat([0, 1], n // 2)
-    residual = rng.standard_normal((n, 1))
+    present, groups = np.ones((n, 2), dtype=bool), np.repeat([0, 1], n // 2)
+    residual = rng.standard_normal((n, 2))
     noise = fit_autoregression(residual, present, groups)
-    alike = residual + 0.02 * rng.standard_normal((n, 1))
-    assert noise.as_good_as(fit_autoregression(alike, present, groups), alike)
+    alike = residual + 0.02 * rng.standard_normal((n, 2))
+    assert noise.or_better(fit_autoregression(alike, present, groups), alike) is noise
     for louder in (residual * np.where(groups, 1.1, 1.0)[:, np.newaxis],
-                   residual + 0.3 * np.roll(residual, 1)):
-        assert not noise.as_good_as(fit_autoregression(louder, present, groups), louder)
+                   residual + 0.3 * np.roll(residual, 1, axis=0)):
+        one = np.stack([residual[:, 0], louder[:, 1]], axis=1)
+        other = fit_autoregression(one, present, groups)
+        taken = noise.or_better(other, one)
+        assert taken.same(noise, 0) and not taken.same(noise, 1)
+        assert taken.same(other, 1)

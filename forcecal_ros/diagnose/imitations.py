@@ -1,0 +1,146 @@
+"""
+What a simulator has no number for, but would look like one that was named: play like friction.
+
+A drive with play leaves its joint where it is until the command has crossed the play, as friction
+does; only the way back to the command differs. So where a number is named, the simulator is run
+with what looks like it instead, and what is nearer to the robot counts.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from forcecal_ros.diagnose.engine import Outcome
+from forcecal_ros.diagnose.inputs.dataset import Dataset
+from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
+from forcecal_ros.diagnose.judge.probabilities import UNKNOWN
+from forcecal_ros.diagnose.say.verdict import percent
+from forcecal_ros.geometry import Array
+from forcecal_ros.simulators.protocol import Imitation
+from forcecal_ros.simulators.rerun import Numbers, Rerun
+from forcecal_ros.simulators.simulated_robot import SimulatedRobot
+from forcecal_ros.simulators.third_party import ThirdParty
+import numpy as np
+
+APART = 0.05
+"""
+Share of the misfit by which the one has to explain more than the other: the width of most
+confidence intervals of that share.
+"""
+
+SIZES = (0.6, 0.9, 1.2)
+"""
+Of what is imitated, in the size at which it looks most alike by its effect at rest; the best is
+that of the parabola through the squares they leave.
+"""
+
+
+class Tried(NamedTuple):
+    """
+    An imitation, at its best size.
+
+    Attributes
+    ----------
+    of : str
+        The number that it looks like.
+    numbers : tuple of float
+        Of the simulator beside it: that one as it was.
+    left : float
+        Sum of squares of what it leaves on judged blocks, in noise RMS.
+    """
+
+    imitation: Imitation
+    of: str
+    numbers: Numbers
+    value: float
+    std: float
+    left: float
+
+
+def tried(simulations: Sequence[Rerun], judged: Sequence[Dataset], outcome: Outcome,
+          simulator: ThirdParty) -> Tried | None:
+    """
+    Run the simulator with what looks like the first number named, in its place.
+
+    Returns
+    -------
+    Tried or None
+        None where nothing looks like it.
+    """
+    robot = outcome.rig
+    nominal = {p.name: (i, p.nominal) for i, p in enumerate(simulator.parameters)}
+    first = next((e.name for e in outcome.diagnosis.effects if e.name in nominal), '')
+    if not first or not isinstance(robot, SimulatedRobot) or outcome.noise is None:
+        return None
+    i, before = nominal[first]
+    imitation = simulator.imitation(first, robot.numbers[i] - before)
+    if imitation is None:
+        return None
+    numbers = (*robot.numbers[:i], before, *robot.numbers[i + 1:])
+    squares = [sum(_left(one, dataset, outcome.noise, replace(robot, numbers=numbers),
+                         imitation.name, size * imitation.value)
+                   for one, dataset in zip(simulations, judged)) for size in SIZES]
+    value, std, left = _best(np.array(SIZES), np.array(squares))
+    at = imitation.value
+    return Tried(imitation, first, numbers, value * at, std * abs(at), left)
+
+
+def _left(simulation: Rerun, dataset: Dataset, noise: Array, robot: SimulatedRobot, name: str,
+          value: float) -> float:
+    other = simulation.otherwise(robot.numbers, {name: value})
+    rows = dataset.measured.residual(other.signals(robot))
+    rows = np.where(dataset.measured.present, rows, 0.0)[dataset.held]
+    return float(np.sum((rows / np.where(noise > 0.0, noise, np.inf)) ** 2))
+
+
+def _best(sizes: Array, squares: Array) -> tuple[float, float, float]:
+    """Return the size at which squares are least, its standard error, and what they are there."""
+    a, b, c = np.polyfit(sizes, squares, 2)
+    at = -b / (2.0 * a) if a > 0.0 else np.nan
+    if not sizes[0] <= at <= sizes[-1]:
+        least = int(np.argmin(squares))
+        return float(sizes[least]), float(sizes[1] - sizes[0]), float(squares[least])
+    return float(at), float(1.0 / np.sqrt(a)), float(max(c - b ** 2 / (4.0 * a), 0.0))
+
+
+def judged_beside(outcome: Outcome, other: Tried, squares: Array) -> Outcome:
+    """
+    Name what was tried, offer it beside the number that was named, or leave it.
+
+    Parameters
+    ----------
+    squares : ndarray, shape (3,)
+        On judged blocks: recalibrated, as predicted, and when run with the number named.
+    """
+    before, _, named = squares.tolist()
+    d = outcome.diagnosis
+    if d.gap is None or before <= 0.0:
+        return outcome
+    more = (named - other.left) / before
+    if more < -APART:
+        return outcome
+    share = d.gap.closed * (before - other.left) / max(before - named, 1e-12)
+    share, name = float(min(share, 1.0)), other.imitation.name
+    said = f'{name}, {other.imitation.words}'
+    sure = next((e.probability for e in d.effects if e.name == other.of), 0.5)
+    if more <= APART:
+        candidates = _with(d.candidates, name, sure)
+        return replace(outcome, diagnosis=replace(
+            d, verdict='ambiguous', candidates=candidates,
+            reason=f'{d.reason}; or {said}, which explains {percent(share)}'))
+    found = NamedEffect(name, {'value': Parameter(other.value, other.std, other.imitation.unit)},
+                        sure)
+    effects = (found, *(e for e in d.effects if e.name not in (other.of, UNKNOWN)))
+    candidates = _with([c for c in d.candidates if c[0] not in (other.of, UNKNOWN)], name, sure)
+    listed = ' and '.join(e.name for e in effects)
+    assert isinstance(outcome.rig, SimulatedRobot)
+    return replace(outcome, rig=replace(outcome.rig, numbers=other.numbers), diagnosis=replace(
+        d, verdict='identified', effects=effects, candidates=candidates,
+        gap=d.gap._replace(closed=share),
+        reason=f'{listed} explain{"" if len(effects) > 1 else "s"} {percent(share)} of the '
+               f'misfit, {other.of} in its place {percent(d.gap.closed)}; {said}'))
+
+
+def _with(candidates: Sequence[tuple[str, float]], name: str, probability: float
+          ) -> tuple[tuple[str, float], ...]:
+    return tuple(sorted([*candidates, (name, probability)], key=lambda pair: -pair[1]))
