@@ -16,6 +16,9 @@ PAPER_ORDER = 3
 """Order of the paper's polynomial."""
 
 
+SLOW = 5.0
+"""Lower rates are doubted [Hz]: 5 kHz come out so where ms are taken for s."""
+
 QUARTIC = 4
 """Order of the polynomial from which on its weights are no parabola."""
 
@@ -62,7 +65,8 @@ def window_samples(window: float, order: int, rate: float) -> int:
     if samples <= order:
         raise ConfigError(
             f'filter: a window of {window:g} s holds {samples} samples at {rate:g} Hz, order '
-            f'{order} needs more than {order}; widen it')
+            f'{order} needs more than {order}; widen it'
+            + (', if time is in s; else state its unit (ms, us)' if rate < SLOW else ''))
     return samples
 
 

@@ -46,6 +46,16 @@ def test_sets_of_poses_are_left_alone_however_far_they_are_apart(seed, rate):
     refuse_other_pace(often)
 
 
+@pytest.mark.parametrize('name', LOGS)
+def test_readings_that_come_in_bursts_are_left_alone(name):
+    recording = LOGS[name]
+    late = {which: replace(stream, t=stream.t[np.minimum(
+        (np.arange(len(stream)) // 10 + 1) * 10, len(stream)) - 1] + 2e-6 * (
+            np.arange(len(stream)) % 10)) for which in ('wrench', 'pose')
+        if (stream := getattr(recording, which)) is not None}
+    refuse_other_pace(replace(recording, **late))
+
+
 def test_real_poses_are_left_alone(kuka_data):
     refuse_other_pace(static_recording(kuka_data))
 

@@ -15,6 +15,9 @@ from forcecal_ros.recording.checks.units import mended
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 import numpy as np
 
+SPAN = 50
+"""Intervals that a rate is averaged over: bursts of arrival are shorter."""
+
 _SHOWN = 0.75
 """Share of the inertia that sound logs show, 0.5 to 1."""
 
@@ -46,7 +49,8 @@ def refuse_other_pace(recording: Recording) -> None:
     pose = recording.pose
     if pose is None or 'pose' not in streams:
         return
-    if rate < limits.SLOW_RATE and (turning := _creeps(pose)):
+    slow = max(rate, _rate(streams[fastest], 1)) < limits.SLOW_RATE
+    if slow and (turning := _creeps(pose)):
         raise DataError(
             f'{fastest}: {rate:.2g} readings a second, and the pose turns by {turning:.2g} rad/s '
             'where it turns fastest, as of no robot: time is in ms or us and taken for s, or '
@@ -148,9 +152,10 @@ def _gyro_beside_gravity(gyro: Stream, recording: Recording) -> float:
     return float(others / both)
 
 
-def _rate(stream: Stream | PoseStream) -> float:
-    """Return how many readings come a second, by the median step [Hz]."""
-    return 1.0 / max(float(np.median(np.diff(stream.t))), limits.TINY)
+def _rate(stream: Stream | PoseStream, over: int = SPAN) -> float:
+    """Return how many readings come a second, by the median of so many steps [Hz]."""
+    n = min(over, len(stream) - 1)
+    return n / max(float(np.median(stream.t[n:] - stream.t[:-n])), limits.TINY)
 
 
 def _refuse_other_spans(streams: Mapping[str, Stream | PoseStream]) -> None:
@@ -172,10 +177,10 @@ def _slice(pose: PoseStream, length: float = limits.SLICE) -> int:
 
 def _turns(pose: PoseStream) -> tuple[Array, Array]:
     """Turn from slice to slice and its speed, shape (k,) [rad], [rad/s]."""
-    rows = slice(None, None, _slice(pose, limits.SHORT_SLICE))
-    R = pose.R_base_sensor[rows]
+    each = _slice(pose, limits.SHORT_SLICE)
+    R = pose.R_base_sensor[::each]
     turned = np.linalg.norm(rotation_vector(np.swapaxes(R[:-1], 1, 2) @ R[1:]), axis=1)
-    return np.asarray(turned), np.asarray(turned / np.diff(pose.t[rows]))
+    return np.asarray(turned), np.asarray(turned / _took(pose, pose.t[::each], each))
 
 
 def _creeps(pose: PoseStream) -> float:
@@ -191,5 +196,10 @@ def speed_of(pose: PoseStream) -> float:
     if not pose.has_position:
         return 0.0
     t, place = (x[:n * each].reshape(n, each, -1).mean(axis=1) for x in (pose.t, pose.position))
-    speed = np.linalg.norm(np.diff(place, axis=0), axis=1) / np.diff(t[:, 0])
+    speed = np.linalg.norm(np.diff(place, axis=0), axis=1) / _took(pose, t[:, 0], each)
     return float(np.quantile(speed, limits.FAST_SHARE))
+
+
+def _took(pose: PoseStream, t: Array, each: int) -> Array:
+    """Time between slices [s]: half of what they take at least, for poses that come in bursts."""
+    return np.asarray(np.diff(t).clip(min=0.5 * each / _rate(pose)))
