@@ -101,7 +101,8 @@ def test_the_pose_is_that_of_another_program(bag, base, link):
 def test_joints_with_limits_in_degrees_are_refused():
     description = Description(ROBOT.encode(), 'arm')
     wrist, lift = (description.joint(link) for link in ('hand', 'upper'))
-    refuse_degrees([wrist, lift], {**POSITIONS, 'lift': 50.0 * T}, '/joint_states')
+    wheel = POSITIONS | {'lift': 50.0 * POSITIONS['lift']}
+    refuse_degrees([wrist, lift], wheel, '/joint_states')
     with pytest.raises(DataError, match='/joint_states: joint wrist .* are in degrees; publish'):
         refuse_degrees([wrist], {'wrist': np.degrees(POSITIONS['wrist'])}, '/joint_states')
 
