@@ -2,7 +2,7 @@
 Show what gravity compensation after [Ukf2025] does, in numbers: run it and read the tables.
 
     python benchmark/ukf_gravity.py [--motions 10] [--json]
-    python benchmark/ukf_gravity.py --noise     # errors over the noise of the sensor
+    python benchmark/ukf_gravity.py --noise [--plot FILE.png]  # errors over the sensor's noise
     python benchmark/ukf_gravity.py --real      # the filters on a real arm in free motion
 
 The paper's experiment on a simulated arm (ten unseen free motions of 20 s), the response to a
@@ -34,6 +34,7 @@ from forcecal_ros.observe.pose_free.model import (
 from forcecal_ros.observe.pose_free.step import pose_free_step, PoseFreeState
 from forcecal_ros.observe.unload import Unloaded
 import gravity_arm as arm
+from matplotlib.figure import Figure
 import numpy as np
 from scipy.stats import chi2
 
@@ -107,6 +108,23 @@ def show_over_noise(worst):
     print(_row('[Ukf2025], its table', arm.TABLE), '6 |')
     for (force, name), error in worst.items():
         print(_row(f'{force:g} N, `{name}`', error), f'{(error <= arm.TABLE).sum()} |')
+
+
+def plot_over_noise(worst, file):
+    """Draw the largest error of forces and of torques, in the paper's figure for it."""
+    figure = Figure((8.0, 3.0), layout='constrained')
+    for axes, part, what in zip(figure.subplots(1, 2, sharey=True), (slice(0, 3), slice(3, 6)),
+                                ('forces', 'torques')):
+        for name in dict.fromkeys(way for _, way in worst):
+            noise, times = zip(*[(force, (error / arm.TABLE)[part].max())
+                                 for (force, way), error in worst.items() if way == name])
+            axes.plot(noise, times, 'o-', label=name)
+        axes.axhline(1.0, color='#555555', linestyle=':', label='[Ukf2025], its table')
+        axes.set(xlabel='noise of the force sensor [N]', title=what,
+                 xticks=sorted({force for force, _ in worst}))
+    figure.axes[0].set(ylabel="largest error / the paper's", ylim=(0.0, None))
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc='outside upper center', ncols=4)
+    figure.savefig(file, dpi=110)
 
 
 def on_real_arm():
@@ -300,13 +318,17 @@ def main():
     parser.add_argument('--json', action='store_true')
     parser.add_argument('--noise', action='store_true',
                         help='only the errors over the noise of the sensor')
+    parser.add_argument('--plot', metavar='FILE.png', help='with --noise: draw them, too')
     parser.add_argument('--real', action='store_true', help='only a real arm in free motion')
     args = parser.parse_args()
     if args.real:
         on_real_arm()
         return
     if args.noise:
-        show_over_noise(over_noise(args.motions))
+        worst = over_noise(args.motions)
+        show_over_noise(worst)
+        if args.plot:
+            plot_over_noise(worst, args.plot)
         return
     result = {'speed': speed(), 'rise': response(), 'papers_noise': papers_noise(),
               'unknown': {what: unknown(*size) for what, size in UNKNOWN.items()},

@@ -51,6 +51,7 @@ from forcecal_ros.diagnose.judge.residual_summary import (
     UnexplainedPart,
     WANDERING,
 )
+from forcecal_ros.diagnose.judge.ties import note_of, tied, with_tie
 from forcecal_ros.diagnose.localise.localisation import localise, Location, stage_of
 from forcecal_ros.diagnose.localise.predictability import Predictability
 from forcecal_ros.diagnose.localise.time_frequency import BANDS, Line
@@ -224,12 +225,16 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
     sudden = {e.name: e.probability for e in steps}
     known = len(model.fixed) + len(sudden)
     doubts = nameless(selection.log_bayes_factors, selection.missing_evidence, known)
+    numbers = {a.name: parameters_of(final, a) for a in selection.accepted}
+    period = _period(final)
+    ties = {name: other for name, values in numbers.items()
+            if (other := tied(name, values, period)) and other not in numbers}
     probability, candidates = probabilities(
-        [(a.name, selection.alternatives.get(a.name, {})) for a in selection.accepted], part,
+        [(a.name, with_tie(selection.alternatives.get(a.name, {}), ties.get(a.name, '')))
+         for a in selection.accepted], part,
         gap.closed, known, doubts if with_discrepancy else None, selection.log_bayes_factors,
         {} if selection.accepted or part.ratio < 1.0 else nearest(selection, found))
     candidates = _sorted([*candidates, *sudden.items(), *((n, CHECKED) for n in checks.effects)])
-    numbers = {a.name: parameters_of(final, a) for a in selection.accepted}
     named = list(numbers)
     word, sentence = verdict(
         [*named, *sudden, *checks.effects], candidates, part,
@@ -248,7 +253,14 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
                *(NamedEffect(n, v, CHECKED) for n, v in checks.effects.items()))
     return _Judged(summary, part, gap, noise, effects, candidates, word,
                    sentence + unjudged(model),
-                   tuple(note for a in selection.accepted for note in untold(final, a)))
+                   (*(note for a in selection.accepted for note in untold(final, a)),
+                    *(note_of(name, other, period) for name, other in ties.items())))
+
+
+def _period(model: LinearisedModel) -> float:
+    """Time between samples of the wrench, the longest of any recording [s]; 0 without one."""
+    wrenches = [dataset.recording.wrench for dataset in model.datasets]
+    return max((1.0 / w.rate for w in wrenches if w is not None and len(w) > 1), default=0.0)
 
 
 def _sorted(candidates: list[tuple[str, float]]) -> list[tuple[str, float]]:

@@ -160,6 +160,8 @@ class GriddedRecording(NamedTuple):
         How far angular accelerations may be off [rad/s^2].
     untouched : ndarray of bool, shape (n,)
         Whether nothing touched the tool; of these the grid counts as free what was not abrupt.
+    ringing : list of ndarray, shape (n_i, 2), or None
+        How the tool rings in the blocks of each static pose, by two shapes; None: not known.
     """
 
     grid: TimeGrid
@@ -168,6 +170,7 @@ class GriddedRecording(NamedTuple):
     kinematics: PoseKinematics
     alpha_error: Array
     untouched: NDArray[np.bool_]
+    ringing: list[Array] | None = None
 
 
 class ToolMotion(NamedTuple):

@@ -49,7 +49,7 @@ from forcecal_ros.identify.static_readings import (
 )
 from forcecal_ros.identify.statics import read_statics, ring_of, Sag, sag_of, with_ring
 from forcecal_ros.identify.tool import identify_tool, ToolFit, weigh, Weight
-from forcecal_ros.identify.unsettled import settled
+from forcecal_ros.identify.unsettled import mode_of, settled, without_ringing
 from forcecal_ros.recording.axes import in_axes_of_pose, level_from_base, levelled
 from forcecal_ros.recording.checks.clipping import clipped
 from forcecal_ros.recording.checks.entry import checked
@@ -185,7 +185,8 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
                        slight_misfit=slight, stops=stops)
     weight, sag, ring = _ringing(recording, poses, statics, gridded, settings)
     if ring is not None:
-        statics = settled(statics, recording, poses, weight.mass, ring)
+        gridded, statics = _settled(recording, poses, statics, gridded, weight.mass, ring,
+                                    settings)
         weight, sag, ring = _ringing(recording, poses, statics, gridded, settings)
     statics = with_ring(statics, weight.mass, ring, settings)
     slide = _slide(recording, gridded, weight, ring)
@@ -194,6 +195,19 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     return Stages(_with_other_point(recording, tool), removed, poses, statics, tool, sag, ring,
                   _accelerometer(recording, gridded, tool, turn, settings), inertia, late,
                   ToolMotion(gridded, slide, turn), slight, stops)
+
+
+def _settled(recording: Recording, poses: list[StaticPose], statics: Statics,
+             gridded: GriddedRecording, mass: float, ring: RingFit,
+             settings: IdentificationSettings) -> tuple[GriddedRecording, Statics]:
+    """Take what still rings off the poses' means; off their noise only where off all means."""
+    if (mode := mode_of(ring, mass)) is not None:
+        quiet = without_ringing(gridded, mode)
+        read = settled(read_statics(recording, poses, settings, quiet), recording, poses, mass,
+                       ring)
+        if read.ringing is not None and read.ringing.any(axis=1).all():
+            return quiet, read
+    return gridded, settled(statics, recording, poses, mass, ring)
 
 
 def _ringing(recording: Recording, poses: list[StaticPose], statics: Statics,

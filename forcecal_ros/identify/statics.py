@@ -98,7 +98,8 @@ def read_statics(recording: Recording, poses: list[StaticPose], settings: Identi
     variance = rigid
     if gridded is not None:
         blocks = windows_of(Averager(optidrive.t, optidrive.values), gridded.grid)
-        density = noise_of_windows(blocks).at_least_white[0, 0] * gridded.grid.length
+        noise = noise_of_windows(blocks, gridded.ringing)
+        density = noise.at_least_white[0, 0] * gridded.grid.length
         variance = float(density) / spans
     return Statics(gravity, means, covariance, slide, variance)
 

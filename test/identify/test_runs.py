@@ -5,6 +5,7 @@ from dataclasses import replace
 from calibration_runs import run
 from forcecal_ros.calibration.file import dump, parse
 from forcecal_ros.errors import DataError, UnobservableError
+from forcecal_ros.identify import unsettled
 from forcecal_ros.identify.pipeline import identify
 from forcecal_ros.identify.poses import orientation_h, orientation_v
 from forcecal_ros.identify.settings import IdentificationSettings
@@ -72,6 +73,26 @@ def test_ringing_left_in_the_poses_pulls_nothing(settle):
            if row.truth is not None and row.key.startswith(('mass', 'com', 'wrench_bias', 'tool'))}
     assert len(off) == 12
     assert max(map(abs, off.values())) < 0.1, off
+
+
+def test_what_rings_in_the_poses_is_no_noise():
+    """Ringing that was taken for noise made the errors of damping 2.06 times as large."""
+    def stds(settle):
+        return {row.key: row.std for row in table(identify(run(seed=4, settle=settle)))}
+
+    still, ringing = stds(1.0), stds(0.3)
+    ratio = {key: ringing[key] / still[key] for key in still
+             if key.startswith(('mass', 'com', 'wrench_bias', 'tool'))}
+    assert len(ratio) == 12
+    assert min(ratio.values()) > 0.8 and max(ratio.values()) < 1.15, ratio
+
+
+def test_ringing_that_stays_in_the_means_stays_in_their_errors(monkeypatch):
+    recording = run(seed=4, settle=0.3)
+    taken_off = identify(recording)
+    monkeypatch.setattr(unsettled, '_PRECISE', 0.0)
+    left_in = identify(recording)
+    assert left_in.wrench_bias.std[4] > 1.3 * taken_off.wrench_bias.std[4]
 
 
 @pytest.mark.parametrize('accelerometer, coupling, offset', [('acc1', 'dc', 5e-4),

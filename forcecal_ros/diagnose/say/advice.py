@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from forcecal_ros.diagnose.judge.ties import tied
 from forcecal_ros.diagnose.plan.recording import motion_for
 from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.effects import EFFECTS, with_effects
@@ -49,7 +50,9 @@ def _to_show(names: Sequence[str]) -> str:
 
 def _to_tell_apart(diagnosis: Diagnosis, rig: Rig) -> str:
     named = [e.name for e in diagnosis.effects if e.name in EFFECTS]
-    others = [n for n, _ in diagnosis.candidates if n in EFFECTS and n not in named]
+    # what samples cannot tell apart no motion does
+    same = {tied(e.name, e.parameters, 1.0 / rig.wrench_sensor.rate) for e in diagnosis.effects}
+    others = [n for n, _ in diagnosis.candidates if n in EFFECTS and n not in {*named, *same}]
     if diagnosis.verdict != 'ambiguous' or not named:
         return ''
     for other in others:

@@ -146,3 +146,14 @@ def test_correlation_that_is_there_counts_whole():
 def test_a_channel_without_noise_is_no_obstacle():
     values = np.random.default_rng(6).standard_normal((200, 2)) * [1.0, 0.0]
     assert np.isfinite(noise_of_windows([values]).at_least_white).all()
+
+
+def test_what_is_no_noise_is_taken_off_and_no_noise_with_it():
+    rng, t = np.random.default_rng(7), np.arange(40)
+    shape = np.exp(-0.1 * t)[:, None] * np.column_stack([np.cos(0.4 * t), np.sin(0.4 * t)])
+    windows = [[rng.standard_normal((40, 2)) + shape @ rng.normal(0, 3, (2, 2)) for _ in range(4)]
+               for _ in range(60)]
+    found = np.array([np.diag(noise_of_windows(w, [shape] * 4).long_run) for w in windows])
+    assert found.mean() == pytest.approx(1.0, abs=0.05)
+    taken = np.array([np.diag(noise_of_windows(w).long_run) for w in windows])
+    assert taken.mean() > 2.0
