@@ -12,50 +12,22 @@ import os
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import argparse
-from contextlib import redirect_stderr, redirect_stdout
-import io
-import json
 from pathlib import Path
 import re
 import sys
 import tempfile
-from typing import Any
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT)]
-
-from forcecal_ros.cli import main as forcecal
+from at_work import AT_WORK
+from common import by_least_squares, G, ROOT, said, tool, write_table
 import numpy as np
 from scipy.spatial.transform import Rotation
 import yaml
 
-G = 9.81
 WRENCH = ('fx', 'fy', 'fz', 'tx', 'ty', 'tz')
 ORIENTATION = tuple(f'r{i}{j}' for i in '123' for j in '123')
 PLACES = ((0.0, 0.0, 0.045), (0.02937, 0.02937, 0.05394), (-0.02937, 0.02937, 0.05394),
           (-0.02937, -0.02937, 0.05394), (0.02937, -0.02937, 0.05394))
 """Of the mass on the printed sensor, as its authors' program states them [m]."""
-
-
-def said(*arguments: Any) -> Any:
-    """Run a command; return its JSON, or the line of its refusal."""
-    out, err = io.StringIO(), io.StringIO()
-    with redirect_stdout(out), redirect_stderr(err):
-        status = forcecal([str(argument) for argument in arguments])
-    if status == 0:
-        return json.loads(out.getvalue()) if '--json' in arguments else None
-    return err.getvalue().strip().splitlines()[-1].removeprefix('forcecal: ')
-
-
-def write_table(path, names, columns):
-    np.savetxt(path, columns, '%.9g', ',', header=','.join(names), comments='')
-
-
-def by_least_squares(force, R):
-    """Mass of plain least squares, force = m g + bias in the sensor's frame."""
-    rows = np.concatenate([(R.transpose(0, 2, 1) @ [0, 0, -G])[:, :, None],
-                           np.broadcast_to(np.eye(3), R.shape)], axis=2)
-    return float(np.linalg.lstsq(rows.reshape(-1, 4), force.ravel(), rcond=None)[0][0])
 
 
 def calibrated(folder, wrench, R, *options):
@@ -71,15 +43,6 @@ def calibrated(folder, wrench, R, *options):
     refused = said('import', folder / 'import.yaml', '--tables', folder, '-o', bag)
     return refused or said('calibrate', bag, '--gravity', G, '--json', '-o', folder / 'c.yaml',
                            *options)
-
-
-def tool(found):
-    """Say mass and centre of mass, or the refusal."""
-    if isinstance(found, str):
-        return f'refused: {found}'
-    mass, com = found['mass'], found['com']
-    return (f'{mass["value"]:.4f} +- {mass["std"]:.4f} kg, centre of mass '
-            f'{" ".join(f"{x:.4f}" for x in com["value"])} m')
 
 
 def axia80(data, case, folder):
@@ -255,7 +218,7 @@ def _left_out(places, out):
 
 CASES = {one.__name__: one for one in (
     axia80, franka_at_work, franka_panda, icub_foot, kuka_lbr_med, meca500_on_a_wall,
-    orientations_of_others, printed_sensor)}
+    orientations_of_others, printed_sensor, *AT_WORK)}
 
 
 def main():

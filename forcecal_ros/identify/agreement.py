@@ -17,7 +17,10 @@ from forcecal_ros.recording.checks.at_rest import (
 from forcecal_ros.recording.checks.frame_faults import refuse_other_frame, Stated
 from forcecal_ros.recording.checks.frames import Forces, judge
 from forcecal_ros.recording.checks.inertia import motion_notes
-from forcecal_ros.recording.checks.orientations import refuse_other_orientation
+from forcecal_ros.recording.checks.orientations import (
+    refuse_other_orientation,
+    simpler_reading,
+)
 from forcecal_ros.recording.checks.torques import refuse_exchanged, refuse_other_torques
 from forcecal_ros.recording.streams import Recording
 import numpy as np
@@ -120,7 +123,7 @@ def _judged(found: AtRest, calibration: Calibration) -> tuple[str, ...]:
     if best is not plain and best.name not in ('tilted', 'both'):
         refuse_other_frame(judgement, Stated(
             DOWN, calibration.wrench_sign, calibration.sensor_rotation,
-            calibration.sensor_from_pose, 'calibration'))
+            calibration.sensor_from_pose, 'calibration'), simpler_reading(forces, judgement))
     if best.rms < UNEXPLAINED * residual:
         refuse_other_force_unit(plain.mass, mass)
     if best is not plain:

@@ -22,7 +22,12 @@ from forcecal_ros.identify.estimating import jacobian
 from forcecal_ros.identify.static_readings import gravity_spread, Statics
 from forcecal_ros.identify.tool import ToolFit, Weight, X_HAT
 from forcecal_ros.recording.kinematics import AngularMotion, smoothed
-from forcecal_ros.recording.noise.autocovariance import noise_of_windows
+from forcecal_ros.recording.noise.autocovariance import (
+    Autocovariance,
+    MOST_LAGS,
+    noise_of_residuals,
+    noise_of_windows,
+)
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
@@ -170,6 +175,10 @@ def identify_moving_tool(
     """
     Fit centre of mass, torque bias and inertia to all blocks of free motion.
 
+    The torque of the weight as the pose turns it tells the centre of mass, by instrumental
+    variables: what else pulls at the tool does not turn with it. Standard errors are those of the
+    noise at rest, or of what the motion leaves over where that is more.
+
     Parameters
     ----------
     weight : Weight
@@ -193,8 +202,10 @@ def identify_moving_tool(
     turned = -inertia_regressor(turn.omega, turn.alpha)
     smooth = smoothed(turned)
 
-    def rows_of(bias: Array, inertial: Array) -> Array:
-        load = wrench[:, :3] - bias
+    # a hand that leads the tool is a load with a lever of its own; gravity does not follow it
+    hanging = -weight.mass * np.linalg.norm(statics.gravity[0]) * turn.R_base_sensor[:, 2]
+
+    def rows_of(load: Array, inertial: Array) -> Array:
         return np.concatenate([np.broadcast_to(np.eye(3), (len(load), 3, 3)), -skew(load),
                                inertial], axis=2)
 
@@ -202,16 +213,20 @@ def identify_moving_tool(
         return np.asarray(wrench[:, 3:] - np.cross(slide[:, None] * X_HAT, wrench[:, :3] - bias))
 
     def fit(bias: Array, precision: Array) -> tuple[Array, Array, Array]:
-        instruments = np.where(use[:, None, None], precision @ rows_of(bias, smooth), 0.0)
-        clean = np.nan_to_num(rows_of(bias, turned))
+        instruments = np.where(use[:, None, None], precision @ rows_of(hanging, smooth), 0.0)
+        clean = np.nan_to_num(rows_of(wrench[:, :3] - bias, turned))
         normal = np.einsum('nip,niq->pq', instruments, clean)
         normal[6:, 6:] -= use.sum() * _standstill_product(precision @ smooth, turned, still)
         bread = np.linalg.inv(normal)
         torque = np.where(use[:, None], torque_of(bias), 0.0)
         return bread @ np.einsum('nip,ni->p', instruments, torque), bread, instruments
 
+    def residual_of(theta: Array) -> Array:
+        load = wrench[:, :3] - weight.force_bias
+        return np.asarray(torque_of(weight.force_bias) - rows_of(load, smooth) @ theta)
+
     def still_residuals(theta: Array) -> list[Array]:
-        residual = torque_of(weight.force_bias) - rows_of(weight.force_bias, smooth) @ theta
+        residual = residual_of(theta)
         return [residual[still == i] for i in range(still.max() + 1)]
 
     theta, _, _ = fit(weight.force_bias, np.eye(3))
@@ -220,10 +235,41 @@ def identify_moving_tool(
     by_bias = jacobian(lambda b: fit(b, precision)[0], weight.force_bias, np.full(3, 1e-2))
     noise = noise_of_windows(still_residuals(theta))
     covariance = bread @ noise.covariance_of_sum(instruments) @ bread.T
+    misfit = noise_of_residuals(np.where(use[:, None], residual_of(theta), 0.0), MOST_LAGS,
+                                int(use.sum()))
+    covariance = _widened(covariance, bread @ misfit.covariance_of_sum(instruments) @ bread.T)
+    shared = _shared(misfit, noise, hanging[use])
+    covariance[:6, :6] += np.diag(np.repeat(shared, 3))
     covariance = covariance + by_bias @ weight.covariance[1:, 1:] @ by_bias.T
     tool = _tool_fit(weight, statics, theta, covariance, by_bias)
     _, vectors = np.linalg.eigh(np.linalg.inv(covariance[6:, 6:]))
     return tool, InertiaFit(theta[6:], covariance[6:, 6:], vectors[:, 0])
+
+
+def _widened(by_noise: Array, by_misfit: Array) -> Array:
+    """Widen a covariance to the errors that what a motion leaves over makes, where larger."""
+    known = np.maximum(np.diag(by_noise), np.finfo(float).tiny)
+    times = np.sqrt(np.maximum(1.0, np.where(
+        np.diag(by_noise) > 0.0, np.diag(by_misfit) / known, 1.0)))
+    return np.asarray(by_noise * np.outer(times, times))
+
+
+def _shared(misfit: Autocovariance, noise: Autocovariance, load: Array) -> tuple[float, float]:
+    """
+    Return what a pull that lasts as long as the motion may do to torque bias and centre of mass.
+
+    Of it there is one, as slow as the motion, and no average evens it out: what it leaves over
+    beyond the noise, by the changes of a load (n, 3), is how far it may take a centre of mass.
+
+    Returns
+    -------
+    float, float
+        Variances [N^2 m^2], [m^2].
+    """
+    beyond = np.diag(misfit.covariance) - np.diag(noise.covariance)
+    left = float(np.maximum(beyond, 0.0).mean())
+    # two of three components of a load turn a lever
+    return left, left / max(2.0 * float(load.var(axis=0).mean()), np.finfo(float).tiny)
 
 
 def _standstill_product(smooth: Array, turned: Array, still: NDArray[np.intp]) -> Array:

@@ -49,6 +49,7 @@ from forcecal_ros.identify.static_readings import (
 )
 from forcecal_ros.identify.statics import read_statics, ring_of, Sag, sag_of, with_ring
 from forcecal_ros.identify.tool import identify_tool, ToolFit, weigh, Weight
+from forcecal_ros.identify.touched import what_touches
 from forcecal_ros.identify.unsettled import mode_of, settled, without_ringing
 from forcecal_ros.recording.axes import in_axes_of_pose, level_from_base, levelled
 from forcecal_ros.recording.checks.clipping import clipped
@@ -190,7 +191,11 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
         weight, sag, ring = _ringing(recording, poses, statics, gridded, settings)
     statics = with_ring(statics, weight.mass, ring, settings)
     slide = _slide(recording, gridded, weight, ring)
-    tool, inertia, late = _tool(gridded, statics, weight, slide, settings)
+    touched = what_touches(gridded, weight, settings.gravity)
+    tool, inertia, late = _tool(gridded, statics, weight, slide, touched, settings)
+    if touched:
+        recording = replace(recording, notes=(*recording.notes, (
+            f'{touched}; inertia is not taken from it')))
     turn = gridded.kinematics.angular(late[0] if late else 0.0)
     return Stages(_with_other_point(recording, tool), removed, poses, statics, tool, sag, ring,
                   _accelerometer(recording, gridded, tool, turn, settings), inertia, late,
@@ -265,13 +270,24 @@ def _single_samples(recording: Recording, removed: dict[str, int], poses: list[S
 
 
 def _tool(gridded: GriddedRecording, statics: Statics, weight: Weight, slide: Array,
-          settings: IdentificationSettings
+          touched: str, settings: IdentificationSettings
           ) -> tuple[ToolFit, InertiaFit | None, tuple[float, float] | None]:
-    """Tool and inertia; the centre of mass by the motion where the poses do not tell it."""
+    """
+    Tool and inertia; the centre of mass by the motion where the poses do not tell it.
+
+    What is ``touched`` in motion shows neither, nor a delay.
+    """
     grid, condition = gridded.grid, settings.thresholds.condition
     spread, _ = gravity_spread(statics.gravity)
     by_motion = spread[1] * condition < spread[0] and bool(grid.free.any())
+    if touched and by_motion:
+        raise UnobservableError(
+            'centre of mass and torque bias are not observable from '
+            f'{len(statics.gravity)} static poses, and {touched}; add a pose tilted about another '
+            'axis of ft_sensor, or move it with nothing that touches it')
     tool = None if by_motion else identify_tool(statics, condition)
+    if touched and tool is not None:
+        return tool, None, None
     late = pose_delay(
         gridded.kinematics, gridded.wrench[:, :3], slide, grid, weight.mass, weight.force_bias,
         np.zeros(3) if tool is None else tool.com, settings.gravity, settings.largest_delay)

@@ -15,7 +15,10 @@ from forcecal_ros.recording.checks.frame_faults import (
     Stated,
 )
 from forcecal_ros.recording.checks.frames import Forces, judge
-from forcecal_ros.recording.checks.orientations import refuse_other_orientation
+from forcecal_ros.recording.checks.orientations import (
+    refuse_other_orientation,
+    simpler_reading,
+)
 from forcecal_ros.recording.checks.torques import refuse_exchanged, refuse_other_torques
 from forcecal_ros.schema import Vector7
 import numpy as np
@@ -198,7 +201,8 @@ def slight_misfit(poses: list[StaticPose], statics: Statics, settings: Identific
     refuse_exchanged(forces, statics.wrench[:, 3:])
     refuse_other_orientation(forces, judgement)
     refuse_other_frame(judgement, Stated(
-        believed, settings.wrench_sign, settings.sensor_rotation, sensor_from_pose))
+        believed, settings.wrench_sign, settings.sensor_rotation, sensor_from_pose),
+        simpler_reading(forces, judgement))
     check_weight(statics.gravity, settings.thresholds.condition)
     refuse_weightless(judgement)
     refuse_unexplained(judgement)

@@ -46,8 +46,8 @@ class ToolFit(NamedTuple):
     force_bias, com, torque_bias : ndarray, shape (3,)
         [N], [m], [N m]
     covariance : ndarray, shape (10, 10)
-        Of mass, force bias, com, torque bias in this order; widened by chi_square / degrees
-        where that much is not chance.
+        Of mass, force bias, com, torque bias in this order; widened by what forces and torques
+        leave over, each by its own, where that much is not chance.
     residuals : ndarray, shape (n, 6)
         Read minus fitted [N, N m].
     chi_square, probability : float
@@ -92,23 +92,20 @@ def identify_tool(statics: Statics, condition: float = 100.0) -> ToolFit:
     """
     check_poses(statics.gravity, condition)
     design, reading = design_of(statics)
-    if statics.covariance is None:
-        theta, covariance = _fit_scatter(design, reading)
-        chi_square = np.nan
-    else:
-        theta, covariance, chi_square = _fit_weighted(statics, design, reading)
-    refuse_negative(theta[0])
     n = len(statics.wrench)
     degrees = 6 * n + (statics.sag is not None) - design.shape[1]
+    if statics.covariance is None:
+        theta, covariance = _fit_scatter(design, reading)
+        chi_square = chance = np.nan
+    else:
+        theta, covariance, chi_square, chance = _fit_weighted(statics, design, reading)
+    refuse_negative(theta[0])
     residuals = (reading - design @ theta)[:6 * n].reshape(n, 6)
     spread, _ = gravity_spread(statics.gravity)
     mass, com = float(theta[0]), theta[4:7] / theta[0]
     to_com = np.eye(10)
     to_com[4:7, 4:7] /= mass
     to_com[4:7, 0] = -com / mass
-    chance = float(chdtrc(degrees, chi_square)) if degrees > 0 else np.nan
-    if chance < WIDENED:
-        covariance = covariance * (chi_square / degrees)
     return ToolFit(
         mass, theta[1:4], com, theta[7:10], to_com @ covariance[:10, :10] @ to_com.T, residuals,
         chi_square, chance, degrees, spread, float(spread[0] / spread[1]))
@@ -155,9 +152,12 @@ def _require_rank(design: Array) -> None:
             'directions of ft_sensor')
 
 
-def _fit_weighted(statics: Statics, design: Array, reading: Array) -> tuple[Array, Array, float]:
+def _fit_weighted(statics: Statics, design: Array, reading: Array
+                  ) -> tuple[Array, Array, float, float]:
     """
     Least squares, each channel weighted by its own noise; the slide's comes in by the mass.
+
+    Returns the unknowns, their covariance, chi-square and how probable as much is.
 
     The covariance takes the noise as it is, correlated between channels. Weighing by measured
     correlations would make the fit follow the error of their measurement.
@@ -175,7 +175,28 @@ def _fit_weighted(statics: Statics, design: Array, reading: Array) -> tuple[Arra
     bread = np.linalg.inv(rows.T @ rows) @ (rows * weight[:, None]).T
     residuals = reading - design @ theta
     chi_square = float(residuals @ np.linalg.solve(noise, residuals))
-    return theta, bread @ noise @ bread.T, chi_square
+    degrees = len(reading) - design.shape[1]
+    chance = float(chdtrc(degrees, chi_square)) if degrees > 0 else np.nan
+    if chance < WIDENED:
+        times = _left_over(residuals, noise, design, chi_square / degrees)
+        noise = noise * np.outer(times, times)
+    return theta, bread @ noise @ bread.T, chi_square, chance
+
+
+def _left_over(residuals: Array, noise: Array, design: Array, whole: float) -> Array:
+    """
+    Say how many times as much as their noise readings leave over, by forces and by torques.
+
+    A cable that turns the sensor says nothing of the mass. ``whole`` is chi-square of all by its
+    degrees of freedom, for what has none of its own.
+    """
+    times = np.full(len(residuals), 1.0)
+    for first in (0, 3):
+        rows = np.flatnonzero(np.arange(len(residuals) // 6 * 6) // 3 % 2 == first // 3)
+        degrees = len(rows) - int(np.any(design[rows], axis=0).sum())
+        part = residuals[rows] @ np.linalg.solve(noise[np.ix_(rows, rows)], residuals[rows])
+        times[rows] = np.sqrt(max(1.0, part / degrees if degrees > 0 else whole))
+    return times
 
 
 def _fit_scatter(design: Array, reading: Array) -> tuple[Array, Array]:

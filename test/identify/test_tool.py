@@ -80,13 +80,19 @@ def test_chi_square_of_a_good_fit_is_that_of_its_degrees_of_freedom():
     assert np.mean([fit.probability for fit in fits]) == pytest.approx(0.5, abs=0.1)
 
 
-def test_a_pose_that_disagrees_widens_every_error():
-    statics = statics_of(FOUR, 1.0)
+@pytest.mark.parametrize('channel, pull, wider, same', [
+    (1, 1.0, slice(0, 4), slice(7, 10)), (4, 0.1, slice(4, 10), slice(0, 4))])
+def test_a_pose_that_disagrees_widens_the_errors_of_what_it_tells(channel, pull, wider, same):
+    statics = statics_of(FOUR, 1.0)._replace(slide=np.zeros(4))
+    statics = statics._replace(wrench=statics.wrench - statics_of(FOUR).wrench
+                               + statics_of(FOUR, slide=False).wrench)
     wrench = statics.wrench.copy()
-    wrench[1, 1] += 1.0
+    wrench[1, channel] += pull
     wide, narrow = identify_tool(statics._replace(wrench=wrench)), identify_tool(statics)
     ratio = np.sqrt(np.diag(wide.covariance) / np.diag(narrow.covariance))
-    np.testing.assert_allclose(ratio, np.sqrt(wide.chi_square / wide.degrees), rtol=1e-3)
+    assert wide.probability < 1e-6
+    assert (ratio[wider] > 20.0).all()
+    np.testing.assert_allclose(ratio[same], 1.0, rtol=0.05)
 
 
 @pytest.mark.parametrize('directions, axis', [([[0, 0, 1], [1, 0, 0]], 'x'),

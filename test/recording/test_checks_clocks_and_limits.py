@@ -1,8 +1,9 @@
 """Clocks against a rig's rates, and limits of coarse readings."""
 
-from forcecal_ros.recording.checks.clipping import clipping, quantisation
+from forcecal_ros.errors import DataError
+from forcecal_ros.recording.checks.clipping import clipping, quantisation, refuse_wrapped
 from forcecal_ros.recording.checks.clocks import clocks, skew_between
-from forcecal_ros.recording.streams import CHANNELS, Recording, Stream
+from forcecal_ros.recording.streams import CHANNELS, PoseStream, Recording, Stream
 import numpy as np
 import pytest
 
@@ -25,3 +26,17 @@ def test_the_last_of_a_few_rough_steps_is_not_the_end_of_a_range(step, ends):
     noise = dict.fromkeys(CHANNELS['wrench'], 0.2)
     found = clipping(recording, quantisation(recording, noise), noise)
     assert [round(abs(x.limit)) for x in found] == [100] * ends
+
+
+def counted(bits):
+    """One channel that counts up slowly, and from its end on begins again three times."""
+    t = 0.001 * np.arange(4000)
+    values = np.floor(t * 2**bits) % 2**bits
+    return Stream(t, values[:, None]), PoseStream(t, np.zeros((len(t), 3)), np.tile(
+        np.eye(3), (len(t), 1, 1)))
+
+
+def test_counts_of_eight_bits_wrap_and_four_steps_are_noise():
+    with pytest.raises(DataError, match='its counts wrap around'):
+        refuse_wrapped(counted(8)[0], ['torque.z'], counted(8)[1])
+    refuse_wrapped(counted(2)[0], ['torque.z'], counted(2)[1])

@@ -12,6 +12,10 @@ from forcecal_ros.recording.checks.frame_faults import (
     Stated,
 )
 from forcecal_ros.recording.checks.frames import Forces, judge
+from forcecal_ros.recording.checks.orientations import (
+    refuse_other_orientation,
+    simpler_reading,
+)
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -50,6 +54,16 @@ def test_sound_forces_are_taken_as_they_are(n, known):
         refuse_weightless(judgement)
         refuse_unexplained(judgement)
         assert not slightly_off(judgement)
+
+
+@pytest.mark.parametrize('times, name', [(0.3, 'turned'), (0.6, 'plain')])
+def test_a_turn_that_twice_the_noise_explains_is_none(times, name):
+    R = turn(0.0, 20.0, 0.0) @ rotation_from_vector(
+        0.6 * np.array([[1, 0, 0], [0, 1, 0], [0.7, -0.7, 0], [-1, 0.3, 0], [0, 0, 0]]))
+    wire = 1.5 * G @ R @ turn(0.0, 0.0, -15.0).T
+    off = judge(Forces(R, wire, G, None)).plain.rms
+    sure = Forces(R, wire, G, np.full(5, times * off))
+    assert name in names(judge(sure))
 
 
 @pytest.mark.parametrize('known', [False, True])
@@ -159,3 +173,55 @@ def test_a_tared_wrench_in_base_says_so():
                          + NOISE * np.random.default_rng(2).standard_normal((12, 3)))
     with pytest.raises(UnobservableError, match=r'of 0\.999 kg in a wrench expressed in base'):
         refuse_weightless(judge(still))
+
+
+def read_wrongly(seed, n=12, off=0.8):
+    """Return forces of few directions, off by a pull; quaternions from w were read from x."""
+    rng = np.random.default_rng(seed)
+    lean = rng.normal(0.0, 0.5, (n // 3, 3))
+    R = turn(180.0, 0.0, 0.0) @ rotation_from_vector(
+        np.repeat(lean, 3, axis=0) + rng.normal(0.0, 0.02, (n, 3)))
+    wire = 1.5 * G @ R + rng.normal(0.0, 8.0, 3) + off * rng.standard_normal((n, 3))
+    x, y, z, w = Rotation.from_matrix(R).as_quat().T
+    wrong = Rotation.from_quat(np.stack([w, x, y, z], axis=1)).as_matrix()
+    return Forces(wrong, wire, G, np.full(n, 0.1))
+
+
+def test_quaternions_from_w_are_named_and_not_axes_that_fit_as_well():
+    said, frames = [], 0
+    for seed in range(40):
+        recorded = read_wrongly(seed)
+        judgement = judge(recorded)
+        if names(judgement) == ['plain']:
+            continue
+        frames += 1
+        try:
+            refuse_other_orientation(recorded, judgement)
+        except DataError as error:
+            said.append(str(error))
+    assert frames > 20
+    assert len(said) > 0.9 * frames
+    assert all('in the order w, x, y, z' in one for one in said)
+
+
+def test_other_axes_are_not_taken_for_an_orientation_read_wrongly():
+    for seed in range(40):
+        for Q in (turn(0.0, 0.0, -30.0), SWAPPED, turn(90.0, 0.0, 0.0)):
+            recorded = forces(seed, 12, Q=Q)
+            judgement = judge(recorded)
+            assert names(judgement) != ['plain']
+            refuse_other_orientation(recorded, judgement)
+            assert not simpler_reading(recorded, judgement)
+
+
+def test_pulls_that_poses_share_make_no_tilt_beside_a_turn():
+    found = []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        lean = np.repeat(rng.normal(0.0, 0.9, (4, 3)), 3, axis=0) + rng.normal(0.0, 0.08, (12, 3))
+        R = rotation_from_vector(lean)
+        pull = np.repeat(rng.normal(0.0, 0.06, (4, 3)), 3, axis=0)
+        wire = 0.4 * G @ R @ turn(0.0, 0.0, -85.0).T + pull
+        wire += NOISE * rng.standard_normal((12, 3))
+        found.append(names(judge(Forces(R, wire, G, np.full(12, 0.1 * NOISE)))))
+    assert sum('turned' in one for one in found) >= 25

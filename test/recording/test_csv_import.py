@@ -262,7 +262,7 @@ def test_tables_of_other_programs_hold_the_same_numbers(tmp_path, text, dialect)
 
 @pytest.mark.parametrize('text, message', [
     (ROWS.replace('8', '"8,5"'), "line 3: '8,5' in column 'fy' is not a number.*decimal: ','"),
-    (ROWS.replace('\n2,', '\n2024-05-06T07:08:09Z,'), 'is not a number.*seconds since 1970'),
+    (ROWS.replace('\n2,', '\n2024-05-06T07:08:09Z,'), 'of times that are dates the unit is date'),
     ('# 2019\n' + ROWS, 'line 2: 7 cells, but 1 columns in line 1.*comment'),
     (ROWS.replace('8', 'eight'), "log.csv line 3: 'eight' in column 'fy' is not a number"),
     (ROWS.replace('\n2,', '\n1,'), "line 3: time 1 in column 't' is not after 1"),
@@ -607,3 +607,62 @@ def test_the_example_of_a_universal_robot_is_imported(tmp_path):
     np.testing.assert_allclose(recording.pose.R_base_sensor, R.as_matrix(), atol=1e-8)
     np.testing.assert_allclose(recording.pose.position, place, atol=1e-8)
     assert recording.wrench.frame == 'base'
+
+
+@pytest.mark.parametrize('cell', [
+    '2018-01-25T10:47:34.25Z', '2018/01/25/10:47:34.25', '2018-1-25 10:47:34.250',
+    '2018-01-25 12:47:34,25+02:00', '2018-01-25 04:17:34.25-0630'])
+def test_dates_are_times(tmp_path, cell):
+    rows = HEADER + f'"{cell}",1,2,3,4,5,6\n2018-01-25 10:47:35.250000001,7,8,9,1,2,3\n'
+    found = imported(tmp_path, table(rows, tmp_path, unit='date'))
+    assert found.start_ns == 1516877254250000000
+    np.testing.assert_allclose(found.signals['wrench'].t, [0.0, 1.000000001], rtol=1e-15)
+
+
+@pytest.mark.parametrize('cell', ['25/01/2018 10:47:34', '2018-13-01 00:00:00', '10:47:34', '3.5'])
+def test_what_is_no_date_is_told(tmp_path, cell):
+    rows = HEADER + f'{cell},1,2,3,4,5,6\n2031-01-01 00:00:00,7,8,9,1,2,3\n'
+    with pytest.raises(DataError, match="line 2: .* in column 't' is not a"):
+        imported(tmp_path, table(rows, tmp_path, unit='date'))
+
+
+def test_messages_that_were_not_renewed_are_left_out(tmp_path):
+    rows = ('t,u,fx,fy,fz,tx,ty,tz,x,y,z,w\n'
+            '1,1,1,2,3,4,5,6,0,0,0,1\n1,2,1,2,3,4,5,6,0,0,1,0\n2,3,7,8,9,1,2,3,1,0,0,0\n')
+    pose = {'frame': 'base', 'quaternion_xyzw': ['x', 'y', 'z', 'w']}
+    one = table(rows, tmp_path)
+    other = {'file': 'log.csv', 'time': {'column': 'u', 'unit': 's'}, 'signals': {'pose': pose}}
+    found = imported(tmp_path, one, other)
+    assert (len(found.signals['wrench']), len(found.signals['pose'])) == (2, 3)
+    assert any('1 rows repeat stamp and cells' in note for note in found.notes)
+    together = table(rows, tmp_path, signals={'wrench': WRENCH, 'pose': pose})
+    with pytest.raises(DataError, match='merges streams, list it once for each'):
+        imported(tmp_path, together)
+
+
+URDF = """<robot name="r"><link name="base"/><link name="hand"/><joint name="a" type="revolute">
+<parent link="base"/><child link="hand"/><origin xyz="0 0 0.5"/><axis xyz="0 1 0"/></joint></robot>
+"""
+
+
+def test_joints_and_a_urdf_make_poses(tmp_path):
+    (tmp_path / 'robot.urdf').write_text(URDF)
+    joints = {'names': ['other', 'a'], 'position': {'columns': ['q0', 'q1'], 'unit': 'deg'}}
+    rows = 't,q0,q1,fx,fy,fz,tx,ty,tz\n' + ''.join(
+        f'{k},{k},{30 * k},1,{k},3,4,5,6\n' for k in range(4))
+    recording = run_import(
+        specify(tmp_path, table(rows, tmp_path, signals={
+            'wrench': WRENCH, 'joint_states': joints})), tmp_path / 'bag',
+        topics={'pose': f'urdf:{tmp_path}/robot.urdf:base:hand'})
+    np.testing.assert_allclose(
+        recording.pose.R_base_sensor,
+        Rotation.from_euler('y', 30.0 * np.arange(4)[:, None], degrees=True).as_matrix(),
+        atol=1e-12)
+    np.testing.assert_allclose(recording.pose.position, [[0.0, 0.0, 0.5]] * 4)
+
+
+@pytest.mark.parametrize('names', [['a'], ['a', 'a'], ['a', 'b', 'c']])
+def test_joints_have_a_name_each(tmp_path, names):
+    joints = {'names': names, 'position': {'columns': ['fx', 'fy'], 'unit': 'rad'}}
+    with pytest.raises(ConfigError, match='names.*2 different names, one a column'):
+        imported(tmp_path, table(ROWS, tmp_path, signals={'joint_states': joints}))

@@ -165,7 +165,8 @@ def _wraps(t: Array, values: Array, pose: PoseStream) -> int:
     steps = np.diff(values)
     at = np.flatnonzero(np.abs(steps) > limits.LEAP * span)
     if len(values) <= limits.DEAD or not len(at) or (
-            np.median(np.abs(steps)) > limits.SMOOTH * span):
+            np.median(np.abs(steps)) > limits.SMOOTH * span) or (
+            span < limits.COUNTED * resolution(values)):
         return 0
     # noise leaps to and fro at the border, spikes stay at one end only
     if _crossed(steps, at) < limits.WRAPS and not _wraps_once(values, int(at[0]), span):

@@ -45,9 +45,14 @@ class Stated(NamedTuple):
     by: str = ''
 
 
-def refuse_other_frame(judgement: Judgement, stated: Stated = Stated()) -> None:
+def refuse_other_frame(judgement: Judgement, stated: Stated = Stated(), or_else: str = '') -> None:
     """
     Refuse forces that fit another frame, other axes or another way down.
+
+    Parameters
+    ----------
+    or_else : str
+        What else the poses cannot tell this from.
 
     Raises
     ------
@@ -65,11 +70,12 @@ def refuse_other_frame(judgement: Judgement, stated: Stated = Stated()) -> None:
         remedy = named[0][1] + (
             '; poses in more directions tell whether it is the other'
             if len(named) > 1 else '')
+        otherwise = f'; or else the orientation is read wrongly: {or_else}' if or_else else ''
         recorded = f' with a mass of {plain.mass:.4g} kg' if plain.mass < 0.0 else ''
         raise DataError(
             f'wrench: {causes}; RMS of the residual forces{" at rest" * judgement.rests} '
             f'{likely[0].rms:.2g} N then, '
-            f'{plain.rms:.2g} N{recorded} as recorded; {remedy}')
+            f'{plain.rms:.2g} N{recorded} as recorded; {remedy}{otherwise}')
 
 
 def refuse_weightless(judgement: Judgement) -> None:

@@ -150,14 +150,17 @@ def judge(forces: Forces) -> Judgement:
     forces : Forces
         Of poses whose directions of gravity differ.
     """
-    plain, mean = _plain(forces), forces.wire.mean(axis=0)
+    plain, mean = plain_fit(forces), forces.wire.mean(axis=0)
     changes = float((forces.wire - mean).std())
     fits = [fit for fit in (plain, *_others(forces, plain)) if fit.mass > 0.0 and fit.degrees > 0]
     if not fits or not np.ptp(forces.wire, axis=0).any():
         return Judgement(plain, (plain,), mean, changes, forces.rests)
     variance = max(1.0, min(fit.chi_square / fit.degrees for fit in fits))
-    best = min(fits, key=lambda fit: fit.chi_square / variance
-               + fit.unknowns * np.log(forces.wire.size))
+    best = min(fits, key=lambda fit: criterion(fit, variance))
+    if best.name == 'both':  # a second cause has to be as sure as a first
+        best = min((fit for fit in fits if fit is best or (
+            fit.name in ('tilted', 'turned')
+            and _chance(best, fit, forces) > limits.BY_CHANCE)), key=lambda fit: fit.unknowns)
     reference = plain if plain.mass > 0.0 else _weightless(forces)
     if best is plain or _chance(best, reference, forces) > limits.BY_CHANCE:
         return Judgement(plain, (plain,), mean, changes, forces.rests)
@@ -170,12 +173,17 @@ def judge(forces: Forces) -> Judgement:
                      forces.rests)
 
 
+def criterion(fit: Fit, variance: float) -> float:
+    """Bayesian information criterion, ``variance`` the one that the weights leave over."""
+    return fit.chi_square / variance + fit.unknowns * float(np.log(fit.residuals.size))
+
+
 def _chance(best: Fit, other: Fit, forces: Forces) -> float:
     """How probable it is that a hypothesis fits so much better than another that holds."""
     more = max(1, best.unknowns - other.unknowns)
     gain = max(0.0, other.chi_square - best.chi_square)
     if forces.noise is not None and chdtrc(best.degrees, best.chi_square) > 1.0 / limits.ODDS:
-        return float(chdtrc(more, gain))
+        return float(chdtrc(more, gain / limits.NOISE_KNOWN**2))
     variance = max(1.0, best.chi_square / best.degrees)
     return float(fdtrc(more, best.degrees, gain / variance / more))
 
@@ -192,8 +200,8 @@ def _others(forces: Forces, plain: Fit) -> Iterator[Fit]:
     if tells_down:
         yield _tilted(forces)
     if n > 1 and _singular_values(in_sensor[:, None])[1] > limits.SPANNED:
-        yield _turned(forces, 1.0)
-        yield _turned(forces, -1.0)
+        yield turned_fit(forces)
+        yield turned_fit(forces, -1.0)
     if n > 3 and tells_down:
         yield _both(forces)
 
@@ -230,7 +238,8 @@ def _biased(columns: Array) -> Array:
     return np.concatenate([columns, np.broadcast_to(np.eye(3), (len(columns), 3, 3))], axis=2)
 
 
-def _plain(forces: Forces) -> Fit:
+def plain_fit(forces: Forces) -> Fit:
+    """Take the recording as it says it is."""
     theta, covariance, residuals, chi_square, rank = _solved(
         _biased(forces.in_sensor[:, :, None]), forces)
     return Fit('plain', float(theta[0]), float(np.sqrt(covariance[0, 0])), np.eye(3),
@@ -269,7 +278,7 @@ def _of_weight(name: str, u: Array, covariance: Array, Q: Array, turn_std: float
                turn_std, float(tilt), residuals, chi_square, rank)
 
 
-def _turned(forces: Forces, hand: float) -> Fit:
+def turned_fit(forces: Forces, hand: float = 1.0) -> Fit:
     """Fit a turn where ``hand`` is 1, a mirrored one where it is -1."""
     g, w = forces.in_sensor, forces.weight**2
     centred, read = g - np.average(g, 0, w), forces.wire - np.average(forces.wire, 0, w)

@@ -1,11 +1,30 @@
 """Orientations read in another order than they were written: by which a weight would turn."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array, matrix_from_quaternion, quaternion_from_matrix
-from forcecal_ros.recording.checks.frames import Forces, Judgement
-from forcecal_ros.recording.checks.limits import TINY, VERTICAL
+from forcecal_ros.geometry import (
+    Array,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    rotation_vector,
+)
+from forcecal_ros.recording.checks.frames import (
+    criterion,
+    Fit,
+    Forces,
+    Judgement,
+    plain_fit,
+    turned_fit,
+)
+from forcecal_ros.recording.checks.limits import (
+    EXPLAINED,
+    ODDS,
+    SURE_WEIGHT,
+    TINY,
+    TURNED_OFF,
+    VERTICAL,
+)
 import numpy as np
 
 FOLLOWS, WORSE = 0.1, 10.0
@@ -26,16 +45,67 @@ def refuse_other_orientation(forces: Forces, judgement: Judgement) -> None:
         Names that reading.
     """
     R = forces.R_base_sensor
-    if len(R) < FEWEST:
-        return
     believed = (judgement.likely[0].rms / max(judgement.changes, TINY))**2
-    readings = {
+    readings = _readings(R)
+    words = other_reading(forces.wire, R, readings, believed) if len(R) >= FEWEST else ''
+    if not words and not _shows_whole_axes(judgement.likely[0].Q):
+        words = simpler_reading(forces, judgement, 1.0)
+    if words:
+        raise DataError(f'pose: {words}')
+
+
+def _shows_whole_axes(Q: Array) -> bool:
+    """Whether channels show one axis each, as drivers may set them; else it is a mount."""
+    return bool((np.abs(Q).max(axis=1) > np.cos(np.radians(TURNED_OFF))).all())
+
+
+def _readings(R: Array) -> Mapping[str, Array]:
+    """Orientations as they are by other readings, and how these are said."""
+    return {
         'it is that of base in the sensor: publish the pose of the sensor in base':
             np.swapaxes(R, 1, 2),
         'its quaternions are in the order w, x, y, z: fill x, y, z and w by their names':
             read_from_w(R)}
-    if words := other_reading(forces.wire, R, readings, believed):
-        raise DataError(f'pose: {words}')
+
+
+def simpler_reading(forces: Forces, judgement: Judgement, odds: float = ODDS) -> str:
+    """
+    Say which other reading of orientations makes a plain weight of forces in another frame.
+
+    Parameters
+    ----------
+    odds : float
+        So many times may the other frame be the likelier one.
+
+    Returns
+    -------
+    str
+        Empty: none does, or forces are in no other frame.
+    """
+    best, changes = judgement.likely[0], max(judgement.changes, TINY)
+    if best is judgement.plain:
+        return ''
+    variance = max(1.0, best.chi_square / best.degrees)
+    most = criterion(best, variance) + 2.0 * float(np.log(odds))
+    for fit, words in sorted(_fits(forces, best.unknowns), key=lambda one: one[0].chi_square):
+        explained = 1.0 - (fit.rms / changes)**2
+        if (fit.mass > SURE_WEIGHT * fit.mass_std and explained > EXPLAINED
+                and criterion(fit, variance) < most):
+            mine = 1.0 - min(1.0, judgement.plain.rms / changes)**2
+            return (f'force turns as the weight of {fit.mass:.3g} kg does if {words} '
+                    f'({explained:.0%} of its changes follow), not as stated ({mine:.0%})')
+    return ''
+
+
+def _fits(forces: Forces, unknowns: int) -> Iterator[tuple[Fit, str]]:
+    """Fits of a weight by other readings, of fewer unknowns; and how they are said."""
+    for words, R in _readings(forces.R_base_sensor).items():
+        other = forces._replace(R_base_sensor=R)
+        yield plain_fit(other), words
+        turned = turned_fit(other)
+        if turned.unknowns < unknowns:
+            angle = np.degrees(np.linalg.norm(rotation_vector(turned.Q)))
+            yield turned, f'{words}, and the sensor sits turned by {angle:.0f} deg'
 
 
 def read_from_w(R_base_sensor: Array) -> Array:

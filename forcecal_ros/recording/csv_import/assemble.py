@@ -11,6 +11,7 @@ from forcecal_ros.recording.checks.orientations import read_from_w
 from forcecal_ros.recording.csv_import import doubts
 from forcecal_ros.recording.csv_import.specification import (
     ANGLES,
+    Joints,
     ORIENTATIONS,
     Signal,
     Specification,
@@ -18,8 +19,14 @@ from forcecal_ros.recording.csv_import.specification import (
 )
 from forcecal_ros.recording.csv_import.table import Table
 from forcecal_ros.recording.csv_import.times import nanoseconds
-from forcecal_ros.recording.csv_import.units import NANOSECONDS, UNITS
-from forcecal_ros.recording.streams import Phase, PHASES, PoseStream, Stream
+from forcecal_ros.recording.csv_import.units import UNITS
+from forcecal_ros.recording.streams import (
+    JointStream,
+    Phase,
+    PHASES,
+    PoseStream,
+    Stream,
+)
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -69,8 +76,7 @@ def assemble(specification: Specification) -> Imported:
     ConfigError
         A table gives no signal, or two give the same.
     """
-    tables = [(one, Table(Path(one.file), one.dialect, timed=one.time is not None))
-              for one in specification.tables]
+    tables = [(one, _table(one)) for one in specification.tables]
     stamps = [_stamps(one, table) for one, table in tables]
     _check_time_base(specification, stamps)
     start = int(min(times[0] for times in stamps))
@@ -97,6 +103,20 @@ def assemble(specification: Specification) -> Imported:
     _refuse_other_readings(tables, signals)
     shift = max(0, 1 - start // _SECOND)
     return Imported(signals, topics, start + shift * _SECOND, shift, tuple(notes))
+
+
+def _table(specification: TableSpecification) -> Table:
+    """Read a table, less rows whose stamp and signals are those of the row before."""
+    table = Table(Path(specification.file), specification.dialect,
+                  timed=specification.time is not None)
+    time, phases = specification.time, specification.phases
+    if time is None:
+        return table
+    names = [time.column, *([time.nanoseconds] if time.nanoseconds else []),
+             *([phases.column] if phases and phases.column else []),
+             *(name for signal in specification.signals.given.values()
+               for part in signal.parts.values() for name in part.columns)]
+    return table.renewed(names)
 
 
 def _notes(specification: TableSpecification, table: Table, t: Array,
@@ -174,7 +194,7 @@ def _turn(name: str, angles: Array) -> Array:
 def _stamps(specification: TableSpecification, table: Table) -> NDArray[np.int64]:
     time, rate, start = specification.time, specification.rate, specification.start or 0.0
     if time is not None:
-        return nanoseconds(table, time.column, NANOSECONDS[time.unit], time.nanoseconds)
+        return nanoseconds(table, time.column, time.unit, time.nanoseconds)
     assert rate is not None
     rows = np.arange(len(table)) / rate + start
     stamps = np.rint(rows * 1e9).astype(np.int64)
@@ -209,6 +229,8 @@ def _part(table: Table, signal: Signal, name: str) -> Array:
 def _signal(table: Table, t: Array, signal: Signal) -> Stream | PoseStream:
     if not signal.parts.keys() & set(ORIENTATIONS):
         values = np.concatenate([_part(table, signal, name) for name in signal.parts], axis=1)
+        if isinstance(signal, Joints):
+            return JointStream(t, values, '', signal.names)
         return Stream(t, values, signal.frame)
     position = (_part(table, signal, 'position') if 'position' in signal.parts
                 else np.full((len(t), 3), np.nan))

@@ -53,6 +53,9 @@ def left_out(table: Table) -> Iterator[str]:
     if table.repeated:
         yield (f'{table.path}: {table.repeated} rows repeat the row before to the last character '
                'and are left out')
+    if table.held:
+        yield (f'{table.path}: {table.held} rows repeat stamp and cells of the row before: '
+               'messages that had not been renewed are left out')
     if table.cut:
         yield f'{table.path} line {table.cut}: the last line is cut short and left out'
 

@@ -6,7 +6,13 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 from forcecal_ros.recording.csv_import.table import Dialect
-from forcecal_ros.recording.csv_import.units import contradiction, is_xyzw, NANOSECONDS, UNITS
+from forcecal_ros.recording.csv_import.units import (
+    contradiction,
+    DATE,
+    is_xyzw,
+    NANOSECONDS,
+    UNITS,
+)
 from forcecal_ros.recording.streams import PHASES
 from forcecal_ros.schema import columns, load, Mismatch, path, read, Row, Section, TEXT
 
@@ -35,7 +41,7 @@ class _Entry:
 
 @dataclass(frozen=True)
 class _Columns(Row):
-    """Row of a part: so many columns of one quantity."""
+    """Row of a part: so many columns of one quantity; 0: any number of them."""
 
     quantity: str = ''
     width: int = 0
@@ -46,12 +52,12 @@ class _Columns(Row):
             return value
         plain = self.quantity == 'number'
         entry = read(_Entry, {'columns': value, 'unit': '1'} if plain else value, where)
-        units = UNITS[self.quantity]
+        units, width = UNITS[self.quantity], self.width or len(entry.columns)
         for key, right, wanted in (
-                ('columns', len(entry.columns) == self.width, f'a list of {self.width} columns'),
+                ('columns', len(entry.columns) == width > 0, f'a list of {width} columns'),
                 ('unit', entry.unit in units, f'a unit of {self.quantity}: {", ".join(units)}'),
-                ('signs', not entry.signs or (len(entry.signs) == self.width
-                 and set(entry.signs) <= {1, -1}), f'{self.width} times 1 or -1')):
+                ('signs', not entry.signs or (len(entry.signs) == width
+                 and set(entry.signs) <= {1, -1}), f'{width} times 1 or -1')):
             if not right:
                 raise Mismatch(where if plain else path(where, key), getattr(entry, key), wanted)
         if said := contradiction(entry.columns, entry.unit, units):
@@ -59,7 +65,7 @@ class _Columns(Row):
         if self.width == 4 and not is_xyzw(entry.columns):
             raise Mismatch(where, entry.columns, 'the columns of x, y, z and w in this order')
         return Part(entry.columns, tuple(units[entry.unit] * sign for sign in
-                                         entry.signs or (1,) * self.width), entry.unit)
+                                         entry.signs or (1,) * width), entry.unit)
 
 
 _FORCE, _TORQUE = _Columns(quantity='force', width=3), _Columns(quantity='torque', width=3)
@@ -138,6 +144,21 @@ class Displacement(Signal):
     displacement: Annotated[Part, _Columns(quantity='length', width=1)]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Joints(Signal):
+    """Positions of joints, of which a URDF makes poses."""
+
+    frame: Annotated[str, Row('Not used')] = ''
+    names: Annotated[tuple[str, ...], Row('Joints, in the order of the columns')]
+    position: Annotated[Part, _Columns(quantity='angle')]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(set(self.names)) != len(self.position.columns):
+            raise self.wrong(
+                'names', f'{len(self.position.columns)} different names, one a column')
+
+
 @dataclass(frozen=True)
 class Signals:
     """The signals of a table, by role."""
@@ -150,6 +171,7 @@ class Signals:
     pose: Pose | None = None
     target: Pose | None = None
     optidrive: Displacement | None = None
+    joint_states: Joints | None = None
 
     @property
     def given(self) -> Mapping[str, Signal]:
@@ -162,12 +184,15 @@ class Time(Section):
     """The column of time, and of nanoseconds on top of it, as ROS writes stamps."""
 
     column: Annotated[str, Row(pattern=TEXT)]
-    unit: Annotated[str, Row(words=tuple(NANOSECONDS))]
+    unit: Annotated[str, Row(words=(*NANOSECONDS, DATE))]
     nanoseconds: Annotated[str | None, Row('Column that comes on top', pattern=TEXT)] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if said := contradiction((self.column,), self.unit, NANOSECONDS):
+        if self.unit == DATE and self.nanoseconds is not None:
+            raise self.wrong('nanoseconds', 'none: a date has its own fractions of a second')
+        if self.unit != DATE and (
+                said := contradiction((self.column,), self.unit, NANOSECONDS)):
             raise self.wrong('unit', said)
 
 

@@ -17,6 +17,11 @@ from numpy.typing import NDArray
 
 _DECIMAL_COMMA = re.compile(r'\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*')
 _DATE = re.compile(r'\s*\d{1,4}[-/.:]\d{1,2}[-/.:]\d{1,4}')
+DATE_AND_TIME = re.compile(
+    r'(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})[ T_/-](\d{1,2}):(\d{2}):(\d{2})'
+    r'(?:[.,](\d{1,9}))?\s*(Z|[+-]\d{2}:?\d{2})?')
+"""As ISO 8601 and its neighbours write them; year first, because others are ambiguous."""
+
 _BLANKS = re.compile(' +')
 
 
@@ -126,6 +131,8 @@ class Table:
         The last line, where it was cut short and is left out; else 0.
     repeated : int
         Rows that were left out because they repeat the one before.
+    held : int
+        The same of those that repeat it in some columns only, see :meth:`renewed`.
 
     Raises
     ------
@@ -152,7 +159,7 @@ class Table:
             _ends_a_line(path)) else 0
         require_width(path, rows[1:], width, rows[0][0])
         again = [timed and cells == before for (_, before), (_, cells) in pairwise(rows)]
-        self.repeated = sum(again)
+        self.repeated, self.held = sum(again), 0
         kept = [row for row, repeats in zip(rows[1:], again) if not repeats]
         self._lines = [line for line, _ in kept]
         self._columns = [tuple(cell.replace(dialect.decimal, '.') for cell in column)
@@ -172,6 +179,21 @@ class Table:
             raise DataError(f'{self.path}: not a table of text ({error}); save it in '
                             'UTF-8') from error
 
+    def renewed(self, names: Sequence[str]) -> 'Table':
+        """
+        Return the rows that differ from the one before in any of some columns.
+
+        A program that logs the newest message of each stream writes one again that has not been
+        renewed, its stamp included.
+        """
+        rows = list(zip(*(self.cells(name) for name in names)))
+        new = np.array([True, *(a != b for a, b in pairwise(rows))])
+        if new.all():
+            return self
+        part = self._rows(new)
+        part.held = int((~new).sum())
+        return part
+
     def having(self, names: Sequence[str]) -> tuple['Table', NDArray[np.bool_]]:
         """
         Return the rows in which any of some columns has a cell that is not empty, and which.
@@ -186,10 +208,13 @@ class Table:
         filled = np.any([[bool(cell.strip()) for cell in column] for column in columns], axis=0)
         if filled.all() or not filled.any():
             return self, whole
+        return self._rows(filled), filled
+
+    def _rows(self, kept: NDArray[np.bool_]) -> 'Table':
         part = copy(self)
-        vars(part).update(_lines=list(compress(self._lines, filled)),
-                          _columns=[tuple(compress(one, filled)) for one in self._columns])
-        return part, filled
+        vars(part).update(_lines=list(compress(self._lines, kept)),
+                          _columns=[tuple(compress(one, kept)) for one in self._columns])
+        return part
 
     def cells(self, name: str) -> Sequence[str]:
         """
@@ -259,6 +284,9 @@ def _ends_a_line(path: Path) -> bool:
 def _remedy(cell: str) -> str:
     if _DECIMAL_COMMA.fullmatch(cell):
         return "; has the table decimal: ','?"
+    if DATE_AND_TIME.fullmatch(cell.strip()):
+        return '; of times that are dates the unit is date'
     if _DATE.match(cell):
-        return '; write times as seconds since 1970'
+        return ('; write times as seconds since 1970, or as year-month-day hour:minute:second '
+                'with unit: date')
     return '' if cell.strip() else '; take out rows with empty cells'

@@ -1,11 +1,13 @@
 """Columns of a table that say when its rows were measured, exact to the nanosecond."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from datetime import datetime, timedelta, timezone
 from decimal import Decimal, InvalidOperation
 from operator import lt
 
 from forcecal_ros.errors import DataError
-from forcecal_ros.recording.csv_import.table import Table
+from forcecal_ros.recording.csv_import.table import DATE_AND_TIME, Table
+from forcecal_ros.recording.csv_import.units import DATE, NANOSECONDS
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,14 +22,14 @@ _MANY = 50
 Times = NDArray[np.int64]
 
 
-def nanoseconds(table: Table, name: str, unit: int, further: str | None = None) -> Times:
+def nanoseconds(table: Table, name: str, unit: str, further: str | None = None) -> Times:
     """
     Return a column of times, shape (n,).
 
     Parameters
     ----------
-    unit : int
-        Nanoseconds in the unit of the column.
+    unit : str
+        Of the column; a date without a zone is taken for UTC.
     further : str, optional
         Column of nanoseconds that come on top.
 
@@ -36,12 +38,12 @@ def nanoseconds(table: Table, name: str, unit: int, further: str | None = None) 
     DataError
         A cell is no number, out of range, or not after the one before; the line is named.
     """
-    stamps = _times(table, name, unit)
+    stamps = _times(table, name, _date if unit == DATE else _exactly_in(NANOSECONDS[unit]))
     if further is not None:
         if (stamps % _SECOND).any():
             raise DataError(f'{table.path}: column {name!r} is not in whole seconds, on top of '
                             f'which {further!r} could come; name one of them')
-        more = _times(table, further, 1)
+        more = _times(table, further, _exactly_in(1))
         _require_nanoseconds(table, further, more, len(np.unique(stamps)))
         stamps = stamps + more
     if (np.diff(stamps) <= 0).any():
@@ -49,11 +51,11 @@ def nanoseconds(table: Table, name: str, unit: int, further: str | None = None) 
     return stamps
 
 
-def _times(table: Table, name: str, unit: int) -> Times:
+def _times(table: Table, name: str, exact: Callable[[str], int]) -> Times:
     try:
-        times = [_exact(cell, unit) for cell in table.cells(name)]
+        times = [exact(cell) for cell in table.cells(name)]
     except (ValueError, InvalidOperation):
-        raise table.not_a_number(name, Decimal) from None
+        raise table.not_a_number(name, exact) from None
     if max(times) >= _FARTHEST or min(times) <= -_FARTHEST:
         raise DataError(f'{table.path}: times in column {name!r} are out of range; is the unit '
                         'right?')
@@ -89,7 +91,8 @@ def _disorder(table: Table, stamps: Times, name: str) -> str:
         return (f'{where}; sort the table, or import each part by itself where a clock was set '
                 'back or a second log begins')
     return (f'{where}, as in {int((steps == 0).sum())} rows: they are nearer to one another than '
-            'their times tell; where they are evenly apart, state rate instead of time')
+            'their times tell; where they are evenly apart, state rate instead of time; where the '
+            'table merges streams, list it once for each, with its own signals and stamps')
 
 
 def _lacks_zeros(cells: Sequence[str]) -> bool:
@@ -99,6 +102,26 @@ def _lacks_zeros(cells: Sequence[str]) -> bool:
         return False
     times = [(int(whole), int(more)) for whole, _, more in parts]
     return len({len(more) for *_, more in parts}) > 1 and all(map(lt, times, times[1:]))
+
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+
+
+def _date(cell: str) -> int:
+    """Convert a date to nanoseconds since 1970; of no other form than year first."""
+    found = DATE_AND_TIME.fullmatch(cell.strip())
+    if found is None:
+        raise ValueError(cell)
+    *numbers, fraction, zone = found.groups()
+    at = datetime(*map(int, numbers), tzinfo=timezone.utc)  # type: ignore[misc, arg-type]
+    if zone and zone != 'Z':
+        hours, minutes = int(zone[1:3]), int(zone[-2:])
+        at -= (1 if zone[0] == '+' else -1) * timedelta(hours=hours, minutes=minutes)
+    return (at - _EPOCH) // timedelta(seconds=1) * _SECOND + int((fraction or '').ljust(9, '0'))
+
+
+def _exactly_in(unit: int) -> Callable[[str], int]:
+    return lambda cell: _exact(cell, unit)
 
 
 def _exact(cell: str, unit: int) -> int:

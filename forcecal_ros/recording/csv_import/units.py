@@ -23,6 +23,9 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 NANOSECONDS: Mapping[str, int] = {'s': 10**9, 'ms': 10**6, 'us': 10**3, 'ns': 1}
 """Nanoseconds in a unit of time."""
 
+DATE = 'date'
+"""In place of a unit of time: year, month, day, hour, minute and second, as ISO 8601 has them."""
+
 
 _IN_BRACKETS = re.compile(r'[\[(]([^\])]*)[\])]\s*$')
 _SUFFIX = re.compile(r'_([A-Za-z]{2,})$')
