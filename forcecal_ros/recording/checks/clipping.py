@@ -169,7 +169,7 @@ def _wraps(t: Array, values: Array, pose: PoseStream) -> int:
             span < limits.COUNTED * resolution(values)):
         return 0
     # noise leaps to and fro at the border, spikes stay at one end only
-    if _crossed(steps, at) < limits.WRAPS and not _wraps_once(values, int(at[0]), span):
+    if _crossed(values, at) < limits.WRAPS and not _wraps_once(values, int(at[0]), span):
         return 0
     ends = np.sort(np.stack([values[at], values[at + 1]]), axis=0)
     off = np.maximum(ends[0] - values.min(), values.max() - ends[1])
@@ -180,11 +180,15 @@ def _wraps(t: Array, values: Array, pose: PoseStream) -> int:
                        and np.median(turned) < limits.TILTED) else 0
 
 
-def _crossed(steps: Array, at: NDArray[np.intp]) -> int:
-    """Count how often a channel that leaps stays at one end, and then at the other."""
-    up = np.concatenate([[steps[at[0]] < 0.0], steps[at] > 0.0])
-    long = np.diff(np.concatenate([[0], at + 1, [len(steps) + 1]])) >= limits.STAYS
-    return int((up[long][1:] != up[long][:-1]).sum())
+def _crossed(values: Array, at: NDArray[np.intp]) -> int:
+    """Count how often a channel leaves one half of its range to stay in the other one."""
+    upper = values > 0.5 * (values.max() + values.min())
+    first = np.concatenate([[True], np.diff(at) >= limits.STAYS])
+    crossed = 0
+    for begin, end in zip(at[first], at[np.concatenate([first[1:], [True]])]):
+        before, after = upper[:begin + 1][-limits.STAYS:], upper[end + 1:][:limits.STAYS]
+        crossed += (before.all() and not after.any()) or (after.all() and not before.any())
+    return int(crossed)
 
 
 def _wraps_once(values: Array, at: int, span: float) -> bool:
