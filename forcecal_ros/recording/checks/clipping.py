@@ -187,8 +187,8 @@ def _crossed(values: Array, at: NDArray[np.intp]) -> int:
     crossed = 0
     for begin, end in zip(at[first], at[np.concatenate([first[1:], [True]])]):
         before, after = upper[:begin + 1][-limits.STAYS:], upper[end + 1:][:limits.STAYS]
-        crossed += (before.all() and not after.any()) or (after.all() and not before.any())
-    return int(crossed)
+        crossed += bool((before.all() and not after.any()) or (after.all() and not before.any()))
+    return crossed
 
 
 def _wraps_once(values: Array, at: int, span: float) -> bool:
