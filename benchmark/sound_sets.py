@@ -1,6 +1,7 @@
 """How many sound sets of static poses are called into question, or refused.
 
     python benchmark/sound_sets.py                # 60 sets at each rate, some two minutes
+    python benchmark/sound_sets.py --first 1000   # 60 others
 
 Tool, bias, noise, poses and axes of the accelerometer are drawn at random (test/helpers/
 static_sets.py); nothing is wrong with any set, so that every warning and every refusal is false.
@@ -37,9 +38,12 @@ def main():
     """Count, print; status 1 where more than one set in twenty is called into question."""
     parser = ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--sets', type=int, default=60, help='sets at each rate (60)')
-    sets, most = parser.parse_args().sets, 0
+    parser.add_argument('--first', type=int, default=0, help='seed of the first of them (0)')
+    args = parser.parse_args()
+    sets, most = args.sets, 0
     for rate in RATES:
-        found = [lines for seed in range(sets) if (lines := said(seed, rate))]
+        found = [lines for seed in range(args.first, args.first + sets)
+                 if (lines := said(seed, rate))]
         most = max(most, len(found))
         print(f'{rate:g} Hz: {len(found)} of {sets} sound sets called into question', flush=True)
         for line, count in Counter(line[:70] for lines in found for line in lines).items():

@@ -2,6 +2,7 @@
 
     python benchmark/spoilt_recordings.py                 # the table of docs/faults.md
     python benchmark/spoilt_recordings.py --wrong counts --say   # some, with what is said
+    python benchmark/spoilt_recordings.py --seed 100 --rate 500  # other poses, noise and pushes
 
 A gripper of 1.3 kg is simulated in fourteen poses, to be calibrated, and at work with contacts
 (test/helpers/wrong_recordings.py). ``right``: as of the sound log. ``told``: something is off, and
@@ -30,7 +31,7 @@ from forcecal_ros.cli import main as forcecal
 from forcecal_ros.recording.bags import read_recording
 import numpy as np
 from rosbags.highlevel import AnyReader
-from wrong_recordings import BIAS, COM, log, MASS, RECEIVED, work, write, WRONG
+from wrong_recordings import BIAS, COM, log, MASS, RATE, RECEIVED, work, write, WRONG
 
 SIGMAS = 5.0
 """An estimate is wrong that is off by more standard errors, and by more than is of no account."""
@@ -146,11 +147,11 @@ def word(off, lines, cause):
     return 'other cause' if any('suspect' in one for one in lines) else 'SILENT'
 
 
-def cells(name, folder, known, sound):
+def cells(name, logs, seed, folder, sound):
     """Yield command, word, what is off and what is said, of one kind of wrong log."""
-    wrong = WRONG[name]
-    rng = np.random.default_rng(5)
-    poses, at_work = (wrong.make(one, rng) for one in (log(1), work(2)))
+    wrong, known = WRONG[name], folder / 'known.yaml'
+    rng = np.random.default_rng(5 + seed)
+    poses, at_work = (wrong.make(one, rng) for one in logs)
     bags = [write(one, folder / kind) for one, kind in ((poses, 'poses'), (at_work, 'work'))]
     off, lines = calibrated(bags[0], folder)
     lines = [line for line in lines if not shapes([line]) & sound['said']]
@@ -165,11 +166,10 @@ def cells(name, folder, known, sound):
         yield command, word(off, lines, wrong.cause), off, lines
 
 
-def sound_errors(folder, known):
+def sound_errors(one, folder):
     """Return the errors of the sound log, by command, and what is ``said`` of it."""
-    one = work(2)
     bag, said_of_it = write(one, folder / 'sound'), shapes(calibrated(folder / 'known', folder)[1])
-    errors = {}
+    errors, known = {}, folder / 'known.yaml'
     for command in ('estimate', 'gravity'):
         errors[command], lines = contact_error(command, bag, one, folder, known)
         said_of_it |= shapes(lines)
@@ -181,18 +181,21 @@ def main():
     parser = ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--wrong', default='', help='only what this is found in')
     parser.add_argument('--say', action='store_true', help='print what is said as well')
+    parser.add_argument('--seed', type=int, default=0, help='of poses, noise and pushes (0)')
+    parser.add_argument('--rate', type=float, default=RATE, help=f'of the wrench ({RATE:g} Hz)')
     args = parser.parse_args()
+    logs = (log(1 + args.seed, rate=args.rate), work(2 + args.seed, rate=args.rate))
     silent = 0
     signal.signal(signal.SIGALRM, too_long)
     print('| what is wrong | calibrate | estimate | gravity |\n|---|---|---|---|')
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
-        said('calibrate', write(log(1), folder / 'known'), '-o', folder / 'known.yaml', '--json')
-        sound = sound_errors(folder, folder / 'known.yaml')
+        said('calibrate', write(logs[0], folder / 'known'), '-o', folder / 'known.yaml', '--json')
+        sound = sound_errors(logs[1], folder)
         for name in WRONG:
             if not re.search(args.wrong, name):
                 continue
-            found = list(cells(name, folder, folder / 'known.yaml', sound))
+            found = list(cells(name, logs, args.seed, folder, sound))
             silent += sum(judged in ('SILENT', 'CRASHED') for _, judged, _, _ in found)
             print(f'| {name} | ' + ' | '.join(
                 judged + f' ({off})' * bool(off) for _, judged, off, _ in found) + ' |',

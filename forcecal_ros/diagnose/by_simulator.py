@@ -40,9 +40,10 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.streams import Recording
 from forcecal_ros.simulators.protocol import Inputs
-from forcecal_ros.simulators.rerun import Numbers, refuse_unsteady, Rerun, Runs
+from forcecal_ros.simulators.rerun import Rerun
 from forcecal_ros.simulators.rigid_tool import beyond
 from forcecal_ros.simulators.run_limit import refuse_too_many, runs_short
+from forcecal_ros.simulators.runs import Numbers, refuse_unsteady, Runs
 from forcecal_ros.simulators.signals import BLOCK
 from forcecal_ros.simulators.simulated_robot import simulated_robot, SimulatedRobot
 from forcecal_ros.simulators.third_party import ThirdParty

@@ -14,8 +14,8 @@ from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
 from forcecal_ros.quantity import size
 from forcecal_ros.recording.streams import Recording
-from forcecal_ros.simulators.rerun import refuse_unsteady, Runs
 from forcecal_ros.simulators.run_limit import MOST
+from forcecal_ros.simulators.runs import refuse_unsteady, Runs
 from forcecal_ros.simulators.third_party import STREAMS, ThirdParty
 import numpy as np
 

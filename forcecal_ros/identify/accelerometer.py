@@ -122,7 +122,7 @@ def _start(model: AccelerometerModel, largest_delay: float) -> Array:
     search = layout.cutoff.stop > layout.cutoff.start
     if search:
         cutoff = _nearest_cutoff(model, delay)
-    if model.moving.any():
+    if model.tells_delay:
         delays = np.arange(-largest_delay, largest_delay + 1e-9, _DELAY_STEP)
         delay = min(delays, key=lambda d: _linear(model, d, cutoff)[1])
         if search:
@@ -204,7 +204,7 @@ def _result(model: AccelerometerModel, theta: Array, derivative: Array, weight: 
     joint[n:, n:] = tool.covariance
     pick = np.full((17, n + 7), np.nan)
     pick[:12] = np.eye(12, n + 7)
-    if model.moving.any():
+    if model.tells_delay:
         pick[12] = np.eye(n + 7)[12]
     if layout.cutoff.stop > layout.cutoff.start:
         pick[13] = np.eye(n + 7)[layout.cutoff.start]
@@ -216,7 +216,7 @@ def _result(model: AccelerometerModel, theta: Array, derivative: Array, weight: 
         pick[14:] = np.eye(n + 7)[layout.lever] + np.eye(n + 7)[n + 4:]
     cutoff = model.split(theta)[5] if model.ac else np.nan
     return AccelerometerFit(
-        theta[:3], matrix, float(theta[12]) if model.moving.any() else np.nan, cutoff,
+        theta[:3], matrix, float(theta[12]) if model.tells_delay else np.nan, cutoff,
         position, pick @ joint @ pick.T, noise, *_static_misfit(model, theta, noise),
         _residuals(model, theta, weight, noise))
 

@@ -115,6 +115,11 @@ class AccelerometerModel:
         self.lever = place is None and _turned(motion, self.moving)
         self.layout = _Layout(self.lever, self.ac, self.ac and cutoff is None)
 
+    @property
+    def tells_delay(self) -> bool:
+        """Whether anything moves; at rest the delay stays where it is, at zero."""
+        return bool(self.moving.any())
+
     def specific_force(self, tool: Array, lever: Array) -> Array:
         """Specific force at the accelerometer by force sensor or pose, shape (n, 3) [m/s^2]."""
         m = self.motion
@@ -156,7 +161,8 @@ class AccelerometerModel:
         for i in range(3):
             J[:, i, i] = 1
             J[:, i, 3 + 3 * i:6 + 3 * i] = x
-        J[:, :, 12] = -_slope(x, self.motion.length) @ matrix.T
+        if self.tells_delay:
+            J[:, :, 12] = -_slope(x, self.motion.length) @ matrix.T
         if self.lever:
             by_lever = smoothed(self.high_passed(self.motion.rotation, cutoff))
             J[:, :, layout.lever] = matrix @ by_lever
@@ -189,7 +195,7 @@ class AccelerometerModel:
         weighted = weight @ self.residuals(theta, tool)[:, :, None]
         g = np.tensordot(J, weighted[:, :, 0], ((0, 1), (0, 1)))
         matrix = theta[3:12].reshape(3, 3)
-        if self.moving.any():
+        if self.tells_delay:
             g[3:12] += (weight[self.moving].sum(axis=0) @ matrix @ self.force_noise).ravel()
         return np.asarray(g)
 
@@ -197,10 +203,11 @@ class AccelerometerModel:
         """Differentiate the score, residuals taken for zero."""
         J = self.derivatives(theta, tool)
         true, h = J.copy(), 1e-4
-        shifted = (self.volts(theta[12] - h) - self.volts(theta[12] + h)) / (2 * h)
-        true[:, :, 12] = np.where(np.isfinite(shifted) & self.use[:, None], shifted, 0.0)
+        if self.tells_delay:
+            shifted = (self.volts(theta[12] - h) - self.volts(theta[12] + h)) / (2 * h)
+            true[:, :, 12] = np.where(np.isfinite(shifted) & self.use[:, None], shifted, 0.0)
         g = -np.tensordot(J, weight @ true, ((0, 1), (0, 1)))
-        if self.moving.any():
+        if self.tells_delay:
             g[3:12, 3:12] += np.kron(weight[self.moving].sum(axis=0), self.force_noise)
         else:
             g[12, 12] = -1.0

@@ -84,7 +84,8 @@ def refuse_unnatural(c: Calibration) -> None:
     if not away < FARTHEST:
         raise DataError(
             f'the centre of mass comes out {away:.3g} m away from the sensor, which no tool has; '
-            'look at the unit of the torques (N m, not N mm, N cm or lbf in) and at their axes')
+            'look at the unit of the torques (N m, not N mm, N cm or lbf in) and at their axes, '
+            'or at the unit of the forces (N, not kN)')
 
 
 def unnatural_inertia(c: Calibration) -> str:

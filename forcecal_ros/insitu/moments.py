@@ -149,8 +149,7 @@ def _runs(chunks: Iterable[Prepared], kept: tuple[tuple[float, float], ...],
                 return
             i, j = np.searchsorted(chunk.t, [start, end])
             if j > i:
-                yield _rows(np.ascontiguousarray(chunk.regressors[i:j]),
-                            np.ascontiguousarray(chunk.raw[i:j]), magnitude or np.nan)
+                yield _rows(chunk.regressors[i:j], chunk.raw[i:j], magnitude or np.nan)
             if j < len(chunk.t):
                 held.append(chunk.take(slice(j, None)))
                 return

@@ -69,8 +69,7 @@ class Mounting:
 
     def gravity(self, specific_force: Array) -> Array:
         """Gravity in the sensor frame from specific force (n, 3) in the accelerometer's."""
-        return _gravity(np.ascontiguousarray(specific_force), self.R_sensor_accelerometer,
-                        self.gravity_offset)
+        return _gravity(specific_force, self.R_sensor_accelerometer, self.gravity_offset)
 
     def shifted(self, gravity_offset: Array) -> 'Mounting':
         """Return the same with a further offset to take off."""

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.insitu.prepare import Prepared
-from forcecal_ros.jit import compiled_in_any_order
+from forcecal_ros.jit import compiled_for_numbers
 import numpy as np
 from numpy.typing import NDArray
 
@@ -70,17 +70,27 @@ def tally_of(chunk: Prepared, samples: int, loudness: Array) -> tuple[Tally, Arr
     blocks, n, m = len(t), chunk.raw.shape[1], chunk.regressors.shape[1]
     correlation = np.zeros((n + 3, n + 3))
     tally = Tally(
-        t[:, 0].copy(), t[:, -1].copy(), np.diff(t, axis=1).max(axis=1, initial=0.0),
+        t[:, 0].copy(), t[:, -1].copy(), _longest_steps(t),
         np.empty((blocks, m + n)), np.empty(blocks), np.empty((blocks, n + 3), np.float32),
         np.empty((blocks, n)), np.empty((blocks, n)),
         *(np.empty((blocks, n), np.int32) for _ in range(5)))
     stands = _tally_blocks(
-        np.ascontiguousarray(chunk.raw), np.ascontiguousarray(chunk.regressors), samples,
+        chunk.raw, chunk.regressors, samples,
         loudness, correlation, *tally[3:])
     return tally, correlation, stands
 
 
-@compiled_in_any_order
+@compiled_for_numbers
+def _longest_steps(t: Array) -> Array:
+    """Return the longest step within each block, 0 where there is none."""
+    longest = np.zeros(len(t))
+    for b in range(len(t)):
+        for i in range(1, t.shape[1]):
+            longest[b] = max(longest[b], t[b, i] - t[b, i - 1])
+    return longest
+
+
+@compiled_for_numbers
 def _tally_blocks(raw: Array, regressors: Array, samples: int, loudness: Array,
                   correlation: Array, sums: Array, square: Array, differences: Array,
                   low: Array, high: Array, at_low: Array, at_high: Array, low_again: Array,
@@ -112,7 +122,7 @@ def _tally_blocks(raw: Array, regressors: Array, samples: int, loudness: Array,
     return stands
 
 
-@compiled_in_any_order
+@compiled_for_numbers
 def _turn(rows: Array, start: int, columns: Array) -> None:
     """Lay some rows as columns, which are quicker to go along."""
     for i in range(columns.shape[1]):
@@ -120,7 +130,7 @@ def _turn(rows: Array, start: int, columns: Array) -> None:
             columns[k, i] = rows[start + i, k]
 
 
-@compiled_in_any_order
+@compiled_for_numbers
 def _repeats(x: Array, low: float, high: float) -> tuple[int, int, int, int, int]:
     """Count samples at the extremes, those of them that repeat the one before, all that do."""
     at_low, at_high, low_again, high_again, still = x[0] == low, x[0] == high, 0, 0, 0
@@ -134,13 +144,13 @@ def _repeats(x: Array, low: float, high: float) -> tuple[int, int, int, int, int
     return at_low, at_high, low_again, high_again, still
 
 
-@compiled_in_any_order
+@compiled_for_numbers
 def _third_differences(x: Array, out: Array) -> None:
     for i in range(len(x) - 3):
         out[i] = x[i + 3] - x[i] - 3.0 * (x[i + 2] - x[i + 1])
 
 
-@compiled_in_any_order
+@compiled_for_numbers
 def _add_products(x: Array, weight: float, out: Array) -> None:
     """Add the weighted products of all rows, summed over the columns."""
     for k in range(len(x)):
@@ -151,7 +161,7 @@ def _add_products(x: Array, weight: float, out: Array) -> None:
                 out[j, k] += product
 
 
-@compiled_in_any_order
+@compiled_for_numbers
 def _product(x: Array, y: Array) -> float:
     total = 0.0
     for i in range(len(x)):
@@ -159,7 +169,7 @@ def _product(x: Array, y: Array) -> float:
     return total
 
 
-@compiled_in_any_order
+@compiled_for_numbers
 def _extremes(x: Array) -> tuple[float, float]:
     low = high = x[0]
     for i in range(len(x)):

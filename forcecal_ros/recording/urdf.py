@@ -33,6 +33,8 @@ class Joint(NamedTuple):
         Unit vector, in the frame of the joint; zero where it is fixed.
     slides : bool
         Along the axis, in place of turning about it.
+    limited : bool
+        It turns between limits, unlike a wheel.
     """
 
     parent: str
@@ -42,6 +44,7 @@ class Joint(NamedTuple):
     origin: tuple[Rotation, Array]
     axis: Array
     slides: bool
+    limited: bool = False
 
     def placement(self, positions: Mapping[str, Array], n: int) -> Placement:
         """Return where the link is in its parent at ``n`` positions of the drivers."""
@@ -109,7 +112,7 @@ class Description:
             _numbers(_attribute(element, 'mimic', part, otherwise), f'{place}: {part}', 1)
             for part, otherwise in (('multiplier', '1'), ('offset', '0')))
         return Joint(parent, _attribute(element, 'mimic', 'joint', name), gain, offset, origin,
-                     axis / np.linalg.norm(axis), kind in _SLIDES)
+                     axis / np.linalg.norm(axis), kind in _SLIDES, kind == 'revolute')
 
 
 def _root(description: bytes, name: str) -> Element:

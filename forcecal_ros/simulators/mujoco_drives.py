@@ -9,7 +9,7 @@ error``, with ``p`` and ``d`` from numerics of the model,
 ``<custom><numeric name="p[JOINT]" data="30"/></custom>``.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from forcecal_ros.errors import ConfigError
@@ -232,6 +232,33 @@ def _behind(q: Array, play: float) -> Array:
         at = min(max(at, x - play), x + play)
         out[k] = at
     return out
+
+
+STILL = 2e-3
+"""
+Speed of a joint [rad/s], [m/s] above which an arm that was to rest swings: at 5 Hz that is
+0.06 mrad, the noise of a joint.
+"""
+
+
+class Swing:
+    """Sees whether joints rest when the commands begin."""
+
+    def __init__(self, drives: Sequence[Drive]) -> None:
+        self._drives, self._speeds = drives, np.zeros(0)
+
+    def look(self, data: Any) -> None:
+        """See how fast the joints are, the first time that it is asked."""
+        if not len(self._speeds):
+            self._speeds = np.abs(data.qvel[[one.dof for one in self._drives]])
+
+    def said(self, after: float) -> Iterator[str]:
+        """Say which joint still swings so many seconds after the start [s]."""
+        if len(self._speeds) and self._speeds.max() > STILL:
+            k = int(self._speeds.argmax())
+            yield (f'in the model {self._drives[k].joint} still moves at {self._speeds[k]:.2g} '
+                   f'rad/s after {after:g} s at the first command: damp its drive (kv) or the '
+                   'joint, as the robot does')
 
 
 def _refuse_beyond(model: Any, one: Drive, given: Array) -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from forcecal_ros.errors import ConfigError
-from forcecal_ros.simulators.rerun import Runs
+from forcecal_ros.simulators.runs import Runs
 from forcecal_ros.simulators.third_party import ThirdParty
 
 MOST = 150
@@ -15,7 +15,7 @@ Runs of a simulator in one diagnosis: two recordings with 30 parameters that are
 BESIDE = 3
 """
 Runs of each recording beside those of its parameters: as it is, once found, as told. With half
-its step of integration, where it can be run so, it is run once more.
+its step of integration, where it can be run so, it is run once more, and once with a quarter.
 """
 
 
@@ -29,7 +29,7 @@ def refuse_too_many(simulator: ThirdParty, recordings: int) -> None:
         With how many there may be.
     """
     n = len(simulator.parameters)
-    beside = BESIDE + simulator.has_finer
+    beside = BESIDE + simulator.has_finer + simulator.has_finest
     most = (MOST - 1) // recordings - beside
     if n > most:
         enough = recordings > 1 and n <= MOST - 1 - beside
@@ -43,7 +43,7 @@ def refuse_too_many(simulator: ThirdParty, recordings: int) -> None:
 def runs_short(simulator: ThirdParty, runs: Sequence[Runs]) -> str:
     """Say so where all parameters cannot be tried once more, else nothing."""
     done, n = sum(one.count for one in runs), len(simulator.parameters)
-    if done + len(runs) * (n + BESIDE + simulator.has_finer - 1) <= MOST:
+    if done + len(runs) * (n + BESIDE + simulator.has_finer + simulator.has_finest - 1) <= MOST:
         return ''
     return (f'the simulator was run {done} times, of at most {MOST}, so its {n} parameters were '
             'not tried again at the numbers found, where its signals are not those of a straight '

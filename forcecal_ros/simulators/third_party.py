@@ -117,6 +117,15 @@ class ThirdParty:
         """Whether it can be run with half its step of integration."""
         return callable(getattr(self.simulator, 'simulate_finer', None))
 
+    @property
+    def has_finest(self) -> bool:
+        """Whether it can be run with a quarter of its step of integration, too."""
+        return self.has_finer and callable(getattr(self.simulator, 'simulate_finest', None))
+
+    def run_finest(self, inputs: Inputs, values: Sequence[float]) -> Recording:
+        """Simulate with a quarter of its step of integration; otherwise as :meth:`run`."""
+        return self._recording(inputs, 'simulate_finest', values)
+
     def run_finer(self, inputs: Inputs, values: Sequence[float]) -> Recording:
         """Simulate with half its step of integration; otherwise as :meth:`run`."""
         return self._recording(inputs, 'simulate_finer', values)

@@ -92,6 +92,7 @@ class _Twice:
     """Two recordings of a tool at rest, of which only the wrench is looked at."""
 
     ground = _Plain.ground
+    own = 0.0
 
     def __post_init__(self):
         still, t = np.zeros((1000, 3)), np.arange(1000) / 1000.0

@@ -139,7 +139,7 @@ def with_wrench(recording, change):
     (in_base, 'expressed in base'),
     (wrench_turned('x', 180.0), r'turned by -(179|180)\S* .* about x'),
     (lambda w, R: w[:, [1, 0, 2, 4, 3, 5]], r'mirrored \(left-handed\): x, y, z show y, x, z'),
-    (lambda w, R: w * [1.0, 1.0, 1.0, 1e3, 1e3, 1e3], 'they are in N mm'),
+    (lambda w, R: w * [1.0, 1.0, 1.0, 1e3, 1e3, 1e3], 'its torques are in N mm'),
     (lambda w, R: w - np.hstack([f := WEIGHT @ R, np.cross(GRIPPER.com, f)]),
      'the driver takes its weight off; let it leave the weight in')])
 def test_frame_sign_and_units_of_the_robots_wrench_are_asked_before_effects(change, said):

@@ -24,8 +24,8 @@ from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.recording.bags import read_recording, write_recording
 from forcecal_ros.recording.streams import JointStream, Recording, Stream
 from forcecal_ros.simulators.protocol import Inputs, Parameter
-from forcecal_ros.simulators.rerun import Runs
 from forcecal_ros.simulators.run_limit import refuse_too_many, runs_short
+from forcecal_ros.simulators.runs import Runs
 from forcecal_ros.simulators.simulated_robot import addable, library_of
 from forcecal_ros.simulators.third_party import load_simulator, third_party
 import numpy as np
@@ -131,8 +131,12 @@ def test_what_a_parameter_changes_is_the_same_wherever_it_is_and_not_simulated_a
     anew = [nuisance_column(dataset, n, size, rig, base, residual, model.level)
             for n, size in zip(model.nuisances, model.prior_std)]
     carried = type(one.simulation).signals
-    monkeypatch.setattr(type(one.simulation), 'signals',
-                        lambda self, rig: asked.append(rig) or carried(self, rig))
+
+    def counted(self, rig):
+        asked.append(rig)
+        return carried(self, rig)
+
+    monkeypatch.setattr(type(one.simulation), 'signals', counted)
     model.linearise()
     assert len(asked) == 2  # at the point itself
     for n, kept, own in zip(model.nuisances, model.jacobian[0], anew):

@@ -354,6 +354,14 @@ def _winter(t):
     return _since(EPOCH)(t - 3600.0 * (t > t[-1] / 2))
 
 
+def _by(factor, unit_of):
+    """Read times in another unit, those of receipt too, as where a table was imported."""
+    def make(one, rng):
+        t, pose_t = factor * one.t, factor * one.pose_t
+        return replace(one, t=t, pose_t=pose_t).stamped(_since(EPOCH))
+    return Wrong(make, unit_of)
+
+
 class Wrong(NamedTuple):
     """
     What is wrong with a log.
@@ -372,6 +380,14 @@ class Wrong(NamedTuple):
 
 def _wrench(change):
     return lambda one, rng: replace(one, wrench=change(one.wrench))
+
+
+def _FORCE(factor):
+    return np.repeat([factor, 1.0], 3)
+
+
+def _TORQUE(factor):
+    return np.repeat([1.0, factor], 3)
 
 
 WRONG = {
@@ -428,7 +444,7 @@ WRONG = {
     'wrench averaged over 1 s': Wrong(
         lambda one, rng: averaged(one, 1.0), 'filter|smooth|average'),
     'wrench of 10 Hz published at 200': Wrong(
-        lambda one, rng: replace(one, wrench=one.wrench[held(one.t, 10.0)]), 'repeat|10 Hz'),
+        lambda one, rng: replace(one, wrench=one.wrench[held(one.t, 10.0)]), 'repetitions|10 Hz'),
     'wrench 80 ms late': Wrong(lambda one, rng: replace(
         one, stamp=one.stamp + 80_000_000), 'late|delay|behind|clock'),
     'torque about the tool centre': Wrong(
@@ -456,6 +472,29 @@ WRONG = {
     'a channel of 16 bits wraps': Wrong(lambda one, rng: wrapped(one, 10.0), 'wrap'),
     'base tilts by 5 deg half-way': Wrong(
         lambda one, rng: on_a_slope(one, 5.0), 'base|level|tilt'),
+    'a table in ms, read as s': _by(1e3, 'time is in ms'),
+    'a table in us, read as s': _by(1e6, 'time is in ms or us'),
+    'a table in s, read as ms': _by(1e-3, 's taken for ms'),
+    'a table in s, read as us': _by(1e-6, 's taken for ms'),
+    'numbers of rows as seconds': _by(RATE, 'counts rows'),
+    'position in mm': Wrong(
+        lambda one, rng: replace(one, place=1e3 * one.place), 'it is in mm'),
+    'position in cm': Wrong(
+        lambda one, rng: replace(one, place=1e2 * one.place), 'it is in cm'),
+    'position in inches': Wrong(
+        lambda one, rng: replace(one, place=one.place / 0.0254), 'it is in inches'),
+    'position in m, read as mm': Wrong(
+        lambda one, rng: replace(one, place=1e-3 * one.place), 'in m and taken for mm'),
+    'torque in N mm': Wrong(_wrench(lambda w: w * _TORQUE(1e3)), 'N mm'),
+    'torque in N cm': Wrong(_wrench(lambda w: w * _TORQUE(1e2)), 'N cm'),
+    'torque in kN m': Wrong(_wrench(lambda w: w * _TORQUE(1e-3)), 'kN m'),
+    'torque in lbf in': Wrong(
+        _wrench(lambda w: w * _TORQUE(1 / 0.1129848290276167)), 'lbf in'),
+    'force in kgf': Wrong(_wrench(lambda w: w * _FORCE(1 / G)), 'kgf'),
+    'force and torque in kgf, kgf m': Wrong(_wrench(lambda w: w / G), 'kgf'),
+    'force in lbf': Wrong(_wrench(lambda w: w * _FORCE(1 / 4.4482216152605)), 'lbf'),
+    'force in mN': Wrong(_wrench(lambda w: w * _FORCE(1e3)), 'mN'),
+    'force in kN': Wrong(_wrench(lambda w: w * _FORCE(1e-3)), 'kN'),
     'played at half speed, stamped anew': Wrong(
         lambda one, rng: one.stamped(lambda t: _since(EPOCH)(2.0 * t)), 'time|stamps|speed|clock'),
 }

@@ -6,6 +6,7 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.nodes.wire import JointsReader
 from forcecal_ros.observe.joint_pose import JointPose
 from forcecal_ros.recording.bags import read_recording
+from forcecal_ros.recording.bags.poses import refuse_degrees
 from forcecal_ros.recording.urdf import Description
 import numpy as np
 import pytest
@@ -95,6 +96,15 @@ def test_the_pose_is_that_of_another_program(bag, base, link):
     np.testing.assert_allclose(pose.R_base_sensor, rotation, atol=1e-9)
     assert pose.frame == base and pose.of == link
     np.testing.assert_allclose(pose.t, T, atol=1e-9)
+
+
+def test_joints_with_limits_in_degrees_are_refused():
+    description = Description(ROBOT.encode(), 'arm')
+    wrist, lift = (description.joint(link) for link in ('hand', 'upper'))
+    wheel = POSITIONS | {'lift': 50.0 * POSITIONS['lift']}
+    refuse_degrees([wrist, lift], wheel, '/joint_states')
+    with pytest.raises(DataError, match='/joint_states: joint wrist .* are in degrees; publish'):
+        refuse_degrees([wrist], {'wrist': np.degrees(POSITIONS['wrist'])}, '/joint_states')
 
 
 def test_a_file_describes_the_robot_as_well_as_a_topic(bag, tmp_path):

@@ -58,7 +58,10 @@ def test_pushes_gains_biases_and_small_turns_are_left_to_whoever_looks_for_them(
     (in_base, 'it is expressed in base'),
     (lambda w, R: w * [1.0, 1.0, 1.0, -1.0, 1.0, 1.0], 'torques are not about the axes of its'),
     (lambda w, R: w * [1.0, 1.0, 1.0, -1.0, -1.0, -1.0], r'the model has it at \(0.005 -0.012 '),
-    (lambda w, R: w * [1.0, 1.0, 1.0, 1e3, 1e3, 1e3], 'they are in N mm; multiply by 0.001 ')])
+    (lambda w, R: w * [1.0, 1.0, 1.0, 1e3, 1e3, 1e3], 'its torques are in N mm .multiply'),
+    (lambda w, R: w * [1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0], 'its forces are in kN; multiply by'),
+    (lambda w, R: np.hstack([w[:, :3], np.einsum('nij,nj->ni', R, w[:, 3:])]),
+     'its torques are expressed in base, its forces in the sensor')])
 def test_other_frames_axes_and_units_are_refused_by_cause(change, said):
     for seed in range(10):
         with pytest.raises(DataError, match=said):

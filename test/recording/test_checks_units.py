@@ -4,10 +4,8 @@ from forcecal_ros.errors import DataError
 from forcecal_ros.recording.checks.units import (
     doubt_of_force_unit,
     refuse_on_another_link,
-    refuse_other_length,
     refuse_other_unit,
 )
-from forcecal_ros.recording.streams import PoseStream
 import numpy as np
 import pytest
 
@@ -49,14 +47,6 @@ def test_a_tool_of_a_kilogram_in_kgf_is_questioned():
     assert 'if it weighs 0.932 kg, the wrench is in kgf' in doubt_of_force_unit(0.932 / 9.80665)
     assert 'if 0.932 kg, in lbf' in doubt_of_force_unit(0.932 / 4.4482)
     assert not doubt_of_force_unit(0.932)
-
-
-def test_positions_in_millimetres_are_told_by_their_speed():
-    t = np.arange(0.0, 20.0, 0.01)
-    place = np.stack([0.4 * np.sin(t), 0.1 * np.cos(t), 500.0 + 0.0 * t], axis=1)
-    refuse_other_length(PoseStream(t, place, np.broadcast_to(np.eye(3), (len(t), 3, 3))))
-    with pytest.raises(DataError, match=r'at 395 m/s .* it is in mm; multiply by 0.001 '):
-        refuse_other_length(PoseStream(t, 1e3 * place, np.broadcast_to(np.eye(3), (len(t), 3, 3))))
 
 
 def test_an_accelerometer_that_does_not_turn_with_the_pose_is_on_another_link():

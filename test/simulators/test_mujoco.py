@@ -16,10 +16,10 @@ from forcecal_ros.geometry import matrix_from_quaternion, rotation_from_vector
 from forcecal_ros.recording.bags import write_recording
 from forcecal_ros.simulators.mujoco import load_mujoco
 from forcecal_ros.simulators.protocol import Inputs
-from forcecal_ros.simulators.rerun import Runs
 from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.simulators.runs import Runs
 from forcecal_ros.simulators.samples import recorded
-from forcecal_ros.simulators.simulated_robot import library_of, nuisances_of, STEP
+from forcecal_ros.simulators.simulated_robot import BEND, library_of, nuisances_of, STEP
 from forcecal_ros.simulators.third_party import third_party, with_priors
 import numpy as np
 import pytest
@@ -472,6 +472,25 @@ def test_a_step_of_integration_is_a_nuisance_and_no_effect(model):
     assert STEP in {one.name for one in nuisances_of(simulator.parameters, finer=True)}
     assert STEP not in library_of(simulator.parameters)
     assert STEP not in {one.name for one in nuisances_of(simulator.parameters)}
+
+
+def test_what_is_no_straight_line_in_a_coarse_step_is_told_by_a_quarter_of_it(model):
+    path, inputs = model(), Inputs(0.0, 4.0, joints=told(4.0), measured_joints=NAMES)
+    # light joints damped hard, as published models have them
+    Path(path).write_text(mjcf(integrator='implicitfast').replace('armature="0.4"',
+                                                                  'armature="0.01"'))
+    robot = load_mujoco(path)
+    arm = third_party('arm', robot)
+    arm = replace(arm, parameters=arm.parameters[:1])
+    runs = Runs(arm, inputs, arm.run(inputs, arm.nominal).pose)
+    runs.try_all(arm.nominal)
+    assert runs.is_coarse
+    assert BEND in {one.name for one in nuisances_of(arm.parameters, finer=True, finest=True)}
+    quarter = arm.run_finest(inputs, arm.nominal)
+    n = len(quarter.wrench)
+    line, both = (runs.integrated(arm.nominal, 1.5, x).wrench.values[:n] for x in (0.0, 1.0))
+    np.testing.assert_allclose(both, quarter.wrench.values, atol=1e-9)
+    assert np.abs(line - quarter.wrench.values)[:, 3:].max() > 0.006  # the noise of a torque
 
 
 @pytest.mark.long

@@ -147,10 +147,12 @@ def test_what_knocks_or_sticks_on_a_table_is_left_out_and_a_steady_push_is_not(t
 def test_what_the_table_has_otherwise_is_named(tmp_path, name, value):
     robot, rng = load_mujoco(scene(tmp_path / 'arm.xml')), np.random.default_rng(5)
     arm, joints = third_party('arm', robot), pressed(free=10.0)
+    # what is not touched stays: the tip's own softness is that of all it may touch
+    acting = arm.acting([inputs_of(joints)])
     robot.model.opt.timestep = 0.0005
-    made = arm.run(inputs_of(joints), [
+    made = acting.run(inputs_of(joints), [
         value if p.name == name else p.nominal + 0.3 * rng.choice([-1.0, 1.0]) * p.sigma
-        if p.nominal > p.low else p.nominal for p in arm.parameters])
+        if p.nominal > p.low else p.nominal for p in acting.parameters])
     robot.model.opt.timestep = 0.002
     noise = rng.normal(size=(len(made.wrench), 6)) * np.repeat([0.15, 0.006], 3)
     place, turn = 1e-4 * rng.normal(size=(2, len(made.pose), 3))
@@ -165,7 +167,6 @@ def test_what_the_table_has_otherwise_is_named(tmp_path, name, value):
         assert diagnosis.verdict == 'no_gap'
         return
     assert [one.name for one in found.changed] == [name]
-    # the robot's step is a quarter of the model's, which a stiff contact shows beyond its
-    # standard error: what counts is that a softer table is called so, and by how much
-    softer = value - nominal(robot)[name]
-    assert found.changed[0].after == pytest.approx(value, abs=0.1 * softer)
+    changed, = found.changed
+    assert changed.after == pytest.approx(value, abs=3.0 * changed.std)
+    assert changed.std < 0.1 * (value - nominal(robot)[name])

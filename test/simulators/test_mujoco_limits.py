@@ -4,11 +4,11 @@ from dataclasses import replace
 
 from forcecal_ros.simulators.mujoco import load_mujoco
 from forcecal_ros.simulators.protocol import Inputs
-from forcecal_ros.simulators.rerun import Runs
+from forcecal_ros.simulators.runs import Runs
 from forcecal_ros.simulators.third_party import third_party
 import numpy as np
 import pytest
-from small_arm import mjcf, NAMES, nominal, told
+from small_arm import GRAVITY, mjcf, NAMES, nominal, told
 
 pytest.importorskip('mujoco')
 
@@ -42,16 +42,15 @@ def arm_xml(tmp_path):
 def most_needed(path):
     """Return the largest torque that the motion wants of that joint [N m]."""
     robot = limited(path, 'actuator_forcerange', 1000.0)
-    _, forces = robot._looked_at(INPUTS)
-    return 1000.0 * float(forces.most[0])
+    return 1000.0 * float(robot._looked_at(INPUTS).forces.most[0])
 
 
 @pytest.mark.parametrize('field', WAYS)
 def test_a_drive_at_its_limit_is_said_with_its_joint_and_its_field(arm_xml, field):
     needed = most_needed(arm_xml)
-    ample, scarce = (limited(arm_xml, field, round(x * needed, 2)) for x in (1.3, 0.8))
-    assert ample.remarks(INPUTS) == []
-    said, = limited(arm_xml, field, round(0.8 * needed, 2)).remarks(INPUTS)
+    assert limited(arm_xml, field, round(1.3 * needed, 2)).remarks(INPUTS) == []
+    scarce = limited(arm_xml, field, round(0.8 * needed, 2))
+    said, = scarce.remarks(INPUTS)
     assert said.startswith(f'in the model the drive of lift is at its {field} (')
     assert f'{field}[lift]' in nominal(scarce)
 
@@ -91,3 +90,22 @@ def test_a_limit_that_acts_only_lower_down_is_tried_lower_down(arm_xml):
     here = runs.exact(arm.nominal).joints
     assert np.abs(lower.values - here.values).max() > 1e-4
     np.testing.assert_allclose(change.joints, here.values - lower.values, atol=1e-12)
+
+
+def test_an_arm_that_does_not_come_to_rest_is_said(arm_xml):
+    arm_xml.write_text(mjcf().replace(' kv="150"', '').replace(' frictionloss="0.5"', ''))
+    said, = load_mujoco(str(arm_xml)).remarks(INPUTS)
+    assert 'still moves at' in said
+    assert said.endswith('damp its drive (kv) or the joint, as the robot does')
+    arm_xml.write_text(mjcf())
+    assert load_mujoco(str(arm_xml)).remarks(INPUTS) == []
+
+
+def test_a_body_that_is_held_against_gravity_weighs_on_the_sensor_as_it_did(arm_xml):
+    weights = []
+    for held in ('', ' gravcomp="1"'):
+        arm_xml.write_text(mjcf().replace('<body name="gripper"', f'<body name="gripper"{held}'))
+        robot = load_mujoco(str(arm_xml))
+        weights.append(robot.simulate(INPUTS, nominal(robot))['wrench'][1][0])
+    np.testing.assert_allclose(weights[1], weights[0], atol=0.05)
+    assert np.linalg.norm(weights[0][:3]) == pytest.approx(1.5 * GRAVITY, rel=0.01)

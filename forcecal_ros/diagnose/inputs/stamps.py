@@ -8,6 +8,7 @@ from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.recording.checks.clocks import Clock, clocks, dropouts, SENSORS, skew_between
 from forcecal_ros.recording.checks.entry import checked
+from forcecal_ros.recording.checks.inertia import shown_in_metres
 from forcecal_ros.recording.stamps import with_even_stamps
 from forcecal_ros.recording.streams import Recording
 
@@ -88,6 +89,7 @@ def _new_notes(before: Recording, after: Recording) -> tuple[str, ...]:
 def _evened(recording: Recording) -> tuple[Recording, dict[str, Any]]:
     """Check a recording and even sensors that jitter around instants; return these apart too."""
     recording = checked(recording).recording
+    shown_in_metres(recording)
     changed: dict[str, Any] = {}
     notes = []
     for name in SENSORS:

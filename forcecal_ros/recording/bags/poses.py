@@ -1,6 +1,6 @@
 """Poses where none were recorded: out of /tf and /tf_static, or of joint states and a URDF."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from struct import error as StructError
@@ -21,12 +21,15 @@ from forcecal_ros.recording.transforms import (
     TransformReader,
     way_up,
 )
-from forcecal_ros.recording.urdf import Description
+from forcecal_ros.recording.urdf import Description, Joint
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 FROM_TF = 'tf:'
 """``tf:BASE:SENSOR`` in place of a topic's name."""
+
+FARTHEST_TURN = 4.0 * np.pi
+"""Joints between limits turn by less: those of arms by one turn either way, 6.3 rad."""
 
 
 @dataclass
@@ -174,6 +177,7 @@ def pose_of_joints(bag: Bag, named: str, joint_states: Topic | None) -> tuple[Se
     start = int(busiest[0])
     positions = {joint: np.interp((stamps - start) / 1e9, one.seconds(start), one.values[:, 0])
                  for joint, one in reported.items()}
+    refuse_degrees(joints.values(), positions, joint_states.name)
     bag.notes.add(f'pose: of {link} in {base}, from {joint_states.name} and {source}')
     poses = pose_along(way, lambda frame: joints[frame].placement(positions, len(stamps)),
                        len(stamps))
@@ -193,6 +197,30 @@ def _description(bag: Bag, source: str) -> bytes:
     except OSError as error:
         raise DataError(f'{source}: cannot be read ({error.strerror}), and is no topic of the '
                         'recording; name a URDF') from error
+
+
+def refuse_degrees(joints: Iterable[Joint], positions: Mapping[str, Array], topic: str) -> None:
+    """
+    Refuse joints that turn between limits and stand where none of them reaches.
+
+    Parameters
+    ----------
+    positions : mapping of str to ndarray, shape (n,)
+        By joint [rad].
+    topic : str
+        For messages.
+
+    Raises
+    ------
+    DataError
+        Names the joint and its position.
+    """
+    for joint in joints:
+        farthest = float(np.abs(positions[joint.driver]).max()) if joint.driver else 0.0
+        if joint.limited and farthest > FARTHEST_TURN:
+            raise DataError(
+                f'{topic}: joint {joint.driver} stands at {farthest:.3g} rad, where no joint with '
+                'limits reaches: positions are in degrees; publish radians')
 
 
 def _reported_joints(bag: Bag, topic: Topic, drivers: set[str], named: str) -> dict[str, Series]:

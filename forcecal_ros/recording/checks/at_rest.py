@@ -9,7 +9,7 @@ from forcecal_ros.recording.checks.frame_faults import refuse_other_frame, State
 from forcecal_ros.recording.checks.frames import Forces, judge, Judgement
 from forcecal_ros.recording.checks.orientations import read_from_w
 from forcecal_ros.recording.checks.torques import refuse_other_torques
-from forcecal_ros.recording.checks.units import force_unit_of, mended
+from forcecal_ros.recording.checks.units import force_unit_of, lever_units_of, mended
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.recording.time_grid import Averager
 import numpy as np
@@ -49,11 +49,15 @@ WEIGHTLESS = 0.05
 """What weighs less than this share of a model's tool in any frame has had its weight taken off:
 kgf would leave a tenth."""
 
+CLEARLY = 50.0
+"""Standard errors of what weighs a thousandth of a model's tool: forces in kN have a thousandth of
+the noise, too, and a weight that was taken off leaves none."""
+
 NAME_THE_TOOL = 'calibrate what hung there (forcecal calibrate) and give --calibration'
 """What to do where another tool hung on the sensor than that of a rig."""
 
-THOUSAND = 0.3
-"""A centre of mass that torques show a thousand times as far off, to this share, is in N mm."""
+OPPOSITE = 0.3
+"""A centre of mass that torques show on the other side, to this share, is of the other sign."""
 
 
 class AtRest(NamedTuple):
@@ -190,6 +194,8 @@ def refuse_other_forces(found: AtRest, mass: float, com: Array, other_tool: str,
     """Refuse means without contact; otherwise as :func:`refuse_other_axes`."""
     judgement = judge(found.forces)
     if judgement.likely[0].mass < WEIGHTLESS * mass:
+        if judgement.plain.mass > CLEARLY * judgement.plain.mass_std:
+            refuse_other_force_unit(judgement.plain.mass, mass)
         _refuse_other_tool(judgement.plain.mass, mass, other_tool)
     if is_elsewhere(judgement):
         refuse_other_frame(judgement, stated)
@@ -199,7 +205,8 @@ def refuse_other_forces(found: AtRest, mass: float, com: Array, other_tool: str,
     refuse_other_force_unit(plain.mass, mass)
     _refuse_other_tool(plain.mass, mass, other_tool)
     weight = mass * found.forces.in_sensor
-    refuse_other_torques(weight, found.torque, None, rests=found.forces.rests)
+    refuse_other_torques(weight, found.torque, None, found.forces.R_base_sensor,
+                         found.forces.rests)
     refuse_other_lever(weight, found.torque, com)
 
 
@@ -269,21 +276,22 @@ def place_of(weight: Array, torque: Array) -> Array:
 
 
 def refuse_other_lever(weight: Array, torque: Array, com: Array) -> None:
-    """Refuse torques of the opposite sign, or a thousand times too large."""
+    """Refuse torques of the opposite sign, or in another unit."""
     shown = place_of(weight, torque)
+    if unit := lever_units_of(shown, com):
+        raise DataError(
+            f'wrench: its torques put the centre of mass at {_metres(shown)}, the model has it at '
+            f'{_metres(com)}: {unit}; mend the driver, or where forcecal import read a table '
+            'state their unit in its specification')
     times = float(shown @ com) / max(float(com @ com), limits.TINY)
     off = np.linalg.norm(shown - times * com) / max(float(np.linalg.norm(shown)), limits.TINY)
-    if off > THOUSAND:
+    if off > OPPOSITE:
         return
-    if abs(times + 1.0) < THOUSAND:
+    if abs(times + 1.0) < OPPOSITE:
         raise DataError(
             f'wrench: its torques put the centre of mass at {_metres(shown)}, the model has it at '
             f'{_metres(com)}: they have the opposite sign of the forces; correct them in the '
             'driver')
-    if abs(times / 1000.0 - 1.0) < THOUSAND:
-        raise DataError(
-            f'wrench: its torques put the centre of mass at {_metres(shown)}, the model has it at '
-            f'{_metres(com)}: they are in N mm; {mended(1e-3, "N mm")}')
 
 
 def _refuse_other_tool(shown: float, mass: float, remedy: str) -> None:

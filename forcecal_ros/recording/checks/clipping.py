@@ -6,9 +6,11 @@ from typing import NamedTuple
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.checks import limits
+from forcecal_ros.recording.checks.held import dead_band
 from forcecal_ros.recording.noise.white import difference_gain
 from forcecal_ros.recording.streams import CHANNELS, PoseStream, Recording, Stream
 import numpy as np
+from numpy.typing import NDArray
 
 
 class Steps(NamedTuple):
@@ -114,12 +116,15 @@ def clipped(recording: Recording) -> tuple[Clipping, ...]:
     """
     Find channels that stop at a limit, by the noise that they show themselves.
 
-    One that mostly repeats itself, without noise or in coarse steps, rests at its extreme.
+    One that mostly repeats itself, without noise or in coarse steps, rests at its extreme; zeros
+    of a dead band are no end of the range.
     """
     noise = noise_of(recording)
     found = clipping(recording, quantisation(recording, noise), noise)
+    banded = {name for name, _, values in columns(recording) if dead_band(values)}
     return tuple(one for one in found
-                 if noise[one.channel] > limits.ROUNDING * abs(one.limit))
+                 if noise[one.channel] > limits.ROUNDING * abs(one.limit)
+                 and (one.limit or one.channel not in banded))
 
 
 def columns(recording: Recording) -> Iterator[tuple[str, Array, Array]]:
@@ -157,11 +162,14 @@ def refuse_wrapped(stream: Stream, channels: Sequence[str], pose: PoseStream) ->
 def _wraps(t: Array, values: Array, pose: PoseStream) -> int:
     """Count how often a channel leaps from one end of its range to the other; 0: it does not."""
     span = float(np.ptp(values))
-    steps = np.abs(np.diff(values))
-    at = np.flatnonzero(steps > limits.LEAP * span)
-    if len(values) <= limits.DEAD or len(at) < limits.WRAPS or (
-            np.median(np.diff(at)) < limits.STAYS or np.median(steps) > limits.SMOOTH * span) or (
+    steps = np.diff(values)
+    at = np.flatnonzero(np.abs(steps) > limits.LEAP * span)
+    if len(values) <= limits.DEAD or not len(at) or (
+            np.median(np.abs(steps)) > limits.SMOOTH * span) or (
             span < limits.COUNTED * resolution(values)):
+        return 0
+    # noise leaps to and fro at the border, spikes stay at one end only
+    if _crossed(values, at) < limits.WRAPS and not _wraps_once(values, int(at[0]), span):
         return 0
     ends = np.sort(np.stack([values[at], values[at + 1]]), axis=0)
     off = np.maximum(ends[0] - values.min(), values.max() - ends[1])
@@ -170,3 +178,21 @@ def _wraps(t: Array, values: Array, pose: PoseStream) -> int:
     turned = np.linalg.norm(after - before, axis=(1, 2))
     return len(at) if (np.median(off) < limits.SMOOTH * span
                        and np.median(turned) < limits.TILTED) else 0
+
+
+def _crossed(values: Array, at: NDArray[np.intp]) -> int:
+    """Count how often a channel leaves one half of its range to stay in the other one."""
+    upper = values > 0.5 * (values.max() + values.min())
+    first = np.concatenate([[True], np.diff(at) >= limits.STAYS])
+    crossed = 0
+    for begin, end in zip(at[first], at[np.concatenate([first[1:], [True]])]):
+        before, after = upper[:begin + 1][-limits.STAYS:], upper[end + 1:][:limits.STAYS]
+        crossed += bool((before.all() and not after.any()) or (after.all() and not before.any()))
+    return crossed
+
+
+def _wraps_once(values: Array, at: int, span: float) -> bool:
+    """Whether a channel leaps between ends of the same size, from and to where it stays long."""
+    before, after = values[:at + 1][-limits.DEAD:], values[at + 1:][:limits.DEAD]
+    return bool(abs(values.max() + values.min()) < limits.SYMMETRIC * span
+                and abs(np.median(after) - np.median(before)) > 0.5 * span)

@@ -16,9 +16,9 @@ from forcecal_ros.recording.checks.clocks import (
 from forcecal_ros.recording.checks.held import dead_bands, lost_packets, without_held
 from forcecal_ros.recording.checks.interpolated import interpolated
 from forcecal_ros.recording.checks.motion import refuse_frozen_pose, refuse_silent_pose
+from forcecal_ros.recording.checks.pace import refuse_degrees_a_second, refuse_other_pace
 from forcecal_ros.recording.checks.repeats import refuse_dead, refuse_stuck
 from forcecal_ros.recording.checks.slowness import lag_note
-from forcecal_ros.recording.checks.units import refuse_other_length
 from forcecal_ros.recording.checks.values import readable, startup
 from forcecal_ros.recording.streams import CHANNELS, PoseStream, Recording, Stream
 import numpy as np
@@ -65,8 +65,9 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
         raise DataError('wrench: no message was recorded; look at its topic and its driver, and '
                         'record again')
     recording, removed = _readable(_begun(_without_absent(recording)), raw_wrench)
+    refuse_other_pace(recording)
     refuse_clocks_apart(recording)
-    refuse_other_length(recording.pose)
+    refuse_degrees_a_second(recording)
     for name in SENSORS:
         stream = getattr(recording, name)
         if stream is not None:

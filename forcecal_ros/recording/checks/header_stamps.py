@@ -30,6 +30,14 @@ one that is a thousand times as fast is so to the same share."""
 SLOWEST = 2.5
 """A thousand messages at fewer a second [Hz] may be stamped in milliseconds taken for seconds."""
 
+SHORT_STEP, LONG_STEP = 1_500_000, 20_000_000
+"""Stamps in steps between these are rounded [ns]: below, a turn is off by little, beyond, nothing
+tells whether they are rounded or cut off, and by half of so much."""
+
+EVENLY = 0.5
+"""Messages come more evenly than their stamps say where their intervals scatter by less than this
+share: the same messages lost from both leave them alike."""
+
 IN_MICROSECONDS = 10**6
 """Nanoseconds of stamps that are all below it, several a second, are microseconds [ns]."""
 
@@ -71,6 +79,10 @@ def usable_stamps(name: str, stamps: Integers, log: Integers, values: NDArray[An
         return Stamped(stamps, '')
     order = np.argsort(log, kind='stable')
     refuse_two_senders(name, values[order])
+    if (step := _steps_of(stamps[order], log[order])):
+        return Stamped(log - round(float(np.median(log - stamps))), (
+            f'{name}: stamps come in steps of {step / 1e6:.3g} ms, as of single precision, and '
+            'messages more evenly; the times of recording were used'))
     why = _cut_off(stamps[order], values[order])
     passed, took = (float(x[order[-1]] - x[order[0]]) for x in (stamps, log))
     if not why:
@@ -83,6 +95,16 @@ def usable_stamps(name: str, stamps: Integers, log: Integers, values: NDArray[An
     if len(np.unique(stamps)) > HALF * len(stamps):
         return Stamped(stamps, '')
     raise DataError(f'{name}: {why}; stamp in whole nanoseconds in the driver, and record again')
+
+
+def _steps_of(stamps: Integers, log: Integers) -> int:
+    """Return the steps that stamps come in where messages come more evenly [ns]; 0: in none."""
+    steps, came = np.diff(stamps), np.diff(log)
+    step = int(np.gcd.reduce(steps))
+    passed, took = float(stamps[-1] - stamps[0]), float(log[-1] - log[0])
+    rounded = SHORT_STEP < step < LONG_STEP and came.min() > 0 and (
+        abs(passed - took) < ALIKE * took and float(came.std()) < EVENLY * float(steps.std()))
+    return step if rounded else 0
 
 
 def _cut_off(stamps: Integers, values: NDArray[Any]) -> str:

@@ -113,16 +113,22 @@ def _stale(rows: Array) -> NDArray[np.bool_]:
 def dead_bands(values: Array, channels: Sequence[str]) -> Iterator[str]:
     """Name the channels whose small readings are cut off, and where [their unit]."""
     for channel, column in zip(channels, values.T):
-        zero = column == 0.0
-        others = column[~zero]
-        if len(others) < 0.1 * len(column) or zero.mean() < ZEROS:
-            continue
-        limit = float(np.abs(others).min())
-        step = float(np.median(np.abs(np.diff(others))))
-        entered = np.abs(column[:-1][zero[1:] & ~zero[:-1]])
-        if limit > GAP * step > 0.0 and len(entered) and np.median(entered) < NEAR * limit:
+        if limit := dead_band(column):
             yield (f'{channel} is never between 0 and {limit:.3g}: a dead band of its driver sets '
                    'small readings to zero; switch it off, as weight and bias are read wrongly')
+
+
+def dead_band(column: Array) -> float:
+    """Return below what size readings are set to zero; 0: nowhere."""
+    zero = column == 0.0
+    others = column[~zero]
+    if len(others) < 0.1 * len(column) or zero.mean() < ZEROS:
+        return 0.0
+    limit = float(np.abs(others).min())
+    step = float(np.median(np.abs(np.diff(others))))
+    entered = np.abs(column[:-1][zero[1:] & ~zero[:-1]])
+    cut = limit > GAP * step > 0.0 and len(entered) and np.median(entered) < NEAR * limit
+    return limit if cut else 0.0
 
 
 def lost_packets(values: Array) -> NDArray[np.bool_]:

@@ -2,8 +2,11 @@
 
 from typing import NamedTuple
 
+from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, matrix_from_quaternion, STANDARD_GRAVITY
+from forcecal_ros.recording.checks.pace import refuse_other_length
 from forcecal_ros.recording.checks.slowness import TOLD_LATE
+from forcecal_ros.recording.checks.units import lever_units_of
 from forcecal_ros.recording.streams import Recording
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -104,13 +107,28 @@ def inertia_shown(recording: Recording) -> Inertia | None:
 
 def motion_notes(recording: Recording) -> tuple[str, ...]:
     """Say in notes that stamps run slower than time, or the wrench a little late."""
-    found = inertia_shown(recording)
+    found = shown_in_metres(recording)
     return tuple(note for note in (_other_time(found), _late(recording, found)) if note)
 
 
 def other_time(recording: Recording) -> str:
     """Say in a note that stamps run slower than time; empty: they do not, or nothing tells."""
-    return _other_time(inertia_shown(recording))
+    return _other_time(shown_in_metres(recording))
+
+
+def shown_in_metres(recording: Recording) -> Inertia | None:
+    """
+    Return the inertia that forces show beside positions in metres.
+
+    Raises
+    ------
+    DataError
+        The positions are in another unit.
+    """
+    found = inertia_shown(recording)
+    if found is not None and recording.pose is not None:
+        refuse_other_length(found.times, found.times_std, recording.pose)
+    return found
 
 
 def _late(recording: Recording, found: Inertia | None) -> str:
@@ -146,14 +164,26 @@ def other_point(recording: Recording, com: Array, std: Array) -> str:
     ----------
     com, std : ndarray, shape (3,)
         By torques at rest [m].
+
+    Raises
+    ------
+    DataError
+        Another unit explains it.
     """
-    found = inertia_shown(recording)
+    found = shown_in_metres(recording)
     if found is None or not AS_MUCH < found.times < SLOW:
         return ''
     off = com - found.com
     error = float(np.linalg.norm(np.hypot(found.com_std, std)))
     if np.linalg.norm(off) < max(ELSEWHERE, SURE * error):
         return ''
+    unit = lever_units_of(com, found.com, forces=True)
+    if unit:
+        raise DataError(
+            f'wrench: torques put the centre of mass at {_metres(com)} m, inertia in motion at '
+            f'{_metres(found.com)} m: {unit}; mend the driver (or write the unit into the '
+            'specification of forcecal import). If neither, they are about a point '
+            f'{_metres(-off)} m away: state --sensor-from-pose {_sensor_at(recording, -off)}')
     return (f'torques put the centre of mass at {_metres(com)} m, inertia in motion at '
             f'{_metres(found.com)} m from the point whose position the pose gives: torques are '
             f'about a point {_metres(-off)} m from it; calibrate again with --sensor-from-pose '

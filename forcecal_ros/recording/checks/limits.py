@@ -58,9 +58,13 @@ ROUNDING = 1e-9
 its extreme."""
 
 LEAP, WRAPS, SMOOTH, STAYS = 0.8, 2, 0.02, 5
-"""Steps of that share of all that a channel does, so many of them, while half of its steps are
-below the third number, and half of them begin and end so near to the ends of the range: counts
-that wrap around. They stay there for so many samples, unlike spikes."""
+"""Steps of that share of all that a channel does, while half of its steps are below the third
+number, and half of them begin and end so near to the ends of the range: counts that wrap around.
+They stay at one end and then at the other for so many samples, so many times; spikes do not."""
+
+SYMMETRIC = 0.01
+"""Share of the range by which its ends may differ in size where one such step is enough, from
+and to where the channel stays for :data:`DEAD` samples: counts wrap at plus and minus the same."""
 
 COUNTED = 64
 """Steps that a range has at least in which counts wrap around, a quarter of those of 8 bits: a
@@ -230,6 +234,14 @@ SAME_MASS = 0.05
 """A known tool weighs so nearly the same in another unit: another tool does by chance once in ten
 times, of those that weigh a tenth, a quarter or a thousand times as much."""
 
+SAME_LEVER = 0.05
+"""A centre of mass is as many times as far as in another unit to this share, in size and across:
+inertia tells it to 2 %, and lbf in and N m differ by 8.85, dN m by 10."""
+
+LIKE_NONE, SAME_FAR_LEVER = 20.0, 0.3
+"""So many times as far no other tool has it, so that it need not be so many times to a hundredth:
+a rig's tool need not be the one that hung there to a tenth."""
+
 TURNS_ALONG = 0.5
 """An accelerometer that sits on what the pose is of shows its turning to this share at least:
 gains are 10 % off at most."""
@@ -255,6 +267,56 @@ chance once in four hundred times."""
 FASTEST = 30.0
 """A hand that goes faster for a tenth of its motion is not in metres [m/s]: the fastest arms do
 10, and the slowest motions, of 50 mm/s, come out as 50."""
+
+SURE_SHOWN = 10.0
+"""Standard errors by which inertia is off: they come from twelve parts of a recording."""
+
+OTHER_LENGTH, UNSHOWN = 1.0, 0.1
+"""A hand that moves faster than the first for a tenth of its motion [m/s], while forces show less
+than the second of the inertia that its positions make, is in cm or inches: sound logs show 0.5 to
+1, and 0.05 m/s come out as 2 in inches."""
+
+SLOW_HAND, OVERSHOWN = 0.02, 30.0
+"""A hand that moves no faster than the first [m/s], while forces show so many times the inertia,
+is in m and taken for cm or mm: logs that were played slowly show 4 to 25 times, and 0.5 m/s come
+out as 0.005 where m are taken for cm."""
+
+# Pace --------------------------------------------------------------------------------------------
+
+PACED = 100
+"""Fewer readings tell no rate and no speed: sets of static poses have fewer."""
+
+MOST_RATE = 50_000.0
+"""No force sensor and no robot sends more readings a second [Hz]; 50 Hz in s read as ms do."""
+
+SLOW_RATE, CREEPS = 5.0, 0.02
+"""An arm that turns about, never faster than the second number [rad/s], in readings at less than
+the first [Hz], is a log in another unit of time: 5 kHz come out as 5 Hz where ms are taken for s,
+and 2 rad/s as 0.002, or as 0.02 where rows of 100 Hz were counted. Logs have 10 Hz and more, arms
+turn by 0.1 rad/s and more."""
+
+TURNED_ABOUT, SEEN_TURNING = 0.3, 0.35
+"""An arm is watched as it turns where it turns by the first in all, and by less than the second
+from one reading to the next; rows of poses turn by more [rad]."""
+
+WHIRLS = 30.0
+"""A hand that turns faster for a tenth of its motion is not in radians, or not in seconds [rad/s]:
+the fastest wrists do 12, and those at work 0.6 to 3, which is 34 to 170 deg/s."""
+
+TURNING, FOLLOWS_GYRO, LIKE_DEGREES = 0.1, 0.7, 0.25
+"""A gyro is compared where the pose turns faster than the first [rad/s], or where the change of
+specific force goes along with it to the second, a correlation. It is in deg/s where it is 57.3
+times as fast, to the third: means over a tenth of a second lose a hundredth, contact more."""
+
+SHORT_SLICE = 0.02
+"""A turn is seen over so long, which evens out noise [s]: over more, 100 rad/s look like few."""
+
+FAST_SHARE = 0.9
+"""Speeds are those that a tenth of the recording exceeds: a few poses that leap are no speed."""
+
+SAME_SPAN = 0.05
+"""Two streams of which one lasts a thousand or a million times as long, to this share, are in
+different units of time."""
 
 # Live, sample by sample --------------------------------------------------------------------------
 

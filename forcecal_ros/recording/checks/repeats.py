@@ -11,6 +11,7 @@ from typing import NamedTuple
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.checks import limits
+from forcecal_ros.recording.checks.held import dead_band
 from forcecal_ros.recording.streams import PoseStream, Stream
 import numpy as np
 from numpy.typing import NDArray
@@ -134,11 +135,12 @@ def _longest(t: Array, changes: NDArray[np.bool_], rows: NDArray[np.intp], chann
 
 
 def _is_stuck(hold: Hold, stream: Stream, steps: Array) -> bool:
-    """Say whether neither a limit nor rest can be why a channel repeats itself."""
+    """Say whether neither a limit, a dead band nor rest can be why a channel repeats itself."""
     own = range(steps.shape[1]) if hold.channel < 0 else [hold.channel]
     outside = np.ones(len(steps), dtype=bool)
     outside[hold.first:hold.last] = False
     return any(_noise_ends(hold, j, steps[:, j], outside) and not _at_limit(hold, stream, j)
+               and not (stream.values[hold.first, j] == 0.0 and dead_band(stream.values[:, j]))
                and (not _coarse(steps[outside, j]) or _others_go_on(hold, steps, outside))
                for j in own)
 

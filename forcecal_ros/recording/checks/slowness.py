@@ -21,8 +21,8 @@ slow driver is for :func:`forcecal_ros.recording.checks.clocks.refuse_offset` to
 TIME_CONSTANTS = (0.06, 0.1, 0.15, 0.2, 0.3, 0.5, 0.8, 1.3, 2.0)
 """Of low-passes that are looked for [s]: of 2.7 Hz down to 0.08 Hz."""
 
-WINDOWS = (0.2, 0.3, 0.5, 0.8, 1.3, 2.0, 3.0, 5.0)
-"""Lengths of means that are looked for [s]."""
+WINDOWS = (0.2, 0.25, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.3, 1.6, 2.0, 2.5, 3.0, 4.0, 5.0)
+"""Lengths of means that are looked for [s]: one that is a third off leaves twice as much."""
 
 EXPLAINS, TIMES = 0.9, 3.0
 """Share of the changes of force that gravity explains once it is late or smoothed, and how many

@@ -3,7 +3,6 @@
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array, STANDARD_GRAVITY
 from forcecal_ros.recording.checks import limits
-from forcecal_ros.recording.streams import PoseStream
 import numpy as np
 
 _POUND_FORCE = 4.4482216152605
@@ -81,12 +80,47 @@ def refuse_on_another_link(at_rest: Array, gravity: Array) -> None:
             'that does with --topic accelerometer=NAME')
 
 
+_FORCES = {'kgf': STANDARD_GRAVITY, 'lbf': _POUND_FORCE, 'mN': 1e-3, 'kN': 1e3}
+"""[N]"""
+
+_TORQUES = {'N mm': 1e-3, 'N cm': 1e-2, 'dN m': 0.1, 'lbf in': _POUND_INCH,
+            'kgf cm': 1e-2 * STANDARD_GRAVITY, 'kN m': 1e3}
+"""[N m]"""
+
+
 def force_unit_of(shown: float, mass: float) -> tuple[str, float] | None:
     """Name the unit in which forces make a known mass [kg] that shown [kg], and its newtons."""
-    for unit, newtons in (('kgf', STANDARD_GRAVITY), ('lbf', _POUND_FORCE), ('mN', 1e-3)):
+    for unit, newtons in _FORCES.items():
         if abs(shown * newtons / mass - 1.0) < limits.SAME_MASS:
             return unit, newtons
     return None
+
+
+def lever_units_of(shown: Array, com: Array, forces: bool = False) -> str:
+    """
+    Name the units of torques in which a centre of mass is where they show it; empty: none does.
+
+    Parameters
+    ----------
+    shown, com : ndarray, shape (3,)
+        By torques and forces, and as it is known otherwise [m].
+    forces : bool
+        The forces may be in another unit, too.
+    """
+    times = float(shown @ com) / max(float(com @ com), limits.TINY)
+    away = float(np.linalg.norm(shown - times * com) / max(np.linalg.norm(shown), limits.TINY))
+
+    def same(wanted: float) -> bool:
+        far = max(wanted, 1.0 / wanted) > limits.LIKE_NONE
+        most = limits.SAME_FAR_LEVER if far else limits.SAME_LEVER
+        return away < most and abs(times / wanted - 1.0) < most
+
+    found = [f'its torques are in {unit} (multiply by {size:.5g})'
+             for unit, size in _TORQUES.items() if same(1.0 / size)]
+    if forces:
+        found += [f'its forces are in {unit} (multiply by {size:.6g}) and its torques in N m'
+                  for unit, size in _FORCES.items() if same(size)]
+    return ', or '.join(found)
 
 
 def refuse_other_mass(found: float, std: float, stated: float) -> None:
@@ -106,30 +140,6 @@ def refuse_other_mass(found: float, std: float, stated: float) -> None:
            'If the mass was right, the driver takes a load off or its gain is another')
     raise DataError(f'wrench: a tool of {stated:.4g} kg weighs {found:.4g} +- {std:.2g} kg in it: '
                     f'{why}')
-
-
-def refuse_other_length(pose: PoseStream | None) -> None:
-    """
-    Refuse positions that move as fast as no arm does in metres.
-
-    Raises
-    ------
-    DataError
-        Names the speed and the unit that it tells of.
-    """
-    if pose is None or len(pose) < 100 or not pose.has_position:
-        return
-    slices = max(1, round(limits.SLICE / float(np.median(np.diff(pose.t)))))
-    n = len(pose) // slices
-    if n < 2:
-        return
-    t, place = (x[:n * slices].reshape(n, slices, -1).mean(axis=1) for x in (
-        pose.t, pose.position))
-    speed = np.linalg.norm(np.diff(place, axis=0), axis=1) / np.diff(t[:, 0])
-    fast = float(np.quantile(speed[np.isfinite(speed)], 0.9)) if n > 10 else 0.0
-    if fast > limits.FASTEST:
-        raise DataError(f'pose: its position moves at {fast:.3g} m/s for a tenth of the '
-                        f'recording, which no arm does: it is in mm; {mended(1e-3, "mm")}')
 
 
 def doubt_of_force_unit(mass: float) -> str:

@@ -2,7 +2,6 @@
 
 import json
 
-from forcecal_ros.diagnose.by_simulator import Changed
 from forcecal_ros.diagnose.inputs.channels import units
 from forcecal_ros.diagnose.judge.named_effects import (
     at_limit,
@@ -14,6 +13,7 @@ from forcecal_ros.diagnose.judge.named_effects import (
 )
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
+from forcecal_ros.diagnose.numbers_found import Changed
 from forcecal_ros.diagnose.say.result import Diagnosis, load, to_document
 from forcecal_ros.diagnose.say.verdict import verdict
 from forcecal_ros.diagnose.search.fitted import Accepted
