@@ -8,13 +8,15 @@ from forcecal_ros.diagnose.model.gates import BIAS
 from forcecal_ros.diagnose.model.hypotheses import everywhere, for_a_part, Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.acceptance import (
+    acceptable,
     LEAST_LONG_MEMORY_RATIO,
     long_memory_likelihood_ratio,
+    ranked,
     SIMILAR,
 )
 from forcecal_ros.diagnose.search.bias_steps import Event
 from forcecal_ros.diagnose.search.fitted import Accepted
-from forcecal_ros.diagnose.search.joint_fit import joint_fit_if_finite, JointFit
+from forcecal_ros.diagnose.search.joint_fit import joint_fit_if_finite, JointFit, without_effect
 from forcecal_ros.diagnose.search.onsets import (
     Instant,
     instant_of,
@@ -157,6 +159,14 @@ def _refitted(now: JointFit, name: str, before: LinearisedModel) -> JointFit | N
     return now
 
 
+def _accepted(start: LinearisedModel, fit: JointFit, onset: Hypothesis,
+              found: Sequence[Hypothesis]) -> bool:
+    """Say whether an onset brings beside the others what any effect has to."""
+    tested = sum(h.ways for h in found)
+    less = without_effect(start, fit, onset.name)
+    return any(acceptable(t, tested) for t in ranked(less.comparison(), [onset], tested))
+
+
 def _searched(bare: LinearisedModel, now: Found, start: Found, fit: JointFit, onset: Onset,
               hypotheses: Sequence[Hypothesis], free: Sequence[Hypothesis]) -> Found | None:
     """Search with an onset among the hypotheses; nothing where it is not borne out."""
@@ -165,6 +175,8 @@ def _searched(bare: LinearisedModel, now: Found, start: Found, fit: JointFit, on
     model = replace(start.model, gates=gates, library=fit.model.library, noise=fit.model.noise)
     by_name = {h.name: for_a_part(model, h, gates[h.name]) for h in free if h.name in gates}
     found = [*(h for h in hypotheses if h.name not in by_name), *by_name.values()]
+    if not _accepted(model, fit, by_name[onset.name], found):
+        return None
     selection = select(model, found, bare, free, fit)
     named = {a.name for a in selection.accepted}
     instants = {}
