@@ -11,6 +11,7 @@ import os
 
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
+import argparse
 from collections.abc import Callable
 from pathlib import Path
 import subprocess
@@ -72,14 +73,18 @@ def most_memory(path: Path) -> str:
 
 
 def main() -> None:
-    if sys.argv[1:2] == ['--memory']:
-        calibration(Path(sys.argv[2]), 0.0)()
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('samples', type=float, nargs='?', default=1e7)
+    parser.add_argument('--memory', type=Path, metavar='TABLE', help='calibrate that table only')
+    args = parser.parse_args()
+    if args.memory:
+        calibration(args.memory, 0.0)()
         status = Path('/proc/self/status').read_text()
         private = int(status.partition('VmHWM:')[2].split()[0]) / 1024
-        mapped = Path(sys.argv[2]).stat().st_size / 1e6
+        mapped = args.memory.stat().st_size / 1e6
         print(f'{private:.0f} MB (the file, which is mapped, has {mapped:.0f})')
         return
-    samples = int(float(sys.argv[1])) if len(sys.argv) > 1 else 10_000_000
+    samples = int(args.samples)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / 'long.npy'
         write_table(path, samples)
