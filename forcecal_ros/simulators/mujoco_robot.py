@@ -141,19 +141,20 @@ class MujocoRobot:
     def simulate_finer(self, inputs: Inputs, parameters: Mapping[str, float]
                        ) -> Mapping[str, Any]:
         """Simulate with half the model's time step, sampled at the same instants."""
-        found, warning = self._in_parts(inputs, parameters, 2)
-        if warning:
-            raise ConfigError(f'--mujoco {self.path}: with half its timestep the simulation is '
-                              f'unstable, MuJoCo says "{warning}"; mend the model')
-        return found
+        return self._with_less(inputs, parameters, 2, 'half')
 
     def simulate_finest(self, inputs: Inputs, parameters: Mapping[str, float]
                         ) -> Mapping[str, Any]:
         """Simulate with a quarter of the model's time step, sampled at the same instants."""
-        found, warning = self._in_parts(inputs, parameters, 4)
+        return self._with_less(inputs, parameters, 4, 'a quarter of')
+
+    def _with_less(self, inputs: Inputs, parameters: Mapping[str, float], parts: int, share: str
+                   ) -> Mapping[str, Any]:
+        """Simulate with a part of the time step; refuse what is unstable then."""
+        found, warning = self._in_parts(inputs, parameters, parts)
         if warning:
-            raise ConfigError(f'--mujoco {self.path}: with a quarter of its timestep the '
-                              f'simulation is unstable, MuJoCo says "{warning}"; mend the model')
+            raise ConfigError(f'--mujoco {self.path}: with {share} its timestep the simulation is '
+                              f'unstable, MuJoCo says "{warning}"; mend the model')
         return found
 
     def _steadier(self, inputs: Inputs, parameters: Mapping[str, float]) -> str:

@@ -71,11 +71,14 @@ class Runs:
     def exact(self, numbers: Numbers) -> Recording:
         """Run the simulator, unless it was run so before."""
         if numbers not in self._exact:
-            self.count += 1
-            made = self.simulator.run(self._inputs, numbers)
-            assert made.pose is not None
-            self._exact[numbers] = replace(made, pose=in_base_of(self._measured, made.pose))
+            self._exact[numbers] = self._counted(self.simulator.run(self._inputs, numbers))
         return self._exact[numbers]
+
+    def _counted(self, made: Recording) -> Recording:
+        """Count a run, and bring its poses into the robot's base."""
+        self.count += 1
+        assert made.pose is not None
+        return replace(made, pose=in_base_of(self._measured, made.pose))
 
     def repeats(self) -> bool:
         """Run the simulator once more with its own numbers; say whether it does the same."""
@@ -109,19 +112,13 @@ class Runs:
 
     def _bend(self, here: Recording, numbers: Numbers, finer: _Change) -> _Change:
         """Run it with a quarter of its step; say what that does beyond 1.5 times half of it."""
-        self.count += 1
-        made = self.simulator.run_finest(self._inputs, numbers)
-        assert made.pose is not None
-        made = replace(made, pose=in_base_of(self._measured, made.pose))
+        made = self._counted(self.simulator.run_finest(self._inputs, numbers))
         return _beyond(_change(*_of_one_length(here, made), 1.0), finer, QUARTER)
 
     def halved(self, numbers: Numbers) -> Recording:
         """Run it with half its step of integration, unless that was done before."""
         if numbers not in self._halved:
-            self.count += 1
-            made = self.simulator.run_finer(self._inputs, numbers)
-            assert made.pose is not None
-            self._halved[numbers] = replace(made, pose=in_base_of(self._measured, made.pose))
+            self._halved[numbers] = self._counted(self.simulator.run_finer(self._inputs, numbers))
         return self._halved[numbers]
 
     def changes(self, numbers: Numbers) -> Sequence['_Change']:
@@ -140,11 +137,9 @@ class Runs:
 
     def otherwise(self, numbers: Numbers, beside: Mapping[str, float]) -> 'Runs':
         """Run the simulator with something beside its parameters; what is near stays as it is."""
-        made = self.simulator.run(self._inputs, numbers, beside)
-        assert made.pose is not None
-        self.count += 1
+        made = self._counted(self.simulator.run(self._inputs, numbers, beside))
         other = copy(self)
-        other.keep(numbers, replace(made, pose=in_base_of(self._measured, made.pose)))
+        other.keep(numbers, made)
         return other
 
     def keep(self, numbers: Numbers, made: Recording) -> None:
