@@ -8,7 +8,8 @@ a function could do as well counts for little, and what it does beyond counts in
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
+from weakref import ref
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.basis import Basis
@@ -110,15 +111,34 @@ class Discrepancy:
         if kept is None or any(a is not b for a, b in zip(kept.noise, noise, strict=True)):
             self._kept = kept = WhitenedDiscrepancy(
                 self.basis, self.signal, self.train, list(noise),
-                kept.known(noise) if kept else _Known({}, {}))
+                kept.known(noise) if kept else _Known({}, {}, {}))
         return kept
 
 
+class _Cross(NamedTuple):
+    """A column, and its products with the combinations over training blocks and the others."""
+
+    column: 'ref[NDArray[Any]]'
+    products: tuple[Array, ...]
+
+
 class _Known(NamedTuple):
-    """What was found: a channel's combinations, and factors of its information on them."""
+    """
+    What was found of each channel.
+
+    Its combinations, factors of its information on them, and products with columns, by channel,
+    recording and identity of the column.
+    """
 
     modes: dict[int, _Modes]
     factors: dict[tuple[int, bool, float], Array]
+    crosses: dict[tuple[int, int, int], _Cross]
+
+    def of(self, channels: set[int]) -> '_Known':
+        """Keep some channels."""
+        return _Known({c: modes for c, modes in self.modes.items() if c in channels},
+                      {key: f for key, f in self.factors.items() if key[0] in channels},
+                      {key: one for key, one in self.crosses.items() if key[0] in channels})
 
 
 class WhitenedDiscrepancy:
@@ -140,20 +160,18 @@ class WhitenedDiscrepancy:
         self.basis, self.signal, self.train, self.noise = of, signal, train, noise
         self.channels = [c for c in range(len(CHANNELS))
                          if any(n.sigma[:, c].any() for n in noise)]
-        self._found, self._factors = known
+        self._known = known
 
     def known(self, noise: Sequence[Autoregression]) -> _Known:
         """Return what was found of channels that another noise whitens alike."""
-        alike = {c for c in self.channels
-                 if all(a.same(b, c) for a, b in zip(self.noise, noise, strict=True))}
-        return _Known({c: modes for c, modes in self._found.items() if c in alike},
-                      {key: f for key, f in self._factors.items() if key[0] in alike})
+        return self._known.of({c for c in self.channels if all(
+            a.same(b, c) for a, b in zip(self.noise, noise, strict=True))})
 
     def modes(self, c: int) -> _Modes:
         """Return a channel's whitened features, which are found at the first time they count."""
-        if c not in self._found:
-            self._found[c] = self._modes(c)
-        return self._found[c]
+        if c not in self._known.modes:
+            self._known.modes[c] = self._modes(c)
+        return self._known.modes[c]
 
     def _modes(self, c: int) -> _Modes:
         scale = np.sqrt(self.basis.variance) * self.signal[c]
@@ -165,24 +183,19 @@ class WhitenedDiscrepancy:
         kept = np.flatnonzero(values * max(FREE) ** 2 > LEAST_WEIGHT)[-most:]
         turn = vectors[:, kept]
         rows = [(turn.T.astype(np.float32) @ w) for w in white]
-        parts = [(r[:, t], r[:, ~t]) for r, t in zip(rows, self.train)]
+        parts = [(_some(r, t), _some(r, ~t)) for r, t in zip(rows, self.train)]
         trained, held = (np.asarray(sum(_square(one[i]) for one in parts)) for i in (0, 1))
         return _Modes(parts, scale[:, np.newaxis] * turn, trained, trained + held)
-
-    def _none(self) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
-        """Return the rows of no combination at all, of each recording."""
-        counts = [(int(t.sum()), int((~t).sum())) for t in self.train]
-        return [(np.zeros((0, m), dtype=np.float32), np.zeros((0, n), dtype=np.float32))
-                for m, n in counts]
 
     def factor(self, c: int, trained: bool, size: float) -> Array:
         """Return the Cholesky factor of a channel's information on its combinations."""
         key = c, trained, size
-        if key not in self._factors:
+        factors = self._known.factors
+        if key not in factors:
             modes = self.modes(c)
             information = modes.trained if trained else modes.all
-            self._factors[key] = _factor(information + np.eye(len(information)) / size ** 2)
-        return self._factors[key]
+            factors[key] = _factor(information + np.eye(len(information)) / size ** 2)
+        return factors[key]
 
     def predicted(self, residual: Sequence[Array]) -> list[Array]:
         """
@@ -203,10 +216,11 @@ class WhitenedDiscrepancy:
     def of_weights(self, weights: Mapping[int, Array], shapes: Sequence[tuple[int, ...]]
                    ) -> list[Array]:
         """Sum the features of each recording with the weights of each channel."""
-        out = [np.zeros(shape) for shape in shapes]
-        for c, w in weights.items():
+        out, channels = [np.zeros(shape) for shape in shapes], list(weights)
+        if channels:
+            together = np.stack(list(weights.values()))
             for one, rows, noise in zip(out, self.basis.rows, self.noise):
-                one[:, c] = np.where(noise.present[:, c], w @ rows, 0.0)
+                one[:, channels] = np.where(noise.present[:, channels], (together @ rows).T, 0.0)
         return out
 
     def products(self, columns: Sequence[Sequence[Column]], residual: Sequence[Array],
@@ -226,22 +240,50 @@ class WhitenedDiscrepancy:
         out = []
         for c in self.channels:
             there = [j for j in range(k) if any(c in one[j] for one in columns)]
-            own = self._none() if absent else self.modes(c).rows
-            total = [_Sums.empty(len(there), len(own[0][0])) for _ in range(2)]
-            for one, r, noise, parts, train in zip(columns, residual, self.noise, own,
-                                                  self.train):
+            total = [_Sums.empty(len(there), 0 if absent else len(self.modes(c).trained))
+                     for _ in range(2)]
+            for i, (one, r, noise, train) in enumerate(zip(columns, residual, self.noise,
+                                                           self.train)):
                 if not noise.sigma[:, c].any():
                     continue
                 empty = np.zeros(len(r), dtype=np.float32)
-                stack = np.stack([r[:, c], *(one[j].get(c, empty) for j in there)]).astype(float)
-                white = noise.whiten(stack, c)
-                for i, part in enumerate((train, ~train)):
+                given: list[NDArray[Any]] = [r[:, c], *(one[j].get(c, empty) for j in there)]
+                white = noise.whiten(np.stack(given).astype(float), c)
+                crosses = ([np.zeros((0, len(given)))] * 2 if absent
+                           else self._crosses(c, i, given, white))
+                for p, part in enumerate((train, ~train)):
                     if part.any():
-                        n = int(np.sum(part & noise.rows[:, c]))
-                        total[i] = total[i].more(white[:, part], parts[i], n)
+                        total[p] = total[p].more(_some(white, part), crosses[p],
+                                                 int(np.sum(part & noise.rows[:, c])))
             out.append(_Channel(c, np.array(there, dtype=np.intp), total[0],
                                 _Sums(*(a + b for a, b in zip(*total)))))
         return Products(self, k, out)
+
+    def _crosses(self, c: int, recording: int, given: Sequence[NDArray[Any]],
+                 white: Array) -> list[Array]:
+        """
+        Return inner products of combinations with columns, training and others, (r, k + 1) each.
+
+        Columns are the same arrays from one hypothesis to the next: only new ones, and the
+        residual, which is first, are multiplied.
+        """
+        known = self._known.crosses
+        keys = [(c, recording, id(one)) for one in given]
+        new = [0, *(j for j, key in enumerate(keys) if j and (
+            key not in known or known[key].column() is not given[j]))]
+        rows = white[new].astype(np.float32)
+        found = [features @ _some(rows, part).T for features, part in zip(
+            self.modes(c).rows[recording], (self.train[recording], ~self.train[recording]))]
+        own = dict(zip(new, zip(*(one.T for one in found))))
+        for j in new[1:]:
+            known[keys[j]] = _Cross(ref(given[j]), own[j])
+        pairs = [own[j] if j in own else known[key].products for j, key in enumerate(keys)]
+        return [np.stack(one, axis=1).astype(float) for one in zip(*pairs)]
+
+
+def _some(rows: NDArray[Any], part: BoolArray) -> NDArray[Any]:
+    """Return some columns, all of them without a copy."""
+    return rows if part.all() else rows[:, part]
 
 
 class _Sums(NamedTuple):
@@ -255,9 +297,8 @@ class _Sums(NamedTuple):
     def empty(cls, k: int, r: int) -> '_Sums':
         return cls(np.zeros((k + 1, k + 1)), np.zeros((r, k + 1)), 0)
 
-    def more(self, white: Array, rows: NDArray[np.float32], n: int) -> '_Sums':
+    def more(self, white: Array, cross: Array, n: int) -> '_Sums':
         """Add n samples; whitened signals are 0 where there is none."""
-        cross = (rows @ white.T.astype(np.float32)).astype(float)
         return _Sums(self.own + white @ white.T, self.cross + cross, self.n + n)
 
 
@@ -282,7 +323,7 @@ class Products:
 
     def __init__(self, whitened: WhitenedDiscrepancy, k: int, channels: list[_Channel]) -> None:
         self._whitened, self._k, self._channels = whitened, k, channels
-        self._parts: dict[tuple[int, bool, float], tuple[Array, float]] = {}
+        self._streams: dict[tuple[int, bool, float], Gram] = {}
 
     def at(self, scales: Scales) -> tuple[Gram, Gram]:
         """
@@ -304,28 +345,34 @@ class Products:
                              every.log_det - trained.log_det)
 
     def _total(self, trained: bool, scales: Scales) -> Gram:
-        k = self._k
-        matrix, vector, square, n, log_det = np.zeros((k, k)), np.zeros(k), 0.0, 0, 0.0
-        for one in self._channels:
-            own, more = self._part(one, trained, scales[STREAM[one.channel]])
-            matrix[np.ix_(one.there, one.there)] += own[1:, 1:]
-            vector[one.there] += own[1:, 0]
-            square += float(own[0, 0])
-            n += (one.trained if trained else one.all).n
-            log_det += more
-        return Gram(matrix, vector, square, n, log_det)
+        total = Gram(np.zeros((self._k, self._k)), np.zeros(self._k), 0.0, 0)
+        for stream in self.streams():
+            total += self._of_stream(stream, trained, scales[stream])
+        return total
+
+    def _of_stream(self, stream: int, trained: bool, size: float) -> Gram:
+        """Return one stream's Gram; a search for the best sizes changes one after the other."""
+        key, k = (stream, trained, size), self._k
+        if key not in self._streams:
+            matrix, vector, square, n, log_det = np.zeros((k, k)), np.zeros(k), 0.0, 0, 0.0
+            for one in (one for one in self._channels if STREAM[one.channel] == stream):
+                own, more = self._part(one, trained, size)
+                matrix[np.ix_(one.there, one.there)] += own[1:, 1:]
+                vector[one.there] += own[1:, 0]
+                square += float(own[0, 0])
+                n += (one.trained if trained else one.all).n
+                log_det += more
+            self._streams[key] = Gram(matrix, vector, square, n, log_det)
+        return self._streams[key]
 
     def _part(self, one: _Channel, trained: bool, size: float) -> tuple[Array, float]:
         """Return one channel's products beside a discrepancy, and its logarithm."""
-        key, sums = (one.channel, trained, size), one.trained if trained else one.all
+        sums = one.trained if trained else one.all
         if size == 0.0 or not len(sums.cross):
             return sums.own, 0.0
-        if key not in self._parts:
-            factor = self._whitened.factor(one.channel, trained, size)
-            taken = solve_triangular(factor, sums.cross, lower=True, check_finite=False)
-            self._parts[key] = (sums.own - taken.T @ taken,
-                                2.0 * float(np.log(np.diag(factor) * size).sum()))
-        return self._parts[key]
+        factor = self._whitened.factor(one.channel, trained, size)
+        taken = solve_triangular(factor, sums.cross, lower=True, check_finite=False)
+        return sums.own - taken.T @ taken, 2.0 * float(np.log(np.diag(factor) * size).sum())
 
     @property
     def channels(self) -> NDArray[np.intp]:

@@ -110,12 +110,12 @@ class Replay:
         motion, m = self._moved(plant, (same_motion(rig), steps), 2 * every)
         slide, response = plant.respond(motion)
         ends = slice(every - 1, None, every)
-        specific_force = response.specific_force[ends]
-        signals = (response.wrench[ends], specific_force, slide.slide[every::every], m.position,
-                   m.R_base_sensor, m.velocity, m.acceleration, m.omega, m.alpha,
-                   slide.speed[every::every], response.contact[ends], specific_force)
-        n = self.n_blocks * round(BLOCK * RATE)
-        return Signals(self.start, *(part[:n] for part in signals))
+        n = len(m.position)
+        specific_force = response.specific_force[ends][:n]
+        return Signals(self.start, response.wrench[ends][:n], specific_force,
+                       slide.slide[every::every][:n], m.position, m.R_base_sensor, m.velocity,
+                       m.acceleration, m.omega, m.alpha, slide.speed[every::every][:n],
+                       response.contact[ends][:n], specific_force)
 
     def _moved(self, plant: Plant, key: object, nodes: int) -> tuple[Motion, Motion]:
         """Move the robot, unless it has moved just so before: at all nodes, and at samples."""
@@ -123,5 +123,7 @@ class Replay:
             if len(self._motions) >= KEPT:
                 self._motions.pop(next(reversed(self._motions)))
             motion = plant.move(self._positions, self._xyzw)
-            self._motions[key] = motion, Motion(*(part[nodes::nodes].copy() for part in motion))
+            n = self.n_blocks * round(BLOCK * RATE)
+            self._motions[key] = motion, Motion(*(part[nodes::nodes][:n].copy()
+                                                  for part in motion))
         return self._motions[key]
