@@ -82,14 +82,13 @@ def with_steps(model: LinearisedModel) -> tuple[LinearisedModel, tuple[Event, ..
 def _fitted(model: LinearisedModel, events: list[Event]) -> tuple[LinearisedModel,
                                                                   tuple[Event, ...]]:
     """Fit steps and leave out, one after the other, those that the fit does not bear out."""
+    events = _sharpened(_as_seen(model, events), events) if events else events
     while events:
         out = _with_events(model, events)
-        events_now = _sharpened(out, events)
-        out = _with_events(model, events_now)
-        kept = _agreeing(out, events_now)
-        if kept == events_now:
+        kept = _agreeing(out, events)
+        if kept == events:
             return out, tuple(kept)
-        events = kept
+        events = _sharpened(out, kept)
     return model, ()
 
 
@@ -118,8 +117,8 @@ def _detected_steps(model: LinearisedModel, dataset: int, residual: Array) -> li
     return events
 
 
-def _with_events(model: LinearisedModel, events: Sequence[Event]) -> LinearisedModel:
-    """Fit steps beside the nuisances."""
+def _beside(model: LinearisedModel, events: Sequence[Event]) -> LinearisedModel:
+    """Add a nuisance for each channel of each step, where it was seen."""
     own = [(Nuisance(_name(e, c), 'wrench_step', lambda rig, x: rig, 'step', c,
                      recording=e.recording, instant=e.instant), abs(h))
            for e in events for c, h in e.heights.items()]
@@ -128,6 +127,20 @@ def _with_events(model: LinearisedModel, events: Sequence[Event]) -> LinearisedM
                   prior_std=np.append(model.prior_std, [h for _, h in own]),
                   centre=np.append(model.centre, sign))
     out.linearise()
+    return out
+
+
+def _as_seen(model: LinearisedModel, events: Sequence[Event]) -> LinearisedModel:
+    """Fit steps and nuisances beside the noise as it is: good enough to tell their instants."""
+    out = _beside(model, events)
+    out.centre = out.moved(out.fit_nuisances_to_all().x)
+    out.evaluate()
+    return out
+
+
+def _with_events(model: LinearisedModel, events: Sequence[Event]) -> LinearisedModel:
+    """Fit steps beside the nuisances, noise along."""
+    out = _beside(model, events)
     out.recalibrate()
     if any(not model.datasets[e.recording].train.any() for e in events):
         step = out.fit_nuisances_to_all().x
