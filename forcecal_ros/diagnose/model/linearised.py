@@ -273,10 +273,18 @@ class LinearisedModel:
         train, held = self.grams([[] for _ in self.datasets])
         return fit(train + held, self.prior())
 
-    def log_posterior(self) -> float:
-        """Log-likelihood of the training blocks, and prior, with everything as it is."""
-        return -0.5 * (self.residual_products().at(self.discrepancy_scales)[0].square
-                       + self._cost())
+    def log_posterior(self, square: float | None = None) -> float:
+        """
+        Log-likelihood of the training blocks, and prior, with everything as it is.
+
+        Parameters
+        ----------
+        square : float, optional
+            Of the residual's Gram, where that is known.
+        """
+        if square is None:
+            square = self.residual_products().at(self.discrepancy_scales)[0].square
+        return -0.5 * (square + self._cost())
 
     def residual_products(self) -> Products:
         """Return inner products of the residuals alone."""

@@ -104,7 +104,7 @@ class Instants:
         n = len(residuals[recording])
         self.blocks = np.arange(1, n // length) * length
         whole, others = np.zeros((1 + m + k,) * 2), np.zeros((1 + m + k,) * 2)
-        parts = np.zeros((n // length, 1 + m + k, k))
+        parts = np.zeros((1 + m + k, k, n // length))
         for i, (r, fixed, own) in enumerate(zip(residuals, beside, columns)):
             for c in range(len(CHANNELS)):
                 if not model.noise[i].sigma[:, c].any():
@@ -120,14 +120,14 @@ class Instants:
                     continue
                 free = np.flatnonzero(index > m)
                 if len(free):
-                    parts[np.ix_(np.arange(len(parts)), index, index[free] - 1 - m)] += _by_parts(
+                    parts[np.ix_(index, index[free] - 1 - m)] += _by_parts(
                         white, white[free], length)
         root = cholesky(whole[1:1 + m, 1:1 + m] + np.diag(prior.precision), lower=True)
         gradient = whole[1:1 + m, 0] - prior.precision * prior.centre
         left = solve_triangular(root, gradient, lower=True)
         # the last samples, too few for a part, count with the last one
         total = (whole - others)[:, 1 + m:]
-        after = total - np.cumsum(parts, axis=0)[:-1]
+        after = total - np.moveaxis(np.cumsum(parts, axis=2)[..., :-1], 2, 0)
         self._whole, self._after, self._others = (
             _Beside.of(one, root, left) for one in (total, after, others[:, 1 + m:]))
 
@@ -158,8 +158,8 @@ class Instants:
 
 
 def _by_parts(left: Array, right: Array, length: int) -> Array:
-    """Return inner products over each part, shape (parts, rows of left, rows of right)."""
+    """Return inner products over each part, shape (rows of left, rows of right, parts)."""
     n = left.shape[1] // length
     a = np.moveaxis(left[:, :n * length].reshape(len(left), n, length), 1, 0)
     b = np.moveaxis(right[:, :n * length].reshape(len(right), n, length), 1, 0)
-    return np.asarray(a @ np.swapaxes(b, 1, 2))
+    return np.moveaxis(a @ np.swapaxes(b, 1, 2), 0, 2)

@@ -13,7 +13,7 @@ from forcecal_ros.diagnose.model.hypotheses import (
 from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
 from forcecal_ros.diagnose.search.acceptance import holds_beside_long_memory
 from forcecal_ros.diagnose.search.fitted import Accepted
-from forcecal_ros.diagnose.search.model_comparison import ModelComparison
+from forcecal_ros.diagnose.search.model_comparison import Explained, ModelComparison
 from forcecal_ros.effects.nuisances import LIMIT
 from forcecal_ros.geometry import Array
 import numpy as np
@@ -44,6 +44,10 @@ class JointFit(NamedTuple):
     accepted: list[Accepted]
     jacobians: list[EffectJacobian]
 
+    def explained(self) -> Explained:
+        """Return what it explains, as columns."""
+        return Explained(self.model, self.jacobians)
+
     def comparison(self) -> ModelComparison:
         """Weigh it, and further hypotheses beside it."""
         return ModelComparison(self.model, self.jacobians)
@@ -72,7 +76,7 @@ def joint_fit(model: LinearisedModel, accepted: Sequence[Accepted], step: Array 
         jacobians = [_jacobian(out, a) for a in now if len(a.theta)]
         comparison = ModelComparison(out, jacobians)
         out.discrepancy_scales = comparison.scales
-        before, fraction = out.log_posterior(), 1.0
+        before, fraction = out.log_posterior(comparison.train.square), 1.0
         while fraction > SHORTEST:
             moved = _moved(now, jacobians, comparison, fraction)
             tried = replace(out, centre=out.moved(fraction * comparison.null.x[:m]),

@@ -77,28 +77,58 @@ class _Level(NamedTuple):
         return self.held.residual_squares(self.null.x) - self.held.n
 
 
+class _Screened(NamedTuple):
+    """The best fit of a hypothesis, where it began, and how far it is from the null."""
+
+    fit: HypothesisFit
+    atom: Atom | None
+    difference: Array
+
+
 def _by_chance(n: float) -> float:
     return CHANCE * float(np.sqrt(0.5 * n))
 
 
-class ModelComparison:
+class Explained:
     """
-    Compares hypotheses with what is explained already, by marginal likelihood.
+    What is explained already: columns of the nuisances and of accepted effects, and their prior.
 
     Parameters
     ----------
     jacobians : sequence of EffectJacobian
         Of the accepted effects.
+
+    Attributes
+    ----------
+    extra : list of list of Column
+        Of the effects, in each recording.
+    base : int
+        How many columns there are.
     """
 
     def __init__(self, model: LinearisedModel, jacobians: Sequence[EffectJacobian] = ()) -> None:
         self.model = model
         self.extra: list[list[Column]] = [
             [c for t in jacobians for c in t.columns[i]] for i in range(len(model.datasets))]
-        self.m = len(model.nuisances)
         self._away = np.concatenate([np.zeros(0), *(t.away for t in jacobians)])
-        self.base = self.m + len(self.extra[0])
+        self.base = len(model.nuisances) + len(self.extra[0])
         self.null_prior = self._prior(frozenset(), np.zeros(0))
+
+    def _prior(self, released: frozenset[str], centre: Array) -> Prior:
+        """Return the prior of nuisances, accepted effects, and an effect's parameters."""
+        own = self.model.prior(released)
+        away = np.concatenate([self._away, centre])
+        return Prior(np.concatenate([own.centre, away]),
+                     np.concatenate([own.precision, np.full(len(away), EFFECT)]),
+                     np.concatenate([own.bound, np.full(len(away), np.inf)]))
+
+
+class ModelComparison(Explained):
+    """Compares hypotheses with what is explained already, by marginal likelihood."""
+
+    def __init__(self, model: LinearisedModel, jacobians: Sequence[EffectJacobian] = ()) -> None:
+        super().__init__(model, jacobians)
+        self.m = len(model.nuisances)
         self._products = model.products(self.extra)
         self.levels = self._usual()
         best = max(self.levels, key=lambda level: level.evidence)
@@ -164,57 +194,49 @@ class ModelComparison:
         none = next(level.evidence for level in self.levels if level.scales == NO_DISCREPANCY)
         return self.null_evidence - none
 
-    def _prior(self, released: frozenset[str], centre: Array) -> Prior:
-        """Return the prior of nuisances, accepted effects, and an effect's parameters."""
-        own = self.model.prior(released)
-        away = np.concatenate([self._away, centre])
-        return Prior(np.concatenate([own.centre, away]),
-                     np.concatenate([own.precision, np.full(len(away), EFFECT)]),
-                     np.concatenate([own.bound, np.full(len(away), np.inf)]))
-
     def screen(self, hypotheses: Sequence[Hypothesis]) -> list[tuple[HypothesisFit, Atom | None]]:
         """Judge all hypotheses on the Jacobian, the best start of each, likeliest first."""
-        datasets = range(len(self.model.datasets))
         atoms = [(h, a) for h in hypotheses for a in h.atoms]
-        all_columns = [
-            [*self.extra[i], *(c for _, a in atoms for c in a.columns[i])] for i in datasets]
-        products = self.model.products(all_columns)
+        # many starts of an effect share their columns
+        shared = {id(c[0]): c for _, a in atoms for c in zip(*a.columns)}
+        places = {one: self.base + j for j, one in enumerate(shared)}
+        products = self.model.products([[*own, *(c[i] for c in shared.values())]
+                                        for i, own in enumerate(self.extra)])
         grams = [products.at(level.scales) for level in self.levels]
         train, held = products.at(self.scales)
         both = train + held
-        best: dict[str, tuple[HypothesisFit, Atom | None]] = {}
+        best: dict[str, _Screened] = {}
 
-        def keep(h: Hypothesis, result: HypothesisFit, atom: Atom | None) -> None:
-            if h.name not in best or result.evidence > best[h.name][0].evidence:
-                best[h.name] = (result, atom)
+        def keep(h: Hypothesis, atom: Atom | None, released: frozenset[str],
+                 columns: NDArray[np.intp]) -> None:
+            index = np.concatenate([np.arange(self.base), columns])
+            result, difference = self._judge(h, atom, released, _of(grams, index))
+            if h.name not in best or result.evidence > best[h.name].fit.evidence:
+                best[h.name] = _Screened(result, atom, difference)
 
         for h in hypotheses:
             for released in h.releases:
-                index = np.arange(self.base)
-                keep(h, self._judge(h, None, released, _of(grams, index), []), None)
-        position = self.base
+                keep(h, None, released, np.zeros(0, dtype=np.intp))
         for h, atom in atoms:
-            chosen = [np.arange(len(atom.free))]
+            place = np.array([places[id(c)] for c in atom.columns[0]])
+            keep(h, atom, frozenset(), place)
             if len(atom.free) >= MANY:
-                chosen.append(self._grown(position, len(atom.free), both))
-            for part in chosen:
-                index = np.concatenate([np.arange(self.base), position + part])
-                own = fewer(h.effect, atom, part)
-                keep(h, self._judge(h, own, frozenset(), _of(grams, index),
-                                    [list(own.columns[i]) for i in datasets]), own)
-            position += len(atom.free)
-        return sorted(best.values(), key=lambda pair: -pair[0].evidence)
+                part = self._grown(place, both)
+                keep(h, fewer(h.effect, atom, part), frozenset(), place[part])
+        found = [(t._replace(size=self._size([] if atom is None else atom.columns, d)), atom)
+                 for t, atom, d in best.values()]
+        return sorted(found, key=lambda pair: -pair[0].evidence)
 
-    def _grown(self, position: int, k: int, data: Gram) -> NDArray[np.intp]:
-        """Choose some of k columns, one after the other, as long as each is worth it."""
+    def _grown(self, place: NDArray[np.intp], data: Gram) -> NDArray[np.intp]:
+        """Choose some columns, one after the other, as long as each is worth it."""
+        k = len(place)
         chosen: list[int] = []
         value = -np.inf
         while len(chosen) < min(k - 1, MANY):
             remaining = [j for j in range(k) if j not in chosen]
             scores = []
             for j in remaining:
-                index = np.concatenate([np.arange(self.base),
-                                        position + np.array([*chosen, j], dtype=np.intp)])
+                index = np.concatenate([np.arange(self.base), place[[*chosen, j]]])
                 prior = self._prior(frozenset(), np.zeros(len(chosen) + 1))
                 scores.append(fit(data.of(index), prior).log_evidence)
             best = int(np.argmax(scores))
@@ -225,7 +247,8 @@ class ModelComparison:
         return np.array(sorted(chosen), dtype=np.intp)
 
     def _judge(self, h: Hypothesis, atom: Atom | None, released: frozenset[str],
-               grams: Sequence[tuple[Gram, Gram]], columns: list[list[Column]]) -> HypothesisFit:
+               grams: Sequence[tuple[Gram, Gram]]) -> tuple[HypothesisFit, Array]:
+        """Return a fit, its size left open, and how far its parameters are from the null's."""
         k = len(grams[0][0].vector) - self.base
         prior = self._prior(released, np.zeros(k))
         level, (train, held), joint = self._likeliest(grams, prior)
@@ -253,8 +276,8 @@ class ModelComparison:
                 gain = evidence = -np.inf
             theta = np.clip(theta, low, high)
         return HypothesisFit(h.name, theta, std, free, found.x[:self.m], released, float(gain),
-                             float(evidence), s, self._size(columns, found.x - null), level.excess,
-                             held.n, atom is None, level.scales)
+                             float(evidence), s, 0.0, level.excess, held.n, atom is None,
+                             level.scales), found.x - null
 
     def _best_scales(self, products: Products, prior: Prior) -> Scales:
         """Return the scales that make a hypothesis likeliest whose columns end with its effect."""
@@ -272,7 +295,7 @@ class ModelComparison:
         i = max(range(len(fits)), key=lambda j: fits[j].log_evidence)
         return self.levels[i], grams[i], fits[i]
 
-    def _size(self, columns: list[list[Column]], d: Array) -> float:
+    def _size(self, columns: Sequence[list[Column]], d: Array) -> float:
         """Largest RMS of a difference, held out, in what a simulation may be off by."""
         largest = 0.0
         for i, dataset in enumerate(self.model.datasets):

@@ -117,20 +117,24 @@ def _white(model: LinearisedModel) -> LinearisedModel:
 def _fitted(start: Found, now: JointFit, before: LinearisedModel,
             candidates: Sequence[Hypothesis]) -> list[tuple[float, Found, JointFit, Onset]]:
     """Fit the likeliest onsets, each with what it brings over the explanation so far."""
+    onsets = likeliest_onsets(now, candidates)[:TRIES]
+    least = max(LEAST_LONG_MEMORY_RATIO, SIMILAR * onsets[0].evidence) if onsets else 0.0
+    # all of them beside one noise, before it is fitted anew for each
+    fits = [(onset, _as_found(now, onset)) for onset in onsets if onset.evidence >= least]
     out = []
-    onsets = likeliest_onsets(now, candidates)
-    best = onsets[0].evidence if onsets else 0.0
-    for onset in onsets[:TRIES]:
-        if onset.evidence < max(LEAST_LONG_MEMORY_RATIO, SIMILAR * best):
-            break
-        model = replace(now.model, gates={**now.model.gates, onset.name: onset.gate},
-                        library={**now.model.library, BIAS.name: BIAS})
-        others = [a for a in now.accepted if a.name != onset.name]
-        fit = joint_fit_if_finite(model, [*others, onset.accepted()])
+    for onset, fit in fits:
         fit = fit and _refitted(fit, onset.name, before)
         if fit is not None and _shown(fit.model, fit.accepted, onset.name):
             out.append((long_memory_likelihood_ratio(before, fit.model), start, fit, onset))
     return out
+
+
+def _as_found(now: JointFit, onset: Onset) -> JointFit | None:
+    """Fit an onset beside all that is explained already."""
+    model = replace(now.model, gates={**now.model.gates, onset.name: onset.gate},
+                    library={**now.model.library, BIAS.name: BIAS})
+    others = [a for a in now.accepted if a.name != onset.name]
+    return joint_fit_if_finite(model, [*others, onset.accepted()])
 
 
 def _shown(model: LinearisedModel, accepted: Sequence[Accepted], name: str) -> bool:

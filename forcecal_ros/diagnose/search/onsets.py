@@ -22,7 +22,6 @@ from forcecal_ros.geometry import Array
 from forcecal_ros.simulators.signals import BLOCK
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 INSTANTS = 600
 """Instants of one recording at which beginnings are looked for, at most: 0.1 s in a minute."""
@@ -88,7 +87,7 @@ def likeliest_onsets(now: JointFit, found: Sequence[Hypothesis]) -> list[Onset]:
     list of Onset
         The likeliest first.
     """
-    model, comparison = now.model, now.comparison()
+    model, explained = now.model, now.explained()
     distinct = {id(c): j for j, c in enumerate(
         {id(c): c for h in found for a in h.atoms for c in a.columns[0]}.values())}
     places = {(id(h), i): [distinct[id(c)] for c in a.columns[0]]
@@ -99,13 +98,13 @@ def likeliest_onsets(now: JointFit, found: Sequence[Hypothesis]) -> list[Onset]:
             for j, columns in enumerate(zip(*a.columns)):
                 for k, one in enumerate(columns):
                     several[k][places[id(h), i][j]] = one
-    beside = [[*own, *more] for own, more in zip(model.jacobian, comparison.extra)]
+    beside = [[*own, *more] for own, more in zip(model.jacobian, explained.extra)]
     best: dict[str, Onset] = {}
     for recording, one in enumerate(model.datasets):
         length = max(SHORTEST, -(-len(one.groups) // INSTANTS))
         if len(one.groups) < 4 * length:
             continue
-        instants = Instants(model, beside, comparison.null_prior, several, model.residuals,
+        instants = Instants(model, beside, explained.null_prior, several, model.residuals,
                             recording, length)
         for h in found:
             for onset in _of_one(model, instants, h, [places[id(h), i] for i in range(
@@ -131,7 +130,8 @@ def _of_one(model: LinearisedModel, instants: Instants, h: Hypothesis,
             at = start + BLOCK * float(instants.blocks[b])
             gate = (Gate(recording, None, at, elsewhere) if ends
                     else Gate(recording, at, None, elsewhere))
-            mean = float(logsumexp(evidence)) - float(np.log(len(evidence) * len(h.atoms) * 2))
+            mean = float(np.logaddexp.reduce(evidence)
+                         - np.log(len(evidence) * len(h.atoms) * 2))
             low, high = bounds_of(h.effect)
             out.append(Onset(h.name, gate, np.clip(theta[b], low, high), atom.free, mean))
     return out
@@ -169,10 +169,10 @@ def instant_of(now: JointFit, name: str) -> Instant:
     residuals = [r + a * _dense(c, len(r)) for r, a, c in zip(model.residuals, rows, added)]
     predicted = model.whitened_discrepancy().predicted(model.residuals)
     residuals = [r - p for r, p in zip(residuals, predicted)]
-    comparison = now._replace(jacobians=[j for j in now.jacobians if j.name != name]).comparison()
-    beside = [[*own, *more] for own, more in zip(model.jacobian, comparison.extra)]
+    explained = now._replace(jacobians=[j for j in now.jacobians if j.name != name]).explained()
+    beside = [[*own, *more] for own, more in zip(model.jacobian, explained.extra)]
     i, one = gate.recording, model.datasets[gate.recording].measured
-    coarse = Instants(model, beside, comparison.null_prior, [[c] for c in added], residuals, i, 1)
+    coarse = Instants(model, beside, explained.null_prior, [[c] for c in added], residuals, i, 1)
     evidence = coarse.fits([0], gate.begin is None, gate.elsewhere).evidence
     t = one.start + BLOCK * coarse.blocks
     low, at, high = interval(evidence, TEMPERATURE)

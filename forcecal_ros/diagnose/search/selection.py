@@ -208,8 +208,9 @@ def _drop(start: LinearisedModel, bare: LinearisedModel, now: JointFit) -> Joint
         less = without_effect(start, now, a.name)
         fitted = joint_fit(less.model, less.accepted)
         # evidence, not squares: a discrepancy that grows in its place takes up what it explained
+        without = fitted.comparison()
         if less.comparison().null_predictive > full.null_predictive - LEAST_GAIN \
-                or fitted.comparison().null_evidence > full.null_evidence - LEAST_GAIN \
+                or without.null_evidence > full.null_evidence - LEAST_GAIN \
                 or not explains_beyond(bare, fitted.model, now.model):
-            now, full = fitted, fitted.comparison()
+            now, full = fitted, without
     return now
