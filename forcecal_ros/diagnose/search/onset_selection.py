@@ -119,7 +119,7 @@ def _fitted(start: Found, now: JointFit, before: LinearisedModel,
     """Fit the likeliest onsets, each with what it brings over the explanation so far."""
     onsets = likeliest_onsets(now, candidates)[:TRIES]
     least = max(LEAST_LONG_MEMORY_RATIO, SIMILAR * onsets[0].evidence) if onsets else 0.0
-    # all of them beside one noise, before it is fitted anew for each
+    # all of them beside one noise: to whiten features by another takes as long as a fit
     fits = [(onset, _as_found(now, onset)) for onset in onsets if onset.evidence >= least]
     out = []
     for onset, fit in fits:
@@ -130,11 +130,14 @@ def _fitted(start: Found, now: JointFit, before: LinearisedModel,
 
 
 def _as_found(now: JointFit, onset: Onset) -> JointFit | None:
-    """Fit an onset beside all that is explained already."""
+    """Fit an onset beside all that is explained already, and the noise to what is left."""
     model = replace(now.model, gates={**now.model.gates, onset.name: onset.gate},
                     library={**now.model.library, BIAS.name: BIAS})
     others = [a for a in now.accepted if a.name != onset.name]
-    return joint_fit_if_finite(model, [*others, onset.accepted()])
+    fit = joint_fit_if_finite(model, [*others, onset.accepted()])
+    if fit is not None:
+        fit.model.refit_noise(np.zeros(len(model.nuisances)))
+    return fit
 
 
 def _shown(model: LinearisedModel, accepted: Sequence[Accepted], name: str) -> bool:
@@ -153,13 +156,14 @@ def _shown(model: LinearisedModel, accepted: Sequence[Accepted], name: str) -> b
 
 
 def _refitted(now: JointFit, name: str, before: LinearisedModel) -> JointFit | None:
-    """Fit noise, instant and effects in turn; nothing where it brings nothing."""
-    for _ in range(2):
-        now.model.refit_noise(np.zeros(len(now.model.nuisances)))
+    """Fit instant, effects and noise in turn; nothing where it brings nothing."""
+    for last in (False, True):
         now = now._replace(model=moved(now.model, name, instant_of(now, name)))
         if long_memory_likelihood_ratio(before, now.model) < 0.0:
             return None
         now = joint_fit_if_finite(now.model, now.accepted) or now
+        if not last:
+            now.model.refit_noise(np.zeros(len(now.model.nuisances)))
     return now
 
 
