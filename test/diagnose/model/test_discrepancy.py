@@ -140,3 +140,34 @@ def test_only_a_channel_that_is_whitened_otherwise_is_whitened_anew():
     for got, expected in zip(other.products(columns, residual).at((3e-3,) * 4),
                              fresh.products(columns, residual).at((3e-3,) * 4)):
         assert got.square == pytest.approx(expected.square)
+
+
+def test_columns_that_were_multiplied_with_the_features_serve_any_residual():
+    _, columns, residual, of = setting(7)
+    kept = of.whitened([white(n) for n in N])
+    kept.products(columns, residual)
+    before = kept.known(kept.noise).crosses
+    assert len(before) == len(N)
+    others = [3.0 * r for r in residual]
+    fresh = setting(7)[3].whitened([white(n) for n in N])
+    for got, expected in zip(kept.products(columns, others).at((3e-3,) * 4),
+                             fresh.products(columns, others).at((3e-3,) * 4)):
+        assert got.vector == pytest.approx(expected.vector)
+        assert got.matrix == pytest.approx(expected.matrix)
+        assert got.square == pytest.approx(expected.square)
+    after = kept.known(kept.noise).crosses
+    assert all(after[key] is one for key, one in before.items())
+
+
+def test_a_column_in_the_place_of_one_that_is_gone_is_multiplied_anew():
+    _, columns, residual, of = setting(8)
+    kept, other = of.whitened([white(n) for n in N]), setting(9)[1]
+    kept.products(columns, residual)
+    crosses = kept.known(kept.noise).crosses
+    # a new array may get the address of an old one
+    for i, (old, new) in enumerate(zip(columns, other)):
+        kept._known.crosses[0, i, id(new[0][0])] = crosses[0, i, id(old[0][0])]
+    fresh = setting(8)[3].whitened([white(n) for n in N])
+    for got, expected in zip(kept.products(other, residual).at((3e-3,) * 4),
+                             fresh.products(other, residual).at((3e-3,) * 4)):
+        assert got.matrix == pytest.approx(expected.matrix)
