@@ -214,7 +214,8 @@ def _settled(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...], outcome:
     """Fit the numbers named about where they were found, and say what a line leaves wrong."""
     off, simulator = _bent(ready, outcome), ready[0].runs.simulator
     for _ in range(REFITS if again else 0):
-        if not _moves(off) or runs_short(simulator, [one.runs for one in ready]):
+        if not (_moves(off) or _falls_short(outcome, _recomputed(ready, judged, outcome))) \
+                or runs_short(simulator, [one.runs for one in ready]):
             break
         assert isinstance(outcome.rig, SimulatedRobot)
         for one in ready:

@@ -56,7 +56,7 @@ from forcecal_ros.diagnose.localise.localisation import localise, Location, stag
 from forcecal_ros.diagnose.localise.predictability import Predictability
 from forcecal_ros.diagnose.localise.time_frequency import BANDS, Line
 from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
-from forcecal_ros.diagnose.model.hypotheses import hypotheses, Hypothesis
+from forcecal_ros.diagnose.model.hypotheses import hypotheses, Hypothesis, releases
 from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
 from forcecal_ros.diagnose.model.saturation import CLIPPING
 from forcecal_ros.diagnose.say.patched import patched_rig
@@ -67,6 +67,7 @@ from forcecal_ros.diagnose.search.bias_steps import Event, with_steps
 from forcecal_ros.diagnose.search.onset_selection import Found, with_onsets
 from forcecal_ros.diagnose.search.onsets import Instant
 from forcecal_ros.diagnose.search.selection import nearest, select, Selection
+from forcecal_ros.diagnose.search.tolerances import narrowed
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
@@ -86,6 +87,9 @@ FAINT = 1e-3
 
 LINES = 2
 """Lines that a discrepancy may have: mains and a motor."""
+
+UNTOLD = ('no_gap', 'unknown')
+"""Verdicts that name no effect, although the motion could show one."""
 
 ENOUGH = 3.0
 """Scatter of a simulated signal, in its noise, from which a recording can answer."""
@@ -161,6 +165,28 @@ def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[
         return Outcome(Diagnosis('invalid_data', str(error)), rig)
     checks = Checks(*from_checks(stamps, sample_noise(first, np.zeros(len(CHANNELS))),
                                  rig.accelerometer.model(datasets[0].simulation.accelerometer)))
+    outcome = _searched(first, checks, observed, given)
+    if not _is_untold(outcome):
+        return outcome
+    closer = narrowed(first, releases(first))
+    if closer is None:
+        return outcome
+    within = _searched(closer.model, checks, observed, given)
+    told = within.diagnosis
+    if _is_untold(within) or (told.remainder or {}).get('ratio', np.inf) > 1.0:
+        return outcome
+    return replace(within, diagnosis=replace(told, notes=(*told.notes, str(closer))))
+
+
+def _is_untold(outcome: Outcome) -> bool:
+    """Say whether nothing was named, neither before nor in the search."""
+    effects = outcome.diagnosis.effects
+    return outcome.diagnosis.verdict in UNTOLD and all(e.name == UNKNOWN for e in effects)
+
+
+def _searched(first: LinearisedModel, checks: Checks, observed: list[MeasuredBlocks],
+              given: Sequence[Recording]) -> Outcome:
+    """Search for effects beside tolerances as a model has them, and judge them."""
     known = _with_known(first, checks)
     model, events = with_steps(known)
     frequencies = _strongest(lines_of(model))

@@ -16,8 +16,10 @@ from forcecal_ros.diagnose.inputs.measured_joints import (
 )
 from forcecal_ros.diagnose.inputs.motion_dataset import held_out
 from forcecal_ros.diagnose.inputs.stamps import evened
+from forcecal_ros.diagnose.model.hypotheses import releases
 from forcecal_ros.diagnose.model.jacobian import nuisance_column
 from forcecal_ros.diagnose.model.linearised import linearised_model
+from forcecal_ros.diagnose.search.tolerances import narrowed
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.errors import ConfigError, DataError
 from forcecal_ros.geometry import rotation_from_vector
@@ -148,6 +150,49 @@ def test_what_a_parameter_changes_is_the_same_wherever_it_is_and_not_simulated_a
     one.runs.try_all((1.21, 0.072))
     model.linearise()
     assert len(asked) > 10
+
+
+def of_payload(robot, payload):
+    """Return the model of a recording with another payload, recalibrated."""
+    one = by_simulator._prepared(evened(measured(robot, payload, 0.0705)), robot, None, TOLERANCES)
+    one.runs.try_all(robot.nominal)
+    one.simulation.forget()
+    return linearised_model(one.robot, held_out([one.dataset]))
+
+
+def test_a_number_beyond_its_tolerance_is_not_shared_by_those_within_theirs(robot):
+    model = of_payload(robot, 1.248)
+    closer = narrowed(model, releases(model))
+    (name, sigmas), = closer.beyond
+    assert name == 'payload'
+    assert sigmas == pytest.approx(4.0, abs=0.4)
+    within = closer.model.prior()
+    of_gains = [n.key == 'wrench_gain' for n in model.nuisances]
+    assert (within.bound[of_gains] < model.prior().bound[of_gains]).all()
+    assert (np.abs(closer.model.centre) <= within.bound + 1e-6).all()
+    assert str(closer).startswith('payload is ')
+
+
+def test_tolerances_stay_where_all_numbers_are_within_theirs(robot):
+    model = of_payload(robot, 1.224)
+    assert narrowed(model, releases(model)) is None
+
+
+def test_tolerances_that_a_file_states_are_not_narrowed(robot):
+    model = of_payload(robot, 1.248)
+    stated = replace(model, nuisances=tuple(n._replace(prior_std=None) for n in model.nuisances))
+    assert narrowed(stated, releases(stated)) is None
+
+
+@pytest.mark.long
+def test_a_payload_four_sigma_off_is_named_with_its_size(robot):
+    found = diagnose_rerun(measured(robot, 1.248, 0.0705), None, robot, TOLERANCES)
+    assert found.outcome.diagnosis.verdict == 'identified'
+    changed, = found.changed
+    assert changed.name == 'payload'
+    assert changed.after == pytest.approx(1.248, abs=4.0 * changed.std)
+    assert changed.std < 0.003
+    assert found.recomputed > 0.5
 
 
 class Giving:

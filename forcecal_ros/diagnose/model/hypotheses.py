@@ -98,10 +98,7 @@ def hypotheses(model: LinearisedModel, line: float | None = None) -> list[Hypoth
         if name in model.fixed or not simulation.can_show(name, model.rig):
             continue
         if effect.nuisance:
-            own = [n.name for n in model.nuisances if n.key == effect.nuisance]
-            if own:
-                found.append(Hypothesis(name, effect, tuple(
-                    frozenset(own[i] for i in part) for part in _parts(effect, len(own))), ()))
+            found += _released(model, name, effect)
             continue
         if name in CLIPPING:
             atoms = tuple(_limits(model, name, effect))
@@ -110,6 +107,22 @@ def hypotheses(model: LinearisedModel, line: float | None = None) -> list[Hypoth
         if atoms:
             found.append(Hypothesis(name, effect, (), atoms))
     return found
+
+
+def releases(model: LinearisedModel) -> list[Hypothesis]:
+    """List those hypotheses only that lift the prior of nuisances; nothing is simulated."""
+    simulation = model.datasets[0].simulation
+    return [h for name, effect in model.library.items()
+            if effect.nuisance and name not in model.fixed
+            and simulation.can_show(name, model.rig) for h in _released(model, name, effect)]
+
+
+def _released(model: LinearisedModel, name: str, effect: Effect) -> list[Hypothesis]:
+    own = [n.name for n in model.nuisances if n.key == effect.nuisance]
+    if not own:
+        return []
+    return [Hypothesis(name, effect, tuple(
+        frozenset(own[i] for i in part) for part in _parts(effect, len(own))), ())]
 
 
 def _parts(effect: Effect, n: int) -> list[list[int]]:

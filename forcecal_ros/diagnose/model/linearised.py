@@ -96,6 +96,8 @@ class LinearisedModel:
         Part of the signals that the discrepancy may have, stream by stream.
     gates : mapping of str to Gate
         When effects act that do not act all the time.
+    widths : ndarray, shape (m,)
+        Parts of the first nuisances' tolerances by which they may depart; all of it of others.
     """
 
     rig: Rig
@@ -115,6 +117,7 @@ class LinearisedModel:
     discrepancy_scales: Scales = NO_DISCREPANCY
     library: Mapping[str, Effect] = EFFECTS
     gates: Mapping[str, Gate] = field(default_factory=dict)
+    widths: Array = field(default_factory=lambda: np.zeros(0))
     _calibrated: tuple[bytes, Rig] | None = None
     _straight: dict[Hashable, Column] = field(default_factory=dict)
 
@@ -140,8 +143,11 @@ class LinearisedModel:
         only_held_out = np.array([n.acts_on == 'step'
                                   and not self.datasets[n.recording].train.any()
                                   for n in self.nuisances], dtype=bool)
-        return Prior(np.where(only_held_out, 0.0, self.centre), np.where(free, RELEASED, 1.0),
-                     np.where(endless, np.inf, LIMIT))
+        widths = np.ones(len(free))
+        widths[:len(self.widths)] = self.widths
+        return Prior(np.where(only_held_out, 0.0, self.centre),
+                     np.where(free, RELEASED, widths ** -2.0),
+                     np.where(endless, np.inf, LIMIT * widths))
 
     def simulate(self, effects: Values, dataset: int) -> Array:
         """Return measured less simulated of one recording with other effects, (n, channels)."""
