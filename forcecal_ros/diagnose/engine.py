@@ -21,6 +21,7 @@ from forcecal_ros.diagnose.judge.coverage import (
     signal_to_noise,
     unjudged,
 )
+from forcecal_ros.diagnose.judge.equivalents import equivalent, why
 from forcecal_ros.diagnose.judge.gap import (
     Errors,
     Gap,
@@ -229,8 +230,11 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
     doubts = nameless(selection.log_bayes_factors, selection.missing_evidence, known)
     numbers = {a.name: parameters_of(final, a) for a in selection.accepted}
     period = _period(final)
-    ties = {name: other for name, values in numbers.items()
+    lags = {name: other for name, values in numbers.items()
             if (other := tied(name, values, period)) and other not in numbers}
+    alike = {name: other for name, values in numbers.items()
+             if (other := equivalent(final, name, values, selection.log_bayes_factors[name]))}
+    ties = {**alike, **lags}
     probability, candidates = probabilities(
         [(a.name, with_tie(selection.alternatives.get(a.name, {}), ties.get(a.name, '')))
          for a in selection.accepted], part,
@@ -257,7 +261,8 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
     return _Judged(summary, part, gap, noise, effects, candidates, word,
                    sentence + unjudged(model),
                    (*(note for a in selection.accepted for note in untold(final, a)),
-                    *(note_of(name, other, period) for name, other in ties.items())))
+                    *(note_of(name, other, period) for name, other in lags.items()),
+                    *(why(name, other) for name, other in alike.items())))
 
 
 def _period(model: LinearisedModel) -> float:
