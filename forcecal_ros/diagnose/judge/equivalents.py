@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from forcecal_ros.diagnose.judge.named_effects import Parameter
+from forcecal_ros.diagnose.model.evidence import fit
 from forcecal_ros.diagnose.model.gates import nuisances_of
 from forcecal_ros.diagnose.model.jacobian import column
 from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
@@ -166,12 +167,15 @@ def _between(model: LinearisedModel, name: str, other: str, values: Values) -> f
         instead.evaluate()
     except Diverged:
         return np.inf
-    differences = [[column(a - b, model.level)]
+    differences = [[column(b - a, model.level)]
                    for a, b in zip(model.residuals, instead.residuals)]
     train, held = instead.grams(differences)
-    m, matrix = len(model.nuisances), train.matrix + held.matrix
-    taken = np.linalg.solve(matrix[:m, :m] + np.diag(instead.prior().precision), matrix[:m, m])
-    return float(matrix[m, m] - matrix[m, :m] @ taken)
+    every, prior, m = train + held, instead.prior(), len(model.nuisances)
+    own = every.of(np.arange(m))._replace(vector=every.matrix[:m, m],
+                                          square=float(every.matrix[m, m]))
+    x = fit(own, prior).x
+    before, after = prior.centre, prior.centre + x
+    return own.residual_squares(x) + float(prior.precision @ (after ** 2 - before ** 2))
 
 
 def why(name: str, other: str) -> str:
