@@ -51,7 +51,7 @@ def _three(v: Given) -> Array:
 def _turned(v: Given, rig: Rig) -> Values:
     """Turn the force sensor as the accelerometer's readings are turned back."""
     turn = rotation_from_vector(_three(v))
-    return _crosstalk(np.kron(np.eye(2), turn))
+    return _crosstalk(np.asarray(np.kron(np.eye(2), turn), dtype=float))
 
 
 def _misaligned(v: Given, rig: Rig) -> Values:
@@ -105,8 +105,7 @@ FORMS: Mapping[str, Mapping[str, Form]] = {
 
 TOLD_BY: Mapping[frozenset[str], str] = {
     frozenset(('accel_misalignment', 'wrench_crosstalk')):
-        'a force sensor and an accelerometer that are turned: the accelerometer at rest tells them '
-        'apart',
+        'a force sensor and an accelerometer that are turned: the latter at rest tells them apart',
     frozenset(('tool_com', 'wrench_crosstalk')):
         'a centre of mass, and torques about another point: contact at a known place tells them '
         'apart',
@@ -171,11 +170,11 @@ def _between(model: LinearisedModel, name: str, other: str, values: Values) -> f
                    for a, b in zip(model.residuals, instead.residuals)]
     train, held = instead.grams(differences)
     every, prior, m = train + held, instead.prior(), len(model.nuisances)
-    own = every.of(np.arange(m))._replace(vector=every.matrix[:m, m],
-                                          square=float(every.matrix[m, m]))
-    x = fit(own, prior).x
+    less = every.of(np.arange(m))._replace(vector=every.matrix[:m, m],
+                                           square=float(every.matrix[m, m]))
+    x = fit(less, prior).x
     before, after = prior.centre, prior.centre + x
-    return own.residual_squares(x) + float(prior.precision @ (after ** 2 - before ** 2))
+    return less.residual_squares(x) + float(prior.precision @ (after ** 2 - before ** 2))
 
 
 def why(name: str, other: str) -> str:

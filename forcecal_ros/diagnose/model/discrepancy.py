@@ -377,7 +377,7 @@ class Products:
         return {one.channel: self._likeliest(one)[0] for one in self.parts}
 
     def _likeliest(self, one: _Channel) -> tuple[float, Array, Array, Array]:
-        """Return a channel's likeliest size, its information's spectrum, and its products there."""
+        """Return a channel's likeliest size, and its information's spectrum and products."""
         values, vectors = np.linalg.eigh(self.whitened.modes(one.channel).all)
         values = np.maximum(values, 0.0)
         right = vectors.T @ one.all.cross[:, 0]

@@ -71,7 +71,7 @@ def test_a_number_that_a_discrepancy_is_like_is_off_by_as_much_as_it_is_said_to_
 
 def test_a_discrepancy_is_predicted_held_out_and_may_be_off_as_the_dense_gaussian_says():
     rows, _, residual, products = setting(np.random.default_rng(3))
-    datasets = SimpleNamespace(held=np.arange(N) >= TRAINED),
+    datasets = (SimpleNamespace(held=np.arange(N) >= TRAINED),)
     found = predicted(products, {0: OWN}, datasets)
     f, g = rows[:, :TRAINED].astype(float), rows[:, TRAINED:].astype(float)
     across = (OWN * SIGNAL) ** 2 * (g.T * SHARE) @ f
