@@ -252,7 +252,7 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
                     selection.missing_evidence, known)
     possible = {name: 1.0 - less[name] for name in selection.doubtful}
     candidates = _sorted([*candidates, *((n, p) for n, p in possible.items() if p > FAINT)])
-    stated = with_taken(final, selection.accepted, numbers, errors)
+    stated = with_taken(final, selection.accepted, numbers, errors, gap.closed)
     named_ones = [begun_or_ended(NamedEffect(name, values, probability[name]), final, instants)
                   for name, values in stated.items()]
     sentence += in_time([*named_ones, *steps]) + missing_streams(final.datasets[0].recording)

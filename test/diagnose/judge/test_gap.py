@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
-from forcecal_ros.diagnose.judge.gap import Arms, Errors, gap, SECOND
+from forcecal_ros.diagnose.judge.gap import Arms, Errors, gap, OFF, SECOND
 from forcecal_ros.diagnose.model.own_size import Predicted
 import numpy as np
 import pytest
@@ -51,7 +51,19 @@ def test_what_was_taken_for_an_effect_counts_as_left_and_widens_the_interval():
     # 0.3^2 + 4 * 1e-4 without, 4 * 0.01 + 0.02 more with it, all in 2^2 and what was left
     assert share[1] / share[0] == pytest.approx(np.sqrt(0.1504 / 0.0904), rel=0.05)
     assert large > 2.0 * small
+    # at least as wide as what is left is uncertain beside any discrepancy
+    assert large > share[1] * (np.exp(1.9 * OFF) - np.exp(-1.9 * OFF))
     assert found[1].recalibrated == found[0].recalibrated
+
+
+def test_no_more_is_taken_for_an_effect_than_it_explains():
+    n, k = 8 * SECOND, len(CHANNELS)
+    held = SimpleNamespace(held=np.ones(n, dtype=bool))
+    effect = np.random.default_rng(6).standard_normal((n, k))
+    arms = [Arms(effect, np.zeros((n, k)), effect, np.zeros((n, k)))]
+    errors = Errors(np.ones((k, 1, 1)), np.zeros((1, 1)), np.full((1, 1), 100.0),
+                    Predicted([np.zeros((n, k))], np.zeros(k)))
+    assert gap((held,), arms, np.ones(k), np.zeros(k), errors).closed == pytest.approx(0.0)
 
 
 def test_a_prediction_of_what_a_bin_shows_is_not_counted_twice():

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.judge.gap import Errors
 from forcecal_ros.diagnose.judge.named_effects import Parameter
-from forcecal_ros.diagnose.judge.stated_errors import with_taken
+from forcecal_ros.diagnose.judge.stated_errors import LIKE, with_taken
 from forcecal_ros.diagnose.search.fitted import Accepted
 from forcecal_ros.effects import EFFECTS
 import numpy as np
@@ -33,7 +33,7 @@ def errors(taken):
 
 
 def test_each_number_has_what_was_taken_in_its_own_column_besides():
-    found = with_taken(MODEL, ACCEPTED, NUMBERS, errors(np.diag([3.0, 99.0, 12.0, 5.0, 2.0])))
+    found = with_taken(MODEL, ACCEPTED, NUMBERS, errors(np.diag([3.0, 99.0, 12.0, 5.0, 2.0])), 1.0)
     assert found['tool_mass']['change'].std == pytest.approx(0.002 * 2.0)
     assert found['wrench_lowpass']['time_constant'].std == pytest.approx(1e-4 * 2.0)
     assert found['wrench_lowpass']['second_order'].std == 0.1  # at its bound in the fit
@@ -43,5 +43,16 @@ def test_each_number_has_what_was_taken_in_its_own_column_besides():
     assert values == [[p.value for p in own.values()] for own in NUMBERS.values()]
 
 
+def test_what_is_left_may_be_of_the_effects_own_shape():
+    found = with_taken(MODEL, ACCEPTED, NUMBERS, errors(np.zeros((5, 5))), 0.6)
+    assert found['tool_mass']['change'].std == pytest.approx(np.hypot(0.002, LIKE * 0.4 * 0.1))
+    assert found['base_tilt']['y'].std == pytest.approx(np.hypot(1e-3, LIKE * 0.4 * 0.02))
+    assert found['base_tilt']['x'].std == 0.0
+    # how an effect acts is no size of it
+    assert found['wrench_lowpass']['second_order'].std == 0.1
+    worse = with_taken(MODEL, ACCEPTED, NUMBERS, errors(np.zeros((5, 5))), -3.0)
+    assert worse['tool_mass']['change'].std == pytest.approx(np.hypot(0.002, LIKE * 0.1))
+
+
 def test_nothing_changes_where_nothing_is_beside_the_effect():
-    assert with_taken(MODEL, ACCEPTED, NUMBERS, errors(None)) == NUMBERS
+    assert with_taken(MODEL, ACCEPTED, NUMBERS, errors(None), 0.2) == NUMBERS
