@@ -21,7 +21,9 @@ from forcecal_ros.diagnose.judge.coverage import (
     signal_to_noise,
     unjudged,
 )
+from forcecal_ros.diagnose.judge.equivalents import equivalent, why
 from forcecal_ros.diagnose.judge.gap import (
+    Errors,
     Gap,
     measured_gap,
     parameter_errors,
@@ -51,6 +53,7 @@ from forcecal_ros.diagnose.judge.residual_summary import (
     UnexplainedPart,
     WANDERING,
 )
+from forcecal_ros.diagnose.judge.stated_errors import with_taken
 from forcecal_ros.diagnose.judge.ties import note_of, tied, with_tie
 from forcecal_ros.diagnose.localise.localisation import localise, Location, stage_of
 from forcecal_ros.diagnose.localise.predictability import Predictability
@@ -244,7 +247,7 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
     summary = summarise_residual(fitted_to_all(final, selection.jacobians),
                                  selection.discrepancy_evidence)
     part = unexplained(summary)
-    gap, noise = _measured(first, selection, summary, observed)
+    gap, noise, errors = _measured(first, selection, summary, observed)
     in_wrench = float(selection.missing_by_stream[list(STREAM_SLICES).index('wrench')])
     steps = named_steps(final, events, least_evidence(
         in_wrench, list(selection.log_bayes_factors.values())))
@@ -253,8 +256,11 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
     doubts = nameless(selection.log_bayes_factors, selection.missing_evidence, known)
     numbers = {a.name: parameters_of(final, a) for a in selection.accepted}
     period = _period(final)
-    ties = {name: other for name, values in numbers.items()
+    lags = {name: other for name, values in numbers.items()
             if (other := tied(name, values, period)) and other not in numbers}
+    alike = {name: other for name, values in numbers.items()
+             if (other := equivalent(final, name, values, selection.log_bayes_factors[name]))}
+    ties = {**alike, **lags}
     probability, candidates = probabilities(
         [(a.name, with_tie(selection.alternatives.get(a.name, {}), ties.get(a.name, '')))
          for a in selection.accepted], part,
@@ -272,15 +278,17 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
                     selection.missing_evidence, known)
     possible = {name: 1.0 - less[name] for name in selection.doubtful}
     candidates = _sorted([*candidates, *((n, p) for n, p in possible.items() if p > FAINT)])
+    stated = with_taken(final, selection.accepted, numbers, errors, gap.closed)
     named_ones = [begun_or_ended(NamedEffect(name, values, probability[name]), final, instants)
-                  for name, values in numbers.items()]
+                  for name, values in stated.items()]
     sentence += in_time([*named_ones, *steps]) + missing_streams(final.datasets[0].recording)
     effects = (*named_ones, *steps,
                *(NamedEffect(n, v, CHECKED) for n, v in checks.effects.items()))
     return _Judged(summary, part, gap, noise, effects, candidates, word,
                    sentence + unjudged(model),
                    (*(note for a in selection.accepted for note in untold(final, a)),
-                    *(note_of(name, other, period) for name, other in ties.items())))
+                    *(note_of(name, other, period) for name, other in lags.items()),
+                    *(why(name, other) for name, other in alike.items())))
 
 
 def _period(model: LinearisedModel) -> float:
@@ -306,7 +314,7 @@ def _say(first: LinearisedModel, model: LinearisedModel, selection: Selection, j
         final = replace(model, noise=[at_standstill(b, n)
                                       for b, n in zip(model.residuals, model.noise)])
         selection = Selection(final, (), (), {})
-        gap, noise = _measured(first, selection, summarise_residual(final), observed)
+        gap, noise, _ = _measured(first, selection, summarise_residual(final), observed)
         unknown = NamedEffect(UNKNOWN, {}, dict(judged.candidates).get(UNKNOWN, SURE))
         diagnosis = replace(diagnosis, gap=gap, effects=(unknown,))
     if judged.word == 'not_excited':
@@ -317,8 +325,8 @@ def _say(first: LinearisedModel, model: LinearisedModel, selection: Selection, j
 
 
 def _measured(first: LinearisedModel, selection: Selection, summary: ResidualSummary,
-              observed: list[MeasuredBlocks]) -> tuple[Gap, Array]:
-    """Return the gap in its three arms, and the noise of one sample of every channel."""
+              observed: list[MeasuredBlocks]) -> tuple[Gap, Array, Errors]:
+    """Return the gap in its three arms, the noise of one sample of every channel, and errors."""
     final = selection.model
     moved = [predictable(summary.predictability, i) for i in range(len(final.datasets))]
     errors = parameter_errors(final, selection.jacobians)
@@ -327,7 +335,9 @@ def _measured(first: LinearisedModel, selection: Selection, summary: ResidualSum
     noise = sample_noise(final, errors.expected() + nameless, moved)
     before = [o.residual(s) for o, s in zip(observed, first.base)]
     nominal = [o.residual(c.nominal) for o, c in zip(observed, first.datasets)]
-    return measured_gap(first, final, (nominal, before, moved), noise, energy, errors), noise
+    beside = moved if errors.predicted is None else errors.predicted.rows
+    return (measured_gap(first, final, (nominal, before, beside), noise, energy, errors), noise,
+            errors)
 
 
 def _moved(model: LinearisedModel) -> dict[str, tuple[float, float]]:

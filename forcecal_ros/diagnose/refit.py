@@ -5,7 +5,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.engine import Outcome
+from forcecal_ros.diagnose.judge.gap import parameter_errors
 from forcecal_ros.diagnose.judge.named_effects import Parameter, parameters_of
+from forcecal_ros.diagnose.judge.stated_errors import with_taken
 from forcecal_ros.diagnose.say.patched import patched_rig
 from forcecal_ros.diagnose.search.joint_fit import joint_fit_if_finite
 from forcecal_ros.diagnose.search.selection import Selection
@@ -47,7 +49,10 @@ def refitted(outcome: Outcome) -> Outcome:
     now = joint_fit_if_finite(model, outcome.selection.accepted)
     if now is None:
         return outcome
-    numbers = {a.name: parameters_of(now.model, a) for a in now.accepted}
+    known = {a.name: parameters_of(now.model, a) for a in now.accepted}
+    gap = outcome.diagnosis.gap
+    numbers = with_taken(now.model, now.accepted, known,
+                         parameter_errors(now.model, now.jacobians), gap.closed if gap else 1.0)
     effects = tuple(replace(e, parameters=numbers.get(e.name, e.parameters))
                     for e in outcome.diagnosis.effects)
     selection = outcome.selection._replace(model=now.model, accepted=tuple(now.accepted),

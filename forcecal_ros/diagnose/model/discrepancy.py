@@ -322,7 +322,7 @@ class Products:
     """
 
     def __init__(self, whitened: WhitenedDiscrepancy, k: int, channels: list[_Channel]) -> None:
-        self._whitened, self._k, self._channels = whitened, k, channels
+        self.whitened, self.k, self.parts = whitened, k, channels
         self._streams: dict[tuple[int, bool, float], Gram] = {}
 
     def at(self, scales: Scales) -> tuple[Gram, Gram]:
@@ -345,17 +345,17 @@ class Products:
                              every.log_det - trained.log_det)
 
     def _total(self, trained: bool, scales: Scales) -> Gram:
-        total = Gram(np.zeros((self._k, self._k)), np.zeros(self._k), 0.0, 0)
+        total = Gram(np.zeros((self.k, self.k)), np.zeros(self.k), 0.0, 0)
         for stream in self.streams():
             total += self._of_stream(stream, trained, scales[stream])
         return total
 
     def _of_stream(self, stream: int, trained: bool, size: float) -> Gram:
         """Return one stream's Gram; a search for the best sizes changes one after the other."""
-        key, k = (stream, trained, size), self._k
+        key, k = (stream, trained, size), self.k
         if key not in self._streams:
             matrix, vector, square, n, log_det = np.zeros((k, k)), np.zeros(k), 0.0, 0, 0.0
-            for one in (one for one in self._channels if STREAM[one.channel] == stream):
+            for one in (one for one in self.parts if STREAM[one.channel] == stream):
                 own, more = self._part(one, trained, size)
                 matrix[np.ix_(one.there, one.there)] += own[1:, 1:]
                 vector[one.there] += own[1:, 0]
@@ -370,14 +370,14 @@ class Products:
         sums = one.trained if trained else one.all
         if size == 0.0 or not len(sums.cross):
             return sums.own, 0.0
-        factor = self._whitened.factor(one.channel, trained, size)
+        factor = self.whitened.factor(one.channel, trained, size)
         taken = solve_triangular(factor, sums.cross, lower=True, check_finite=False)
         return sums.own - taken.T @ taken, 2.0 * float(np.log(np.diag(factor) * size).sum())
 
     @property
     def channels(self) -> NDArray[np.intp]:
         """Count the channels of each stream, in the order of STREAM_SLICES."""
-        streams = [STREAM[one.channel] for one in self._channels]
+        streams = [STREAM[one.channel] for one in self.parts]
         return np.bincount(streams, minlength=len(STREAM_SLICES))
 
     def unexplained(self, x: Array, scales: Scales) -> tuple[Array, Array]:
@@ -397,7 +397,7 @@ class Products:
             Samples.
         """
         cost, n = np.zeros((2, len(STREAM_SLICES)))
-        for one in self._channels:
+        for one in self.parts:
             stream = STREAM[one.channel]
             own, log_det = self._part(one, False, scales[stream])
             left = np.append(1.0, -x[one.there])
@@ -407,22 +407,31 @@ class Products:
 
     def streams(self) -> list[int]:
         """List the streams, by their place among scales, that there are."""
-        return sorted({STREAM[one.channel] for one in self._channels})
+        return sorted({STREAM[one.channel] for one in self.parts})
 
     def likeliest(self) -> dict[int, Array]:
         """Return the features' weights at each channel's own likeliest size, shape (k,) each."""
         out = {}
-        for one in self._channels:
-            modes = self._whitened.modes(one.channel)
-            values, vectors = np.linalg.eigh(modes.all)
-            values = np.maximum(values, 0.0)
-            right = vectors.T @ one.all.cross[:, 0]
-            gains = [0.5 * float(np.sum(right ** 2 / (values + s ** -2.0)
-                                        - np.log1p(values * s ** 2))) for s in FREE[1:]]
-            if len(right) and max(gains) > 0.0:
-                best = FREE[1 + int(np.argmax(gains))]
-                out[one.channel] = modes.weights @ (vectors @ (right / (values + best ** -2.0)))
+        for one in self.parts:
+            size, values, vectors, right = self._likeliest(one)
+            if size:
+                out[one.channel] = self.whitened.modes(one.channel).weights @ (
+                    vectors @ (right / (values + size ** -2.0)))
         return out
+
+    def likeliest_sizes(self) -> dict[int, float]:
+        """Return the likeliest part of its signal that each channel's discrepancy has, 0: none."""
+        return {one.channel: self._likeliest(one)[0] for one in self.parts}
+
+    def _likeliest(self, one: _Channel) -> tuple[float, Array, Array, Array]:
+        """Return a channel's likeliest size, and its information's spectrum and products."""
+        values, vectors = np.linalg.eigh(self.whitened.modes(one.channel).all)
+        values = np.maximum(values, 0.0)
+        right = vectors.T @ one.all.cross[:, 0]
+        gains = [0.5 * float(np.sum(right ** 2 / (values + s ** -2.0)
+                                    - np.log1p(values * s ** 2))) for s in FREE[1:]]
+        found = len(right) and max(gains) > 0.0
+        return FREE[1 + int(np.argmax(gains))] if found else 0.0, values, vectors, right
 
     def weights(self, scales: Scales, trained: bool = True) -> dict[int, Array]:
         """
@@ -436,12 +445,12 @@ class Products:
             By the training blocks, or by all.
         """
         out = {}
-        for one in self._channels:
+        for one in self.parts:
             size = scales[STREAM[one.channel]]
             sums = one.trained if trained else one.all
             if size and len(sums.cross):
-                factor = self._whitened.factor(one.channel, trained, size)
-                out[one.channel] = self._whitened.modes(one.channel).weights @ cho_solve(
+                factor = self.whitened.factor(one.channel, trained, size)
+                out[one.channel] = self.whitened.modes(one.channel).weights @ cho_solve(
                     (factor, True), sums.cross[:, 0])
         return out
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from forcecal_ros.diagnose.judge.equivalents import FORMS, why
 from forcecal_ros.diagnose.judge.ties import tied
 from forcecal_ros.diagnose.plan.recording import motion_for
 from forcecal_ros.diagnose.say.result import Diagnosis
@@ -55,7 +56,7 @@ def _to_tell_apart(diagnosis: Diagnosis, rig: Rig) -> str:
     others = [n for n, _ in diagnosis.candidates if n in EFFECTS and n not in {*named, *same}]
     if diagnosis.verdict != 'ambiguous' or not named:
         return ''
-    for other in others:
+    for other in (n for n in others if not _alike(named[0], n, diagnosis)):
         try:
             phase, energy = separating(rig, named[0], other)[0]
         except ForcecalError:
@@ -63,6 +64,11 @@ def _to_tell_apart(diagnosis: Diagnosis, rig: Rig) -> str:
         return (f'{_recorded(phase)}: it tells {named[0]} from {other}; at typical sizes they '
                 f'differ there by {float(f"{energy:.2g}"):,.12g} times the energy of the noise.')
     return ''
+
+
+def _alike(name: str, other: str, diagnosis: Diagnosis) -> bool:
+    """Say whether a note tells already that two effects do the same, and what tells them apart."""
+    return other in FORMS.get(name, {}) and why(name, other) in diagnosis.notes
 
 
 def _recorded(phase: str) -> str:

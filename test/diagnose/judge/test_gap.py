@@ -3,8 +3,10 @@
 from types import SimpleNamespace
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
-from forcecal_ros.diagnose.judge.gap import Arms, Errors, gap, SECOND
+from forcecal_ros.diagnose.judge.gap import Arms, Errors, gap, OFF, SECOND
+from forcecal_ros.diagnose.model.own_size import Predicted
 import numpy as np
+import pytest
 
 
 def test_errors_of_parameters_are_drawn_as_large_as_they_are_expected():
@@ -31,3 +33,45 @@ def test_the_interval_of_few_blocks_is_wider_than_their_bootstrap():
         widths.append(found.closed_ci95[1] - found.closed_ci95[0])
     # ten times the blocks: root of ten, and 1.44 against 1.03 for their number
     assert widths[0] > 1.1 * np.sqrt(10.0) * widths[1]
+
+
+def test_what_was_taken_for_an_effect_counts_as_left_and_widens_the_interval():
+    n, k = 8 * SECOND, len(CHANNELS)
+    rng = np.random.default_rng(4)
+    held = SimpleNamespace(held=np.ones(n, dtype=bool))
+    effect, left = 2.0 * rng.standard_normal((n, k)), 0.3 * rng.standard_normal((n, k))
+    arms = [Arms(effect + left, np.zeros((n, k)), effect, left)]
+    grams, covariance = np.full((k, 1, 1), 4.0), np.full((1, 1), 1e-4)
+    noise, nothing = np.ones(k), np.zeros(k)
+    own = Predicted([left], np.full(k, 0.02))
+    found = [gap((held,), arms, noise, nothing, errors) for errors in (
+        Errors(grams, covariance), Errors(grams, covariance, np.full((1, 1), 0.01), own))]
+    small, large = (one.closed_ci95[1] - one.closed_ci95[0] for one in found)
+    share = [1.0 - one.closed for one in found]
+    # 0.3^2 + 4 * 1e-4 without, 4 * 0.01 + 0.02 more with it, all in 2^2 and what was left
+    assert share[1] / share[0] == pytest.approx(np.sqrt(0.1504 / 0.0904), rel=0.05)
+    assert large > 2.0 * small
+    # at least as wide as what is left is uncertain beside any discrepancy
+    assert large > share[1] * (np.exp(1.9 * OFF) - np.exp(-1.9 * OFF))
+    assert found[1].recalibrated == found[0].recalibrated
+
+
+def test_no_more_is_taken_for_an_effect_than_it_explains():
+    n, k = 8 * SECOND, len(CHANNELS)
+    held = SimpleNamespace(held=np.ones(n, dtype=bool))
+    effect = np.random.default_rng(6).standard_normal((n, k))
+    arms = [Arms(effect, np.zeros((n, k)), effect, np.zeros((n, k)))]
+    errors = Errors(np.ones((k, 1, 1)), np.zeros((1, 1)), np.full((1, 1), 100.0),
+                    Predicted([np.zeros((n, k))], np.zeros(k)))
+    assert gap((held,), arms, np.ones(k), np.zeros(k), errors).closed == pytest.approx(0.0)
+
+
+def test_a_prediction_of_what_a_bin_shows_is_not_counted_twice():
+    n, k = 8 * SECOND, len(CHANNELS)
+    rng = np.random.default_rng(5)
+    held = SimpleNamespace(held=np.ones(n, dtype=bool))
+    effect, left = rng.standard_normal((n, k)), 0.3 * rng.standard_normal((n, k))
+    arms = [Arms(effect + left, np.zeros((n, k)), effect, left)]
+    alone = gap((held,), arms, np.ones(k), np.zeros(k))
+    assert gap((held,), arms, np.ones(k), np.full(k, 0.08)).closed == pytest.approx(alone.closed)
+    assert gap((held,), arms, np.ones(k), np.full(k, 0.2)).closed < alone.closed - 0.05

@@ -1,0 +1,91 @@
+"""
+A discrepancy as large as it is, channel by channel, and what it does to fitted parameters.
+
+A fit allows for a small discrepancy, the same part of the signal in all channels of a stream, so
+that an effect does not count for nothing. What is beside it may be larger, and may have the
+effect's own shape: then part of it goes into the effect's numbers, and out of what is left.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.inputs.dataset import Dataset
+from forcecal_ros.diagnose.model.discrepancy import Products, Scales, STREAM
+from forcecal_ros.geometry import Array
+import numpy as np
+from scipy.linalg import cho_solve
+
+
+def spread(products: Products, assumed: Scales, sizes: Mapping[int, float]) -> Array:
+    """
+    Return how products of columns and residual vary by a larger discrepancy than assumed.
+
+    Parameters
+    ----------
+    assumed : tuple of float
+        Part of the signals in each stream that a fit to the training blocks allowed for.
+    sizes : mapping of int to float
+        Part of its signal that each channel has.
+
+    Returns
+    -------
+    ndarray, shape (k, k)
+        Covariance beyond what that fit knows of; 0 where no channel has more.
+    """
+    out = np.zeros((products.k, products.k))
+    for one in products.parts:
+        size, known = sizes.get(one.channel, 0.0), assumed[STREAM[one.channel]]
+        if size <= known:
+            continue
+        cross = one.trained.cross[:, 1:]
+        if known:
+            factor = products.whitened.factor(one.channel, True, known)
+            cross = cho_solve((factor, True), cross) / known ** 2
+        out[np.ix_(one.there, one.there)] += (size ** 2 - known ** 2) * cross.T @ cross
+    return out
+
+
+class Predicted(NamedTuple):
+    """
+    What training blocks say of a discrepancy.
+
+    Attributes
+    ----------
+    rows : list of ndarray, shape (n, channels)
+        Of each recording.
+    doubt : ndarray, shape (channels,)
+        Mean square over the held-out blocks by which that may be wrong.
+    """
+
+    rows: list[Array]
+    doubt: Array
+
+
+def predicted(products: Products, sizes: Mapping[int, float], datasets: tuple[Dataset, ...]
+              ) -> Predicted:
+    """
+    Predict a discrepancy from the training blocks.
+
+    Parameters
+    ----------
+    products : Products
+        With the residual.
+    sizes : mapping of int to float
+        Part of its signal that each channel has.
+    """
+    whitened, weights = products.whitened, {}
+    doubt = np.zeros(len(CHANNELS))
+    held = [rows[:, d.held].astype(float) for rows, d in zip(whitened.basis.rows, datasets)]
+    n = max(1, sum(rows.shape[1] for rows in held))
+    gram = sum(rows @ rows.T for rows in held) / n
+    for one in products.parts:
+        size = sizes.get(one.channel, 0.0)
+        if not size or not len(one.trained.cross):
+            continue
+        modes = whitened.modes(one.channel)
+        factor = whitened.factor(one.channel, True, size), True
+        weights[one.channel] = modes.weights @ cho_solve(factor, one.trained.cross[:, 0])
+        doubt[one.channel] = np.trace(cho_solve(factor, modes.weights.T @ gram @ modes.weights))
+    shapes = [(rows.shape[1], len(CHANNELS)) for rows in whitened.basis.rows]
+    return Predicted(whitened.of_weights(weights, shapes), doubt)

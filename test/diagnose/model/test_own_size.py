@@ -1,0 +1,85 @@
+"""What a larger discrepancy does to a fit, and what it is held out, are the dense Gaussian's."""
+
+from types import SimpleNamespace
+
+from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.model.basis import Basis
+from forcecal_ros.diagnose.model.discrepancy import Discrepancy
+from forcecal_ros.diagnose.model.evidence import fit, Prior
+from forcecal_ros.diagnose.model.own_size import predicted, spread
+from forcecal_ros.recording.noise.autoregression import Autoregression, ORDER
+import numpy as np
+import pytest
+
+N, TRAINED, SIGMA, SIGNAL = 80, 50, 0.5, 200.0
+SHARE = np.array([0.25, 0.25, 0.5])
+KNOWN, OWN = 3e-3, 0.03
+
+
+def white():
+    coefficients, sigma = np.zeros((3, len(CHANNELS), ORDER)), np.zeros((3, len(CHANNELS)))
+    sigma[:, 0] = SIGMA
+    there = np.ones((N, len(CHANNELS)), dtype=bool)
+    return Autoregression(coefficients, sigma, there, there, np.zeros(N, dtype=np.intp))
+
+
+def setting(rng):
+    """Return features, two columns, the first like a feature, and the products of a residual."""
+    rows = rng.standard_normal((3, N)).astype(np.float32)
+    columns = np.stack([rows[0] + 0.3 * rng.standard_normal(N), rng.standard_normal(N)])
+    residual = np.zeros((N, len(CHANNELS)))
+    residual[:, 0] = SIGMA * rng.standard_normal(N) \
+        + OWN * SIGNAL * (np.sqrt(SHARE) * rng.standard_normal(3)) @ rows
+    train = np.arange(N) < TRAINED
+    of = Discrepancy(Basis((rows,), SHARE), np.full(len(CHANNELS), SIGNAL), [train])
+    products = of.whitened([white()]).products(
+        [[{0: c.astype(np.float32)} for c in columns]], [residual])
+    return rows, columns, residual, products
+
+
+def covariance(rows, size):
+    return SIGMA ** 2 * np.eye(rows.shape[1]) + (size * SIGNAL) ** 2 * (rows.T * SHARE) @ rows
+
+
+@pytest.mark.parametrize('known', [0.0, KNOWN])
+def test_products_vary_by_what_a_larger_discrepancy_adds(known):
+    rows, columns, _, products = setting(np.random.default_rng(1))
+    f, a = rows[:, :TRAINED].astype(float), columns[:, :TRAINED]
+    weighed = np.linalg.solve(covariance(f, known), a.T)
+    more = covariance(f, OWN) - covariance(f, known)
+    found = spread(products, (known,) * 4, {0: OWN})
+    assert found == pytest.approx(weighed.T @ more @ weighed, rel=1e-3)
+    assert not spread(products, (OWN,) * 4, {0: OWN}).any()
+    assert not spread(products, (known,) * 4, {}).any()
+
+
+def test_a_number_that_a_discrepancy_is_like_is_off_by_as_much_as_it_is_said_to_be():
+    rng, off, stated = np.random.default_rng(2), [], []
+    prior = Prior(np.zeros(2), np.full(2, 1e-9), np.full(2, np.inf))
+    for _ in range(100):
+        *_, products = setting(rng)
+        scales = (KNOWN,) * 4
+        found = fit(products.at(scales)[0], prior)
+        more = found.covariance @ spread(products, scales, {0: OWN}) @ found.covariance
+        off.append(found.x)
+        stated.append([np.diag(found.covariance), np.diag(found.covariance + more)])
+    z = np.mean(np.square(off)[:, None] / np.array(stated), axis=0)
+    # as the fit knows it, and as it is: the first is a feature's likeness, the second is not
+    assert z[0, 0] > 3.0
+    assert z[1] == pytest.approx([1.0, 1.0], abs=0.4)
+
+
+def test_a_discrepancy_is_predicted_held_out_and_may_be_off_as_the_dense_gaussian_says():
+    rows, _, residual, products = setting(np.random.default_rng(3))
+    datasets = (SimpleNamespace(held=np.arange(N) >= TRAINED),)
+    found = predicted(products, {0: OWN}, datasets)
+    f, g = rows[:, :TRAINED].astype(float), rows[:, TRAINED:].astype(float)
+    across = (OWN * SIGNAL) ** 2 * (g.T * SHARE) @ f
+    solved = np.linalg.solve(covariance(f, OWN), np.column_stack([residual[:TRAINED, 0],
+                                                                  across.T]))
+    assert found.rows[0][TRAINED:, 0] == pytest.approx(across @ solved[:, 0], rel=1e-3, abs=1e-3)
+    prior = (OWN * SIGNAL) ** 2 * (g.T * SHARE) @ g
+    assert found.doubt[0] == pytest.approx(
+        np.mean(np.diag(prior - across @ solved[:, 1:])), rel=1e-2)
+    assert not found.doubt[1:].any()
+    assert not predicted(products, {}, datasets).rows[0].any()
