@@ -21,7 +21,7 @@ from forcecal_ros.diagnose.judge.coverage import (
     signal_to_noise,
     unjudged,
 )
-from forcecal_ros.diagnose.judge.equivalents import equivalent, why
+from forcecal_ros.diagnose.judge.equivalents import equivalent, odds, why
 from forcecal_ros.diagnose.judge.gap import (
     Errors,
     Gap,
@@ -262,7 +262,8 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
              if (other := equivalent(final, name, values, selection.log_bayes_factors[name]))}
     ties = {**alike, **lags}
     probability, candidates = probabilities(
-        [(a.name, with_tie(selection.alternatives.get(a.name, {}), ties.get(a.name, '')))
+        [(a.name, with_tie(selection.alternatives.get(a.name, {}), ties.get(a.name, ''),
+                           odds(a.name, ties.get(a.name, ''))))
          for a in selection.accepted], part,
         gap.closed, known, doubts if with_discrepancy else None, selection.log_bayes_factors,
         {} if selection.accepted or part.ratio < 1.0 else nearest(selection, found))

@@ -117,6 +117,21 @@ TOLD_BY: Mapping[frozenset[str], str] = {
 """Pair -> what they are, and what would tell them apart."""
 
 
+AGREEING = {('tool_mass', 'wrench_gain'), ('tool_com', 'wrench_crosstalk')}
+"""Pairs whose second does the same only with numbers that agree: gains, parts of a crosstalk."""
+
+AGREED = 0.25
+"""
+Odds of such numbers against one cause that moves them together. No recordings say how often gains
+of all axes are off alike; payloads are what changes on a robot, and even odds would never say so.
+"""
+
+
+def odds(name: str, other: str) -> float:
+    """Return how likely another effect is against the one that was found and does the same."""
+    return AGREED if (name, other) in AGREEING else 1.0
+
+
 def equivalent(model: LinearisedModel, name: str, found: Mapping[str, Parameter],
                evidence: float) -> str:
     """

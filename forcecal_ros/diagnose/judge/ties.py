@@ -8,6 +8,7 @@ how a driver makes its samples, which no recording shows.
 """
 
 from collections.abc import Mapping
+import math
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.judge.named_effects import Parameter
@@ -49,10 +50,11 @@ def tied(name: str, numbers: Mapping[str, Parameter], period: float) -> str:
     return lag.other if lag and found is not None and abs(found.value) < period else ''
 
 
-def with_tie(alternatives: Mapping[str, float], other: str) -> dict[str, float]:
-    """Return log-odds in which an effect does as well as the accepted one, at least."""
-    return {**alternatives, other: max(0.0, alternatives.get(other, 0.0))} if other \
-        else dict(alternatives)
+def with_tie(alternatives: Mapping[str, float], other: str, odds: float = 1.0
+             ) -> dict[str, float]:
+    """Return log-odds in which an effect has such odds against the accepted one, at least."""
+    return {**alternatives, other: max(math.log(odds), alternatives.get(other, -math.inf))} \
+        if other else dict(alternatives)
 
 
 def note_of(name: str, other: str, period: float) -> str:

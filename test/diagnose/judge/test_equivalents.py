@@ -3,8 +3,11 @@
 from dataclasses import replace
 
 from forcecal_ros.diagnose.inputs.motion_dataset import held_out, prepare_motion
-from forcecal_ros.diagnose.judge.equivalents import equivalent, FORMS, TOLD_BY, why
+from forcecal_ros.diagnose.judge.equivalents import equivalent, FORMS, odds, TOLD_BY, why
 from forcecal_ros.diagnose.judge.named_effects import Parameter
+from forcecal_ros.diagnose.judge.probabilities import probabilities
+from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
+from forcecal_ros.diagnose.judge.ties import with_tie
 from forcecal_ros.diagnose.model.linearised import linearised_model
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.geometry import skew
@@ -121,3 +124,10 @@ def test_each_pair_goes_both_ways_and_is_told():
 
 def test_what_has_no_partner_is_the_same_as_nothing(models):
     assert asked(models(rest=True, accelerometer=True), 'wrench_delay', {'delay': 0.004}) == ''
+
+
+def test_numbers_that_would_have_to_agree_are_less_likely():
+    slots = [('tool_mass', with_tie({}, 'wrench_gain', odds('tool_mass', 'wrench_gain')))]
+    candidates = dict(probabilities(slots, UnexplainedPart(0.1, 'nothing'), 0.99)[1])
+    assert candidates['tool_mass'] == pytest.approx(4.0 * candidates['wrench_gain'])
+    assert odds('accel_misalignment', 'wrench_crosstalk') == 1.0
