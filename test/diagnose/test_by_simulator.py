@@ -5,6 +5,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 import json
 from pathlib import Path
 import re
+from types import SimpleNamespace
 
 from forcecal_ros.cli import main
 from forcecal_ros.diagnose import by_simulator
@@ -28,7 +29,7 @@ from forcecal_ros.recording.streams import JointStream, Recording, Stream
 from forcecal_ros.simulators.protocol import Inputs, Parameter
 from forcecal_ros.simulators.run_limit import refuse_too_many, runs_short
 from forcecal_ros.simulators.runs import Runs
-from forcecal_ros.simulators.simulated_robot import addable, library_of
+from forcecal_ros.simulators.simulated_robot import addable, library_of, SimulatedRobot
 from forcecal_ros.simulators.third_party import load_simulator, third_party
 import numpy as np
 from own_arm import commands, SECONDS, TOLERANCES
@@ -193,6 +194,28 @@ def test_a_payload_four_sigma_off_is_named_with_its_size(robot):
     assert changed.after == pytest.approx(1.248, abs=4.0 * changed.std)
     assert changed.std < 0.003
     assert found.recomputed > 0.5
+
+
+def test_numbers_are_fitted_once_more_where_a_run_of_them_falls_short(monkeypatch):
+    fitted = []
+    one = SimpleNamespace(
+        runs=SimpleNamespace(try_all=lambda numbers: None, count=0, simulator=of_parameters(2)),
+        simulation=SimpleNamespace(forget=lambda: None))
+    gap = SimpleNamespace(gap=SimpleNamespace(closed=0.7))
+    found = SimpleNamespace(rig=object.__new__(SimulatedRobot), left=9.0, diagnosis=gap)
+
+    def refitted(outcome):
+        fitted.append(outcome)
+        return SimpleNamespace(**{**vars(outcome), 'left': 1.0})
+
+    monkeypatch.setattr(by_simulator, '_bent', lambda ready, outcome: {})
+    monkeypatch.setattr(by_simulator, '_squares', lambda ready, judged, outcome: [outcome.left])
+    monkeypatch.setattr(by_simulator, '_recomputed',
+                        lambda ready, judged, outcome: 0.7 if outcome.left < 2.0 else 0.2)
+    monkeypatch.setattr(by_simulator, 'refitted', refitted)
+    monkeypatch.setattr(by_simulator, 'widened', lambda outcome, off: outcome)
+    assert by_simulator._settled([one], (), found, again=True).left == 1.0
+    assert len(fitted) == 1
 
 
 class Giving:
