@@ -14,7 +14,6 @@ from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
 from forcecal_ros.diagnose.search.acceptance import holds_beside_long_memory
 from forcecal_ros.diagnose.search.fitted import Accepted
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
-from forcecal_ros.effects.nuisances import LIMIT
 from forcecal_ros.geometry import Array
 import numpy as np
 
@@ -137,7 +136,7 @@ def without_effect(start: LinearisedModel, now: JointFit, name: str) -> JointFit
     if not others:
         return JointFit(replace(start, noise=model.noise), [], [])
     released = frozenset(n for a in others for n in a.released)
-    bound = np.array([np.inf if n.name in released else LIMIT for n in model.nuisances])
+    bound = np.array([np.inf if n.name in released else n.limit for n in model.nuisances])
     out = replace(model, released=released, effects=_effects(model, others),
                   centre=np.clip(model.centre, -bound, bound))
     if released != model.released:
