@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 import shutil
+import sys
 
 import numpy as np
 import pytest
@@ -206,8 +207,23 @@ def test_verify_looks_at_the_file_of_the_half_of_each_part(part, tmp_path, monke
         assert any('sealed-2.py' in one for one in sealing.faults(part)) == found
 
 
+def test_sealed_half_is_found_aside_until_it_is_in_the_repository(tmp_path, monkeypatch):
+    monkeypatch.setenv(rules.ASIDE, str(tmp_path))
+    assert rules.file_of('sealed-3').parent == Path(rules.__file__).parent
+    assert rules.file_of('sealed-99') == tmp_path / 'kinds_sealed_99.py'
+    monkeypatch.setitem(sys.modules, 'blind.second.kinds_sealed_99', None)  # taken out again after
+    del sys.modules['blind.second.kinds_sealed_99']
+    (tmp_path / 'kinds_sealed_99.py').write_text("KINDS, FORMS = {'a': 1}, {'b': 2}\n")
+    assert rules.half('sealed-99') == ({'a': 1}, {'b': 2})
+
+
+def test_fourth_part_is_drawn_by_the_rules_of_the_third():
+    assert rules.rules_of('sealed-4') is rules.rules_of('sealed-3') is rules.THIRD
+
+
 @pytest.mark.parametrize('half, before', [
-    ('sealed-2', ('sealed',)), ('sealed-3', ('sealed', 'sealed-2'))])
+    ('sealed-2', ('sealed',)), ('sealed-3', ('sealed', 'sealed-2')),
+    ('sealed-4', ('sealed', 'sealed-2', 'sealed-3'))])
 def test_later_sealed_half_is_of_new_kinds_that_run(short_motions, half, before):
     if not rules.file_of(half).exists():
         pytest.skip(f'{half} is not in the repository before it is opened')

@@ -17,6 +17,10 @@ LAGS = (-4, -2, -1, 1, 2, 4, 8)
 """Blocks by which the main inputs are shifted to predict from their past and future."""
 
 
+AT_ONCE = 4096
+"""Blocks that are held in double precision at once: a hundred inputs of them fill a cache."""
+
+
 class Predictability(NamedTuple):
     """
     How well the residual of each channel is predicted from the motion.
@@ -36,13 +40,14 @@ class Predictability(NamedTuple):
     prediction: tuple[Array, ...]
 
 
-def features(s: Signals) -> Array:
+def features(s: Signals) -> NDArray[np.float32]:
     """
     List the inputs that an unknown effect may depend on, as block means.
 
     Returns
     -------
-    ndarray, shape (k, n)
+    ndarray of float32, shape (k, n)
+        Of unit RMS.
     """
     v_sensor = np.einsum('nij,ni->nj', s.R_base_sensor, s.velocity)
     time = (np.arange(len(s.wrench)) / len(s.wrench))[:, np.newaxis]
@@ -61,10 +66,12 @@ def features(s: Signals) -> Array:
         wrench[:, :3] ** 3, push ** 2, np.sqrt(np.abs(push)), (np.abs(push) > 0.0),
         s.omega ** 2, s.velocity ** 2], axis=1)
     residuals = block_means(np.concatenate([main, slow], axis=1)).T
-    shifted = [np.roll(residuals[:main.shape[1]], lag, axis=1) for lag in LAGS]
-    out = np.concatenate([residuals, *shifted])
-    scale = np.sqrt(np.mean(out ** 2, axis=1, keepdims=True))
-    return np.asarray(out[(scale > 1e-12).ravel()] / scale[scale > 1e-12][:, np.newaxis])
+    scale = np.sqrt(np.mean(residuals ** 2, axis=1))
+    rows = [(row / size).astype(np.float32) if size > 1e-12 else None
+            for row, size in zip(residuals, scale)]
+    return np.array([row for row in rows if row is not None]
+                    + [np.roll(row, lag) for lag in LAGS for row in rows[:main.shape[1]]
+                       if row is not None])
 
 
 def predictability_of(model: LinearisedModel, signals: list[Signals],
@@ -90,7 +97,7 @@ def predictability_of(model: LinearisedModel, signals: list[Signals],
     for c in range(len(CHANNELS)):
         if not any(n.sigma[:, c].any() for n in model.noise):
             continue
-        white = [n.whiten(np.vstack([b[:, c], i]), c)
+        white = [n.whiten_singly(np.vstack([b[np.newaxis, :, c], i]), c, np.ones(1 + len(i)))
                  for n, b, i in zip(model.noise, residuals, inputs)]
         train, held = (np.sum([_products(w, getattr(p, part)) for w, p in zip(
             white, model.datasets)], axis=0) for part in ('train', 'held'))
@@ -125,15 +132,17 @@ def _within(predicted: list[Array], residuals: list[Array], datasets: tuple[Data
     return bool(size <= rest)
 
 
-def _products(white: Array, rows: NDArray[np.bool_]) -> Array:
-    if not rows.any():
-        return np.zeros((len(white), len(white)))
-    chosen = white if rows.all() else white[:, rows]
-    return np.asarray(chosen @ chosen.T)
+def _products(white: NDArray[np.float32], rows: NDArray[np.bool_]) -> Array:
+    """Return inner products over some blocks, summed in double precision part by part."""
+    out, chosen = np.zeros((len(white), len(white))), np.flatnonzero(rows)
+    for part in np.array_split(chosen, -(-len(chosen) // AT_ONCE) or 1):
+        some = white[:, part].astype(float)
+        out += some @ some.T
+    return out
 
 
-def _padded(rows: Array, k: int) -> Array:
-    return np.vstack([rows, np.zeros((k - len(rows), rows.shape[1]))])
+def _padded(rows: NDArray[np.float32], k: int) -> NDArray[np.float32]:
+    return np.vstack([rows, np.zeros((k - len(rows), rows.shape[1]), dtype=np.float32)])
 
 
 def _ridge(gram: Array) -> Array:

@@ -1,7 +1,7 @@
 """Smooth functions of motion and time, of which a model's discrepancy is made."""
 
-from collections.abc import Sequence
-from itertools import combinations_with_replacement
+from collections.abc import Iterator, Sequence
+from itertools import chain, combinations_with_replacement
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
@@ -52,38 +52,39 @@ def basis(signals: Sequence[Signals], frequencies: Sequence[float] = ()) -> Basi
     frequencies : sequence of float
         Of lines that the residual shows [Hz].
     """
-    names: list[str] = []
-    parts: list[list[Array]] = []
-    for s in signals:
-        groups = _of_motion(s)
-        names = list(groups)
-        parts.append([np.stack(rows) for rows in groups.values()])
-    rows = [np.concatenate(one) for one in parts]
-    group = np.repeat(np.arange(len(names)), [len(one) for one in parts[0]])
-    own = [_of_time(s, frequencies) for s in signals]
-    for kind in range(len(own[0])):
-        group = np.append(group, np.full(sum(len(o[kind]) for o in own), len(names) + kind))
-        rows = [np.concatenate([r, *(o[kind] if j == i else np.zeros((len(o[kind]), r.shape[1]))
-                                     for j, o in enumerate(own))]) for i, r in enumerate(rows)]
-    return _scaled(rows, group)
+    groups = [_scaled(rows) for rows in chain(zip(*map(_of_motion, signals), strict=True),
+                                              _of_time(signals, frequencies))]
+    members = np.array([len(of_first) for of_first, *_ in groups])
+    shares = 1.0 / np.maximum(members * np.count_nonzero(members), 1)
+    return Basis(tuple(map(np.concatenate, zip(*groups))), np.repeat(shares, members))
 
 
-def _scaled(rows: list[Array], group: NDArray[np.intp]) -> Basis:
-    """Take the means off, bring all to unit RMS, and leave out what does not vary."""
-    n = sum(r.shape[1] for r in rows)
-    mean = sum(r.sum(axis=1) for r in rows) / n
-    flat = [r - mean[:, np.newaxis] for r in rows]
-    size = np.sqrt(sum(np.sum(r ** 2, axis=1) for r in flat) / n)
-    largest = np.array([size[group == g].max() for g in group])
-    kept = size > np.maximum(NEGLIGIBLE * largest, 1e-15)
-    used, members = np.unique(group[kept], return_counts=True)
-    share = dict(zip(used.tolist(), (1.0 / (members * len(used))).tolist()))
-    return Basis(tuple((r[kept] / size[kept, np.newaxis]).astype(np.float32) for r in flat),
-                 np.array([share[g] for g in group[kept].tolist()]))
+def _scaled(rows: Sequence[Sequence[Array]]) -> list[NDArray[np.float32]]:
+    """
+    Take a group's means off, bring all to unit RMS, and leave out what does not vary.
+
+    Parameters
+    ----------
+    rows : sequence of sequence of ndarray, shape (n,)
+        Of each recording, as many in each.
+
+    Returns
+    -------
+    list of ndarray, shape (k, n)
+        Of each recording, in single precision: there are some hundred in all.
+    """
+    n = sum(len(own[0]) for own in rows)
+    means = [sum(float(row.sum()) for row in feature) / n for feature in zip(*rows)]
+    flat = [[row - mean for row, mean in zip(own, means)] for own in rows]
+    size = np.array([np.sqrt(sum(float(row @ row) for row in feature) / n)
+                     for feature in zip(*flat)])
+    kept = np.flatnonzero(size > max(NEGLIGIBLE * size.max(), 1e-15))
+    return [np.array([own[i] / size[i] for i in kept], dtype=np.float32).reshape(
+        len(kept), len(own[0])) for own in flat]
 
 
-def _of_motion(s: Signals) -> dict[str, list[Array]]:
-    """Return the groups of features that mean the same in every recording."""
+def _of_motion(s: Signals) -> Iterator[Sequence[Array]]:
+    """Give one after the other the groups of features that mean the same in every recording."""
     p, R = _means(s.position), s.R_base_sensor
     gravity, heading = _means(R[:, 2, :]), _means(R[:, 0, :])
     velocity, omega = _means(s.velocity), _means(s.omega)
@@ -96,35 +97,40 @@ def _of_motion(s: Signals) -> dict[str, list[Array]]:
     loads = np.concatenate([wrench, force, slide])
     time = BLOCK * np.arange(p.shape[1])
     changing = np.gradient(loads, BLOCK, axis=1)
-    return {
-        'gravity': list(gravity),
-        'gravity squared': _products(gravity),
-        'heading': [*heading, *_products(heading)],
-        'position': [*p, *_products(p - p.mean(axis=1, keepdims=True))],
-        'place': _bumps(p),
-        'rates': list(rates),
-        'turning over': _turning_over(rates),
-        'drag': [*np.abs(rates), *(rates * np.abs(rates)), *_products(omega)],
-        'acceleration': [*force, *_means(s.alpha), *_means(s.acceleration)],
-        'load': [*wrench, *slide, *_products(wrench[:3]), *wrench[3:] ** 2, *slide ** 3,
-                 *_lengths(wrench)],
-        'touch': [*contact, *np.sqrt(np.abs(contact)), *contact ** 2,
-                  (np.abs(contact).max(axis=0) > 0.0).astype(float)],
-        'load changing': list(changing),
-        'load changing faster': list(np.gradient(changing, BLOCK, axis=1)),
-        'memory': [_remembered(row, t) for t in MEMORIES for row in loads],
-        'load over time': [*(time * wrench), *(time ** 2 * wrench), *(time * force)],
-    }
+    yield list(gravity)
+    yield _products(gravity)
+    yield [*heading, *_products(heading)]
+    yield [*p, *_products(p - p.mean(axis=1, keepdims=True))]
+    yield _bumps(p)
+    yield list(rates)
+    yield _turning_over(rates)
+    yield [*np.abs(rates), *(rates * np.abs(rates)), *_products(omega)]
+    yield [*force, *_means(s.alpha), *_means(s.acceleration)]
+    yield [*wrench, *slide, *_products(wrench[:3]), *wrench[3:] ** 2, *slide ** 3,
+           *_lengths(wrench)]
+    yield [*contact, *np.sqrt(np.abs(contact)), *contact ** 2,
+           (np.abs(contact).max(axis=0) > 0.0).astype(float)]
+    yield list(changing)
+    yield list(np.gradient(changing, BLOCK, axis=1))
+    yield [_remembered(row, t) for t in MEMORIES for row in loads]
+    yield [*(time * wrench), *(time ** 2 * wrench), *(time * force)]
 
 
-def _of_time(s: Signals, frequencies: Sequence[float]) -> tuple[Array, Array]:
-    """Return drifts and lines, which begin anew in each recording."""
-    n = len(s.optidrive) // round(BLOCK * RATE)
-    u = (np.arange(n) + 0.5) / n
-    t = s.start + BLOCK * (np.arange(n) + 0.5)
-    waves = [wave(2.0 * np.pi * f * t) for f in frequencies for wave in (np.sin, np.cos)]
-    return (np.stack([np.cos(np.pi * k * u) for k in range(COSINES)]),
-            np.array(waves).reshape(-1, n))
+def _of_time(signals: Sequence[Signals], frequencies: Sequence[float]
+             ) -> Iterator[Sequence[Sequence[Array]]]:
+    """Give drifts, then lines, which begin anew in each recording; flat in the others."""
+    counts = [len(s.optidrive) // round(BLOCK * RATE) for s in signals]
+    kinds = zip(*(_waves(s.start, n, frequencies) for s, n in zip(signals, counts)))
+    for waves in (one for one in kinds if one[0]):
+        yield [[row if i == j else np.zeros(n) for j, own in enumerate(waves) for row in own]
+               for i, n in enumerate(counts)]
+
+
+def _waves(start: float, n: int, frequencies: Sequence[float]) -> tuple[list[Array], list[Array]]:
+    """Return the slow cosines and the lines of one recording."""
+    t, turns = BLOCK * (np.arange(n) + 0.5), 2.0 * np.pi * np.array(frequencies)
+    return ([np.cos(np.pi * k * t / (n * BLOCK)) for k in range(COSINES)],
+            [wave(rate * (start + t)) for rate in turns for wave in (np.sin, np.cos)])
 
 
 def _means(values: Array) -> Array:
