@@ -8,7 +8,7 @@ from forcecal_ros.diagnose.inputs.accelerometer import with_volts
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
 from forcecal_ros.diagnose.model.evidence import fit, Gram, Prior
-from forcecal_ros.effects.nuisances import LIMIT, Nuisance, nuisances, prior_std
+from forcecal_ros.effects.nuisances import Nuisance, nuisances, prior_std
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import DataError
 from forcecal_ros.geometry import Array
@@ -284,7 +284,8 @@ class LiveGap:
     def _judged(self, link: _Link) -> dict[str, tuple[float, float]]:
         """Return excess in noise RMS, and sigmas, of the channels of one stage."""
         m = len(self._nuisances)
-        x = fit(self._grams[link], Prior(np.zeros(m), np.ones(m), np.full(m, LIMIT))).x
+        limits = np.array([n.limit for n in self._nuisances])
+        x = fit(self._grams[link], Prior(np.zeros(m), np.ones(m), limits)).x
         parts = [np.where(b.present, b.residual - np.tensordot(x, b.columns, 1), 0.0)[
             b.touching == link.touching] for b in self._recent]
         rest = np.concatenate(parts)

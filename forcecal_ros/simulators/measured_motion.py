@@ -5,6 +5,7 @@ from dataclasses import replace
 from forcecal_ros.effects import AccelerometerEffects, EFFECTS, physical_rig
 from forcecal_ros.effects.nuisances import (
     LEAST,
+    NAMELESS,
     Nuisance,
     of_sensors,
     scaled,
@@ -86,7 +87,8 @@ class MeasuredMotion:
                  *(Nuisance(f'tool.com.{a}', 'com', shifted('tool', 'com', i))
                    for i, a in enumerate('xyz'))]
         own = np.diag(rig.tool.inertia)
-        found += [Nuisance(f'tool.inertia.{a}', 'own_inertia', with_inertia(i), least=-own[i])
+        found += [Nuisance(f'tool.inertia.{a}', 'own_inertia', with_inertia(i), least=-own[i],
+                           limit=NAMELESS)
                   for i, a in enumerate('xyz')]
         if self._clear.accelerated:
             found.append(Nuisance('accelerometer.delay', 'accel_behind', _behind))

@@ -17,7 +17,7 @@ from forcecal_ros.diagnose.model.evidence import Fit, fit, Gram, Prior
 from forcecal_ros.diagnose.model.gates import departed, Gate, nuisances_of
 from forcecal_ros.diagnose.model.jacobian import Column, column, combined, nuisance_column
 from forcecal_ros.effects import Effect, EFFECTS, with_effects
-from forcecal_ros.effects.nuisances import apply_all, LIMIT, Nuisance, prior_std, ROBOT
+from forcecal_ros.effects.nuisances import apply_all, Nuisance, prior_std, ROBOT
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.errors import ForcecalError
 from forcecal_ros.geometry import Array, rotation_vector
@@ -143,11 +143,11 @@ class LinearisedModel:
         only_held_out = np.array([n.acts_on == 'step'
                                   and not self.datasets[n.recording].train.any()
                                   for n in self.nuisances], dtype=bool)
-        widths = np.ones(len(free))
+        widths, limits = np.ones(len(free)), np.array([n.limit for n in self.nuisances])
         widths[:len(self.widths)] = self.widths
         return Prior(np.where(only_held_out, 0.0, self.centre),
                      np.where(free, RELEASED, widths ** -2.0),
-                     np.where(endless, np.inf, LIMIT * widths))
+                     np.where(endless, np.inf, limits * widths))
 
     def simulate(self, effects: Values, dataset: int) -> Array:
         """Return measured less simulated of one recording with other effects, (n, channels)."""

@@ -41,3 +41,23 @@ def test_a_burst_of_noise_is_no_octave_and_a_mode_of_the_same_length_is():
     assert ratios(time_frequency._without_bursts(loud)) == pytest.approx(1.0, abs=0.2)
     assert ratios(time_frequency._without_bursts(shaken))[2] > 3.0
     assert np.array_equal(time_frequency._without_bursts(white), white)
+
+
+def test_a_floor_that_is_low_by_chance_makes_no_line_and_a_hump_is_followed():
+    width = time_frequency.FLOOR
+    power = np.ones(31 * width)
+    power[15 * width:16 * width] = 0.45
+    power[20 * width:27 * width] = 8.0
+    floor = time_frequency._floor(power)
+    assert floor[15 * width:16 * width] == pytest.approx(1.0)
+    assert floor[21 * width:26 * width] == pytest.approx(8.0)
+
+
+def test_white_noise_has_no_line_and_a_steady_sine_is_one():
+    rng = np.random.default_rng(11)
+    noise = rng.standard_normal((20000, 12))
+    assert time_frequency.lines(noise, 1000.0, 'wrench') == ()
+    noise[:, 4] += 0.12 * np.sin(2.0 * np.pi * 97.7 * np.arange(20000) / 1000.0)
+    (line,) = time_frequency.lines(noise[:, :6], 1000.0, 'wrench')
+    assert line.channel == 'torque.y'
+    assert line.frequency == pytest.approx(97.7, abs=0.01)
