@@ -18,7 +18,7 @@ from forcecal_ros.diagnose.model.evidence import fit
 from forcecal_ros.diagnose.model.gates import nuisances_of
 from forcecal_ros.diagnose.model.jacobian import column
 from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
-from forcecal_ros.diagnose.search.acceptance import FORM, LEAST_BEYOND
+from forcecal_ros.diagnose.search.acceptance import FORM, HOTTEST, LEAST_BEYOND
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import FORCES
 from forcecal_ros.geometry import Array, rotation_from_vector, skew
@@ -117,6 +117,12 @@ TOLD_BY: Mapping[frozenset[str], str] = {
 """Pair -> what they are, and what would tell them apart."""
 
 
+TOLD = 2.0 * 3.0 * HOTTEST
+"""
+Whitened energy by which effects are told apart, however strong they are: three log-odds at the
+highest temperature of their ranking.
+"""
+
 AGREEING = {('tool_mass', 'wrench_gain'), ('tool_com', 'wrench_crosstalk')}
 """Pairs whose second does the same only with numbers that agree: gains, parts of a crosstalk."""
 
@@ -159,8 +165,12 @@ def equivalent(model: LinearisedModel, name: str, found: Mapping[str, Parameter]
              for other, form in FORMS.get(name, {}).items()
              if other in model.library and other not in model.effects}
     nearest = min(least, key=lambda other: least[other], default='')
-    most = LEAST_BEYOND + FORM * 2.0 * max(0.0, evidence)
-    return nearest if nearest and least[nearest] < most else ''
+    return nearest if nearest and least[nearest] < untold(evidence) else ''
+
+
+def untold(evidence: float) -> float:
+    """Return the whitened energy up to which two forms of so strong an effect are the same."""
+    return LEAST_BEYOND + min(FORM * 2.0 * max(0.0, evidence), TOLD)
 
 
 def _between(model: LinearisedModel, name: str, other: str, values: Values) -> float:

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from forcecal_ros.diagnose.inputs.motion_dataset import held_out, prepare_motion
-from forcecal_ros.diagnose.judge.equivalents import equivalent, FORMS, odds, TOLD_BY, why
+from forcecal_ros.diagnose.judge.equivalents import equivalent, FORMS, odds, TOLD_BY, untold, why
 from forcecal_ros.diagnose.judge.named_effects import Parameter
 from forcecal_ros.diagnose.judge.probabilities import probabilities
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
@@ -131,3 +131,9 @@ def test_numbers_that_would_have_to_agree_are_less_likely():
     candidates = dict(probabilities(slots, UnexplainedPart(0.1, 'nothing'), 0.99)[1])
     assert candidates['tool_mass'] == pytest.approx(4.0 * candidates['wrench_gain'])
     assert odds('accel_misalignment', 'wrench_crosstalk') == 1.0
+
+
+def test_what_ranking_tells_apart_is_no_tie_however_strong_an_effect_is():
+    weak, strong = untold(1e3), untold(1e8)
+    assert 25.0 < weak < 50.0
+    assert 2400.0 < strong < 2500.0
