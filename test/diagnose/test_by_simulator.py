@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 import re
 from types import SimpleNamespace
+from typing import Any
 
 from forcecal_ros.cli import main
 from forcecal_ros.diagnose import by_simulator
@@ -198,11 +199,11 @@ def test_a_payload_four_sigma_off_is_named_with_its_size(robot):
 
 def test_numbers_are_fitted_once_more_where_a_run_of_them_falls_short(monkeypatch):
     fitted = []
-    one = SimpleNamespace(
+    one: Any = SimpleNamespace(
         runs=SimpleNamespace(try_all=lambda numbers: None, count=0, simulator=of_parameters(2)),
         simulation=SimpleNamespace(forget=lambda: None))
     gap = SimpleNamespace(gap=SimpleNamespace(closed=0.7))
-    found = SimpleNamespace(rig=object.__new__(SimulatedRobot), left=9.0, diagnosis=gap)
+    found: Any = SimpleNamespace(rig=object.__new__(SimulatedRobot), left=9.0, diagnosis=gap)
 
     def refitted(outcome):
         fitted.append(outcome)
@@ -214,7 +215,8 @@ def test_numbers_are_fitted_once_more_where_a_run_of_them_falls_short(monkeypatc
                         lambda ready, judged, outcome: 0.7 if outcome.left < 2.0 else 0.2)
     monkeypatch.setattr(by_simulator, 'refitted', refitted)
     monkeypatch.setattr(by_simulator, 'widened', lambda outcome, off: outcome)
-    assert by_simulator._settled([one], (), found, again=True).left == 1.0
+    settled: Any = by_simulator._settled([one], (), found, again=True)
+    assert settled.left == 1.0
     assert len(fitted) == 1
 
 
