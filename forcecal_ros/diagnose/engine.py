@@ -250,7 +250,7 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
     gap, noise, errors = _measured(first, selection, summary, observed)
     in_wrench = float(selection.missing_by_stream[list(STREAM_SLICES).index('wrench')])
     steps = named_steps(final, events, least_evidence(
-        in_wrench, list(selection.log_bayes_factors.values())))
+        in_wrench, list(selection.log_bayes_factors.values())), with_discrepancy)
     sudden = {e.name: e.probability for e in steps}
     known = len(model.fixed) + len(sudden)
     doubts = nameless(selection.log_bayes_factors, selection.missing_evidence, known)

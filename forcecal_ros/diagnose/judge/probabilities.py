@@ -4,7 +4,13 @@ from collections.abc import Mapping, Sequence
 import math
 
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
-from forcecal_ros.diagnose.search.acceptance import log_odds, PER_DECADE, PER_FURTHER, TRUST
+from forcecal_ros.diagnose.search.odds import (
+    log_odds,
+    most_probable,
+    PER_DECADE,
+    PER_FURTHER,
+    TRUST,
+)
 
 CANDIDATES = 0.95
 """Probability that the candidate set covers."""
@@ -14,12 +20,6 @@ NAMED = 0.8
 
 MODEST = 0.99
 """Most of the probability of an effect: experience with some hundred shows no more."""
-
-BESIDE = 0.9
-"""
-Most of the probability of an effect beside a discrepancy: of 17 that were named with more than
-0.9 in two sealed parts of the blind check, 13 were so.
-"""
 
 SURE = 0.7
 """
@@ -47,9 +47,9 @@ def nameless(log_bayes_factors: Mapping[str, float], missing_evidence: Mapping[s
     known : int
         Effects besides, known before any model.
     """
-    return {name: 1.0 - min(BESIDE, _sigmoid(log_odds(name, log_bayes_factors,
-                                                      missing_evidence[name], known)))
+    odds = {name: log_odds(name, log_bayes_factors, missing_evidence[name], known)
             for name in log_bayes_factors}
+    return {name: 1.0 - min(most_probable(name), _sigmoid(x)) for name, x in odds.items()}
 
 
 def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], part: UnexplainedPart,

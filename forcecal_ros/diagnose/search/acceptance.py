@@ -39,20 +39,6 @@ to 0.14 of it on simulated motion and 0.8, once 2.7, on a real arm's; effects of
 background's energy 0.8 to 1e5; fainter ones 0.06 to 6.
 """
 
-TRUST, PER_DECADE, PER_FURTHER = 0.7, 1.4, 1.5
-"""
-Log-odds that effects are the cause which close nothing; more for each factor of ten by which the
-gap shrinks, less for each effect beyond one: a logistic fit to 150 effects that were named in
-opened blind recordings.
-"""
-
-PER_TENFOLD = 1.75
-"""
-Log-odds of an effect beside a discrepancy for each factor of ten by which it brings more than what
-is missing: a logistic fit to 32 effects, 20 of them right, found in development cases on a real
-arm's motion; one that brings as much as is missing was as often right as not.
-"""
-
 LEAST_LONG_MEMORY_RATIO = 8.0
 """Log-likelihood ratio that an effect needs on all data where the noise may have a long memory."""
 
@@ -139,32 +125,6 @@ def _likelihood_ratio(before: LinearisedModel, after: LinearisedModel,
         rests = [unexplained(w, rows) for w in white]
         total += 0.5 * int(rows.sum()) * float(np.log(rests[0] / rests[1]))
     return total
-
-
-def log_odds(name: str, log_bayes_factors: Mapping[str, float], missing_evidence: float,
-             known: int = 0) -> float:
-    """
-    Return the log-odds that an effect is the cause, beside a discrepancy.
-
-    Parameters
-    ----------
-    log_bayes_factors : mapping of str to float
-        Of all accepted effects against a discrepancy in their place.
-    missing_evidence : float
-        That a model without any flaw would have more.
-    known : int
-        Effects besides, known before any model.
-    """
-    share = max(log_bayes_factors[name], 1e-9) / max(missing_evidence, 1e-9)
-    return (PER_TENFOLD * float(np.log10(share))
-            - PER_FURTHER * (known + others_beside(name, log_bayes_factors)))
-
-
-def others_beside(name: str, log_bayes_factors: Mapping[str, float]) -> float:
-    """Count the other effects, each as far as its evidence goes in that of one."""
-    own = max(log_bayes_factors[name], 1e-9)
-    return sum(min(1.0, max(0.0, factor) / own)
-               for other, factor in log_bayes_factors.items() if other != name)
 
 
 def least_evidence(missing_evidence: float, log_bayes_factors: Sequence[float]) -> float:

@@ -16,7 +16,6 @@ from forcecal_ros.diagnose.search.acceptance import (
     least_evidence,
     LEAST_FRACTION,
     LEAST_GAIN,
-    log_odds,
     ranked,
     weights,
 )
@@ -30,6 +29,7 @@ from forcecal_ros.diagnose.search.joint_fit import (
     without_effect,
 )
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
+from forcecal_ros.diagnose.search.odds import log_odds
 from forcecal_ros.effects.nuisances import LIMIT, ROBOT
 from forcecal_ros.geometry import Array
 import numpy as np

@@ -4,12 +4,7 @@ from types import SimpleNamespace
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.judge.residual_summary import WITHOUT_NAME
-from forcecal_ros.diagnose.search.acceptance import (
-    least_evidence,
-    log_odds,
-    of_slow_noise,
-    others_beside,
-)
+from forcecal_ros.diagnose.search.acceptance import least_evidence, of_slow_noise
 from forcecal_ros.recording.noise.autoregression import fit_autoregression
 import numpy as np
 import pytest
@@ -57,10 +52,6 @@ def test_a_function_of_the_motion_still_shows_beside_such_noise():
     assert gain - slow > 10.0 * WITHOUT_NAME
 
 
-def test_an_effect_counts_the_others_by_what_they_bring_in_its_own():
-    factors = {'tool_mass': 1000.0, 'tool_com': 500.0, 'base_tilt': 10.0}
-    assert others_beside('tool_mass', factors) == pytest.approx(0.51)
-    assert others_beside('base_tilt', factors) == pytest.approx(2.0)
-    assert log_odds('tool_mass', {'tool_mass': 100.0}, 100.0) == pytest.approx(0.0)
-    assert log_odds('tool_mass', factors, 100.0) > log_odds('tool_com', factors, 100.0)
+def test_an_effect_brings_more_than_the_wrong_form_of_a_strong_one_leaves():
     assert least_evidence(100.0, [2e4, 10.0]) == pytest.approx(100.0)
+    assert least_evidence(400.0, [2e4, 10.0]) == pytest.approx(200.0)
