@@ -67,6 +67,8 @@ class ResidualSummary(NamedTuple):
         How many innovations of each channel noise does not make.
     discrepancy_evidence : float
         Log-evidence of the discrepancy.
+    slow_noise : bool
+        Whether slow noise is counted as noise that a discrepancy may be, too.
     """
 
     predictability: Predictability
@@ -75,6 +77,7 @@ class ResidualSummary(NamedTuple):
     impulses: Array
     notes: tuple[str, ...]
     discrepancy_evidence: float = 0.0
+    slow_noise: bool = False
 
 
 class UnexplainedPart(NamedTuple):
@@ -122,7 +125,7 @@ def summarise_residual(model: LinearisedModel,
                               lines, impulses, wanders, discrepancy_evidence)
     if discrepancy_evidence < WITHOUT_NAME <= seen:
         summary = summary._replace(notes=(*wanders, 'slow noise, or else ' + _discrepancy_in_words(
-            summary) + ': the recording is too short to tell'))
+            summary) + ': the recording is too short to tell'), slow_noise=True)
     return summary
 
 

@@ -31,7 +31,7 @@ def percent(share: float) -> str:
 
 def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
             part: UnexplainedPart, closed: float | None, excited: bool, whole: bool = True,
-            with_discrepancy: bool = False,
+            with_discrepancy: bool = False, slow_noise: bool = False,
             at_limit: Sequence[str] = ()) -> tuple[str, str]:
     """
     Say it in one word and one sentence.
@@ -48,6 +48,8 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
         Whether every stream could be looked at.
     with_discrepancy : bool
         Whether the effects were weighed beside a discrepancy, which then is what remains.
+    slow_noise : bool
+        Whether what varies slowly is taken for noise, and may be none.
     at_limit : sequence of str
         Numbers of accepted effects that would be larger if their limits let them.
     """
@@ -62,7 +64,8 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
             return 'unknown', (f'there is a gap that no effect of the library explains: '
                                f'{part.words}')
         what = 'the recording' if whole else 'what could be looked at'
-        return 'no_gap', f'the recalibrated rig explains {what} down to its noise'
+        slow = ', if what varies slowly is noise' if slow_noise else ''
+        return 'no_gap', f'the recalibrated rig explains {what} down to its noise{slow}'
     if closed is not None and closed < 0.0:
         more = f'; unexplained: {part.words}' if significant else ''
         return 'unknown', (f'no effect of the library explains the gap: adding {listed} makes '

@@ -1,12 +1,13 @@
 """What an effect has to bring to be accepted, and which hypothesis is likeliest."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.model.hypotheses import Hypothesis
 from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
 from forcecal_ros.diagnose.search.fitted import HypothesisFit
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
+from forcecal_ros.diagnose.search.odds import prior_log_odds
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.autoregression import unpredicted
 import numpy as np
@@ -249,7 +250,8 @@ def weights(results: Sequence[HypothesisFit], missing: float = 0.0) -> dict[str,
     Weigh hypotheses against the likeliest one.
 
     Beside large effects, likelihoods tell apart what no model gets right: the temperature rises
-    with the energy at stake, and then fewer parameters count.
+    with the energy at stake, and then fewer parameters count; and so does how much of what no
+    library has looks like them, where something is missing.
 
     Parameters
     ----------
@@ -264,4 +266,4 @@ def weights(results: Sequence[HypothesisFit], missing: float = 0.0) -> dict[str,
     best = max((t.evidence for t in results), default=0.0)
     temperature = temperature_of(results, missing)
     return {t.name: (t.evidence - best) / temperature - PARSIMONY * t.degrees
-            for t in results}
+            + (prior_log_odds(t.name) if missing > 0.0 else 0.0) for t in results}

@@ -24,6 +24,7 @@ from forcecal_ros.diagnose.search.joint_fit import (
     without_effect,
 )
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
+from forcecal_ros.diagnose.search.odds import prior_log_odds
 from forcecal_ros.geometry import Array
 import numpy as np
 
@@ -103,6 +104,8 @@ def exchange(start: LinearisedModel, now: JointFit, found: Sequence[Hypothesis],
             instead = other.comparison()
             more = instead.null_evidence - log_evidence
             odds = more / temperature_of(results, missing) - PARSIMONY * (t.degrees - degrees)
+            if missing > 0.0:
+                odds += prior_log_odds(t.name) - prior_log_odds(mine.name)
             weight[t.name] = own + odds
             at_bound = _stands_at_bound(other.model, other.accepted[-1])
             if odds > 0.0 and (limited or not at_bound):

@@ -53,8 +53,13 @@ def log_odds(name: str, log_bayes_factors: Mapping[str, float], missing_evidence
         Effects besides, known before any model.
     """
     share = max(log_bayes_factors[name], 1e-9) / max(missing_evidence, 1e-9)
-    return (IMITATORS.get(name, OTHERS) + PER_TENFOLD * float(np.log10(share))
+    return (prior_log_odds(name) + PER_TENFOLD * float(np.log10(share))
             - PER_FURTHER * (known + others_beside(name, log_bayes_factors)))
+
+
+def prior_log_odds(name: str) -> float:
+    """Return the log-odds of an effect beside a discrepancy, whatever it brings."""
+    return IMITATORS.get(name, OTHERS)
 
 
 def most_probable(name: str) -> float:

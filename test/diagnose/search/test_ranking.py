@@ -37,11 +37,18 @@ def test_beside_a_large_effect_a_small_lead_does_not_decide_and_fewer_parameters
 
 
 def test_beside_much_that_is_missing_a_lead_of_less_does_not_decide():
-    fits = [hypothesis_fit('wrench_crosstalk', 3808.0), hypothesis_fit('tool_com', 3774.0)]
+    fits = [hypothesis_fit('tool_mass', 3808.0), hypothesis_fit('tool_com', 3774.0)]
     for missing, most in ((0.0, -4.0), (33.0, -2.0), (1e6, -0.05)):
         odds = weights(fits, missing)
-        assert odds['tool_com'] - odds['wrench_crosstalk'] < most
-    assert odds['tool_com'] - odds['wrench_crosstalk'] > -0.1
+        assert odds['tool_com'] - odds['tool_mass'] < most
+    assert odds['tool_com'] - odds['tool_mass'] > -0.1
+
+
+def test_where_something_is_missing_what_takes_up_anything_has_to_lead():
+    fits = [hypothesis_fit('wrench_crosstalk', 3808.0), hypothesis_fit('tool_com', 3808.0)]
+    alike, beside = weights(fits), weights(fits, 33.0)
+    assert alike['tool_com'] == alike['wrench_crosstalk']
+    assert beside['tool_com'] > beside['wrench_crosstalk'] + 1.0
 
 
 def test_what_is_missing_in_other_streams_is_not_held_against_an_effect():
