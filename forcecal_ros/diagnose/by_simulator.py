@@ -170,7 +170,7 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...],
     robot = ready[0].robot
     outcome, point, short = Outcome(NO_MOTION, robot), robot.numbers, ''
     changed: tuple[Changed, ...] = ()
-    recomputed = None
+    squares, recomputed = np.zeros(3), None
     for _ in range(ROUNDS):
         if short := runs_short(simulator, [one.runs for one in ready]):
             break
@@ -178,19 +178,18 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...],
             one.runs.try_all(point)
             one.simulation.forget()
         outcome = diagnose_datasets(robot, judged, [one.stamps for one in ready], given)
-        changed, recomputed = changes(simulator, outcome), None
+        changed = changes(simulator, outcome)
         if not isinstance(outcome.rig, SimulatedRobot):
             break
         point = outcome.rig.numbers
         straight = _predicted(ready, point)  # before it is run there
-        recomputed = _recomputed(ready, judged, outcome) if changed else None
-        if straight and not _falls_short(outcome, recomputed) and not _might_bend(outcome):
+        squares = _squares(ready, judged, outcome) if changed else np.zeros(3)
+        if straight and not _falls_short(outcome, squares) and not _might_bend(outcome):
             break
     remarks = tuple(dict.fromkeys(x for one in ready for x in one.remarks))
     if changed:
-        outcome = _settled(ready, judged, outcome, not short)
-        recomputed = _recomputed(ready, judged, outcome)
-        squares = _squares(ready, judged, outcome)
+        outcome, squares = _settled(ready, judged, outcome, squares, again=not short)
+        recomputed = _recomputed(outcome, squares)
         if other := tried([one.simulation for one in ready], judged, outcome, simulator):
             outcome = judged_beside(outcome, other, squares)
         changed = changes(simulator, outcome)
@@ -210,11 +209,11 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...],
 
 
 def _settled(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...], outcome: Outcome,
-             again: bool) -> Outcome:
+             squares: Array, *, again: bool) -> tuple[Outcome, Array]:
     """Fit the numbers named about where they were found, and say what a line leaves wrong."""
     off, simulator = _bent(ready, outcome), ready[0].runs.simulator
     for _ in range(REFITS if again else 0):
-        if not (_moves(off) or _falls_short(outcome, _recomputed(ready, judged, outcome))) \
+        if not (_moves(off) or _falls_short(outcome, squares)) \
                 or runs_short(simulator, [one.runs for one in ready]):
             break
         assert isinstance(outcome.rig, SimulatedRobot)
@@ -222,10 +221,12 @@ def _settled(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...], outcome:
             one.runs.try_all(outcome.rig.numbers)
             one.simulation.forget()
         anew = refitted(outcome)
-        if _squares(ready, judged, anew)[-1] >= _squares(ready, judged, outcome)[-1]:
+        # half the step of integration may do something else there: both are asked about it
+        squares, there = (_squares(ready, judged, one) for one in (outcome, anew))
+        if there[-1] >= squares[-1]:
             break
-        outcome, off = anew, _bent(ready, anew)
-    return widened(outcome, off)
+        outcome, squares, off = anew, there, _bent(ready, anew)
+    return widened(outcome, off), squares
 
 
 def _moves(off: Mapping[str, Bent]) -> bool:
@@ -319,10 +320,8 @@ def _predicted(ready: Sequence[_Prepared], point: Numbers) -> bool:
     """Say whether the linear prediction holds at the parameters found."""
     for one in ready:
         linear, nominal = one.runs.at(point), one.runs.exact(one.robot.numbers)
-        exact = one.runs.exact(point)
-        for rows in (_wrench, _position):
-            wrong, moved = rows(linear) - rows(exact), rows(exact) - rows(nominal)
-            if np.linalg.norm(wrong) > ROUGH * np.linalg.norm(moved):
+        for a, b, c in zip(*map(_rows, (linear, one.runs.exact(point), nominal))):
+            if np.linalg.norm(a - b) > ROUGH * np.linalg.norm(b - c):
                 return False
     return True
 
@@ -332,36 +331,28 @@ def _might_bend(outcome: Outcome) -> bool:
     return outcome.diagnosis.verdict == 'unknown'
 
 
-def _falls_short(outcome: Outcome, recomputed: float | None) -> bool:
+def _falls_short(outcome: Outcome, squares: Array) -> bool:
     """Say whether a run with what was found leaves more than was predicted."""
-    gap = outcome.diagnosis.gap
+    gap, recomputed = outcome.diagnosis.gap, _recomputed(outcome, squares)
     return gap is not None and recomputed is not None and recomputed < gap.closed - LESS
 
 
-def _wrench(recording: Recording) -> Array:
+def _rows(recording: Recording) -> tuple[Array, Array]:
     assert recording.wrench is not None
-    return recording.wrench.values
-
-
-def _position(recording: Recording) -> Array:
     assert recording.pose is not None
-    return recording.pose.position
+    return recording.wrench.values, recording.pose.position
 
 
-def _recomputed(ready: Sequence[_Prepared], judged: Sequence[Dataset], outcome: Outcome
-                ) -> float | None:
+def _recomputed(outcome: Outcome, squares: Array) -> float | None:
     """
-    Run the simulator with what was found, and say which share of the misfit is gone.
+    Say which share of the misfit is gone where the simulator is run with what was found.
 
     The share that the diagnosis states, times what the run explains of the squares on judged
     blocks for what its linear prediction explains of them.
     """
-    gap = outcome.diagnosis.gap
-    if gap is None or outcome.noise is None or not isinstance(outcome.rig, SimulatedRobot):
-        return None
-    before, linear, exact = _squares(ready, judged, outcome)
+    gap, (before, linear, exact) = outcome.diagnosis.gap, squares.tolist()
     explained = before - linear
-    return float(gap.closed * (before - exact) / explained) if explained > 0.0 else None
+    return gap.closed * (before - exact) / explained if gap and explained > 0.0 else None
 
 
 def _squares(ready: Sequence[_Prepared], judged: Sequence[Dataset], outcome: Outcome) -> Array:

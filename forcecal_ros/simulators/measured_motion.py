@@ -66,7 +66,7 @@ class MeasuredMotion:
         The nominal one.
     """
 
-    band, exact, starts_white, library = MOST, EXACT, True, EFFECTS
+    band, exact, starts_white, usual_tolerances, library = MOST, EXACT, True, False, EFFECTS
 
     def __init__(self, recording: Recording, start: float, n_blocks: int, accelerometer: str,
                  rigid_tool: RigidTool) -> None:

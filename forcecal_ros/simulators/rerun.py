@@ -46,7 +46,7 @@ class Rerun:
         The simulator's tool, as its wrench and motion tell it.
     """
 
-    band, exact, starts_white, accelerometer = MOST, EXACT, True, 'acc1'
+    band, exact, starts_white, usual_tolerances, accelerometer = MOST, EXACT, True, True, 'acc1'
 
     def __init__(self, runs: Runs, start: float, n_blocks: int, rigid_tool: RigidTool) -> None:
         self.runs, self.start, self.n_blocks, self._rigid_tool = runs, start, n_blocks, rigid_tool

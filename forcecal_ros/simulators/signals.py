@@ -98,6 +98,8 @@ class Simulation(Protocol):
     starts_white : bool
         Whether noise is first taken for white: where a recording is all motion, nothing shows
         the noise by itself.
+    usual_tolerances : bool
+        Whether tolerances are usual ones, as of somebody's simulator, and not those of a file.
     library : mapping of str to Effect
         What a recording may have beside what is simulated.
     """
@@ -108,6 +110,7 @@ class Simulation(Protocol):
     band: float
     exact: float
     starts_white: bool
+    usual_tolerances: bool
     library: Mapping[str, Effect]
 
     def signals(self, rig: Rig) -> Signals:

@@ -182,8 +182,8 @@ def test_tolerances_stay_where_all_numbers_are_within_theirs(robot):
 
 def test_tolerances_that_a_file_states_are_not_narrowed(robot):
     model = of_payload(robot, 1.248)
-    stated = replace(model, nuisances=tuple(n._replace(prior_std=None) for n in model.nuisances))
-    assert narrowed(stated, releases(stated)) is None
+    model.datasets[0].simulation.usual_tolerances = False
+    assert narrowed(model, releases(model)) is None
 
 
 @pytest.mark.long
@@ -205,18 +205,20 @@ def test_numbers_are_fitted_once_more_where_a_run_of_them_falls_short(monkeypatc
     gap = SimpleNamespace(gap=SimpleNamespace(closed=0.7))
     found: Any = SimpleNamespace(rig=object.__new__(SimulatedRobot), left=9.0, diagnosis=gap)
 
+    def squares(outcome):
+        return np.array([10.0, 1.0, outcome.left])
+
     def refitted(outcome):
         fitted.append(outcome)
         return SimpleNamespace(**{**vars(outcome), 'left': 1.0})
 
     monkeypatch.setattr(by_simulator, '_bent', lambda ready, outcome: {})
-    monkeypatch.setattr(by_simulator, '_squares', lambda ready, judged, outcome: [outcome.left])
-    monkeypatch.setattr(by_simulator, '_recomputed',
-                        lambda ready, judged, outcome: 0.7 if outcome.left < 2.0 else 0.2)
+    monkeypatch.setattr(by_simulator, '_squares', lambda ready, judged, outcome: squares(outcome))
     monkeypatch.setattr(by_simulator, 'refitted', refitted)
     monkeypatch.setattr(by_simulator, 'widened', lambda outcome, off: outcome)
-    settled: Any = by_simulator._settled([one], (), found, again=True)
-    assert settled.left == 1.0
+    settled, there = by_simulator._settled([one], (), found, squares(found), again=True)
+    assert there[-1] == 1.0
+    assert settled.rig is found.rig
     assert len(fitted) == 1
 
 

@@ -16,7 +16,7 @@ from forcecal_ros.diagnose.model.evidence import Fit, fit, Gram, Prior
 from forcecal_ros.diagnose.model.hypotheses import Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel, RELEASED
 from forcecal_ros.diagnose.search.acceptance import LEAST_GAIN
-from forcecal_ros.effects.nuisances import LIMIT, ROBOT
+from forcecal_ros.effects.nuisances import LIMIT
 from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +83,7 @@ def narrowed(model: LinearisedModel, releases: Sequence[Hypothesis]) -> Narrowed
         None where numbers within their tolerances are as likely, and of rigs whose files state
         tolerances: those of a simulator's numbers are usual ones.
     """
-    if not any(n.prior_std is not None and n.key != ROBOT for n in model.nuisances):
+    if not model.datasets[0].simulation.usual_tolerances:
         return None
     names = [n.name for n in model.nuisances]
     own = np.isin(names, [n for h in releases for way in h.releases for n in way])

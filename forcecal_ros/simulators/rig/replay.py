@@ -39,7 +39,7 @@ class Replay:
         ``acc1`` or ``acc2``.
     """
 
-    band, exact, starts_white, library = inf, SMALL, False, EFFECTS
+    band, exact, starts_white, usual_tolerances, library = inf, SMALL, False, False, EFFECTS
 
     def __init__(self, rig: Rig, target: PoseStream, start: float, end: float,
                  accelerometer: str) -> None:
