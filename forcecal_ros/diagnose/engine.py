@@ -4,12 +4,11 @@ The engine of every diagnosis: search for effects, judge them, localise, and say
 The ways in (``by_*``) differ in the simulation that they bring, and go on alike from there.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.accelerometer import in_volts
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
+from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.inputs.dataset import Dataset
 from forcecal_ros.diagnose.inputs.requirements import missing_streams
 from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
@@ -21,55 +20,36 @@ from forcecal_ros.diagnose.judge.coverage import (
     signal_to_noise,
     unjudged,
 )
-from forcecal_ros.diagnose.judge.equivalents import equivalent, odds, why
-from forcecal_ros.diagnose.judge.gap import (
-    Errors,
-    Gap,
-    measured_gap,
-    parameter_errors,
-    sample_noise,
-    unpredictable,
-)
+from forcecal_ros.diagnose.judge.gap import measured_gap, sample_noise
+from forcecal_ros.diagnose.judge.judgement import judge, Judged
 from forcecal_ros.diagnose.judge.named_effects import (
     at_limit,
-    begun_or_ended,
     channel_affected_most,
     Checks,
     from_checks,
     in_time,
-    named_steps,
     NamedEffect,
-    parameters_of,
     untold,
 )
-from forcecal_ros.diagnose.judge.probabilities import nameless, probabilities, SURE, UNKNOWN
+from forcecal_ros.diagnose.judge.probabilities import listed_once, SURE, UNKNOWN
 from forcecal_ros.diagnose.judge.residual_summary import (
-    fitted_to_all,
     lines_of,
-    predictable,
-    ResidualSummary,
+    predictions,
     summarise_residual,
-    unexplained,
-    UnexplainedPart,
     WANDERING,
 )
-from forcecal_ros.diagnose.judge.stated_errors import with_taken
-from forcecal_ros.diagnose.judge.ties import note_of, tied, with_tie
 from forcecal_ros.diagnose.localise.localisation import localise, Location, stage_of
 from forcecal_ros.diagnose.localise.predictability import Predictability
 from forcecal_ros.diagnose.localise.time_frequency import BANDS, Line
-from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
 from forcecal_ros.diagnose.model.hypotheses import hypotheses, Hypothesis, releases
 from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
 from forcecal_ros.diagnose.model.saturation import CLIPPING
 from forcecal_ros.diagnose.say.patched import patched_rig
 from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.diagnose.say.verdict import verdict
-from forcecal_ros.diagnose.search.acceptance import least_evidence
-from forcecal_ros.diagnose.search.bias_steps import Event, with_steps
+from forcecal_ros.diagnose.search.bias_steps import with_steps
 from forcecal_ros.diagnose.search.onset_selection import Found, with_onsets
-from forcecal_ros.diagnose.search.onsets import Instant
-from forcecal_ros.diagnose.search.selection import nearest, select, Selection
+from forcecal_ros.diagnose.search.selection import select, Selection
 from forcecal_ros.diagnose.search.tolerances import narrowed
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import Rig
@@ -81,12 +61,6 @@ import numpy as np
 
 WITHOUT_MEAN = ('wrench_quantisation', 'dropouts')
 """Effects that move no signal's mean."""
-
-CHECKED = 0.99
-"""Probability of an effect of stamps or values: they are found at many sigmas or not at all."""
-
-FAINT = 1e-3
-"""Probability below which an effect that a discrepancy may only look like is not listed."""
 
 LINES = 2
 """Lines that a discrepancy may have: mains and a motor."""
@@ -129,20 +103,6 @@ class Outcome:
     noise: Array | None = None
     selection: Selection | None = None
     checks: Checks | None = None
-
-
-class _Judged(NamedTuple):
-    """What the search found, weighed: of each effect, of the whole, and of what is unexplained."""
-
-    summary: ResidualSummary
-    part: UnexplainedPart
-    gap: Gap
-    noise: Array
-    effects: tuple[NamedEffect, ...]
-    candidates: list[tuple[str, float]]
-    word: str
-    sentence: str
-    notes: tuple[str, ...]
 
 
 def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[Corrected],
@@ -189,24 +149,27 @@ def _is_untold(outcome: Outcome) -> bool:
 
 def _searched(first: LinearisedModel, checks: Checks, observed: list[MeasuredBlocks],
               given: Sequence[Recording]) -> Outcome:
-    """Search for effects beside tolerances as a model has them, and judge them."""
+    """Search for effects beside tolerances as a model has them; judge, localise and say them."""
+    found, tried = _search(first, checks)
+    judged = judge(first, found, tried, checks, observed)
+    where = _localised(found.selection, judged.summary.predictability, checks)
+    diagnosis = replace(_say(found, judged, checks), localisation=where,
+                        not_excited=tuple(not_excited(found.model, tried)),
+                        used=shares(found.model, given))
+    return _outcome(first, found, judged, diagnosis, checks, observed)
+
+
+def _search(first: LinearisedModel, checks: Checks) -> tuple[Found, list[Hypothesis]]:
+    """Look for steps, lines and effects, and say which effects were tried."""
     known = _with_known(first, checks)
     model, events = with_steps(known)
     frequencies = _strongest(lines_of(model))
     if frequencies:
         model.allow_discrepancy(frequencies)
         model.refit_noise(np.zeros(len(model.nuisances)))
-    found = hypotheses(model, frequencies[0] if frequencies else None)
-    model, selection, events, instants = with_onsets(
-        first, known, Found(model, select(model, found, first), events, {}), found)
-    judged = _judge(first, model, selection, found, checks, observed, events, instants)
-    where = _localised(selection, judged.summary.predictability, checks)
-    return _say(first, model, selection, judged, Diagnosis(
-        judged.word, judged.sentence, judged.effects, tuple(judged.candidates), where, judged.gap,
-        tuple(not_excited(model, found)), (*checks.notes, *judged.summary.notes, *judged.notes),
-        {'ceiling_sigma': float(judged.summary.predictability.z.max()),
-         'cell_sigma': judged.summary.strongest[0].z, 'ratio': judged.part.ratio},
-        shares(model, given)), checks, observed)
+    tried = hypotheses(model, frequencies[0] if frequencies else None)
+    now = Found(model, select(model, tried, first), events, {})
+    return with_onsets(first, known, now, tried), tried
 
 
 def _with_known(first: LinearisedModel, checks: Checks) -> LinearisedModel:
@@ -238,123 +201,13 @@ def _observed(dataset: Dataset, recording: Recording, rig: Rig) -> MeasuredBlock
                           dataset.measured.start, dataset.measured.n_blocks)
 
 
-def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
-           found: Sequence[Hypothesis], checks: Checks, observed: list[MeasuredBlocks],
-           events: tuple[Event, ...], instants: Mapping[str, Instant]) -> _Judged:
-    """Weigh what was found: share of the misfit, probabilities, what is unexplained, verdict."""
-    final = selection.model
-    with_discrepancy = final.discrepancy_scales != NO_DISCREPANCY
-    summary = summarise_residual(fitted_to_all(final, selection.jacobians),
-                                 selection.discrepancy_evidence)
-    part = unexplained(summary)
-    gap, noise, errors = _measured(first, selection, summary, observed)
-    in_wrench = float(selection.missing_by_stream[list(STREAM_SLICES).index('wrench')])
-    steps = named_steps(final, events, least_evidence(
-        in_wrench, list(selection.log_bayes_factors.values())), with_discrepancy)
-    sudden = {e.name: e.probability for e in steps}
-    known = len(model.fixed) + len(sudden)
-    doubts = nameless(selection.log_bayes_factors, selection.missing_evidence, known)
-    numbers = {a.name: parameters_of(final, a) for a in selection.accepted}
-    period = _period(final)
-    lags = {name: other for name, values in numbers.items()
-            if (other := tied(name, values, period)) and other not in numbers}
-    alike = {name: other for name, values in numbers.items()
-             if (other := equivalent(final, name, values, selection.log_bayes_factors[name]))}
-    ties = {**alike, **lags}
-    probability, candidates = probabilities(
-        [(a.name, with_tie(selection.alternatives.get(a.name, {}), ties.get(a.name, ''),
-                           odds(a.name, ties.get(a.name, ''))))
-         for a in selection.accepted], part,
-        gap.closed, known, doubts if with_discrepancy else None, selection.log_bayes_factors,
-        {} if selection.accepted or part.ratio < 1.0 else nearest(selection, found))
-    candidates = _sorted([*candidates, *sudden.items(), *((n, CHECKED) for n in checks.effects)])
-    named = list(numbers)
-    word, sentence = verdict(
-        [*named, *sudden, *checks.effects], candidates, part,
-        gap.closed if named or model.fixed or sudden else None,
-        signal_to_noise(model) > ENOUGH or bool(checks.effects) or bool(steps),
-        whole=not unjudged(model), with_discrepancy=with_discrepancy,
-        slow_noise=summary.slow_noise,
-        at_limit=[x for name, values in numbers.items() for x in at_limit(name, values)])
-    less = nameless({**selection.log_bayes_factors, **selection.doubtful},
-                    selection.missing_evidence, known)
-    possible = {name: 1.0 - less[name] for name in selection.doubtful}
-    candidates = _sorted([*candidates, *((n, p) for n, p in possible.items() if p > FAINT)])
-    stated = with_taken(final, selection.accepted, numbers, errors, gap.closed)
-    named_ones = [begun_or_ended(NamedEffect(name, values, probability[name]), final, instants)
-                  for name, values in stated.items()]
-    sentence += in_time([*named_ones, *steps]) + missing_streams(final.datasets[0].recording)
-    effects = (*named_ones, *steps,
-               *(NamedEffect(n, v, CHECKED) for n, v in checks.effects.items()))
-    return _Judged(summary, part, gap, noise, effects, candidates, word,
-                   sentence + unjudged(model),
-                   (*(note for a in selection.accepted for note in untold(final, a)),
-                    *(note_of(name, other, period) for name, other in lags.items()),
-                    *(why(name, other) for name, other in alike.items())))
-
-
-def _period(model: LinearisedModel) -> float:
-    """Time between samples of the wrench, the longest of any recording [s]; 0 without one."""
-    wrenches = [dataset.recording.wrench for dataset in model.datasets]
-    return max((1.0 / w.rate for w in wrenches if w is not None and len(w) > 1), default=0.0)
-
-
-def _sorted(candidates: list[tuple[str, float]]) -> list[tuple[str, float]]:
-    """List every name once, the most probable first."""
-    highest: dict[str, float] = {}
-    for name, p in candidates:
-        highest[name] = max(p, highest.get(name, 0.0))
-    return sorted(highest.items(), key=lambda pair: -pair[1])
-
-
-def _say(first: LinearisedModel, model: LinearisedModel, selection: Selection, judged: _Judged,
-         diagnosis: Diagnosis, checks: Checks, observed: list[MeasuredBlocks]) -> Outcome:
-    """Return the diagnosis with the rig that it leads to; what is not named is not added to it."""
-    final, noise = selection.model, judged.noise
-    if judged.word in ('unknown', 'not_excited'):
-        # a gap without a name looks like noise
-        final = replace(model, noise=[at_standstill(b, n)
-                                      for b, n in zip(model.residuals, model.noise)])
-        selection = Selection(final, (), (), {})
-        gap, noise, _ = _measured(first, selection, summarise_residual(final), observed)
-        unknown = NamedEffect(UNKNOWN, {}, dict(judged.candidates).get(UNKNOWN, SURE))
-        diagnosis = replace(diagnosis, gap=gap, effects=(unknown,))
-    if judged.word == 'not_excited':
-        diagnosis = replace(diagnosis, effects=(), candidates=())
-    return Outcome(diagnosis, patched_rig(final, selection, checks), _moved(final),
-                   tuple(first.residuals), tuple(final.residuals), final.datasets, noise,
-                   selection, checks)
-
-
-def _measured(first: LinearisedModel, selection: Selection, summary: ResidualSummary,
-              observed: list[MeasuredBlocks]) -> tuple[Gap, Array, Errors]:
-    """Return the gap in its three arms, the noise of one sample of every channel, and errors."""
-    final = selection.model
-    moved = [predictable(summary.predictability, i) for i in range(len(final.datasets))]
-    errors = parameter_errors(final, selection.jacobians)
-    energy = unpredictable(final, summary.strongest, moved)
-    nameless = energy if not selection.accepted else 0.0
-    noise = sample_noise(final, errors.expected() + nameless, moved)
-    before = [o.residual(s) for o, s in zip(observed, first.base)]
-    nominal = [o.residual(c.nominal) for o, c in zip(observed, first.datasets)]
-    beside = moved if errors.predicted is None else errors.predicted.rows
-    return (measured_gap(first, final, (nominal, before, beside), noise, energy, errors), noise,
-            errors)
-
-
-def _moved(model: LinearisedModel) -> dict[str, tuple[float, float]]:
-    std = np.sqrt(np.diag(model.fit_nuisances().covariance))
-    return {n.name: (float(x * size), float(s * size)) for n, x, s, size in zip(
-        model.nuisances, model.centre, std, model.prior_std)}
-
-
 def _localised(selection: Selection, predictability: Predictability, checks: Checks
                ) -> tuple[Location, ...]:
     """Say where the effects change the simulation, and where else the residual is no noise."""
     final = selection.model
     before = final.without_effects().residuals
-    differences = [b - a + predictable(predictability, i)
-                   for i, (b, a) in enumerate(zip(before, final.residuals))]
+    differences = [b - a + more for b, a, more in zip(
+        before, final.residuals, predictions(predictability))]
     stages = {final.library[n].stage
               for n in (*(a.name for a in selection.accepted), *checks.effects)}
     if any(n.acts_on == 'step' for n in final.nuisances):
@@ -371,3 +224,54 @@ def _localised(selection: Selection, predictability: Predictability, checks: Che
                            max(q.value for q in v.values()), 0.0)
                   for n, v in checks.effects.items() if n in WITHOUT_MEAN)
     return (*shown, *found)
+
+
+def _say(found: Found, judged: Judged, checks: Checks) -> Diagnosis:
+    """Say what was judged, in one word, one sentence, and notes."""
+    model, final = found.model, found.selection.model
+    names = [*judged.numbers, *{e.name for e in judged.steps}]
+    sure = bool(checks.effects or judged.steps)
+    word, sentence = verdict(
+        [*names, *checks.effects], judged.candidates, judged.part,
+        judged.gap.closed if names or model.fixed else None,
+        sure or signal_to_noise(model) > ENOUGH, whole=not unjudged(model),
+        with_discrepancy=found.selection.beside_discrepancy,
+        slow_noise=judged.summary.slow_noise,
+        at_limit=[x for name, values in judged.numbers.items() for x in at_limit(name, values)])
+    sentence += in_time(judged.effects) \
+        + missing_streams(final.datasets[0].recording) + unjudged(model)
+    summary, ties = judged.summary, tuple(judged.ties.values())
+    notes = (*checks.notes, *summary.notes,
+             *(note for a in found.selection.accepted for note in untold(final, a)),
+             *(tie.note for tie in ties))
+    candidates = tuple(listed_once([*judged.candidates, *judged.doubtful]))
+    return Diagnosis(
+        word, sentence, judged.effects, candidates, gap=judged.gap, notes=notes, ties=ties,
+        remainder={'ceiling_sigma': float(summary.predictability.z.max()),
+                   'cell_sigma': summary.strongest[0].z, 'ratio': judged.part.ratio})
+
+
+def _outcome(first: LinearisedModel, found: Found, judged: Judged, diagnosis: Diagnosis,
+             checks: Checks, observed: list[MeasuredBlocks]) -> Outcome:
+    """Return the diagnosis with the rig that it leads to; what is not named is not added to it."""
+    model, selection, *_ = found
+    final, noise = selection.model, judged.noise
+    if diagnosis.verdict in ('unknown', 'not_excited'):
+        # a gap without a name looks like noise
+        final = replace(model, noise=[at_standstill(b, n)
+                                      for b, n in zip(model.residuals, model.noise)])
+        selection = Selection(final, (), (), {})
+        gap, noise, _ = measured_gap(first, selection, summarise_residual(final), observed)
+        unknown = NamedEffect(UNKNOWN, {}, dict(judged.candidates).get(UNKNOWN, SURE))
+        diagnosis = replace(diagnosis, gap=gap, effects=(unknown,))
+    if diagnosis.verdict == 'not_excited':
+        diagnosis = replace(diagnosis, effects=(), candidates=())
+    return Outcome(diagnosis, patched_rig(final, selection, checks), _moved(final),
+                   tuple(first.residuals), tuple(final.residuals), final.datasets, noise,
+                   selection, checks)
+
+
+def _moved(model: LinearisedModel) -> dict[str, tuple[float, float]]:
+    std = np.sqrt(np.diag(model.fit_nuisances().covariance))
+    return {n.name: (float(x * size), float(s * size)) for n, x, s, size in zip(
+        model.nuisances, model.centre, std, model.prior_std)}

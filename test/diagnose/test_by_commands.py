@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 from forcecal_ros.diagnose.by_commands import diagnose
-from forcecal_ros.diagnose.engine import _sorted
 from forcecal_ros.diagnose.inputs.channels import CHANNELS as DIAGNOSED
 from forcecal_ros.diagnose.inputs.stamps import Corrected
 from forcecal_ros.diagnose.judge.named_effects import from_checks
+from forcecal_ros.diagnose.judge.probabilities import listed_once
 from forcecal_ros.diagnose.localise import time_frequency
 from forcecal_ros.diagnose.model.evidence import fit, Gram, Prior
 from forcecal_ros.diagnose.say.result import to_document
@@ -199,5 +199,5 @@ def test_slow_noise_that_does_not_repeat_is_no_gap_and_is_told():
 
 
 def test_a_name_is_listed_once_with_the_most_that_speaks_for_it():
-    found = _sorted([('cable_force', 0.15), ('unknown', 0.32), ('cable_force', 0.25)])
+    found = listed_once([('cable_force', 0.15), ('unknown', 0.32), ('cable_force', 0.25)])
     assert found == [('unknown', 0.32), ('cable_force', 0.25)]

@@ -5,12 +5,15 @@ from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.inputs.dataset import Dataset
+from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
+from forcecal_ros.diagnose.judge.residual_summary import predictions, ResidualSummary
 from forcecal_ros.diagnose.localise.time_frequency import STRONG, TimeFrequencyBin
 from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
 from forcecal_ros.diagnose.model.hypotheses import EffectJacobian
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.model.own_size import Predicted, predicted, spread
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
+from forcecal_ros.diagnose.search.selection import Selection
 from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
@@ -334,28 +337,35 @@ def unpredictable(model: LinearisedModel, bins: list[TimeFrequencyBin],
     return energy
 
 
-def measured_gap(model: LinearisedModel, final: LinearisedModel,
-                 residuals: tuple[list[Array], ...], noise: Array, energy: Array,
-                 errors: Errors) -> Gap:
+def measured_gap(model: LinearisedModel, selection: Selection, summary: ResidualSummary,
+                 observed: Sequence[MeasuredBlocks]) -> tuple[Gap, Array, Errors]:
     """
     Measure the gap in its three arms, the error of the contact force with it.
 
     Parameters
     ----------
-    model, final : LinearisedModel
-        Recalibrated; with the effects.
-    residuals : tuple of three lists of ndarray, shape (n, channels)
-        Of each recording: measured less nominal, measured less recalibrated, and what of the
-        final residual is predictable.
+    model : LinearisedModel
+        Recalibrated, without effects.
+    observed : sequence of MeasuredBlocks
+        By the stamps that the recordings came with.
+
+    Returns
+    -------
+    gap : Gap
     noise : ndarray, shape (channels,)
         RMS of one sample.
-    energy : ndarray, shape (channels,)
-        Mean square of what else is unexplained and is no noise.
+    errors : Errors
     """
-    arms, contact = [], []
-    for i, (nominal, before, predictable) in enumerate(zip(*residuals)):
-        dataset = model.datasets[i]
-        arms.append(Arms(before, nominal - before, before - final.residuals[i], predictable))
+    final, arms, contact = selection.model, [], []
+    moved = predictions(summary.predictability)
+    errors = parameter_errors(final, selection.jacobians)
+    energy = unpredictable(final, summary.strongest, moved)
+    without_name = 0.0 if selection.accepted else energy
+    noise = sample_noise(final, errors.expected() + without_name, moved)
+    beside = moved if errors.predicted is None else errors.predicted.rows
+    for i, (dataset, rows) in enumerate(zip(model.datasets, beside)):
+        nominal, before = (observed[i].residual(s) for s in (dataset.nominal, model.base[i]))
+        arms.append(Arms(before, nominal - before, before - final.residuals[i], rows))
         contact.append([dataset.measured.of_wrench(s.contact) for s in (
             dataset.nominal, model.base[i], final.base[i])])
     out = gap(model.datasets, arms, noise, energy, errors)
@@ -363,4 +373,5 @@ def measured_gap(model: LinearisedModel, final: LinearisedModel,
     # one whose rest is all explained has no noise left, and counts as met
     remaining = np.array([0.0 if one is None else one[2] ** 2 for one in forces]
                          if any(forces) else [])
-    return out._replace(contact_force=contact_error(model.datasets, arms, contact, remaining))
+    force = contact_error(model.datasets, arms, contact, remaining)
+    return out._replace(contact_force=force), noise, errors

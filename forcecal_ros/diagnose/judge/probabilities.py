@@ -2,8 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 import math
+from typing import NamedTuple
 
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
+from forcecal_ros.diagnose.judge.ties import Tie
 from forcecal_ros.diagnose.search.odds import (
     log_odds,
     most_probable,
@@ -33,6 +35,14 @@ NEAREST = 3
 UNKNOWN = 'unknown'
 
 
+class Slot(NamedTuple):
+    """An accepted effect, its alternatives' log-odds against it, and what does the same."""
+
+    name: str
+    alternatives: Mapping[str, float]
+    tie: Tie | None = None
+
+
 def nameless(log_bayes_factors: Mapping[str, float], missing_evidence: Mapping[str, float],
              known: int = 0) -> dict[str, float]:
     """
@@ -52,8 +62,8 @@ def nameless(log_bayes_factors: Mapping[str, float], missing_evidence: Mapping[s
     return {name: 1.0 - min(most_probable(name), _sigmoid(x)) for name, x in odds.items()}
 
 
-def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], part: UnexplainedPart,
-                  closed: float, known: int = 0, doubts: Mapping[str, float] | None = None,
+def probabilities(slots: Sequence[Slot], part: UnexplainedPart, closed: float, known: int = 0,
+                  doubts: Mapping[str, float] | None = None,
                   log_bayes_factors: Mapping[str, float] | None = None,
                   nearest: Mapping[str, float] | None = None
                   ) -> tuple[dict[str, float], list[tuple[str, float]]]:
@@ -62,8 +72,8 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], part: Unexpl
 
     Parameters
     ----------
-    slots : sequence of (str, mapping of str to float)
-        Each accepted effect, and its alternatives' log-odds against it.
+    slots : sequence of Slot
+        One for each accepted effect.
     closed : float
         Share of the gap that is closed.
     known : int
@@ -91,11 +101,12 @@ def probabilities(slots: Sequence[tuple[str, Mapping[str, float]]], part: Unexpl
         unknown = min(SURE, _sigmoid(8.0 * (min(part.ratio, 3.0) - 1.0)))
     named: dict[str, float] = {}
     chosen: dict[str, float] = {}
-    for name, alternatives in slots:
+    for name, alternatives, tie in slots:
         doubted = (doubts or {}).get(name, unknown)
-        weights = {name: 1.0}
-        weights.update({k: math.exp(min(0.0, v)) for k, v in alternatives.items()
-                        if k != name})
+        weights = {name: 1.0, **{k: math.exp(min(0.0, v)) for k, v in alternatives.items()
+                                 if k != name}}
+        if tie is not None:
+            weights[tie.other] = max(tie.odds, weights.get(tie.other, 0.0))
         total = sum(weights.values())
         shares = {k: (1.0 - doubted) * w / total for k, w in weights.items()}
         shares[UNKNOWN] = doubted
@@ -125,3 +136,11 @@ def _shared(whole: float, log_odds_among: Mapping[str, float]) -> dict[str, floa
 
 def _sigmoid(log_odds: float) -> float:
     return 1.0 / (1.0 + math.exp(-log_odds))
+
+
+def listed_once(candidates: Sequence[tuple[str, float]]) -> list[tuple[str, float]]:
+    """List every name once, the most probable first."""
+    highest: dict[str, float] = {}
+    for name, p in candidates:
+        highest[name] = max(p, highest.get(name, 0.0))
+    return sorted(highest.items(), key=lambda pair: -pair[1])

@@ -276,18 +276,7 @@ def _other_lines(lines: tuple[Line, ...], model: LinearisedModel
     return others, (note,) if len(others) < len(lines) else ()
 
 
-def predictable(predictability: Predictability, dataset: int) -> Array:
-    """
-    Return what the motion predicts of the residual of one recording, where that is significant.
-
-    Parameters
-    ----------
-    dataset : int
-        Which recording.
-
-    Returns
-    -------
-    ndarray, shape (n, channels)
-    """
+def predictions(predictability: Predictability) -> list[Array]:
+    """Return what motion predicts of each residual, where significant, shape (n, channels)."""
     real = (predictability.z > PREDICTABLE) & (predictability.size > SMALL)
-    return np.where(real, predictability.prediction[dataset], 0.0)
+    return [np.where(real, one, 0.0) for one in predictability.prediction]

@@ -2,8 +2,6 @@
 
 from collections.abc import Sequence
 
-from forcecal_ros.diagnose.judge.equivalents import FORMS, why
-from forcecal_ros.diagnose.judge.ties import tied
 from forcecal_ros.diagnose.plan.recording import motion_for
 from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.effects import EFFECTS, with_effects
@@ -51,12 +49,11 @@ def _to_show(names: Sequence[str]) -> str:
 
 def _to_tell_apart(diagnosis: Diagnosis, rig: Rig) -> str:
     named = [e.name for e in diagnosis.effects if e.name in EFFECTS]
-    # what samples cannot tell apart no motion does
-    same = {tied(e.name, e.parameters, 1.0 / rig.wrench_sensor.rate) for e in diagnosis.effects}
+    same = {tie.other for tie in diagnosis.ties}  # no motion tells them apart
     others = [n for n, _ in diagnosis.candidates if n in EFFECTS and n not in {*named, *same}]
     if diagnosis.verdict != 'ambiguous' or not named:
         return ''
-    for other in (n for n in others if not _alike(named[0], n, diagnosis)):
+    for other in others:
         try:
             phase, energy = separating(rig, named[0], other)[0]
         except ForcecalError:
@@ -64,11 +61,6 @@ def _to_tell_apart(diagnosis: Diagnosis, rig: Rig) -> str:
         return (f'{_recorded(phase)}: it tells {named[0]} from {other}; at typical sizes they '
                 f'differ there by {float(f"{energy:.2g}"):,.12g} times the energy of the noise.')
     return ''
-
-
-def _alike(name: str, other: str, diagnosis: Diagnosis) -> bool:
-    """Say whether a note tells already that two effects do the same, and what tells them apart."""
-    return other in FORMS.get(name, {}) and why(name, other) in diagnosis.notes
 
 
 def _recorded(phase: str) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 
 from forcecal_ros.diagnose.judge.gap import Gap
 from forcecal_ros.diagnose.judge.named_effects import instants, NamedEffect, Parameter
+from forcecal_ros.diagnose.judge.ties import Tie
 from forcecal_ros.diagnose.localise.localisation import Location
 from forcecal_ros.errors import DataError
 
@@ -33,6 +34,8 @@ class Diagnosis:
         Statistics of what is unexplained; under that name in ``diagnosis.json``.
     used : dict of str to float
         Part of each stream's samples that counts.
+    ties : tuple of Tie
+        What no motion tells from effects accepted; notes say so in ``diagnosis.json``.
     """
 
     verdict: str
@@ -45,6 +48,7 @@ class Diagnosis:
     notes: tuple[str, ...] = ()
     remainder: dict[str, float] | None = None
     used: dict[str, float] | None = None
+    ties: tuple[Tie, ...] = ()
 
 
 NO_MOTION = Diagnosis('not_excited',

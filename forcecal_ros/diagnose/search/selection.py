@@ -71,6 +71,11 @@ class Selection(NamedTuple):
     missing_by_stream: Array = np.zeros(len(STREAM_SLICES))
     doubtful: Mapping[str, float] = MappingProxyType({})
 
+    @property
+    def beside_discrepancy(self) -> bool:
+        """Whether the effects were weighed beside a discrepancy."""
+        return self.model.discrepancy_scales != NO_DISCREPANCY
+
 
 def select(model: LinearisedModel, found: Sequence[Hypothesis], bare: LinearisedModel,
            free: Sequence[Hypothesis] = (), begin: JointFit | None = None) -> Selection:

@@ -1,6 +1,6 @@
 """Probabilities of effects, and the verdict that follows."""
 
-from forcecal_ros.diagnose.judge.probabilities import nameless, probabilities, UNKNOWN
+from forcecal_ros.diagnose.judge.probabilities import nameless, probabilities, Slot, UNKNOWN
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
 from forcecal_ros.diagnose.say.verdict import verdict
 import numpy as np
@@ -10,7 +10,8 @@ NOTHING_LEFT = UnexplainedPart(0.4, '')
 
 
 def test_equal_odds_make_the_verdict_ambiguous_and_a_bad_fit_makes_it_unknown():
-    named, candidates = probabilities([('base_tilt', {'cable_force': -0.2})], NOTHING_LEFT, 0.98)
+    slot = Slot('base_tilt', {'cable_force': -0.2})
+    named, candidates = probabilities([slot], NOTHING_LEFT, 0.98)
     assert {n for n, _ in candidates} == {'base_tilt', 'cable_force'}
     chances = dict(candidates)
     assert named['base_tilt'] == chances['base_tilt']
@@ -35,7 +36,7 @@ def test_equal_odds_make_the_verdict_ambiguous_and_a_bad_fit_makes_it_unknown():
 
 def test_the_more_is_closed_by_the_fewer_effects_the_surer_they_are():
     def sure(closed, *names):
-        return probabilities([(n, {}) for n in names], NOTHING_LEFT, closed)[0][names[0]]
+        return probabilities([Slot(n, {}) for n in names], NOTHING_LEFT, closed)[0][names[0]]
     assert sure(0.5, 'base_tilt') < sure(0.9, 'base_tilt') < sure(0.999, 'base_tilt') < 1.0
     assert sure(0.99, 'base_tilt') > sure(0.99, 'base_tilt', 'tool_com') > sure(
         0.99, 'base_tilt', 'tool_com', 'tool_mass')
@@ -44,8 +45,8 @@ def test_the_more_is_closed_by_the_fewer_effects_the_surer_they_are():
 def test_what_is_known_before_any_model_counts_among_the_effects():
     alone = dict(probabilities([], NOTHING_LEFT, 0.99, known=1)[1])
     assert alone == {}
-    two = probabilities([('wrench_bias_drift', {})], NOTHING_LEFT, 0.99, known=1)[0]
-    one = probabilities([('wrench_bias_drift', {})], NOTHING_LEFT, 0.99)[0]
+    two = probabilities([Slot('wrench_bias_drift', {})], NOTHING_LEFT, 0.99, known=1)[0]
+    one = probabilities([Slot('wrench_bias_drift', {})], NOTHING_LEFT, 0.99)[0]
     assert two['wrench_bias_drift'] < one['wrench_bias_drift']
 
 
@@ -63,7 +64,7 @@ def test_a_faint_effect_beside_a_strong_one_takes_nothing_from_it():
 def test_unknown_is_what_the_strong_effects_leave_and_not_the_faint_ones():
     factors = {'wrench_gain': 3000.0, 'wrench_crosstalk': 30.0}
     doubts = {'wrench_gain': 0.1, 'wrench_crosstalk': 0.6}
-    named, candidates = probabilities([(n, {}) for n in factors], NOTHING_LEFT, 0.9, 0, doubts,
+    named, candidates = probabilities([Slot(n, {}) for n in factors], NOTHING_LEFT, 0.9, 0, doubts,
                                       factors)
     assert named == pytest.approx({'wrench_gain': 0.9, 'wrench_crosstalk': 0.4})
     assert candidates[0] == ('wrench_gain', pytest.approx(0.9))
