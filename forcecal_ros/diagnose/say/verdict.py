@@ -1,6 +1,7 @@
 """The verdict in one word and one sentence."""
 
 from collections.abc import Sequence
+from math import inf
 
 from forcecal_ros.diagnose.judge.probabilities import NAMED, UNKNOWN
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
@@ -31,7 +32,7 @@ def percent(share: float) -> str:
 
 def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
             part: UnexplainedPart, closed: float | None, excited: bool, whole: bool = True,
-            with_discrepancy: bool = False, slow_noise: bool = False,
+            with_discrepancy: bool = False, slow_noise: bool = False, band: float = inf,
             at_limit: Sequence[str] = ()) -> tuple[str, str]:
     """
     Say it in one word and one sentence.
@@ -50,6 +51,8 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
         Whether the effects were weighed beside a discrepancy, which then is what remains.
     slow_noise : bool
         Whether what varies slowly is taken for noise, and may be none.
+    band : float
+        Up to which frequency the simulation is meant to hold [Hz].
     at_limit : sequence of str
         Numbers of accepted effects that would be larger if their limits let them.
     """
@@ -64,8 +67,9 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
             return 'unknown', (f'there is a gap that no effect of the library explains: '
                                f'{part.words}')
         what = 'the recording' if whole else 'what could be looked at'
+        below = f' below {band:g} Hz' if band < inf else ''
         slow = ', if what varies slowly is noise' if slow_noise else ''
-        return 'no_gap', f'the recalibrated rig explains {what} down to its noise{slow}'
+        return 'no_gap', f'the recalibrated rig explains {what}{below} down to its noise{slow}'
     if closed is not None and closed < 0.0:
         more = f'; unexplained: {part.words}' if significant else ''
         return 'unknown', (f'no effect of the library explains the gap: adding {listed} makes '
