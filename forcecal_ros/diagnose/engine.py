@@ -275,6 +275,7 @@ def _judge(first: LinearisedModel, model: LinearisedModel, selection: Selection,
         signal_to_noise(model) > ENOUGH or bool(checks.effects) or bool(steps),
         whole=not unjudged(model), with_discrepancy=with_discrepancy,
         slow_noise=summary.slow_noise, band=model.datasets[0].simulation.band,
+        certain=bool(checks.effects),
         at_limit=[x for name, values in numbers.items() for x in at_limit(name, values)])
     less = nameless({**selection.log_bayes_factors, **selection.doubtful},
                     selection.missing_evidence, known)

@@ -33,6 +33,7 @@ def percent(share: float) -> str:
 def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
             part: UnexplainedPart, closed: float | None, excited: bool, whole: bool = True,
             with_discrepancy: bool = False, slow_noise: bool = False, band: float = inf,
+            certain: bool = False,
             at_limit: Sequence[str] = ()) -> tuple[str, str]:
     """
     Say it in one word and one sentence.
@@ -53,6 +54,8 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
         Whether what varies slowly is taken for noise, and may be none.
     band : float
         Up to which frequency the simulation is meant to hold [Hz].
+    certain : bool
+        Whether one of the effects shows in stamps or values, and is there whatever else is.
     at_limit : sequence of str
         Numbers of accepted effects that would be larger if their limits let them.
     """
@@ -84,7 +87,7 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
         done, closed = f'show{end} in stamps and values', 1.0
     doubtful = dict(candidates).get(UNKNOWN, 0.0) > 0.5
     beside = with_discrepancy and not doubtful
-    if not beside and significant and (closed < NAMED or doubtful):
+    if not beside and significant and (closed < NAMED or doubtful) and not certain:
         nearly = (f'{closest} and would explain {percent(closed)} of the misfit'
                   ', too little to be named; unexplained: ') if closed > 0.0 else ''
         return 'unknown', (f'no effect of the library explains the gap: {nearly}'
@@ -93,7 +96,8 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
     if significant:
         rest = f'; {"what remains" if beside else "unexplained"}: {part.words}'
     if doubtful:
-        rest += '; one effect that is not in the library is likelier than these together'
+        these = 'what stamps and values do not show' if certain else 'these together'
+        rest += f'; one effect that is not in the library is likelier than {these}'
     partly = doubtful or (significant and (closed < WHOLE or part.ratio > GLARING))
     if closed < HALF if beside else partly:
         return 'partial', f'{listed} {done}{rest}'
