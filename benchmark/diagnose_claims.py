@@ -1,6 +1,7 @@
 """Does a patched rig shrink the gap as claimed? Recomputed on simulations whose truth is known.
 
     python benchmark/diagnose_claims.py
+    python benchmark/diagnose_claims.py --coverage 200
 
 For effects alone and in pairs: diagnoses a pair of noisy recordings, writes the patched rig to a
 file, simulates the held-out commands with it as ``forcecal simulate --noise-free`` does, and takes
@@ -17,7 +18,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from forcecal_ros.diagnose.by_commands import diagnose
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
+from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
 from forcecal_ros.diagnose.inputs.dataset import prepare
 from forcecal_ros.diagnose.model.linearised import linearised_model
 from forcecal_ros.effects.rig import Rig
@@ -28,10 +29,15 @@ from forcecal_ros.simulators.rig.file import dump_rig, load_rig
 from forcecal_ros.simulators.rig.offline import simulate
 import numpy as np
 from scipy.spatial.transform import Rotation
+from scipy.stats import binomtest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 import diagnose_cases as cases
+from resumable import resumed
+
+ENERGIES = ((50.0, 200.0), (200.0, 1000.0), (1000.0, 5000.0))
+"""Within which coverage is counted apart."""
 
 ALONE = ('wrench_delay', 'wrench_bias_drift', 'wrench_gain', 'wrench_crosstalk',
          'wrench_hysteresis', 'accel_delay', 'accel_misalignment', 'tool_mass', 'tool_stiffness',
@@ -47,8 +53,17 @@ def plan(energies: tuple[float, ...]) -> list[dict[str, Any]]:
             for e in energies for i, names in enumerate(named)]
 
 
+def drawn(count: int, seed: int) -> list[dict[str, Any]]:
+    """Draw single effects and their energies."""
+    rng, names = np.random.default_rng(seed), list(cases.SHAPES)
+    order = [names[i] for _ in range(-(-count // len(names))) for i in rng.permutation(len(names))]
+    return [{'names': [name], 'seed': 1000 * seed + i,
+             'energy': round(float(np.exp(rng.uniform(np.log(50.0), np.log(5000.0)))), 1)}
+            for i, name in enumerate(order[:count])]
+
+
 def noise_of(rig: Rig) -> Array:
-    """RMS of one sample of each channel, shape (16,)."""
+    """RMS of one sample of each channel but those of joints, shape (16,)."""
     wrench, pose = rig.wrench_sensor, rig.pose_sensor
     assert rig.optidrive is not None
     return np.repeat([wrench.force_noise, wrench.torque_noise, rig.accelerometer.noise,
@@ -57,9 +72,11 @@ def noise_of(rig: Rig) -> Array:
 
 
 def mean_squares(one: Recording, other: Recording) -> Array:
-    """Mean squares of the difference of two recordings, channel by channel, shape (16,)."""
-    out = np.zeros(len(CHANNELS))
+    """Mean squares of the difference of two recordings, but for their joints, shape (16,)."""
+    out = np.zeros(STREAM_SLICES['joints'].start)
     for name, columns in STREAM_SLICES.items():
+        if name == 'joints':
+            continue
         a, b = getattr(one, name), getattr(other, name)
         np.testing.assert_allclose(a.t, b.t, atol=1e-6)
         if isinstance(a, PoseStream):
@@ -100,12 +117,38 @@ def run(case: dict[str, Any]) -> dict[str, Any]:
         'true': 1.0 - overall(patched) / overall(recalibrated)}
 
 
+def print_coverage(results: list[dict[str, Any]]) -> None:
+    """Print how often the interval covers, by the energy of the effect."""
+    print('| energy | cases | named | interval covers | 95 % of that | median width | median of '
+          'claimed less recomputed |\n' + '|---' * 7 + '|')
+    for low, high in (*ENERGIES, (ENERGIES[0][0], ENERGIES[-1][1])):
+        own = [r for r in results if low <= r['energy'] < high]
+        named = [r for r in own if r['named'] and r['named'] != ['unknown']]
+        if not named:
+            continue
+        covers = sum(r['ci95'][0] <= r['true'] <= r['ci95'][1] for r in named)
+        between = binomtest(covers, len(named)).proportion_ci(method='wilson')
+        width = 100.0 * np.median([r['ci95'][1] - r['ci95'][0] for r in named])
+        off = 100.0 * np.median([r['claimed'] - r['true'] for r in named])
+        print(f'| {low:g} to {high:g} | {len(own)} | {len(named)} | {covers} of {len(named)} | '
+              f'{100 * between.low:.0f} to {100 * between.high:.0f} % | {width:.0f} points | '
+              f'{off:+.1f} points |')
+
+
 def main() -> None:
     """Run all and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--jobs', type=int, default=1)
     parser.add_argument('--energies', type=float, nargs='+', default=[1e4])
+    parser.add_argument('--coverage', type=int, default=0, help='cases drawn to count coverage')
+    parser.add_argument('--seed', type=int, default=7, help='of those')
+    parser.add_argument('-o', '--out', type=Path, default=Path('diagnose_coverage.jsonl'))
     arguments = parser.parse_args()
+    if arguments.coverage:
+        wanted = drawn(arguments.coverage, arguments.seed)
+        print_coverage(resumed(run, wanted, arguments.out, arguments.jobs,
+                               lambda case, result: case.items() <= result.items()))
+        return
     wanted = plan(tuple(arguments.energies))
     print('| truth | energy of each | verdict | named | claimed (95 %) | recomputed |\n'
           + '|---' * 6 + '|')

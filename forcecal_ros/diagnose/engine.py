@@ -236,7 +236,8 @@ def _say(found: Found, judged: Judged, checks: Checks) -> Diagnosis:
         judged.gap.closed if names or model.fixed else None,
         sure or signal_to_noise(model) > ENOUGH, whole=not unjudged(model),
         with_discrepancy=found.selection.beside_discrepancy,
-        slow_noise=judged.summary.slow_noise,
+        slow_noise=judged.summary.slow_noise, band=model.datasets[0].simulation.band,
+        certain=bool(checks.effects),
         at_limit=[x for name, values in judged.numbers.items() for x in at_limit(name, values)])
     sentence += in_time(judged.effects) \
         + missing_streams(final.datasets[0].recording) + unjudged(model)

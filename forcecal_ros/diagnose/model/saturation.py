@@ -2,7 +2,6 @@
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.effects import EFFECTS
 from forcecal_ros.geometry import Array
 import numpy as np
 
@@ -31,23 +30,23 @@ def limit_starts(model: LinearisedModel, effect: str) -> dict[str, float]:
     Returns
     -------
     dict of str to float
-        Parameter of the effect -> limit.
+        Parameter of the effect -> limit, within the range that the library leaves it.
     """
-    names = [q.name for q in EFFECTS[effect].parameters][-len(CLIPPING[effect]):]
+    quantities = model.library[effect].parameters[-len(CLIPPING[effect]):]
     stream = 'wrench' if effect == 'wrench_saturation' else 'accelerometer'
     first, found = STREAM_SLICES[stream].start, {}
     if any(stream not in dataset.measured.streams for dataset in model.datasets):
         return {}
     pairs = [_physical(model, i, stream) for i in range(len(model.datasets))]
-    for k, name in enumerate(names):
+    for k, q in enumerate(quantities):
         simulated = np.concatenate([s[:, k] for s, _ in pairs])
         measured = np.concatenate([m[:, k] for _, m in pairs])
-        limit, removed = _best_limit(simulated, measured)
+        limit, removed = _best_limit(simulated, measured, q.low, q.high)
         scale = model.level[first + k] * 2.0
         if stream == 'accelerometer':
             scale /= abs(_model_gain(model)[k])
         if removed > LEAST * scale ** 2 and CHANNELS[first + k].name in CLIPPING[effect]:
-            found[name] = limit
+            found[q.name] = limit
     return found
 
 
@@ -66,13 +65,17 @@ def _physical(model: LinearisedModel, i: int, stream: str) -> tuple[Array, Array
     return measured - rest, measured
 
 
-def _best_limit(simulated: Array, measured: Array) -> tuple[float, float]:
-    """Return the limit that removes most squares, and how many."""
+def _best_limit(simulated: Array, measured: Array, low: float, high: float
+                ) -> tuple[float, float]:
+    """Return the limit in a range that removes most squares, and how many; 0 where none is."""
     size = np.abs(simulated)
-    high = np.flatnonzero(size > 0.5 * size.max())
-    s, m = simulated[high], measured[high]
+    near = np.flatnonzero(size > 0.5 * size.max())
+    s, m = simulated[near], measured[near]
     before = (m - s) ** 2
     limits = size.max() * np.linspace(0.5, 1.0, LEVELS, endpoint=False)
+    limits = limits[(limits >= low) & (limits <= high)]
+    if not len(limits):
+        return 0.0, 0.0
     removed = [float(np.sum(before - (m - np.clip(s, -x, x)) ** 2)) for x in limits]
     best = int(np.argmax(removed))
     return float(limits[best]), removed[best]

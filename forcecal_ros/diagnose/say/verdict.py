@@ -1,6 +1,7 @@
 """The verdict in one word and one sentence."""
 
 from collections.abc import Sequence
+from math import inf
 
 from forcecal_ros.diagnose.judge.probabilities import NAMED, UNKNOWN
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
@@ -31,7 +32,8 @@ def percent(share: float) -> str:
 
 def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
             part: UnexplainedPart, closed: float | None, excited: bool, whole: bool = True,
-            with_discrepancy: bool = False, slow_noise: bool = False,
+            with_discrepancy: bool = False, slow_noise: bool = False, band: float = inf,
+            certain: bool = False,
             at_limit: Sequence[str] = ()) -> tuple[str, str]:
     """
     Say it in one word and one sentence.
@@ -50,6 +52,10 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
         Whether the effects were weighed beside a discrepancy, which then is what remains.
     slow_noise : bool
         Whether what varies slowly is taken for noise, and may be none.
+    band : float
+        Up to which frequency the simulation is meant to hold [Hz].
+    certain : bool
+        Whether one of the effects shows in stamps or values, and is there whatever else is.
     at_limit : sequence of str
         Numbers of accepted effects that would be larger if their limits let them.
     """
@@ -64,8 +70,9 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
             return 'unknown', (f'there is a gap that no effect of the library explains: '
                                f'{part.words}')
         what = 'the recording' if whole else 'what could be looked at'
+        below = f' below {band:g} Hz' if band < inf else ''
         slow = ', if what varies slowly is noise' if slow_noise else ''
-        return 'no_gap', f'the recalibrated rig explains {what} down to its noise{slow}'
+        return 'no_gap', f'the recalibrated rig explains {what}{below} down to its noise{slow}'
     if closed is not None and closed < 0.0:
         more = f'; unexplained: {part.words}' if significant else ''
         return 'unknown', (f'no effect of the library explains the gap: adding {listed} makes '
@@ -80,7 +87,7 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
         done, closed = f'show{end} in stamps and values', 1.0
     doubtful = dict(candidates).get(UNKNOWN, 0.0) > 0.5
     beside = with_discrepancy and not doubtful
-    if not beside and significant and (closed < NAMED or doubtful):
+    if not beside and significant and (closed < NAMED or doubtful) and not certain:
         nearly = (f'{closest} and would explain {percent(closed)} of the misfit'
                   ', too little to be named; unexplained: ') if closed > 0.0 else ''
         return 'unknown', (f'no effect of the library explains the gap: {nearly}'
@@ -89,7 +96,8 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
     if significant:
         rest = f'; {"what remains" if beside else "unexplained"}: {part.words}'
     if doubtful:
-        rest += '; one effect that is not in the library is likelier than these together'
+        these = 'what stamps and values do not show' if certain else 'these together'
+        rest += f'; one effect that is not in the library is likelier than {these}'
     partly = doubtful or (significant and (closed < WHOLE or part.ratio > GLARING))
     if closed < HALF if beside else partly:
         return 'partial', f'{listed} {done}{rest}'

@@ -1,5 +1,6 @@
 """Odds of an effect beside a discrepancy."""
 
+from forcecal_ros.diagnose.model.gates import BIAS
 from forcecal_ros.diagnose.search.odds import IMITATORS, log_odds, most_probable, others_beside
 from forcecal_ros.effects import EFFECTS
 import pytest
@@ -22,7 +23,7 @@ def test_ten_times_what_is_missing_makes_an_effect_likelier_by_the_same_factor()
 
 @pytest.mark.parametrize('name', IMITATORS)
 def test_what_takes_up_anything_is_less_likely_at_the_same_evidence(name):
-    assert name in EFFECTS
+    assert name in {*EFFECTS, BIAS.name}
     assert log_odds(name, {name: 100.0}, 100.0) < 0.0 < log_odds(
         'tool_mass', {'tool_mass': 100.0}, 100.0)
     assert most_probable(name) < most_probable('tool_mass') < 1.0
