@@ -147,7 +147,8 @@ def test_a_wrench_that_is_late_is_no_accelerometer_that_is_early(commands):
     tool = rigid_tool_of_rig(rig)
     unknown = replace(tool, spreads=replace(tool.spreads, accel_behind=UNKNOWN_DELAY))
     late = with_effects(rig, {'wrench_delay': {'delay': 0.012}})
-    outcome = diagnose_motion(replace(simulate(late, commands, seed=1), target=None), None, unknown)
+    outcome = diagnose_motion(replace(simulate(late, commands, seed=1), target=None), None,
+                              unknown)
     assert outcome.diagnosis.effects[0].name in ('wrench_delay', 'wrench_lowpass')
     assert outcome.recalibrations['accelerometer.delay'][0] >= 0.0
 
