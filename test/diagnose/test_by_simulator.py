@@ -171,7 +171,7 @@ def test_a_number_beyond_its_tolerance_is_not_shared_by_those_within_theirs(robo
     within = closer.model.prior()
     of_gains = [n.key == 'wrench_gain' for n in model.nuisances]
     assert (within.high[of_gains] < model.prior().high[of_gains]).all()
-    assert (np.abs(closer.model.centre) <= within.bound + 1e-6).all()
+    assert (np.abs(closer.model.centre) <= within.high + 1e-6).all()
     assert str(closer).startswith('payload is ')
 
 
