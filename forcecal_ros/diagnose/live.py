@@ -285,7 +285,7 @@ class LiveGap:
         """Return excess in noise RMS, and sigmas, of the channels of one stage."""
         m = len(self._nuisances)
         limits = np.array([n.limit for n in self._nuisances])
-        x = fit(self._grams[link], Prior(np.zeros(m), np.ones(m), limits)).x
+        x = fit(self._grams[link], Prior(np.zeros(m), np.ones(m), -limits, limits)).x
         parts = [np.where(b.present, b.residual - np.tensordot(x, b.columns, 1), 0.0)[
             b.touching == link.touching] for b in self._recent]
         rest = np.concatenate(parts)

@@ -91,7 +91,10 @@ class MeasuredMotion:
                            limit=NAMELESS)
                   for i, a in enumerate('xyz')]
         if self._clear.accelerated:
-            found.append(Nuisance('accelerometer.delay', 'accel_behind', _behind))
+            assert isinstance(rig, RigidTool)
+            unknown = rig.spreads.accel_behind >= UNKNOWN_DELAY
+            found.append(Nuisance('accelerometer.delay', 'accel_behind', _behind,
+                                  least=-rig.accel_behind if unknown else -np.inf))
         # what the accelerometer has of its own is in the motion, too, and so in the wrench
         found += [n._replace(acts_on='rig') if n.acts_on == 'volts' else n
                   for n in of_sensors(self.accelerometer, streams)]

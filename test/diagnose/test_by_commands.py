@@ -24,8 +24,8 @@ from rig_recordings import FREE, free_part, motion, own_recording, PERIOD
 
 def test_a_nuisance_takes_up_three_spreads_and_no_more():
     gram = Gram(np.array([[1e6]]), np.array([5e6]), 0.0, 1000)
-    bounded = fit(gram, Prior(np.zeros(1), np.ones(1), np.full(1, 3.0)))
-    free = fit(gram, Prior(np.zeros(1), np.full(1, 1e-4), np.full(1, np.inf)))
+    bounded = fit(gram, Prior(np.zeros(1), np.ones(1), np.full(1, -3.0), np.full(1, 3.0)))
+    free = fit(gram, Prior(np.zeros(1), np.full(1, 1e-4), np.full(1, -np.inf), np.full(1, np.inf)))
     assert bounded.x[0] == pytest.approx(3.0)
     assert free.x[0] == pytest.approx(5.0, rel=1e-3)
 

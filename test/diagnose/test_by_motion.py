@@ -12,7 +12,11 @@ from forcecal_ros.recording.bags import read_recording
 from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.offline import simulate
-from forcecal_ros.simulators.rigid_tool import rigid_tool_of_calibration, rigid_tool_of_rig
+from forcecal_ros.simulators.rigid_tool import (
+    rigid_tool_of_calibration,
+    rigid_tool_of_rig,
+    UNKNOWN_DELAY,
+)
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -136,6 +140,17 @@ def test_a_late_wrench_is_told_though_a_low_pass_is_much_like_it(commands):
     given = dict(diagnosis.candidates)
     assert set(given) <= {'wrench_delay', 'wrench_lowpass', 'unknown'}
     assert given['wrench_delay'] + given['wrench_lowpass'] > 0.9
+
+
+def test_a_wrench_that_is_late_is_no_accelerometer_that_is_early(commands):
+    rig = load_rig('rigid_tool.yaml')
+    tool = rigid_tool_of_rig(rig)
+    unknown = replace(tool, spreads=replace(tool.spreads, accel_behind=UNKNOWN_DELAY))
+    late = with_effects(rig, {'wrench_delay': {'delay': 0.012}})
+    outcome = diagnose_motion(replace(simulate(late, commands, seed=1), target=None), None,
+                              unknown)
+    assert outcome.diagnosis.effects[0].name in ('wrench_delay', 'wrench_lowpass')
+    assert outcome.recalibrations['accelerometer.delay'][0] >= 0.0
 
 
 def test_without_accelerometer_the_position_says_how_the_tool_moves(commands):

@@ -170,8 +170,8 @@ def test_a_number_beyond_its_tolerance_is_not_shared_by_those_within_theirs(robo
     assert sigmas == pytest.approx(4.0, abs=0.4)
     within = closer.model.prior()
     of_gains = [n.key == 'wrench_gain' for n in model.nuisances]
-    assert (within.bound[of_gains] < model.prior().bound[of_gains]).all()
-    assert (np.abs(closer.model.centre) <= within.bound + 1e-6).all()
+    assert (within.high[of_gains] < model.prior().high[of_gains]).all()
+    assert (np.abs(closer.model.centre) <= within.high + 1e-6).all()
     assert str(closer).startswith('payload is ')
 
 

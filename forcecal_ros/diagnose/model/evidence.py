@@ -57,17 +57,18 @@ class Prior(NamedTuple):
     centre : ndarray, shape (k,)
         Where the columns were taken: the prior is on ``centre + x``.
     precision : ndarray, shape (k,)
-    bound : ndarray, shape (k,)
-        Largest magnitude of ``centre + x``.
+    low, high : ndarray, shape (k,)
+        Between which ``centre + x`` lies.
     """
 
     centre: Array
     precision: Array
-    bound: Array
+    low: Array
+    high: Array
 
     def of(self, index: NDArray[np.intp]) -> 'Prior':
         """Keep some parameters only."""
-        return Prior(self.centre[index], self.precision[index], self.bound[index])
+        return Prior(*(one[index] for one in self))
 
 
 ROUNDED = 1e-7
@@ -116,15 +117,17 @@ def fit(gram: Gram, prior: Prior) -> Fit:
         factor = _cholesky(hessian[free][:, free])
         x[free] = _solve(factor, right)
         total = prior.centre + x
-        beyond = free & (np.abs(total) > prior.bound + 1e-9)
+        within = np.clip(total, prior.low, prior.high)
+        beyond = free & (np.abs(total - within) > 1e-9)
         if not beyond.any():
             # on its bound, but held there by nothing: the other parameters have moved since
-            inward = fixed * -np.sign(total) * (gradient - hessian @ x)
+            inwards = np.where(within < prior.high, 1.0, -1.0)
+            inward = fixed * inwards * (gradient - hessian @ x)
             if turn >= k or not inward.max(initial=0.0) > 1e-6:
                 break
             free[inward.argmax()] = True
             continue
-        x[beyond] = np.sign(total[beyond]) * prior.bound[beyond] - prior.centre[beyond]
+        x[beyond] = within[beyond] - prior.centre[beyond]
         free &= ~beyond
     covariance = np.zeros((k, k))
     if len(factor):

@@ -132,8 +132,10 @@ class LinearisedModel:
 
     def moved(self, step: Array) -> Array:
         """Return the centre after a step, nothing physical below its lowest value."""
-        low = np.array([n.least for n in self.nuisances]) / self.prior_std
-        return np.asarray(np.maximum(self.centre + step, low))
+        return np.asarray(np.maximum(self.centre + step, self._least()))
+
+    def _least(self) -> Array:
+        return np.array([n.least for n in self.nuisances]) / self.prior_std
 
     def prior(self, released: frozenset[str] = frozenset()) -> Prior:
         """Return the prior of the nuisances, some of them released."""
@@ -145,9 +147,10 @@ class LinearisedModel:
                                   for n in self.nuisances], dtype=bool)
         widths, limits = np.ones(len(free)), np.array([n.limit for n in self.nuisances])
         widths[:len(self.widths)] = self.widths
+        most = np.where(endless, np.inf, limits * widths)
         return Prior(np.where(only_held_out, 0.0, self.centre),
                      np.where(free, RELEASED, widths ** -2.0),
-                     np.where(endless, np.inf, limits * widths))
+                     np.maximum(-most, self._least()), most)
 
     def simulate(self, effects: Values, dataset: int) -> Array:
         """Return measured less simulated of one recording with other effects, (n, channels)."""

@@ -141,8 +141,8 @@ def without_effect(start: LinearisedModel, now: JointFit, name: str) -> JointFit
         return JointFit(replace(start, noise=model.noise), [], [])
     released = frozenset(n for a in others for n in a.released)
     out = replace(model, released=released, effects=_effects(model, others))
-    bound = out.prior().bound
-    out.centre = np.clip(model.centre, -bound, bound)
+    prior = out.prior()
+    out.centre = np.clip(model.centre, prior.low, prior.high)
     if released != model.released:
         out.linearise()
     else:

@@ -118,9 +118,10 @@ class Explained:
         """Return the prior of nuisances, accepted effects, and an effect's parameters."""
         own = self.model.prior(released)
         away = np.concatenate([self._away, centre])
+        endless = np.full(len(away), np.inf)
         return Prior(np.concatenate([own.centre, away]),
                      np.concatenate([own.precision, np.full(len(away), EFFECT)]),
-                     np.concatenate([own.bound, np.full(len(away), np.inf)]))
+                     np.concatenate([own.low, -endless]), np.concatenate([own.high, endless]))
 
 
 class ModelComparison(Explained):

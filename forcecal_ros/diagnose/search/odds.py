@@ -32,7 +32,7 @@ and 0.9 for others, of which two thirds are taken; of seven steps none was right
 OTHERS = 0.6
 """Log-odds of any other effect, from the same fit."""
 
-MOST_BESIDE, MOST_OF_IMITATOR = 0.95, 0.8
+MOST_BESIDE, MOST_OF_IMITATOR = 0.95, 0.75
 """
 Most of the probability of an effect beside a discrepancy, and of one of wide form: of those that
 were stated with 0.85 and more in four opened parts, 41 of 41 and 23 of 31 were right.

@@ -101,8 +101,8 @@ def narrowed(model: LinearisedModel, releases: Sequence[Hypothesis]) -> Narrowed
     needed = np.where(best.released, 0.0, (np.abs(best.x) + SURE * best.std) / LIMIT)
     widths = np.where(own, np.clip(needed, best.part, 1.0), 1.0)
     out = replace(model, widths=widths)
-    bound = out.prior().bound
-    out.centre = np.clip(model.centre, -bound, bound)
+    prior = out.prior()
+    out.centre = np.clip(model.centre, prior.low, prior.high)
     out.evaluate()
     out.recalibrate()
     return Narrowed(out, best.part, tuple(
@@ -113,6 +113,7 @@ def _tried(model: LinearisedModel, gram: Gram, own: NDArray[np.bool_],
            released: NDArray[np.bool_], part: float, cost: float = 0.0) -> _Way:
     """Fit all numbers without bounds, some of them free of their tolerance."""
     precision = np.where(released, RELEASED, np.where(own, part ** -2.0, 1.0))
-    found: Fit = fit(gram, Prior(model.centre, precision, np.full(len(own), np.inf)))
+    endless = np.full(len(own), np.inf)
+    found: Fit = fit(gram, Prior(model.centre, precision, -endless, endless))
     return _Way(found.log_evidence - cost, part, released, model.centre + found.x,
                 np.sqrt(np.diag(found.covariance)))

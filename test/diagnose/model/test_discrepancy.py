@@ -50,7 +50,7 @@ def dense(rows, column, residual, chosen, size):
 def test_evidence_is_that_of_the_dense_gaussian_for_training_blocks_and_for_all(size):
     rows, columns, residual, of = setting(1)
     train, held = of.whitened([white(n) for n in N]).products(columns, residual).at((size,) * 4)
-    prior = Prior(np.zeros(1), np.ones(1), np.full(1, np.inf))
+    prior = Prior(np.zeros(1), np.ones(1), np.full(1, -np.inf), np.full(1, np.inf))
     flat = np.concatenate([r[:, 0] for r in residual])
     column = np.concatenate([c[0][0] for c in columns]).astype(float)
     trained = np.arange(sum(N)) < N[0] + 20

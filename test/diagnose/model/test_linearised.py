@@ -27,6 +27,6 @@ def test_what_no_effect_could_name_may_depart_further_than_what_has_one():
     found = nuisances(rig, 'acc1', ('wrench', 'accelerometer', 'optidrive', 'pose'))
     named = {effect.nuisance for effect in EFFECTS.values()}
     bound = LinearisedModel(rig, (), found, np.array(prior_std(rig, found)),
-                            centre=np.zeros(len(found))).prior().bound
+                            centre=np.zeros(len(found))).prior().high
     for nuisance, most in zip(found, bound):
         assert most == (LIMIT if nuisance.key in named else NAMELESS), nuisance.name

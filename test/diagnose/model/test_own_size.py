@@ -55,7 +55,7 @@ def test_products_vary_by_what_a_larger_discrepancy_adds(known):
 
 def test_a_number_that_a_discrepancy_is_like_is_off_by_as_much_as_it_is_said_to_be():
     rng, off, stated = np.random.default_rng(2), [], []
-    prior = Prior(np.zeros(2), np.full(2, 1e-9), np.full(2, np.inf))
+    prior = Prior(np.zeros(2), np.full(2, 1e-9), np.full(2, -np.inf), np.full(2, np.inf))
     for _ in range(100):
         *_, products = setting(rng)
         scales = (KNOWN,) * 4

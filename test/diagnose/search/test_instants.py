@@ -37,7 +37,7 @@ def test_a_fit_at_an_instant_is_that_of_the_gated_column(model, ends):
         model.discrepancy_scales)
     own = model.prior()
     prior = Prior(np.append(own.centre, [0.0, 0.0]), np.append(own.precision, [EFFECT, EFFECT]),
-                  np.append(own.bound, [np.inf, np.inf]))
+                  np.append(own.low, [-np.inf, -np.inf]), np.append(own.high, [np.inf, np.inf]))
     m = np.arange(len(own.centre))
     joint, alone = fit(train + held, prior), fit((train + held).of(m), own)
     assert found.x[i] == pytest.approx(joint.x[-2:], rel=0.02, abs=1e-3)
