@@ -126,8 +126,16 @@ def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[
         refuse_unjudged(first)
     except DataError as error:
         return Outcome(Diagnosis('invalid_data', str(error)), rig)
-    checks = Checks(*from_checks(stamps, sample_noise(first, np.zeros(len(CHANNELS))),
-                                 rig.accelerometer.model(datasets[0].simulation.accelerometer)))
+    # recalibrated: a limit in volts is a specific force by the gain that the sensor has
+    mounted = first.current().accelerometer.model(datasets[0].simulation.accelerometer)
+    checks = Checks(*from_checks(stamps, sample_noise(first, np.zeros(len(CHANNELS))), mounted))
+    with np.errstate(over='ignore', invalid='ignore'):  # what diverges is rejected as such
+        return _closer(first, checks, observed, given)
+
+
+def _closer(first: LinearisedModel, checks: Checks, observed: list[MeasuredBlocks],
+            given: Sequence[Recording]) -> Outcome:
+    """Search; where nothing is named, search once more with numbers closer to what is known."""
     outcome = _searched(first, checks, observed, given)
     if not _is_untold(outcome):
         return outcome
@@ -237,7 +245,7 @@ def _say(found: Found, judged: Judged, checks: Checks) -> Diagnosis:
         sure or signal_to_noise(model) > ENOUGH, whole=not unjudged(model),
         with_discrepancy=found.selection.beside_discrepancy,
         slow_noise=judged.summary.slow_noise, band=model.datasets[0].simulation.band,
-        certain=bool(checks.effects),
+        certain=tuple(checks.effects),
         at_limit=[x for name, values in judged.numbers.items() for x in at_limit(name, values)])
     sentence += in_time(judged.effects) \
         + missing_streams(final.datasets[0].recording) + unjudged(model)

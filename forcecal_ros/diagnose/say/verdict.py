@@ -33,7 +33,7 @@ def percent(share: float) -> str:
 def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
             part: UnexplainedPart, closed: float | None, excited: bool, whole: bool = True,
             with_discrepancy: bool = False, slow_noise: bool = False, band: float = inf,
-            certain: bool = False,
+            certain: Sequence[str] = (),
             at_limit: Sequence[str] = ()) -> tuple[str, str]:
     """
     Say it in one word and one sentence.
@@ -54,8 +54,8 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
         Whether what varies slowly is taken for noise, and may be none.
     band : float
         Up to which frequency the simulation is meant to hold [Hz].
-    certain : bool
-        Whether one of the effects shows in stamps or values, and is there whatever else is.
+    certain : sequence of str
+        Which of the effects stamps or values show: they are there whatever else is.
     at_limit : sequence of str
         Numbers of accepted effects that would be larger if their limits let them.
     """
@@ -95,8 +95,9 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
     rest = ''
     if significant:
         rest = f'; {"what remains" if beside else "unexplained"}: {part.words}'
-    if doubtful:
-        these = 'what stamps and values do not show' if certain else 'these together'
+    others = [name for name in named if name not in certain]
+    if doubtful and others:
+        these = ' and '.join(others) if certain else 'these together'
         rest += f'; one effect that is not in the library is likelier than {these}'
     partly = doubtful or (significant and (closed < WHOLE or part.ratio > GLARING))
     if closed < HALF if beside else partly:
