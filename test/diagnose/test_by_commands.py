@@ -20,6 +20,7 @@ from forcecal_ros.simulators.rig.offline import simulate
 import numpy as np
 import pytest
 from rig_recordings import FREE, free_part, motion, own_recording, PERIOD
+from scipy.spatial.transform import Rotation
 
 
 def test_a_nuisance_takes_up_three_spreads_and_no_more():
@@ -101,6 +102,25 @@ def test_a_turned_accelerometer_is_identified_with_its_angle(sample):
     estimate = effect.parameters['y']
     assert abs(estimate.value - angle) < 5.0 * estimate.std
     assert diagnosis.gap.closed > 0.9
+
+
+def test_the_end_of_an_accelerometers_range_is_told_though_its_gain_is_off():
+    rig, t = load_rig(), PERIOD * np.arange(3000)
+    u = np.clip(t - 1.5, 0.0, 8.0)
+    rise = np.minimum(1.0, np.minimum(u, 8.0 - u))
+    rise = rise ** 3 * (10.0 - 15.0 * rise + 6.0 * rise ** 2)
+    turn = (0.5 * rise * np.sin(u * np.pi / 2.0))[:, None] * [0.5, 1.0, 0.3]
+    sway = (0.008 * rise * np.sin(7.0 * np.pi * u))[:, None] * [0.2, 0.2, 1.0]
+    target = PoseStream(t, np.array(rig.home.position) + sway, np.array(
+        rig.home.R_base_sensor) @ Rotation.from_rotvec(turn).as_matrix())
+    sensor = rig.accelerometer
+    off = replace(sensor.acc1, gain=tuple(1.005 * g for g in sensor.acc1.gain))
+    real = with_effects(replace(rig, accelerometer=replace(sensor, acc1=off)),
+                        {'accel_saturation': {'limit': 13.0}})
+    effect, = diagnose(simulate(real, target, seed=3), None, rig).diagnosis.effects
+    assert effect.name == 'accel_saturation'
+    # by the gain of its file it would be off by 0.5 %
+    assert effect.parameters['z'].value == pytest.approx(13.0, rel=0.002)
 
 
 def test_what_no_effect_explains_is_unknown_and_stays_out_of_the_rig(sample):

@@ -102,8 +102,8 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
     partly = doubtful or (significant and (closed < WHOLE or part.ratio > GLARING))
     if closed < HALF if beside else partly:
         return 'partial', f'{listed} {done}{rest}'
-    others = [n for n, _ in candidates if n not in named and n != UNKNOWN]
-    if others:
-        return 'ambiguous', (f'{listed} {done}, but {" or ".join(others)} explains it '
+    rivals = [n for n, _ in candidates if n not in named and n != UNKNOWN]
+    if rivals:
+        return 'ambiguous', (f'{listed} {done}, but {" or ".join(rivals)} explains it '
                              f'about as well{rest}')
     return 'identified', f'{listed} {done}{rest}'
