@@ -237,7 +237,7 @@ def _localised(selection: Selection, predictability: Predictability, checks: Che
 def _say(found: Found, judged: Judged, checks: Checks) -> Diagnosis:
     """Say what was judged, in one word, one sentence, and notes."""
     model, final = found.model, found.selection.model
-    names = [*judged.numbers, *{e.name for e in judged.steps}]
+    names = list(dict.fromkeys([*judged.numbers, *(e.name for e in judged.steps)]))
     sure = bool(checks.effects or judged.steps)
     word, sentence = verdict(
         [*names, *checks.effects], judged.candidates, judged.part,

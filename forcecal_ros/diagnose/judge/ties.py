@@ -166,8 +166,8 @@ def ties_of(model: LinearisedModel, numbers: Numbers, evidence: Mapping[str, flo
     """
     wrenches = [dataset.recording.wrench for dataset in model.datasets]
     period = max((1.0 / w.rate for w in wrenches if w is not None and len(w) > 1), default=0.0)
-    found = {name: lag(name, numbers, period) or equivalent(model, name, own, evidence[name])
-             for name, own in numbers.items()}
+    found = {name: lag(name, numbers, period) or equivalent(model, name, numbers, evidence[name])
+             for name in numbers}
     return {name: tie for name, tie in found.items() if tie is not None}
 
 
@@ -181,19 +181,19 @@ def lag(name: str, numbers: Numbers, period: float) -> Tie | None:
                f'of the wrench ({1e3 * period:.3g} ms): only a faster recording tells them apart')
 
 
-def equivalent(model: LinearisedModel, name: str, found: Mapping[str, Parameter],
-               evidence: float) -> Tie | None:
+def equivalent(model: LinearisedModel, name: str, numbers: Numbers, evidence: float
+               ) -> Tie | None:
     """
     Return what does the same to these recordings in an effect's place.
 
     What it does beyond that, nuisances and a discrepancy allowed for, is no effect of its own.
     """
-    if name in model.gates or not found:
+    if name in model.gates or not numbers[name]:
         return None
-    values = {k: p.value for k, p in found.items()}
+    values = {k: p.value for k, p in numbers[name].items()}
     least = {other: _between(model, name, other, form(values, model.rig))
              for other, form in FORMS.get(name, {}).items()
-             if other in model.library and other not in model.effects}
+             if other in model.library and other not in {*model.effects, *numbers}}
     other = min(least, key=lambda one: least[one], default='')
     if not other or least[other] >= untold(evidence):
         return None

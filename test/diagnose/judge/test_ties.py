@@ -82,6 +82,18 @@ def asked(model, name, values):
     return '' if tie is None else tie.other
 
 
+def test_what_is_named_as_well_is_no_tie(models):
+    model = models(rest=True, accelerometer=True)
+    found = {q.name: 0.06 for q in EFFECTS['tool_mass'].parameters}
+    heavy = replace(model, effects={'tool_mass': found})
+    heavy.evaluate()
+    numbers = {'tool_mass': {k: Parameter(v, 0.0, '1') for k, v in found.items()}}
+    assert ties_of(heavy, numbers, {'tool_mass': 0.0})['tool_mass'].other == 'wrench_gain'
+    # of gains whose tolerance is lifted the model's effects know nothing
+    both = {**numbers, 'wrench_gain': {}}
+    assert not ties_of(heavy, both, dict.fromkeys(both, 0.0))
+
+
 ALONG_COM = dict(zip('xyz', 0.05 * np.array(RIG.tool.com) / np.linalg.norm(RIG.tool.com)))
 
 
