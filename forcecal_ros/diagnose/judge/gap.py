@@ -85,21 +85,33 @@ class Errors(NamedTuple):
         """Mean square that wrong parameters leave in each channel, shape (channels,)."""
         return np.asarray(np.einsum('cij,ij->c', self.grams, self.covariance))
 
-    def beside(self) -> Array:
-        """Mean square of a discrepancy that was taken for effects, or missed, (channels,)."""
+    def beside(self, left: Array) -> Array:
+        """
+        Mean square of a discrepancy that was taken for effects, or missed.
+
+        Parameters
+        ----------
+        left : ndarray, shape (channels,)
+            Mean square of what effects leave on held-out blocks: no more was missed.
+
+        Returns
+        -------
+        ndarray, shape (channels,)
+        """
         if self.taken is None or self.predicted is None:
             return np.zeros(len(self.grams))
-        return np.asarray(np.einsum('cij,ij->c', self.grams, self.taken) + self.predicted.doubt)
+        return (np.einsum('cij,ij->c', self.grams, self.taken)
+                + np.minimum(self.predicted.doubt, left))
 
     def drawn(self, rng: np.random.Generator) -> Array:
         """Return what one draw of parameters leaves, shape (channels,)."""
         return self._left_by(_draw(self.covariance, rng))
 
-    def beside_drawn(self, rng: np.random.Generator) -> Array:
+    def beside_drawn(self, rng: np.random.Generator, left: Array) -> Array:
         """Return one draw of what :meth:`beside` expects, shape (channels,)."""
         if self.taken is None or self.predicted is None:
             return np.zeros(len(self.grams))
-        return self._left_by(_draw(self.taken, rng)) + self.predicted.doubt
+        return self._left_by(_draw(self.taken, rng)) + np.minimum(self.predicted.doubt, left)
 
     def _left_by(self, x: Array) -> Array:
         return np.asarray(np.einsum('cij,i,j->c', self.grams, x, x))
@@ -151,6 +163,7 @@ def gap(datasets: tuple[Dataset, ...], arms: list[Arms], noise: Array, cell_ener
         Of the parameters; taken as exact where none are given.
     """
     explained, recalibrated, nominal, weights = [], [], [], []
+    left = np.zeros(len(noise))
     for dataset, a in zip(datasets, arms):
         for first in range(0, len(dataset.held), SECOND):
             part = slice(first, first + SECOND)
@@ -159,6 +172,7 @@ def gap(datasets: tuple[Dataset, ...], arms: list[Arms], noise: Array, cell_ener
                 continue
             r, n, d, predictable = (x[part][rows] for x in a)
             unexplained = r - d
+            left += (unexplained ** 2).sum(axis=0)
             over = (2.0 * unexplained * predictable - predictable ** 2).sum(axis=0)
             by_effects = (2.0 * r * d - d ** 2).sum(axis=0)
             by_nuisances = (2.0 * (r + n) * n - n ** 2).sum(axis=0)
@@ -168,6 +182,7 @@ def gap(datasets: tuple[Dataset, ...], arms: list[Arms], noise: Array, cell_ener
             weights.append(float(rows.sum()))
     table = np.array([nominal, recalibrated, explained])
     w = np.array(weights)
+    left /= w.sum()
     there = noise > 0.0
     # what a prediction stands for is not counted again
     cells = np.maximum(cell_energy - np.maximum(table[2].sum(axis=0) / w.sum(), 0.0), 0.0)
@@ -182,11 +197,11 @@ def gap(datasets: tuple[Dataset, ...], arms: list[Arms], noise: Array, cell_ener
         return np.asarray(np.sqrt(np.mean((rms[:, there] / noise[there]) ** 2, axis=1)))
 
     known = errors or Errors(np.zeros((len(noise), 0, 0)), np.zeros((0, 0)))
-    rms = means(np.arange(len(w)), known.expected(), known.beside())
+    rms = means(np.arange(len(w)), known.expected(), known.beside(left))
     arms3 = overall(rms)
     draw = np.random.default_rng(0)
     shares = [_closed(overall(means(draw.integers(0, len(w), len(w)), known.drawn(draw),
-                                    known.beside_drawn(draw)))) for _ in range(DRAWS)]
+                                    known.beside_drawn(draw, left)))) for _ in range(DRAWS)]
     closed = _closed(arms3)
     # a bootstrap of few blocks is too narrow, by the root of n / (n - 1) and as t is to normal
     few = max(2, len(w))

@@ -176,9 +176,9 @@ def instant_of(now: JointFit, name: str) -> Instant:
     evidence = coarse.fits([0], gate.begin is None, gate.elsewhere).evidence
     t = one.start + BLOCK * coarse.blocks
     low, at, high = interval(evidence, TEMPERATURE)
-    if high - low > MANY:
-        return Instant(float(t[at]), float(t[low]), float(t[high]))
-    return _to_a_sample(model, gate, added[i], residuals[i], t[low], t[high])
+    closer = None if high - low > MANY else _to_a_sample(
+        model, gate, added[i], residuals[i], t[low], t[high])
+    return closer or Instant(float(t[at]), float(t[low]), float(t[high]))
 
 
 def _dense(one: Column, n: int) -> Array:
@@ -189,13 +189,15 @@ def _dense(one: Column, n: int) -> Array:
 
 
 def _to_a_sample(model: LinearisedModel, gate: Gate, added: Column, residual: Array, low: float,
-                 high: float) -> Instant:
-    """Try the stamp of each sample between two instants."""
+                 high: float) -> Instant | None:
+    """Try the stamp of each sample between two instants; nothing where there is none."""
     measured, noise = model.datasets[gate.recording].measured, model.noise[gate.recording]
     stream = CHANNELS[max(added, key=lambda c: float(np.ptp(added[c]) / model.level[c]))].stream
     t = measured.times(stream)
     near = np.flatnonzero((t > low - BLOCK * NEAR) & (t < high + BLOCK * NEAR))
     near = near[near > 0]
+    if not len(near):
+        return None
     acts = np.stack([measured.since(stream, s) for s in t[near]])
     if gate.begin is None:
         acts = 1.0 - acts
