@@ -66,6 +66,19 @@ def test_no_more_is_taken_for_an_effect_than_it_explains():
     assert gap((held,), arms, np.ones(k), np.zeros(k), errors).closed == pytest.approx(0.0)
 
 
+def test_no_more_is_missed_than_effects_leave():
+    n, k = 8 * SECOND, len(CHANNELS)
+    rng = np.random.default_rng(7)
+    held = SimpleNamespace(held=np.ones(n, dtype=bool))
+    effect, left = rng.standard_normal((n, k)), 0.1 * rng.standard_normal((n, k))
+    arms = [Arms(effect + left, np.zeros((n, k)), effect, np.zeros((n, k)))]
+    # of a channel whose discrepancy may be anything, blocks that were not fitted to say how much
+    errors = Errors(np.ones((k, 1, 1)), np.zeros((1, 1)), np.zeros((1, 1)),
+                    Predicted([np.zeros((n, k))], np.full(k, 50.0)))
+    found = gap((held,), arms, np.ones(k), np.zeros(k), errors)
+    assert found.closed == pytest.approx(0.9, abs=0.01)
+
+
 def test_a_prediction_of_what_a_bin_shows_is_not_counted_twice():
     n, k = 8 * SECOND, len(CHANNELS)
     rng = np.random.default_rng(5)
