@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 import json
+from types import SimpleNamespace
 
 from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.say.result import Diagnosis, load, to_document
+from forcecal_ros.diagnose.search.onsets import _to_a_sample
 from forcecal_ros.effects import with_effects
 from forcecal_ros.recording.streams import PoseStream
 from forcecal_ros.simulators.rig.file import load_rig
@@ -61,3 +63,11 @@ def test_an_instant_is_written_and_read_again(tmp_path):
     file = tmp_path / 'diagnosis.json'
     file.write_text(json.dumps(document))
     assert load(file)[0].effects[0].end == 4.5
+
+
+def test_where_no_sample_is_near_an_instant_stays_as_coarse_as_its_blocks():
+    ended = SimpleNamespace(times=lambda stream: np.arange(0.0, 10.0, 0.008))
+    model = SimpleNamespace(datasets=[SimpleNamespace(measured=ended)], noise=[None],
+                            level=np.ones(len(CHANNELS)))
+    gate = SimpleNamespace(recording=0, begin=20.0)
+    assert _to_a_sample(model, gate, {6: np.array([0.0, 1.0])}, None, 20.0, 20.1) is None
