@@ -12,6 +12,7 @@ from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.model.own_size import Predicted, predicted, spread
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
 from forcecal_ros.geometry import Array
+from forcecal_ros.recording.noise.pieces import pieces
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
@@ -296,8 +297,10 @@ def parameter_errors(model: LinearisedModel, jacobians: Sequence[EffectJacobian]
         for c in range(len(CHANNELS)):
             there = [j for j in range(k) if c in columns[j]]
             if there and dataset.held.any():
-                rows = np.stack([columns[j][c][dataset.held] for j in there]).astype(float)
-                grams[c][np.ix_(there, there)] += rows @ rows.T
+                for part in pieces(len(dataset.held)):
+                    held = dataset.held[part]
+                    rows = np.stack([columns[j][c].values(part)[held] for j in there], dtype=float)
+                    grams[c][np.ix_(there, there)] += rows @ rows.T
     grams /= max(1, n)
     if model.discrepancy_scales == NO_DISCREPANCY:
         return Errors(grams, covariance)

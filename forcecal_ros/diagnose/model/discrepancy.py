@@ -7,16 +7,19 @@ with a standard deviation that is a small part of the channel's signal. What of 
 a function could do as well counts for little, and what it does beyond counts in full.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import NamedTuple
 from weakref import ref
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.basis import Basis
+from forcecal_ros.diagnose.model.compact import Compact, stacked
 from forcecal_ros.diagnose.model.evidence import Gram
 from forcecal_ros.diagnose.model.jacobian import Column
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.autoregression import Autoregression
+from forcecal_ros.recording.noise.pieces import pieces
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, LinAlgError, solve_triangular
@@ -63,20 +66,34 @@ class _Modes(NamedTuple):
     """
     Whitened features of one channel, as few combinations as matter.
 
-    ``rows``: of each recording, over training blocks and over the others, (r, n); ``weights``:
-    features to combinations, (k, r);
+    ``rows``: of each recording, (r, n); ``weights``: features to combinations, (k, r);
     ``trained``, ``all``: inner products over training blocks and over all.
     """
 
-    rows: list[tuple[NDArray[np.float32], NDArray[np.float32]]]
+    rows: list[Compact]
     weights: Array
     trained: Array
     all: Array
 
 
-def _square(rows: NDArray[np.float32]) -> Array:
-    # combinations are nearly orthogonal, so that single precision keeps even the faint ones
-    return np.asarray(rows @ rows.T, dtype=float)
+def _squares(features: Compact, train: BoolArray) -> Array:
+    """Return inner products of features over training blocks, and over the others."""
+    r = len(features.numbers)
+    out = np.zeros((2, r, r))
+    for rows in pieces(len(train)):
+        values = features.values(rows)
+        for part, here in _runs(train, rows):
+            # nearly orthogonal, so that single precision keeps even the faint ones
+            out[part] += values[:, here] @ values[:, here].T
+    return out
+
+
+def _runs(train: BoolArray, rows: slice) -> Iterator[tuple[int, slice]]:
+    """Give the stretches of some blocks that are for training, 0, or for judging, 1."""
+    own = train[rows]
+    edges = (np.flatnonzero(np.diff(own)) + 1).tolist()
+    for begin, end in pairwise([0, *edges, len(own)]):
+        yield int(not own[begin]), slice(begin, end)
 
 
 def _factor(information: Array) -> Array:
@@ -116,10 +133,10 @@ class Discrepancy:
 
 
 class _Cross(NamedTuple):
-    """A column, and its products with the combinations over training blocks and the others."""
+    """A column, and its products with combinations over training blocks and others, (2, r)."""
 
-    column: 'ref[NDArray[Any]]'
-    products: tuple[Array, ...]
+    column: 'ref[Compact]'
+    products: NDArray[np.float32]
 
 
 class _Known(NamedTuple):
@@ -182,10 +199,9 @@ class WhitenedDiscrepancy:
         most = int(MEMORY / (4 * SHARING * sum(w.shape[1] for w in white)))
         kept = np.flatnonzero(values * max(FREE) ** 2 > LEAST_WEIGHT)[-most:]
         turn = vectors[:, kept]
-        rows = [(turn.T.astype(np.float32) @ w) for w in white]
-        parts = [(_some(r, t), _some(r, ~t)) for r, t in zip(rows, self.train)]
-        trained, held = (np.asarray(sum(_square(one[i]) for one in parts)) for i in (0, 1))
-        return _Modes(parts, scale[:, np.newaxis] * turn, trained, trained + held)
+        rows = [Compact.of(turn.T.astype(np.float32) @ w) for w in white]
+        trained, held = np.sum([_squares(r, t) for r, t in zip(rows, self.train)], axis=0)
+        return _Modes(rows, scale[:, np.newaxis] * turn, trained, trained + held)
 
     def factor(self, c: int, trained: bool, size: float) -> Array:
         """Return the Cholesky factor of a channel's information on its combinations."""
@@ -242,48 +258,67 @@ class WhitenedDiscrepancy:
             there = [j for j in range(k) if any(c in one[j] for one in columns)]
             total = [_Sums.empty(len(there), 0 if absent else len(self.modes(c).trained))
                      for _ in range(2)]
-            for i, (one, r, noise, train) in enumerate(zip(columns, residual, self.noise,
-                                                           self.train)):
-                if not noise.sigma[:, c].any():
-                    continue
-                empty = np.zeros(len(r), dtype=np.float32)
-                given: list[NDArray[Any]] = [r[:, c], *(one[j].get(c, empty) for j in there)]
-                white = noise.whiten(np.stack(given).astype(float), c)
-                crosses = ([np.zeros((0, len(given)))] * 2 if absent
-                           else self._crosses(c, i, given, white))
-                for p, part in enumerate((train, ~train)):
-                    if part.any():
-                        total[p] = total[p].more(_some(white, part), crosses[p],
-                                                 int(np.sum(part & noise.rows[:, c])))
+            for i, (one, r, noise) in enumerate(zip(columns, residual, self.noise)):
+                if noise.sigma[:, c].any():
+                    given = [one[j].get(c) for j in there]
+                    found = self._sums(c, i, r[:, c], given, absent)
+                    total = [one.plus(more) for one, more in zip(total, found)]
             out.append(_Channel(c, np.array(there, dtype=np.intp), total[0],
-                                _Sums(*(a + b for a, b in zip(*total)))))
+                                total[0].plus(total[1])))
         return Products(self, k, out)
 
-    def _crosses(self, c: int, recording: int, given: Sequence[NDArray[Any]],
-                 white: Array) -> list[Array]:
+    def _sums(self, c: int, recording: int, residual: Array, given: Sequence[Compact | None],
+              absent: bool) -> tuple['_Sums', '_Sums']:
         """
-        Return inner products of combinations with columns, training and others, (r, k + 1) each.
+        Return inner products in one channel of one recording, over training blocks and the others.
 
-        Columns are the same arrays from one hypothesis to the next: only new ones, and the
-        residual, which is first, are multiplied.
+        Columns are the same from one hypothesis to the next: only new ones, and the residual, are
+        multiplied with the combinations.
         """
-        known = self._known.crosses
+        known = {} if absent else self._known.crosses
         keys = [(c, recording, id(one)) for one in given]
-        new = [0, *(j for j, key in enumerate(keys) if j and (
-            key not in known or known[key].column() is not given[j]))]
-        rows = white[new].astype(np.float32)
-        found = [features @ _some(rows, part).T for features, part in zip(
-            self.modes(c).rows[recording], (self.train[recording], ~self.train[recording]))]
-        own = dict(zip(new, zip(*(one.T for one in found))))
-        for j in new[1:]:
-            known[keys[j]] = _Cross(ref(given[j]), own[j])
-        pairs = [own[j] if j in own else known[key].products for j, key in enumerate(keys)]
-        return [np.stack(one, axis=1).astype(float) for one in zip(*pairs)]
+        new = [j for j, one in enumerate(given) if one is not None and not (
+            keys[j] in known and known[keys[j]].column() is one)]
+        own, found = self._multiplied(c, recording, residual, given, new, absent)
+        cross = np.zeros((*found.shape[:2], 1 + len(given)))
+        cross[:, :, [0, *(1 + j for j in new)]] = found
+        for j, one in enumerate(given):
+            if j in new and one is not None:
+                known[keys[j]] = _Cross(ref(one), cross[:, :, 1 + j].astype(np.float32))
+            elif one is not None:
+                cross[:, :, 1 + j] = known[keys[j]].products
+        trained, held = (int(np.sum(part & self.noise[recording].rows[:, c]))
+                         for part in (self.train[recording], ~self.train[recording]))
+        return _Sums(own[0], cross[0], trained), _Sums(own[1], cross[1], held)
 
+    def _multiplied(self, c: int, recording: int, residual: Array,
+                    given: Sequence[Compact | None], new: Sequence[int], absent: bool
+                    ) -> tuple[Array, Array]:
+        """
+        Multiply residual and columns with each other, and with the combinations.
 
-def _some(rows: NDArray[Any], part: BoolArray) -> NDArray[Any]:
-    """Return some columns, all of them without a copy."""
-    return rows if part.all() else rows[:, part]
+        Returns
+        -------
+        own : ndarray, shape (2, k + 1, k + 1)
+            Over training blocks, and over the others.
+        cross : ndarray, shape (2, r, 1 + new)
+            Of the residual and of new columns.
+        """
+        train = self.train[recording]
+        modes = None if absent else self.modes(c)
+        chosen = [0, *(1 + j for j in new)]
+        own = np.zeros((2, 1 + len(given), 1 + len(given)))
+        cross = np.zeros((2, len(modes.trained) if modes else 0, len(chosen)))
+
+        for rows, white in self.noise[recording].whiten_in_pieces(
+                stacked(residual, given), c):
+            features = modes.rows[recording].values(rows) if modes else None
+            single = white[chosen].astype(np.float32)
+            for part, here in _runs(train, rows):
+                own[part] += white[:, here] @ white[:, here].T
+                if features is not None:
+                    cross[part] += features[:, here] @ single[:, here].T
+        return own, cross
 
 
 class _Sums(NamedTuple):
@@ -297,9 +332,9 @@ class _Sums(NamedTuple):
     def empty(cls, k: int, r: int) -> '_Sums':
         return cls(np.zeros((k + 1, k + 1)), np.zeros((r, k + 1)), 0)
 
-    def more(self, white: Array, cross: Array, n: int) -> '_Sums':
-        """Add n samples; whitened signals are 0 where there is none."""
-        return _Sums(self.own + white @ white.T, self.cross + cross, self.n + n)
+    def plus(self, other: '_Sums') -> '_Sums':
+        """Add those of other samples."""
+        return _Sums(self.own + other.own, self.cross + other.cross, self.n + other.n)
 
 
 class _Channel(NamedTuple):

@@ -201,7 +201,7 @@ class LinearisedModel:
         for i, n in enumerate(self.nuisances):
             if n.acts_on == 'step' and n.recording == dataset:
                 for c, rows in self.jacobian[dataset][i].items():
-                    out[:, c] -= self.centre[i] * rows
+                    out[:, c] -= self.centre[i] * rows.values()
         return out
 
     def evaluate(self) -> None:

@@ -198,7 +198,7 @@ def _likelihood(model: LinearisedModel, e: Event, channel: int, instants: Array)
     """Log-likelihood of a channel's step at some instants, its height fitted to each."""
     dataset, noise = model.datasets[e.recording], model.noise[e.recording]
     k = _position(model, e, channel)
-    column = model.jacobian[e.recording][k][channel]
+    column = model.jacobian[e.recording][k][channel].values()
     without = model.residuals[e.recording][:, channel] + model.centre[k] * column
     rows = np.stack([without, *(dataset.measured.since('wrench', t) for t in instants)])
     white = noise.whiten(rows, channel)

@@ -1,10 +1,12 @@
 """Autoregressive models of coloured noise, AR(p), whitening by them, and longer memory."""
 
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.jit import compiled
+from forcecal_ros.recording.noise.pieces import pieces
 from forcecal_ros.recording.noise.steps import without_steps
 import numpy as np
 from numpy.typing import NDArray
@@ -84,6 +86,33 @@ class Autoregression(NamedTuple):
         out = np.zeros(columns.shape)
         out[:, chosen] = white
         return out
+
+    def whiten_in_pieces(self, columns: Callable[[slice], Array], channel: int, whole: int = 1
+                         ) -> Iterator[tuple[slice, Array]]:
+        """
+        Whiten many long signals as :meth:`whiten` does, without room for all of them.
+
+        Parameters
+        ----------
+        columns : callable
+            Gives the signals of some samples, shape (k, n).
+        whole : int
+            Samples that are kept together.
+
+        Yields
+        ------
+        rows : slice
+            Of samples, one piece after the other.
+        white : ndarray, shape (k, len(rows))
+        """
+        there = np.flatnonzero(self.present[:, channel])
+        for rows in pieces(len(self.groups), whole):
+            history = there[:np.searchsorted(there, rows.start)][-ORDER:]
+            longer = slice(int(history[0]) if len(history) else rows.start, rows.stop)
+            part = self._replace(rows=self.rows[longer], present=self.present[longer],
+                                 groups=self.groups[longer])
+            white = part.whiten(columns(longer), channel)
+            yield rows, white[:, rows.start - longer.start:]
 
     def whiten_singly(self, columns: NDArray[np.float32], channel: int, sizes: Array
                       ) -> NDArray[np.float32]:
