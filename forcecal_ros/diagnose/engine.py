@@ -334,7 +334,7 @@ def _measured(first: LinearisedModel, selection: Selection, summary: ResidualSum
     energy = unpredictable(final, summary.strongest, moved)
     nameless = energy if not selection.accepted else 0.0
     noise = sample_noise(final, errors.expected() + nameless, moved)
-    before = [o.residual(s) for o, s in zip(observed, first.base)]
+    before = [o.residual(first.signals(i)) for i, o in enumerate(observed)]
     nominal = [o.residual(c.nominal) for o, c in zip(observed, first.datasets)]
     beside = moved if errors.predicted is None else errors.predicted.rows
     return (measured_gap(first, final, (nominal, before, beside), noise, energy, errors), noise,

@@ -272,7 +272,7 @@ def sample_noise(model: LinearisedModel, explained: Array,
         total += np.sum(np.where(rows, unexplained, 0.0) ** 2, axis=0)
         weight += rows.sum(axis=0)
         if dataset.held.any():
-            within.append(dataset.measured.scatter(model.base[i]))
+            within.append(dataset.measured.scatter(model.signals(i)))
     mean = np.maximum(total / np.maximum(weight, 1.0) - explained, 0.0)
     return np.asarray(np.sqrt(np.where(weight > 0.0, mean + np.mean(within, axis=0), 0.0)))
 
@@ -359,8 +359,9 @@ def measured_gap(model: LinearisedModel, final: LinearisedModel,
     for i, (nominal, before, predictable) in enumerate(zip(*residuals)):
         dataset = model.datasets[i]
         arms.append(Arms(before, nominal - before, before - final.residuals[i], predictable))
-        contact.append([dataset.measured.of_wrench(s.contact) for s in (
-            dataset.nominal, model.base[i], final.base[i])])
+        means = dataset.measured.of_wrench
+        contact.append([means(dataset.nominal.contact), means(model.signals(i).contact),
+                        means(final.signals(i).contact)])
     out = gap(model.datasets, arms, noise, energy, errors)
     forces = [out.channels.get(c.name) for c in CHANNELS[:3]]
     # one whose rest is all explained has no noise left, and counts as met

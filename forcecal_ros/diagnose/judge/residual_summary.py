@@ -116,7 +116,7 @@ def summarise_residual(model: LinearisedModel,
     impulses = np.asarray(sum(count_impulses(n, b) for n, b in zip(model.noise, model.residuals)))
     strongest = sorted(bins, key=lambda c: -c.z) or [NOWHERE]
     if found is None:
-        return ResidualSummary(predictability_of(model, model.base, model.residuals), strongest,
+        return ResidualSummary(predictability_of(model), strongest,
                                lines, impulses, wanders)
     summary = ResidualSummary(_as_predictability(model, found, discrepancy_evidence), strongest,
                               lines, impulses, wanders, discrepancy_evidence)
@@ -219,7 +219,8 @@ def fitted_to_all(model: LinearisedModel,
 def lines_of(model: LinearisedModel) -> tuple[Line, ...]:
     """Find spectral lines in the residual, at the full sampling rate."""
     lines: list[Line] = []
-    for dataset, signals in zip(model.datasets, model.base):
+    for i, dataset in enumerate(model.datasets):
+        signals = model.signals(i)
         for name in ('wrench', 'accelerometer', 'optidrive'):
             if name in dataset.measured.streams:
                 rows = dataset.measured.samples(name, signals)

@@ -53,42 +53,40 @@ def features(s: Signals) -> NDArray[np.float32]:
     time = (np.arange(len(s.wrench)) / len(s.wrench))[:, np.newaxis]
     push = s.contact[:, :3]
     wrench = s.wrench - s.wrench.mean(axis=0)
-    main = np.concatenate([wrench, s.specific_force - s.specific_force.mean(axis=0),
-                           s.velocity, s.omega, s.optidrive[:, np.newaxis],
-                           s.speed[:, np.newaxis]], axis=1)
     speed = s.speed[:, np.newaxis]
-    slow = np.concatenate([
+    main = _means(wrench, s.specific_force - s.specific_force.mean(axis=0), s.velocity, s.omega,
+                  s.optidrive[:, np.newaxis], speed)
+    slow = _means(
         s.position - s.position.mean(axis=0), s.R_base_sensor[:, 2, :],
         s.R_base_sensor[:, 0, :], s.acceleration, s.alpha, push, time, time ** 2,
         time * wrench, np.tanh(s.velocity / 2e-3), np.tanh(v_sensor / 2e-3),
         np.tanh(s.omega / 5e-3), np.tanh(speed / 2e-4), np.tanh(speed / 2e-3),
         np.abs(s.velocity), s.optidrive[:, np.newaxis] ** 3, wrench[:, :3] ** 2,
-        wrench[:, :3] ** 3, push ** 2, np.sqrt(np.abs(push)), (np.abs(push) > 0.0),
-        s.omega ** 2, s.velocity ** 2], axis=1)
-    residuals = block_means(np.concatenate([main, slow], axis=1)).T
-    scale = np.sqrt(np.mean(residuals ** 2, axis=1))
+        wrench[:, :3] ** 3, push ** 2, np.sqrt(np.abs(push)), (np.abs(push) > 0.0).astype(float),
+        s.omega ** 2, s.velocity ** 2)
     rows = [(row / size).astype(np.float32) if size > 1e-12 else None
-            for row, size in zip(residuals, scale)]
+            for row in (*main, *slow) for size in [np.sqrt(np.mean(row ** 2))]]
     return np.array([row for row in rows if row is not None]
-                    + [np.roll(row, lag) for lag in LAGS for row in rows[:main.shape[1]]
+                    + [np.roll(row, lag) for lag in LAGS for row in rows[:len(main)]
                        if row is not None])
 
 
-def predictability_of(model: LinearisedModel, signals: list[Signals],
-                      residuals: list[Array]) -> Predictability:
+def _means(*signals: Array) -> list[Array]:
+    """Return the block means of each column of signals: all of them at 1 kHz fill much memory."""
+    return [row for values in signals for row in block_means(values).T]
+
+
+def predictability_of(model: LinearisedModel) -> Predictability:
     """
     Predict the residual of every channel from the motion, trained and tested on other blocks.
 
     Parameters
     ----------
     model : LinearisedModel
-        Its noise belongs to ``residuals``.
-    signals : list of Signals
-        Simulated, as far as is explained.
-    residuals : list of ndarray, shape (n, channels)
-        Measured less simulated.
+        As far as is explained.
     """
-    inputs = [features(s) for s in signals]
+    inputs = [features(model.signals(i)) for i in range(len(model.datasets))]
+    residuals = model.residuals
     k = min(len(i) for i in inputs)
     inputs = [i[:k] for i in inputs] if all(len(i) == k for i in inputs) else \
         [_padded(i, max(map(len, inputs))) for i in inputs]

@@ -99,7 +99,7 @@ def _name(e: Event, channel: int) -> str:
 def _detected_steps(model: LinearisedModel, dataset: int, residual: Array) -> list[Event]:
     """List the steps of one recording's residual, away from where contact begins and ends."""
     one = model.datasets[dataset]
-    touching = np.abs(model.base[dataset].contact[:, :3]).max(axis=1) > 0.0
+    touching = np.abs(model.signals(dataset).contact[:, :3]).max(axis=1) > 0.0
     edges = one.measured.start + 1e-3 * np.flatnonzero(np.diff(touching))
     seen: list[tuple[float, int, float]] = []
     for c in range(STREAM_SLICES['wrench'].start, STREAM_SLICES['wrench'].stop):
