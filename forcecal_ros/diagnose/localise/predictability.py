@@ -1,9 +1,11 @@
 """Predictability test: how much of a residual a nonparametric fit to the motion predicts."""
 
+from itertools import chain
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.inputs.dataset import Dataset
+from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.geometry import Array
 from forcecal_ros.simulators.signals import block_means, Signals
@@ -40,14 +42,14 @@ class Predictability(NamedTuple):
     prediction: tuple[Array, ...]
 
 
-def features(s: Signals) -> NDArray[np.float32]:
+def features(s: Signals) -> Compact:
     """
     List the inputs that an unknown effect may depend on, as block means.
 
     Returns
     -------
-    ndarray of float32, shape (k, n)
-        Of unit RMS.
+    Compact, shape (k, n)
+        Of unit RMS; 0 where one does not vary.
     """
     v_sensor = np.einsum('nij,ni->nj', s.R_base_sensor, s.velocity)
     time = (np.arange(len(s.wrench)) / len(s.wrench))[:, np.newaxis]
@@ -64,11 +66,10 @@ def features(s: Signals) -> NDArray[np.float32]:
         np.abs(s.velocity), s.optidrive[:, np.newaxis] ** 3, wrench[:, :3] ** 2,
         wrench[:, :3] ** 3, push ** 2, np.sqrt(np.abs(push)), (np.abs(push) > 0.0).astype(float),
         s.omega ** 2, s.velocity ** 2)
-    rows = [(row / size).astype(np.float32) if size > 1e-12 else None
+    rows = [row / size if size > 1e-12 else np.zeros(len(row))
             for row in (*main, *slow) for size in [np.sqrt(np.mean(row ** 2))]]
-    return np.array([row for row in rows if row is not None]
-                    + [np.roll(row, lag) for lag in LAGS for row in rows[:len(main)]
-                       if row is not None])
+    lagged = (np.roll(row, lag) for lag in LAGS for row in rows[:len(main)])
+    return Compact.joined([Compact.of(row[np.newaxis]) for row in chain(rows, lagged)])
 
 
 def _means(*signals: Array) -> list[Array]:
@@ -87,23 +88,21 @@ def predictability_of(model: LinearisedModel) -> Predictability:
     """
     inputs = [features(model.signals(i)) for i in range(len(model.datasets))]
     residuals = model.residuals
-    k = min(len(i) for i in inputs)
-    inputs = [i[:k] for i in inputs] if all(len(i) == k for i in inputs) else \
-        [_padded(i, max(map(len, inputs))) for i in inputs]
     z, size = np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS))
     predictions = tuple(np.zeros_like(b) for b in residuals)
     for c in range(len(CHANNELS)):
         if not any(n.sigma[:, c].any() for n in model.noise):
             continue
-        white = [n.whiten_singly(np.vstack([b[np.newaxis, :, c], i]), c, np.ones(1 + len(i)))
+        white = [(n.whiten(b[np.newaxis, :, c], c),
+                  n.whiten_singly(i.numbers, c, i.unit[:, 0].astype(float)))
                  for n, b, i in zip(model.noise, residuals, inputs)]
-        train, held = (np.sum([_products(w, getattr(p, part)) for w, p in zip(
+        train, held = (np.sum([_products(*w, getattr(p, part)) for w, p in zip(
             white, model.datasets)], axis=0) for part in ('train', 'held'))
         theta = _ridge(train)
         energy = float(theta @ held[1:, 1:] @ theta)
         if energy > 1e-9:
             z[c] = float(theta @ held[1:, 0]) / np.sqrt(energy)
-        predicted = [theta @ i for i in inputs]
+        predicted = [i.combined(theta) for i in inputs]
         if not _within(predicted, [b[:, c] for b in residuals], model.datasets):
             z[c] = 0.0
             continue
@@ -130,17 +129,13 @@ def _within(predicted: list[Array], residuals: list[Array], datasets: tuple[Data
     return bool(size <= rest)
 
 
-def _products(white: NDArray[np.float32], rows: NDArray[np.bool_]) -> Array:
+def _products(residual: Array, white: NDArray[np.float32], rows: NDArray[np.bool_]) -> Array:
     """Return inner products over some blocks, summed in double precision part by part."""
-    out, chosen = np.zeros((len(white), len(white))), np.flatnonzero(rows)
+    out, chosen = np.zeros((1 + len(white),) * 2), np.flatnonzero(rows)
     for part in np.array_split(chosen, -(-len(chosen) // AT_ONCE) or 1):
-        some = white[:, part].astype(float)
+        some = np.concatenate([residual[:, part], white[:, part]])
         out += some @ some.T
     return out
-
-
-def _padded(rows: NDArray[np.float32], k: int) -> NDArray[np.float32]:
-    return np.vstack([rows, np.zeros((k - len(rows), rows.shape[1]), dtype=np.float32)])
 
 
 def _ridge(gram: Array) -> Array:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from forcecal_ros.geometry import Array
+from forcecal_ros.recording.noise.pieces import pieces
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,9 +34,22 @@ class Compact:
         scaled = signals * (1.0 / unit)
         return cls(np.rint(scaled, out=scaled).astype(np.int16), unit)
 
+    @classmethod
+    def joined(cls, parts: Sequence['Compact']) -> 'Compact':
+        """Put several signals below each other, shape (k, n)."""
+        return cls(np.concatenate([one.numbers for one in parts]),
+                   np.concatenate([one.unit for one in parts]))
+
     def values(self, rows: slice = slice(None)) -> NDArray[np.float32]:
         """Return the signals, or a part of their time."""
         return np.asarray(self.numbers[..., rows] * self.unit)
+
+    def combined(self, weights: Array) -> Array:
+        """Sum k signals with some weights, shape (..., k) to (..., n)."""
+        out = np.empty((*weights.shape[:-1], self.numbers.shape[-1]))
+        for rows in pieces(out.shape[-1]):
+            out[..., rows] = weights @ self.values(rows)
+        return out
 
     def times(self, factor: float) -> 'Compact':
         """Return the signals times a factor, without a copy."""

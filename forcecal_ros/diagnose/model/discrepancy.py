@@ -47,7 +47,7 @@ FREE = (*SCALES, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 LEAST_WEIGHT = 1e-3
 """Variance of a combination of features, in its noise's, below which it says nothing."""
 
-MEMORY = 4e8
+MEMORY = 2e8
 """
 Bytes that whitened features may take: of a pair of a minute each two hundred combinations are
 kept, of ten minutes the forty strongest.
@@ -192,11 +192,11 @@ class WhitenedDiscrepancy:
 
     def _modes(self, c: int) -> _Modes:
         scale = np.sqrt(self.basis.variance) * self.signal[c]
-        white = [n.whiten_singly(rows, c, scale)
-                 if n.sigma[:, c].any() else np.zeros(rows.shape, dtype=np.float32)
+        white = [n.whiten_singly(rows.numbers, c, scale * rows.unit[:, 0])
+                 if n.sigma[:, c].any() else np.zeros(rows.numbers.shape, dtype=np.float32)
                  for n, rows in zip(self.noise, self.basis.rows)]
         values, vectors = np.linalg.eigh(sum((w @ w.T).astype(float) for w in white))
-        most = int(MEMORY / (4 * SHARING * sum(w.shape[1] for w in white)))
+        most = int(MEMORY / (2 * SHARING * sum(w.shape[1] for w in white)))
         kept = np.flatnonzero(values * max(FREE) ** 2 > LEAST_WEIGHT)[-most:]
         turn = vectors[:, kept]
         rows = [Compact.of(turn.T.astype(np.float32) @ w) for w in white]
@@ -236,7 +236,8 @@ class WhitenedDiscrepancy:
         if channels:
             together = np.stack(list(weights.values()))
             for one, rows, noise in zip(out, self.basis.rows, self.noise):
-                one[:, channels] = np.where(noise.present[:, channels], (together @ rows).T, 0.0)
+                one[:, channels] = np.where(noise.present[:, channels],
+                                            rows.combined(together).T, 0.0)
         return out
 
     def products(self, columns: Sequence[Sequence[Column]], residual: Sequence[Array],

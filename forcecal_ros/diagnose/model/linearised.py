@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.inputs.dataset import Dataset, possible_effects
 from forcecal_ros.diagnose.model.basis import Basis, basis
+from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.discrepancy import (
     Discrepancy,
     NO_DISCREPANCY,
@@ -266,7 +267,7 @@ class LinearisedModel:
     def whitened_discrepancy(self) -> WhitenedDiscrepancy:
         """Return the discrepancy, whitened by the noise; an empty one where none is set up."""
         if self.discrepancy is None:
-            rows = tuple(np.zeros((0, len(c.groups)), dtype=np.float32) for c in self.datasets)
+            rows = tuple(Compact.of(np.zeros((0, len(c.groups)))) for c in self.datasets)
             self.discrepancy = Discrepancy(Basis(rows, np.zeros(0)), _signal(self),
                                            [c.train for c in self.datasets])
         return self.discrepancy.whitened(self.noise)

@@ -114,16 +114,16 @@ class Autoregression(NamedTuple):
             white = part.whiten(columns(longer), channel)
             yield rows, white[:, rows.start - longer.start:]
 
-    def whiten_singly(self, columns: NDArray[np.float32], channel: int, sizes: Array
+    def whiten_singly(self, columns: NDArray[np.int16], channel: int, sizes: Array
                       ) -> NDArray[np.float32]:
         """
-        Whiten many signals, each times its size, that are held in single precision.
+        Whiten many signals, each times its size, that are held as whole numbers.
 
         The same as of :meth:`whiten`, without room for all of them in double precision.
 
         Parameters
         ----------
-        columns : ndarray of float32, shape (k, n)
+        columns : ndarray of int16, shape (k, n)
         sizes : ndarray, shape (k,)
 
         Returns
@@ -134,7 +134,7 @@ class Autoregression(NamedTuple):
         scale = np.where(sigma > 0.0, 1.0 / np.where(sigma > 0.0, sigma, 1.0), 0.0)
         there = self.present[:, channel]
         chosen = slice(None) if there.all() else np.flatnonzero(there)
-        own = np.ascontiguousarray(columns[:, chosen])
+        own = np.ascontiguousarray(columns if there.all() else columns[:, chosen])
         white = np.zeros(own.shape, dtype=np.float32)
         _whiten_singly(own, np.ascontiguousarray(self.coefficients[:, channel]), scale,
                        self.groups[chosen], np.ascontiguousarray(self.rows[chosen, channel]),
@@ -225,7 +225,7 @@ def _whiten(columns: Array, coefficients: Array, scale: Array, groups: IntArray,
 
 
 @compiled
-def _whiten_singly(columns: NDArray[np.float32], coefficients: Array, scale: Array,
+def _whiten_singly(columns: NDArray[np.int16], coefficients: Array, scale: Array,
                    groups: IntArray, rows: BoolArray, sizes: Array, out: NDArray[np.float32]
                    ) -> None:
     n = columns.shape[1]
