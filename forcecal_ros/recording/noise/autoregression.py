@@ -215,10 +215,10 @@ def _whiten(columns: Array, coefficients: Array, scale: Array, groups: IntArray,
             white = out[i, begin:end]
             white[:] = columns[i, begin:end]
             for j in range(order):
-                # white noise has no history, and rows from the first sample on
+                # white noise has no history, and rows from the first sample on; pieces lack some
                 first = max(begin, j + 1)
                 before, after = columns[i, first - 1 - j:end - 1 - j], out[i, first:end]
-                for t in range(len(before)):
+                for t in range(len(after)):
                     after[t] -= coefficients[g, j] * before[t]
             for t in range(len(white)):
                 white[t] *= scale[g]
