@@ -19,7 +19,6 @@ from forcecal_ros.diagnose.model.evidence import Gram
 from forcecal_ros.diagnose.model.jacobian import Column
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.autoregression import Autoregression
-from forcecal_ros.recording.noise.pieces import pieces
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, LinAlgError, solve_triangular
@@ -53,6 +52,9 @@ Bytes that whitened features may take: of a pair of a minute each two hundred co
 kept, of ten minutes the forty strongest.
 """
 
+STRETCH = 1024
+"""Blocks of features that are multiplied at once: two hundred features fill a cache."""
+
 SHARING = 16
 """Channels that share that memory: all but those of joints, whose features are the same."""
 
@@ -80,20 +82,19 @@ def _squares(features: Compact, train: BoolArray) -> Array:
     """Return inner products of features over training blocks, and over the others."""
     r = len(features.numbers)
     out = np.zeros((2, r, r))
-    for rows in pieces(len(train)):
+    for part, rows in _stretches(train, slice(0, len(train))):
+        # nearly orthogonal, so that single precision keeps even the faint ones
         values = features.values(rows)
-        for part, here in _runs(train, rows):
-            # nearly orthogonal, so that single precision keeps even the faint ones
-            out[part] += values[:, here] @ values[:, here].T
+        out[part] += values @ values.T
     return out
 
 
-def _runs(train: BoolArray, rows: slice) -> Iterator[tuple[int, slice]]:
-    """Give the stretches of some blocks that are for training, 0, or for judging, 1."""
-    own = train[rows]
-    edges = (np.flatnonzero(np.diff(own)) + 1).tolist()
-    for begin, end in pairwise([0, *edges, len(own)]):
-        yield int(not own[begin]), slice(begin, end)
+def _stretches(train: BoolArray, rows: slice) -> Iterator[tuple[int, slice]]:
+    """Give short stretches of some blocks, each for training, 0, or for judging, 1."""
+    changes = rows.start + 1 + np.flatnonzero(np.diff(train[rows]))
+    edges = {*changes.tolist(), *range(rows.start, rows.stop, STRETCH), rows.stop}
+    for begin, end in pairwise(sorted(edges)):
+        yield int(not train[begin]), slice(begin, end)
 
 
 def _factor(information: Array) -> Array:
@@ -305,21 +306,19 @@ class WhitenedDiscrepancy:
         cross : ndarray, shape (2, r, 1 + new)
             Of the residual and of new columns.
         """
-        train = self.train[recording]
-        modes = None if absent else self.modes(c)
+        features = None if absent else self.modes(c).rows[recording]
         chosen = [0, *(1 + j for j in new)]
         own = np.zeros((2, 1 + len(given), 1 + len(given)))
-        cross = np.zeros((2, len(modes.trained) if modes else 0, len(chosen)))
-
-        for rows, white in self.noise[recording].whiten_in_pieces(
-                stacked(residual, given), c):
-            features = modes.rows[recording].values(rows) if modes else None
+        cross = np.zeros((2, len(features.numbers) if features else 0, len(chosen)))
+        for rows, white in self.noise[recording].whiten_in_pieces(stacked(residual, given), c):
             single = white[chosen].astype(np.float32)
-            for part, here in _runs(train, rows):
+            for part, stretch in _stretches(self.train[recording], rows):
+                here = slice(stretch.start - rows.start, stretch.stop - rows.start)
                 own[part] += white[:, here] @ white[:, here].T
-                if features is not None:
-                    cross[part] += features[:, here] @ single[:, here].T
-        return own, cross
+                if features:
+                    cross[part] += (features.numbers[:, stretch].astype(np.float32)
+                                    @ single[:, here].T)
+        return own, cross * features.unit if features else cross
 
 
 class _Sums(NamedTuple):
