@@ -169,15 +169,15 @@ class MeasuredBlocks:
         return self._streams[name].values
 
     def _rows(self, name: str, stream: _Stream, signals: Signals) -> Array:
-        simulated = _at(_simulated(name, signals), stream)
         if name != 'pose':
-            return np.asarray(stream.values - simulated)
-        turned = np.swapaxes(simulated[:, 3:].reshape(-1, 3, 3), 1, 2) \
-            @ stream.values[:, 3:].reshape(-1, 3, 3)
+            return np.asarray(stream.values - _at(_simulated(name, signals), stream))
+        position = _at(signals.position, stream)
+        rotation = _at(signals.R_base_sensor.reshape(-1, 9), stream).reshape(-1, 3, 3)
+        turned = np.swapaxes(rotation, 1, 2) @ stream.values[:, 3:].reshape(-1, 3, 3)
         turn = 0.5 * np.stack([turned[:, 2, 1] - turned[:, 1, 2],
                                turned[:, 0, 2] - turned[:, 2, 0],
                                turned[:, 1, 0] - turned[:, 0, 1]], axis=1)
-        return np.concatenate([stream.values[:, :3] - simulated[:, :3], turn], axis=1)
+        return np.concatenate([stream.values[:, :3] - position, turn], axis=1)
 
 
 def _simulated(name: str, s: Signals) -> Array:
@@ -187,10 +187,8 @@ def _simulated(name: str, s: Signals) -> Array:
         return s.volts
     if name == 'optidrive':
         return s.optidrive[:, np.newaxis]
-    if name == 'joints':
-        assert s.joints is not None
-        return s.joints
-    return np.concatenate([s.position, s.R_base_sensor.reshape(-1, 9)], axis=1)
+    assert s.joints is not None
+    return s.joints
 
 
 def _at(values: Array, stream: _Stream) -> Array:

@@ -206,14 +206,18 @@ def fitted_to_all(model: LinearisedModel,
     LinearisedModel
         With the residuals, and their noise, of the fit to all; all else as it was.
     """
-    comparison = ModelComparison(model, jacobians)
-    x = fit(comparison.train + comparison.held, comparison.null_prior).x
-    residuals = [b - combined([*columns, *extra], x, len(b)) * c.measured.present
-                 for b, columns, extra, c in zip(model.residuals, model.jacobian,
-                                                 comparison.extra, model.datasets)]
-    out = replace(model, residuals=residuals)
+    out = replace(model, residuals=_left_by_all(ModelComparison(model, jacobians)))
     out.refit_noise(np.zeros(len(model.nuisances)))
     return out
+
+
+def _left_by_all(comparison: ModelComparison) -> list[Array]:
+    """Return what nuisances and effects leave if they are fitted to all blocks."""
+    model = comparison.model
+    x = fit(comparison.train + comparison.held, comparison.null_prior).x
+    return [b - combined([*columns, *extra], x, len(b)) * c.measured.present
+            for b, columns, extra, c in zip(model.residuals, model.jacobian, comparison.extra,
+                                            model.datasets)]
 
 
 def lines_of(model: LinearisedModel) -> tuple[Line, ...]:

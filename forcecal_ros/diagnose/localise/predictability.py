@@ -1,26 +1,21 @@
 """Predictability test: how much of a residual a nonparametric fit to the motion predicts."""
 
-from itertools import chain
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.inputs.dataset import Dataset
-from forcecal_ros.diagnose.model.compact import Compact
+from forcecal_ros.diagnose.model.compact import Compact, stacked
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.geometry import Array
 from forcecal_ros.simulators.signals import block_means, Signals
 import numpy as np
-from numpy.typing import NDArray
 
 PREDICTABLE = 5.5
 """Sigmas of a channel's prediction from which its residual is more than noise."""
 
 LAGS = (-4, -2, -1, 1, 2, 4, 8)
 """Blocks by which the main inputs are shifted to predict from their past and future."""
-
-
-AT_ONCE = 4096
-"""Blocks that are held in double precision at once: a hundred inputs of them fill a cache."""
 
 
 class Predictability(NamedTuple):
@@ -51,30 +46,59 @@ def features(s: Signals) -> Compact:
     Compact, shape (k, n)
         Of unit RMS; 0 where one does not vary.
     """
-    v_sensor = np.einsum('nij,ni->nj', s.R_base_sensor, s.velocity)
+    main = [_of_unit_size(row) for row in _means(_quick(s))]
+    others = [_of_unit_size(row) for row in _means(_others(s))]
+    return Compact.joined([*main, *others, *(one.rolled(lag) for lag in LAGS for one in main)])
+
+
+def _quick(s: Signals) -> Iterator[Array]:
+    """Give inputs whose past and future count as well, one after the other."""
+    yield s.wrench - s.wrench.mean(axis=0)
+    yield s.specific_force - s.specific_force.mean(axis=0)
+    yield s.velocity
+    yield s.omega
+    yield s.optidrive[:, np.newaxis]
+    yield s.speed[:, np.newaxis]
+
+
+def _others(s: Signals) -> Iterator[Array]:
+    """Give the other inputs one after the other: all of them at 1 kHz would fill much memory."""
     time = (np.arange(len(s.wrench)) / len(s.wrench))[:, np.newaxis]
-    push = s.contact[:, :3]
+    push, speed = s.contact[:, :3], s.speed[:, np.newaxis]
     wrench = s.wrench - s.wrench.mean(axis=0)
-    speed = s.speed[:, np.newaxis]
-    main = _means(wrench, s.specific_force - s.specific_force.mean(axis=0), s.velocity, s.omega,
-                  s.optidrive[:, np.newaxis], speed)
-    slow = _means(
-        s.position - s.position.mean(axis=0), s.R_base_sensor[:, 2, :],
-        s.R_base_sensor[:, 0, :], s.acceleration, s.alpha, push, time, time ** 2,
-        time * wrench, np.tanh(s.velocity / 2e-3), np.tanh(v_sensor / 2e-3),
-        np.tanh(s.omega / 5e-3), np.tanh(speed / 2e-4), np.tanh(speed / 2e-3),
-        np.abs(s.velocity), s.optidrive[:, np.newaxis] ** 3, wrench[:, :3] ** 2,
-        wrench[:, :3] ** 3, push ** 2, np.sqrt(np.abs(push)), (np.abs(push) > 0.0).astype(float),
-        s.omega ** 2, s.velocity ** 2)
-    rows = [row / size if size > 1e-12 else np.zeros(len(row))
-            for row in (*main, *slow) for size in [np.sqrt(np.mean(row ** 2))]]
-    lagged = (np.roll(row, lag) for lag in LAGS for row in rows[:len(main)])
-    return Compact.joined([Compact.of(row[np.newaxis]) for row in chain(rows, lagged)])
+    yield s.position - s.position.mean(axis=0)
+    yield s.R_base_sensor[:, 2, :]
+    yield s.R_base_sensor[:, 0, :]
+    yield s.acceleration
+    yield s.alpha
+    yield push
+    yield time
+    yield time ** 2
+    yield time * wrench
+    yield np.tanh(s.velocity / 2e-3)
+    yield np.tanh(np.einsum('nij,ni->nj', s.R_base_sensor, s.velocity) / 2e-3)
+    yield np.tanh(s.omega / 5e-3)
+    yield np.tanh(speed / 2e-4)
+    yield np.tanh(speed / 2e-3)
+    yield np.abs(s.velocity)
+    yield s.optidrive[:, np.newaxis] ** 3
+    yield wrench[:, :3] ** 2
+    yield wrench[:, :3] ** 3
+    yield push ** 2
+    yield np.sqrt(np.abs(push))
+    yield (np.abs(push) > 0.0).astype(float)
+    yield s.omega ** 2
+    yield s.velocity ** 2
 
 
-def _means(*signals: Array) -> list[Array]:
-    """Return the block means of each column of signals: all of them at 1 kHz fill much memory."""
-    return [row for values in signals for row in block_means(values).T]
+def _means(signals: Iterable[Array]) -> Iterator[Array]:
+    """Give the block means of each column of signals."""
+    return (row for values in signals for row in block_means(values).T)
+
+
+def _of_unit_size(row: Array) -> Compact:
+    size = np.sqrt(np.mean(row ** 2))
+    return Compact.of((row / size if size > 1e-12 else np.zeros(len(row)))[np.newaxis])
 
 
 def predictability_of(model: LinearisedModel) -> Predictability:
@@ -87,17 +111,18 @@ def predictability_of(model: LinearisedModel) -> Predictability:
         As far as is explained.
     """
     inputs = [features(model.signals(i)) for i in range(len(model.datasets))]
-    residuals = model.residuals
+    residuals, k = model.residuals, len(inputs[0].numbers)
     z, size = np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS))
     predictions = tuple(np.zeros_like(b) for b in residuals)
     for c in range(len(CHANNELS)):
         if not any(n.sigma[:, c].any() for n in model.noise):
             continue
-        white = [(n.whiten(b[np.newaxis, :, c], c),
-                  n.whiten_singly(i.numbers, c, i.unit[:, 0].astype(float)))
-                 for n, b, i in zip(model.noise, residuals, inputs)]
-        train, held = (np.sum([_products(*w, getattr(p, part)) for w, p in zip(
-            white, model.datasets)], axis=0) for part in ('train', 'held'))
+        train, held = np.zeros((2, 1 + k, 1 + k))
+        for n, b, i, p in zip(model.noise, residuals, inputs, model.datasets):
+            for rows, white in n.whiten_in_pieces(stacked(b[:, c], i.rows()), c):
+                for gram, part in ((train, p.train[rows]), (held, p.held[rows])):
+                    some = white[:, part]
+                    gram += some @ some.T
         theta = _ridge(train)
         energy = float(theta @ held[1:, 1:] @ theta)
         if energy > 1e-9:
@@ -127,15 +152,6 @@ def _within(predicted: list[Array], residuals: list[Array], datasets: tuple[Data
     size, rest = (np.sqrt(sum(float(np.sum(x[c.held] ** 2)) for x, c in zip(rows, datasets)))
                   for rows in (predicted, residuals))
     return bool(size <= rest)
-
-
-def _products(residual: Array, white: NDArray[np.float32], rows: NDArray[np.bool_]) -> Array:
-    """Return inner products over some blocks, summed in double precision part by part."""
-    out, chosen = np.zeros((1 + len(white),) * 2), np.flatnonzero(rows)
-    for part in np.array_split(chosen, -(-len(chosen) // AT_ONCE) or 1):
-        some = np.concatenate([residual[:, part], white[:, part]])
-        out += some @ some.T
-    return out
 
 
 def _ridge(gram: Array) -> Array:

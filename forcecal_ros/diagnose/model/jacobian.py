@@ -28,7 +28,7 @@ def column(difference: Array, level: Array) -> Column:
     level : ndarray, shape (channels,)
         Of the noise.
     """
-    largest = np.abs(difference).max(axis=0)
+    largest = np.maximum(difference.max(axis=0), -difference.min(axis=0))
     return {c: Compact.of(difference[:, c]) for c in range(len(CHANNELS))
             if largest[c] > NOTHING * level[c]}
 

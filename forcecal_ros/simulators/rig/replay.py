@@ -79,8 +79,9 @@ class Replay:
         model, sensor = rig.accelerometer.model(self.accelerometer), rig.wrench_sensor
         effects = tuple(one for one in rig.effects if one[0] not in UNSEEN)
         seen = rig if effects == rig.effects else replace(rig, effects=effects)
-        wrench = physics.wrench * sensor.gain + sensor.bias
-        volts = physics.specific_force * model.gain + model.offset
+        wrench, volts = physics.wrench * sensor.gain, physics.specific_force * model.gain
+        wrench += sensor.bias
+        volts += model.offset
         if seen.effects:
             on_wrench = WrenchEffects(seen, 1.0 / RATE)
             on_volts = AccelerometerEffects(seen, self.accelerometer, 1.0 / RATE)
