@@ -279,15 +279,15 @@ class WhitenedDiscrepancy:
         """
         known = {} if absent else self._known.crosses
         keys = [(c, recording, id(one)) for one in given]
-        new = [j for j, one in enumerate(given) if one is not None and not (
-            keys[j] in known and known[keys[j]].column() is one)]
-        own, found = self._multiplied(c, recording, residual, given, new, absent)
+        new = {j: one for j, one in enumerate(given) if one is not None and not (
+            keys[j] in known and known[keys[j]].column() is one)}
+        own, found = self._multiplied(c, recording, residual, given, list(new), absent)
+        known.update({keys[j]: _Cross(ref(one), found[:, :, 1 + i].astype(np.float32))
+                      for i, (j, one) in enumerate(new.items())})
         cross = np.zeros((*found.shape[:2], 1 + len(given)))
-        cross[:, :, [0, *(1 + j for j in new)]] = found
+        cross[:, :, 0] = found[:, :, 0]
         for j, one in enumerate(given):
-            if j in new and one is not None:
-                known[keys[j]] = _Cross(ref(one), cross[:, :, 1 + j].astype(np.float32))
-            elif one is not None:
+            if one is not None:
                 cross[:, :, 1 + j] = known[keys[j]].products
         trained, held = (int(np.sum(part & self.noise[recording].rows[:, c]))
                          for part in (self.train[recording], ~self.train[recording]))
