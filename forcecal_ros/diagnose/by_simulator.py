@@ -272,13 +272,11 @@ def _prepared(stamps: Corrected, simulator: ThirdParty, tool: SimulatedTool | No
                    accelerometer=felt.accelerometer,
                    joints=compared(real.joints, simulation.joints))
     robot = simulated_robot(known.rigid_tool, simulator.parameters)
-    nominal = simulation.signals(robot)
     if tool is None:
-        known = known.zeroed(beyond(real, nominal))
+        known = known.zeroed(beyond(real, simulation.signals(robot)))
         robot = replace(robot, wrench_sensor=known.rigid_tool.wrench_sensor)
-        nominal = simulation.signals(robot)
-    groups = kinds(nominal)
-    dataset = Dataset(real, simulation, MeasuredBlocks(seen, start, n), nominal, groups,
+    groups = kinds(simulation.signals(robot))
+    dataset = Dataset(real, simulation, MeasuredBlocks(seen, start, n), robot, groups,
                       real.phases or made_up(groups, start), np.ones(n, bool), np.zeros(n, bool))
     notes = tuple(filter(None, (note, _without_knocking(dataset, simulation.knocking(robot)))))
     return _Prepared(dataset, stamps, runs, simulation, known, robot, notes,

@@ -6,6 +6,7 @@ from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.inputs.accelerometer import in_volts
 from forcecal_ros.diagnose.inputs.dataset import prepare, split
 from forcecal_ros.diagnose.inputs.stamps import corrected
+from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.hypotheses import Atom, Hypothesis, nominal_of
 from forcecal_ros.diagnose.model.linearised import Diverged, linearised_model
 from forcecal_ros.diagnose.search.acceptance import refined_or_rejected
@@ -149,7 +150,7 @@ def test_a_hypothesis_whose_simulation_diverges_is_rejected():
     with pytest.raises(Diverged):
         p.simulate({**p.effects, name: {'cubic': -7e4}}, 0)
     effect = EFFECTS[name]
-    columns = ([{0: np.ones(len(p.residuals[0]), dtype=np.float32)}],)
+    columns = ([{0: Compact.of(np.ones(len(p.residuals[0])))}],)
     hypothesis = Hypothesis(name, effect, (), (Atom(nominal_of(effect), np.array([0]), columns),))
     comparison = ModelComparison(p)
     result = comparison.screen([hypothesis])[0][0]._replace(theta=np.array([-7e4]))

@@ -2,12 +2,13 @@
 
 from dataclasses import replace
 
+from forcecal_ros.effects import with_effects
 from forcecal_ros.effects.rig import Robot
 from forcecal_ros.errors import ConfigError
 from forcecal_ros.geometry import rotation_from_vector, rotation_vector, skew
 from forcecal_ros.simulators.rig.file import load_rig
 from forcecal_ros.simulators.rig.parameters import kernel_parameters
-from forcecal_ros.simulators.rig.plant import Plant
+from forcecal_ros.simulators.rig.plant import AT_ONCE, Plant
 from forcecal_ros.simulators.rig.robot import Motion, move, robot_at_rest, TINY
 import numpy as np
 import pytest
@@ -160,6 +161,22 @@ def test_at_rest_nothing_moves():
     assert motion.R_base_sensor == pytest.approx(np.tile(rotations[0], (401, 1, 1)), abs=1e-12)
     assert np.abs(motion.acceleration).max() < 1e-6  # [m/s^2], rounding times w^2
     assert np.abs(motion.omega).max() < 1e-12
+
+
+def test_a_long_motion_is_that_of_its_parts_whatever_the_robot_has():
+    n = AT_ONCE + 500
+    rig = with_effects(RIG, {'robot_delay': {'delay': 0.003},
+                             'robot_resonance': {'gain': 0.2, 'frequency': 20.0, 'damping': 0.1}})
+    positions = 0.1 * np.sin(np.arange(n)[:, np.newaxis] * [0.01, 0.02, 0.03])
+    xyzw = Rotation.from_rotvec(positions).as_quat()
+    whole, parts = Plant(rig), Plant(rig)
+    for plant in (whole, parts):
+        plant.rest(positions[0], xyzw[0])
+    motion = whole.move(positions, xyzw)
+    first, second = (parts.move(positions[part], xyzw[part])
+                     for part in (slice(0, 700), slice(700, n)))
+    for name, one, a, b in zip(motion._fields, motion, first, second):
+        assert np.abs(one - np.concatenate([a, b[1:]])).max() < 1e-9 * np.abs(one).max(), name
 
 
 def test_a_robot_at_rest_leaves_no_number_too_small_to_compute_with():

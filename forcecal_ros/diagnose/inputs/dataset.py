@@ -47,8 +47,8 @@ class Dataset:
 
     Attributes
     ----------
-    nominal : Signals
-        Of the rig as given.
+    rig : Rig
+        As given.
     groups : ndarray of int, shape (n,)
         Index into autoregression.GROUPS of each block.
     phases : tuple of Phase
@@ -60,11 +60,16 @@ class Dataset:
     recording: Recording
     simulation: Simulation
     measured: MeasuredBlocks
-    nominal: Signals
+    rig: Rig
     groups: NDArray[np.intp]
     phases: tuple[Phase, ...]
     train: NDArray[np.bool_]
     held: NDArray[np.bool_]
+
+    @property
+    def nominal(self) -> Signals:
+        """Simulate the rig as given: the signals of ten minutes fill much memory."""
+        return self.simulation.signals(self.rig)
 
     @property
     def times(self) -> Array:
@@ -166,7 +171,7 @@ def prepare(recording: Recording, rig: Rig, accelerometer: str | None = None) ->
     measured = MeasuredBlocks(in_volts(replace(recording, joints=None), rig, name), start, n)
     groups = _kinds(nominal, n)
     phases = recording.phases or made_up(groups, start)
-    return Dataset(recording, replay, measured, nominal, groups, phases,
+    return Dataset(recording, replay, measured, rig, groups, phases,
                    np.ones(n, dtype=bool), np.zeros(n, dtype=bool))
 
 

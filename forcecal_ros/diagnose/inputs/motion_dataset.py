@@ -65,7 +65,7 @@ def prepare_motion(recording: Recording, rigid_tool: RigidTool,
     moved = replace(moved, accelerometer=volts)
     first, n = span(moved)
     simulation = MeasuredMotion(moved, first, n, name, rigid_tool)
-    return _dataset(moved, simulation, simulation.signals(rigid_tool), volts)
+    return _dataset(moved, simulation, rigid_tool, volts)
 
 
 def prepare_simulated(recording: Recording, simulated: Recording, tool: SimulatedTool | None,
@@ -104,11 +104,9 @@ def prepare_simulated(recording: Recording, simulated: Recording, tool: Simulate
     refuse_other_wrench(recording, known, simulated)
     moved = replace(recording, accelerometer=None)
     simulation = RecordedSimulation(moved, simulated, first, n, 'acc1', known.simulated)
-    nominal = simulation.signals(known.rigid_tool)
     if tool is None:
-        known = known.zeroed(beyond(moved, nominal))
-        nominal = simulation.signals(known.rigid_tool)
-    dataset = _dataset(recording, simulation, nominal, None, recording.accelerometer)
+        known = known.zeroed(beyond(moved, simulation.signals(known.rigid_tool)))
+    dataset = _dataset(recording, simulation, known.rigid_tool, None, recording.accelerometer)
     dataset.measured.present[simulation.touching] = False
     return dataset, known
 
@@ -132,15 +130,15 @@ def span(*recordings: Recording) -> tuple[float, int]:
     return first, int((last - first) / BLOCK)
 
 
-def _dataset(recording: Recording, simulation: MeasuredMotion, nominal: Signals,
+def _dataset(recording: Recording, simulation: MeasuredMotion, rig: RigidTool,
              volts: Stream | None, felt: Stream | None = None) -> Dataset:
     """Compare wrench and what is felt in motion, and else an accelerometer at rest."""
     first, n = simulation.start, simulation.n_blocks
-    groups = kinds(nominal)
+    groups = kinds(simulation.signals(rig))
     seen = replace(recording, target=None, pose=None, optidrive=None, joints=None,
                    accelerometer=felt or _at_rest(volts, groups, first))
     measured = MeasuredBlocks(seen, first, n)
-    dataset = Dataset(recording, simulation, measured, nominal, groups,
+    dataset = Dataset(recording, simulation, measured, rig, groups,
                       recording.phases or made_up(groups, first), np.ones(n, bool),
                       np.zeros(n, bool))
     for phase, rows in dataset.phase_rows().items():

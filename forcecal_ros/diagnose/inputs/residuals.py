@@ -1,6 +1,7 @@
 """Measured less simulated, as block means of all channels on the grid of the robot's periods."""
 
 from typing import NamedTuple
+from weakref import ref
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.geometry import Array
@@ -48,7 +49,7 @@ class MeasuredBlocks:
     def __init__(self, recording: Recording, start: float, n_blocks: int) -> None:
         self.start, self.n_blocks = start, n_blocks
         self._streams: dict[str, _Stream] = {}
-        self._last_pose: tuple[Array, Array, Array] | None = None
+        self._last_pose: tuple[ref[Array], ref[Array], Array] | None = None
         if recording.wrench is not None:
             self._add('wrench', recording.wrench.t, recording.wrench.values)
         if recording.accelerometer is not None:
@@ -76,9 +77,11 @@ class MeasuredBlocks:
         last = self.n_blocks * round(BLOCK * RATE) - 1
         ok = (block >= 0) & (block < self.n_blocks) & np.isfinite(values).all(axis=1)
         ok &= u <= last + EXACT
-        kept = np.flatnonzero(ok)
-        if not len(kept):
+        if not ok.any():
             return
+        # a stretch of a recording needs no copy
+        first_kept, last_kept = ok.argmax(), len(ok) - ok[::-1].argmax()
+        kept = slice(first_kept, last_kept) if ok[first_kept:last_kept].all() else ok
         u, block = u[kept], block[kept]
         nearest = np.rint(u)
         if np.abs(u - nearest).max() < EXACT:
@@ -120,10 +123,10 @@ class MeasuredBlocks:
     def _pose(self, stream: _Stream, signals: Signals) -> Array:
         """Return block means of one pose's residual: most simulations move as the last one did."""
         known = self._last_pose
-        if known is None or known[0] is not signals.position \
-                or known[1] is not signals.R_base_sensor:
+        if known is None or known[0]() is not signals.position \
+                or known[1]() is not signals.R_base_sensor:
             means = _means(self._rows('pose', stream, signals), stream)
-            self._last_pose = known = signals.position, signals.R_base_sensor, means
+            self._last_pose = known = ref(signals.position), ref(signals.R_base_sensor), means
         return known[2]
 
     def of_wrench(self, simulated: Array) -> Array:
@@ -166,15 +169,15 @@ class MeasuredBlocks:
         return self._streams[name].values
 
     def _rows(self, name: str, stream: _Stream, signals: Signals) -> Array:
-        simulated = _at(_simulated(name, signals), stream)
         if name != 'pose':
-            return np.asarray(stream.values - simulated)
-        turned = np.swapaxes(simulated[:, 3:].reshape(-1, 3, 3), 1, 2) \
-            @ stream.values[:, 3:].reshape(-1, 3, 3)
+            return np.asarray(stream.values - _at(_simulated(name, signals), stream))
+        position = _at(signals.position, stream)
+        rotation = _at(signals.R_base_sensor.reshape(-1, 9), stream).reshape(-1, 3, 3)
+        turned = np.swapaxes(rotation, 1, 2) @ stream.values[:, 3:].reshape(-1, 3, 3)
         turn = 0.5 * np.stack([turned[:, 2, 1] - turned[:, 1, 2],
                                turned[:, 0, 2] - turned[:, 2, 0],
                                turned[:, 1, 0] - turned[:, 0, 1]], axis=1)
-        return np.concatenate([stream.values[:, :3] - simulated[:, :3], turn], axis=1)
+        return np.concatenate([stream.values[:, :3] - position, turn], axis=1)
 
 
 def _simulated(name: str, s: Signals) -> Array:
@@ -184,10 +187,8 @@ def _simulated(name: str, s: Signals) -> Array:
         return s.volts
     if name == 'optidrive':
         return s.optidrive[:, np.newaxis]
-    if name == 'joints':
-        assert s.joints is not None
-        return s.joints
-    return np.concatenate([s.position, s.R_base_sensor.reshape(-1, 9)], axis=1)
+    assert s.joints is not None
+    return s.joints
 
 
 def _at(values: Array, stream: _Stream) -> Array:

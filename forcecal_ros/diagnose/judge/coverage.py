@@ -28,8 +28,8 @@ def signal_to_noise(model: LinearisedModel) -> float:
     """
     most = 0.0
     for dataset in model.datasets:
-        for name, signal in (('wrench', dataset.nominal.wrench), ('accelerometer',
-                                                                  dataset.nominal.volts)):
+        nominal = dataset.nominal
+        for name, signal in (('wrench', nominal.wrench), ('accelerometer', nominal.volts)):
             if name in dataset.measured.streams:
                 noise = 2.0 * model.level[STREAM_SLICES[name]]
                 most = max(most, float((signal.std(axis=0) / noise).max()))

@@ -15,6 +15,7 @@ from forcecal_ros.diagnose.model.own_size import Predicted, predicted, spread
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
 from forcecal_ros.diagnose.search.selection import Selection
 from forcecal_ros.geometry import Array
+from forcecal_ros.recording.noise.pieces import pieces
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
@@ -100,8 +101,8 @@ class Errors(NamedTuple):
         """
         if self.taken is None or self.predicted is None:
             return np.zeros(len(self.grams))
-        return (np.einsum('cij,ij->c', self.grams, self.taken)
-                + np.minimum(self.predicted.doubt, left))
+        return np.asarray(np.einsum('cij,ij->c', self.grams, self.taken)
+                          + np.minimum(self.predicted.doubt, left))
 
     def drawn(self, rng: np.random.Generator) -> Array:
         """Return what one draw of parameters leaves, shape (channels,)."""
@@ -289,7 +290,7 @@ def sample_noise(model: LinearisedModel, explained: Array,
         total += np.sum(np.where(rows, unexplained, 0.0) ** 2, axis=0)
         weight += rows.sum(axis=0)
         if dataset.held.any():
-            within.append(dataset.measured.scatter(model.base[i]))
+            within.append(dataset.measured.scatter(model.signals(i)))
     mean = np.maximum(total / np.maximum(weight, 1.0) - explained, 0.0)
     return np.asarray(np.sqrt(np.where(weight > 0.0, mean + np.mean(within, axis=0), 0.0)))
 
@@ -314,8 +315,10 @@ def parameter_errors(model: LinearisedModel, jacobians: Sequence[EffectJacobian]
         for c in range(len(CHANNELS)):
             there = [j for j in range(k) if c in columns[j]]
             if there and dataset.held.any():
-                rows = np.stack([columns[j][c][dataset.held] for j in there]).astype(float)
-                grams[c][np.ix_(there, there)] += rows @ rows.T
+                for part in pieces(len(dataset.held)):
+                    held = dataset.held[part]
+                    rows = np.stack([columns[j][c].values(part)[held] for j in there], dtype=float)
+                    grams[c][np.ix_(there, there)] += rows @ rows.T
     grams /= max(1, n)
     if model.discrepancy_scales == NO_DISCREPANCY:
         return Errors(grams, covariance)
@@ -379,10 +382,11 @@ def measured_gap(model: LinearisedModel, selection: Selection, summary: Residual
     noise = sample_noise(final, errors.expected() + without_name, moved)
     beside = moved if errors.predicted is None else errors.predicted.rows
     for i, (dataset, rows) in enumerate(zip(model.datasets, beside)):
-        nominal, before = (observed[i].residual(s) for s in (dataset.nominal, model.base[i]))
+        simulated, means = model.signals(i), dataset.measured.of_wrench
+        nominal, before = (observed[i].residual(s) for s in (dataset.nominal, simulated))
         arms.append(Arms(before, nominal - before, before - final.residuals[i], rows))
-        contact.append([dataset.measured.of_wrench(s.contact) for s in (
-            dataset.nominal, model.base[i], final.base[i])])
+        contact.append([means(s.contact) for s in (
+            dataset.nominal, simulated, final.signals(i))])
     out = gap(model.datasets, arms, noise, energy, errors)
     forces = [out.channels.get(c.name) for c in CHANNELS[:3]]
     # one whose rest is all explained has no noise left, and counts as met

@@ -119,7 +119,7 @@ def summarise_residual(model: LinearisedModel,
     impulses = np.asarray(sum(count_impulses(n, b) for n, b in zip(model.noise, model.residuals)))
     strongest = sorted(bins, key=lambda c: -c.z) or [NOWHERE]
     if found is None:
-        return ResidualSummary(predictability_of(model, model.base, model.residuals), strongest,
+        return ResidualSummary(predictability_of(model), strongest,
                                lines, impulses, wanders)
     summary = ResidualSummary(_as_predictability(model, found, discrepancy_evidence), strongest,
                               lines, impulses, wanders, discrepancy_evidence)
@@ -209,20 +209,25 @@ def fitted_to_all(model: LinearisedModel,
     LinearisedModel
         With the residuals, and their noise, of the fit to all; all else as it was.
     """
-    comparison = ModelComparison(model, jacobians)
-    x = fit(comparison.train + comparison.held, comparison.null_prior).x
-    residuals = [b - combined([*columns, *extra], x, len(b)) * c.measured.present
-                 for b, columns, extra, c in zip(model.residuals, model.jacobian,
-                                                 comparison.extra, model.datasets)]
-    out = replace(model, residuals=residuals)
+    out = replace(model, residuals=_left_by_all(ModelComparison(model, jacobians)))
     out.refit_noise(np.zeros(len(model.nuisances)))
     return out
+
+
+def _left_by_all(comparison: ModelComparison) -> list[Array]:
+    """Return what nuisances and effects leave if they are fitted to all blocks."""
+    model = comparison.model
+    x = fit(comparison.train + comparison.held, comparison.null_prior).x
+    return [b - combined([*columns, *extra], x, len(b)) * c.measured.present
+            for b, columns, extra, c in zip(model.residuals, model.jacobian, comparison.extra,
+                                            model.datasets)]
 
 
 def lines_of(model: LinearisedModel) -> tuple[Line, ...]:
     """Find spectral lines in the residual, at the full sampling rate."""
     lines: list[Line] = []
-    for dataset, signals in zip(model.datasets, model.base):
+    for i, dataset in enumerate(model.datasets):
+        signals = model.signals(i)
         for name in ('wrench', 'accelerometer', 'optidrive'):
             if name in dataset.measured.streams:
                 rows = dataset.measured.samples(name, signals)

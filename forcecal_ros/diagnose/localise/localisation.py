@@ -84,7 +84,7 @@ def localise(datasets: Sequence[Blocks], noise: list[Autoregression], residual: 
         for c in range(len(CHANNELS)):
             if not own.sigma[:, c].any() or not np.abs(d[:, c]).max() > 0.0:
                 continue
-            columns = [one[c] for one in (sensors[i] if sensors else ()) if c in one]
+            columns = [one[c].values() for one in (sensors[i] if sensors else ()) if c in one]
             white = own.whiten(np.stack([r[:, c], d[:, c], *columns]), c)
             beyond = _beyond(white[1], white[2:])
             for word, rows in phases.items():

@@ -1,24 +1,21 @@
 """Predictability test: how much of a residual a nonparametric fit to the motion predicts."""
 
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.inputs.dataset import Dataset
+from forcecal_ros.diagnose.model.compact import Compact, stacked
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.geometry import Array
 from forcecal_ros.simulators.signals import block_means, Signals
 import numpy as np
-from numpy.typing import NDArray
 
 PREDICTABLE = 5.5
 """Sigmas of a channel's prediction from which its residual is more than noise."""
 
 LAGS = (-4, -2, -1, 1, 2, 4, 8)
 """Blocks by which the main inputs are shifted to predict from their past and future."""
-
-
-AT_ONCE = 4096
-"""Blocks that are held in double precision at once: a hundred inputs of them fill a cache."""
 
 
 class Predictability(NamedTuple):
@@ -40,72 +37,97 @@ class Predictability(NamedTuple):
     prediction: tuple[Array, ...]
 
 
-def features(s: Signals) -> NDArray[np.float32]:
+def features(s: Signals) -> Compact:
     """
     List the inputs that an unknown effect may depend on, as block means.
 
     Returns
     -------
-    ndarray of float32, shape (k, n)
-        Of unit RMS.
+    Compact, shape (k, n)
+        Of unit RMS; 0 where one does not vary.
     """
-    v_sensor = np.einsum('nij,ni->nj', s.R_base_sensor, s.velocity)
+    main = [_of_unit_size(row) for row in _means(_quick(s))]
+    others = [_of_unit_size(row) for row in _means(_others(s))]
+    return Compact.joined([*main, *others, *(one.rolled(lag) for lag in LAGS for one in main)])
+
+
+def _quick(s: Signals) -> Iterator[Array]:
+    """Give inputs whose past and future count as well, one after the other."""
+    yield s.wrench - s.wrench.mean(axis=0)
+    yield s.specific_force - s.specific_force.mean(axis=0)
+    yield s.velocity
+    yield s.omega
+    yield s.optidrive[:, np.newaxis]
+    yield s.speed[:, np.newaxis]
+
+
+def _others(s: Signals) -> Iterator[Array]:
+    """Give the other inputs one after the other: all of them at 1 kHz would fill much memory."""
     time = (np.arange(len(s.wrench)) / len(s.wrench))[:, np.newaxis]
-    push = s.contact[:, :3]
+    push, speed = s.contact[:, :3], s.speed[:, np.newaxis]
     wrench = s.wrench - s.wrench.mean(axis=0)
-    main = np.concatenate([wrench, s.specific_force - s.specific_force.mean(axis=0),
-                           s.velocity, s.omega, s.optidrive[:, np.newaxis],
-                           s.speed[:, np.newaxis]], axis=1)
-    speed = s.speed[:, np.newaxis]
-    slow = np.concatenate([
-        s.position - s.position.mean(axis=0), s.R_base_sensor[:, 2, :],
-        s.R_base_sensor[:, 0, :], s.acceleration, s.alpha, push, time, time ** 2,
-        time * wrench, np.tanh(s.velocity / 2e-3), np.tanh(v_sensor / 2e-3),
-        np.tanh(s.omega / 5e-3), np.tanh(speed / 2e-4), np.tanh(speed / 2e-3),
-        np.abs(s.velocity), s.optidrive[:, np.newaxis] ** 3, wrench[:, :3] ** 2,
-        wrench[:, :3] ** 3, push ** 2, np.sqrt(np.abs(push)), (np.abs(push) > 0.0),
-        s.omega ** 2, s.velocity ** 2], axis=1)
-    residuals = block_means(np.concatenate([main, slow], axis=1)).T
-    scale = np.sqrt(np.mean(residuals ** 2, axis=1))
-    rows = [(row / size).astype(np.float32) if size > 1e-12 else None
-            for row, size in zip(residuals, scale)]
-    return np.array([row for row in rows if row is not None]
-                    + [np.roll(row, lag) for lag in LAGS for row in rows[:main.shape[1]]
-                       if row is not None])
+    yield s.position - s.position.mean(axis=0)
+    yield s.R_base_sensor[:, 2, :]
+    yield s.R_base_sensor[:, 0, :]
+    yield s.acceleration
+    yield s.alpha
+    yield push
+    yield time
+    yield time ** 2
+    yield time * wrench
+    yield np.tanh(s.velocity / 2e-3)
+    yield np.tanh(np.einsum('nij,ni->nj', s.R_base_sensor, s.velocity) / 2e-3)
+    yield np.tanh(s.omega / 5e-3)
+    yield np.tanh(speed / 2e-4)
+    yield np.tanh(speed / 2e-3)
+    yield np.abs(s.velocity)
+    yield s.optidrive[:, np.newaxis] ** 3
+    yield wrench[:, :3] ** 2
+    yield wrench[:, :3] ** 3
+    yield push ** 2
+    yield np.sqrt(np.abs(push))
+    yield (np.abs(push) > 0.0).astype(float)
+    yield s.omega ** 2
+    yield s.velocity ** 2
 
 
-def predictability_of(model: LinearisedModel, signals: list[Signals],
-                      residuals: list[Array]) -> Predictability:
+def _means(signals: Iterable[Array]) -> Iterator[Array]:
+    """Give the block means of each column of signals."""
+    return (row for values in signals for row in block_means(values).T)
+
+
+def _of_unit_size(row: Array) -> Compact:
+    size = np.sqrt(np.mean(row ** 2))
+    return Compact.of((row / size if size > 1e-12 else np.zeros(len(row)))[np.newaxis])
+
+
+def predictability_of(model: LinearisedModel) -> Predictability:
     """
     Predict the residual of every channel from the motion, trained and tested on other blocks.
 
     Parameters
     ----------
     model : LinearisedModel
-        Its noise belongs to ``residuals``.
-    signals : list of Signals
-        Simulated, as far as is explained.
-    residuals : list of ndarray, shape (n, channels)
-        Measured less simulated.
+        As far as is explained.
     """
-    inputs = [features(s) for s in signals]
-    k = min(len(i) for i in inputs)
-    inputs = [i[:k] for i in inputs] if all(len(i) == k for i in inputs) else \
-        [_padded(i, max(map(len, inputs))) for i in inputs]
+    inputs = [features(model.signals(i)) for i in range(len(model.datasets))]
+    residuals, k = model.residuals, len(inputs[0].numbers)
     z, size = np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS))
     predictions = tuple(np.zeros_like(b) for b in residuals)
     for c in range(len(CHANNELS)):
         if not any(n.sigma[:, c].any() for n in model.noise):
             continue
-        white = [n.whiten_singly(np.vstack([b[np.newaxis, :, c], i]), c, np.ones(1 + len(i)))
-                 for n, b, i in zip(model.noise, residuals, inputs)]
-        train, held = (np.sum([_products(w, getattr(p, part)) for w, p in zip(
-            white, model.datasets)], axis=0) for part in ('train', 'held'))
+        train, held = np.zeros((2, 1 + k, 1 + k))
+        for n, b, i, p in zip(model.noise, residuals, inputs, model.datasets):
+            for rows, white in n.whiten_in_pieces(stacked(b[:, c], i.rows()), c):
+                for gram, part in ((train, p.train[rows]), (held, p.held[rows])):
+                    some = white[:, part]
+                    gram += some @ some.T
         theta = _ridge(train)
         energy = float(theta @ held[1:, 1:] @ theta)
         if energy > 1e-9:
             z[c] = float(theta @ held[1:, 0]) / np.sqrt(energy)
-        predicted = [theta @ i for i in inputs]
+        predicted = [i.combined(theta) for i in inputs]
         if not _within(predicted, [b[:, c] for b in residuals], model.datasets):
             z[c] = 0.0
             continue
@@ -130,19 +152,6 @@ def _within(predicted: list[Array], residuals: list[Array], datasets: tuple[Data
     size, rest = (np.sqrt(sum(float(np.sum(x[c.held] ** 2)) for x, c in zip(rows, datasets)))
                   for rows in (predicted, residuals))
     return bool(size <= rest)
-
-
-def _products(white: NDArray[np.float32], rows: NDArray[np.bool_]) -> Array:
-    """Return inner products over some blocks, summed in double precision part by part."""
-    out, chosen = np.zeros((len(white), len(white))), np.flatnonzero(rows)
-    for part in np.array_split(chosen, -(-len(chosen) // AT_ONCE) or 1):
-        some = white[:, part].astype(float)
-        out += some @ some.T
-    return out
-
-
-def _padded(rows: NDArray[np.float32], k: int) -> NDArray[np.float32]:
-    return np.vstack([rows, np.zeros((k - len(rows), rows.shape[1]), dtype=np.float32)])
 
 
 def _ridge(gram: Array) -> Array:

@@ -4,10 +4,10 @@ from collections.abc import Iterator, Sequence
 from itertools import chain, combinations_with_replacement
 from typing import NamedTuple
 
+from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.geometry import Array
 from forcecal_ros.simulators.signals import BLOCK, block_means, RATE, Signals
 import numpy as np
-from numpy.typing import NDArray
 
 BUMPS = 7
 """Radial bumps along each axis of the workspace: a fifth of a robot's cell between two."""
@@ -31,13 +31,13 @@ class Basis(NamedTuple):
 
     Attributes
     ----------
-    rows : tuple of ndarray, shape (k, n)
+    rows : tuple of Compact, shape (k, n)
         Of each recording, one value a block; of unit RMS over all recordings, without mean.
     variance : ndarray, shape (k,)
         Of each feature's weight, in that of the whole; each group has the same.
     """
 
-    rows: tuple[NDArray[np.float32], ...]
+    rows: tuple[Compact, ...]
     variance: Array
 
 
@@ -54,12 +54,12 @@ def basis(signals: Sequence[Signals], frequencies: Sequence[float] = ()) -> Basi
     """
     groups = [_scaled(rows) for rows in chain(zip(*map(_of_motion, signals), strict=True),
                                               _of_time(signals, frequencies))]
-    members = np.array([len(of_first) for of_first, *_ in groups])
+    members = np.array([len(of_first.numbers) for of_first, *_ in groups])
     shares = 1.0 / np.maximum(members * np.count_nonzero(members), 1)
-    return Basis(tuple(map(np.concatenate, zip(*groups))), np.repeat(shares, members))
+    return Basis(tuple(map(Compact.joined, zip(*groups))), np.repeat(shares, members))
 
 
-def _scaled(rows: Sequence[Sequence[Array]]) -> list[NDArray[np.float32]]:
+def _scaled(rows: Sequence[Sequence[Array]]) -> list[Compact]:
     """
     Take a group's means off, bring all to unit RMS, and leave out what does not vary.
 
@@ -70,8 +70,8 @@ def _scaled(rows: Sequence[Sequence[Array]]) -> list[NDArray[np.float32]]:
 
     Returns
     -------
-    list of ndarray, shape (k, n)
-        Of each recording, in single precision: there are some hundred in all.
+    list of Compact, shape (k, n)
+        Of each recording: there are some hundred in all.
     """
     n = sum(len(own[0]) for own in rows)
     means = [sum(float(row.sum()) for row in feature) / n for feature in zip(*rows)]
@@ -79,8 +79,8 @@ def _scaled(rows: Sequence[Sequence[Array]]) -> list[NDArray[np.float32]]:
     size = np.array([np.sqrt(sum(float(row @ row) for row in feature) / n)
                      for feature in zip(*flat)])
     kept = np.flatnonzero(size > max(NEGLIGIBLE * size.max(), 1e-15))
-    return [np.array([own[i] / size[i] for i in kept], dtype=np.float32).reshape(
-        len(kept), len(own[0])) for own in flat]
+    return [Compact.of(np.array([own[i] / size[i] for i in kept]).reshape(
+        len(kept), len(own[0]))) for own in flat]
 
 
 def _of_motion(s: Signals) -> Iterator[Sequence[Array]]:

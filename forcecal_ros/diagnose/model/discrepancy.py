@@ -7,12 +7,14 @@ with a standard deviation that is a small part of the channel's signal. What of 
 a function could do as well counts for little, and what it does beyond counts in full.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import NamedTuple
 from weakref import ref
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.basis import Basis
+from forcecal_ros.diagnose.model.compact import Compact, stacked
 from forcecal_ros.diagnose.model.evidence import Gram
 from forcecal_ros.diagnose.model.jacobian import Column
 from forcecal_ros.geometry import Array
@@ -44,11 +46,14 @@ FREE = (*SCALES, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 LEAST_WEIGHT = 1e-3
 """Variance of a combination of features, in its noise's, below which it says nothing."""
 
-MEMORY = 4e8
+MEMORY = 2e8
 """
 Bytes that whitened features may take: of a pair of a minute each two hundred combinations are
 kept, of ten minutes the forty strongest.
 """
+
+STRETCH = 1024
+"""Blocks of features that are multiplied at once: two hundred features fill a cache."""
 
 SHARING = 16
 """Channels that share that memory: all but those of joints, whose features are the same."""
@@ -63,20 +68,33 @@ class _Modes(NamedTuple):
     """
     Whitened features of one channel, as few combinations as matter.
 
-    ``rows``: of each recording, over training blocks and over the others, (r, n); ``weights``:
-    features to combinations, (k, r);
+    ``rows``: of each recording, (r, n); ``weights``: features to combinations, (k, r);
     ``trained``, ``all``: inner products over training blocks and over all.
     """
 
-    rows: list[tuple[NDArray[np.float32], NDArray[np.float32]]]
+    rows: list[Compact]
     weights: Array
     trained: Array
     all: Array
 
 
-def _square(rows: NDArray[np.float32]) -> Array:
-    # combinations are nearly orthogonal, so that single precision keeps even the faint ones
-    return np.asarray(rows @ rows.T, dtype=float)
+def _squares(features: Compact, train: BoolArray) -> Array:
+    """Return inner products of features over training blocks, and over the others."""
+    r = len(features.numbers)
+    out = np.zeros((2, r, r))
+    for part, rows in _stretches(train, slice(0, len(train))):
+        # nearly orthogonal, so that single precision keeps even the faint ones
+        values = features.values(rows)
+        out[part] += values @ values.T
+    return out
+
+
+def _stretches(train: BoolArray, rows: slice) -> Iterator[tuple[int, slice]]:
+    """Give short stretches of some blocks, each for training, 0, or for judging, 1."""
+    changes = rows.start + 1 + np.flatnonzero(np.diff(train[rows]))
+    edges = {*changes.tolist(), *range(rows.start, rows.stop, STRETCH), rows.stop}
+    for begin, end in pairwise(sorted(edges)):
+        yield int(not train[begin]), slice(begin, end)
 
 
 def _factor(information: Array) -> Array:
@@ -116,10 +134,10 @@ class Discrepancy:
 
 
 class _Cross(NamedTuple):
-    """A column, and its products with the combinations over training blocks and the others."""
+    """A column, and its products with combinations over training blocks and others, (2, r)."""
 
-    column: 'ref[NDArray[Any]]'
-    products: tuple[Array, ...]
+    column: 'ref[Compact]'
+    products: NDArray[np.float32]
 
 
 class _Known(NamedTuple):
@@ -175,17 +193,16 @@ class WhitenedDiscrepancy:
 
     def _modes(self, c: int) -> _Modes:
         scale = np.sqrt(self.basis.variance) * self.signal[c]
-        white = [n.whiten_singly(rows, c, scale)
-                 if n.sigma[:, c].any() else np.zeros(rows.shape, dtype=np.float32)
+        white = [n.whiten_singly(rows.numbers, c, scale * rows.unit[:, 0])
+                 if n.sigma[:, c].any() else np.zeros(rows.numbers.shape, dtype=np.float32)
                  for n, rows in zip(self.noise, self.basis.rows)]
         values, vectors = np.linalg.eigh(sum((w @ w.T).astype(float) for w in white))
-        most = int(MEMORY / (4 * SHARING * sum(w.shape[1] for w in white)))
+        most = int(MEMORY / (2 * SHARING * sum(w.shape[1] for w in white)))
         kept = np.flatnonzero(values * max(FREE) ** 2 > LEAST_WEIGHT)[-most:]
         turn = vectors[:, kept]
-        rows = [(turn.T.astype(np.float32) @ w) for w in white]
-        parts = [(_some(r, t), _some(r, ~t)) for r, t in zip(rows, self.train)]
-        trained, held = (np.asarray(sum(_square(one[i]) for one in parts)) for i in (0, 1))
-        return _Modes(parts, scale[:, np.newaxis] * turn, trained, trained + held)
+        rows = [Compact.of(turn.T.astype(np.float32) @ w) for w in white]
+        trained, held = np.sum([_squares(r, t) for r, t in zip(rows, self.train)], axis=0)
+        return _Modes(rows, scale[:, np.newaxis] * turn, trained, trained + held)
 
     def factor(self, c: int, trained: bool, size: float) -> Array:
         """Return the Cholesky factor of a channel's information on its combinations."""
@@ -220,7 +237,8 @@ class WhitenedDiscrepancy:
         if channels:
             together = np.stack(list(weights.values()))
             for one, rows, noise in zip(out, self.basis.rows, self.noise):
-                one[:, channels] = np.where(noise.present[:, channels], (together @ rows).T, 0.0)
+                one[:, channels] = np.where(noise.present[:, channels],
+                                            rows.combined(together).T, 0.0)
         return out
 
     def products(self, columns: Sequence[Sequence[Column]], residual: Sequence[Array],
@@ -242,48 +260,65 @@ class WhitenedDiscrepancy:
             there = [j for j in range(k) if any(c in one[j] for one in columns)]
             total = [_Sums.empty(len(there), 0 if absent else len(self.modes(c).trained))
                      for _ in range(2)]
-            for i, (one, r, noise, train) in enumerate(zip(columns, residual, self.noise,
-                                                           self.train)):
-                if not noise.sigma[:, c].any():
-                    continue
-                empty = np.zeros(len(r), dtype=np.float32)
-                given: list[NDArray[Any]] = [r[:, c], *(one[j].get(c, empty) for j in there)]
-                white = noise.whiten(np.stack(given).astype(float), c)
-                crosses = ([np.zeros((0, len(given)))] * 2 if absent
-                           else self._crosses(c, i, given, white))
-                for p, part in enumerate((train, ~train)):
-                    if part.any():
-                        total[p] = total[p].more(_some(white, part), crosses[p],
-                                                 int(np.sum(part & noise.rows[:, c])))
+            for i, (one, r, noise) in enumerate(zip(columns, residual, self.noise)):
+                if noise.sigma[:, c].any():
+                    given = [one[j].get(c) for j in there]
+                    found = self._sums(c, i, r[:, c], given, absent)
+                    total = [one.plus(more) for one, more in zip(total, found)]
             out.append(_Channel(c, np.array(there, dtype=np.intp), total[0],
-                                _Sums(*(a + b for a, b in zip(*total)))))
+                                total[0].plus(total[1])))
         return Products(self, k, out)
 
-    def _crosses(self, c: int, recording: int, given: Sequence[NDArray[Any]],
-                 white: Array) -> list[Array]:
+    def _sums(self, c: int, recording: int, residual: Array, given: Sequence[Compact | None],
+              absent: bool) -> tuple['_Sums', '_Sums']:
         """
-        Return inner products of combinations with columns, training and others, (r, k + 1) each.
+        Return inner products in one channel of one recording, over training blocks and the others.
 
-        Columns are the same arrays from one hypothesis to the next: only new ones, and the
-        residual, which is first, are multiplied.
+        Columns are the same from one hypothesis to the next: only new ones, and the residual, are
+        multiplied with the combinations.
         """
-        known = self._known.crosses
+        known = {} if absent else self._known.crosses
         keys = [(c, recording, id(one)) for one in given]
-        new = [0, *(j for j, key in enumerate(keys) if j and (
-            key not in known or known[key].column() is not given[j]))]
-        rows = white[new].astype(np.float32)
-        found = [features @ _some(rows, part).T for features, part in zip(
-            self.modes(c).rows[recording], (self.train[recording], ~self.train[recording]))]
-        own = dict(zip(new, zip(*(one.T for one in found))))
-        for j in new[1:]:
-            known[keys[j]] = _Cross(ref(given[j]), own[j])
-        pairs = [own[j] if j in own else known[key].products for j, key in enumerate(keys)]
-        return [np.stack(one, axis=1).astype(float) for one in zip(*pairs)]
+        new = {j: one for j, one in enumerate(given) if one is not None and not (
+            keys[j] in known and known[keys[j]].column() is one)}
+        own, found = self._multiplied(c, recording, residual, given, list(new), absent)
+        known.update({keys[j]: _Cross(ref(one), found[:, :, 1 + i].astype(np.float32))
+                      for i, (j, one) in enumerate(new.items())})
+        cross = np.zeros((*found.shape[:2], 1 + len(given)))
+        cross[:, :, 0] = found[:, :, 0]
+        for j, one in enumerate(given):
+            if one is not None:
+                cross[:, :, 1 + j] = known[keys[j]].products
+        trained, held = (int(np.sum(part & self.noise[recording].rows[:, c]))
+                         for part in (self.train[recording], ~self.train[recording]))
+        return _Sums(own[0], cross[0], trained), _Sums(own[1], cross[1], held)
 
+    def _multiplied(self, c: int, recording: int, residual: Array,
+                    given: Sequence[Compact | None], new: Sequence[int], absent: bool
+                    ) -> tuple[Array, Array]:
+        """
+        Multiply residual and columns with each other, and with the combinations.
 
-def _some(rows: NDArray[Any], part: BoolArray) -> NDArray[Any]:
-    """Return some columns, all of them without a copy."""
-    return rows if part.all() else rows[:, part]
+        Returns
+        -------
+        own : ndarray, shape (2, k + 1, k + 1)
+            Over training blocks, and over the others.
+        cross : ndarray, shape (2, r, 1 + new)
+            Of the residual and of new columns.
+        """
+        features = None if absent else self.modes(c).rows[recording]
+        chosen = [0, *(1 + j for j in new)]
+        own = np.zeros((2, 1 + len(given), 1 + len(given)))
+        cross = np.zeros((2, len(features.numbers) if features else 0, len(chosen)))
+        for rows, white in self.noise[recording].whiten_in_pieces(stacked(residual, given), c):
+            single = white[chosen].astype(np.float32)
+            for part, stretch in _stretches(self.train[recording], rows):
+                here = slice(stretch.start - rows.start, stretch.stop - rows.start)
+                own[part] += white[:, here] @ white[:, here].T
+                if features:
+                    cross[part] += (features.numbers[:, stretch].astype(np.float32)
+                                    @ single[:, here].T)
+        return own, cross * features.unit if features else cross
 
 
 class _Sums(NamedTuple):
@@ -297,9 +332,9 @@ class _Sums(NamedTuple):
     def empty(cls, k: int, r: int) -> '_Sums':
         return cls(np.zeros((k + 1, k + 1)), np.zeros((r, k + 1)), 0)
 
-    def more(self, white: Array, cross: Array, n: int) -> '_Sums':
-        """Add n samples; whitened signals are 0 where there is none."""
-        return _Sums(self.own + white @ white.T, self.cross + cross, self.n + n)
+    def plus(self, other: '_Sums') -> '_Sums':
+        """Add those of other samples."""
+        return _Sums(self.own + other.own, self.cross + other.cross, self.n + other.n)
 
 
 class _Channel(NamedTuple):

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
+from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.jacobian import Column
 from forcecal_ros.effects import Effect, Quantity
 from forcecal_ros.effects.nuisances import Nuisance
@@ -56,7 +57,7 @@ class Gate(NamedTuple):
 
 def gated(columns: Sequence[Column], rows: Array) -> list[Column]:
     """Let the columns of one recording act for a part of the time only."""
-    return [{c: (values * rows[:, c]).astype(np.float32) for c, values in one.items()
+    return [{c: Compact.of(signal.values() * rows[:, c]) for c, signal in one.items()
              if rows[:, c].any()} for one in columns]
 
 

@@ -239,8 +239,7 @@ def _of_nuisances(model: LinearisedModel, h: Hypothesis) -> Hypothesis:
     for k, (i, q) in enumerate(zip(own, h.effect.parameters)):
         size = float(model.prior_std[i]) * physical(model.rig, model.nuisances[i].key, q.unit)
         ratio = (q.typical - q.nominal) / size
-        columns = [{c: (ratio * rows).astype(np.float32) for c, rows in one[i].items()}
-                   for one in model.jacobian]
+        columns = [{c: rows.times(ratio) for c, rows in one[i].items()} for one in model.jacobian]
         if any(columns):
             start[k] = q.typical
             free.append(k)

@@ -4,17 +4,17 @@ from collections.abc import Sequence
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.inputs.dataset import Dataset
+from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.effects.nuisances import Nuisance
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.geometry import Array
 from forcecal_ros.simulators.signals import Signals
 import numpy as np
-from numpy.typing import NDArray
 
 NOTHING = 1e-7
 """Part of a channel's noise below which a step changes nothing in it."""
 
-Column = dict[int, NDArray[np.float32]]
+Column = dict[int, Compact]
 """Channel index -> blocks of one recording; channels that nothing happens to are left out."""
 
 
@@ -28,8 +28,8 @@ def column(difference: Array, level: Array) -> Column:
     level : ndarray, shape (channels,)
         Of the noise.
     """
-    largest = np.abs(difference).max(axis=0)
-    return {c: difference[:, c].astype(np.float32) for c in range(len(CHANNELS))
+    largest = np.maximum(difference.max(axis=0), -difference.min(axis=0))
+    return {c: Compact.of(difference[:, c]) for c in range(len(CHANNELS))
             if largest[c] > NOTHING * level[c]}
 
 
@@ -53,7 +53,7 @@ def nuisance_column(dataset: Dataset, nuisance: Nuisance, size: float, rig: Rig,
     """
     if nuisance.acts_on == 'step':
         since = dataset.measured.since(CHANNELS[nuisance.axis].stream, nuisance.instant)
-        return {nuisance.axis: (size * since).astype(np.float32)}
+        return {nuisance.axis: Compact.of(size * since)}
     if nuisance.acts_on == 'rig':
         changed = dataset.simulation.signals(nuisance.apply(rig, size))
         return column(residual - dataset.measured.residual(changed), level)
@@ -66,7 +66,7 @@ def nuisance_column(dataset: Dataset, nuisance: Nuisance, size: float, rig: Rig,
     shape = signal - rest if 'gain' in nuisance.name else np.ones(len(signal))
     per_block = dataset.measured.present[:, channel] * size * shape.reshape(len(residual),
                                                                             -1).mean(axis=1)
-    return {channel: per_block.astype(np.float32)}
+    return {channel: Compact.of(per_block)}
 
 
 def combined(columns: Sequence[Column], x: Array, n: int) -> Array:
@@ -75,5 +75,5 @@ def combined(columns: Sequence[Column], x: Array, n: int) -> Array:
     for one, value in zip(columns, x):
         if value:
             for c, rows in one.items():
-                out[:, c] += value * rows
+                out[:, c] += value * rows.values()
     return out

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.inputs.dataset import Dataset, possible_effects
 from forcecal_ros.diagnose.model.basis import Basis, basis
+from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.discrepancy import (
     Discrepancy,
     NO_DISCREPANCY,
@@ -88,8 +89,8 @@ class LinearisedModel:
         Nuisances that an accepted effect frees from their prior.
     level : ndarray, shape (channels,)
         The rig's noise of each channel in one block mean.
-    base, residuals : list
-        Of each recording at the centre: simulated signals; measured less these, (n, channels).
+    residuals : list of ndarray, shape (n, channels)
+        Of each recording: measured less simulated at the centre.
     jacobian : list of list of Column
         Of each recording: what each nuisance changes, by one prior std.
     discrepancy_scales : tuple of float
@@ -109,7 +110,6 @@ class LinearisedModel:
     fixed: Values = field(default_factory=dict)
     released: frozenset[str] = frozenset()
     centre: Array = field(default_factory=lambda: np.zeros(0))
-    base: list[Signals] = field(default_factory=list)
     residuals: list[Array] = field(default_factory=list)
     jacobian: list[list[Column]] = field(default_factory=list)
     noise: list[Autoregression] = field(default_factory=list)
@@ -154,8 +154,19 @@ class LinearisedModel:
 
     def simulate(self, effects: Values, dataset: int) -> Array:
         """Return measured less simulated of one recording with other effects, (n, channels)."""
-        signals = self.datasets[dataset].simulation.signals(self.current(self._always(effects)))
-        return self._with_gated(dataset, signals, effects)
+        return self._with_gated(dataset, self.signals(dataset, effects), effects)
+
+    def signals(self, dataset: int, effects: Values | None = None) -> Signals:
+        """
+        Simulate one recording at the centre, without effects that act for a part of the time.
+
+        Parameters
+        ----------
+        effects : Values, optional
+            Others than the accepted ones.
+        """
+        always = self._always(self.effects if effects is None else effects)
+        return self.datasets[dataset].simulation.signals(self.current(always))
 
     def _always(self, effects: Values) -> Values:
         """Leave out the effects that act for a part of the time."""
@@ -204,14 +215,12 @@ class LinearisedModel:
         for i, n in enumerate(self.nuisances):
             if n.acts_on == 'step' and n.recording == dataset:
                 for c, rows in self.jacobian[dataset][i].items():
-                    out[:, c] -= self.centre[i] * rows
+                    out[:, c] -= self.centre[i] * rows.values()
         return out
 
     def evaluate(self) -> None:
         """Simulate at the centre; the Jacobian stays as it is."""
-        rig = self.current(self._always(self.effects))
-        self.base = [c.simulation.signals(rig) for c in self.datasets]
-        self.residuals = [self._with_gated(i, s, self.effects) for i, s in enumerate(self.base)]
+        self.residuals = [self.simulate(self.effects, i) for i in range(len(self.datasets))]
 
     def without_effects(self) -> 'LinearisedModel':
         """Take off all effects, released nuisances and steps too; the other nuisances stay."""
@@ -225,11 +234,11 @@ class LinearisedModel:
     def linearise(self) -> None:
         """Simulate at the centre and take the Jacobian by the nuisances there."""
         rig = self.current(self._always(self.effects))
-        self.base = [c.simulation.signals(rig) for c in self.datasets]
         self.jacobian = [
             [self._column(i, n, size, rig, s, b) if n.acts_on != 'step' or n.recording == i else {}
              for n, size in zip(self.nuisances, self.prior_std)]
-            for i, (c, s) in enumerate(zip(self.datasets, self.base))
+            for i, c in enumerate(self.datasets)
+            for s in [c.simulation.signals(rig)]
             for b in [c.measured.residual(s)]]
         self.evaluate()
 
@@ -261,14 +270,14 @@ class LinearisedModel:
     def whitened_discrepancy(self) -> WhitenedDiscrepancy:
         """Return the discrepancy, whitened by the noise; an empty one where none is set up."""
         if self.discrepancy is None:
-            rows = tuple(np.zeros((0, len(c.groups)), dtype=np.float32) for c in self.datasets)
+            rows = tuple(Compact.of(np.zeros((0, len(c.groups)))) for c in self.datasets)
             self.discrepancy = Discrepancy(Basis(rows, np.zeros(0)), _signal(self),
                                            [c.train for c in self.datasets])
         return self.discrepancy.whitened(self.noise)
 
     def allow_discrepancy(self, frequencies: Sequence[float] = ()) -> None:
         """Set up what no library has: functions of the present motion, and lines [Hz]."""
-        smooth = [c.simulation.smooth(s) for c, s in zip(self.datasets, self.base)]
+        smooth = [c.simulation.smooth(self.signals(i)) for i, c in enumerate(self.datasets)]
         self.discrepancy = Discrepancy(basis(smooth, frequencies), _signal(self),
                                        [c.train for c in self.datasets])
 
@@ -404,12 +413,12 @@ def _no_less(noise: Autoregression, floor: Array) -> Autoregression:
 def _signal(model: LinearisedModel) -> Array:
     """Return what each channel shows, the largest of its vector: standard deviation."""
     shown = []
-    for s in model.base:
+    for i in range(len(model.datasets)):
+        s = model.signals(i)
         rotation = rotation_vector(s.R_base_sensor[0].T @ s.R_base_sensor)
         joints = np.zeros((len(rotation), JOINTS)) if s.joints is None else s.joints
-        shown.append(block_means(np.concatenate(
-            [s.wrench, s.volts, s.optidrive[:, np.newaxis], s.position, rotation, joints],
-            axis=1)))
+        shown.append(np.concatenate([block_means(values) for values in (
+            s.wrench, s.volts, s.optidrive[:, np.newaxis], s.position, rotation, joints)], axis=1))
     std = np.concatenate(shown).std(axis=0)
     vectors = np.array([c.name[:-1] for c in CHANNELS])
     return np.array([std[vectors == vector].max() for vector in vectors])

@@ -11,9 +11,12 @@ from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.inputs.dataset import Dataset
+from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.discrepancy import Products, Scales, STREAM
 from forcecal_ros.geometry import Array
+from forcecal_ros.recording.noise.pieces import pieces
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 
 
@@ -76,9 +79,8 @@ def predicted(products: Products, sizes: Mapping[int, float], datasets: tuple[Da
     """
     whitened, weights = products.whitened, {}
     doubt = np.zeros(len(CHANNELS))
-    held = [rows[:, d.held].astype(float) for rows, d in zip(whitened.basis.rows, datasets)]
-    n = max(1, sum(rows.shape[1] for rows in held))
-    gram = sum(rows @ rows.T for rows in held) / n
+    gram = np.sum([_square(rows, d.held) for rows, d in zip(whitened.basis.rows, datasets)],
+                  axis=0) / max(1, sum(int(d.held.sum()) for d in datasets))
     for one in products.parts:
         size = sizes.get(one.channel, 0.0)
         if not size or not len(one.trained.cross):
@@ -87,5 +89,14 @@ def predicted(products: Products, sizes: Mapping[int, float], datasets: tuple[Da
         factor = whitened.factor(one.channel, True, size), True
         weights[one.channel] = modes.weights @ cho_solve(factor, one.trained.cross[:, 0])
         doubt[one.channel] = np.trace(cho_solve(factor, modes.weights.T @ gram @ modes.weights))
-    shapes = [(rows.shape[1], len(CHANNELS)) for rows in whitened.basis.rows]
+    shapes = [(rows.numbers.shape[1], len(CHANNELS)) for rows in whitened.basis.rows]
     return Predicted(whitened.of_weights(weights, shapes), doubt)
+
+
+def _square(features: Compact, blocks: NDArray[np.bool_]) -> Array:
+    """Return inner products of features over some blocks, shape (k, k)."""
+    out = np.zeros((len(features.numbers),) * 2)
+    for part in pieces(len(blocks)):
+        rows = features.values(part)[:, blocks[part]].astype(float)
+        out += rows @ rows.T
+    return out

@@ -57,7 +57,7 @@ def _model_gain(model: LinearisedModel) -> Array:
 
 def _physical(model: LinearisedModel, i: int, stream: str) -> tuple[Array, Array]:
     """Give simulated and measured samples, the accelerometer's as specific force."""
-    dataset, base = model.datasets[i], model.base[i]
+    dataset, base = model.datasets[i], model.signals(i)
     rest, measured = dataset.measured.samples(stream, base), dataset.measured.values(stream)
     if stream == 'accelerometer':
         sensor = model.current().accelerometer.model(dataset.simulation.accelerometer)

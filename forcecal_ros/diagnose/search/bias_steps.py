@@ -103,7 +103,7 @@ def _name(e: Event, channel: int) -> str:
 def _detected_steps(model: LinearisedModel, dataset: int, residual: Array) -> list[Event]:
     """List the steps of one recording's residual, away from where contact begins and ends."""
     one = model.datasets[dataset]
-    touching = np.abs(model.base[dataset].contact[:, :3]).max(axis=1) > 0.0
+    touching = np.abs(model.signals(dataset).contact[:, :3]).max(axis=1) > 0.0
     edges = one.measured.start + 1e-3 * np.flatnonzero(np.diff(touching))
     seen: list[tuple[float, int, float]] = []
     for c in range(STREAM_SLICES['wrench'].start, STREAM_SLICES['wrench'].stop):
@@ -202,7 +202,7 @@ def _likelihood(model: LinearisedModel, e: Event, channel: int, instants: Array)
     """Log-likelihood of a channel's step at some instants, its height fitted to each."""
     dataset, noise = model.datasets[e.recording], model.noise[e.recording]
     k = _position(model, e, channel)
-    column = model.jacobian[e.recording][k][channel]
+    column = model.jacobian[e.recording][k][channel].values()
     without = model.residuals[e.recording][:, channel] + model.centre[k] * column
     rows = np.stack([without, *(dataset.measured.since('wrench', t) for t in instants)])
     white = noise.whiten(rows, channel)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.model.compact import stacked
 from forcecal_ros.diagnose.model.evidence import Prior
 from forcecal_ros.diagnose.model.jacobian import Column
 from forcecal_ros.diagnose.model.linearised import EFFECT, LinearisedModel
@@ -110,24 +111,26 @@ class Instants:
                 if not model.noise[i].sigma[:, c].any():
                     continue
                 there = [j for j, one in enumerate((*fixed, *own)) if c in one]
-                stack = np.stack([r[:, c], *((*fixed, *own)[j][c] for j in there)])
-                white = model.noise[i].whiten(stack.astype(float), c)
                 index = np.array([0, *(1 + j for j in there)])
-                products = white @ white.T
-                whole[np.ix_(index, index)] += products
-                if i != recording:
-                    others[np.ix_(index, index)] += products
-                    continue
                 free = np.flatnonzero(index > m)
-                if len(free):
-                    parts[np.ix_(index, index[free] - 1 - m)] += _by_parts(
-                        white, white[free], length)
+                signals = stacked(r[:, c], [(*fixed, *own)[j][c] for j in there])
+                for rows, white in model.noise[i].whiten_in_pieces(signals, c, length):
+                    products = white @ white.T
+                    whole[np.ix_(index, index)] += products
+                    if i != recording:
+                        others[np.ix_(index, index)] += products
+                    elif len(free):
+                        here = parts[..., rows.start // length:rows.stop // length]
+                        here[np.ix_(index, index[free] - 1 - m)] += _by_parts(
+                            white, white[free], length)
         root = cholesky(whole[1:1 + m, 1:1 + m] + np.diag(prior.precision), lower=True)
         gradient = whole[1:1 + m, 0] - prior.precision * prior.centre
         left = solve_triangular(root, gradient, lower=True)
         # the last samples, too few for a part, count with the last one
         total = (whole - others)[:, 1 + m:]
-        after = total - np.moveaxis(np.cumsum(parts, axis=2)[..., :-1], 2, 0)
+        np.cumsum(parts, axis=2, out=parts)
+        after = np.subtract(total[..., np.newaxis], parts, out=parts)[..., :-1]
+        after = np.moveaxis(after, 2, 0)
         self._whole, self._after, self._others = (
             _Beside.of(one, root, left) for one in (total, after, others[:, 1 + m:]))
 

@@ -184,7 +184,7 @@ def instant_of(now: JointFit, name: str) -> Instant:
 def _dense(one: Column, n: int) -> Array:
     out = np.zeros((n, len(CHANNELS)))
     for c, rows in one.items():
-        out[:, c] = rows
+        out[:, c] = rows.values()
     return out
 
 
@@ -192,7 +192,9 @@ def _to_a_sample(model: LinearisedModel, gate: Gate, added: Column, residual: Ar
                  high: float) -> Instant | None:
     """Try the stamp of each sample between two instants; nothing where there is none."""
     measured, noise = model.datasets[gate.recording].measured, model.noise[gate.recording]
-    stream = CHANNELS[max(added, key=lambda c: float(np.ptp(added[c]) / model.level[c]))].stream
+    signals = {c: one.values() for c, one in added.items()}
+    most = max(signals, key=lambda c: float(np.ptp(signals[c]) / model.level[c]))
+    stream = CHANNELS[most].stream
     t = measured.times(stream)
     near = np.flatnonzero((t > low - BLOCK * NEAR) & (t < high + BLOCK * NEAR))
     near = near[near > 0]
@@ -203,8 +205,8 @@ def _to_a_sample(model: LinearisedModel, gate: Gate, added: Column, residual: Ar
         acts = 1.0 - acts
     slices = STREAM_SLICES[stream]
     product_, square = np.zeros(len(near)), np.full(len(near), 1e-12)
-    for c in (c for c in added if slices.start <= c < slices.stop):
-        white = noise.whiten(np.concatenate([residual[np.newaxis, :, c], acts * added[c]]), c)
+    for c in (c for c in signals if slices.start <= c < slices.stop):
+        white = noise.whiten(np.concatenate([residual[np.newaxis, :, c], acts * signals[c]]), c)
         product_ += white[1:] @ white[0]
         square += np.sum(white[1:] ** 2, axis=1)
     # its size is known from all of the recording: only where it begins or ends is asked

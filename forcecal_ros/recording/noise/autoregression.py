@@ -1,10 +1,12 @@
 """Autoregressive models of coloured noise, AR(p), whitening by them, and longer memory."""
 
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
 from forcecal_ros.geometry import Array
 from forcecal_ros.jit import compiled
+from forcecal_ros.recording.noise.pieces import pieces
 from forcecal_ros.recording.noise.steps import without_steps
 import numpy as np
 from numpy.typing import NDArray
@@ -85,16 +87,43 @@ class Autoregression(NamedTuple):
         out[:, chosen] = white
         return out
 
-    def whiten_singly(self, columns: NDArray[np.float32], channel: int, sizes: Array
+    def whiten_in_pieces(self, columns: Callable[[slice], Array], channel: int, whole: int = 1
+                         ) -> Iterator[tuple[slice, Array]]:
+        """
+        Whiten many long signals as :meth:`whiten` does, without room for all of them.
+
+        Parameters
+        ----------
+        columns : callable
+            Gives the signals of some samples, shape (k, n).
+        whole : int
+            Samples that are kept together.
+
+        Yields
+        ------
+        rows : slice
+            Of samples, one piece after the other.
+        white : ndarray, shape (k, len(rows))
+        """
+        there = np.flatnonzero(self.present[:, channel])
+        for rows in pieces(len(self.groups), whole):
+            history = there[:np.searchsorted(there, rows.start)][-ORDER:]
+            longer = slice(int(history[0]) if len(history) else rows.start, rows.stop)
+            part = self._replace(rows=self.rows[longer], present=self.present[longer],
+                                 groups=self.groups[longer])
+            white = part.whiten(columns(longer), channel)
+            yield rows, white[:, rows.start - longer.start:]
+
+    def whiten_singly(self, columns: NDArray[np.int16], channel: int, sizes: Array
                       ) -> NDArray[np.float32]:
         """
-        Whiten many signals, each times its size, that are held in single precision.
+        Whiten many signals, each times its size, that are held as whole numbers.
 
         The same as of :meth:`whiten`, without room for all of them in double precision.
 
         Parameters
         ----------
-        columns : ndarray of float32, shape (k, n)
+        columns : ndarray of int16, shape (k, n)
         sizes : ndarray, shape (k,)
 
         Returns
@@ -105,7 +134,7 @@ class Autoregression(NamedTuple):
         scale = np.where(sigma > 0.0, 1.0 / np.where(sigma > 0.0, sigma, 1.0), 0.0)
         there = self.present[:, channel]
         chosen = slice(None) if there.all() else np.flatnonzero(there)
-        own = np.ascontiguousarray(columns[:, chosen])
+        own = np.ascontiguousarray(columns if there.all() else columns[:, chosen])
         white = np.zeros(own.shape, dtype=np.float32)
         _whiten_singly(own, np.ascontiguousarray(self.coefficients[:, channel]), scale,
                        self.groups[chosen], np.ascontiguousarray(self.rows[chosen, channel]),
@@ -186,17 +215,17 @@ def _whiten(columns: Array, coefficients: Array, scale: Array, groups: IntArray,
             white = out[i, begin:end]
             white[:] = columns[i, begin:end]
             for j in range(order):
-                # white noise has no history, and rows from the first sample on
+                # white noise has no history, and rows from the first sample on; pieces lack some
                 first = max(begin, j + 1)
                 before, after = columns[i, first - 1 - j:end - 1 - j], out[i, first:end]
-                for t in range(len(before)):
+                for t in range(len(after)):
                     after[t] -= coefficients[g, j] * before[t]
             for t in range(len(white)):
                 white[t] *= scale[g]
 
 
 @compiled
-def _whiten_singly(columns: NDArray[np.float32], coefficients: Array, scale: Array,
+def _whiten_singly(columns: NDArray[np.int16], coefficients: Array, scale: Array,
                    groups: IntArray, rows: BoolArray, sizes: Array, out: NDArray[np.float32]
                    ) -> None:
     n = columns.shape[1]

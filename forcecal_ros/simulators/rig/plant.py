@@ -16,6 +16,9 @@ import numpy as np
 LONGEST_STEP = 0.0005
 """Longest integration step [s]: forces of the nominal rig have converged to 1e-4 N."""
 
+AT_ONCE = 2048
+"""Periods that are moved along at once: effects of the robot work on copies."""
+
 FASTEST = 0.2
 """Longest step times the fastest rate of tool or orientation servo [rad]."""
 
@@ -82,15 +85,24 @@ class Plant:
         Motion
             At 2 steps m + 1 nodes.
         """
-        motion = Motion.empty(2 * self.steps * len(positions) + 1)
+        nodes = 2 * self.steps
+        motion = Motion.empty(nodes * len(positions) + 1)
+        for begin in range(0, len(positions), AT_ONCE):
+            end = min(begin + AT_ONCE, len(positions))
+            self._move(positions[begin:end], xyzw[begin:end],
+                       Motion(*(part[nodes * begin:nodes * end + 1] for part in motion)))
+        return motion
+
+    def _move(self, positions: Array, xyzw: Array, motion: Motion) -> None:
+        """Follow commands, and fill a motion."""
         positions, xyzw = self._delays(positions, xyzw)
         # copies: read-only arrays would be another type, and compiled anew
         move(self._p, self._robot, np.array(positions, dtype=float),
              np.array(xyzw, dtype=float), self.steps, motion)
-        moved = self._effects(motion)
-        for values in moved:
-            without_traces(values)
-        return moved
+        for part, values in zip(motion, self._effects(motion)):
+            if values is not part:
+                part[:] = values
+            without_traces(part)
 
     def respond(self, motion: Motion) -> tuple[Slide, Response]:
         """

@@ -1,8 +1,10 @@
 """The recorded commands through the rig, noise-free, kinematics shared between variants."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from math import inf, lcm
+from typing import Generic, TypeVar
 
 from forcecal_ros.effects import AccelerometerEffects, applicable, EFFECTS, WrenchEffects
 from forcecal_ros.effects.nuisances import Nuisance, nuisances
@@ -16,8 +18,7 @@ from forcecal_ros.simulators.rig.simulator import checked_commands
 from forcecal_ros.simulators.signals import BLOCK, RATE, Signals, SMALL, UNSEEN
 import numpy as np
 
-KEPT = 2
-"""Simulations that are remembered, for effects that only act on their signals."""
+T = TypeVar('T')
 
 COARSER = 2
 """Fewer integration steps than a simulator takes; right to 1e-4 N on the nominal rig."""
@@ -54,8 +55,8 @@ class Replay:
         held = held_commands(target.t, starts, period / 2.0)
         positions, xyzw = checked_commands(target.position, target.R_base_sensor)
         self._positions, self._xyzw = positions[held], xyzw[held]
-        self._motions: dict[object, tuple[Motion, Motion]] = {}
-        self._cached: dict[object, Signals] = {}
+        self._motion: _Last[tuple[Motion, Motion]] = _Last()
+        self._signals: _Last[Signals] = _Last()
 
     def nuisances(self, rig: Rig, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """List the nuisance parameters, as far as the streams at hand can show it."""
@@ -78,8 +79,9 @@ class Replay:
         model, sensor = rig.accelerometer.model(self.accelerometer), rig.wrench_sensor
         effects = tuple(one for one in rig.effects if one[0] not in UNSEEN)
         seen = rig if effects == rig.effects else replace(rig, effects=effects)
-        wrench = physics.wrench * sensor.gain + sensor.bias
-        volts = physics.specific_force * model.gain + model.offset
+        wrench, volts = physics.wrench * sensor.gain, physics.specific_force * model.gain
+        wrench += sensor.bias
+        volts += model.offset
         if seen.effects:
             on_wrench = WrenchEffects(seen, 1.0 / RATE)
             on_volts = AccelerometerEffects(seen, self.accelerometer, 1.0 / RATE)
@@ -88,16 +90,12 @@ class Replay:
         return physics._replace(wrench=wrench, volts=volts)
 
     def _physics(self, rig: Rig) -> Signals:
-        """Simulate without what the sensors add; the last few rigs' are kept."""
+        """Simulate without what the sensors add, which many effects act on alone."""
         own = tuple(one for one in rig.effects if EFFECTS[one[0]].where == 'rig')
         key = (rig.robot, rig.servo, rig.tool, rig.optidrive, rig.wall, rig.gravity,
                rig.accelerometer.position, rig.accelerometer.model(self.accelerometer).highpass,
                own)
-        if key not in self._cached:
-            if len(self._cached) >= KEPT:
-                self._cached.pop(next(iter(self._cached)))
-            self._cached[key] = self._simulated(rig)
-        return self._cached[key]
+        return self._signals.of(key, lambda: self._simulated(rig))
 
     def _simulated(self, rig: Rig) -> Signals:
         # a whole number of steps between the samples replayed, too
@@ -119,11 +117,24 @@ class Replay:
 
     def _moved(self, plant: Plant, key: object, nodes: int) -> tuple[Motion, Motion]:
         """Move the robot, unless it has moved just so before: at all nodes, and at samples."""
-        if key not in self._motions:
-            if len(self._motions) >= KEPT:
-                self._motions.pop(next(reversed(self._motions)))
+        def move() -> tuple[Motion, Motion]:
             motion = plant.move(self._positions, self._xyzw)
             n = self.n_blocks * round(BLOCK * RATE)
-            self._motions[key] = motion, Motion(*(part[nodes::nodes][:n].copy()
-                                                  for part in motion))
-        return self._motions[key]
+            return motion, Motion(*(part[nodes::nodes][:n] for part in motion))
+
+        return self._motion.of(key, move)
+
+
+class _Last(Generic[T]):
+    """The last of what takes long to compute and much memory to keep."""
+
+    def __init__(self) -> None:
+        self._key: object = None
+        self._value: T | None = None
+
+    def of(self, key: object, compute: Callable[[], T]) -> T:
+        """Return what is computed by a key, or was the last time."""
+        if self._value is None or self._key != key:
+            self._value = None  # makes room
+            self._key, self._value = key, compute()
+        return self._value

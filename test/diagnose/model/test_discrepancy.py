@@ -1,10 +1,14 @@
 """A discrepancy is integrated out as the dense Gaussian says, and its size comes from the data."""
 
+import tracemalloc
+
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.basis import Basis, basis
+from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.discrepancy import Discrepancy, SCALES
 from forcecal_ros.diagnose.model.evidence import fit, Prior
 from forcecal_ros.recording.noise.autoregression import Autoregression, ORDER
+from forcecal_ros.recording.noise.pieces import AT_ONCE
 from forcecal_ros.simulators.signals import Signals
 import numpy as np
 import pytest
@@ -25,14 +29,14 @@ def white(n):
 def setting(seed):
     """Return features, a column, what is beside it, and the discrepancy of two recordings."""
     rng = np.random.default_rng(seed)
-    rows = tuple(rng.standard_normal((3, n)).astype(np.float32) for n in N)
+    rows = tuple(Compact.of(rng.standard_normal((3, n))) for n in N)
     train = [np.ones(N[0], dtype=bool), np.arange(N[1]) < 20]
     of = Discrepancy(Basis(rows, SHARE), np.full(len(CHANNELS), SIGNAL), train)
-    columns = [[{0: rng.standard_normal(n).astype(np.float32)}] for n in N]
+    columns = [[{0: Compact.of(rng.standard_normal(n))}] for n in N]
     residual = [np.zeros((n, len(CHANNELS))) for n in N]
     for r in residual:
         r[:, 0] = SIGMA * rng.standard_normal(len(r))
-    return rows, columns, residual, of
+    return [one.values() for one in rows], columns, residual, of
 
 
 def dense(rows, column, residual, chosen, size):
@@ -52,7 +56,7 @@ def test_evidence_is_that_of_the_dense_gaussian_for_training_blocks_and_for_all(
     train, held = of.whitened([white(n) for n in N]).products(columns, residual).at((size,) * 4)
     prior = Prior(np.zeros(1), np.ones(1), np.full(1, -np.inf), np.full(1, np.inf))
     flat = np.concatenate([r[:, 0] for r in residual])
-    column = np.concatenate([c[0][0] for c in columns]).astype(float)
+    column = np.concatenate([c[0][0].values() for c in columns]).astype(float)
     trained = np.arange(sum(N)) < N[0] + 20
     assert fit(train, prior).log_evidence == pytest.approx(
         dense(rows, column, flat, trained, size), abs=1e-3)
@@ -81,7 +85,7 @@ def test_held_out_squares_are_those_beside_what_the_training_blocks_told():
         w = rng.standard_normal(3) * np.sqrt(SHARE) * 0.003 * SIGNAL
         made = [np.zeros_like(r) for r in residual]
         for one, rows in zip(made, of.basis.rows):
-            one[:, 0] = w @ rows + SIGMA * rng.standard_normal(len(one))
+            one[:, 0] = rows.combined(w) + SIGMA * rng.standard_normal(len(one))
         held = products[0].products(columns, made).at((0.003,) * 4)[1]
         total += held.square - held.n
     # the sum of 200 chi squares of 30 degrees each has a standard deviation of 110
@@ -92,7 +96,7 @@ def test_weights_are_found_again_from_the_training_blocks():
     _, _, residual, of = setting(4)
     w = np.array([0.4, -0.2, 0.1])
     for one, rows in zip(residual, of.basis.rows):
-        one[:, 0] += w @ rows
+        one[:, 0] += rows.combined(w)
     beside = of.whitened([white(n) for n in N])
     found = beside.products([[], []], residual).weights((0.003,) * 4)[0]
     # eighty samples of noise 0.5 know each weight to 0.056
@@ -105,9 +109,9 @@ def test_as_much_of_a_residual_is_predicted_as_the_features_bear_out_and_nothing
     nothing = beside.predicted(residual)
     assert sum(float(np.sum(x ** 2)) for x in nothing) < 3.0 * SIGMA ** 2 * 3
     for one, rows in zip(residual, of.basis.rows):
-        one[:, 0] += 2.0 * rows[0]
+        one[:, 0] += 2.0 * rows.values()[0]
     for one, rows in zip(beside.predicted(residual), of.basis.rows):
-        assert np.std(one[:, 0] - 2.0 * rows[0]) < 0.3
+        assert np.std(one[:, 0] - 2.0 * rows.values()[0]) < 0.3
 
 
 def signals(n, seed):
@@ -120,11 +124,11 @@ def signals(n, seed):
 
 def test_features_are_of_one_size_whatever_varies_and_groups_share_the_variance():
     found = basis([signals(500, 1), signals(300, 2)], [20.0])
-    every = np.concatenate(found.rows, axis=1)
+    every = np.concatenate([rows.values() for rows in found.rows], axis=1)
     assert np.sqrt(np.mean(every ** 2, axis=1)) == pytest.approx(1.0, rel=1e-4)
     assert found.variance.sum() == pytest.approx(1.0)
     # 13 cosines less the constant, and a wave of two phases, are each recording's own
-    own = [np.flatnonzero(~np.abs(r).max(axis=1).astype(bool)) for r in found.rows]
+    own = [np.flatnonzero(~r.numbers.any(axis=1)) for r in found.rows]
     assert len(own[0]) == 0 or set(own[0]).isdisjoint(own[1])
 
 
@@ -171,3 +175,36 @@ def test_a_column_in_the_place_of_one_that_is_gone_is_multiplied_anew():
     for got, expected in zip(kept.products(other, residual).at((3e-3,) * 4),
                              fresh.products(other, residual).at((3e-3,) * 4)):
         assert got.matrix == pytest.approx(expected.matrix)
+
+
+def long(n, rng):
+    """Return a discrepancy of one recording, and sixty columns in its first channel."""
+    of = Discrepancy(Basis((Compact.of(rng.standard_normal((3, n))),), SHARE),
+                     np.full(len(CHANNELS), SIGNAL), [np.arange(n) % 3000 < 2000])
+    return of, [[{0: Compact.of(rng.standard_normal(n))} for _ in range(60)]]
+
+
+def test_products_over_a_long_recording_are_those_of_all_of_it_at_once():
+    n, rng = 3 * AT_ONCE + 100, np.random.default_rng(10)
+    of, columns = long(n, rng)
+    residual = rng.standard_normal((n, len(CHANNELS)))
+    trained, held = of.whitened([white(n)]).products(columns, [residual], absent=True).at(
+        (0.0,) * 4)
+    every = np.stack([residual[:, 0], *(c[0].values() for c in columns[0])]) / SIGMA
+    for gram, rows in ((trained, of.train[0]), (held, ~of.train[0])):
+        expected = every[:, rows] @ every[:, rows].T
+        assert gram.matrix == pytest.approx(expected[1:, 1:])
+        assert gram.vector == pytest.approx(expected[1:, 0])
+        assert gram.n == rows.sum()
+
+
+def test_products_need_no_room_for_all_columns_in_double_precision():
+    n, rng = 100_000, np.random.default_rng(11)
+    of, columns = long(n, rng)
+    residual, whitened = [np.zeros((n, len(CHANNELS)))], of.whitened([white(n)])
+    whitened.products([columns[0][:1]], residual)  # compiles, and whitens the features
+    tracemalloc.start()
+    whitened.products(columns, residual)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 0.5 * 8 * 60 * n

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.model.basis import Basis
+from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.discrepancy import Discrepancy
 from forcecal_ros.diagnose.model.evidence import fit, Prior
 from forcecal_ros.diagnose.model.own_size import predicted, spread
@@ -25,16 +26,18 @@ def white():
 
 def setting(rng):
     """Return features, two columns, the first like a feature, and the products of a residual."""
-    rows = rng.standard_normal((3, N)).astype(np.float32)
-    columns = np.stack([rows[0] + 0.3 * rng.standard_normal(N), rng.standard_normal(N)])
+    features = Compact.of(rng.standard_normal((3, N)))
+    rows = features.values()
+    columns = Compact.of(np.stack([rows[0] + 0.3 * rng.standard_normal(N),
+                                   rng.standard_normal(N)]))
     residual = np.zeros((N, len(CHANNELS)))
     residual[:, 0] = SIGMA * rng.standard_normal(N) \
         + OWN * SIGNAL * (np.sqrt(SHARE) * rng.standard_normal(3)) @ rows
     train = np.arange(N) < TRAINED
-    of = Discrepancy(Basis((rows,), SHARE), np.full(len(CHANNELS), SIGNAL), [train])
+    of = Discrepancy(Basis((features,), SHARE), np.full(len(CHANNELS), SIGNAL), [train])
     products = of.whitened([white()]).products(
-        [[{0: c.astype(np.float32)} for c in columns]], [residual])
-    return rows, columns, residual, products
+        [[{0: Compact(*one)} for one in zip(columns.numbers, columns.unit)]], [residual])
+    return rows, columns.values().astype(float), residual, products
 
 
 def covariance(rows, size):

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
+from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.say.result import Diagnosis, load, to_document
 from forcecal_ros.diagnose.search.onsets import _to_a_sample
 from forcecal_ros.effects import with_effects
@@ -70,4 +71,4 @@ def test_where_no_sample_is_near_an_instant_stays_as_coarse_as_its_blocks():
     model = SimpleNamespace(datasets=[SimpleNamespace(measured=ended)], noise=[None],
                             level=np.ones(len(CHANNELS)))
     gate = SimpleNamespace(recording=0, begin=20.0)
-    assert _to_a_sample(model, gate, {6: np.array([0.0, 1.0])}, None, 20.0, 20.1) is None
+    assert _to_a_sample(model, gate, {6: Compact.of(np.array([0.0, 1.0]))}, None, 20.0, 20.1) is None

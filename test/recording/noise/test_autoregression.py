@@ -1,6 +1,7 @@
 """Whitening by autoregressions."""
 
 from forcecal_ros.recording.noise.autoregression import at_standstill, fit_autoregression
+from forcecal_ros.recording.noise.pieces import AT_ONCE
 import numpy as np
 import pytest
 
@@ -72,14 +73,28 @@ def test_samples_that_are_some_blocks_apart_have_noise_too(spacing):
 
 
 @pytest.mark.parametrize('lost', [0.0, 0.1])
-def test_signals_in_single_precision_are_whitened_to_the_same_bits(lost):
+def test_signals_of_whole_numbers_are_whitened_to_the_same_bits(lost):
     rng, n = np.random.default_rng(5), 2000
     present = rng.random((n, 2)) >= lost
     noise = fit_autoregression(rng.standard_normal((n, 2)), present, np.repeat([0, 1, 2, 1], 500))
-    rows, sizes = rng.standard_normal((7, n)).astype(np.float32), rng.random(7)
+    rows, sizes = rng.integers(-9000, 9000, (7, n), dtype=np.int16), rng.random(7)
     expected = (noise.whiten(rows.astype(float), 1) * sizes[:, np.newaxis]).astype(np.float32)
     assert expected.any()
     np.testing.assert_array_equal(noise.whiten_singly(rows, 1, sizes), expected)
+
+
+@pytest.mark.parametrize(('lost', 'whole'), [(0.0, 1), (0.1, 1), (0.0, 300)])
+def test_pieces_are_whitened_to_the_same_bits_as_all_at_once(lost, whole):
+    rng, n = np.random.default_rng(6), 2 * AT_ONCE + 500
+    present = rng.random((n, 2)) >= lost
+    noise = fit_autoregression(rng.standard_normal((n, 2)), present, np.arange(n) // 700 % 3)
+    rows = rng.standard_normal((3, n))
+    found = list(noise.whiten_in_pieces(lambda part: rows[:, part], 1, whole))
+    assert [part.start % whole for part, _ in found] == [0] * 3
+    assert [part.stop for part, _ in found[:-1]] == [part.start for part, _ in found[1:]]
+    white = np.concatenate([piece for _, piece in found], axis=1)
+    assert white.any()
+    np.testing.assert_array_equal(white, noise.whiten(rows, 1))
 
 
 def test_a_noise_stays_in_channels_where_another_brings_no_more_than_chance():
