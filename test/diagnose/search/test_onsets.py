@@ -71,4 +71,5 @@ def test_where_no_sample_is_near_an_instant_stays_as_coarse_as_its_blocks():
     model = SimpleNamespace(datasets=[SimpleNamespace(measured=ended)], noise=[None],
                             level=np.ones(len(CHANNELS)))
     gate = SimpleNamespace(recording=0, begin=20.0)
-    assert _to_a_sample(model, gate, {6: Compact.of(np.array([0.0, 1.0]))}, None, 20.0, 20.1) is None
+    added = {6: Compact.of(np.array([0.0, 1.0]))}
+    assert _to_a_sample(model, gate, added, None, 20.0, 20.1) is None
