@@ -20,11 +20,11 @@ from forcecal_ros.diagnose.localise.time_frequency import (
     time_frequency_bins,
     TimeFrequencyBin,
 )
-from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
 from forcecal_ros.diagnose.model.evidence import fit
 from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, VIBRATION
 from forcecal_ros.diagnose.model.jacobian import combined
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
+from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY
 from forcecal_ros.diagnose.search.acceptance import held_out_likelihood_ratio, of_slow_noise
 from forcecal_ros.diagnose.search.model_comparison import FLAWED, ModelComparison
 from forcecal_ros.geometry import Array

@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from forcecal_ros.diagnose.judge.gap import Errors
 from forcecal_ros.diagnose.judge.named_effects import Parameter
+from forcecal_ros.diagnose.judge.parameter_errors import Errors
 from forcecal_ros.diagnose.model.gates import nuisances_of
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.fitted import Accepted

@@ -7,41 +7,22 @@ with a standard deviation that is a small part of the channel's signal. What of 
 a function could do as well counts for little, and what it does beyond counts in full.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 from weakref import ref
 
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
+from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.model.basis import Basis
 from forcecal_ros.diagnose.model.compact import Compact, stacked
-from forcecal_ros.diagnose.model.evidence import Gram
 from forcecal_ros.diagnose.model.jacobian import Column
+from forcecal_ros.diagnose.model.products import ChannelSums, Modes, Products, Sums
+from forcecal_ros.diagnose.model.scales import FREE
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.autoregression import Autoregression
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve, cholesky, LinAlgError, solve_triangular
-
-Scales = tuple[float, ...]
-"""Part of the signal that a discrepancy has in each stream, in the order of STREAM_SLICES."""
-
-SCALES = (0.0, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3)
-"""
-Parts of its channels' signals that a discrepancy may have in a stream; the evidence says which.
-
-Were 1 % allowed, many an effect would be no more than such a function; beside a larger background
-effects are weighed by what they explain of the misfit, and leave.
-"""
-
-NO_DISCREPANCY: Scales = (0.0,) * len(STREAM_SLICES)
-"""Scales that stand for no discrepancy in any stream."""
-
-ASCENTS = 2
-"""Rounds over the streams in which their scales are improved one by one."""
-
-FREE = (*SCALES, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
-"""Scales of a discrepancy, channel by channel, where it is taken off to estimate the noise."""
+from scipy.linalg import cholesky, LinAlgError
 
 LEAST_WEIGHT = 1e-3
 """Variance of a combination of features, in its noise's, below which it says nothing."""
@@ -58,24 +39,7 @@ STRETCH = 1024
 SHARING = 16
 """Channels that share that memory: all but those of joints, whose features are the same."""
 
-STREAM = tuple(i for i, name in enumerate(STREAM_SLICES) for c in CHANNELS if c.stream == name)
-"""Place of each channel's stream among the scales."""
-
 BoolArray = NDArray[np.bool_]
-
-
-class _Modes(NamedTuple):
-    """
-    Whitened features of one channel, as few combinations as matter.
-
-    ``rows``: of each recording, (r, n); ``weights``: features to combinations, (k, r);
-    ``trained``, ``all``: inner products over training blocks and over all.
-    """
-
-    rows: list[Compact]
-    weights: Array
-    trained: Array
-    all: Array
 
 
 def _squares(features: Compact, train: BoolArray) -> Array:
@@ -148,7 +112,7 @@ class _Known(NamedTuple):
     recording and identity of the column.
     """
 
-    modes: dict[int, _Modes]
+    modes: dict[int, Modes]
     factors: dict[tuple[int, bool, float], Array]
     crosses: dict[tuple[int, int, int], _Cross]
 
@@ -185,13 +149,13 @@ class WhitenedDiscrepancy:
         return self._known.of({c for c in self.channels if all(
             a.same(b, c) for a, b in zip(self.noise, noise, strict=True))})
 
-    def modes(self, c: int) -> _Modes:
+    def modes(self, c: int) -> Modes:
         """Return a channel's whitened features, which are found at the first time they count."""
         if c not in self._known.modes:
             self._known.modes[c] = self._modes(c)
         return self._known.modes[c]
 
-    def _modes(self, c: int) -> _Modes:
+    def _modes(self, c: int) -> Modes:
         scale = np.sqrt(self.basis.variance) * self.signal[c]
         white = [n.whiten_singly(rows.numbers, c, scale * rows.unit[:, 0])
                  if n.sigma[:, c].any() else np.zeros(rows.numbers.shape, dtype=np.float32)
@@ -202,7 +166,7 @@ class WhitenedDiscrepancy:
         turn = vectors[:, kept]
         rows = [Compact.of(turn.T.astype(np.float32) @ w) for w in white]
         trained, held = np.sum([_squares(r, t) for r, t in zip(rows, self.train)], axis=0)
-        return _Modes(rows, scale[:, np.newaxis] * turn, trained, trained + held)
+        return Modes(rows, scale[:, np.newaxis] * turn, trained, trained + held)
 
     def factor(self, c: int, trained: bool, size: float) -> Array:
         """Return the Cholesky factor of a channel's information on its combinations."""
@@ -242,7 +206,7 @@ class WhitenedDiscrepancy:
         return out
 
     def products(self, columns: Sequence[Sequence[Column]], residual: Sequence[Array],
-                 absent: bool = False) -> 'Products':
+                 absent: bool = False) -> Products:
         """
         Return inner products of whitened columns, residual and discrepancy.
 
@@ -258,19 +222,19 @@ class WhitenedDiscrepancy:
         out = []
         for c in self.channels:
             there = [j for j in range(k) if any(c in one[j] for one in columns)]
-            total = [_Sums.empty(len(there), 0 if absent else len(self.modes(c).trained))
+            total = [Sums.empty(len(there), 0 if absent else len(self.modes(c).trained))
                      for _ in range(2)]
             for i, (one, r, noise) in enumerate(zip(columns, residual, self.noise)):
                 if noise.sigma[:, c].any():
                     given = [one[j].get(c) for j in there]
                     found = self._sums(c, i, r[:, c], given, absent)
                     total = [one.plus(more) for one, more in zip(total, found)]
-            out.append(_Channel(c, np.array(there, dtype=np.intp), total[0],
+            out.append(ChannelSums(c, np.array(there, dtype=np.intp), total[0],
                                 total[0].plus(total[1])))
         return Products(self, k, out)
 
     def _sums(self, c: int, recording: int, residual: Array, given: Sequence[Compact | None],
-              absent: bool) -> tuple['_Sums', '_Sums']:
+              absent: bool) -> tuple[Sums, Sums]:
         """
         Return inner products in one channel of one recording, over training blocks and the others.
 
@@ -291,7 +255,7 @@ class WhitenedDiscrepancy:
                 cross[:, :, 1 + j] = known[keys[j]].products
         trained, held = (int(np.sum(part & self.noise[recording].rows[:, c]))
                          for part in (self.train[recording], ~self.train[recording]))
-        return _Sums(own[0], cross[0], trained), _Sums(own[1], cross[1], held)
+        return Sums(own[0], cross[0], trained), Sums(own[1], cross[1], held)
 
     def _multiplied(self, c: int, recording: int, residual: Array,
                     given: Sequence[Compact | None], new: Sequence[int], absent: bool
@@ -319,195 +283,3 @@ class WhitenedDiscrepancy:
                     cross[part] += (features.numbers[:, stretch].astype(np.float32)
                                     @ single[:, here].T)
         return own, cross * features.unit if features else cross
-
-
-class _Sums(NamedTuple):
-    """Inner products of (residual, columns) with themselves and with the combinations."""
-
-    own: Array
-    cross: Array
-    n: int
-
-    @classmethod
-    def empty(cls, k: int, r: int) -> '_Sums':
-        return cls(np.zeros((k + 1, k + 1)), np.zeros((r, k + 1)), 0)
-
-    def plus(self, other: '_Sums') -> '_Sums':
-        """Add those of other samples."""
-        return _Sums(self.own + other.own, self.cross + other.cross, self.n + other.n)
-
-
-class _Channel(NamedTuple):
-    """One channel's sums over the training blocks and over all; which columns it has."""
-
-    channel: int
-    there: NDArray[np.intp]
-    trained: _Sums
-    all: _Sums
-
-
-class Products:
-    """
-    Inner products from which Gram matrices follow for any size of the discrepancy.
-
-    Parameters
-    ----------
-    k : int
-        Columns.
-    """
-
-    def __init__(self, whitened: WhitenedDiscrepancy, k: int, channels: list[_Channel]) -> None:
-        self.whitened, self.k, self.parts = whitened, k, channels
-        self._streams: dict[tuple[int, bool, float], Gram] = {}
-
-    def at(self, scales: Scales) -> tuple[Gram, Gram]:
-        """
-        Integrate the discrepancy out.
-
-        Parameters
-        ----------
-        scales : tuple of float
-            Part of the signals in each stream; 0: there is none.
-
-        Returns
-        -------
-        trained, held : Gram
-            Of the training blocks; and what the others add, given those.
-        """
-        trained, every = (self._total(part, scales) for part in (True, False))
-        return trained, Gram(every.matrix - trained.matrix, every.vector - trained.vector,
-                             every.square - trained.square, every.n - trained.n,
-                             every.log_det - trained.log_det)
-
-    def _total(self, trained: bool, scales: Scales) -> Gram:
-        total = Gram(np.zeros((self.k, self.k)), np.zeros(self.k), 0.0, 0)
-        for stream in self.streams():
-            total += self._of_stream(stream, trained, scales[stream])
-        return total
-
-    def _of_stream(self, stream: int, trained: bool, size: float) -> Gram:
-        """Return one stream's Gram; a search for the best sizes changes one after the other."""
-        key, k = (stream, trained, size), self.k
-        if key not in self._streams:
-            matrix, vector, square, n, log_det = np.zeros((k, k)), np.zeros(k), 0.0, 0, 0.0
-            for one in (one for one in self.parts if STREAM[one.channel] == stream):
-                own, more = self._part(one, trained, size)
-                matrix[np.ix_(one.there, one.there)] += own[1:, 1:]
-                vector[one.there] += own[1:, 0]
-                square += float(own[0, 0])
-                n += (one.trained if trained else one.all).n
-                log_det += more
-            self._streams[key] = Gram(matrix, vector, square, n, log_det)
-        return self._streams[key]
-
-    def _part(self, one: _Channel, trained: bool, size: float) -> tuple[Array, float]:
-        """Return one channel's products beside a discrepancy, and its logarithm."""
-        sums = one.trained if trained else one.all
-        if size == 0.0 or not len(sums.cross):
-            return sums.own, 0.0
-        factor = self.whitened.factor(one.channel, trained, size)
-        taken = solve_triangular(factor, sums.cross, lower=True, check_finite=False)
-        return sums.own - taken.T @ taken, 2.0 * float(np.log(np.diag(factor) * size).sum())
-
-    @property
-    def channels(self) -> NDArray[np.intp]:
-        """Count the channels of each stream, in the order of STREAM_SLICES."""
-        streams = [STREAM[one.channel] for one in self.parts]
-        return np.bincount(streams, minlength=len(STREAM_SLICES))
-
-    def unexplained(self, x: Array, scales: Scales) -> tuple[Array, Array]:
-        """
-        Return what columns leave unexplained in each stream, in the order of STREAM_SLICES.
-
-        Parameters
-        ----------
-        x : ndarray, shape (k,)
-            Of the columns.
-
-        Returns
-        -------
-        cost : ndarray, shape (streams,)
-            Negative log-likelihood of all samples, less that of pure noise's constant.
-        n : ndarray, shape (streams,)
-            Samples.
-        """
-        cost, n = np.zeros((2, len(STREAM_SLICES)))
-        for one in self.parts:
-            stream = STREAM[one.channel]
-            own, log_det = self._part(one, False, scales[stream])
-            left = np.append(1.0, -x[one.there])
-            cost[stream] += 0.5 * (float(left @ own @ left) + log_det)
-            n[stream] += one.all.n
-        return cost, n
-
-    def streams(self) -> list[int]:
-        """List the streams, by their place among scales, that there are."""
-        return sorted({STREAM[one.channel] for one in self.parts})
-
-    def likeliest(self) -> dict[int, Array]:
-        """Return the features' weights at each channel's own likeliest size, shape (k,) each."""
-        out = {}
-        for one in self.parts:
-            size, values, vectors, right = self._likeliest(one)
-            if size:
-                out[one.channel] = self.whitened.modes(one.channel).weights @ (
-                    vectors @ (right / (values + size ** -2.0)))
-        return out
-
-    def likeliest_sizes(self) -> dict[int, float]:
-        """Return the likeliest part of its signal that each channel's discrepancy has, 0: none."""
-        return {one.channel: self._likeliest(one)[0] for one in self.parts}
-
-    def _likeliest(self, one: _Channel) -> tuple[float, Array, Array, Array]:
-        """Return a channel's likeliest size, and its information's spectrum and products."""
-        values, vectors = np.linalg.eigh(self.whitened.modes(one.channel).all)
-        values = np.maximum(values, 0.0)
-        right = vectors.T @ one.all.cross[:, 0]
-        gains = [0.5 * float(np.sum(right ** 2 / (values + s ** -2.0)
-                                    - np.log1p(values * s ** 2))) for s in FREE[1:]]
-        found = len(right) and max(gains) > 0.0
-        return FREE[1 + int(np.argmax(gains))] if found else 0.0, values, vectors, right
-
-    def weights(self, scales: Scales, trained: bool = True) -> dict[int, Array]:
-        """
-        Return the features' likeliest weights, shape (k,) each.
-
-        Parameters
-        ----------
-        scales : tuple of float
-            Of the discrepancy in each stream.
-        trained : bool
-            By the training blocks, or by all.
-        """
-        out = {}
-        for one in self.parts:
-            size = scales[STREAM[one.channel]]
-            sums = one.trained if trained else one.all
-            if size and len(sums.cross):
-                factor = self.whitened.factor(one.channel, trained, size)
-                out[one.channel] = self.whitened.modes(one.channel).weights @ cho_solve(
-                    (factor, True), sums.cross[:, 0])
-        return out
-
-
-def ascended(products: Products, evidence: Callable[[tuple[Gram, Gram]], float], start: Scales
-             ) -> Scales:
-    """
-    Improve the scales of a discrepancy, stream by stream.
-
-    Parameters
-    ----------
-    evidence : callable
-        Log-evidence of the Grams of training and other blocks.
-    """
-    best, most = start, evidence(products.at(start))
-    for _ in range(ASCENTS):
-        before = best
-        for i in products.streams():
-            for size in SCALES:
-                tried = (*best[:i], size, *best[i + 1:])
-                if size != best[i] and (value := evidence(products.at(tried))) > most:
-                    best, most = tried, value
-        if best == before:
-            break
-    return best

@@ -7,16 +7,12 @@ from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.inputs.dataset import Dataset, possible_effects
 from forcecal_ros.diagnose.model.basis import Basis, basis
 from forcecal_ros.diagnose.model.compact import Compact
-from forcecal_ros.diagnose.model.discrepancy import (
-    Discrepancy,
-    NO_DISCREPANCY,
-    Products,
-    Scales,
-    WhitenedDiscrepancy,
-)
+from forcecal_ros.diagnose.model.discrepancy import Discrepancy, WhitenedDiscrepancy
 from forcecal_ros.diagnose.model.evidence import Fit, fit, Gram, Prior
 from forcecal_ros.diagnose.model.gates import departed, Gate, nuisances_of
 from forcecal_ros.diagnose.model.jacobian import Column, column, combined, nuisance_column
+from forcecal_ros.diagnose.model.products import Products
+from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY, Scales
 from forcecal_ros.effects import Effect, EFFECTS, with_effects
 from forcecal_ros.effects.nuisances import apply_all, Nuisance, prior_std, ROBOT
 from forcecal_ros.effects.rig import Rig

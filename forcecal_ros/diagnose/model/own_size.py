@@ -12,7 +12,8 @@ from typing import NamedTuple
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.inputs.dataset import Dataset
 from forcecal_ros.diagnose.model.compact import Compact
-from forcecal_ros.diagnose.model.discrepancy import Products, Scales, STREAM
+from forcecal_ros.diagnose.model.products import Products
+from forcecal_ros.diagnose.model.scales import Scales, STREAM
 from forcecal_ros.geometry import Array
 from forcecal_ros.recording.noise.pieces import pieces
 import numpy as np

@@ -5,13 +5,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
-from forcecal_ros.diagnose.model.discrepancy import (
-    ascended,
-    NO_DISCREPANCY,
-    Products,
-    SCALES,
-    Scales,
-)
 from forcecal_ros.diagnose.model.evidence import Fit, fit, Gram, Prior, score
 from forcecal_ros.diagnose.model.hypotheses import (
     Atom,
@@ -26,6 +19,8 @@ from forcecal_ros.diagnose.model.hypotheses import (
 )
 from forcecal_ros.diagnose.model.jacobian import Column, column, combined
 from forcecal_ros.diagnose.model.linearised import Diverged, EFFECT, LinearisedModel
+from forcecal_ros.diagnose.model.products import ascended, Products
+from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY, SCALES, Scales
 from forcecal_ros.diagnose.search.fitted import HypothesisFit
 from forcecal_ros.effects import Effect
 from forcecal_ros.geometry import Array

@@ -6,9 +6,9 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
-from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
 from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
+from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY
 from forcecal_ros.diagnose.search.acceptance import (
     acceptable,
     explains_beyond,

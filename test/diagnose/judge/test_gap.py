@@ -3,7 +3,8 @@
 from types import SimpleNamespace
 
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
-from forcecal_ros.diagnose.judge.gap import Arms, Errors, gap, OFF, SECOND
+from forcecal_ros.diagnose.judge.gap import Arms, gap, OFF, SECOND
+from forcecal_ros.diagnose.judge.parameter_errors import Errors
 from forcecal_ros.diagnose.model.own_size import Predicted
 import numpy as np
 import pytest

@@ -1,0 +1,111 @@
+"""What wrong parameters leave on held-out blocks, beside noise and what no library has."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.model.hypotheses import EffectJacobian
+from forcecal_ros.diagnose.model.linearised import LinearisedModel
+from forcecal_ros.diagnose.model.own_size import Predicted, predicted, spread
+from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY
+from forcecal_ros.diagnose.search.model_comparison import ModelComparison
+from forcecal_ros.geometry import Array
+from forcecal_ros.recording.noise.pieces import pieces
+import numpy as np
+
+
+class Errors(NamedTuple):
+    """
+    How well the parameters are known, and what is beside them.
+
+    Attributes
+    ----------
+    grams : ndarray, shape (channels, k, k)
+        Mean products of the parameters' columns over the held-out blocks, not whitened.
+    covariance : ndarray, shape (k, k)
+        By noise, and a discrepancy as the fit assumed it.
+    taken : ndarray, shape (k, k), optional
+        By what of a larger discrepancy has the columns' own shape.
+    predicted : Predicted, optional
+        That discrepancy.
+    """
+
+    grams: Array
+    covariance: Array
+    taken: Array | None = None
+    predicted: Predicted | None = None
+
+    def expected(self) -> Array:
+        """Mean square that wrong parameters leave in each channel, shape (channels,)."""
+        return np.asarray(np.einsum('cij,ij->c', self.grams, self.covariance))
+
+    def beside(self, left: Array) -> Array:
+        """
+        Mean square of a discrepancy that was taken for effects, or missed.
+
+        Parameters
+        ----------
+        left : ndarray, shape (channels,)
+            Mean square of what effects leave on held-out blocks: no more was missed.
+
+        Returns
+        -------
+        ndarray, shape (channels,)
+        """
+        if self.taken is None or self.predicted is None:
+            return np.zeros(len(self.grams))
+        return np.asarray(np.einsum('cij,ij->c', self.grams, self.taken)
+                          + np.minimum(self.predicted.doubt, left))
+
+    def drawn(self, rng: np.random.Generator) -> Array:
+        """Return what one draw of parameters leaves, shape (channels,)."""
+        return self._left_by(_draw(self.covariance, rng))
+
+    def beside_drawn(self, rng: np.random.Generator, left: Array) -> Array:
+        """Return one draw of what :meth:`beside` expects, shape (channels,)."""
+        if self.taken is None or self.predicted is None:
+            return np.zeros(len(self.grams))
+        return self._left_by(_draw(self.taken, rng)) + np.minimum(self.predicted.doubt, left)
+
+    def _left_by(self, x: Array) -> Array:
+        return np.asarray(np.einsum('cij,i,j->c', self.grams, x, x))
+
+
+def _draw(covariance: Array, rng: np.random.Generator) -> Array:
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors @ (np.sqrt(np.maximum(values, 0.0))
+                                 * rng.standard_normal(len(values))))
+
+
+def parameter_errors(model: LinearisedModel, jacobians: Sequence[EffectJacobian]) -> Errors:
+    """
+    Say what wrong parameters leave on held-out blocks.
+
+    Parameters
+    ----------
+    model : LinearisedModel
+        At the joint fit.
+    jacobians : sequence of EffectJacobian
+        Of its effects.
+    """
+    comparison = ModelComparison(model, jacobians)
+    covariance, k = comparison.null.covariance, len(comparison.null.x)
+    grams, n = np.zeros((len(CHANNELS), k, k)), 0
+    for i, dataset in enumerate(model.datasets):
+        columns = [*model.jacobian[i], *comparison.extra[i]]
+        n += int(dataset.held.sum())
+        for c in range(len(CHANNELS)):
+            there = [j for j in range(k) if c in columns[j]]
+            if there and dataset.held.any():
+                for part in pieces(len(dataset.held)):
+                    held = dataset.held[part]
+                    rows = np.stack([columns[j][c].values(part)[held] for j in there], dtype=float)
+                    grams[c][np.ix_(there, there)] += rows @ rows.T
+    grams /= max(1, n)
+    if model.discrepancy_scales == NO_DISCREPANCY:
+        return Errors(grams, covariance)
+    products = model.products(comparison.extra)
+    sizes = products.likeliest_sizes()
+    more = spread(products, comparison.scales, sizes)
+    return Errors(grams, covariance, covariance @ more @ covariance,
+                  predicted(products, sizes, model.datasets))
