@@ -167,10 +167,18 @@ class Score(NamedTuple):
         N(0, 1) where there is no difference, the nuisances' uncertainty allowed for.
     energy : float
         Whitened energy of the difference, likewise.
+    product : float
+        Residual times difference, likewise.
     """
 
     z: float
     energy: float
+    product: float
+
+    @property
+    def removed(self) -> float:
+        """Energy that the difference removes."""
+        return 2.0 * self.product - self.energy
 
 
 def score(held: Gram, null: Array, alternative: Array, nuisance: NDArray[np.intp],
@@ -195,7 +203,7 @@ def score(held: Gram, null: Array, alternative: Array, nuisance: NDArray[np.intp
     shared = root.T @ (held.matrix[nuisance] @ d)
     product = d @ right - shared @ np.linalg.solve(middle, root.T @ right[nuisance])
     energy = max(float(d @ held.matrix @ d - shared @ np.linalg.solve(middle, shared)), 1e-12)
-    return Score(float(product / np.sqrt(energy)), energy)
+    return Score(float(product / np.sqrt(energy)), energy, float(product))
 
 
 def _root(covariance: Array) -> Array:

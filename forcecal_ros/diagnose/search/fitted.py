@@ -68,9 +68,8 @@ class HypothesisFit(NamedTuple):
     @property
     def fraction(self) -> float:
         """Lower bound of the fraction of the significant above-noise energy that it explains."""
-        removed = 2.0 * self.gain
-        low = removed - 4.0 * np.sqrt(self.score.energy)
-        high = max(removed, self.excess - 2.0 * np.sqrt(2.0 * self.n))
+        low = self.score.removed - 4.0 * np.sqrt(self.score.energy)
+        high = max(self.score.removed, self.excess - 2.0 * np.sqrt(2.0 * self.n))
         return float(low / max(high, 1e-9))
 
 

@@ -68,12 +68,8 @@ class _Level(NamedTuple):
 
     @property
     def excess(self) -> float:
-        """
-        Held-out whitened energy above the noise and the discrepancy.
-
-        Nuisances are as uncertain as training blocks leave them: what they could do is no excess.
-        """
-        return -2.0 * (self.evidence - self.null.log_evidence) - self.held.n
+        """Held-out whitened energy above the noise and the discrepancy."""
+        return self.held.residual_squares(self.null.x) - self.held.n
 
 
 class _Screened(NamedTuple):

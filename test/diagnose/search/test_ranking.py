@@ -14,7 +14,7 @@ import numpy as np
 
 def hypothesis_fit(name, evidence, free=1):
     return HypothesisFit(name, np.zeros(free), np.zeros(free), np.arange(free), np.zeros(0),
-                         frozenset(), evidence / 2.0, evidence, Score(10.0, 100.0), 1.0,
+                         frozenset(), evidence / 2.0, evidence, Score(10.0, 100.0, 100.0), 1.0,
                          0.0, 1000, True)
 
 
