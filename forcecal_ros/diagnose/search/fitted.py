@@ -67,9 +67,17 @@ class HypothesisFit(NamedTuple):
 
     @property
     def fraction(self) -> float:
-        """Lower bound of the fraction of the significant above-noise energy that it explains."""
-        low = self.score.removed - 4.0 * np.sqrt(self.score.energy)
-        high = max(self.score.removed, self.excess - 2.0 * np.sqrt(2.0 * self.n))
+        """Lower bound of the above-noise energy that it explains and no nuisance could, in all."""
+        return self._bounded(self.score.removed)
+
+    @property
+    def fraction_along(self) -> float:
+        """Return the same of what it explains where nuisances are fitted along."""
+        return self._bounded(2.0 * self.gain)
+
+    def _bounded(self, removed: float) -> float:
+        low = removed - 4.0 * np.sqrt(self.score.energy)
+        high = max(removed, self.excess - 2.0 * np.sqrt(2.0 * self.n))
         return float(low / max(high, 1e-9))
 
 
