@@ -195,7 +195,7 @@ def _reference() -> tuple[Rig, Dataset, Array, tuple[str, ...]]:
     columns = np.zeros((len(found), len(case.groups), len(level)))
     for i, column in enumerate(p.jacobian[0]):
         for channel, rows in column.items():
-            columns[i, :, channel] = rows / level[channel]
+            columns[i, :, channel] = rows.values() / level[channel]
     return rig, case, columns.reshape(len(found), -1), tuple(n.key for n in found)
 
 
