@@ -34,7 +34,7 @@ LEAST_FRACTION = 0.05
 MOST_OF_IT = 0.5
 """
 The same, of which nuisances could do much as well: half of all that is wrong is no chance. A drift
-of 37 times its background explained 92 %, of which nuisances left 5 to it.
+of 37 times its background, nearly all that was wrong, had less than LEAST_FRACTION without them.
 """
 
 SHARE = 0.5
@@ -273,4 +273,4 @@ def weights(results: Sequence[HypothesisFit], missing: float = 0.0) -> dict[str,
     best = max((t.evidence for t in results), default=0.0)
     temperature = temperature_of(results, missing)
     return {t.name: (t.evidence - best) / temperature - PARSIMONY * t.degrees
-            + (prior_log_odds(t.name) if missing > 0.0 else 0.0) for t in results}
+            + prior_log_odds(t.name, missing) for t in results}

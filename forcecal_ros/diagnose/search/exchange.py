@@ -103,9 +103,8 @@ def exchange(start: LinearisedModel, now: JointFit, found: Sequence[Hypothesis],
             other = shaped(refitted)
             instead = other.comparison()
             more = instead.null_evidence - log_evidence
-            odds = more / temperature_of(results, missing) - PARSIMONY * (t.degrees - degrees)
-            if missing > 0.0:
-                odds += prior_log_odds(t.name) - prior_log_odds(mine.name)
+            odds = (more / temperature_of(results, missing) - PARSIMONY * (t.degrees - degrees)
+                    + prior_log_odds(t.name, missing) - prior_log_odds(mine.name, missing))
             weight[t.name] = own + odds
             at_bound = _stands_at_bound(other.model, other.accepted[-1])
             if odds > 0.0 and (limited or not at_bound):

@@ -25,12 +25,12 @@ IMITATORS: Mapping[str, float] = MappingProxyType({
 """
 Effects of so wide a form that what no library has looks like them, with their log-odds at the same
 evidence. A logistic fit to 332 effects that were stated beside a discrepancy in three opened parts
-of the blind check has -0.5 for crosstalk and drift, -0.8 for the cable, -2.7 for the accelerometer
-and 0.9 for others, of which two thirds are taken; of seven steps none was right.
+of the blind check has -0.5 for crosstalk and drift, -0.8 for the cable and -2.7 for the
+accelerometer: the mean of three, and three quarters of the last. Of seven steps none was right.
 """
 
 OTHERS = 0.6
-"""Log-odds of any other effect, from the same fit."""
+"""Log-odds of any other effect: two thirds of what the same fit has."""
 
 MOST_BESIDE, MOST_OF_IMITATOR = 0.95, 0.75
 """
@@ -54,13 +54,13 @@ def log_odds(name: str, log_bayes_factors: Mapping[str, float], missing_evidence
         Effects besides, known before any model.
     """
     share = max(log_bayes_factors[name], 1e-9) / max(missing_evidence, 1e-9)
-    return (prior_log_odds(name) + PER_TENFOLD * float(np.log10(share))
+    return (IMITATORS.get(name, OTHERS) + PER_TENFOLD * float(np.log10(share))
             - PER_FURTHER * (known + others_beside(name, log_bayes_factors)))
 
 
-def prior_log_odds(name: str) -> float:
-    """Return the log-odds of an effect beside a discrepancy, whatever it brings."""
-    return IMITATORS.get(name, OTHERS)
+def prior_log_odds(name: str, missing_evidence: float) -> float:
+    """Return the log-odds of an effect, whatever it brings, where something is missing."""
+    return IMITATORS.get(name, OTHERS) if missing_evidence > 0.0 else 0.0
 
 
 def most_probable(name: str) -> float:
